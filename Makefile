@@ -1,0 +1,83 @@
+# `make demo` and `make test` set up everything they need in .venv; see CONTRIBUTING.md for the rest.
+SHELL := /bin/bash
+.SHELLFLAGS := -euo pipefail -c
+.DEFAULT_GOAL := demo
+.PHONY: env prerequisites demo test lint build lock clean
+
+PYTHON ?= python3
+BIN := $(CURDIR)/.venv/bin
+STAMP := .venv/complete
+
+# Whatever ROS or Python environment the caller has active shall not leak into ours.
+unexport AMENT_PREFIX_PATH CMAKE_PREFIX_PATH COLCON_PREFIX_PATH LD_LIBRARY_PATH PYTHONHOME \
+	PYTHONPATH ROS_DISTRO VIRTUAL_ENV _ROS_WHEELS_BOOTSTRAP_COMPLETE
+
+prerequisites:
+	@$(PYTHON) -c 'import ensurepip, sys; sys.exit(sys.version_info < (3, 11))' \
+		|| { echo 'Python 3.11 or newer with venv is needed (Debian: python3-venv); name it by PYTHON=' >&2; exit 1; }
+	@echo '#include <Python.h>' | c++ -fsyntax-only -x c++ -I $$($(PYTHON) -c '$(PYTHON_HEADERS)') - \
+		|| { echo 'a C++ compiler and the headers of Python are needed (Debian: g++ python3-dev)' >&2; exit 1; }
+
+PYTHON_HEADERS := import sysconfig; print(sysconfig.get_path("include"))
+
+env: $(STAMP)
+
+# What the messages need to be built, read from the one list there is.
+BUILD_REQUIRES := import tomllib; \
+	print(*tomllib.load(open("msg_defs/pyproject.toml", "rb"))["build-system"]["requires"], sep="\n")
+
+# Made anew from nothing, and marked complete as the last step: an interrupted run leaves no mark.
+# What is ignored is the advice against editable installations.
+INSTALL := $(BIN)/python -m pip install --disable-pip-version-check --quiet --constraint constraints.txt
+
+$(STAMP): setup.py package.xml constraints.txt $(shell find msg_defs -type f)
+	@$(MAKE) --no-print-directory prerequisites
+	@echo 'Setting up .venv; this takes a minute or two.'
+	@rm -rf .venv
+	@$(PYTHON) -m venv .venv
+	@touch .venv/COLCON_IGNORE
+	@$(INSTALL) --upgrade pip
+	@$(INSTALL) --requirement <($(BIN)/python -c '$(BUILD_REQUIRES)')
+	@PYTHONWARNINGS=ignore $(INSTALL) --no-build-isolation ./msg_defs --editable '.[test]'
+	@touch $@
+
+demo: env
+	$(BIN)/ff-planner demo
+
+test: env
+	$(BIN)/python -m pytest --cov --cov-report=term
+
+lint: env
+	$(BIN)/ruff format --check
+	$(BIN)/ruff check
+	$(BIN)/mypy
+
+# What a ROS machine does with `colcon build`, here with the ROS that pip installed. Then the
+# installed messages must load, and the installed node must start and find its configuration:
+# so far it has come when it refuses a robot that does not exist.
+build: env
+	PATH=$(BIN):$$PATH colcon build --cmake-args -DBUILD_TESTING=OFF \
+		-DCMAKE_PROJECT_INCLUDE=$(CURDIR)/msg_defs/ros_wheels.cmake -DPython3_EXECUTABLE=$(BIN)/python
+	set +u; source install/setup.sh; cd install; \
+	$(BIN)/python -c '$(MESSAGES_LOAD)'; \
+	{ ff_planner_ros/lib/ff_planner_ros/planner_node --ros-args -p robot.urdf:=none.urdf 2>&1 || true; } \
+		| tee /dev/stderr | grep --quiet 'robot.urdf is none.urdf'
+
+MESSAGES_LOAD := import os, ff_planner_msgs.srv as srv; \
+	from rclpy.type_support import check_for_type_support; \
+	check_for_type_support(srv.PlanTrajectory); \
+	assert srv.__file__.startswith(os.getcwd()), srv.__file__
+
+# Remakes constraints.txt with the newest versions that setup.py and msg_defs/pyproject.toml allow.
+lock:
+	: > constraints.txt
+	$(MAKE) env
+	$(BIN)/python -c '$(INSTALLED_BY_PIP)' > constraints.txt
+	touch $(STAMP)
+
+INSTALLED_BY_PIP := import importlib.metadata as metadata; \
+	print(*sorted(f"{d.name}=={d.version}" for d in metadata.distributions() \
+	if d.read_text("INSTALLER") and not d.read_text("direct_url.json")), sep="\n")
+
+clean:
+	rm -rf .venv build install log .coverage* .mypy_cache .pytest_cache .ruff_cache

@@ -1,0 +1,1 @@
+"""Trajectory planning service for free-floating space manipulators."""

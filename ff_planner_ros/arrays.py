@@ -1,0 +1,86 @@
+"""Arrays that cross between rooms: checked, copied, read-only."""
+
+from __future__ import annotations
+
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ff_planner_ros.errors import InvalidInput, Status
+
+Array: TypeAlias = NDArray[np.float64]
+
+# A message carries unit quaternions in double precision; what is further off than this
+# was never normalised, and normalising it silently would hide the fault.
+QUATERNION_NORM_TOLERANCE = 1e-3
+
+
+def frozen(values: ArrayLike) -> Array:
+    """Return a read-only copy of `values` as an array of floats."""
+    array = np.array(values, dtype=np.float64)
+    array.setflags(write=False)
+    return array
+
+
+def finite_vector(field: str, values: ArrayLike, size: int) -> Array:
+    """Return a read-only copy of `values`, checked.
+
+    Args:
+        field: Name of the value in the error message.
+        values: Shape (size,).
+        size: Required number of entries.
+
+    Raises:
+        InvalidInput: Not a list of numbers, wrong size, NaN or infinity.
+    """
+    try:
+        vector = frozen(values)
+    except (TypeError, ValueError, OverflowError):
+        raise InvalidInput(Status.WRONG_SIZE, field, values, f"it must be {size} numbers") from None
+    if vector.shape != (size,):
+        raise InvalidInput(
+            Status.WRONG_SIZE, field, values, f"it must have {size} entries, not {vector.size}"
+        )
+    if not np.isfinite(vector).all():
+        raise InvalidInput(Status.NOT_FINITE, field, values, "every entry must be finite")
+    return vector
+
+
+def finite_number(field: str, value: float, *, above: float | None = None) -> float:
+    """Return `value` as a float, checked.
+
+    Args:
+        field: Name of the value in the error message.
+        value: A number.
+        above: If given, the value must be greater than this.
+
+    Raises:
+        InvalidInput: Not a number, NaN, infinity, or not above the bound.
+    """
+    number = float(finite_vector(field, [value], 1)[0])
+    if above is not None and number <= above:
+        raise InvalidInput(Status.OUT_OF_RANGE, field, number, f"it must be greater than {above:g}")
+    return number
+
+
+def unit_quaternion(field: str, values: ArrayLike) -> Array:
+    """Return a read-only unit quaternion (x, y, z, w), checked.
+
+    Args:
+        field: Name of the value in the error message.
+        values: Shape (4,), norm 1 within `QUATERNION_NORM_TOLERANCE`.
+
+    Raises:
+        InvalidInput: Wrong size, not finite, or not of unit length.
+    """
+    quaternion = finite_vector(field, values, 4)
+    norm = float(np.linalg.norm(quaternion))
+    if abs(norm - 1.0) > QUATERNION_NORM_TOLERANCE:
+        raise InvalidInput(
+            Status.BAD_QUATERNION,
+            field,
+            quaternion.tolist(),
+            f"its norm must be 1 within {QUATERNION_NORM_TOLERANCE:g}, not {norm:.6g}",
+        )
+    return frozen(quaternion / norm)

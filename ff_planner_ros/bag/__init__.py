@@ -1,0 +1,1 @@
+"""Bags: MCAP files in the rosbag2 layout."""

@@ -1,0 +1,152 @@
+"""What a message type is, in the words a bag needs to be read without that type installed."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from ff_planner_ros.errors import BagError
+from ff_planner_ros.share import installation_prefixes
+
+_TYPE_NAME = re.compile(r"\w+/(msg/\w+|srv/\w+_(Event|Request|Response))")
+_PRIMITIVE = re.compile(r"bool|byte|char|float(32|64)|u?int(8|16|32|64)|w?string")
+_INCLUDE = re.compile(r'^#include\s+["<](\S+)\.idl[">]\n', re.MULTILINE)
+_SEPARATOR = "=" * 80
+
+
+@dataclass(frozen=True)
+class Definition:
+    """The complete definition of a message type: its own text and that of all types it holds.
+
+    Attributes:
+        encoding: `ros2msg` or `ros2idl`, as in an MCAP schema.
+        text: The definitions, concatenated as in rosbag2's `message_definition_encoding.md`.
+    """
+
+    encoding: str
+    text: str
+
+
+def message_definition(type_name: str) -> Definition:
+    """Return the complete definition of a message type, from the ament share directories.
+
+    A message is given as `ros2msg`, a part of a service as `ros2idl`: readers of `ros2msg` refuse
+    the underscore in `SetBool_Event` or expect it under `msg`, and the `.srv` file that rosbag2
+    itself stores does not define the event.
+
+    Args:
+        type_name: `package/msg/Name` or `package/srv/Name_Event`, `_Request`, `_Response`.
+
+    Raises:
+        BagError: The name is of another form, or the type is not installed.
+    """
+    package, kind, name = _split(type_name)
+    if kind == "msg":
+        root, *held = _gather(f"{package}/{name}", _msg_text, _types_in_msg).items()
+        sections = [f"{_SEPARATOR}\nMSG: {held_name}\n{text}" for held_name, text in held]
+        return Definition("ros2msg", "\n".join([root[1], *sections]))
+    root_name = type_name if name.endswith("_Event") else f"{package}/srv/{_service(name)}"
+    texts = _gather(root_name, _idl_text, _types_in_idl)
+    sections = [f"{_SEPARATOR}\nIDL: {idl_name}\n{text}" for idl_name, text in texts.items()]
+    # Complete as it is, and the reader of rosbags stops at an include.
+    return Definition("ros2idl", _INCLUDE.sub("", "\n".join(sections)))
+
+
+def type_hash(type_name: str) -> str:
+    """Return the hash of a message type (RIHS01 of REP 2011), from the ament share directories.
+
+    Args:
+        type_name: As for `message_definition`.
+
+    Raises:
+        BagError: The name is of another form, or the type is not installed.
+    """
+    package, kind, name = _split(type_name)
+    stem = name if kind == "msg" else _service(name)
+    hashes = json.loads(_installed(f"{package}/{kind}/{stem}.json"))["type_hashes"]
+    return str(next(one["hash_string"] for one in hashes if one["type_name"] == type_name))
+
+
+def _split(type_name: str) -> list[str]:
+    if _TYPE_NAME.fullmatch(type_name) is None:
+        raise BagError(
+            f"message type is {type_name!r}: it must be package/msg/Name or "
+            "package/srv/Name_Event, _Request or _Response"
+        )
+    return type_name.split("/")
+
+
+def _service(part: str) -> str:
+    return part.rpartition("_")[0]
+
+
+def _gather(
+    root: str, text_of: Callable[[str], str], types_in: Callable[[str, str], list[str]]
+) -> dict[str, str]:
+    """Return the text of `root` and of every type that it holds, directly or not."""
+    texts: dict[str, str] = {}
+    waiting = [root]
+    while waiting:
+        name = waiting.pop(0)
+        if name not in texts:
+            texts[name] = text_of(name)
+            waiting += types_in(name, texts[name])
+    return texts
+
+
+def _msg_text(name: str) -> str:
+    package, stem = name.split("/")
+    return _installed(f"{package}/msg/{stem}.msg")
+
+
+def _types_in_msg(name: str, text: str) -> list[str]:
+    types = []
+    for line in text.splitlines():
+        words = line.partition("#")[0].split()
+        if words:
+            field_type = re.split(r"[\[<]", words[0])[0]
+            if not _PRIMITIVE.fullmatch(field_type):
+                package = (field_type if "/" in field_type else name).split("/")[0]
+                types.append(f"{package}/{field_type.split('/')[-1]}")
+    return types
+
+
+def _idl_text(name: str) -> str:
+    # rosidl installs no file of a service's event; a message's name has no underscore.
+    return _event_idl(name) if name.endswith("_Event") else _installed(f"{name}.idl")
+
+
+def _event_idl(name: str) -> str:
+    package, _, event = name.split("/")
+    service = _service(event)
+    return f"""\
+#include "service_msgs/msg/ServiceEventInfo.idl"
+#include "{package}/srv/{service}.idl"
+
+module {package} {{
+  module srv {{
+    struct {event} {{
+      service_msgs::msg::ServiceEventInfo info;
+      sequence<{package}::srv::{service}_Request, 1> request;
+      sequence<{package}::srv::{service}_Response, 1> response;
+    }};
+  }};
+}};
+"""
+
+
+def _types_in_idl(_name: str, text: str) -> list[str]:
+    return _INCLUDE.findall(text)
+
+
+def _installed(path: str) -> str:
+    """Return the text of a file below `share` of the first prefix that has it."""
+    prefixes = installation_prefixes()
+    for prefix in prefixes:
+        file = prefix / "share" / path
+        if file.is_file():
+            return file.read_text(encoding="utf-8")
+    searched = ", ".join(map(str, prefixes))
+    raise BagError(f"share/{path}, part of a message type, is below none of {searched}")

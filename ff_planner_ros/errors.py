@@ -1,0 +1,105 @@
+"""The errors of this package: each names what is at fault, its value and what is allowed."""
+
+from __future__ import annotations
+
+from enum import IntEnum
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from ff_planner_ros.planning.plan import Plan
+
+
+class Status(IntEnum):
+    """Why a request was answered the way it was; the codes of `ff_planner_msgs/PlanStatus`."""
+
+    SOLVED = 0
+
+    NO_STATE = 100
+    STATE_TOO_OLD = 101
+    STATE_IN_FUTURE = 102
+    NO_OBSTACLES = 103
+    START_IN_COLLISION = 104
+    START_OUTSIDE_LIMITS = 105
+    START_SINGULAR = 106
+
+    NOT_FINITE = 200
+    WRONG_SIZE = 201
+    BAD_QUATERNION = 202
+    WRONG_FRAME = 203
+    UNKNOWN_JOINT = 204
+    OUT_OF_RANGE = 205
+    UNSUPPORTED = 206
+    BAD_ROBOT = 207
+
+    GOAL_OUT_OF_REACH = 300
+    COLLISION = 301
+    LIMIT_VIOLATED = 302
+    SINGULAR = 303
+    CHECK_FAILED = 304
+
+    INTERNAL_ERROR = 400
+
+
+class FfPlannerError(Exception):
+    """Root of all errors that this package raises on purpose.
+
+    Attributes:
+        status: The cause, as the service and the command line report it.
+    """
+
+    def __init__(self, status: Status, message: str) -> None:
+        """Store the cause beside the message."""
+        super().__init__(message)
+        self.status = status
+
+
+class InvalidInput(FfPlannerError):
+    """A value that cannot be planned with.
+
+    Attributes:
+        field: The value's name, as in a scenario file (`chaser.quaternion_xyzw`).
+        value: The value found.
+        allowed: What is allowed in its place.
+    """
+
+    def __init__(self, status: Status, field: str, value: object, allowed: str) -> None:
+        """Name the field, its value and what is allowed."""
+        super().__init__(status, f"{field} is {value}: {allowed}")
+        self.field = field
+        self.value = value
+        self.allowed = allowed
+
+    def __reduce__(self) -> tuple[type, tuple[Status, str, object, str]]:
+        """Pickle by constructor arguments, so that the error crosses processes."""
+        return type(self), (self.status, self.field, self.value, self.allowed)
+
+
+class NoPlanFound(FfPlannerError):
+    """The input is sound, and no plan that keeps the constraints was found.
+
+    Attributes:
+        constraint: What is violated, where, by how much, and what to try.
+        attempt: The best attempt, not to be executed; None if there is none.
+    """
+
+    def __init__(self, status: Status, constraint: str, attempt: Plan | None = None) -> None:
+        """Name the violated constraint and keep the best attempt for investigation."""
+        super().__init__(status, constraint)
+        self.constraint = constraint
+        self.attempt = attempt
+
+    def __reduce__(self) -> tuple[type, tuple[Status, str, Plan | None]]:
+        """Pickle by constructor arguments, so that the error crosses processes."""
+        return type(self), (self.status, self.constraint, self.attempt)
+
+
+class BagError(FfPlannerError):
+    """A bag that cannot be written or read."""
+
+    def __init__(self, message: str) -> None:
+        """A bag error is never the planner's answer to a request: its status is internal."""
+        super().__init__(Status.INTERNAL_ERROR, message)
+
+    def __reduce__(self) -> tuple[type, tuple[str]]:
+        """Pickle by constructor arguments, so that the error crosses processes."""
+        return type(self), (str(self),)

@@ -1,0 +1,1 @@
+"""Planning: problem, polynomial, rollout, objectives, constraints, solver, check."""

@@ -1,0 +1,162 @@
+"""Distance of the arm's centre lines from spheres, Sec. 3.3 of the paper.
+
+The arm is the chain of line segments between consecutive joint origins, the last ending at the
+end effector. Segments without length, as in a spherical wrist, are left out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from ff_planner_ros.arrays import Array
+from ff_planner_ros.planning.problem import Sphere
+from ff_planner_ros.robot.model import Robot
+
+Indices: TypeAlias = NDArray[np.intp]
+
+# Joint origins nearer than this are the same point; drawings are not more exact.
+_SAME_POINT = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class Clearances:
+    """Surface distance of every segment from every sphere at every point.
+
+    Attributes:
+        distance: Negative inside the sphere. Shape (points, segments, spheres) [m].
+        fraction: Place of the nearest point on the segment, 0 to 1. Same shape.
+        direction: From the sphere's centre to that point, unit length. Shape (..., 3).
+    """
+
+    distance: Array
+    fraction: Array
+    direction: Array
+
+
+def arm_points(robot: Robot, q: Array) -> Array:
+    """Return joint origins and end effector in the inertial frame.
+
+    Args:
+        robot: The robot.
+        q: Configurations. Shape (points, 7 + joints).
+
+    Returns:
+        Shape (points, joints + 1, 3) [m].
+    """
+    data = robot.model.createData()
+    positions = np.empty((len(q), robot.joints + 1, 3))
+    for i, configuration in enumerate(q):
+        pin.forwardKinematics(robot.model, data, configuration)
+        _read_points(robot, data, positions[i])
+    return positions
+
+
+def arm_points_with_derivatives(
+    robot: Robot, q: Array, q_sensitivity: Array
+) -> tuple[Array, Array]:
+    """Return `arm_points` and their derivatives.
+
+    Args:
+        robot: The robot.
+        q: Configurations. Shape (points, 7 + joints).
+        q_sensitivity: Derivatives of q in its tangent space. Shape (points, 6 + joints, columns).
+
+    Returns:
+        Shapes (points, joints + 1, 3) and (points, joints + 1, 3, columns).
+    """
+    data = robot.model.createData()
+    positions = np.empty((len(q), robot.joints + 1, 3))
+    jacobian = np.empty((len(q), 6, robot.model.nv))
+    for i, configuration in enumerate(q):
+        jacobian[i] = pin.computeJointJacobians(robot.model, data, configuration)
+        _read_points(robot, data, positions[i])
+    # Twist of each body at the inertial origin: the base's, plus each joint's on the way.
+    by_joint = np.einsum("pij,pjc->pjic", jacobian[:, :, 6:], q_sensitivity[:, 6:])
+    twist = np.cumsum(by_joint, axis=1) + (jacobian[:, :, :6] @ q_sensitivity[:, :6])[:, None]
+    twist = np.concatenate([twist, twist[:, -1:]], axis=1)  # the end effector rides on the last
+    derivatives = twist[:, :, :3] + np.cross(twist[:, :, 3:], positions[..., None], axis=2)
+    return positions, derivatives
+
+
+def _read_points(robot: Robot, data: pin.Data, positions: Array) -> None:
+    """Copy joint origins and end effector from Pinocchio's scratch space."""
+    for k in range(robot.joints):
+        positions[k] = data.oMi[2 + k].translation
+    positions[-1] = pin.updateFramePlacement(robot.model, data, robot.tip_frame_id).translation
+
+
+def segments(positions: Array) -> Indices:
+    """Return the indices of the points that start a segment of some length.
+
+    Args:
+        positions: Of `arm_points`. Shape (points, joints + 1, 3).
+    """
+    length = np.linalg.norm(np.diff(positions[0], axis=0), axis=1)
+    return np.flatnonzero(length > _SAME_POINT)
+
+
+def clearances(positions: Array, starts: Indices, spheres: Sequence[Sphere]) -> Clearances:
+    """Return the surface distance of every segment from every sphere.
+
+    Args:
+        positions: Of `arm_points`. Shape (points, joints + 1, 3).
+        starts: Of `segments`. Shape (segments,).
+        spheres: The obstacles.
+    """
+    centers = np.array([sphere.center for sphere in spheres]).reshape(-1, 3)
+    radii = np.array([sphere.radius for sphere in spheres])
+    start, end = positions[:, starts, None], positions[:, starts + 1, None]
+    along = end - start
+    fraction = np.sum((centers - start) * along, axis=-1) / np.sum(along**2, axis=-1)
+    fraction = np.clip(fraction, 0.0, 1.0)
+    offset = start + fraction[..., None] * along - centers
+    to_center = np.linalg.norm(offset, axis=-1)
+    return Clearances(
+        distance=to_center - radii,
+        fraction=fraction,
+        direction=offset / np.maximum(to_center, _SAME_POINT)[..., None],
+    )
+
+
+def clearance_gradients(
+    clear: Clearances, derivatives: Array, starts: Indices, rows: tuple[Indices, ...]
+) -> Array:
+    """Return the derivatives of selected distances.
+
+    The nearest point of a segment moves with the segment; its sliding along it does not change
+    the distance to first order.
+
+    Args:
+        clear: Of `clearances`.
+        derivatives: Of `arm_points_with_derivatives`.
+        starts: Of `segments`.
+        rows: Indices into `clear.distance`.
+
+    Returns:
+        Shape (rows, columns).
+    """
+    point, segment, _ = rows
+    start, end = derivatives[point, starts[segment]], derivatives[point, starts[segment] + 1]
+    moving = start + clear.fraction[rows][:, None, None] * (end - start)
+    gradients: Array = np.einsum("rk,rkc->rc", clear.direction[rows], moving)
+    return gradients
+
+
+def penalty(distance: Array, gain: float, exponent: float) -> float:
+    """Return R_obst of Eqs. (46) and (47).
+
+    The paper's delta_k is the distance of the whole arm from a centre: the nearest segment's.
+
+    Args:
+        distance: Of `Clearances`. Shape (points, segments, spheres) [m].
+        gain: g1.
+        exponent: g2.
+    """
+    depth = np.maximum(0.0, -distance.min(axis=1))
+    return float(np.sum(gain * depth[depth > 0.0] ** exponent))

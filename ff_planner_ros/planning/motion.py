@@ -1,0 +1,75 @@
+"""A motion as Pinocchio writes it to a motion as a user reads it, and back."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+
+from ff_planner_ros.arrays import Array
+from ff_planner_ros.planning.plan import Trajectory
+from ff_planner_ros.robot.configuration import configuration, system_state
+from ff_planner_ros.robot.model import Robot
+from ff_planner_ros.robot.state import SystemState
+
+
+def to_trajectory(
+    robot: Robot, time: Array, q: Array, v: Array, joint_accelerations: Array
+) -> Trajectory:
+    """Return chaser, joints and end effector of a motion.
+
+    Args:
+        robot: The robot.
+        time: Shape (points,) [s].
+        q: Configurations. Shape (points, 7 + joints).
+        v: Tangent velocities. Shape (points, 6 + joints).
+        joint_accelerations: Shape (points, joints) [rad/s2].
+    """
+    model, data, tip = robot.model, robot.model.createData(), robot.tip_frame_id
+    states, ee_poses, ee_twists = [], [], []
+    for sample in zip(q, v, strict=True):
+        states.append(system_state(robot, *sample))
+        pin.forwardKinematics(model, data, *sample)
+        ee_poses.append(pin.SE3ToXYZQUAT(pin.updateFramePlacement(model, data, tip)))
+        ee_twists.append(pin.getFrameVelocity(model, data, tip, pin.LOCAL_WORLD_ALIGNED).vector)
+    poses, twists = np.array(ee_poses), np.array(ee_twists)
+    return Trajectory(
+        time=time,
+        joint_positions=q[:, 7:],
+        joint_velocities=v[:, 6:],
+        joint_accelerations=joint_accelerations,
+        chaser_positions=np.array([s.position_chaser_in_inertial for s in states]),
+        chaser_quaternions_xyzw=np.array([s.quaternion_chaser_to_inertial_xyzw for s in states]),
+        chaser_linear_velocities=np.array([s.linear_velocity_chaser_in_inertial for s in states]),
+        chaser_angular_velocities=np.array([s.angular_velocity_chaser_in_inertial for s in states]),
+        ee_positions=poses[:, :3],
+        ee_quaternions_xyzw=poses[:, 3:],
+        ee_linear_velocities=twists[:, :3],
+        ee_angular_velocities=twists[:, 3:],
+    )
+
+
+def from_trajectory(robot: Robot, trajectory: Trajectory) -> tuple[Array, Array]:
+    """Return configurations and tangent velocities of a trajectory's points.
+
+    Args:
+        robot: The robot.
+        trajectory: Of this robot.
+
+    Returns:
+        Shapes (points, 7 + joints) and (points, 6 + joints).
+    """
+    samples = [
+        configuration(
+            robot,
+            SystemState(
+                position_chaser_in_inertial=trajectory.chaser_positions[i],
+                quaternion_chaser_to_inertial_xyzw=trajectory.chaser_quaternions_xyzw[i],
+                linear_velocity_chaser_in_inertial=trajectory.chaser_linear_velocities[i],
+                angular_velocity_chaser_in_inertial=trajectory.chaser_angular_velocities[i],
+                joint_positions=trajectory.joint_positions[i],
+                joint_velocities=trajectory.joint_velocities[i],
+            ),
+        )
+        for i in range(len(trajectory.time))
+    ]
+    return np.array([q for q, _ in samples]), np.array([v for _, v in samples])

@@ -1,0 +1,76 @@
+"""The paper's objectives, Eqs. (44) and (45), and their derivatives."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+
+from ff_planner_ros.arrays import Array
+from ff_planner_ros.robot.model import Robot
+from ff_planner_ros.robot.rotation import euler_from_rotation, euler_rate_map
+
+# Below this joint rate the direction of motion, and with it the gradient, is not defined.
+_STANDSTILL = 1e-9
+
+
+def joint_path_length(joint_velocities: Array, step: float) -> float:
+    """Return J_L of Eq. (44) by the rectangle rule, all points but the last.
+
+    Args:
+        joint_velocities: Shape (points, joints) [rad/s].
+        step: Time between two points [s].
+    """
+    return float(np.linalg.norm(joint_velocities[:-1], axis=1).sum() * step)
+
+
+def joint_path_length_derivatives(
+    joint_velocities: Array, sensitivity: Array, step: float
+) -> tuple[Array, Array]:
+    """Return gradient and Gauss-Newton Hessian of J_L.
+
+    Args:
+        joint_velocities: Shape (points, joints) [rad/s].
+        sensitivity: Of the joint velocities. Shape (points, joints, columns).
+        step: Time between two points [s].
+
+    Returns:
+        Shapes (columns,) and (columns, columns), the latter positive semidefinite.
+    """
+    speed = np.maximum(np.linalg.norm(joint_velocities[:-1], axis=1), _STANDSTILL)
+    direction = joint_velocities[:-1] / speed[:, None]
+    along = np.einsum("pj,pjc->pc", direction, sensitivity[:-1])
+    across = sensitivity[:-1] - direction[:, :, None] * along[:, None]
+    scaled = across / np.sqrt(speed)[:, None, None]
+    return along.sum(axis=0) * step, np.einsum("pjc,pjd->cd", scaled, scaled) * step
+
+
+def chaser_euler(robot: Robot, q: Array) -> Array:
+    """Return the chaser's Euler angles phi, theta, psi.
+
+    Args:
+        robot: The robot.
+        q: Configurations. Shape (points, 7 + joints).
+
+    Returns:
+        Shape (points, 3) [rad].
+    """
+    return euler_from_rotation(_rotation_base_to_inertial(q) @ robot.rotation_chaser_to_base)
+
+
+def chaser_euler_derivative(robot: Robot, q: Array, q_sensitivity: Array) -> Array:
+    """Return the derivative of `chaser_euler`.
+
+    Args:
+        robot: The robot.
+        q: Configurations. Shape (points, 7 + joints).
+        q_sensitivity: Derivatives of q in its tangent space. Shape (points, 6 + joints, columns).
+
+    Returns:
+        Shape (points, 3, columns).
+    """
+    turn = _rotation_base_to_inertial(q) @ q_sensitivity[:, 3:6]
+    return np.asarray(np.linalg.solve(euler_rate_map(chaser_euler(robot, q)), turn), np.float64)
+
+
+def _rotation_base_to_inertial(q: Array) -> Array:
+    return np.array([pin.Quaternion(quaternion).toRotationMatrix() for quaternion in q[:, 3:7]])

@@ -1,0 +1,127 @@
+"""From question to answer: refuse what cannot be, search, check, plan."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+
+from ff_planner_ros.arrays import Array
+from ff_planner_ros.planning.check import measure, require_sound
+from ff_planner_ros.planning.motion import to_trajectory
+from ff_planner_ros.planning.plan import Plan, SolverReport
+from ff_planner_ros.planning.polynomial import (
+    COMPONENTS,
+    FREE_TERMS,
+    EndEffectorMotion,
+    EndEffectorPolynomial,
+    end_effector_polynomial,
+)
+from ff_planner_ros.planning.preconditions import require_reachable_goal, require_sound_start
+from ff_planner_ros.planning.problem import Objective, PlanningProblem
+from ff_planner_ros.planning.program import PathProgram
+from ff_planner_ros.planning.rollout import RolloutModel
+from ff_planner_ros.planning.search import search
+from ff_planner_ros.planning.settings import PlannerSettings
+from ff_planner_ros.robot.configuration import configuration
+from ff_planner_ros.robot.momentum import total_momentum
+
+
+def plan(problem: PlanningProblem, settings: PlannerSettings) -> Plan:
+    """Plan a trajectory: optimal, collision-free, checked.
+
+    The same problem and settings give the same plan.
+
+    Args:
+        problem: What is asked.
+        settings: The planner's tunables.
+
+    Raises:
+        InvalidInput: The start violates what the plan must keep.
+        NoPlanFound: The goal is out of reach, the search found no feasible path, or the check
+            refused the one it found.
+    """
+    robot = problem.robot
+    q_start, v_start = configuration(robot, problem.start)
+    momentum = total_momentum(robot, robot.model.createData(), q_start, v_start)
+    require_sound_start(problem, q_start, settings.singular_value_threshold)
+    require_reachable_goal(problem, q_start, momentum)
+    polynomial = end_effector_paths(problem, q_start, v_start)
+
+    def program(points: int, clearance_margin: float) -> PathProgram:
+        return PathProgram(
+            robot=robot,
+            rollouts=RolloutModel(robot, q_start, momentum, polynomial, points),
+            step=problem.duration / (points - 1),
+            spheres=problem.obstacles,
+            objective=_with_tie_break(problem.objective, settings),
+            clearance_margin=clearance_margin,
+        )
+
+    # The joint path is short where the detour is, and the first path that is found is short. The
+    # attitude has many local optima, far apart in value.
+    found = search(
+        program, problem.points, settings, every_start=problem.objective.chaser_attitude > 0.0
+    )
+    coefficients = found.best.x.reshape(COMPONENTS, FREE_TERMS)
+    rollouts = RolloutModel(robot, q_start, momentum, polynomial, problem.points)
+    rollout = rollouts.roll_out(coefficients)
+    accelerations = rollouts.sensitivity(rollout).acceleration[:, 6:]
+    trajectory = to_trajectory(
+        robot, rollout.s * problem.duration, rollout.q, rollout.v, accelerations
+    )
+    answer = Plan(
+        joint_names=robot.joint_names,
+        trajectory=trajectory,
+        xi=polynomial.decision_variables(coefficients),
+        orientation_reading=polynomial.reading,
+        metrics=measure(problem, trajectory, settings),
+        solver=SolverReport(
+            starts=found.starts,
+            iterations=found.iterations,
+            rollouts=found.evaluations,
+            optimality=found.best.optimality,
+            stop_reason=found.best.stop_reason,
+        ),
+    )
+    require_sound(problem, answer, settings)
+    return answer
+
+
+def end_effector_paths(
+    problem: PlanningProblem, q_start: Array, v_start: Array
+) -> EndEffectorPolynomial:
+    """Return all end-effector paths from the start state to the target.
+
+    Args:
+        problem: The question.
+        q_start: Configuration at its start. Shape (7 + joints,).
+        v_start: Tangent velocity at its start. Shape (6 + joints,).
+    """
+    robot, target = problem.robot, problem.target
+    data = robot.model.createData()
+    pin.forwardKinematics(robot.model, data, q_start, v_start)
+    placement = pin.updateFramePlacement(robot.model, data, robot.tip_frame_id)
+    twist = pin.getFrameVelocity(robot.model, data, robot.tip_frame_id, pin.LOCAL_WORLD_ALIGNED)
+    start = EndEffectorMotion(
+        position=placement.translation,
+        rotation_ee_to_inertial=placement.rotation,
+        twist=twist.vector,
+        acceleration=np.zeros(6),
+    )
+    end = EndEffectorMotion(
+        position=target.position,
+        rotation_ee_to_inertial=pin.Quaternion(target.quaternion_xyzw).toRotationMatrix(),
+        twist=np.concatenate([target.linear_velocity, target.angular_velocity]),
+        acceleration=np.concatenate([target.linear_acceleration, target.angular_acceleration]),
+    )
+    return end_effector_polynomial(start, end, problem.duration)
+
+
+def _with_tie_break(objective: Objective, settings: PlannerSettings) -> Objective:
+    """Return the objective to solve: never the attitude alone."""
+    if objective.joint_path_length > 0.0:
+        return objective
+    tie_break = settings.joint_path_tie_break * objective.chaser_attitude
+    return replace(objective, joint_path_length=tie_break)

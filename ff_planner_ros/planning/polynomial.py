@@ -1,0 +1,208 @@
+"""The end effector's path: 8th-order polynomials in Cartesian space, Eqs. (33)-(42).
+
+Each of the six components (position, three Euler angles) is the quintic through the six end
+conditions plus three free terms. In normalised time s = t / duration the free terms are
+64 s^3 (1 - s)^3 {1, s, s^2}: value, rate and acceleration vanish at both ends, so the end
+conditions hold for every choice of the 18 coefficients, and each term is of the size of its
+coefficient. The paper's decision variables a6, a7, a8 are a linear map of them.
+
+The Euler angles are read in one of two ways, and R = A Rz(psi) Ry(theta) Rx(phi) B throughout:
+
+- `inertial`, the paper's: A = B = 1, the angles turn the end effector to the inertial frame;
+- `along_turn`: A and B are such that the straight path is a rotation about the z axis between
+  them, from zero to the whole turn. It is as far from the singularity as can be, and it does not
+  depend on the choice of the inertial frame. Used where the paper's angles are not safe.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from ff_planner_ros.arrays import Array, frozen
+from ff_planner_ros.robot.rotation import (
+    euler_from_rotation,
+    euler_rate_map,
+    euler_rate_map_derivative,
+    rotation_from_euler,
+)
+
+COMPONENTS, FREE_TERMS = 6, 3
+PARAMETERS = COMPONENTS * FREE_TERMS
+
+# Ascending coefficients of 64 s^3 (1 - s)^3 {1, s, s^2}, a column a term; the peak of
+# s^3 (1 - s)^3 is 1/64. Shape (9, 3).
+_BUMP = 64.0 * np.array([1.0, -3.0, 3.0, -1.0])
+_FREE_TERM_COEFFICIENTS = np.array(
+    [np.concatenate([np.zeros(3 + j), _BUMP, np.zeros(2 - j)]) for j in range(FREE_TERMS)]
+).T
+# Beyond this pitch on the straight path the paper's angles are too near their singularity at
+# 90 deg; the paper's own goal, at 80 deg, is inside.
+_SAFE_PITCH = np.deg2rad(85.0)
+_PITCH_SAMPLES = np.linspace(0.0, 1.0, 51)
+
+
+@dataclass(frozen=True, eq=False)
+class EndEffectorMotion:
+    """Pose, twist and acceleration of the end effector at one time, in the inertial frame.
+
+    Attributes:
+        position: Shape (3,) [m].
+        rotation_ee_to_inertial: Shape (3, 3).
+        twist: Linear and angular velocity. Shape (6,) [m/s, rad/s].
+        acceleration: Linear and angular acceleration. Shape (6,) [m/s2, rad/s2].
+    """
+
+    position: Array
+    rotation_ee_to_inertial: Array
+    twist: Array
+    acceleration: Array
+
+
+@dataclass(frozen=True, eq=False)
+class EndEffectorPolynomial:
+    """All end-effector paths between two motions, one for each choice of 18 coefficients.
+
+    Attributes:
+        duration: Between the ends [s].
+        quintic: Ascending coefficients of the quintic in s. Shape (6, 6), a column a component.
+        reading: `inertial` or `along_turn`.
+        rotation_outer: A. Shape (3, 3).
+        rotation_inner: B. Shape (3, 3).
+    """
+
+    duration: float
+    quintic: Array
+    reading: str
+    rotation_outer: Array
+    rotation_inner: Array
+
+    def components(self, coefficients: Array, s: Array) -> tuple[Array, Array, Array]:
+        """Return the six components, their rates and accelerations, Eqs. (33)-(35).
+
+        Args:
+            coefficients: Of the free terms, Shape (6, 3).
+            s: Normalised times. Shape (times,).
+
+        Returns:
+            Three arrays of shape (times, 6).
+        """
+        polynomial = _FREE_TERM_COEFFICIENTS @ coefficients.T
+        polynomial[:6] += self.quintic
+        value, rate, acceleration = (
+            _powers(s, order) @ polynomial / self.duration**order for order in range(3)
+        )
+        return value, rate, acceleration
+
+    def pose(self, coefficients: Array, s: Array) -> tuple[Array, Array]:
+        """Return positions, shape (times, 3), and rotations to inertial, (times, 3, 3)."""
+        value, _, _ = self.components(coefficients, s)
+        rotation = self.rotation_outer @ rotation_from_euler(value[:, 3:]) @ self.rotation_inner
+        return value[:, :3], rotation
+
+    def twist(self, coefficients: Array, s: Array) -> Array:
+        """Return linear and angular velocities in the inertial frame. Shape (times, 6)."""
+        value, rate, _ = self.components(coefficients, s)
+        omega = _apply(self.rotation_outer @ euler_rate_map(value[:, 3:]), rate[:, 3:])
+        return np.concatenate([rate[:, :3], omega], axis=1)
+
+    def acceleration(self, coefficients: Array, s: Array) -> Array:
+        """Return linear and angular accelerations in the inertial frame. Shape (times, 6)."""
+        value, rate, acceleration = self.components(coefficients, s)
+        euler, euler_rate = value[:, 3:], rate[:, 3:]
+        alpha = _apply(euler_rate_map(euler), acceleration[:, 3:])
+        alpha += _apply(euler_rate_map_derivative(euler, euler_rate), euler_rate)
+        return np.concatenate([acceleration[:, :3], alpha @ self.rotation_outer.T], axis=1)
+
+    def twist_derivative(self, coefficients: Array, s: Array) -> Array:
+        """Return d twist / d coefficients, these flattened. Shape (times, 6, 18)."""
+        value, rate, _ = self.components(coefficients, s)
+        euler, euler_rate = value[:, 3:], rate[:, 3:]
+        of_value = _powers(s, 0) @ _FREE_TERM_COEFFICIENTS
+        of_rate = _powers(s, 1) @ _FREE_TERM_COEFFICIENTS / self.duration
+        derivative = np.zeros((len(s), COMPONENTS, COMPONENTS, FREE_TERMS))
+        for k in range(3):
+            derivative[:, k, k] = of_rate
+        derivative[:, 3:, 3:] = np.einsum("tij,tk->tijk", euler_rate_map(euler), of_rate)
+        derivative[:, 3:, 3:] += np.einsum(
+            "tij,tk->tijk", euler_rate_map_derivative(euler, euler_rate), of_value
+        )
+        derivative[:, 3:] = np.einsum("ij,tjck->tick", self.rotation_outer, derivative[:, 3:])
+        return derivative.reshape(len(s), COMPONENTS, PARAMETERS)
+
+    def decision_variables(self, coefficients: Array) -> Array:
+        """Return the paper's xi: a6, a7, a8 of each component, Eq. (42). Shape (18,)."""
+        in_normalised_time = coefficients @ _FREE_TERM_COEFFICIENTS[6:].T
+        variables: Array = in_normalised_time / self.duration ** np.arange(6.0, 9.0)
+        return variables.ravel()
+
+
+def end_effector_polynomial(
+    start: EndEffectorMotion, end: EndEffectorMotion, duration: float
+) -> EndEffectorPolynomial:
+    """Return the paths from `start` to `end` in `duration` seconds."""
+    paths = _paths("inertial", np.eye(3), np.eye(3), start, end, duration)
+    straight, _, _ = paths.components(np.zeros((COMPONENTS, FREE_TERMS)), _PITCH_SAMPLES)
+    if np.abs(straight[:, 4]).max() <= _SAFE_PITCH:
+        return paths
+    turn = pin.log3(start.rotation_ee_to_inertial.T @ end.rotation_ee_to_inertial)
+    angle = float(np.linalg.norm(turn))
+    axis = turn / angle if angle > 0.0 else np.array([0.0, 0.0, 1.0])
+    to_axis = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), axis).toRotationMatrix()
+    outer, inner = start.rotation_ee_to_inertial @ to_axis, to_axis.T
+    return _paths("along_turn", outer, inner, start, end, duration)
+
+
+def _paths(
+    reading: str,
+    outer: Array,
+    inner: Array,
+    start: EndEffectorMotion,
+    end: EndEffectorMotion,
+    duration: float,
+) -> EndEffectorPolynomial:
+    """Return the paths in one reading of the Euler angles, with its A and B."""
+    conditions = [_components(motion, outer, inner) for motion in (start, end)]
+    # Of all angles that mean the same orientation, the nearest to the start's.
+    turn = conditions[1][0][3:] - conditions[0][0][3:]
+    conditions[1][0][3:] -= 2 * np.pi * np.round(turn / (2 * np.pi))
+    ends = np.array([0.0, 1.0])
+    system = np.concatenate([_powers(ends, order)[:, :6] / duration**order for order in range(3)])
+    wanted = np.array([conditions[i][order] for order in range(3) for i in range(2)])
+    return EndEffectorPolynomial(
+        duration=duration,
+        quintic=frozen(np.linalg.solve(system, wanted)),
+        reading=reading,
+        rotation_outer=frozen(outer),
+        rotation_inner=frozen(inner),
+    )
+
+
+def _components(motion: EndEffectorMotion, outer: Array, inner: Array) -> tuple[Array, ...]:
+    """Return the six components, their rates and accelerations at one end."""
+    euler = euler_from_rotation(outer.T @ motion.rotation_ee_to_inertial @ inner.T)
+    rate_map = euler_rate_map(euler)
+    rate: Array = np.linalg.inv(rate_map) @ outer.T @ motion.twist[3:]
+    alpha = outer.T @ motion.acceleration[3:]
+    alpha -= euler_rate_map_derivative(euler, rate) @ rate
+    acceleration: Array = np.linalg.inv(rate_map) @ alpha
+    return (
+        np.concatenate([motion.position, euler]),
+        np.concatenate([motion.twist[:3], rate]),
+        np.concatenate([motion.acceleration[:3], acceleration]),
+    )
+
+
+def _powers(s: Array, order: int) -> Array:
+    """Return derivatives of 1, s, ..., s^8 of an order with respect to s. Shape (times, 9)."""
+    powers = np.arange(9)
+    factors = np.prod([powers - k for k in range(order)], axis=0)
+    return np.asarray(factors * s[:, None] ** np.maximum(powers - order, 0))
+
+
+def _apply(matrices: Array, vectors: Array) -> Array:
+    """Return the product of each matrix with its vector. Shape (times, 3)."""
+    product: Array = np.einsum("tij,tj->ti", matrices, vectors)
+    return product

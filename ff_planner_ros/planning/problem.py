@@ -1,0 +1,141 @@
+"""What is asked of the planner."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ff_planner_ros.arrays import Array, finite_number, finite_vector, unit_quaternion
+from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.robot.model import Robot
+from ff_planner_ros.robot.state import SystemState
+
+# Five points hold a plan's start, end and middle; above ten thousand the answer no longer
+# fits a service response that a mission executive would want to read.
+MIN_POINTS, MAX_POINTS = 5, 10_000
+
+
+def _zeros() -> Array:
+    return np.zeros(3)
+
+
+@dataclass(frozen=True, eq=False)
+class Target:
+    """What the end effector shall do at the end of the plan, in the inertial frame.
+
+    Attributes:
+        position: Shape (3,) [m].
+        quaternion_xyzw: Shape (4,), end effector to inertial, unit length.
+        linear_velocity: Shape (3,) [m/s]; not zero in a tangent capture.
+        angular_velocity: Shape (3,) [rad/s].
+        linear_acceleration: Shape (3,) [m/s2].
+        angular_acceleration: Shape (3,) [rad/s2].
+
+    Raises:
+        InvalidInput: Wrong size, not finite, or a quaternion not of unit length.
+    """
+
+    position: Array
+    quaternion_xyzw: Array
+    linear_velocity: Array = field(default_factory=_zeros)
+    angular_velocity: Array = field(default_factory=_zeros)
+    linear_acceleration: Array = field(default_factory=_zeros)
+    angular_acceleration: Array = field(default_factory=_zeros)
+
+    def __post_init__(self) -> None:
+        """Check every value and replace it by a read-only copy."""
+        for name in self.__dataclass_fields__:
+            if name == "quaternion_xyzw":
+                checked = unit_quaternion("target.quaternion_xyzw", self.quaternion_xyzw)
+            else:
+                checked = finite_vector(f"target.{name}", getattr(self, name), 3)
+            object.__setattr__(self, name, checked)
+
+
+@dataclass(frozen=True, eq=False)
+class Sphere:
+    """A resting obstacle: a sphere that the arm's centre lines stay out of.
+
+    Attributes:
+        id: Name in messages.
+        center: Shape (3,), in the inertial frame [m].
+        radius: Greater than zero [m].
+
+    Raises:
+        InvalidInput: Wrong size, not finite, or a radius that is not positive.
+    """
+
+    id: str
+    center: Array
+    radius: float
+
+    def __post_init__(self) -> None:
+        """Check every value and replace it by a read-only copy."""
+        name = f"obstacles[{self.id}]"
+        object.__setattr__(self, "center", finite_vector(f"{name}.center", self.center, 3))
+        object.__setattr__(self, "radius", finite_number(f"{name}.radius", self.radius, above=0.0))
+
+
+@dataclass(frozen=True)
+class Objective:
+    """Weights of Eq. (44), joint path length, and Eq. (45), chaser attitude.
+
+    Raises:
+        InvalidInput: Not finite, negative, or both zero.
+    """
+
+    joint_path_length: float
+    chaser_attitude: float
+
+    def __post_init__(self) -> None:
+        """Check both weights."""
+        for name in ("joint_path_length", "chaser_attitude"):
+            weight = finite_number(f"objective.{name}", getattr(self, name))
+            if weight < 0.0:
+                raise InvalidInput(
+                    Status.OUT_OF_RANGE, f"objective.{name}", weight, "it must not be negative"
+                )
+        if self.joint_path_length == self.chaser_attitude == 0.0:
+            raise InvalidInput(
+                Status.OUT_OF_RANGE, "objective", "all zero", "one weight must be positive"
+            )
+
+
+@dataclass(frozen=True, eq=False)
+class PlanningProblem:
+    """One question to the planner.
+
+    Attributes:
+        robot: The free-floating robot.
+        start: State at the first point of the plan.
+        target: End effector at the last point of the plan.
+        duration: Time between the two, greater than zero [s].
+        points: Number of points of the plan, n_p in the paper.
+        obstacles: Spheres at rest in the inertial frame.
+        objective: What to minimise.
+
+    Raises:
+        InvalidInput: A duration that is not positive, a number of points out of range, or a
+            state whose number of joints is not the robot's.
+    """
+
+    robot: Robot
+    start: SystemState
+    target: Target
+    duration: float
+    points: int
+    obstacles: tuple[Sphere, ...]
+    objective: Objective
+
+    def __post_init__(self) -> None:
+        """Check what the parts cannot check by themselves."""
+        object.__setattr__(self, "duration", finite_number("duration", self.duration, above=0.0))
+        if not MIN_POINTS <= self.points <= MAX_POINTS:
+            raise InvalidInput(
+                Status.OUT_OF_RANGE,
+                "points",
+                self.points,
+                f"it must be from {MIN_POINTS} to {MAX_POINTS}",
+            )
+        finite_vector("joints.position", self.start.joint_positions, self.robot.joints)

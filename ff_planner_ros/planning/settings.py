@@ -1,0 +1,134 @@
+"""The planner's tunables; their values live in `config/planner.yaml` and nowhere else."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+from typing import Any
+
+from ff_planner_ros.arrays import finite_number
+from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.planning.yaml_file import integer, mapping, number, read_yaml
+
+
+def tunable(
+    description: str, *, minimum: float | None = None, maximum: float | None = None, unit: str = ""
+) -> Any:
+    """Declare a tunable once, as a dataclass field.
+
+    Args:
+        description: Its meaning.
+        minimum: Smallest value allowed; None: no bound.
+        maximum: Largest value allowed; None: no bound.
+        unit: Its unit, empty if it has none.
+    """
+    return field(
+        metadata={
+            "description": description,
+            "minimum": minimum,
+            "maximum": maximum,
+            "unit": unit,
+        }
+    )
+
+
+@dataclass(frozen=True)
+class PlannerSettings:
+    """What an operator may tune; the same names as the ROS parameters under `planner.`.
+
+    Raises:
+        InvalidInput: A value of the wrong type or out of its range.
+    """
+
+    clearance_margin: float = tunable(
+        "Clearance that the solver keeps at the points, so that the certified clearance "
+        "between them stays positive",
+        minimum=0.0,
+        maximum=1.0,
+        unit="m",
+    )
+    penalty_gain: float = tunable("g1 of Eq. (47)", minimum=0.0, maximum=None)
+    penalty_exponent: float = tunable("g2 of Eq. (47)", minimum=0.0, maximum=100.0)
+    joint_path_tie_break: float = tunable(
+        "Weight on the joint path where only the attitude is asked for; the pure min-max "
+        "optimum leaves the joints free to wander",
+        minimum=0.0,
+        maximum=1.0,
+    )
+    starts: int = tunable(
+        "First guesses tried: the straight path, then deterministic detours. All are tried and "
+        "the best kept where the attitude counts; otherwise the first that succeeds is kept",
+        minimum=1,
+        maximum=1_000,
+    )
+    max_iterations: int = tunable(
+        "Iterations allowed to the solver from each start", minimum=1, maximum=10_000
+    )
+    optimality_tolerance: float = tunable(
+        "First-order optimality at which the solver stops", minimum=1e-12, maximum=1.0
+    )
+    position_tolerance: float = tunable(
+        "Allowed final error of the end effector position", minimum=1e-12, maximum=1.0, unit="m"
+    )
+    orientation_tolerance: float = tunable(
+        "Allowed final error of the end effector orientation",
+        minimum=1e-12,
+        maximum=1.0,
+        unit="rad",
+    )
+    momentum_tolerance: float = tunable(
+        "Allowed relative change of the total momentum", minimum=1e-15, maximum=1.0
+    )
+    singular_value_threshold: float = tunable(
+        "A plan is refused where the smallest singular value of the generalised Jacobian is below",
+        minimum=0.0,
+        maximum=1.0,
+    )
+    start_velocity_tolerance: float = tunable(
+        "Allowed difference between the plan's first joint rates and the start state's",
+        minimum=0.0,
+        maximum=10.0,
+        unit="rad/s",
+    )
+
+    def __post_init__(self) -> None:
+        """Check every value against its declaration."""
+        for item in fields(self):
+            name, value = f"planner.{item.name}", getattr(self, item.name)
+            checked = (
+                integer(name, value)
+                if item.type == "int"
+                else finite_number(name, number(name, value))
+            )
+            minimum, maximum = item.metadata["minimum"], item.metadata["maximum"]
+            if (minimum is not None and checked < minimum) or (
+                maximum is not None and checked > maximum
+            ):
+                allowed = " and ".join(
+                    f"{word} {bound:g}"
+                    for word, bound in (("at least", minimum), ("at most", maximum))
+                    if bound is not None
+                )
+                raise InvalidInput(Status.OUT_OF_RANGE, name, value, f"it must be {allowed}")
+            object.__setattr__(self, item.name, checked)
+
+
+def load_settings(path: Path) -> PlannerSettings:
+    """Read the settings from the `planner` block of a ROS parameters file.
+
+    Args:
+        path: A file such as `config/planner.yaml`.
+
+    Raises:
+        InvalidInput: The file cannot be read, has no such block, or the block misses a
+            setting, holds an unknown one, or one out of its range.
+    """
+    names = [item.name for item in fields(PlannerSettings)]
+    block = read_yaml(path)
+    for key in ("/**", "ros__parameters", "planner"):
+        if not isinstance(block, dict) or key not in block:
+            raise InvalidInput(
+                Status.OUT_OF_RANGE, key, "missing", f"{path} must hold it as ROS expects"
+            )
+        block = block[key]
+    return PlannerSettings(**mapping("planner", block, required=names))

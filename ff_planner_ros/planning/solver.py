@@ -1,0 +1,242 @@
+"""A trust-region SQP method for  minimise f(x) + max_j p_j(x)  subject to  g(x) >= 0.
+
+Each iteration solves a convex quadratic program by an interior-point method (PIQP): the
+Gauss-Newton Hessian of f, the peaks p in epigraph form, the constraints linearised with one
+elastic slack, the step bounded by the trust region. A step is taken when the exact L-infinity
+merit function confirms what the quadratic program promised.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import piqp
+
+from ff_planner_ros.arrays import Array
+from ff_planner_ros.errors import NoPlanFound
+
+# A constraint violated by less counts as kept [unit of g]; well below any tolerance that a
+# user sets, well above the accuracy of the quadratic programs.
+FEASIBILITY_TOLERANCE = 1e-6
+
+# Trust region, infinity norm, in units of x. The end effector path's coefficients are metres and
+# radians: half a unit is a bold first step, four are more than any arm's workspace has room for.
+_FIRST_RADIUS, _LARGEST_RADIUS, _SMALLEST_RADIUS = 0.5, 4.0, 1e-7
+# Price of a violated constraint in the merit function; raised when it is too low to be exact.
+_FIRST_PRICE, _HIGHEST_PRICE = 10.0, 1e6
+# Makes the quadratic programs strictly convex; the objective's own curvature is of order 1.
+_REGULARISATION = 1e-4
+# A smaller promise is rounding; no step can be judged by it.
+_LEAST_PROMISE = 1e-12
+# A step is taken if it brings this part of the promised decrease; the trust region shrinks below
+# the second value and grows above the third.
+_ACCEPT, _SHRINK, _GROW = 0.1, 0.25, 0.7
+
+
+@dataclass(frozen=True, eq=False)
+class Linearisation:
+    """The functions and their first derivatives at one x.
+
+    Attributes:
+        value: f.
+        gradient: Of f. Shape (variables,).
+        hessian: Positive semidefinite approximation for f. Shape (variables, variables).
+        peaks: p. Shape (peaks,), may be empty.
+        peaks_jacobian: Shape (peaks, variables).
+        constraints: g. Shape (constraints,), may be empty.
+        constraints_jacobian: Shape (constraints, variables).
+    """
+
+    value: float
+    gradient: Array
+    hessian: Array
+    peaks: Array
+    peaks_jacobian: Array
+    constraints: Array
+    constraints_jacobian: Array
+
+    @property
+    def objective(self) -> float:
+        """Sum of f and the largest peak."""
+        return self.value + (float(self.peaks.max()) if self.peaks.size else 0.0)
+
+    @property
+    def violation(self) -> float:
+        """By how much the worst constraint is violated; zero if none is."""
+        return float(max(0.0, -self.constraints.min(initial=0.0)))
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """Where the solver stopped.
+
+    Attributes:
+        x: Shape (variables,).
+        at_x: Functions and derivatives there.
+        optimality: Largest entry of the Lagrangian's gradient, or of a constraint times its
+            multiplier, whichever is greater.
+        converged: Whether the optimality is within tolerance and no constraint is violated.
+        iterations: Quadratic programs solved.
+        evaluations: Calls of the function.
+        stop_reason: A sentence.
+    """
+
+    x: Array
+    at_x: Linearisation
+    optimality: float
+    converged: bool
+    iterations: int
+    evaluations: int
+    stop_reason: str
+
+    @property
+    def feasible(self) -> bool:
+        """Whether no constraint is violated."""
+        return self.at_x.violation <= FEASIBILITY_TOLERANCE
+
+
+def minimise(
+    linearise: Callable[[Array], Linearisation],
+    start: Array,
+    max_iterations: int,
+    tolerance: float,
+) -> Solution:
+    """Minimise from a start; not converging is a result, not an error.
+
+    Args:
+        linearise: Returns functions and derivatives at x; raises NoPlanFound where they are not
+            defined, which the solver treats as a wall.
+        start: Shape (variables,).
+        max_iterations: At least 1.
+        tolerance: First-order optimality at which to stop.
+
+    Raises:
+        NoPlanFound: `linearise` refused the start.
+    """
+    x, here = start, linearise(start)
+    radius, price = _FIRST_RADIUS, _FIRST_PRICE
+    evaluations, optimality = 1, np.inf
+    for iteration in range(1, max_iterations + 1):
+        step = _solve_quadratic_program(here, radius, price)
+        while step.slack > FEASIBILITY_TOLERANCE and step.price_paid and price < _HIGHEST_PRICE:
+            price *= 10.0
+            step = _solve_quadratic_program(here, radius, price)
+        optimality = step.optimality
+        if optimality <= tolerance and here.violation <= FEASIBILITY_TOLERANCE:
+            return Solution(
+                x, here, optimality, True, iteration, evaluations, "converged: first-order optimal"
+            )
+
+        promised = here.objective + price * here.violation - step.merit
+        try:
+            there = linearise(x + step.dx)
+            evaluations += 1
+            gained = (here.objective - there.objective) + price * (here.violation - there.violation)
+        except NoPlanFound:
+            there, gained = here, -np.inf
+        ratio = gained / promised if promised > _LEAST_PROMISE else -np.inf
+        length = float(np.abs(step.dx).max())
+        if ratio > _ACCEPT:
+            x, here = x + step.dx, there
+        if ratio < _SHRINK:
+            radius = 0.4 * length
+        elif ratio > _GROW and length > 0.9 * radius:
+            radius = min(2.0 * radius, _LARGEST_RADIUS)
+        if radius < _SMALLEST_RADIUS:
+            return Solution(
+                x,
+                here,
+                optimality,
+                False,
+                iteration,
+                evaluations,
+                "stalled: no step within the smallest trust region brings progress",
+            )
+    return Solution(
+        x,
+        here,
+        optimality,
+        False,
+        max_iterations,
+        evaluations,
+        f"stopped after {max_iterations} iterations, before convergence",
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Step:
+    """Answer of a quadratic program.
+
+    Attributes:
+        dx: The step. Shape (variables,).
+        slack: What remains of the linearised violation.
+        price_paid: Whether the slack's price is what limits the multipliers.
+        merit: Merit function promised at the end of the step.
+        optimality: First-order optimality at the step's beginning, with its multipliers.
+    """
+
+    dx: Array
+    slack: float
+    price_paid: bool
+    merit: float
+    optimality: float
+
+
+def _solve_quadratic_program(here: Linearisation, radius: float, price: float) -> _Step:
+    """Minimise the model of the merit function over (dx, peak, slack)."""
+    n, peaks, constraints = len(here.gradient), len(here.peaks), len(here.constraints)
+    hessian = np.zeros((n + 2, n + 2))
+    hessian[:n, :n] = here.hessian
+    hessian[range(n + 2), range(n + 2)] += _REGULARISATION
+    hessian[n:, n:] *= 1e-4  # peak and slack are linear; the solver wants some curvature
+    gradient = np.concatenate([here.gradient, [1.0 if peaks else 0.0, price]])
+    # Peaks are measured from the present largest, so that the epigraph variable stays small.
+    top = here.peaks.max() if peaks else 0.0
+    rows = np.zeros((constraints + peaks, n + 2))
+    rows[:constraints, :n] = -here.constraints_jacobian
+    rows[:constraints, n + 1] = -1.0
+    rows[constraints:, :n] = here.peaks_jacobian
+    rows[constraints:, n] = -1.0
+    upper = np.concatenate([here.constraints, top - here.peaks])
+    bound = np.full(n, radius)
+    lowest_peak = -max(abs(float(top)), 1.0) if peaks else 0.0
+
+    solver = piqp.DenseSolver()
+    solver.settings.verbose = False
+    solver.setup(
+        hessian,
+        gradient,
+        None,
+        None,
+        rows,
+        None,
+        upper,
+        np.concatenate([-bound, [lowest_peak, 0.0]]),
+        np.concatenate([bound, [np.inf if peaks else 0.0, np.inf]]),
+    )
+    solver.solve()
+    result = solver.result
+    dx, slack = result.x[:n], max(float(result.x[n + 1]), 0.0)
+    multipliers = np.maximum(result.z_u, 0.0)
+    on_constraints, on_peaks = multipliers[:constraints], multipliers[constraints:]
+    lagrangian = (
+        here.gradient
+        - here.constraints_jacobian.T @ on_constraints
+        + here.peaks_jacobian.T @ on_peaks
+    )
+    complementarity = np.concatenate(
+        [on_constraints * np.maximum(here.constraints, 0.0), on_peaks * (top - here.peaks)]
+    )
+    peak = float((here.peaks + here.peaks_jacobian @ dx).max()) if peaks else 0.0
+    return _Step(
+        dx=dx,
+        slack=slack,
+        price_paid=bool(on_constraints.sum() > 0.99 * price),
+        merit=here.value
+        + float(here.gradient @ dx + 0.5 * dx @ here.hessian @ dx)
+        + peak
+        + price * max(0.0, -(here.constraints + here.constraints_jacobian @ dx).min(initial=0.0)),
+        optimality=float(max(np.abs(lagrangian).max(), complementarity.max(initial=0.0))),
+    )

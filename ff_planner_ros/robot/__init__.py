@@ -1,0 +1,1 @@
+"""The robot: model from URDF, momentum, generalised Jacobian, velocity map."""

@@ -1,0 +1,73 @@
+"""Chaser state to Pinocchio configuration and back.
+
+Pinocchio's free-flyer sits at the root of the URDF; a user speaks of the chaser frame, whose
+origin is the chaser's centre of mass. Both are fixed to the same body.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+
+from ff_planner_ros.arrays import Array
+from ff_planner_ros.robot.model import Robot
+from ff_planner_ros.robot.state import SystemState
+
+
+def configuration(robot: Robot, state: SystemState) -> tuple[Array, Array]:
+    """Return the Pinocchio configuration and tangent velocity of a state.
+
+    Args:
+        robot: The robot.
+        state: Chaser and joints, inertial frame.
+
+    Returns:
+        q, shape (7 + joints,): base position, quaternion xyzw, joint positions; and v, shape
+        (6 + joints,): base twist in the base frame, joint rates.
+    """
+    rotation_chaser_to_inertial = pin.Quaternion(
+        state.quaternion_chaser_to_inertial_xyzw
+    ).toRotationMatrix()
+    rotation_base_to_inertial = rotation_chaser_to_inertial @ robot.rotation_chaser_to_base.T
+    base_from_chaser = -rotation_base_to_inertial @ robot.position_chaser_in_base
+    omega = state.angular_velocity_chaser_in_inertial
+    velocity_base = state.linear_velocity_chaser_in_inertial + np.cross(omega, base_from_chaser)
+    q = np.concatenate(
+        [
+            state.position_chaser_in_inertial + base_from_chaser,
+            pin.Quaternion(rotation_base_to_inertial).coeffs(),
+            state.joint_positions,
+        ]
+    )
+    v = np.concatenate(
+        [
+            rotation_base_to_inertial.T @ velocity_base,
+            rotation_base_to_inertial.T @ omega,
+            state.joint_velocities,
+        ]
+    )
+    return q, v
+
+
+def system_state(robot: Robot, q: Array, v: Array) -> SystemState:
+    """Return the state of a Pinocchio configuration and tangent velocity.
+
+    Args:
+        robot: The robot.
+        q: Shape (7 + joints,), see `configuration`.
+        v: Shape (6 + joints,), see `configuration`.
+    """
+    rotation_base_to_inertial = pin.Quaternion(q[3:7]).toRotationMatrix()
+    chaser_from_base = rotation_base_to_inertial @ robot.position_chaser_in_base
+    omega = rotation_base_to_inertial @ v[3:6]
+    return SystemState(
+        position_chaser_in_inertial=q[:3] + chaser_from_base,
+        quaternion_chaser_to_inertial_xyzw=pin.Quaternion(
+            rotation_base_to_inertial @ robot.rotation_chaser_to_base
+        ).coeffs(),
+        linear_velocity_chaser_in_inertial=rotation_base_to_inertial @ v[:3]
+        + np.cross(omega, chaser_from_base),
+        angular_velocity_chaser_in_inertial=omega,
+        joint_positions=q[7:],
+        joint_velocities=v[6:],
+    )

@@ -1,0 +1,51 @@
+"""The joint rates that hold the end effector still while the chaser drifts."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+
+from ff_planner_ros.arrays import Array
+from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.robot.configuration import configuration
+from ff_planner_ros.robot.model import Robot
+from ff_planner_ros.robot.momentum import generalised_jacobian
+from ff_planner_ros.robot.state import SystemState
+
+# Beyond this the rates that hold the end effector still are those of a singular arm.
+MAX_CONDITION = 1e8
+
+
+def joint_rates_with_ee_at_rest(robot: Robot, state: SystemState) -> Array:
+    """Return the joint rates of Eq. (31) for a resting end effector, with their own momentum.
+
+    Rest means J_ch w_ch + J_m theta_dot = 0. Of these rates, those of Eq. (31) lie in the row
+    space of J_D, theta_dot = J_D^T y, so that (J_m J_D^T) y = -J_ch w_ch; no iteration over
+    the momentum, which depends on theta_dot, is needed.
+
+    Args:
+        robot: The robot.
+        state: Chaser pose and twist, joint positions; its joint rates do not matter.
+
+    Returns:
+        Shape (joints,) [rad/s].
+
+    Raises:
+        InvalidInput: The arm is in a singular posture.
+    """
+    data = robot.model.createData()
+    q, v = configuration(robot, state)
+    row_space = generalised_jacobian(robot, data, q).T
+    pin.computeJointJacobians(robot.model, data, q)
+    jacobian = pin.getFrameJacobian(robot.model, data, robot.tip_frame_id, pin.LOCAL_WORLD_ALIGNED)
+    rates_to_twist = jacobian[:, 6:] @ row_space
+    condition = np.linalg.cond(rates_to_twist)
+    if not condition < MAX_CONDITION:
+        raise InvalidInput(
+            Status.START_SINGULAR,
+            "joints.position",
+            np.array2string(state.joint_positions, precision=4),
+            "in this posture no joint rates hold the end effector at rest",
+        )
+    rates: Array = row_space @ np.linalg.solve(rates_to_twist, -jacobian[:, :6] @ v[:6])
+    return rates

@@ -1,0 +1,122 @@
+"""A free-floating robot, loaded from a URDF."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+
+from ff_planner_ros.arrays import Array, frozen
+from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.robot.urdf import checked_urdf
+
+
+@dataclass(frozen=True, eq=False)
+class Robot:
+    """A chaser with one arm: a Pinocchio model whose root is a free-flyer, gravity zero.
+
+    Attributes:
+        model: Never changed after loading.
+        joint_names: From base to tip.
+        base_link: URDF link that carries the arm; its axes are the chaser's axes.
+        tip_link: URDF link whose frame is the end effector.
+        tip_frame_id: Frame of the tip link.
+        position_chaser_in_base: Centre of mass of the chaser alone (base link with everything
+            fixed to it), in the frame of the free-flyer joint. Shape (3,) [m].
+        rotation_chaser_to_base: Axes of the base link in the frame of the free-flyer joint.
+            Shape (3, 3).
+        lower_position_limits: Shape (joints,) [rad].
+        upper_position_limits: Shape (joints,) [rad].
+        velocity_limits: Shape (joints,) [rad/s].
+        effort_limits: Infinite where the URDF says zero, which is how exporters write that a
+            limit is not known. Shape (joints,) [N m].
+    """
+
+    model: pin.Model
+    joint_names: tuple[str, ...]
+    base_link: str
+    tip_link: str
+    tip_frame_id: int
+    position_chaser_in_base: Array
+    rotation_chaser_to_base: Array
+    lower_position_limits: Array
+    upper_position_limits: Array
+    velocity_limits: Array
+    effort_limits: Array
+
+    @property
+    def joints(self) -> int:
+        """Number of arm joints."""
+        return len(self.joint_names)
+
+
+def load_robot(urdf: Path, base_link: str, tip_link: str) -> Robot:
+    """Load a robot from a URDF file.
+
+    Args:
+        urdf: The file.
+        base_link: Link that carries the arm; it is the root or fixed to it.
+        tip_link: Link whose frame is the end effector.
+
+    Raises:
+        InvalidInput: The file cannot be read, or its content is refused.
+    """
+    return robot_from_urdf_text(read_urdf(urdf), base_link, tip_link)
+
+
+def read_urdf(urdf: Path) -> str:
+    """Return the text of a URDF file.
+
+    Args:
+        urdf: The file.
+
+    Raises:
+        InvalidInput: The file cannot be read.
+    """
+    try:
+        return urdf.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "not UTF-8"
+        raise InvalidInput(
+            Status.BAD_ROBOT, "robot.urdf", urdf, f"it cannot be read: {reason}"
+        ) from None
+
+
+def robot_from_urdf_text(text: str, base_link: str, tip_link: str) -> Robot:
+    """Build a robot from a URDF.
+
+    Args:
+        text: The URDF's XML: one chain of revolute joints from base to tip, at least six, each
+            with limits; every other joint fixed.
+        base_link: Link that carries the arm; it is the root or fixed to it.
+        tip_link: Link whose frame is the end effector.
+
+    Raises:
+        InvalidInput: The URDF is something else, or a link's inertia is one that no body has.
+    """
+    xml = checked_urdf(text, base_link, tip_link)
+    try:
+        model = pin.buildModelFromXML(xml, pin.JointModelFreeFlyer())
+    except (ValueError, RuntimeError) as error:
+        raise InvalidInput(
+            Status.BAD_ROBOT, "robot.urdf", "unreadable", f"Pinocchio says: {error}"
+        ) from None
+    model.gravity = pin.Motion.Zero()
+    base_frame = model.frames[model.getFrameId(base_link, pin.FrameType.BODY)]
+    # The first two joints are Pinocchio's: the universe and the free-flyer.
+    efforts = np.array(model.upperEffortLimit[6:])
+    return Robot(
+        model=model,
+        joint_names=tuple(model.names)[2:],
+        base_link=base_link,
+        tip_link=tip_link,
+        tip_frame_id=model.getFrameId(tip_link, pin.FrameType.BODY),
+        position_chaser_in_base=frozen(model.inertias[1].lever),
+        rotation_chaser_to_base=frozen(base_frame.placement.rotation),
+        lower_position_limits=frozen(model.lowerPositionLimit[7:]),
+        upper_position_limits=frozen(model.upperPositionLimit[7:]),
+        velocity_limits=frozen(model.upperVelocityLimit[6:]),
+        effort_limits=frozen(np.where(efforts == 0.0, np.inf, efforts)),
+    )

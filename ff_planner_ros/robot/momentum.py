@@ -1,0 +1,61 @@
+"""Momentum of a free-floating system, Eqs. (24)-(26), and its generalised Jacobian, Eq. (32)."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+
+from ff_planner_ros.arrays import Array
+from ff_planner_ros.robot.model import Robot
+
+
+def total_momentum(robot: Robot, data: pin.Data, q: Array, v: Array) -> Array:
+    """Return linear and angular momentum of the whole system, Eq. (24).
+
+    Args:
+        robot: The robot.
+        data: Scratch space of the robot's model.
+        q: Configuration. Shape (7 + joints,).
+        v: Tangent velocity. Shape (6 + joints,).
+
+    Returns:
+        P [kg m/s] and L about the inertial origin [kg m2/s], inertial axes. Shape (6,).
+    """
+    momentum = pin.computeCentroidalMomentum(robot.model, data, q, v)
+    linear, angular = momentum.linear, momentum.angular
+    return np.concatenate([linear, angular + np.cross(data.com[0], linear)])
+
+
+def generalised_jacobian(robot: Robot, data: pin.Data, q: Array) -> Array:
+    """Return J_D of Eq. (32): end-effector twist per joint rate at zero momentum.
+
+    Args:
+        robot: The robot.
+        data: Scratch space of the robot's model.
+        q: Configuration. Shape (7 + joints,).
+
+    Returns:
+        Linear rows first, inertial axes. Shape (6, joints).
+    """
+    mass_matrix = pin.crba(robot.model, data, q)
+    pin.computeJointJacobians(robot.model, data, q)
+    pin.updateFramePlacement(robot.model, data, robot.tip_frame_id)
+    jacobian = pin.getFrameJacobian(robot.model, data, robot.tip_frame_id, pin.LOCAL_WORLD_ALIGNED)
+    base_rate_per_joint_rate = -np.linalg.solve(mass_matrix[:6, :6], mass_matrix[:6, 6:])
+    generalised: Array = jacobian[:, 6:] + jacobian[:, :6] @ base_rate_per_joint_rate
+    return generalised
+
+
+def smallest_singular_values(robot: Robot, q: Array) -> Array:
+    """Return the smallest singular value of J_D, zero in a dynamic singularity.
+
+    Args:
+        robot: The robot.
+        q: Configurations. Shape (points, 7 + joints).
+
+    Returns:
+        Shape (points,).
+    """
+    data = robot.model.createData()
+    jacobians = np.array([generalised_jacobian(robot, data, sample) for sample in q])
+    return np.asarray(np.linalg.svd(jacobians, compute_uv=False)[:, -1], np.float64)

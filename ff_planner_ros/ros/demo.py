@@ -1,0 +1,152 @@
+"""The demonstration: the paper's capture, planned by real processes that talk over ROS."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import ExitStack, closing, contextmanager, suppress
+from dataclasses import replace
+from pathlib import Path
+
+from ff_planner_msgs.srv import PlanTrajectory
+
+from ff_planner_ros.analysis.figures import save_figures
+from ff_planner_ros.bag.writer import unique_directory
+from ff_planner_ros.errors import FfPlannerError, Status
+from ff_planner_ros.planning.problem import Objective
+from ff_planner_ros.planning.scenario import SCENARIO_FRAME, load_scenario
+from ff_planner_ros.ros.domain import private_environment
+from ff_planner_ros.ros.executive import MissionExecutive
+from ff_planner_ros.ros.from_messages import plan_from_response
+from ff_planner_ros.ros.to_messages import request_message
+from ff_planner_ros.share import share_directory
+
+_OBJECTIVES = {
+    "min(L)": Objective(joint_path_length=1.0, chaser_attitude=0.0),
+    "min(Theta)": Objective(joint_path_length=0.0, chaser_attitude=1.0),
+}
+_FOLDERS = {"min(L)": "min_length", "min(Theta)": "min_attitude"}
+_COLUMNS = ("objective", "joint path [rad]", "attitude [deg]", "clearance [mm]", "solve time [s]")
+_PATIENCE = 120.0  # [s] far more than the slowest machine needs
+_GRACE = 20.0  # [s] for a process to end after it was asked to
+
+
+def run_demo(output: Path = Path("demo_output")) -> int:
+    """Plan the paper's capture for both objectives and show the result.
+
+    Args:
+        output: Every run makes a new directory in here.
+
+    Returns:
+        Exit code: 0 both solved, 2 something could not run, 3 a plan was not found,
+        130 interrupted.
+    """
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    directory = unique_directory(output.resolve(), "demo")
+    try:
+        directory.mkdir(parents=True)
+        _demonstrate(directory)
+    except KeyboardInterrupt:
+        print("ff-planner demo: interrupted", file=sys.stderr)
+        return 130
+    except OSError as error:
+        print(f"ff-planner demo: {error}", file=sys.stderr)
+        return 2
+    except FfPlannerError as error:
+        print(f"ff-planner demo: {error}\nlogs are in {_shown(directory)}", file=sys.stderr)
+        return 3 if Status.GOAL_OUT_OF_REACH <= error.status < Status.INTERNAL_ERROR else 2
+    return 0
+
+
+def _demonstrate(directory: Path) -> None:
+    scenario = share_directory() / "config" / "scenarios" / "lemur_capture.yaml"
+    problem = load_scenario(scenario)
+    print(
+        f"The paper's capture ({_shown(scenario)}): {problem.robot.joints} joints, "
+        f"{len(problem.obstacles)} obstacles, {problem.duration:g} s, {problem.points} points.\n"
+        "Three processes talk over ROS 2: planner node, chaser, mission executive. The chaser\n"
+        "here only repeats its initial state, so both plans start from the published benchmark.\n"
+        f"\n{_line(_COLUMNS)}",
+        flush=True,
+    )
+    os.environ.update(private_environment())
+    answers: dict[str, PlanTrajectory.Response] = {}
+    with ExitStack() as stack:
+        arguments = {
+            "mock_chaser": [str(scenario)],
+            # Quoted: ROS reads the value as YAML.
+            "node": ["--ros-args", "-p", f"bag.directory:={json.dumps(str(directory))}"],
+        }
+        processes = {
+            module: stack.enter_context(_running(module, rest, _log(directory, module)))
+            for module, rest in arguments.items()
+        }
+
+        def check() -> None:
+            for module, process in processes.items():
+                if process.poll() is not None:
+                    raise FfPlannerError(
+                        Status.INTERNAL_ERROR,
+                        f"{module} ended too early:\n{_log(directory, module).read_text()}",
+                    )
+
+        executive = stack.enter_context(closing(MissionExecutive(check, _PATIENCE)))
+        for name, objective in _OBJECTIVES.items():
+            question = request_message(replace(problem, objective=objective), SCENARIO_FRAME)
+            answers[name] = executive.plan(question)
+            print(_line(_figures(name, answers[name])), flush=True)
+
+    bag = next(metadata.parent for metadata in directory.glob("*/metadata.yaml"))
+    print(f"\nbag      {_shown(bag)}")
+    for name, answer in answers.items():
+        plan = plan_from_response(answer)
+        folder = directory / _FOLDERS[name]
+        for picture in save_figures(problem.robot, problem.obstacles, plan, folder):
+            print(f"picture  {_shown(picture)}")
+
+
+@contextmanager
+def _running(module: str, arguments: list[str], log: Path) -> Iterator[subprocess.Popen[bytes]]:
+    """Run a module of this room in a process of its own; stop it cleanly at the end."""
+    command = [sys.executable, "-m", f"ff_planner_ros.ros.{module}", *arguments]
+    with log.open("wb") as output:
+        process = subprocess.Popen(
+            command, stdin=subprocess.DEVNULL, stdout=output, stderr=subprocess.STDOUT
+        )
+    try:
+        yield process
+    finally:
+        process.send_signal(signal.SIGINT)
+        with suppress(subprocess.TimeoutExpired):
+            process.wait(_GRACE)
+        process.kill()
+        process.wait()
+
+
+def _figures(name: str, response: PlanTrajectory.Response) -> tuple[str, ...]:
+    metrics = response.metrics
+    return (
+        name,
+        f"{metrics.joint_path_length:.4f}",
+        f"{math.degrees(metrics.max_chaser_euler):.2f}",
+        f"{metrics.min_clearance * 1e3:.1f}",
+        f"{response.solver.solve_time:.2f}",
+    )
+
+
+def _line(cells: tuple[str, ...]) -> str:
+    name, *numbers = (cell.rjust(len(head)) for cell, head in zip(cells, _COLUMNS, strict=True))
+    return "   ".join([name.strip().ljust(10), *numbers])
+
+
+def _log(directory: Path, module: str) -> Path:
+    return directory / f"{module}.log"
+
+
+def _shown(path: Path) -> Path:
+    return path.relative_to(Path.cwd()) if path.is_relative_to(Path.cwd()) else path

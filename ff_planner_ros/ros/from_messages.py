@@ -1,0 +1,254 @@
+"""Messages to planning objects: pure functions, no clock; errors name the message's field."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import fields
+
+import numpy as np
+from builtin_interfaces.msg import Duration, Time
+from ff_planner_msgs.msg import ChaserState, ObstacleSphere, ObstacleSphereArray
+from ff_planner_msgs.srv import PlanTrajectory
+from geometry_msgs.msg import Point, Quaternion, Twist, Vector3
+from nav_msgs.msg import Path
+from std_msgs.msg import Header
+
+from ff_planner_ros.arrays import Array, finite_vector
+from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.planning.plan import Metrics, Plan, SolverReport, Trajectory
+from ff_planner_ros.planning.problem import Objective, PlanningProblem, Sphere, Target
+from ff_planner_ros.robot.model import Robot
+from ff_planner_ros.robot.state import SystemState
+
+NANOSECONDS = 1_000_000_000
+
+# builtin_interfaces/Time counts seconds in an int32.
+_MAX_MESSAGE_SECONDS = 2**31 - 1
+
+
+def problem_from_request(
+    request: PlanTrajectory.Request,
+    robot: Robot,
+    start: SystemState,
+    start_ns: int,
+    obstacles: tuple[Sphere, ...],
+    inertial_frame: str,
+    default_points: int,
+) -> PlanningProblem:
+    """Build the question that a service request asks.
+
+    Args:
+        request: The service request; its start state and obstacles are not looked at.
+        robot: The robot.
+        start: State at the first point of the plan.
+        start_ns: Time of that state [ns].
+        obstacles: Spheres to stay out of.
+        inertial_frame: The only frame that the target may be given in.
+        default_points: Number of points where the request says zero.
+
+    Raises:
+        InvalidInput: A field of the request cannot be used; the error names it.
+    """
+    _require_frame("target_pose.header.frame_id", request.target_pose.header, inertial_frame)
+    named_as = {
+        "target.position": "target_pose.pose.position",
+        "target.quaternion_xyzw": "target_pose.pose.orientation",
+        "target.linear_velocity": "target_twist.linear",
+        "target.angular_velocity": "target_twist.angular",
+        "objective.joint_path_length": "weight_joint_path_length",
+        "objective.chaser_attitude": "weight_chaser_attitude",
+        "objective": "weight_joint_path_length and weight_chaser_attitude",
+    }
+    with _fields_named(named_as):
+        problem = PlanningProblem(
+            robot=robot,
+            start=start,
+            target=Target(
+                position=_xyz(request.target_pose.pose.position),
+                quaternion_xyzw=_xyzw(request.target_pose.pose.orientation),
+                linear_velocity=_xyz(request.target_twist.linear),
+                angular_velocity=_xyz(request.target_twist.angular),
+            ),
+            duration=request.duration,
+            points=request.points or default_points,
+            obstacles=obstacles,
+            objective=Objective(
+                joint_path_length=request.weight_joint_path_length,
+                chaser_attitude=request.weight_chaser_attitude,
+            ),
+        )
+    if start_ns / NANOSECONDS + problem.duration > _MAX_MESSAGE_SECONDS:
+        raise InvalidInput(
+            Status.OUT_OF_RANGE, "duration", problem.duration, "the plan must end before 2038"
+        )
+    return problem
+
+
+def state_from_message(
+    message: ChaserState, source: str, robot: Robot, inertial_frame: str
+) -> SystemState:
+    """Read a chaser state.
+
+    Args:
+        message: The state; its joints may come in any order.
+        source: Where the message came from, for errors: `chaser_state` or `start_state`.
+        robot: The robot that names the joints.
+        inertial_frame: The only frame that the state may be given in.
+
+    Raises:
+        InvalidInput: A field of the message cannot be used; the error names it.
+    """
+    _require_frame(f"{source}.header.frame_id", message.header, inertial_frame)
+    order = _joint_order(f"{source}.joint_names", message.joint_names, robot.joint_names)
+    named_as = {
+        "chaser.position": f"{source}.pose.position",
+        "chaser.quaternion_xyzw": f"{source}.pose.orientation",
+        "chaser.linear_velocity": f"{source}.twist.linear",
+        "chaser.angular_velocity": f"{source}.twist.angular",
+    }
+    positions = finite_vector(
+        f"{source}.joint_positions", list(message.joint_positions), robot.joints
+    )
+    velocities = finite_vector(
+        f"{source}.joint_velocities", list(message.joint_velocities), robot.joints
+    )
+    with _fields_named(named_as):
+        return SystemState(
+            position_chaser_in_inertial=_xyz(message.pose.position),
+            quaternion_chaser_to_inertial_xyzw=_xyzw(message.pose.orientation),
+            linear_velocity_chaser_in_inertial=_xyz(message.twist.linear),
+            angular_velocity_chaser_in_inertial=_xyz(message.twist.angular),
+            joint_positions=positions[order],
+            joint_velocities=velocities[order],
+        )
+
+
+def spheres_from_message(message: ObstacleSphereArray, inertial_frame: str) -> tuple[Sphere, ...]:
+    """Read the scene.
+
+    Args:
+        message: The obstacles; ids need not be unique.
+        inertial_frame: The only frame that the array may be given in.
+
+    Raises:
+        InvalidInput: A field of the message cannot be used, or a sphere moves.
+    """
+    _require_frame("obstacles.header.frame_id", message.header, inertial_frame)
+    return tuple(_sphere(f"obstacles.spheres[{i}]", s) for i, s in enumerate(message.spheres))
+
+
+def plan_from_response(response: PlanTrajectory.Response) -> Plan:
+    """Read the plan back out of an answer.
+
+    Args:
+        response: An answer whose status is SOLVED.
+
+    Returns:
+        The plan, its times rounded to nanoseconds.
+    """
+    points = response.joint_trajectory.points
+    chaser = _poses(response.predicted_chaser_path)
+    chaser_twists = _twists(response.predicted_chaser_twists)
+    ee = _poses(response.end_effector_path)
+    ee_twists = _twists(response.end_effector_twists)
+    return Plan(
+        joint_names=tuple(response.joint_trajectory.joint_names),
+        trajectory=Trajectory(
+            time=np.array([nanoseconds(point.time_from_start) / NANOSECONDS for point in points]),
+            joint_positions=np.array([point.positions for point in points]),
+            joint_velocities=np.array([point.velocities for point in points]),
+            joint_accelerations=np.array([point.accelerations for point in points]),
+            chaser_positions=chaser[:, :3],
+            chaser_quaternions_xyzw=chaser[:, 3:],
+            chaser_linear_velocities=chaser_twists[:, :3],
+            chaser_angular_velocities=chaser_twists[:, 3:],
+            ee_positions=ee[:, :3],
+            ee_quaternions_xyzw=ee[:, 3:],
+            ee_linear_velocities=ee_twists[:, :3],
+            ee_angular_velocities=ee_twists[:, 3:],
+        ),
+        xi=np.array(response.xi),
+        orientation_reading=response.orientation_reading,
+        metrics=Metrics(
+            **{item.name: getattr(response.metrics, item.name) for item in fields(Metrics)}
+        ),
+        solver=SolverReport(
+            **{item.name: getattr(response.solver, item.name) for item in fields(SolverReport)}
+        ),
+    )
+
+
+def nanoseconds(stamp: Time | Duration) -> int:
+    """Return a message's time as integer nanoseconds."""
+    return int(stamp.sec) * NANOSECONDS + int(stamp.nanosec)
+
+
+@contextmanager
+def _fields_named(named_as: Mapping[str, str]) -> Iterator[None]:
+    """Make errors name the message's fields instead of the planning objects' ones."""
+    try:
+        yield
+    except InvalidInput as error:
+        field = named_as.get(error.field, error.field)
+        raise InvalidInput(error.status, field, error.value, error.allowed) from None
+
+
+def _require_frame(field: str, header: Header, inertial_frame: str) -> None:
+    if header.frame_id != inertial_frame:
+        raise InvalidInput(
+            Status.WRONG_FRAME, field, repr(header.frame_id), f"it must be '{inertial_frame}'"
+        )
+
+
+def _joint_order(field: str, found: Sequence[str], wanted: Sequence[str]) -> list[int]:
+    """Return where each wanted joint stands among those found."""
+    faults = [
+        f"{fault}: {', '.join(names)}"
+        for fault, names in (
+            ("unknown", sorted(set(found) - set(wanted))),
+            ("missing", sorted(set(wanted) - set(found))),
+            ("more than once", sorted({name for name in found if found.count(name) > 1})),
+        )
+        if names
+    ]
+    if faults:
+        raise InvalidInput(
+            Status.UNKNOWN_JOINT,
+            field,
+            list(found),
+            f"it must name each of {', '.join(wanted)} once ({'; '.join(faults)})",
+        )
+    return [found.index(name) for name in wanted]
+
+
+def _sphere(field: str, message: ObstacleSphere) -> Sphere:
+    (twist,) = _twists([message.twist]).tolist()
+    if finite_vector(f"{field}.twist", twist, 6).any():
+        raise InvalidInput(
+            Status.UNSUPPORTED,
+            f"{field}.twist",
+            twist,
+            "it must be zero, obstacles cannot move yet",
+        )
+    name = f"obstacles[{message.id}]"
+    with _fields_named({f"{name}.{part}": f"{field}.{part}" for part in ("center", "radius")}):
+        return Sphere(id=message.id, center=_xyz(message.center), radius=message.radius)
+
+
+def _poses(path: Path) -> Array:
+    return np.array(
+        [[*_xyz(item.pose.position), *_xyzw(item.pose.orientation)] for item in path.poses]
+    )
+
+
+def _twists(twists: Sequence[Twist]) -> Array:
+    return np.array([[*_xyz(twist.linear), *_xyz(twist.angular)] for twist in twists])
+
+
+def _xyz(message: Point | Vector3) -> Array:
+    return np.array([message.x, message.y, message.z])
+
+
+def _xyzw(message: Quaternion) -> Array:
+    return np.array([message.x, message.y, message.z, message.w])

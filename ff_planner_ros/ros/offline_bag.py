@@ -1,0 +1,95 @@
+"""A bag of a plan that was made without a running node: the same topics, the same types."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import yaml
+from ff_planner_msgs.srv import PlanTrajectory
+from rclpy.qos import QoSProfile
+from service_msgs.msg import ServiceEventInfo
+
+from ff_planner_ros.bag.encoding import encode
+from ff_planner_ros.bag.writer import BagWriter
+from ff_planner_ros.errors import FfPlannerError
+from ff_planner_ros.planning.plan import Plan
+from ff_planner_ros.planning.problem import PlanningProblem
+from ff_planner_ros.planning.scenario import SCENARIO_FRAME
+from ff_planner_ros.planning.settings import PlannerSettings
+from ff_planner_ros.ros.planning_service import LATCHED_QOS, SERVICE_EVENT_QOS, STATE_QOS
+from ff_planner_ros.ros.recorder import offered_qos, type_name
+from ff_planner_ros.ros.to_messages import (
+    obstacles_message,
+    request_message,
+    response_from_error,
+    response_from_plan,
+    state_message,
+    time_message,
+)
+
+
+def record_answer(
+    directory: Path,
+    problem: PlanningProblem,
+    settings: PlannerSettings,
+    answer: Plan | FfPlannerError,
+    solve_time: float,
+) -> None:
+    """Write question and answer as the node would have recorded them.
+
+    Args:
+        directory: The bag; must not exist.
+        problem: The question.
+        settings: The planner's.
+        answer: The plan, or why there is none.
+        solve_time: Wall clock of the answer [s].
+
+    Raises:
+        BagError: The directory exists or cannot be written.
+    """
+    now = time.time_ns()
+    names = problem.robot.joint_names
+    state = state_message(problem.start, names, now, SCENARIO_FRAME)
+    obstacles = obstacles_message(problem.obstacles, now, SCENARIO_FRAME)
+    request = request_message(problem, SCENARIO_FRAME)
+    request.use_start_state, request.start_state = True, state
+    request.use_obstacles, request.obstacles = True, obstacles
+    plan_id = directory.name
+    if isinstance(answer, Plan):
+        response = response_from_plan(answer, plan_id, now, SCENARIO_FRAME, solve_time)
+    else:
+        response = response_from_error(answer, plan_id)
+
+    with BagWriter(directory, flush_interval=0.0) as bag:
+
+        def put(topic: str, qos: QoSProfile, *messages: Any) -> None:
+            bag.add_topic(topic, type_name(type(messages[0])), [offered_qos(qos)])
+            for message in messages:
+                bag.write(topic, encode(message), now, now)
+
+        used = {"/**": {"ros__parameters": {"planner": asdict(settings)}}}
+        bag.attach("parameters.yaml", "application/yaml", yaml.safe_dump(used).encode())
+        put("/chaser_state", STATE_QOS, state)
+        put("/obstacles", LATCHED_QOS, obstacles)
+        events = _events(request, response, now)
+        put("/plan_trajectory/_service_event", SERVICE_EVENT_QOS, *events)
+        if isinstance(answer, Plan):
+            put("/joint_trajectory", LATCHED_QOS, response.joint_trajectory)
+            put("/predicted_chaser_path", LATCHED_QOS, response.predicted_chaser_path)
+
+
+def _events(
+    request: PlanTrajectory.Request, response: PlanTrajectory.Response, now: int
+) -> list[PlanTrajectory.Event]:
+    """Return the request and the response as service introspection tells of them."""
+    received, sent = (
+        ServiceEventInfo(event_type=kind, stamp=time_message(now), sequence_number=1)
+        for kind in (ServiceEventInfo.REQUEST_RECEIVED, ServiceEventInfo.RESPONSE_SENT)
+    )
+    return [
+        PlanTrajectory.Event(info=received, request=[request]),
+        PlanTrajectory.Event(info=sent, response=[response]),
+    ]

@@ -1,0 +1,63 @@
+"""Build of the ROS package `ff_planner_ros`, by colcon or pip."""
+
+from pathlib import Path
+from xml.etree import ElementTree
+
+from setuptools import find_packages, setup
+
+NAME = "ff_planner_ros"
+VERSION = ElementTree.parse("package.xml").findtext("version")
+
+
+def installed_as_they_are(*trees: str) -> list[tuple[str, list[str]]]:
+    """List the files of whole directories for share/ff_planner_ros."""
+    files = [path for tree in trees for path in sorted(Path(tree).rglob("*")) if path.is_file()]
+    return [(f"share/{NAME}/{path.parent}", [str(path)]) for path in files]
+
+
+setup(
+    name=NAME,
+    version=VERSION,
+    description="Trajectory planning service for free-floating space manipulators.",
+    license="Apache-2.0",
+    packages=find_packages(include=[NAME, f"{NAME}.*"]),
+    package_data={NAME: ["py.typed"]},
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
+        (f"share/{NAME}", ["package.xml"]),
+        *installed_as_they_are("config"),
+    ],
+    zip_safe=False,
+    # A reason for each is in README.md; what package.xml names is the same list in ROS's words.
+    install_requires=[
+        f"ff_planner_msgs=={VERSION}",
+        "matplotlib>=3.8,<4",
+        "mcap>=1.6,<2",
+        "numpy>=1.26,<3",
+        "pin>=4.1,<5",
+        "piqp>=0.6,<0.7",
+        "pyyaml>=6,<7",
+        "ros-jazzy-common-interfaces>=5.3,<5.4",
+        "ros-jazzy-rclpy[fastrtps]>=7.1,<7.2",
+        "scipy>=1.11,<2",
+    ],
+    extras_require={
+        "test": [
+            "colcon-defaults>=0.2,<0.3",
+            "colcon-ros>=0.5,<0.6",
+            "mcap-ros2-support>=0.6,<0.7",
+            "mypy>=2.4,<3",
+            "pytest>=9,<10",
+            "pytest-cov>=7,<8",
+            "rosbags>=0.11.9,<0.12",
+            "ruff>=0.17,<0.18",
+            "types-PyYAML>=6,<7",
+        ],
+    },
+    entry_points={
+        "console_scripts": [
+            f"ff-planner = {NAME}.cli:main",
+            f"planner_node = {NAME}.ros.node:main",
+        ],
+    },
+)

@@ -1,0 +1,136 @@
+"""Robots and states that the tests share."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from ff_planner_ros.arrays import Array
+from ff_planner_ros.robot.model import Robot
+from ff_planner_ros.robot.state import SystemState
+
+CONFIG = Path(__file__).parent.parent / "config"
+LEMUR_URDF = CONFIG / "robots/lemur/lemur.urdf"
+LEMUR_SCENARIO = CONFIG / "scenarios/lemur_capture.yaml"
+
+
+def random_urdf(joints: int, seed: int) -> str:
+    """Write a robot with every difficulty that a URDF may hold.
+
+    The base link `bus` hangs, turned and shifted, below a massless root; it and two arm links
+    carry masses by fixed joints; no centre of mass lies in a frame's origin, no axis along one.
+    """
+    rng = np.random.default_rng(seed)
+    parts = ['<link name="root"/>', _link("bus", rng, 200.0), _link("antenna", rng, 20.0)]
+    parts += [_joint("bus_mount", "fixed", "root", "bus", rng)]
+    parts += [_joint("antenna_mount", "fixed", "bus", "antenna", rng)]
+    parent = "bus"
+    for number in range(1, joints + 1):
+        link = f"link_{number}"
+        parts += [_link(link, rng, 5.0), _joint(f"joint_{number}", "revolute", parent, link, rng)]
+        parent = link
+    parts += [_link("camera", rng, 3.0), _joint("camera_mount", "fixed", "link_3", "camera", rng)]
+    parts += [_link("tool", rng, 2.0), _joint("tool_mount", "fixed", parent, "tool", rng)]
+    return f'<robot name="random">{"".join(parts)}</robot>'
+
+
+def canadarm2_urdf() -> str:
+    """Write the Space Station's arm, Nguyen and Hughes 1994, on a base of 1e5 kg.
+
+    The published model has every link's centre of mass in its frame's origin. The base's mass
+    and inertia are assumed; the first body of the arm, before joint 1, counts as part of it.
+    """
+    offsets = (
+        "1.3589 0 0", "0 0 0.7026", "0 -0.5692 0", "7.11 -0.475 0", "7.11 0 0", "0 -0.5692 0",
+        "0 0 -0.7026",
+    )  # fmt: skip
+    axes = ("1 0 0", "0 0 1", "0 1 0", "0 1 0", "0 1 0", "0 0 1", "1 0 0")
+    inertials = (
+        (105.98, (12.19, 12.13, 3.061), 0.0),
+        (105.98, (8.088, 3.061, 8.446), 0.0),
+        (314.88, (15.41, 2094.71, 2103.19), 49.52),
+        (279.2, (9.522, 1966.28, 1966.28), -39.95),
+        (105.98, (8.305, 3.061, 8.0386), 0.0),
+        (105.98, (12.13, 12.13, 3.061), 0.0),
+        (243.66, (9.336, 44.41, 44.41), 0.0),
+    )
+    parts = [_inertial_link("station", 1e5, (2e6, 3e6, 3e6), 0.0)]
+    parent = "station"
+    for number, (offset, axis, inertial) in enumerate(
+        zip(offsets, axes, inertials, strict=True), 1
+    ):
+        link = f"link_{number}"
+        parts.append(_inertial_link(link, *inertial))
+        parts.append(
+            f'<joint name="joint_{number}" type="revolute"><parent link="{parent}"/>'
+            f'<child link="{link}"/><origin xyz="{offset}"/><axis xyz="{axis}"/>'
+            '<limit lower="-4.71239" upper="4.71239" velocity="0.0698132" effort="2332"/></joint>'
+        )
+        parent = link
+    parts.append(
+        '<link name="hand"/><joint name="hand_mount" type="fixed"><parent link="link_7"/>'
+        '<child link="hand"/><origin xyz="1.3589 0 0"/></joint>'
+    )
+    return f'<robot name="canadarm2">{"".join(parts)}</robot>'
+
+
+def random_state(robot: Robot, rng: np.random.Generator) -> SystemState:
+    """Draw a chaser anywhere in any attitude, drifting and tumbling, the arm moving."""
+    quaternion = rng.normal(size=4)
+    return SystemState(
+        position_chaser_in_inertial=rng.uniform(-5.0, 5.0, 3),
+        quaternion_chaser_to_inertial_xyzw=quaternion / np.linalg.norm(quaternion),
+        linear_velocity_chaser_in_inertial=rng.normal(scale=0.1, size=3),
+        angular_velocity_chaser_in_inertial=rng.normal(scale=0.1, size=3),
+        joint_positions=rng.uniform(robot.lower_position_limits, robot.upper_position_limits),
+        joint_velocities=rng.normal(scale=0.1, size=robot.joints),
+    )
+
+
+def _link(name: str, rng: np.random.Generator, mass: float) -> str:
+    """A body of ten point masses: whatever is drawn, its inertia is one that a body can have."""
+    points = rng.uniform(-0.3, 0.3, (10, 3))
+    points -= points.mean(axis=0)
+    matrix = mass / 10 * sum((p @ p) * np.eye(3) - np.outer(p, p) for p in points)
+    entries = (
+        ("ixx", 0, 0),
+        ("iyy", 1, 1),
+        ("izz", 2, 2),
+        ("ixy", 0, 1),
+        ("ixz", 0, 2),
+        ("iyz", 1, 2),
+    )
+    inertia = " ".join(f'{key}="{matrix[row, column]}"' for key, row, column in entries)
+    return (
+        f'<link name="{name}"><inertial>{_origin(rng)}<mass value="{mass}"/>'
+        f"<inertia {inertia}/></inertial></link>"
+    )
+
+
+def _inertial_link(name: str, mass: float, moments: tuple[float, float, float], ixy: float) -> str:
+    ixx, iyy, izz = moments
+    return (
+        f'<link name="{name}"><inertial><mass value="{mass}"/><inertia ixx="{ixx}" iyy="{iyy}" '
+        f'izz="{izz}" ixy="{ixy}" ixz="0" iyz="0"/></inertial></link>'
+    )
+
+
+def _joint(name: str, kind: str, parent: str, child: str, rng: np.random.Generator) -> str:
+    axis = _numbers(rng.normal(size=3))
+    limit = '<limit lower="-2.5" upper="2.8" velocity="0.5" effort="50"/>'
+    return (
+        f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
+        f"{_origin(rng)}"
+        + (f'<axis xyz="{axis}"/>{limit}' if kind == "revolute" else "")
+        + "</joint>"
+    )
+
+
+def _origin(rng: np.random.Generator) -> str:
+    xyz, rpy = rng.uniform(-0.6, 0.6, 3), rng.uniform(-1.5, 1.5, 3)
+    return f'<origin xyz="{_numbers(xyz)}" rpy="{_numbers(rpy)}"/>'
+
+
+def _numbers(vector: Array) -> str:
+    return " ".join(str(float(number)) for number in vector)

@@ -1,0 +1,256 @@
+"""Real planner processes, and a client that waits for conditions and never sleeps."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+import pytest
+import rclpy
+from ff_planner_msgs.msg import ChaserState, ObstacleSphereArray
+from ff_planner_msgs.srv import PlanTrajectory
+from geometry_msgs.msg import PoseStamped
+from nav_msgs.msg import Path as PathMsg
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from rosbags.highlevel import AnyReader
+from trajectory_msgs.msg import JointTrajectory
+
+from ff_planner_ros.errors import Status
+from ff_planner_ros.planning.problem import PlanningProblem
+from ff_planner_ros.ros.background import spin_in_background
+from ff_planner_ros.ros.domain import private_environment
+from ff_planner_ros.ros.to_messages import obstacles_message, request_message, state_message
+
+FRAME = "inertial"
+DEADLINE = 60.0  # [s] a condition that is not met by then never will be
+EVENT_TOPIC = "/plan_trajectory/_service_event"
+REQUEST_RECEIVED, RESPONSE_SENT = 1, 2  # of service_msgs/ServiceEventInfo
+
+
+class PlannerProcess:
+    """A planner node in a process of its own; its bag and its log lie in a directory."""
+
+    def __init__(self, directory: Path, *ros_arguments: str) -> None:
+        self._log = directory / "node.log"
+        self._bags = directory / "bags"
+        with self._log.open("wb") as log:
+            self.process = subprocess.Popen(
+                [
+                    *(sys.executable, "-m", "ff_planner_ros.ros.node", "--ros-args"),
+                    *("-p", f"bag.directory:={self._bags}", *ros_arguments),
+                ],
+                cwd=directory,
+                stderr=log,
+            )
+
+    @property
+    def log(self) -> str:
+        return self._log.read_text()
+
+    @property
+    def bag(self) -> Path:
+        (directory,) = self._bags.iterdir()
+        return directory
+
+    @property
+    def worker(self) -> int:
+        """Process number of the solver."""
+        for entry in Path("/proc").glob("[0-9]*"):
+            try:
+                parent = int((entry / "stat").read_text().rpartition(")")[2].split()[1])
+                command = (entry / "cmdline").read_bytes()
+            except OSError:  # ended meanwhile
+                continue
+            if parent == self.process.pid and b"ff_planner_ros.ros.worker" in command:
+                return int(entry.name)
+        raise LookupError(f"the node has no solver process\n{self.log}")
+
+    def stop(self, number: signal.Signals = signal.SIGINT) -> int:
+        """Ask the node to end and return its exit code."""
+        self.process.send_signal(number)
+        return self.process.wait(DEADLINE)
+
+
+class Client:
+    """The world around the planner: publishes, asks, and keeps what it hears."""
+
+    def __init__(self, namespace: str) -> None:
+        rclpy.init(args=[])
+        self._changed = threading.Condition()
+        self.received: dict[str, list[Any]] = {}
+        self.node = rclpy.create_node("test_client", namespace=namespace)
+        latched = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        self._states = self.node.create_publisher(ChaserState, "chaser_state", 100)
+        self._obstacles = self.node.create_publisher(
+            ObstacleSphereArray, "obstacles", QoSProfile(depth=1, durability=latched.durability)
+        )
+        for message_type, topic, qos in (
+            (JointTrajectory, "joint_trajectory", latched),
+            (PathMsg, "predicted_chaser_path", latched),
+            (PoseStamped, "predicted_chaser_pose", QoSProfile(depth=100)),
+            (PlanTrajectory.Event, "plan_trajectory/_service_event", QoSProfile(depth=100)),
+        ):
+            self.received[topic] = []
+            self.node.create_subscription(message_type, topic, self._keeper(topic), qos)
+        self._service = self.node.create_client(PlanTrajectory, "plan_trajectory")
+        executor = SingleThreadedExecutor()
+        executor.add_node(self.node)
+        self._stop = spin_in_background(executor, self.node.get_logger())
+
+    def close(self) -> None:
+        self._stop()
+        rclpy.shutdown()
+
+    def now_ns(self) -> int:
+        return self.node.get_clock().now().nanoseconds
+
+    def wait_until(self, condition: Callable[[], object], what: str) -> None:
+        """Wait until something that is heard makes a condition true."""
+        with self._changed:
+            if not self._changed.wait_for(condition, DEADLINE):
+                raise TimeoutError(f"{what} did not happen within {DEADLINE} s")
+
+    def wait_for_planner(self) -> None:
+        assert self._service.wait_for_service(DEADLINE), "no planner appeared"
+
+    def publish_state(self, message: ChaserState) -> None:
+        self._states.publish(message)
+
+    def publish_obstacles(self, message: ObstacleSphereArray) -> None:
+        self._obstacles.publish(message)
+
+    def publish_states_at(self, rate: float, messages: list[ChaserState]) -> None:
+        """Publish messages one by one at a rate [Hz], and wait until all are out."""
+        waiting = iter(messages)
+        published = threading.Event()
+
+        def publish_next() -> None:
+            message = next(waiting, None)
+            if message is None:
+                published.set()
+            else:
+                self._states.publish(message)
+
+        timer = self.node.create_timer(1.0 / rate, publish_next)
+        assert published.wait(DEADLINE)
+        self.node.destroy_timer(timer)
+
+    def send(self, request: PlanTrajectory.Request) -> Callable[[], PlanTrajectory.Response]:
+        """Send a request and return a function that waits for the answer."""
+        answered = threading.Event()
+        future = self._service.call_async(request)
+        future.add_done_callback(lambda _: answered.set())
+
+        def answer() -> PlanTrajectory.Response:
+            assert answered.wait(DEADLINE), "the planner did not answer"
+            return future.result()
+
+        return answer
+
+    def plan(self, request: PlanTrajectory.Request) -> PlanTrajectory.Response:
+        return self.send(request)()
+
+    def plan_until(
+        self, request: PlanTrajectory.Request, accepted: Callable[[PlanTrajectory.Response], bool]
+    ) -> PlanTrajectory.Response:
+        """Ask until the answer is accepted: what was published before may still be on its way."""
+        give_up = time.monotonic() + DEADLINE
+        while not accepted(response := self.plan(request)):
+            assert time.monotonic() < give_up, f"the last answer was {response.status}"
+        return response
+
+    def publish_and_wait(self, state: ChaserState) -> None:
+        """Publish a state until the planner has it, and obstacles, too.
+
+        The planner looks at the start time before the rest of a request: as long as it has
+        another state, it refuses this one's time.
+        """
+        still = (Status.NO_STATE, Status.UNSUPPORTED, Status.NO_OBSTACLES)
+        probe = PlanTrajectory.Request(start_time=state.header.stamp)
+
+        def arrived(response: PlanTrajectory.Response) -> bool:
+            self._states.publish(state)
+            return response.status.code not in still
+
+        self.plan_until(probe, arrived)
+
+    def _keeper(self, topic: str) -> Callable[[Any], None]:
+        def keep(message: Any) -> None:
+            with self._changed:
+                self.received[topic].append(message)
+                self._changed.notify_all()
+
+        return keep
+
+
+class Scene:
+    """Messages of the paper's capture."""
+
+    def __init__(self, problem: PlanningProblem) -> None:
+        self.problem = problem
+
+    def state(self, stamp_ns: int) -> ChaserState:
+        names = self.problem.robot.joint_names
+        return state_message(self.problem.start, names, stamp_ns, FRAME)
+
+    def obstacles(self) -> ObstacleSphereArray:
+        return obstacles_message(self.problem.obstacles, 0, FRAME)
+
+    def request(self) -> PlanTrajectory.Request:
+        """Return a request that can be solved, starting from the topics."""
+        return request_message(self.problem, FRAME)
+
+    def complete_request(self) -> PlanTrajectory.Request:
+        """Return a request that can be solved and brings its own start state and obstacles."""
+        request = self.request()
+        request.use_start_state, request.start_state = True, self.state(0)
+        request.use_obstacles, request.obstacles = True, self.obstacles()
+        return request
+
+
+def read_bag(directory: Path) -> dict[str, list[Any]]:
+    """Read every message of every topic, with the definitions that the bag itself carries."""
+    with AnyReader([directory]) as reader:
+        messages: dict[str, list[Any]] = {c.topic: [] for c in reader.connections}
+        for connection, _, data in reader.messages():
+            messages[connection.topic].append(reader.deserialize(data, connection.msgtype))
+    return messages
+
+
+@contextmanager
+def private_domain() -> Iterator[None]:
+    """Keep the processes inside apart from whatever else runs on the host."""
+    with pytest.MonkeyPatch.context() as patch:
+        for name, value in private_environment().items():
+            patch.setenv(name, value)
+        yield
+
+
+@contextmanager
+def running_planner(directory: Path, *ros_arguments: str) -> Iterator[PlannerProcess]:
+    planner = PlannerProcess(directory, *ros_arguments)
+    try:
+        yield planner
+    finally:
+        with suppress(LookupError):
+            os.kill(planner.worker, signal.SIGKILL)  # it may be frozen, and would stay for ever
+        planner.process.kill()
+        planner.process.wait()
+
+
+@contextmanager
+def connected_client(namespace: str = "") -> Iterator[Client]:
+    client = Client(namespace)
+    try:
+        yield client
+    finally:
+        client.close()

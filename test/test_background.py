@@ -1,0 +1,70 @@
+"""Callbacks in a thread of their own."""
+
+from __future__ import annotations
+
+import threading
+from unittest.mock import Mock
+
+import pytest
+import rclpy
+from rclpy.executors import MultiThreadedExecutor, SingleThreadedExecutor
+from ros_processes import DEADLINE, private_domain
+
+from ff_planner_ros.ros.background import spin_in_background
+
+
+@pytest.mark.parametrize("executor_type", [SingleThreadedExecutor, MultiThreadedExecutor])
+def test_a_callback_that_raises_is_logged_and_the_others_go_on(executor_type: type) -> None:
+    failures, others_go_on = [], threading.Event()
+
+    def fail() -> None:
+        failures.append(None)
+        raise ValueError("the callback's fault")
+
+    def go_on() -> None:
+        if len(failures) >= 3:
+            others_go_on.set()
+
+    with private_domain():
+        rclpy.init(args=[])
+        node, logger, executor = rclpy.create_node("test"), Mock(), executor_type()
+        node.create_timer(0.001, fail)
+        node.create_timer(0.001, go_on)
+        executor.add_node(node)
+        stop = spin_in_background(executor, logger)
+        assert others_go_on.wait(DEADLINE)
+        stop()
+        rclpy.shutdown()
+    assert "the callback's fault" in logger.error.call_args_list[0].args[0]
+
+
+@pytest.mark.parametrize("executor_type", [SingleThreadedExecutor, MultiThreadedExecutor])
+def test_stopping_waits_for_the_callback_that_has_begun(executor_type: type) -> None:
+    begun, may_end, stopping, events = (*(threading.Event() for _ in range(3)), [])
+
+    def callback() -> None:
+        if not begun.is_set():
+            begun.set()
+            may_end.wait(DEADLINE)
+            events.append("the callback's end")
+
+    with private_domain():
+        rclpy.init(args=[])
+        node, executor = rclpy.create_node("test"), executor_type()
+        node.create_timer(0.001, callback)
+        executor.add_node(node)
+        stop = spin_in_background(executor, Mock())
+        assert begun.wait(DEADLINE)
+
+        def stop_and_tell() -> None:
+            stopping.set()
+            stop()
+            events.append("stopped")
+
+        stopper = threading.Thread(target=stop_and_tell)
+        stopper.start()
+        assert stopping.wait(DEADLINE)
+        may_end.set()
+        stopper.join(DEADLINE)
+        rclpy.shutdown()
+    assert events == ["the callback's end", "stopped"]

@@ -1,0 +1,192 @@
+"""The check finds what is wrong with a plan, whatever made it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from ff_planner_ros.errors import NoPlanFound, Status
+from ff_planner_ros.planning.check import certified_clearance, measure, require_sound
+from ff_planner_ros.planning.clearance import arm_points, clearances, segments
+from ff_planner_ros.planning.motion import from_trajectory, to_trajectory
+from ff_planner_ros.planning.planner import end_effector_paths, plan
+from ff_planner_ros.planning.problem import Objective, Sphere
+from ff_planner_ros.planning.rollout import RolloutModel
+from ff_planner_ros.planning.scenario import load_scenario
+from ff_planner_ros.planning.settings import load_settings
+from ff_planner_ros.robot.configuration import configuration
+from ff_planner_ros.robot.momentum import total_momentum
+from ff_planner_ros.share import share_directory
+
+CONFIG = share_directory() / "config"
+SETTINGS = load_settings(CONFIG / "planner.yaml")
+
+
+@pytest.fixture(scope="module")
+def problem():
+    capture = load_scenario(CONFIG / "scenarios" / "lemur_capture.yaml")
+    return replace(capture, objective=Objective(1.0, 0.0))
+
+
+@pytest.fixture(scope="module")
+def sound(problem):
+    return plan(problem, SETTINGS)
+
+
+def tampered(problem, sound, **arrays):
+    """The sound plan with other samples, measured anew."""
+    trajectory = replace(sound.trajectory, **arrays)
+    return replace(sound, trajectory=trajectory, metrics=measure(problem, trajectory, SETTINGS))
+
+
+def refusal_of(problem, answer):
+    with pytest.raises(NoPlanFound) as refusal:
+        require_sound(problem, answer, SETTINGS)
+    assert refusal.value.attempt is answer
+    return refusal.value
+
+
+def fixed_base_least_rates(problem):
+    """The start with the least joint rates that hold the end effector still on a moving base.
+
+    They are not the paper's, which satisfy Eq. (31): they hold a little null-space motion.
+    """
+    robot = problem.robot
+    data = robot.model.createData()
+    q, v = configuration(robot, problem.start)
+    pin.computeJointJacobians(robot.model, data, q)
+    pin.updateFramePlacement(robot.model, data, robot.tip_frame_id)
+    jacobian = pin.getFrameJacobian(robot.model, data, robot.tip_frame_id, pin.LOCAL)
+    rates = np.linalg.pinv(jacobian[:, 6:]) @ -jacobian[:, :6] @ v[:6]
+    return replace(problem, start=replace(problem.start, joint_velocities=rates))
+
+
+@pytest.mark.parametrize(
+    ("start", "joint_path", "attitude_deg"),
+    [
+        pytest.param(lambda problem: problem, 1.2194, 13.08, id="the paper's start"),
+        pytest.param(fixed_base_least_rates, 1.2239, 13.12, id="the reference's start"),
+    ],
+)
+def test_the_straight_path_has_the_reference_values(problem, start, joint_path, attitude_deg):
+    """Two independent implementations, which differ in the joint rates they start with."""
+    asked = start(problem)
+    metrics = measure(asked, straight_path(asked), SETTINGS)
+    assert metrics.joint_path_length == pytest.approx(joint_path, abs=3e-4)
+    assert np.rad2deg(metrics.max_chaser_euler) == pytest.approx(attitude_deg, abs=0.01)
+    assert metrics.min_clearance == pytest.approx(-0.1399, abs=1e-3)
+    assert metrics.penalty > 0.0
+
+
+def straight_path(problem):
+    """The plan of xi = 0, before anybody checks it."""
+    q, v = configuration(problem.robot, problem.start)
+    momentum = total_momentum(problem.robot, problem.robot.model.createData(), q, v)
+    polynomial = end_effector_paths(problem, q, v)
+    rollouts = RolloutModel(problem.robot, q, momentum, polynomial, problem.points)
+    rollout = rollouts.roll_out(np.zeros((6, 3)))
+    accelerations = rollouts.sensitivity(rollout).acceleration[:, 6:]
+    return to_trajectory(
+        problem.robot, rollout.s * problem.duration, rollout.q, rollout.v, accelerations
+    )
+
+
+def test_a_sound_plan_passes(problem, sound):
+    require_sound(problem, sound, SETTINGS)
+
+
+def test_momentum_that_changes_on_the_way_is_found(problem, sound):
+    velocities = sound.trajectory.chaser_linear_velocities.copy()
+    velocities[20] += 1e-6
+    error = refusal_of(problem, tampered(problem, sound, chaser_linear_velocities=velocities))
+    assert error.status is Status.CHECK_FAILED
+    assert "momentum_error" in str(error)
+
+
+def test_an_end_beside_the_target_is_found(problem, sound):
+    positions = sound.trajectory.chaser_positions.copy()
+    positions[-1] += [0.0, 0.0, 0.002]
+    answer = tampered(problem, sound, chaser_positions=positions)
+    # Moving the chaser changes its angular momentum too; that is checked elsewhere.
+    assert answer.metrics.final_position_error == pytest.approx(0.002, rel=1e-3)
+    error = refusal_of(problem, answer)
+    assert error.status is Status.CHECK_FAILED
+    assert "final_position_error is 0.002 m, allowed is 0.001" in str(error)
+
+
+def test_an_end_that_is_turned_is_found(problem, sound):
+    quaternions = sound.trajectory.chaser_quaternions_xyzw.copy()
+    turn = pin.Quaternion(pin.exp3(np.array([0.0, 0.0, 0.01])))
+    quaternions[-1] = (turn * pin.Quaternion(quaternions[-1])).coeffs()
+    answer = tampered(problem, sound, chaser_quaternions_xyzw=quaternions)
+    assert answer.metrics.final_orientation_error == pytest.approx(0.01, rel=1e-3)
+
+
+def test_a_joint_beyond_its_limit_is_found_by_name_time_and_amount(problem, sound):
+    joints = sound.trajectory.joint_positions
+    upper = problem.robot.upper_position_limits.copy()
+    upper[3] = joints[:, 3].max() - 0.05
+    tight = replace(problem, robot=replace(problem.robot, upper_position_limits=upper))
+    answer = replace(sound, metrics=measure(tight, sound.trajectory, SETTINGS))
+    error = refusal_of(tight, answer)
+    assert error.status is Status.LIMIT_VIOLATED
+    time = sound.trajectory.time[joints[:, 3].argmax()]
+    assert "joint joint_4 is 0.0500 rad outside its limits" in str(error)
+    assert f"at t = {time:.2f} s" in str(error)
+
+
+def test_an_obstacle_in_the_way_is_found_by_name_link_and_depth(problem, sound):
+    place = sound.trajectory.ee_positions[25]
+    blocked = replace(problem, obstacles=(Sphere("bolt", place, 0.05),))
+    answer = replace(sound, metrics=measure(blocked, sound.trajectory, SETTINGS))
+    error = refusal_of(blocked, answer)
+    assert error.status is Status.COLLISION
+    assert "obstacle bolt" in str(error)
+    assert "0.05" in str(error)
+
+
+def test_a_pin_between_two_points_is_found_though_every_point_is_clear(problem, sound):
+    """Smaller than the way between two points: the samples alone would not see it."""
+    q, v = from_trajectory(problem.robot, sound.trajectory)
+    tip_a, tip_b = sound.trajectory.ee_positions[24:26]
+    pin_head = Sphere("pin", (tip_a + tip_b) / 2, np.linalg.norm(tip_b - tip_a) * 0.3)
+    step = problem.duration / (problem.points - 1)
+    positions = arm_points(problem.robot, q)
+    at_points = clearances(positions, segments(positions), [pin_head]).distance.min()
+    if at_points <= 0.0:
+        pytest.fail("the pin must be clear of the points for this test to say anything")
+    assert certified_clearance(problem.robot, q, v, step, [pin_head]) < 0.0
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_the_certified_clearance_is_a_tight_lower_bound(problem, sound, seed):
+    """Against a hundred times denser samples of the same cubics, with random spheres."""
+    random = np.random.default_rng(seed)
+    robot = problem.robot
+    q, v = from_trajectory(robot, sound.trajectory)
+    step = problem.duration / (problem.points - 1)
+    spheres = [
+        Sphere(str(k), random.uniform([0.0, -0.8, 0.0], [2.0, 1.2, 1.8]), random.uniform(0.02, 0.2))
+        for k in range(3)
+    ]
+    certified = certified_clearance(robot, q, v, step, spheres)
+
+    dense = []
+    for i in range(len(q) - 1):
+        whole = pin.difference(robot.model, q[i], q[i + 1])
+        begin, end = step * v[i], step * v[i + 1].copy()
+        end[:6] = np.linalg.inv(pin.Jexp6(pin.Motion(whole[:6]))) @ end[:6]
+        for s in np.linspace(0.0, 1.0, 101):
+            h = [s - 2 * s**2 + s**3, 3 * s**2 - 2 * s**3, s**3 - s**2]
+            way = h[0] * begin + h[1] * whole + h[2] * end
+            dense.append(pin.integrate(robot.model, q[i], way))
+    positions = arm_points(robot, np.array(dense))
+    truth = clearances(positions, segments(positions), spheres).distance.min()
+    assert certified <= truth + 1e-9, (seed, certified, truth)
+    assert certified >= truth - 6e-4, (seed, certified, truth)
+
+
+def test_without_obstacles_the_clearance_is_infinite(problem, sound):
+    q, v = from_trajectory(problem.robot, sound.trajectory)
+    assert certified_clearance(problem.robot, q, v, 0.2, []) == np.inf

@@ -1,0 +1,210 @@
+"""The command line, as a user types it: exit codes, messages, files."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from rosbags.highlevel import AnyReader
+
+from ff_planner_ros.cli import main
+from ff_planner_ros.planning.polynomial import PARAMETERS
+from ff_planner_ros.share import share_directory
+
+CONFIG = share_directory() / "config"
+CAPTURE = CONFIG / "scenarios" / "lemur_capture.yaml"
+LEMUR = CONFIG / "robots" / "lemur" / "lemur.urdf"
+SHAPES = {
+    "time": (50,),
+    "joint_positions": (50, 7),
+    "joint_velocities": (50, 7),
+    "joint_accelerations": (50, 7),
+    "chaser_positions": (50, 3),
+    "chaser_quaternions_xyzw": (50, 4),
+    "chaser_linear_velocities": (50, 3),
+    "chaser_angular_velocities": (50, 3),
+    "ee_positions": (50, 3),
+    "ee_quaternions_xyzw": (50, 4),
+    "xi": (PARAMETERS,),
+}
+METRICS = {
+    "joint_path_length",
+    "max_chaser_euler",
+    "min_clearance",
+    "min_joint_margin",
+    "penalty",
+    "final_position_error",
+    "final_orientation_error",
+}
+
+
+@pytest.fixture
+def scenario(tmp_path):
+    """A copy of the capture with some values replaced, by dotted name."""
+
+    def write(**changes):
+        content = yaml.safe_load(CAPTURE.read_text())
+        content["robot"]["urdf"] = str(LEMUR)
+        for name, value in changes.items():
+            *groups, key = name.split("__")
+            place = content
+            for group in groups:
+                place = place[group]
+            place[key] = value
+        path = tmp_path / "scenario.yaml"
+        path.write_text(yaml.safe_dump(content))
+        return path
+
+    return write
+
+
+def test_plan_writes_every_field_of_the_contract(tmp_path, capsys):
+    answer = tmp_path / "answer.json"
+    assert main(["plan", str(CAPTURE), "--objective", "length", "--json", str(answer)]) == 0
+    written = json.loads(answer.read_text())
+    assert written["status"] == "solved"
+    assert written["message"]
+    assert written["joint_names"] == [f"joint_{k}" for k in range(1, 8)]
+    assert {name: np.shape(written[name]) for name in SHAPES} == SHAPES
+    assert set(written["metrics"]) >= METRICS
+    assert set(written["solver"]) >= {"solve_time", "iterations", "rollouts", "stop_reason"}
+    assert written["metrics"]["joint_path_length"] <= 1.115
+    assert "joint path length        1.1" in capsys.readouterr().out
+
+
+def test_plan_without_obstacles_writes_json_that_strict_readers_take(scenario, tmp_path):
+    answer = tmp_path / "answer.json"
+    assert main(["plan", str(scenario(obstacles=[])), "--json", str(answer)]) == 0
+
+    def refuse(constant):
+        raise AssertionError(constant)
+
+    assert json.loads(answer.read_text(), parse_constant=refuse)["metrics"]["min_clearance"] is None
+
+
+def test_bad_input_ends_with_2_and_the_field_on_stderr(scenario, tmp_path, capsys):
+    answer = tmp_path / "answer.json"
+    path = scenario(chaser__quaternion_xyzw=[0.0, 0.0, 0.0, 2.0])
+    assert main(["plan", str(path), "--json", str(answer)]) == 2
+    assert "chaser.quaternion_xyzw" in capsys.readouterr().err
+    written = json.loads(answer.read_text())
+    assert written["status"] == "bad_quaternion"
+    assert "chaser.quaternion_xyzw" in written["message"]
+    assert "joint_positions" not in written
+
+
+def test_no_plan_ends_with_3_and_the_constraint_on_stderr(scenario, tmp_path, capsys):
+    answer = tmp_path / "answer.json"
+    path = scenario(target__position=[9.0, 0.4, 0.6])
+    assert main(["plan", str(path), "--json", str(answer)]) == 3
+    assert "target.position is" in capsys.readouterr().err
+    assert json.loads(answer.read_text())["status"] == "goal_out_of_reach"
+
+
+def test_an_unknown_command_or_option_ends_with_2(capsys):
+    for arguments in (["fly"], ["plan", str(CAPTURE), "--fast"], []):
+        with pytest.raises(SystemExit) as stop:
+            main(arguments)
+        assert stop.value.code == 2
+    assert "--fast" in capsys.readouterr().err
+
+
+def test_an_answer_that_cannot_be_written_ends_with_2(tmp_path, capsys):
+    assert main(["plan", str(CAPTURE), "--json", str(tmp_path / "none" / "answer.json")]) == 2
+    assert "answer.json" in capsys.readouterr().err
+
+
+def test_the_bag_of_a_plan_holds_question_and_answer(tmp_path):
+    directory = tmp_path / "bag"
+    assert main(["plan", str(CAPTURE), "--objective", "length", "--bag", str(directory)]) == 0
+    with AnyReader([directory]) as reader:
+        messages = {
+            (connection.topic, index): reader.deserialize(raw, connection.msgtype)
+            for index, (connection, _, raw) in enumerate(reader.messages())
+        }
+    topics = [topic for topic, _ in messages]
+    assert sorted(topics) == [
+        "/chaser_state",
+        "/joint_trajectory",
+        "/obstacles",
+        "/plan_trajectory/_service_event",
+        "/plan_trajectory/_service_event",
+        "/predicted_chaser_path",
+    ]
+    found = dict(zip(topics, messages.values(), strict=True))
+    assert len(found["/joint_trajectory"].points) == 50
+    answer = found["/plan_trajectory/_service_event"].response[0]
+    assert answer.status.code == 0
+    assert answer.metrics.joint_path_length <= 1.115
+    assert [sphere.id for sphere in found["/obstacles"].spheres] == ["c1", "c2", "c3"]
+
+
+def test_the_bag_of_a_refusal_holds_question_and_cause_and_no_trajectory(scenario, tmp_path):
+    directory = tmp_path / "bag"
+    path = scenario(target__position=[9.0, 0.4, 0.6])
+    assert main(["plan", str(path), "--bag", str(directory)]) == 3
+    with AnyReader([directory]) as reader:
+        events = [
+            reader.deserialize(raw, connection.msgtype)
+            for connection, _, raw in reader.messages()
+            if connection.topic == "/plan_trajectory/_service_event"
+        ]
+        assert "/joint_trajectory" not in reader.topics
+    assert events[0].request[0].target_pose.pose.position.x == 9.0
+    assert events[1].response[0].status.code == 300
+
+
+def test_a_bag_that_exists_is_not_overwritten(tmp_path, capsys):
+    assert main(["plan", str(CAPTURE), "--objective", "length", "--bag", str(tmp_path)]) == 2
+    assert str(tmp_path) in capsys.readouterr().err
+
+
+def test_robot_shows_the_chain(capsys):
+    assert main(["robot", str(LEMUR)]) == 0
+    shown = capsys.readouterr().out
+    assert "chaser (the chaser" in shown
+    assert "end_effector" in shown
+    assert shown.count("deg/s") == 7
+
+
+def test_robot_refuses_a_urdf_by_link(tmp_path, capsys):
+    broken = tmp_path / "broken.urdf"
+    broken.write_text(LEMUR.read_text().replace('mass value="6.0"', 'mass value="-6.0"'))
+    assert broken.read_text() != LEMUR.read_text()
+    assert main(["robot", str(broken)]) == 2
+    assert "link 'link_3' mass" in capsys.readouterr().err
+
+
+def test_robot_asks_for_the_tip_where_it_cannot_know_it(tmp_path, capsys):
+    forked = tmp_path / "forked.urdf"
+    camera = (
+        '<link name="camera"/><joint name="camera_mount" type="fixed">'
+        '<parent link="chaser"/><child link="camera"/></joint></robot>'
+    )
+    forked.write_text(LEMUR.read_text().replace("</robot>", camera))
+    assert main(["robot", str(forked)]) == 2
+    assert "camera" in capsys.readouterr().err
+    assert main(["robot", str(forked), "--tip-link", "end_effector"]) == 0
+
+
+def test_planning_needs_no_ros(tmp_path):
+    """The commands that do not talk to ROS run where it is not installed."""
+    code = (
+        "import sys; sys.modules['rclpy'] = sys.modules['ff_planner_msgs'] = None\n"
+        "from ff_planner_ros.cli import main\n"
+        f"sys.exit(main(['plan', {str(CAPTURE)!r}, '--objective', 'length']))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+
+
+def test_the_command_is_installed():
+    command = Path(sys.executable).with_name("ff-planner")
+    done = subprocess.run([command, "--help"], capture_output=True, text=True, check=True)
+    for name in ("demo", "node", "plan", "robot"):
+        assert f"\n    {name}" in done.stdout

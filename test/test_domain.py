@@ -1,0 +1,45 @@
+"""A ROS domain of one's own."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+
+import rclpy
+from ros_processes import DEADLINE
+
+from ff_planner_ros.ros.domain import private_environment
+
+PARTICIPANT = """
+import rclpy
+rclpy.init()
+node = rclpy.create_node("neighbour")
+print("ready", flush=True)
+input()
+"""
+
+
+def test_the_domain_stays_on_this_host_and_is_none_that_a_neighbour_uses() -> None:
+    environment = private_environment()
+    assert environment["ROS_AUTOMATIC_DISCOVERY_RANGE"] == "LOCALHOST"
+    assert private_environment()["ROS_DOMAIN_ID"] == environment["ROS_DOMAIN_ID"]
+    neighbour = subprocess.Popen(
+        [sys.executable, "-c", PARTICIPANT],
+        env=environment,
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+    )
+    with neighbour:
+        assert neighbour.stdout is not None
+        assert neighbour.stdout.readline() == b"ready\n"
+        assert private_environment()["ROS_DOMAIN_ID"] != environment["ROS_DOMAIN_ID"]
+        neighbour.communicate(b"\n", DEADLINE)
+
+
+def test_the_domain_is_one_that_ros_accepts() -> None:
+    environment = private_environment()
+    assert 1 <= int(environment["ROS_DOMAIN_ID"]) <= 101
+    assert set(os.environ) <= set(environment)
+    rclpy.init(args=[], domain_id=int(environment["ROS_DOMAIN_ID"]))
+    rclpy.shutdown()

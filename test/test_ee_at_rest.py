@@ -1,0 +1,58 @@
+"""Joint rates that hold the end effector still."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from robots import canadarm2_urdf, random_state, random_urdf
+
+from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.planning.problem import PlanningProblem
+from ff_planner_ros.robot.configuration import configuration
+from ff_planner_ros.robot.ee_at_rest import joint_rates_with_ee_at_rest
+from ff_planner_ros.robot.model import robot_from_urdf_text
+from ff_planner_ros.robot.momentum import total_momentum
+from ff_planner_ros.robot.velocity_map import VelocityMap
+
+# Section 4.3 of the paper, joints 1 to 7.
+PRINTED_RATES_DEG = (0.261, -0.076, -0.071, -1.794, -5.066, -0.416, -0.969)
+
+
+def test_the_paper_s_start_has_the_joint_rates_that_it_prints(
+    lemur_capture: PlanningProblem,
+) -> None:
+    rates = joint_rates_with_ee_at_rest(lemur_capture.robot, lemur_capture.start)
+    np.testing.assert_allclose(np.rad2deg(rates), PRINTED_RATES_DEG, rtol=0.0, atol=0.0013)
+
+
+@pytest.mark.parametrize(
+    ("urdf", "base", "tip"),
+    [
+        (random_urdf(joints=6, seed=1), "bus", "tool"),
+        (random_urdf(joints=9, seed=2), "bus", "tool"),
+        (canadarm2_urdf(), "station", "hand"),
+    ],
+)
+def test_the_velocity_map_at_rest_gives_the_same_rates_and_chaser_twist(
+    urdf: str, base: str, tip: str
+) -> None:
+    robot = robot_from_urdf_text(urdf, base, tip)
+    for seed in range(5):
+        state = random_state(robot, np.random.default_rng(seed))
+        rates = joint_rates_with_ee_at_rest(robot, state)
+        q, v = configuration(robot, replace(state, joint_velocities=rates))
+        momentum = total_momentum(robot, robot.model.createData(), q, v)
+        at_rest = VelocityMap(robot).solve(q, momentum, np.zeros(6))
+        np.testing.assert_allclose(at_rest.v, v, rtol=1e-9, atol=1e-9)
+
+
+def test_a_singular_posture_is_refused(lemur_capture: PlanningProblem) -> None:
+    # Elbow stretched, wrist axes in line.
+    stretched = np.array([0.0, 0.0, 0.0, np.pi / 2, 0.0, 0.0, 0.0])
+    with pytest.raises(InvalidInput, match=r"joints\.position is \[.*in this posture") as refusal:
+        joint_rates_with_ee_at_rest(
+            lemur_capture.robot, replace(lemur_capture.start, joint_positions=stretched)
+        )
+    assert refusal.value.status is Status.START_SINGULAR

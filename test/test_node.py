@@ -1,0 +1,119 @@
+"""How the planner node starts, where it listens, and what it refuses to start with."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from builtin_interfaces.msg import Time
+from ff_planner_msgs.srv import PlanTrajectory
+from ros_processes import DEADLINE, Scene, connected_client, private_domain, running_planner
+from rosbags.highlevel import AnyReader
+from rosgraph_msgs.msg import Clock
+
+from ff_planner_ros.errors import Status
+from ff_planner_ros.planning.problem import PlanningProblem
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("-p", "state_max_agee:=1.0"), ("state_max_agee is an unknown parameter",)),
+        (("-p", "points:=3"), ("points is 3", "at least 5")),
+        (("-p", "points:=many"), ("points is 'many'", "whole number")),
+        (("-p", "robot.urdf:=/nowhere/arm.urdf"), ("robot.urdf", "/nowhere/arm.urdf")),
+        (("-p", "robot.tip_link:=finger"), ("finger",)),
+        (("-p", "bag.directory:=/dev/null/bags"), ("bag /dev/null/bags/",)),
+        (("--params-file", "/nowhere/planner.yaml"), ("ROS arguments", "/nowhere/planner.yaml")),
+        (("--no-such-argument",), ("ROS arguments", "--no-such-argument")),
+    ],
+)
+def test_a_node_that_cannot_start_says_why_in_one_line(
+    arguments: tuple[str, ...], words: tuple[str, ...], tmp_path: Path
+) -> None:
+    command = [sys.executable, "-m", "ff_planner_ros.ros.node", "--ros-args", *arguments]
+    with private_domain():
+        ended = subprocess.run(
+            command, cwd=tmp_path, capture_output=True, text=True, timeout=DEADLINE, check=False
+        )
+    assert ended.returncode == 2
+    # ROS itself logs a line about its own arguments; a traceback would be many.
+    own_lines = [line for line in ended.stderr.splitlines() if "[rcl]" not in line]
+    assert len(own_lines) == 1
+    for word in words:
+        assert word in own_lines[0]
+
+
+def test_namespace_remapping_and_parameters_file_reach_planner_and_recorder(
+    lemur_capture: PlanningProblem, tmp_path: Path
+) -> None:
+    scene = Scene(lemur_capture)
+    parameters = tmp_path / "mine.yaml"
+    parameters.write_text(
+        "/**:\n  ros__parameters:\n    points: 20\n    state_max_age: 3600.0\n", encoding="utf-8"
+    )
+    arguments = (
+        *("--params-file", str(parameters)),
+        *("-r", "__ns:=/servicer", "-r", "__node:=planner"),
+        *("-r", "obstacles:=/vision/spheres"),
+    )
+    with private_domain(), running_planner(tmp_path, *arguments) as planner:
+        with connected_client("/servicer") as client:
+            client.wait_for_planner()
+            request = scene.complete_request()
+            request.points = 0
+            answer = client.plan(request)
+            assert answer.status.code == Status.SOLVED
+            assert len(answer.joint_trajectory.points) == 20
+            client.wait_until(lambda: client.received["joint_trajectory"], "the trajectory")
+        assert planner.stop(signal.SIGTERM) == 0
+    assert f"[servicer.planner]: ready; recording to {planner.bag}" in planner.log
+    with AnyReader([planner.bag]) as reader:
+        counts = {connection.topic: connection.msgcount for connection in reader.connections}
+    assert set(counts) == {
+        "/servicer/chaser_state",
+        "/vision/spheres",
+        "/servicer/joint_trajectory",
+        "/servicer/predicted_chaser_path",
+        "/servicer/predicted_chaser_pose",
+        "/servicer/plan_trajectory/_service_event",
+    }
+    assert counts["/servicer/joint_trajectory"] == 1
+    assert counts["/servicer/plan_trajectory/_service_event"] == 2
+
+
+def test_the_age_of_a_state_is_told_by_simulated_time(
+    lemur_capture: PlanningProblem, tmp_path: Path
+) -> None:
+    request = Scene(lemur_capture).complete_request()
+    request.start_state.header.stamp.sec = 100
+    request.duration = -1.0  # the next thing that is refused once the age is right
+    arguments = ("-p", "use_sim_time:=true")
+    with (
+        private_domain(),
+        running_planner(tmp_path, *arguments) as planner,
+        connected_client() as client,
+    ):
+        clock = client.node.create_publisher(Clock, "/clock", 10)
+        client.wait_for_planner()
+        early = client.plan(request)
+        assert early.status.code == Status.STATE_IN_FUTURE
+        assert "100.000 s ahead" in early.status.message
+
+        def answer_at(seconds: int, before: PlanTrajectory.Response) -> PlanTrajectory.Response:
+            def accepted(answer: PlanTrajectory.Response) -> bool:
+                clock.publish(Clock(clock=Time(sec=seconds)))
+                return answer.status != before.status
+
+            return client.plan_until(request, accepted)
+
+        in_time = answer_at(100, early)
+        assert in_time.status.code == Status.OUT_OF_RANGE
+        assert in_time.status.message.startswith("duration is -1")
+        late = answer_at(150, in_time)
+        assert late.status.code == Status.STATE_TOO_OLD
+        assert "50.000 s old" in late.status.message
+        assert planner.stop() == 0

@@ -1,0 +1,252 @@
+"""A request that can be solved, through the real service: what comes back and is published."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+from ros_processes import (
+    EVENT_TOPIC,
+    FRAME,
+    RESPONSE_SENT,
+    Scene,
+    connected_client,
+    private_domain,
+    read_bag,
+    running_planner,
+)
+from scipy.spatial.transform import Rotation
+
+from ff_planner_ros.errors import Status
+from ff_planner_ros.planning.problem import PlanningProblem
+
+RECORDED_TOPICS = {
+    "/chaser_state",
+    "/obstacles",
+    "/joint_trajectory",
+    "/predicted_chaser_path",
+    "/predicted_chaser_pose",
+    EVENT_TOPIC,
+}
+
+
+@dataclass(frozen=True)
+class Run:
+    """What was heard from one planner process, from its start to its end."""
+
+    stamp_ns: int
+    from_topics: Any
+    again: Any
+    overriding: Any
+    shuffled: Any
+    asked_ns: int
+    answered_ns: int
+    received: dict[str, list[Any]]
+    received_late: dict[str, list[Any]]
+    exit_code: int
+    bag: dict[str, list[Any]]
+    attachments: dict[str, bytes]
+
+
+@pytest.fixture(scope="module")
+def run(lemur_capture: PlanningProblem, tmp_path_factory: pytest.TempPathFactory) -> Run:
+    scene, directory = Scene(lemur_capture), tmp_path_factory.mktemp("answers")
+    with private_domain(), running_planner(directory, "-p", "state_max_age:=3600.0") as planner:
+        with connected_client() as client:
+            client.publish_obstacles(scene.obstacles())
+            client.wait_for_planner()
+            stamp_ns = client.now_ns()
+            client.publish_and_wait(scene.state(stamp_ns))
+            from_topics = client.plan(scene.request())
+            client.wait_until(
+                lambda: len(client.received["predicted_chaser_pose"]) >= 3, "a stream of poses"
+            )
+            again = client.plan(scene.request())
+
+            everything_blocked = scene.obstacles()
+            everything_blocked.spheres[0].radius = 10.0
+            client.publish_obstacles(everything_blocked)
+            client.plan_until(
+                scene.request(), lambda answer: answer.status.code == Status.START_IN_COLLISION
+            )
+            asked_ns = client.now_ns()
+            overriding = client.plan(scene.complete_request())
+            answered_ns = client.now_ns()
+            shuffled = client.plan(_with_joints_reversed(scene.complete_request()))
+            client.wait_until(
+                lambda: len(client.received["joint_trajectory"]) >= 4, "four trajectories"
+            )
+        with connected_client() as late:
+            late.wait_until(
+                lambda: (
+                    late.received["joint_trajectory"] and late.received["predicted_chaser_path"]
+                ),
+                "the last plan at a late subscriber",
+            )
+        exit_code = planner.stop()
+        bag = planner.bag
+    (file,) = bag.glob("*.mcap")
+    with file.open("rb") as stream:
+        attachments = {item.name: item.data for item in make_reader(stream).iter_attachments()}
+    return Run(
+        stamp_ns=stamp_ns,
+        from_topics=from_topics,
+        again=again,
+        overriding=overriding,
+        shuffled=shuffled,
+        asked_ns=asked_ns,
+        answered_ns=answered_ns,
+        received=client.received,
+        received_late=late.received,
+        exit_code=exit_code,
+        bag=read_bag(bag),
+        attachments=attachments,
+    )
+
+
+def test_the_plan_starts_at_the_state_and_ends_at_the_target(
+    run: Run, lemur_capture: PlanningProblem
+) -> None:
+    answer, problem = run.from_topics, lemur_capture
+    assert answer.status.code == Status.SOLVED
+    trajectory = answer.joint_trajectory
+    assert tuple(trajectory.joint_names) == problem.robot.joint_names
+    assert trajectory.header.frame_id == FRAME
+    assert _ns(trajectory.header.stamp) == run.stamp_ns
+    assert len(trajectory.points) == problem.points
+    assert _ns(trajectory.points[-1].time_from_start) == round(problem.duration * 1e9)
+    np.testing.assert_allclose(
+        trajectory.points[0].positions, problem.start.joint_positions, atol=1e-12
+    )
+    last = answer.end_effector_path.poses[-1]
+    assert _ns(last.header.stamp) == run.stamp_ns + round(problem.duration * 1e9)
+    np.testing.assert_allclose(_position(last), problem.target.position, atol=1e-3)
+    turned = _rotation(last) * Rotation.from_quat(problem.target.quaternion_xyzw).inv()
+    assert turned.magnitude() <= 1e-3
+
+
+def test_the_benchmark_is_solved_as_well_through_the_service(run: Run) -> None:
+    assert run.from_topics.metrics.joint_path_length <= 1.115
+    assert run.from_topics.metrics.min_clearance >= 0.0
+    assert run.from_topics.metrics.penalty == 0.0
+    assert len(run.from_topics.xi) == 18
+    assert run.from_topics.solver.solve_time > 0.0
+
+
+def test_every_row_of_the_answer_belongs_to_one_point(run: Run) -> None:
+    answer = run.from_topics
+    points = len(answer.joint_trajectory.points)
+    assert len(answer.predicted_chaser_path.poses) == points
+    assert len(answer.predicted_chaser_twists) == points
+    assert len(answer.end_effector_path.poses) == points
+    assert len(answer.end_effector_twists) == points
+    for point, pose in zip(
+        answer.joint_trajectory.points, answer.predicted_chaser_path.poses, strict=True
+    ):
+        assert _ns(pose.header.stamp) == run.stamp_ns + _ns(point.time_from_start)
+        assert pose.header.frame_id == FRAME
+
+
+def test_what_is_published_equals_the_answer(run: Run) -> None:
+    answers = [run.from_topics, run.again, run.overriding, run.shuffled]
+    assert run.received["joint_trajectory"] == [a.joint_trajectory for a in answers]
+    assert run.received["predicted_chaser_path"] == [a.predicted_chaser_path for a in answers]
+
+
+def test_a_late_subscriber_still_gets_the_last_plan(run: Run) -> None:
+    assert run.received_late["joint_trajectory"] == [run.shuffled.joint_trajectory]
+    assert run.received_late["predicted_chaser_path"] == [run.shuffled.predicted_chaser_path]
+
+
+def test_the_streamed_poses_lie_on_the_predicted_path(run: Run) -> None:
+    path = run.from_topics.predicted_chaser_path.poses
+    times = [_ns(pose.header.stamp) - run.stamp_ns for pose in path]
+    positions = np.array([_position(pose) for pose in path])
+    for pose in run.received["predicted_chaser_pose"][:3]:
+        now = _ns(pose.header.stamp) - run.stamp_ns
+        assert times[0] <= now <= times[-1]
+        expected = [np.interp(now, times, column) for column in positions.T]
+        np.testing.assert_allclose(_position(pose), expected, atol=1e-9)
+        after = int(np.searchsorted(times, now))
+        span = (_rotation(path[after]) * _rotation(path[after - 1]).inv()).magnitude()
+        first = (_rotation(pose) * _rotation(path[after - 1]).inv()).magnitude()
+        share = (now - times[after - 1]) / (times[after] - times[after - 1])
+        assert first == pytest.approx(share * span, abs=1e-9)
+
+
+def test_the_same_request_gives_the_same_plan_under_another_id(run: Run) -> None:
+    assert run.again.joint_trajectory == run.from_topics.joint_trajectory
+    assert run.again.xi == run.from_topics.xi
+    assert run.again.plan_id != run.from_topics.plan_id
+
+
+def test_state_and_obstacles_of_the_request_go_before_the_topics(run: Run) -> None:
+    # The published obstacles contain the whole arm: only those of the request can be avoided.
+    assert run.overriding.status.code == Status.SOLVED
+    assert run.overriding.xi == run.from_topics.xi
+
+
+def test_a_start_state_without_stamp_is_as_if_measured_now(run: Run) -> None:
+    assert run.asked_ns <= _ns(run.overriding.joint_trajectory.header.stamp) <= run.answered_ns
+
+
+def test_joints_may_come_in_any_order(run: Run) -> None:
+    assert run.shuffled.joint_trajectory.joint_names == run.from_topics.joint_trajectory.joint_names
+    assert run.shuffled.joint_trajectory.points == run.from_topics.joint_trajectory.points
+
+
+def test_the_node_ends_with_exit_code_zero_on_sigint(run: Run) -> None:
+    assert run.exit_code == 0
+
+
+def test_the_bag_holds_every_topic(run: Run) -> None:
+    assert set(run.bag) == RECORDED_TOPICS
+    assert all(run.bag.values()), {topic: len(found) for topic, found in run.bag.items()}
+
+
+def test_the_bag_holds_every_answer_and_what_was_published(run: Run) -> None:
+    answers = [run.from_topics, run.again, run.overriding, run.shuffled]
+    recorded = [
+        event.response[0]
+        for event in run.bag[EVENT_TOPIC]
+        if event.info.event_type == RESPONSE_SENT and event.response[0].status.code == Status.SOLVED
+    ]
+    assert [answer.plan_id for answer in recorded] == [answer.plan_id for answer in answers]
+    for topic in ("joint_trajectory", "predicted_chaser_path"):
+        assert len(run.bag[f"/{topic}"]) == len(answers)
+    for recorded_answer, published, answer in zip(
+        recorded, run.bag["/joint_trajectory"], answers, strict=True
+    ):
+        expected = [list(point.positions) for point in answer.joint_trajectory.points]
+        assert [p.positions.tolist() for p in published.points] == expected
+        in_answer = recorded_answer.joint_trajectory.points
+        assert [p.positions.tolist() for p in in_answer] == expected
+
+
+def test_the_bag_explains_itself(run: Run) -> None:
+    assert b"<robot" in run.attachments["robot.urdf"]
+    assert b"state_max_age: 3600.0" in run.attachments["parameters.yaml"]
+
+
+def _with_joints_reversed(request: Any) -> Any:
+    state = request.start_state
+    state.joint_names = state.joint_names[::-1]
+    state.joint_positions = state.joint_positions[::-1]
+    state.joint_velocities = state.joint_velocities[::-1]
+    return request
+
+
+def _ns(stamp: Any) -> int:
+    return stamp.sec * 1_000_000_000 + stamp.nanosec
+
+
+def _position(pose: Any) -> list[float]:
+    return [pose.pose.position.x, pose.pose.position.y, pose.pose.position.z]
+
+
+def _rotation(pose: Any) -> Rotation:
+    q = pose.pose.orientation
+    return Rotation.from_quat([q.x, q.y, q.z, q.w])

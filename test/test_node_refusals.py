@@ -1,0 +1,352 @@
+"""Every request that cannot be planned, through the real service: code, cause, and no harm."""
+
+from __future__ import annotations
+
+import math
+import signal
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import pytest
+from ff_planner_msgs.msg import ObstacleSphereArray
+from ff_planner_msgs.srv import PlanTrajectory
+from ros_processes import (
+    EVENT_TOPIC,
+    REQUEST_RECEIVED,
+    RESPONSE_SENT,
+    Scene,
+    connected_client,
+    private_domain,
+    read_bag,
+    running_planner,
+)
+
+from ff_planner_ros.errors import Status
+from ff_planner_ros.planning.problem import PlanningProblem
+
+NAN = float("nan")
+
+
+@dataclass(frozen=True)
+class Case:
+    """A request that is complete and can be solved but for one fault."""
+
+    status: Status
+    words: tuple[str, ...]
+    spoil: Callable[[PlanTrajectory.Request], None]
+
+
+def _set(path: str, value: Any) -> Callable[[PlanTrajectory.Request], None]:
+    """Return what sets a field, given by its dotted path in the request."""
+    *owners, name = path.split(".")
+
+    def spoil(request: PlanTrajectory.Request) -> None:
+        owner = request
+        for step in owners:
+            owner = owner[int(step)] if step.isdigit() else getattr(owner, step)
+        if name.isdigit():
+            owner[int(name)] = value
+        else:
+            setattr(owner, name, value)
+
+    return spoil
+
+
+def _age(seconds: float) -> Callable[[PlanTrajectory.Request], None]:
+    """Return what makes the start state this much older, from a stamp of now."""
+
+    def spoil(request: PlanTrajectory.Request) -> None:
+        request.start_state.header.stamp.sec = round(time.time() - seconds)
+
+    return spoil
+
+
+CASES = {
+    "state of an hour ago": Case(
+        Status.STATE_TOO_OLD, ("start_state.header.stamp", "state_max_age"), _age(3600.0)
+    ),
+    "state of the next hour": Case(
+        Status.STATE_IN_FUTURE, ("start_state.header.stamp", "state_max_lead"), _age(-3600.0)
+    ),
+    "planning ahead": Case(
+        Status.UNSUPPORTED, ("start_time", "12000000000"), _set("start_time.sec", 12)
+    ),
+    "state in a foreign frame": Case(
+        Status.WRONG_FRAME,
+        ("start_state.header.frame_id", "'map'", "'inertial'"),
+        _set("start_state.header.frame_id", "map"),
+    ),
+    "obstacles in a foreign frame": Case(
+        Status.WRONG_FRAME,
+        ("obstacles.header.frame_id", "'map'"),
+        _set("obstacles.header.frame_id", "map"),
+    ),
+    "target in a foreign frame": Case(
+        Status.WRONG_FRAME,
+        ("target_pose.header.frame_id", "'base'"),
+        _set("target_pose.header.frame_id", "base"),
+    ),
+    "an unknown joint": Case(
+        Status.UNKNOWN_JOINT,
+        ("start_state.joint_names", "unknown: elbow", "missing: joint_4"),
+        _set("start_state.joint_names.3", "elbow"),
+    ),
+    "a joint twice": Case(
+        Status.UNKNOWN_JOINT,
+        ("start_state.joint_names", "more than once: joint_1"),
+        _set("start_state.joint_names.3", "joint_1"),
+    ),
+    "no joints": Case(
+        Status.UNKNOWN_JOINT,
+        ("start_state.joint_names", "missing: joint_1"),
+        _set("start_state.joint_names", []),
+    ),
+    "too few joint positions": Case(
+        Status.WRONG_SIZE, ("start_state.joint_positions",), _set("start_state.joint_positions", [])
+    ),
+    "too many joint velocities": Case(
+        Status.WRONG_SIZE,
+        ("start_state.joint_velocities", "7"),
+        _set("start_state.joint_velocities", [0.0] * 8),
+    ),
+    "a joint position that is not a number": Case(
+        Status.NOT_FINITE,
+        ("start_state.joint_positions", "nan"),
+        _set("start_state.joint_positions.2", NAN),
+    ),
+    "a chaser position that is not a number": Case(
+        Status.NOT_FINITE,
+        ("start_state.pose.position", "nan"),
+        _set("start_state.pose.position.x", NAN),
+    ),
+    "an infinite chaser velocity": Case(
+        Status.NOT_FINITE,
+        ("start_state.twist.linear", "inf"),
+        _set("start_state.twist.linear.z", math.inf),
+    ),
+    "a chaser attitude of length two": Case(
+        Status.BAD_QUATERNION,
+        ("start_state.pose.orientation", "norm", "2"),
+        _set("start_state.pose.orientation.w", 2.0),
+    ),
+    "a chaser attitude left out": Case(
+        Status.BAD_QUATERNION,
+        ("start_state.pose.orientation", "norm", "0"),
+        _set("start_state.pose.orientation.w", 0.0),
+    ),
+    "a target orientation of length two": Case(
+        Status.BAD_QUATERNION,
+        ("target_pose.pose.orientation", "norm"),
+        _set("target_pose.pose.orientation.w", 2.0),
+    ),
+    "a target position that is not a number": Case(
+        Status.NOT_FINITE,
+        ("target_pose.pose.position", "nan"),
+        _set("target_pose.pose.position.y", NAN),
+    ),
+    "a target twist that is not a number": Case(
+        Status.NOT_FINITE, ("target_twist.angular", "nan"), _set("target_twist.angular.x", NAN)
+    ),
+    "a radius of zero": Case(
+        Status.OUT_OF_RANGE,
+        ("obstacles.spheres[1].radius", "greater than 0"),
+        _set("obstacles.spheres.1.radius", 0.0),
+    ),
+    "a negative radius": Case(
+        Status.OUT_OF_RANGE,
+        ("obstacles.spheres[2].radius", "-0.1"),
+        _set("obstacles.spheres.2.radius", -0.1),
+    ),
+    "a centre that is not a number": Case(
+        Status.NOT_FINITE,
+        ("obstacles.spheres[0].center", "nan"),
+        _set("obstacles.spheres.0.center.x", NAN),
+    ),
+    "a moving obstacle": Case(
+        Status.UNSUPPORTED,
+        ("obstacles.spheres[0].twist", "must be zero"),
+        _set("obstacles.spheres.0.twist.linear.x", 0.01),
+    ),
+    "an obstacle's twist that is not a number": Case(
+        Status.NOT_FINITE,
+        ("obstacles.spheres[0].twist", "nan"),
+        _set("obstacles.spheres.0.twist.angular.z", NAN),
+    ),
+    "no duration": Case(Status.OUT_OF_RANGE, ("duration", "greater than 0"), _set("duration", 0.0)),
+    "a negative duration": Case(Status.OUT_OF_RANGE, ("duration", "-10"), _set("duration", -10.0)),
+    "a duration that is not a number": Case(
+        Status.NOT_FINITE, ("duration", "nan"), _set("duration", NAN)
+    ),
+    "a duration in nanoseconds": Case(
+        Status.OUT_OF_RANGE, ("duration", "2038"), _set("duration", 10e9)
+    ),
+    "three points": Case(Status.OUT_OF_RANGE, ("points is 3",), _set("points", 3)),
+    "a million points": Case(Status.OUT_OF_RANGE, ("points",), _set("points", 1_000_000)),
+    "nothing to minimise": Case(
+        Status.OUT_OF_RANGE,
+        ("weight_joint_path_length and weight_chaser_attitude", "zero"),
+        _set("weight_joint_path_length", 0.0),
+    ),
+    "a negative weight": Case(
+        Status.OUT_OF_RANGE,
+        ("weight_chaser_attitude", "-1"),
+        _set("weight_chaser_attitude", -1.0),
+    ),
+    "an arm inside an obstacle": Case(
+        Status.START_IN_COLLISION, ("obstacles[c1]",), _set("obstacles.spheres.0.radius", 2.0)
+    ),
+    "a joint outside its limits": Case(
+        Status.START_OUTSIDE_LIMITS, ("joint_2",), _set("start_state.joint_positions.1", 4.0)
+    ),
+    "a goal ten metres away": Case(
+        Status.GOAL_OUT_OF_REACH, ("target",), _set("target_pose.pose.position.x", 10.0)
+    ),
+}
+
+
+@dataclass
+class Run:
+    """What was heard from one planner process, from its start to its end."""
+
+    refusals: dict[str, Any] = field(default_factory=dict)
+    solved: Any = None
+    received: dict[str, list[Any]] = field(default_factory=dict)
+    exit_code: int = -1
+    bag: dict[str, list[Any]] = field(default_factory=dict)
+
+
+@pytest.fixture(scope="module")
+def run(lemur_capture: PlanningProblem, tmp_path_factory: pytest.TempPathFactory) -> Run:
+    """Ask every question that is refused, then one that is not, then end the node."""
+    scene, directory, run = Scene(lemur_capture), tmp_path_factory.mktemp("refusals"), Run()
+    with private_domain(), running_planner(directory, "-p", "state_max_age:=60.0") as planner:
+        with connected_client() as client:
+            client.wait_for_planner()
+            run.refusals["no state"] = client.plan(scene.request())
+            own_state = scene.complete_request()
+            own_state.use_obstacles = False
+            run.refusals["no obstacles"] = client.plan(own_state)
+            for name, case in CASES.items():
+                request = scene.complete_request()
+                case.spoil(request)
+                run.refusals[name] = client.plan(request)
+
+            client.publish_obstacles(ObstacleSphereArray(header=scene.obstacles().header))
+            old = scene.state(client.now_ns() - 1_000_000_000_000)
+            client.publish_and_wait(old)
+            run.refusals["published state too old"] = client.plan(scene.request())
+            early = scene.state(client.now_ns() + 1_000_000_000_000)
+            client.publish_and_wait(early)
+            run.refusals["published state in the future"] = client.plan(scene.request())
+            spoilt = scene.state(client.now_ns())
+            spoilt.pose.position.x = NAN
+            client.publish_and_wait(spoilt)
+            run.refusals["published state not finite"] = client.plan(scene.request())
+            foreign = scene.state(client.now_ns())
+            foreign.header.frame_id = "map"
+            client.publish_and_wait(foreign)
+            run.refusals["published state in a foreign frame"] = client.plan(scene.request())
+
+            client.publish_and_wait(scene.state(client.now_ns()))
+            run.solved = client.plan(scene.request())
+            client.wait_until(lambda: client.received["joint_trajectory"], "a trajectory")
+        run.received = client.received
+        run.exit_code = planner.stop(signal.SIGTERM)
+        run.bag = read_bag(planner.bag)
+    return run
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_a_request_is_refused_with_its_cause(run: Run, name: str) -> None:
+    case, status = CASES[name], run.refusals[name].status
+    assert status.code == case.status, status.message
+    for word in case.words:
+        assert word in status.message
+
+
+@pytest.mark.parametrize(
+    ("name", "status", "words"),
+    [
+        ("no state", Status.NO_STATE, ("chaser_state", "start_state")),
+        ("no obstacles", Status.NO_OBSTACLES, ("obstacles", "publish an empty array")),
+        (
+            "published state too old",
+            Status.STATE_TOO_OLD,
+            ("chaser_state.header.stamp is 1000.", "at most 60 s", "state_max_age"),
+        ),
+        (
+            "published state in the future",
+            Status.STATE_IN_FUTURE,
+            ("chaser_state.header.stamp", "ahead of now", "at most 0.05 s"),
+        ),
+        ("published state not finite", Status.NOT_FINITE, ("chaser_state.pose.position", "nan")),
+        (
+            "published state in a foreign frame",
+            Status.WRONG_FRAME,
+            ("chaser_state.header.frame_id", "'map'"),
+        ),
+    ],
+)
+def test_what_is_or_is_not_published_is_refused_with_its_cause(
+    run: Run, name: str, status: Status, words: tuple[str, ...]
+) -> None:
+    answer = run.refusals[name].status
+    assert answer.code == status, answer.message
+    for word in words:
+        assert word in answer.message
+
+
+def test_a_refusal_is_empty_but_for_status_and_id(run: Run) -> None:
+    for name, answer in run.refusals.items():
+        empty = PlanTrajectory.Response(status=answer.status, plan_id=answer.plan_id)
+        assert answer == empty, name
+        assert answer.plan_id, name
+
+
+def test_every_request_has_an_id_of_its_own(run: Run) -> None:
+    ids = [answer.plan_id for answer in (*run.refusals.values(), run.solved)]
+    assert len(set(ids)) == len(ids)
+
+
+def test_the_node_lives_on_and_answers_a_good_request(run: Run) -> None:
+    assert Status(run.solved.status.code) is Status.SOLVED
+
+
+def test_nothing_is_published_for_a_refusal(run: Run) -> None:
+    # The first and only plan that anybody heard of is the one of the good request.
+    for topic in ("joint_trajectory", "predicted_chaser_path"):
+        assert len(run.bag[f"/{topic}"]) == 1
+    assert run.received["joint_trajectory"] == [run.solved.joint_trajectory]
+    start = run.solved.joint_trajectory.header.stamp
+    for pose in run.bag["/predicted_chaser_pose"]:
+        assert (pose.header.stamp.sec, pose.header.stamp.nanosec) >= (start.sec, start.nanosec)
+
+
+def test_every_refusal_is_in_the_bag_with_its_request(run: Run) -> None:
+    events = run.bag[EVENT_TOPIC]
+    asked = {
+        (bytes(event.info.client_gid), event.info.sequence_number): event.request[0]
+        for event in events
+        if event.info.event_type == REQUEST_RECEIVED
+    }
+    answered = {
+        event.response[0].plan_id: event
+        for event in events
+        if event.info.event_type == RESPONSE_SENT
+    }
+    for name, answer in run.refusals.items():
+        event = answered[answer.plan_id]
+        recorded = event.response[0].status
+        assert (recorded.code, recorded.message) == (answer.status.code, answer.status.message), (
+            name
+        )
+        assert (bytes(event.info.client_gid), event.info.sequence_number) in asked, name
+    moving = answered[run.refusals["a moving obstacle"].plan_id].info
+    request = asked[bytes(moving.client_gid), moving.sequence_number]
+    assert request.obstacles.spheres[0].twist.linear.x == 0.01
+
+
+def test_the_node_ends_with_exit_code_zero_on_sigterm(run: Run) -> None:
+    assert run.exit_code == 0

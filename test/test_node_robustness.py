@@ -1,0 +1,176 @@
+"""What happens around a planner process while it plans, and when something in it breaks."""
+
+from __future__ import annotations
+
+import os
+import resource
+import select
+import signal
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from ff_planner_msgs.srv import PlanTrajectory
+from mcap.exceptions import McapError
+from mcap.records import Channel, Message
+from mcap.stream_reader import StreamReader
+from ros_processes import (
+    DEADLINE,
+    EVENT_TOPIC,
+    REQUEST_RECEIVED,
+    RESPONSE_SENT,
+    Client,
+    PlannerProcess,
+    Scene,
+    connected_client,
+    private_domain,
+    read_bag,
+    running_planner,
+)
+
+from ff_planner_ros.errors import Status
+from ff_planner_ros.planning.problem import PlanningProblem
+
+ARGUMENTS = ("-p", "state_max_age:=3600.0", "-p", "bag.flush_interval:=0.05")
+
+
+def test_while_a_plan_is_made_every_state_is_taken_and_recorded(
+    lemur_capture: PlanningProblem, tmp_path: Path
+) -> None:
+    scene = Scene(lemur_capture)
+    with private_domain(), running_planner(tmp_path, *ARGUMENTS) as planner:
+        with connected_client() as client:
+            first = _ready(client, scene)
+            assert client.plan(scene.request()).status.code == Status.SOLVED
+            answer = _ask_frozen(client, planner, scene.request())
+            published = []
+            give_up = time.monotonic() + DEADLINE
+            while len(_states_on_disk(planner.bag)) < 20:
+                assert time.monotonic() < give_up, "the recorder waits for the planner"
+                published.append(scene.state(client.now_ns()))
+                client.publish_states_at(50.0, published[-1:])
+            heard = len(client.received["predicted_chaser_pose"])
+            client.wait_until(
+                lambda: len(client.received["predicted_chaser_pose"]) >= heard + 3,
+                "the stream of poses of the plan before",
+            )
+            os.kill(planner.worker, signal.SIGCONT)
+            response = answer()
+            assert response.status.code == Status.SOLVED
+            assert response.joint_trajectory.header.stamp == first
+            # The refusal is about the target: the time is that of the state the planner has.
+            last = PlanTrajectory.Request(start_time=published[-1].header.stamp)
+            assert client.plan(last).status.code == Status.WRONG_FRAME
+        assert planner.stop() == 0
+    recorded = [
+        (message.header.stamp.sec, message.header.stamp.nanosec)
+        for message in read_bag(planner.bag)["/chaser_state"]
+    ]
+    expected = [(m.header.stamp.sec, m.header.stamp.nanosec) for m in published]
+    assert recorded[-len(expected) :] == expected
+
+
+def test_a_solver_that_dies_is_replaced_and_the_request_told(
+    lemur_capture: PlanningProblem, tmp_path: Path
+) -> None:
+    scene = Scene(lemur_capture)
+    with private_domain(), running_planner(tmp_path, *ARGUMENTS) as planner:
+        with connected_client() as client:
+            _ready(client, scene)
+            answer = _ask_frozen(client, planner, scene.request())
+            worker = planner.worker
+            os.kill(worker, signal.SIGKILL)
+            response = answer()
+            assert response.status.code == Status.INTERNAL_ERROR
+            assert "exit code -9" in response.status.message
+            assert client.plan(scene.request()).status.code == Status.SOLVED
+            assert planner.worker != worker
+            assert len(client.received["joint_trajectory"]) <= 1
+        assert planner.stop() == 0
+
+
+def test_a_node_that_is_stopped_while_planning_answers_and_completes_its_bag(
+    lemur_capture: PlanningProblem, tmp_path: Path
+) -> None:
+    scene = Scene(lemur_capture)
+    with (
+        private_domain(),
+        running_planner(tmp_path, *ARGUMENTS) as planner,
+        connected_client() as client,
+    ):
+        _ready(client, scene)
+        answer = _ask_frozen(client, planner, scene.request())
+        assert planner.stop(signal.SIGTERM) == 0
+        assert answer().status.code == Status.INTERNAL_ERROR
+    last = read_bag(planner.bag)[EVENT_TOPIC][-1]
+    assert last.info.event_type == RESPONSE_SENT
+    assert last.response[0].status.code == Status.INTERNAL_ERROR
+    assert "shut down" in last.response[0].status.message
+
+
+def test_a_node_that_is_killed_takes_its_solver_along(tmp_path: Path) -> None:
+    with private_domain(), running_planner(tmp_path) as planner, connected_client() as client:
+        client.wait_for_planner()
+        worker = os.pidfd_open(planner.worker)
+        planner.process.kill()
+        ended, _, _ = select.select([worker], [], [], DEADLINE)
+        os.close(worker)
+        assert ended
+
+
+def test_a_bag_that_cannot_grow_is_told_once_and_planning_goes_on(
+    lemur_capture: PlanningProblem, tmp_path: Path
+) -> None:
+    scene = Scene(lemur_capture)
+    with private_domain(), running_planner(tmp_path, *ARGUMENTS) as planner:
+        with connected_client() as client:
+            _ready(client, scene)
+            (file,) = planner.bag.glob("*.mcap")
+            full = file.stat().st_size
+            resource.prlimit(planner.process.pid, resource.RLIMIT_FSIZE, (full, full))
+            for _ in range(2):
+                assert client.plan(scene.request()).status.code == Status.SOLVED
+        assert planner.stop() == 0
+        assert planner.log.count("recording has stopped, planning goes on") == 1
+
+
+def _ready(client: Client, scene: Scene) -> Any:
+    """Publish state and obstacles, wait until they are there, and return the state's stamp."""
+    client.publish_obstacles(scene.obstacles())
+    client.wait_for_planner()
+    state = scene.state(client.now_ns())
+    client.publish_and_wait(state)
+    return state.header.stamp
+
+
+def _ask_frozen(
+    client: Client, planner: PlannerProcess, request: PlanTrajectory.Request
+) -> Callable[[], PlanTrajectory.Response]:
+    """Freeze the solver, ask, and return the answer's promise once the planner has the request."""
+    heard = client.received["plan_trajectory/_service_event"]
+    client.plan_until(PlanTrajectory.Request(), lambda _: bool(heard))
+    os.kill(planner.worker, signal.SIGSTOP)
+    answer = client.send(request)
+    client.wait_until(
+        lambda: heard[-1].info.event_type == REQUEST_RECEIVED and heard[-1].request[0] == request,
+        "the request's arrival",
+    )
+    return answer
+
+
+def _states_on_disk(bag: Path) -> list[Message]:
+    """Return the chaser states that a crash of this moment would leave behind."""
+    (file,) = bag.glob("*.mcap")
+    channels: dict[int, str] = {}
+    found: list[Message] = []
+    with file.open("rb") as stream:
+        try:
+            for record in StreamReader(stream).records:
+                if isinstance(record, Channel):
+                    channels[record.id] = record.topic
+                elif isinstance(record, Message) and channels[record.channel_id] == "/chaser_state":
+                    found.append(record)
+        except McapError:  # the end of what was flushed
+            pass
+    return found

@@ -1,0 +1,128 @@
+"""The parameters of the node, declared on a real one."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+import rclpy
+import yaml
+from rcl_interfaces.msg import ParameterType
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from ros_processes import private_domain
+
+from ff_planner_ros.errors import InvalidInput
+from ff_planner_ros.ros.parameters import declare_parameters
+from ff_planner_ros.share import share_directory
+
+BUILT_IN = {"use_sim_time", "start_type_description_service"}
+
+
+pytestmark = pytest.mark.usefixtures("ros")
+
+
+@pytest.fixture
+def ros() -> Iterator[None]:
+    with private_domain():
+        rclpy.init(args=[])
+        yield
+        rclpy.shutdown()
+
+
+def _node(**overrides: Any) -> Node:
+    return Node(
+        "test",
+        parameter_overrides=[
+            Parameter(name.replace("__", "."), value=value) for name, value in overrides.items()
+        ],
+    )
+
+
+def _flat(block: dict[str, Any], prefix: str = "") -> dict[str, Any]:
+    flat: dict[str, Any] = {}
+    for name, value in block.items():
+        if isinstance(value, dict):
+            flat.update(_flat(value, f"{prefix}{name}."))
+        else:
+            flat[prefix + name] = value
+    return flat
+
+
+def test_a_bare_node_has_the_values_of_the_file() -> None:
+    text = (share_directory() / "config" / "planner.yaml").read_text()
+    expected = _flat(yaml.safe_load(text)["/**"]["ros__parameters"])
+    node = _node()
+    declare_parameters(node)
+    declared = {name: item.value for name, item in node.get_parameters_by_prefix("").items()}
+    assert {k: v for k, v in declared.items() if k not in BUILT_IN} == expected
+
+
+def test_every_parameter_says_what_it_is_and_what_it_may_be() -> None:
+    node = _node()
+    declare_parameters(node)
+    for name in set(node.get_parameters_by_prefix("")) - BUILT_IN:
+        descriptor = node.describe_parameter(name)
+        assert descriptor.description, name
+        assert descriptor.read_only, name
+        if descriptor.type == ParameterType.PARAMETER_DOUBLE:
+            assert descriptor.floating_point_range, name
+        if descriptor.type == ParameterType.PARAMETER_INTEGER:
+            assert descriptor.integer_range, name
+    assert "[s]" in node.describe_parameter("state_max_age").description
+    assert "[m]" in node.describe_parameter("planner.clearance_margin").description
+
+
+def test_overrides_go_before_the_file() -> None:
+    parameters = declare_parameters(
+        _node(points=12, robot__tip_link="tool", planner__penalty_gain=3.5)
+    )
+    assert parameters.points == 12
+    assert parameters.robot.tip_link == "tool"
+    assert parameters.planner.penalty_gain == 3.5
+
+
+@pytest.mark.parametrize(
+    ("overrides", "words"),
+    [
+        ({"point": 12}, ("point is an unknown parameter", "points")),
+        ({"planner__gain": 1.0}, ("planner.gain is an unknown parameter", "planner.penalty_gain")),
+        ({"points": 4}, ("points is 4", "at least 5", "at most 10000")),
+        ({"points": 12.5}, ("points is 12.5", "a whole number")),
+        ({"state_max_age": 1}, ("state_max_age is 1", "decimal point")),
+        ({"state_max_age": -0.1}, ("state_max_age is -0.1", "at least 0", "[s]")),
+        ({"state_max_age": float("nan")}, ("state_max_age is nan",)),
+        ({"bag__flush_interval": 0.0}, ("bag.flush_interval is 0.0", "at least 0.01")),
+        ({"inertial_frame": 3}, ("inertial_frame is 3", "text")),
+        ({"planner__max_iterations": 0}, ("planner.max_iterations is 0", "at least 1")),
+        ({"planner__penalty_gain": float("inf")}, ("planner.penalty_gain is",)),
+    ],
+)
+def test_an_override_that_makes_no_sense_is_refused_by_name(
+    overrides: dict[str, Any], words: tuple[str, ...]
+) -> None:
+    with pytest.raises(InvalidInput) as refusal:
+        declare_parameters(_node(**overrides))
+    for word in words:
+        assert word in str(refusal.value)
+
+
+def test_overrides_of_ros_itself_are_left_alone() -> None:
+    node = Node(
+        "test",
+        parameter_overrides=[
+            Parameter("use_sim_time", value=True),
+            Parameter("qos_overrides./chaser_state.subscription.depth", value=3),
+        ],
+    )
+    assert declare_parameters(node).points == 50
+
+
+def test_a_change_at_run_time_is_refused_with_a_reason() -> None:
+    node = _node()
+    declare_parameters(node)
+    (result,) = node.set_parameters([Parameter("state_max_age", value=2.0)])
+    assert not result.successful
+    assert "read-only" in result.reason
+    assert node.get_parameter("state_max_age").value == 0.5

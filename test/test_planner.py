@@ -1,0 +1,230 @@
+"""The paper's capture, planned: reference values, determinism, refusals."""
+
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from ff_planner_ros.errors import InvalidInput, NoPlanFound, Status
+from ff_planner_ros.planning.planner import plan
+from ff_planner_ros.planning.problem import Objective, Sphere
+from ff_planner_ros.planning.scenario import load_scenario
+from ff_planner_ros.planning.settings import load_settings
+from ff_planner_ros.robot.state import SystemState
+from ff_planner_ros.share import share_directory
+
+CONFIG = share_directory() / "config"
+LENGTH, ATTITUDE = Objective(1.0, 0.0), Objective(0.0, 1.0)
+
+
+@pytest.fixture(scope="module")
+def settings():
+    return load_settings(CONFIG / "planner.yaml")
+
+
+@pytest.fixture(scope="module")
+def capture():
+    return load_scenario(CONFIG / "scenarios" / "lemur_capture.yaml")
+
+
+@pytest.fixture(scope="module")
+def shortest(capture, settings):
+    return plan(replace(capture, objective=LENGTH), settings)
+
+
+def turned(problem, rotation, shift):
+    """The same physics, seen from another inertial frame."""
+    start, target = problem.start, problem.target
+
+    def orientation(quaternion_xyzw):
+        return pin.Quaternion(
+            rotation @ pin.Quaternion(quaternion_xyzw).toRotationMatrix()
+        ).coeffs()
+
+    return replace(
+        problem,
+        start=replace(
+            start,
+            position_chaser_in_inertial=rotation @ start.position_chaser_in_inertial + shift,
+            quaternion_chaser_to_inertial_xyzw=orientation(
+                start.quaternion_chaser_to_inertial_xyzw
+            ),
+            linear_velocity_chaser_in_inertial=rotation @ start.linear_velocity_chaser_in_inertial,
+            angular_velocity_chaser_in_inertial=rotation
+            @ start.angular_velocity_chaser_in_inertial,
+        ),
+        target=replace(
+            target,
+            position=rotation @ target.position + shift,
+            quaternion_xyzw=orientation(target.quaternion_xyzw),
+        ),
+        obstacles=tuple(
+            replace(sphere, center=rotation @ sphere.center + shift) for sphere in problem.obstacles
+        ),
+    )
+
+
+def test_the_shortest_plan_beats_the_reference_and_touches_nothing(shortest):
+    """The reference is the best that an independent implementation found, with its slack."""
+    metrics = shortest.metrics
+    assert metrics.joint_path_length <= 1.115
+    assert metrics.min_clearance >= 0.0
+    assert metrics.penalty == 0.0
+    assert metrics.min_joint_margin > 0.0
+    assert shortest.solver.stop_reason.startswith("converged")
+    assert shortest.solver.starts == 1
+
+
+def test_the_plan_with_least_attitude_beats_the_reference_and_touches_nothing(capture, settings):
+    metrics = plan(replace(capture, objective=ATTITUDE), settings).metrics
+    assert np.rad2deg(metrics.max_chaser_euler) <= 6.0
+    assert metrics.min_clearance >= 0.0
+    assert metrics.penalty == 0.0
+
+
+def test_a_weighted_plan_turns_the_chaser_less_than_the_shortest(capture, settings, shortest):
+    weighted = plan(replace(capture, objective=Objective(0.2, 0.8)), settings).metrics
+    assert weighted.max_chaser_euler < shortest.metrics.max_chaser_euler
+    assert weighted.joint_path_length > shortest.metrics.joint_path_length
+
+
+def test_the_same_problem_gives_the_same_plan_to_the_last_bit(capture, settings, shortest):
+    again = plan(replace(capture, objective=LENGTH), settings)
+    assert (
+        again.trajectory.joint_positions.tobytes() == shortest.trajectory.joint_positions.tobytes()
+    )
+    assert again.xi.tobytes() == shortest.xi.tobytes()
+    assert again.metrics == shortest.metrics
+
+
+def test_the_plan_starts_at_the_start_and_ends_at_the_target(capture, shortest):
+    motion, target = shortest.trajectory, capture.target
+    assert motion.time[[0, -1]].tolist() == [0.0, 10.0]
+    assert motion.joint_positions[0] == pytest.approx(capture.start.joint_positions, abs=1e-12)
+    assert motion.joint_velocities[0] == pytest.approx(capture.start.joint_velocities, abs=1e-12)
+    assert motion.ee_positions[-1] == pytest.approx(target.position, abs=1e-5)
+    assert abs(motion.ee_quaternions_xyzw[-1] @ target.quaternion_xyzw) == pytest.approx(1.0)
+    assert motion.ee_linear_velocities[-1] == pytest.approx(np.zeros(3), abs=1e-12)
+
+
+def test_a_tangent_capture_ends_with_the_wanted_twist(capture, settings):
+    target = replace(
+        capture.target,
+        linear_velocity=np.array([0.02, 0.0, 0.03]),
+        angular_velocity=np.array([0.0, 0.02, -0.01]),
+    )
+    motion = plan(replace(capture, objective=LENGTH, target=target), settings).trajectory
+    assert motion.ee_linear_velocities[-1] == pytest.approx(target.linear_velocity, abs=1e-10)
+    assert motion.ee_angular_velocities[-1] == pytest.approx(target.angular_velocity, abs=1e-10)
+
+
+def test_a_free_scene_is_planned_and_has_no_clearance_to_speak_of(capture, settings):
+    metrics = plan(replace(capture, objective=LENGTH, obstacles=()), settings).metrics
+    assert metrics.min_clearance == np.inf
+    assert metrics.penalty == 0.0
+    assert metrics.joint_path_length < 1.107  # nothing in the way: shorter than the capture
+
+
+def test_a_turned_inertial_frame_is_planned_too(capture, settings):
+    """Pitch 90 deg at the goal, where the paper's Euler angles do not exist."""
+    goal = pin.Quaternion(capture.target.quaternion_xyzw).toRotationMatrix()
+    rotation = pin.utils.rotate("y", np.pi / 2) @ goal.T
+    problem = turned(replace(capture, objective=LENGTH), rotation, np.array([10.0, -5.0, 2.0]))
+    answer = plan(problem, settings)
+    assert answer.orientation_reading == "along_turn"
+    assert answer.metrics.min_clearance >= 0.0
+    assert answer.metrics.joint_path_length <= 1.2
+
+
+def test_a_start_inside_an_obstacle_is_refused_by_obstacle_and_link(capture, settings):
+    blocked = Sphere("debris", np.array([0.25, 0.1, 0.6]), 0.2)
+    with pytest.raises(InvalidInput, match=r"obstacles\[debris\].*joint_1") as refusal:
+        plan(replace(capture, obstacles=(blocked,)), settings)
+    assert refusal.value.status is Status.START_IN_COLLISION
+
+
+def test_a_start_outside_the_joint_limits_is_refused_by_joint(capture, settings):
+    joints = capture.start.joint_positions.copy()
+    joints[4] = 3.5
+    with pytest.raises(InvalidInput, match=r"joint_5.*3\.5") as refusal:
+        plan(replace(capture, start=replace(capture.start, joint_positions=joints)), settings)
+    assert refusal.value.status is Status.START_OUTSIDE_LIMITS
+
+
+def test_a_stretched_arm_cannot_start(capture, settings):
+    """Elbow at 90 deg: upper arm and forearm in line, nothing moves the wrist along them."""
+    joints = np.array([0.3, 0.0, 0.0, np.pi / 2, 0.5, 0.0, 0.1])
+    start = replace(capture.start, joint_positions=joints)
+    with pytest.raises(InvalidInput, match="every direction") as refusal:
+        plan(replace(capture, start=start, obstacles=()), settings)
+    assert refusal.value.status is Status.START_SINGULAR
+
+
+def test_rounding_beyond_a_joint_limit_is_not_refused(capture, settings):
+    """A joint that the sensor reads 1e-8 rad beyond its limit stands at its limit."""
+    upper = capture.robot.upper_position_limits.copy()
+    upper[0] = capture.start.joint_positions[0] - 1e-8
+    robot = replace(capture.robot, upper_position_limits=upper)
+    answer = plan(replace(capture, robot=robot, objective=LENGTH), settings)
+    assert answer.metrics.min_joint_margin >= -1e-6
+
+
+def test_a_goal_that_no_posture_reaches_is_refused_with_the_reach(capture, settings):
+    far = replace(capture.target, position=np.array([9.0, 0.4, 0.6]))
+    with pytest.raises(NoPlanFound, match=r"target\.position.*reaches at most") as refusal:
+        plan(replace(capture, target=far), settings)
+    assert refusal.value.status is Status.GOAL_OUT_OF_REACH
+
+
+def test_the_drift_counts_for_the_reach(capture, settings):
+    """What is out of reach now comes into reach when the system drifts there."""
+    position = capture.start.position_chaser_in_inertial
+    start = replace(capture.start, linear_velocity_chaser_in_inertial=np.array([0.5, 0.0, 0.05]))
+    ahead = replace(capture.target, position=position + np.array([6.0, 0.4, 1.1]))
+    with pytest.raises(NoPlanFound) as refusal:
+        plan(replace(capture, target=ahead, obstacles=()), settings)
+    assert refusal.value.status is Status.GOAL_OUT_OF_REACH
+    drifting = replace(capture, start=start, target=ahead, obstacles=(), objective=LENGTH)
+    with_velocity_of_drift = replace(settings, start_velocity_tolerance=10.0)
+    assert plan(drifting, with_velocity_of_drift).metrics.final_position_error < 1e-3
+
+
+def test_a_goal_inside_an_obstacle_is_refused_by_obstacle(capture, settings):
+    around_goal = Sphere("clamp", capture.target.position + np.array([0.0, 0.0, 0.05]), 0.1)
+    with pytest.raises(NoPlanFound, match="inside obstacle clamp") as refusal:
+        plan(replace(capture, obstacles=(around_goal,)), settings)
+    assert refusal.value.status is Status.COLLISION
+
+
+def test_a_goal_behind_a_wall_is_refused_with_the_collision_and_the_attempt(capture, settings):
+    wall = tuple(
+        Sphere(f"wall_{y}_{z}", np.array([1.25, y, z]), 0.3)
+        for y in np.arange(-2.0, 3.0, 0.4)
+        for z in np.arange(-2.0, 3.0, 0.4)
+        if np.linalg.norm([1.25 - 0.8, y - 0.4, z - 0.6]) > 0.31
+    )
+    with pytest.raises(NoPlanFound, match=r"obstacle wall_.*m inside it at t = ") as refusal:
+        plan(
+            replace(capture, obstacles=wall, objective=LENGTH),
+            replace(settings, starts=2, max_iterations=20),
+        )
+    assert refusal.value.status is Status.COLLISION
+    assert refusal.value.attempt is not None
+    assert refusal.value.attempt.metrics.penalty > 0.0
+
+
+def test_a_goal_at_the_edge_of_the_workspace_is_refused_as_singular(capture, settings):
+    edge = replace(capture.target, position=np.array([3.35, 0.4, 0.6]))
+    with pytest.raises(NoPlanFound, match=r"singularity at t = \d") as refusal:
+        plan(replace(capture, target=edge, obstacles=()), replace(settings, starts=2))
+    assert refusal.value.status is Status.SINGULAR
+
+
+def test_null_space_motion_at_the_start_is_refused(capture, settings):
+    """Joint rates that leave the end effector at rest, but are not those of Eq. (31)."""
+    rates = capture.start.joint_velocities
+    start: SystemState = replace(capture.start, joint_velocities=rates + 0.2)
+    with pytest.raises(NoPlanFound, match="start_velocity_jump") as refusal:
+        plan(replace(capture, start=start, objective=LENGTH), settings)
+    assert refusal.value.status is Status.CHECK_FAILED

@@ -1,0 +1,202 @@
+"""The optimisation problem: every derivative against differences, every row against the motion."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from robots import LEMUR_URDF, random_state, random_urdf
+
+from ff_planner_ros.arrays import Array
+from ff_planner_ros.planning.clearance import arm_points
+from ff_planner_ros.planning.polynomial import EndEffectorMotion, end_effector_polynomial
+from ff_planner_ros.planning.problem import Objective, Sphere
+from ff_planner_ros.planning.program import PathProgram
+from ff_planner_ros.planning.rollout import RolloutModel
+from ff_planner_ros.robot.configuration import configuration
+from ff_planner_ros.robot.model import robot_from_urdf_text
+from ff_planner_ros.robot.momentum import total_momentum
+from ff_planner_ros.robot.rotation import euler_from_rotation
+
+POINTS, DURATION, MARGIN = 9, 5.0, 0.01
+# A state of each robot from which this motion stays away from singularities.
+CASES = {
+    "lemur": (LEMUR_URDF.read_text(), "chaser", "end_effector", 2),
+    "six joints": (random_urdf(6, seed=6), "bus", "tool", 8),
+    "nine joints": (random_urdf(9, seed=9), "bus", "tool", 7),
+}
+
+
+class Case(NamedTuple):
+    """A program with spheres near its arm, one of them far away, and a place to look at it."""
+
+    program: PathProgram
+    x: Array
+
+
+@pytest.fixture(params=list(CASES))
+def case(request: pytest.FixtureRequest) -> Case:
+    *urdf, seed = CASES[request.param]
+    robot = robot_from_urdf_text(*urdf)
+    rng = np.random.default_rng(seed)
+    q, v = configuration(robot, random_state(robot, rng))
+    data = robot.model.createData()
+    pin.forwardKinematics(robot.model, data, q, v)
+    placement = pin.updateFramePlacement(robot.model, data, robot.tip_frame_id)
+    twist = pin.getFrameVelocity(robot.model, data, robot.tip_frame_id, pin.LOCAL_WORLD_ALIGNED)
+    ends = (
+        EndEffectorMotion(placement.translation, placement.rotation, twist.vector, np.zeros(6)),
+        EndEffectorMotion(
+            placement.translation + rng.normal(scale=0.15, size=3),
+            placement.rotation @ pin.exp3(rng.normal(scale=0.3, size=3)),
+            rng.normal(scale=0.05, size=6),
+            np.zeros(6),
+        ),
+    )
+    arm = arm_points(robot, q[None])[0]
+    spheres = [
+        Sphere(f"near joint {k}", arm[k] + rng.normal(scale=0.2, size=3), 0.1) for k in (0, 3, -1)
+    ]
+    program = PathProgram(
+        robot=robot,
+        rollouts=RolloutModel(
+            robot,
+            q,
+            total_momentum(robot, data, q, v),
+            end_effector_polynomial(*ends, DURATION),
+            POINTS,
+        ),
+        step=DURATION / (POINTS - 1),
+        spheres=(*spheres, Sphere("far", arm[0] + 100.0, 0.1)),
+        objective=Objective(joint_path_length=0.7, chaser_attitude=1.3),
+        clearance_margin=MARGIN,
+    )
+    return Case(program, rng.normal(scale=0.05, size=18))
+
+
+def test_every_derivative_is_that_of_differences(case: Case) -> None:
+    at_x, step = case.program.linearise(case.x), 1e-6
+    for name, found in (
+        ("value", at_x.gradient[None]),
+        ("peaks", at_x.peaks_jacobian),
+        ("constraints", at_x.constraints_jacobian),
+    ):
+        expected = np.empty_like(found)
+        for k, aside in enumerate(step * np.eye(18)):
+            ahead, behind = (
+                np.atleast_1d(getattr(case.program.linearise(case.x + sign * aside), name))
+                for sign in (1, -1)
+            )
+            # The rows are the same ones: none has come or gone.
+            assert ahead.shape == behind.shape == (len(found),), name
+            expected[:, k] = (ahead - behind) / (2 * step)
+        errors = np.abs(found - expected).max(axis=1)
+        worst = errors.argmax()
+        assert errors[worst] < 1e-6 * np.abs(expected).max(), (
+            f"{name}, row {worst}: {found[worst]} is not {expected[worst]}"
+        )
+
+
+def test_the_value_is_the_weighted_joint_path_and_the_peaks_both_signs_of_each_angle(
+    case: Case,
+) -> None:
+    at_x = case.program.linearise(case.x)
+    rollout = case.program.rollouts.roll_out(case.x.reshape(6, 3))
+    path = sum(np.sqrt(rates @ rates) * DURATION / 8 for rates in rollout.v[:-1, 6:])
+    assert at_x.value == pytest.approx(0.7 * path, rel=1e-12)
+    robot = case.program.robot
+    angles = [
+        angle
+        for q in rollout.q
+        for angle in euler_from_rotation(
+            pin.Quaternion(q[3:7]).toRotationMatrix() @ robot.rotation_chaser_to_base
+        )
+    ]
+    expected = 1.3 * np.array(angles + [-angle for angle in angles])
+    assert at_x.peaks.shape == (2 * 3 * POINTS,)
+    np.testing.assert_allclose(np.sort(at_x.peaks), np.sort(expected), rtol=0.0, atol=1e-12)
+    assert at_x.objective == pytest.approx(0.7 * path + 1.3 * np.abs(angles).max(), rel=1e-12)
+
+
+def test_value_gradient_and_hessian_grow_with_their_weight(case: Case) -> None:
+    single, double = (
+        replace(case.program, objective=Objective(weight, 0.0)).linearise(case.x)
+        for weight in (1.0, 2.0)
+    )
+    assert double.value == pytest.approx(2 * single.value, rel=1e-14)
+    np.testing.assert_allclose(double.gradient, 2 * single.gradient, rtol=1e-14)
+    np.testing.assert_allclose(double.hessian, 2 * single.hessian, rtol=1e-14)
+    smallest = np.linalg.eigvalsh(single.hessian)[0]
+    assert smallest > -1e-12 * np.abs(single.hessian).max(), f"smallest eigenvalue {smallest:.1e}"
+
+
+def test_an_attitude_of_no_weight_has_no_peaks(case: Case) -> None:
+    program = replace(case.program, objective=Objective(1.0, 0.0))
+    at_x = program.linearise(case.x)
+    assert at_x.peaks.shape == (0,)
+    assert at_x.peaks_jacobian.shape == (0, 18)
+    assert at_x.objective == at_x.value
+
+
+def test_every_link_near_a_sphere_has_a_row_at_and_between_the_points(case: Case) -> None:
+    """Each clearance below 0.5 m, less the margin, by geometry alone; the start cannot move."""
+    without_limits = replace(
+        case.program.robot,
+        lower_position_limits=np.full(case.program.robot.joints, -1e3),
+        upper_position_limits=np.full(case.program.robot.joints, 1e3),
+    )
+    at_x = replace(case.program, robot=without_limits).linearise(case.x)
+    rollout = case.program.rollouts.roll_out(case.x.reshape(6, 3))
+    expected = [
+        distance_from_segment(sphere.center, start, end) - sphere.radius - MARGIN
+        for arm in arm_points(without_limits, np.concatenate([rollout.q[1:], rollout.q_half_way]))
+        for start, end in pairwise(arm)
+        for sphere in case.program.spheres
+        if np.linalg.norm(end - start) > 1e-3
+    ]
+    near = np.sort(expected)
+    near = near[near < 0.5]
+    assert len(near) > 10
+    np.testing.assert_allclose(np.sort(at_x.constraints)[: len(near)], near, rtol=0.0, atol=1e-12)
+    assert at_x.constraints.max() < 10.0, "the far sphere has a row"
+
+
+def distance_from_segment(point: Array, start: Array, end: Array) -> float:
+    """By cases: abeam of the segment, or next to one of its ends."""
+    along = (end - start) / np.linalg.norm(end - start)
+    if 0.0 < (point - start) @ along < np.linalg.norm(end - start):
+        return float(np.linalg.norm(np.cross(point - start, along)))
+    return float(min(np.linalg.norm(point - start), np.linalg.norm(point - end)))
+
+
+@pytest.mark.parametrize("side", ["lower", "upper"])
+def test_every_joint_near_or_beyond_a_limit_has_a_row_at_every_point(case: Case, side: str) -> None:
+    rollout = case.program.rollouts.roll_out(case.x.reshape(6, 3))
+    joint = rollout.q[1:, 7 + 2]
+    limit = np.median(joint)  # half of the points are beyond it
+    limits = {"lower": np.full(case.program.robot.joints, -1e3)}
+    limits["upper"] = -limits["lower"]
+    limits[side][2] = limit
+    robot = replace(
+        case.program.robot,
+        lower_position_limits=limits["lower"],
+        upper_position_limits=limits["upper"],
+    )
+    found = replace(case.program, robot=robot, spheres=()).linearise(case.x).constraints
+    expected = np.sort(joint - limit if side == "lower" else limit - joint)
+    expected = expected[expected < 0.6]
+    assert expected[0] < 0.0 < expected[-1]
+    np.testing.assert_allclose(np.sort(found), expected, rtol=0.0, atol=1e-14)
+
+
+def test_far_from_everything_there_are_no_rows(case: Case) -> None:
+    far = np.full(case.program.robot.joints, 1e3)
+    robot = replace(case.program.robot, lower_position_limits=-far, upper_position_limits=far)
+    at_x = replace(case.program, robot=robot, spheres=case.program.spheres[-1:]).linearise(case.x)
+    assert at_x.constraints.shape == (0,)
+    assert at_x.constraints_jacobian.shape == (0, 18)
+    assert at_x.violation == 0.0

@@ -1,0 +1,322 @@
+"""The rollout: against an independent integration of the paper's equations, and its laws."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from paper_equations import PaperTerms, paper_terms
+from robots import LEMUR_URDF, random_state, random_urdf
+from scipy.integrate import solve_ivp
+from scipy.spatial.transform import Rotation
+
+from ff_planner_ros.arrays import Array
+from ff_planner_ros.errors import NoPlanFound, Status
+from ff_planner_ros.planning.polynomial import (
+    EndEffectorMotion,
+    EndEffectorPolynomial,
+    end_effector_polynomial,
+)
+from ff_planner_ros.planning.rollout import Rollout, RolloutModel
+from ff_planner_ros.robot.configuration import configuration, system_state
+from ff_planner_ros.robot.model import Robot, robot_from_urdf_text
+from ff_planner_ros.robot.momentum import total_momentum
+from ff_planner_ros.robot.state import SystemState
+from ff_planner_ros.robot.velocity_map import VelocityMap
+
+DURATION = 5.0
+# Of states drawn at random, ones from which these motions stay away from singularities.
+STATE_SEEDS = {"six joints": 8, "lemur": 2, "nine joints": 7}
+URDFS = {
+    "six joints": (random_urdf(6, seed=6), "bus", "tool"),
+    "lemur": (LEMUR_URDF.read_text(), "chaser", "end_effector"),
+    "nine joints": (random_urdf(9, seed=9), "bus", "tool"),
+}
+
+
+class Case(NamedTuple):
+    """A drifting, tumbling robot whose hand goes a few decimetres on a bent way."""
+
+    urdf: tuple[str, str, str]
+    robot: Robot
+    start: SystemState
+    q: Array
+    momentum: Array
+    polynomial: EndEffectorPolynomial
+    coefficients: Array
+
+    def model(self, points: int) -> RolloutModel:
+        return RolloutModel(self.robot, self.q, self.momentum, self.polynomial, points)
+
+    def roll_out(self, points: int) -> Rollout:
+        return self.model(points).roll_out(self.coefficients)
+
+
+def case_of(urdf: tuple[str, str, str], seed: int, reach: float = 0.15) -> Case:
+    robot = robot_from_urdf_text(*urdf)
+    rng = np.random.default_rng(seed)
+    start = random_state(robot, rng)
+    q, v = configuration(robot, start)
+    data = robot.model.createData()
+    pin.forwardKinematics(robot.model, data, q, v)
+    placement = pin.updateFramePlacement(robot.model, data, robot.tip_frame_id)
+    twist = pin.getFrameVelocity(robot.model, data, robot.tip_frame_id, pin.LOCAL_WORLD_ALIGNED)
+    ends = (
+        EndEffectorMotion(placement.translation, placement.rotation, twist.vector, np.zeros(6)),
+        EndEffectorMotion(
+            placement.translation + rng.normal(scale=reach, size=3),
+            placement.rotation @ pin.exp3(rng.normal(scale=0.3, size=3)),
+            rng.normal(scale=0.05, size=6),
+            rng.normal(scale=0.02, size=6),
+        ),
+    )
+    return Case(
+        urdf,
+        robot,
+        start,
+        q,
+        total_momentum(robot, data, q, v),
+        end_effector_polynomial(*ends, DURATION),
+        rng.normal(scale=0.05, size=(6, 3)),
+    )
+
+
+@pytest.fixture(params=list(URDFS), scope="module")
+def case(request: pytest.FixtureRequest) -> Case:
+    return case_of(URDFS[request.param], STATE_SEEDS[request.param])
+
+
+@pytest.fixture(scope="module")
+def exact_end(case: Case) -> SystemState:
+    return integrate_paper_equations(case)
+
+
+def integrate_paper_equations(case: Case) -> SystemState:
+    """The end state by an eighth-order method."""
+    y_start, velocities = paper_equations_of_motion(case)
+    solved = solve_ivp(
+        lambda t, y: rates(y, velocities(t, y)),
+        (0.0, DURATION),
+        y_start,
+        method="DOP853",
+        rtol=1e-12,
+        atol=1e-12,
+    )
+    y = solved.y[:, -1]
+    v = velocities(DURATION, y)
+    return SystemState(y[:3], y[3:7] / np.linalg.norm(y[3:7]), v[:3], v[3:6], y[7:], v[6:])
+
+
+def paper_equations_of_motion(case: Case) -> tuple[Array, Callable[[float, Array], Array]]:
+    """Eqs. (23), (27) and (31), nothing of it from the package but the end effector's twist.
+
+    Returns:
+        The start in plain coordinates (chaser centre of mass, quaternion, joints), and the
+        function of time and coordinates that gives chaser twist and joint rates.
+    """
+    start = case.start
+
+    def terms_at(y: Array) -> PaperTerms:
+        attitude = Rotation.from_quat(y[3:7]).as_matrix()
+        return paper_terms(*case.urdf, r_ch=y[:3], rotation_ch=attitude, theta=y[7:])
+
+    y_start = np.concatenate(
+        [
+            start.position_chaser_in_inertial,
+            start.quaternion_chaser_to_inertial_xyzw,
+            start.joint_positions,
+        ]
+    )
+    chaser_twist = np.concatenate(
+        [start.linear_velocity_chaser_in_inertial, start.angular_velocity_chaser_in_inertial]
+    )
+    at_start = terms_at(y_start)
+    momentum = at_start.H_ch @ chaser_twist + at_start.H_m @ start.joint_velocities  # (24)
+
+    def velocities(t: float, y: Array) -> Array:
+        paper = terms_at(y)
+        twist = case.polynomial.twist(case.coefficients, np.array([t / DURATION]))[0]
+        drift = np.linalg.solve(paper.H_ch, momentum)
+        theta_dot = np.linalg.pinv(paper.J_D) @ (twist - paper.J_ch @ drift)  # (31)
+        chaser = drift - np.linalg.solve(paper.H_ch, paper.H_m @ theta_dot)  # (27)
+        return np.concatenate([chaser, theta_dot])
+
+    return y_start, velocities
+
+
+def rates(y: Array, v: Array) -> Array:
+    """How fast the plain coordinates change."""
+    vector, scalar, omega = y[3:6], y[6], v[3:6]
+    quaternion_rate = [*(scalar * omega + np.cross(omega, vector)) / 2, -omega @ vector / 2]
+    return np.concatenate([v[:3], quaternion_rate, v[6:]])
+
+
+def test_a_fine_rollout_ends_where_the_paper_s_equations_end(
+    case: Case, exact_end: SystemState
+) -> None:
+    rollout = case.roll_out(points=301)
+    end = system_state(case.robot, rollout.q[-1], rollout.v[-1])
+    for name in end.__dataclass_fields__:
+        expected, found = getattr(exact_end, name), getattr(end, name)
+        if name == "quaternion_chaser_to_inertial_xyzw":
+            found = found * np.sign(found @ expected)
+        np.testing.assert_allclose(found, expected, rtol=0.0, atol=3e-9, err_msg=name)
+
+
+def test_halving_the_step_cuts_the_error_of_base_and_joints_sixteenfold(
+    case: Case, exact_end: SystemState
+) -> None:
+    exact, _ = configuration(case.robot, exact_end)
+    errors = np.array(
+        [
+            pin.difference(case.robot.model, exact, case.roll_out(points).q[-1])
+            for points in (21, 41, 81)
+        ]
+    )
+    for name, part in (
+        ("base position", slice(0, 3)),
+        ("base attitude", slice(3, 6)),
+        ("joints", slice(6, None)),
+    ):
+        sizes = np.linalg.norm(errors[:, part], axis=1)
+        ratios = sizes[:-1] / sizes[1:]
+        assert np.all(np.abs(ratios - 16.0) <= 1.0), f"{name}: errors {sizes}, ratios {ratios}"
+
+
+def test_halving_the_step_cuts_the_distance_from_the_wanted_path_sixteenfold(case: Case) -> None:
+    wanted_position, wanted_rotation = case.polynomial.pose(case.coefficients, np.array([1.0]))
+    wanted = pin.SE3(wanted_rotation[0], wanted_position[0])
+    data = case.robot.model.createData()
+    errors = []
+    for points in (21, 41, 81):
+        pin.framesForwardKinematics(case.robot.model, data, case.roll_out(points).q[-1])
+        placement = data.oMf[case.robot.tip_frame_id]
+        errors.append(np.linalg.norm(pin.log6(wanted.actInv(placement))))
+    ratios = np.array(errors[:-1]) / errors[1:]
+    assert np.all(np.abs(ratios - 16.0) <= 1.5), f"errors {errors}, ratios {ratios}"
+
+
+def test_the_end_effector_has_the_wanted_twist_at_every_point(case: Case) -> None:
+    rollout = case.roll_out(points=21)
+    wanted = case.polynomial.twist(case.coefficients, rollout.s)
+    model, tip, data = case.robot.model, case.robot.tip_frame_id, case.robot.model.createData()
+    for i, (q, v) in enumerate(zip(rollout.q, rollout.v, strict=True)):
+        pin.forwardKinematics(model, data, q, v)
+        found = pin.getFrameVelocity(model, data, tip, pin.LOCAL_WORLD_ALIGNED).vector
+        np.testing.assert_allclose(found, wanted[i], rtol=0.0, atol=1e-11, err_msg=f"point {i}")
+
+
+def test_momentum_is_constant_along_the_rollout(case: Case) -> None:
+    rollout = case.roll_out(points=21)
+    data = case.robot.model.createData()
+    for i, (q, v) in enumerate(zip(rollout.q, rollout.v, strict=True)):
+        change = total_momentum(case.robot, data, q, v) - case.momentum
+        relative = np.linalg.norm(change) / np.linalg.norm(case.momentum)
+        assert relative < 1e-9, f"point {i}: relative change {relative:.1e}"
+
+
+def test_points_are_evenly_spaced_and_the_first_is_the_start(case: Case) -> None:
+    rollout = case.roll_out(points=7)
+    np.testing.assert_allclose(rollout.s, np.arange(7) / 6, rtol=0.0, atol=1e-15)
+    np.testing.assert_array_equal(rollout.q[0], case.q)
+    assert rollout.q.shape == (7, 7 + case.robot.joints)
+    assert rollout.q_half_way.shape == (6, 7 + case.robot.joints)
+
+
+def test_configurations_half_way_are_of_order_three(case: Case) -> None:
+    def largest_error(points: int) -> float:
+        coarse, fine = case.roll_out(points=points), case.roll_out(points=2 * points - 1)
+        pairs = zip(fine.q[1::2], coarse.q_half_way, strict=True)
+        errors = [np.linalg.norm(pin.difference(case.robot.model, *pair)) for pair in pairs]
+        return float(np.max(errors))
+
+    ratio = largest_error(41) / largest_error(81)
+    assert 7.0 < ratio < 9.0, ratio
+
+
+def test_sensitivities_are_those_of_differences(case: Case) -> None:
+    model, step = case.model(points=9), 1e-5
+    centre = model.roll_out(case.coefficients)
+    sensitivity = model.sensitivity(centre)
+
+    def tangent(q: Array, origin: Array) -> Array:
+        pairs = zip(origin, q, strict=True)
+        return np.array([pin.difference(case.robot.model, *pair) for pair in pairs])
+
+    expected: dict[str, list[Array]] = {"q": [], "v": [], "q_half_way": []}
+    for aside in step * np.eye(18):
+        ahead, behind = (
+            model.roll_out(case.coefficients + sign * aside.reshape(6, 3)) for sign in (1, -1)
+        )
+        for name, columns in expected.items():
+            if name == "v":
+                difference = ahead.v - behind.v
+            else:
+                origin = getattr(centre, name)
+                difference = tangent(getattr(ahead, name), origin) - tangent(
+                    getattr(behind, name), origin
+                )
+            columns.append(difference / (2 * step))
+    for name, columns in expected.items():
+        truth, found = np.stack(columns, axis=-1), getattr(sensitivity, name)
+        assert found.shape == truth.shape, name
+        error = np.abs(found - truth).max() / np.abs(truth).max()
+        assert error < 1e-6, f"{name}: relative error {error:.1e}"
+
+
+def test_accelerations_are_the_rates_of_a_fine_rollout_s_velocities(case: Case) -> None:
+    points = 401
+    model, step = case.model(points), DURATION / (points - 1)
+    rollout = model.roll_out(case.coefficients)
+    v = rollout.v
+    # Five points: exact to the fourth order.
+    expected = (v[:-4] - 8 * v[1:-3] + 8 * v[3:-1] - v[4:]) / (12 * step)
+    found = model.sensitivity(rollout).acceleration
+    assert found.shape == v.shape
+    error = np.abs(found[2:-2] - expected).max() / np.abs(expected).max()
+    assert error < 1e-6, f"relative error {error:.1e}"
+
+
+def test_a_path_out_of_the_workspace_is_refused_and_the_time_named() -> None:
+    """The time is that at which an adaptive integration finds the joints running away."""
+    case = case_of(URDFS["lemur"], STATE_SEEDS["lemur"], reach=5.0)
+    points = 101
+    with pytest.raises(NoPlanFound, match="dynamic singularity") as refusal:
+        case.roll_out(points)
+    assert refusal.value.status is Status.SINGULAR
+    named = re.search(r"at t = (\d+\.\d+) s of 5 s", str(refusal.value))
+    assert named is not None, str(refusal.value)
+    time = float(named[1])
+    runaway = time_of_runaway(case)
+    assert abs(time - runaway) < 2 * DURATION / (points - 1), f"{time} s is not {runaway} s"
+
+
+def test_a_velocity_map_without_solution_is_refused_likewise(
+    case: Case, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*_: object) -> None:
+        raise np.linalg.LinAlgError
+
+    monkeypatch.setattr(VelocityMap, "solve", refuse)
+    with pytest.raises(NoPlanFound, match=r"dynamic singularity at t = 0\.00 s") as refusal:
+        case.roll_out(points=5)
+    assert refusal.value.status is Status.SINGULAR
+
+
+def time_of_runaway(case: Case) -> float:
+    """When the paper's equations ask for more than 10 rad/s of a joint."""
+    y_start, velocities = paper_equations_of_motion(case)
+
+    def reserve(t: float, y: Array) -> float:
+        return 10.0 - float(np.abs(velocities(t, y)[6:]).max())
+
+    reserve.terminal = True
+    solved = solve_ivp(
+        lambda t, y: rates(y, velocities(t, y)), (0.0, DURATION), y_start, events=reserve, rtol=1e-5
+    )
+    assert solved.status == 1, solved.message
+    return float(solved.t[-1])

@@ -1,0 +1,129 @@
+"""Optima known in closed form."""
+
+import numpy as np
+import pytest
+
+from ff_planner_ros.errors import NoPlanFound, Status
+from ff_planner_ros.planning.solver import Linearisation, minimise
+
+NO_ROWS = (np.empty(0), np.empty((0, 2)))
+
+
+def quadratic(x, target):
+    """Half the squared distance from a target: value, gradient, Hessian."""
+    return 0.5 * np.sum((x - target) ** 2), x - target, np.eye(len(x))
+
+
+def test_an_unconstrained_least_squares_problem_ends_at_its_target():
+    target = np.array([3.0, -7.0])
+    solution = minimise(
+        lambda x: Linearisation(*quadratic(x, target), *NO_ROWS, *NO_ROWS), np.zeros(2), 50, 1e-6
+    )
+    assert solution.converged
+    assert solution.x == pytest.approx(target, abs=1e-4)  # the regularisation, and no more
+    assert solution.optimality <= 1e-6
+
+
+def test_the_nearest_point_of_a_circle_is_found_from_inside_it():
+    """Nearest to (2, 0) outside the unit circle around (2.2, 0.1): on the line of both."""
+    target, center = np.array([2.0, 0.0]), np.array([2.2, 0.1])
+
+    def linearise(x):
+        offset = x - center
+        distance = np.linalg.norm(offset)
+        constraint = np.array([distance - 1.0]), (offset / distance)[None]
+        return Linearisation(*quadratic(x, target), *NO_ROWS, *constraint)
+
+    solution = minimise(linearise, np.array([2.0, 0.3]), 100, 1e-5)
+    away = (target - center) / np.linalg.norm(target - center)
+    assert solution.converged
+    assert solution.feasible
+    assert solution.x == pytest.approx(center + away, abs=1e-4)
+
+
+def test_a_pure_min_max_problem_ends_where_three_peaks_meet():
+    """The smallest circle around three points: its centre is the circumcentre here."""
+    points = np.array([[0.0, 0.0], [4.0, 0.0], [1.0, 3.0]])
+
+    def linearise(x):
+        offset = x - points
+        distance = np.linalg.norm(offset, axis=1)
+        flat = 0.0, np.zeros(2), np.zeros((2, 2))
+        return Linearisation(*flat, distance, offset / distance[:, None], *NO_ROWS)
+
+    solution = minimise(linearise, np.array([3.0, 2.5]), 100, 1e-6)
+    assert solution.converged
+    assert solution.x == pytest.approx([2.0, 1.0], abs=1e-4)
+    assert solution.at_x.objective == pytest.approx(np.sqrt(5.0), abs=1e-5)
+
+
+def test_value_and_peaks_are_added():
+    """Minimise x^2/2 + |x - 1| over the line: the optimum sits at the kink's edge, x = 1."""
+
+    def linearise(x):
+        value = 0.5 * x[0] ** 2, x.copy(), np.eye(1)
+        peaks = np.array([x[0] - 1.0, 1.0 - x[0]]), np.array([[1.0], [-1.0]])
+        return Linearisation(*value, *peaks, np.empty(0), np.empty((0, 1)))
+
+    solution = minimise(linearise, np.array([-3.0]), 50, 1e-8)
+    assert solution.converged
+    assert solution.x == pytest.approx([1.0], abs=1e-4)
+
+
+def test_the_price_rises_until_the_constraint_is_kept():
+    """The multiplier, 1000, is a hundred times the first price."""
+
+    def linearise(x):
+        value = 1000.0 * x[0], np.array([1000.0]), np.zeros((1, 1))
+        return Linearisation(
+            *value, np.empty(0), np.empty((0, 1)), np.array([x[0] - 1.0]), np.eye(1)
+        )
+
+    solution = minimise(linearise, np.array([5.0]), 60, 1e-5)
+    assert solution.converged
+    assert solution.x == pytest.approx([1.0], abs=1e-6)
+
+
+def test_an_infeasible_problem_ends_as_a_result_with_least_violation():
+    """With x >= 1 and x <= -1 the best that can be had is to miss both by 1."""
+
+    def linearise(x):
+        value = 0.0, np.zeros(1), np.zeros((1, 1))
+        constraints = np.array([x[0] - 1.0, -1.0 - x[0]]), np.array([[1.0], [-1.0]])
+        return Linearisation(*value, np.empty(0), np.empty((0, 1)), *constraints)
+
+    solution = minimise(linearise, np.array([3.0]), 60, 1e-6)
+    assert not solution.converged
+    assert not solution.feasible
+    assert solution.at_x.violation == pytest.approx(1.0, abs=1e-5)
+
+
+def test_a_refused_step_is_a_wall_that_the_search_stays_in_front_of():
+    def linearise(x):
+        if x[0] > 1.0:
+            raise NoPlanFound(Status.SINGULAR, "wall")
+        return Linearisation(*quadratic(x, np.array([3.0, 0.0])), *NO_ROWS, *NO_ROWS)
+
+    solution = minimise(linearise, np.zeros(2), 60, 1e-8)
+    assert not solution.converged
+    assert 0.9 < solution.x[0] <= 1.0
+
+
+def test_a_refused_start_is_raised():
+    def refuse(_):
+        raise NoPlanFound(Status.SINGULAR, "wall")
+
+    with pytest.raises(NoPlanFound, match="wall"):
+        minimise(refuse, np.zeros(2), 5, 1e-6)
+
+
+def test_running_out_of_iterations_is_said():
+    solution = minimise(
+        lambda x: Linearisation(*quadratic(x, np.array([99.0, 0.0])), *NO_ROWS, *NO_ROWS),
+        np.zeros(2),
+        3,
+        1e-8,
+    )
+    assert not solution.converged
+    assert "3 iterations" in solution.stop_reason
+    assert solution.iterations == 3

@@ -1,0 +1,259 @@
+"""URDFs that are refused, and by which name."""
+
+from __future__ import annotations
+
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+from robots import LEMUR_URDF, random_urdf
+
+from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.robot.model import robot_from_urdf_text
+from ff_planner_ros.robot.urdf import checked_urdf
+
+LEMUR = LEMUR_URDF.read_text()
+LINK_3_INERTIA = 'ixx="1.1304" iyy="1.1304" izz="0.0108" ixy="0.0" ixz="0.0" iyz="0.0"'
+JOINT_1_LIMIT = (
+    '<limit lower="-3.141592653589793" upper="3.141592653589793" velocity="0.5" effort="80.0"/>'
+)
+
+REFUSALS = {
+    "no_xml": (LEMUR, "no robot at all", "robot.urdf is not XML: "),
+    "cut_off": (LEMUR[-500:], "", "robot.urdf is not XML: "),
+    "another_document": (LEMUR, "<sdf/>", "robot.urdf is a <sdf>: its outermost tag must be"),
+    "nameless_link": ('<link name="link_5">', "<link>", "a link of the URDF is nameless"),
+    "link_twice": ('<link name="link_5">', '<link name="link_4">', "link 'link_4' is there twice"),
+    "joint_twice": ('name="joint_2"', 'name="joint_1"', "joint 'joint_1' is there twice"),
+    "no_parent": (
+        '<parent link="link_3"/>',
+        "",
+        "joint 'joint_4' parent is missing: it must be one of the URDF's links: chaser, end_eff",
+    ),
+    "unknown_child": (
+        '<child link="link_3"/>',
+        '<child link="link_X"/>',
+        "joint 'joint_3' child is link_X: it must be one of the URDF's links: chaser, end_eff",
+    ),
+    "two_parents": (
+        '<child link="link_5"/>',
+        '<child link="link_4"/>',
+        "joint 'joint_5' child is link_4: joint 'joint_4' carries that link already",
+    ),
+    "loop": (
+        '<parent link="link_1"/>',
+        '<parent link="link_5"/>',
+        "link 'end_effector' is in a loop of joints: the links must form a tree",
+    ),
+    "two_roots": (
+        "</robot>",
+        '<link name="debris"/></robot>',
+        "root link is chaser, debris: there must be exactly one",
+    ),
+    "prismatic": (
+        'name="joint_3" type="revolute"',
+        'name="joint_3" type="prismatic"',
+        "joint 'joint_3' is prismatic: it must be revolute or fixed",
+    ),
+    "continuous": (
+        'name="joint_3" type="revolute"',
+        'name="joint_3" type="continuous"',
+        "joint 'joint_3' is continuous: make it revolute and give it limits",
+    ),
+    "untyped": (
+        'name="joint_3" type="revolute"',
+        'name="joint_3"',
+        "joint 'joint_3' is of no type: it must be revolute or fixed",
+    ),
+    "mimic": (
+        '<child link="link_3"/>',
+        '<child link="link_3"/><mimic joint="joint_2"/>',
+        "joint 'joint_3' is a mimic: every joint of the arm must move by itself",
+    ),
+    "axis_without_direction": (
+        '<axis xyz="0 1 0"/>',
+        '<axis xyz="0 0 0"/>',
+        "joint 'joint_5' axis is 0.0 0.0 0.0: it must have a direction",
+    ),
+    "axis_of_two": (
+        '<axis xyz="0 1 0"/>',
+        '<axis xyz="0 1"/>',
+        "joint 'joint_5' axis xyz is '0 1': it must be three finite numbers",
+    ),
+    "origin_not_finite": (
+        'xyz="1.5 0.1626 0.0"',
+        'xyz="1.5 nan 0.0"',
+        "joint 'joint_5' origin xyz is '1.5 nan 0.0': it must be three finite numbers",
+    ),
+    "inertial_origin_of_words": (
+        '<origin xyz="0.525 0.1626 0.0"/>',
+        '<origin xyz="half way up"/>',
+        "link 'link_4' inertial origin xyz is 'half way up': it must be three finite numbers",
+    ),
+    "no_limit": (JOINT_1_LIMIT, "", "joint 'joint_1' limit is missing: it needs lower, upper"),
+    "no_lower_limit": (
+        'lower="-3.141592653589793" ',
+        "",
+        "joint 'joint_1' limit lower is missing: it must be a number",
+    ),
+    "infinite_upper_limit": (
+        'upper="3.141592653589793"',
+        'upper="inf"',
+        "joint 'joint_1' limit upper is 'inf': it must be a finite number",
+    ),
+    "limits_crossed": (
+        'lower="-3.141592653589793"',
+        'lower="3.2"',
+        "joint 'joint_1' limit lower is 3.2: it must be below upper, 3.14159",
+    ),
+    "no_velocity": (
+        'velocity="0.5"',
+        'velocity="0"',
+        "joint 'joint_1' limit velocity is 0.0: it must be greater than zero",
+    ),
+    "velocity_in_words": (
+        'velocity="0.5"',
+        'velocity="slow"',
+        "joint 'joint_1' limit velocity is 'slow': it must be a finite number",
+    ),
+    "negative_effort": (
+        'effort="80.0"',
+        'effort="-1"',
+        "joint 'joint_1' limit effort is -1.0: it must not be negative; 0 means unknown",
+    ),
+    "negative_mass": (
+        '<mass value="6.0"/>',
+        '<mass value="-6.0"/>',
+        "link 'link_3' mass is -6.0: it must not be negative",
+    ),
+    "mass_not_a_number": (
+        '<mass value="6.0"/>',
+        '<mass value="nan"/>',
+        "link 'link_3' mass is 'nan': it must be a finite number",
+    ),
+    "mass_missing": (
+        '<mass value="6.0"/>',
+        "",
+        "link 'link_3' mass is missing: it must be a number",
+    ),
+    "massless_with_inertia": (
+        '<mass value="6.0"/>',
+        '<mass value="0"/>',
+        "link 'link_3' mass is 0.0: it must be positive: the link has an inertia",
+    ),
+    "massless_and_moving": (
+        f'<mass value="6.0"/>\n      <inertia {LINK_3_INERTIA}/>',
+        '<mass value="0"/><inertia ixx="0" iyy="0" izz="0" ixy="0" ixz="0" iyz="0"/>',
+        "link 'link_3' mass is 0.0: a link that moves must have mass, its own or of links fixed",
+    ),
+    "inertia_entry_missing": (
+        'ixx="1.1304" iyy="1.1304" izz="0.0108"',
+        'ixx="1.1304" izz="0.0108"',
+        "link 'link_3' inertia iyy is missing: it must be a number",
+    ),
+    "inertia_negative": (
+        'izz="0.0108"',
+        'izz="-0.0108"',
+        "link 'link_3' inertia is of principal moments -0.0108, 1.1304, 1.1304: all three must",
+    ),
+    "inertia_not_positive_definite": (
+        'izz="0.0108" ixy="0.0"',
+        'izz="0.0108" ixy="1.2"',
+        "link 'link_3' inertia is of principal moments -0.0696, 0.0108, 2.3304: all three must",
+    ),
+    "triangle_inequality": (
+        'izz="0.0108"',
+        'izz="2.3"',
+        "link 'link_3' inertia is of principal moments 1.1304, 1.1304, 2.3: the largest must not",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", REFUSALS)
+def test_a_urdf_with_a_fault_is_refused_by_the_name_of_what_is_at_fault(name: str) -> None:
+    found, instead, message = REFUSALS[name]
+    assert found in LEMUR
+    faulty = LEMUR.replace(found, instead, 1)
+    with pytest.raises(InvalidInput) as refusal:
+        checked_urdf(faulty, "chaser", "end_effector")
+    assert refusal.value.status is Status.BAD_ROBOT
+    assert str(refusal.value).startswith(message)
+
+
+@pytest.mark.parametrize(
+    ("base", "tip", "message"),
+    [
+        ("body", "end_effector", "robot.base_link is body: it must be one of the URDF's links: c"),
+        ("chaser", "hand", "robot.tip_link is hand: it must be one of the URDF's links: chaser, "),
+        ("chaser", "chaser", "robot.tip_link is chaser: it must hang on the base link 'chaser'"),
+        ("link_3", "link_1", "robot.tip_link is link_1: it must hang on the base link 'link_3'"),
+        ("chaser", "link_6", "joint 'joint_7' is movable but not between base and tip: make it f"),
+        ("link_1", "end_effector", "joint 'joint_1' is movable but not between base and tip: mak"),
+    ],
+)
+def test_links_that_do_not_hold_the_arm_are_refused(base: str, tip: str, message: str) -> None:
+    with pytest.raises(InvalidInput) as refusal:
+        checked_urdf(LEMUR, base, tip)
+    assert refusal.value.status is Status.BAD_ROBOT
+    assert str(refusal.value).startswith(message)
+
+
+def test_an_arm_of_five_joints_is_refused() -> None:
+    with pytest.raises(InvalidInput, match=r"joints from base to tip is 5: it must be at least 6"):
+        checked_urdf(random_urdf(joints=5, seed=0), "bus", "tool")
+
+
+def test_a_base_without_mass_is_refused_by_link_name() -> None:
+    root = ElementTree.fromstring(LEMUR)
+    chaser = root.find("link[@name='chaser']")
+    chaser.remove(chaser.find("inertial"))
+    with pytest.raises(InvalidInput, match=r"link 'chaser' mass is 0\.0"):
+        checked_urdf(ElementTree.tostring(root, encoding="unicode"), "chaser", "end_effector")
+
+
+def test_a_moving_link_may_have_its_mass_in_a_link_fixed_to_it() -> None:
+    moved = LEMUR.replace('<link name="link_7">', '<link name="link_7"/><link name="body_7">')
+    moved = moved.replace(
+        "</robot>",
+        '<joint name="body_7_mount" type="fixed"><parent link="link_7"/><child link="body_7"/>'
+        "</joint></robot>",
+    )
+    robot = robot_from_urdf_text(moved, "chaser", "end_effector")
+    assert robot.model.inertias[8].mass == 3.9
+
+
+def test_a_thin_rod_with_rounded_inertia_passes() -> None:
+    rod = LEMUR.replace(LINK_3_INERTIA, LINK_3_INERTIA.replace("0.0108", "1e-7"))
+    rod = rod.replace('ixx="1.1304" iyy="1.1304"', 'ixx="1.1304" iyy="1.1304003"')
+    checked_urdf(rod, "chaser", "end_effector")
+
+
+def test_shapes_and_foreign_tags_do_not_matter(capfd: pytest.CaptureFixture[str]) -> None:
+    decorated = LEMUR.replace(
+        '<link name="end_effector"/>',
+        '<link name="end_effector"><visual><geometry><mesh filename="package://gone/a.dae"/>'
+        "</geometry></visual><collision><geometry><sphere/></geometry></collision></link>"
+        "<transmission/><gazebo><gravity>true</gravity></gazebo><material/>",
+    )
+    plain = robot_from_urdf_text(LEMUR, "chaser", "end_effector")
+    robot = robot_from_urdf_text(decorated, "chaser", "end_effector")
+    assert robot.model == plain.model
+    assert capfd.readouterr() == ("", "")
+
+
+def test_numbers_are_read_once(capfd: pytest.CaptureFixture[str]) -> None:
+    # Python reads digits with an underscore; Pinocchio's reader would stop at it.
+    written = LEMUR.replace('effort="80.0"', 'effort="8_0"').replace('"1.5 0.1626', '"1.5_0 0.1626')
+    robot = robot_from_urdf_text(written, "chaser", "end_effector")
+    assert robot.model == robot_from_urdf_text(LEMUR, "chaser", "end_effector").model
+    assert capfd.readouterr() == ("", "")
+
+
+def test_the_urdf_checked_moves_like_the_urdf_given() -> None:
+    given = ElementTree.fromstring(LEMUR)
+    checked = ElementTree.fromstring(checked_urdf(LEMUR, "chaser", "end_effector"))
+    for tag in ("link", "joint"):
+        assert [e.get("name") for e in checked.findall(tag)] == [
+            e.get("name") for e in given.findall(tag)
+        ]
+    assert np.isclose(sum(float(e.get("value")) for e in checked.iter("mass")), 375.9)
