@@ -274,7 +274,7 @@ def test_a_request_is_refused_with_its_cause(run: Run, name: str) -> None:
         (
             "published state too old",
             Status.STATE_TOO_OLD,
-            ("chaser_state.header.stamp is 1000.", "at most 60 s", "state_max_age"),
+            ("chaser_state.header.stamp is 10", "s old", "at most 60 s", "state_max_age"),
         ),
         (
             "published state in the future",

@@ -50,7 +50,8 @@ def require_sound_start(
         raise InvalidInput(
             Status.START_IN_COLLISION,
             f"obstacles[{problem.obstacles[sphere].id}]",
-            f"{-distance[segment, sphere]:.4f} m around {link_name(robot, int(starts[segment]))}",
+            f"around {link_name(robot, int(starts[segment]))}, "
+            f"{-distance[segment, sphere]:.4f} m deep",
             "at the start the arm must be outside every obstacle",
         )
     smallest = float(smallest_singular_values(robot, q_start[None])[0])

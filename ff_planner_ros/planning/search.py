@@ -16,12 +16,11 @@ from ff_planner_ros.planning.program import PathProgram
 from ff_planner_ros.planning.settings import PlannerSettings
 from ff_planner_ros.planning.solver import Solution, minimise
 
-# Starts are sorted out on this many points, where a solve costs half and a wrong way around an
+# Most of the work is done on this many points, where a solve costs half and a wrong way around an
 # obstacle shows as well as on fifty; the extra margin makes up for the wider gaps [m].
 _COARSE_POINTS, _COARSE_MARGIN = 25, 0.004
-_COARSE_ITERATIONS, _COARSE_OPTIMALITY = 40, 1e-3
-# What is best on few points need not be best on all, where the gaps are narrower.
-_REFINED = 2
+# Where every start is tried, so many iterations tell the promising ones, and so many of them go on.
+_SCREENING_ITERATIONS, _PROMISING = 15, 2
 # Each round roughly halves what is missing between the points.
 _MARGIN_ROUNDS = 4
 # Spread of the detours that further starts take: wide enough to come to the other side of an
@@ -64,33 +63,45 @@ def search(
     Raises:
         NoPlanFound: Every start meets a dynamic singularity.
     """
-    coarse = program(min(points, _COARSE_POINTS), settings.clearance_margin + _COARSE_MARGIN)
-    attempts: list[Solution] = []
+    solved: list[Solution] = []
     refusals: list[NoPlanFound] = []
-    for start in _starts(settings.starts):
-        try:
-            attempt = minimise(coarse.linearise, start, _COARSE_ITERATIONS, _COARSE_OPTIMALITY)
-        except NoPlanFound as refusal:
-            refusals.append(refusal)
-            continue
-        attempts.append(attempt)
-        if attempt.converged and not every_start:
-            break
-    starts = len(attempts) + len(refusals)
 
-    fine = program(points, settings.clearance_margin)
-    refined: list[Solution] = []
-    for attempt in sorted(attempts, key=_rank)[:_REFINED]:
+    def solve(on: PathProgram, start: Array, iterations: int) -> Solution | None:
         try:
-            refined.append(_solve_between_points(fine, attempt.x, settings))
+            solved.append(minimise(on.linearise, start, iterations, settings.optimality_tolerance))
         except NoPlanFound as refusal:
             refusals.append(refusal)
-    if not refined:
+            return None
+        return solved[-1]
+
+    coarse = program(min(points, _COARSE_POINTS), settings.clearance_margin + _COARSE_MARGIN)
+    candidates: list[Solution] = []
+    for start in _starts(settings.starts):
+        iterations = _SCREENING_ITERATIONS if every_start else settings.max_iterations
+        candidate = solve(coarse, start, iterations)
+        if candidate is not None:
+            candidates.append(candidate)
+            if candidate.converged and not every_start:
+                break
+    tried = len(candidates) + len(refusals)
+
+    settled = [
+        candidate if candidate.converged else solve(coarse, candidate.x, settings.max_iterations)
+        for candidate in sorted(candidates, key=_rank)[:_PROMISING]
+    ]
+    answers: list[Solution] = []
+    fine = program(points, settings.clearance_margin)
+    for promising in sorted(filter(None, settled), key=_rank):
+        answer = _solve_between_points(solve, fine, promising.x, settings)
+        if answer is not None:
+            answers.append(answer)
+            if answer.feasible:
+                break
+    if not answers:
         raise refusals[0]
-    solved = [*attempts, *refined]
     return Search(
-        best=min(refined, key=_rank),
-        starts=starts,
+        best=min(answers, key=_rank),
+        starts=tried,
         iterations=sum(solution.iterations for solution in solved),
         evaluations=sum(solution.evaluations for solution in solved),
     )
@@ -114,23 +125,24 @@ def _rank(solution: Solution) -> tuple[bool, float]:
 
 
 def _solve_between_points(
-    program: PathProgram, start: Array, settings: PlannerSettings
-) -> Solution:
+    solve: Callable[[PathProgram, Array, int], Solution | None],
+    program: PathProgram,
+    start: Array,
+    settings: PlannerSettings,
+) -> Solution | None:
     """Solve, and raise the margin at the points until the motion between them is clear too."""
-    iterations = evaluations = 0
+    solution = None
     for _ in range(_MARGIN_ROUNDS):
-        solution = minimise(
-            program.linearise, start, settings.max_iterations, settings.optimality_tolerance
-        )
-        iterations += solution.iterations
-        evaluations += solution.evaluations
+        solution = solve(program, start, settings.max_iterations)
+        if solution is None or not solution.feasible:
+            break
         rollout = program.rollouts.roll_out(solution.x.reshape(COMPONENTS, FREE_TERMS))
         clearance = certified_clearance(
             program.robot, rollout.q, rollout.v, program.step, program.spheres
         )
-        if clearance >= 0.0 or not solution.feasible:
+        if clearance >= 0.0:
             break
         missing = settings.clearance_margin / 2 - clearance
         program = replace(program, clearance_margin=program.clearance_margin + missing)
         start = solution.x
-    return replace(solution, iterations=iterations, evaluations=evaluations)
+    return solution
