@@ -3,10 +3,6 @@
 from __future__ import annotations
 
 from enum import IntEnum
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from ff_planner_ros.planning.plan import Plan
 
 
 class Status(IntEnum):
@@ -79,16 +75,16 @@ class NoPlanFound(FfPlannerError):
 
     Attributes:
         constraint: What is violated, where, by how much, and what to try.
-        attempt: The best attempt, not to be executed; None if there is none.
+        attempt: The best attempt, a `Plan` that is not to be executed; None if there is none.
     """
 
-    def __init__(self, status: Status, constraint: str, attempt: Plan | None = None) -> None:
+    def __init__(self, status: Status, constraint: str, attempt: object | None = None) -> None:
         """Name the violated constraint and keep the best attempt for investigation."""
         super().__init__(status, constraint)
         self.constraint = constraint
         self.attempt = attempt
 
-    def __reduce__(self) -> tuple[type, tuple[Status, str, Plan | None]]:
+    def __reduce__(self) -> tuple[type, tuple[Status, str, object | None]]:
         """Pickle by constructor arguments, so that the error crosses processes."""
         return type(self), (self.status, self.constraint, self.attempt)
 

@@ -7,13 +7,19 @@ import robots
 
 from ff_planner_ros.planning.problem import PlanningProblem
 from ff_planner_ros.planning.scenario import load_scenario
-from ff_planner_ros.robot.model import Robot, load_robot
+from ff_planner_ros.robot.model import Robot, load_robot, robot_from_urdf_text
 
 
 @pytest.fixture(scope="session")
 def lemur() -> Robot:
     """The paper's chaser and arm."""
     return load_robot(robots.LEMUR_URDF, "chaser", "end_effector")
+
+
+@pytest.fixture(scope="session", params=list(robots.ROBOTS))
+def robot(request: pytest.FixtureRequest) -> Robot:
+    """One robot after the other: what holds for any robot."""
+    return robot_from_urdf_text(*robots.ROBOTS[request.param])
 
 
 @pytest.fixture(scope="session")

@@ -5,8 +5,15 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pinocchio as pin
 
 from ff_planner_ros.arrays import Array
+from ff_planner_ros.planning.polynomial import (
+    EndEffectorMotion,
+    EndEffectorPolynomial,
+    end_effector_polynomial,
+)
+from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.state import SystemState
 
@@ -88,6 +95,24 @@ def random_state(robot: Robot, rng: np.random.Generator) -> SystemState:
     )
 
 
+def random_path(
+    robot: Robot, state: SystemState, rng: np.random.Generator, duration: float, reach: float = 0.15
+) -> EndEffectorPolynomial:
+    """Draw paths from a state to an end, moving there, a few decimetres away."""
+    data = robot.model.createData()
+    pin.forwardKinematics(robot.model, data, *configuration(robot, state))
+    placement = pin.updateFramePlacement(robot.model, data, robot.tip_frame_id)
+    twist = pin.getFrameVelocity(robot.model, data, robot.tip_frame_id, pin.LOCAL_WORLD_ALIGNED)
+    start = EndEffectorMotion(placement.translation, placement.rotation, twist.vector, np.zeros(6))
+    end = EndEffectorMotion(
+        placement.translation + rng.normal(scale=reach, size=3),
+        placement.rotation @ pin.exp3(rng.normal(scale=0.3, size=3)),
+        rng.normal(scale=0.05, size=6),
+        rng.normal(scale=0.02, size=6),
+    )
+    return end_effector_polynomial(start, end, duration)
+
+
 def _link(name: str, rng: np.random.Generator, mass: float) -> str:
     """A body of ten point masses: whatever is drawn, its inertia is one that a body can have."""
     points = rng.uniform(-0.3, 0.3, (10, 3))
@@ -134,3 +159,11 @@ def _origin(rng: np.random.Generator) -> str:
 
 def _numbers(vector: Array) -> str:
     return " ".join(str(float(number)) for number in vector)
+
+
+# URDF, base link and tip link of each; the tests that hold for any robot hold for these.
+ROBOTS = {
+    "six joints": (random_urdf(6, seed=6), "bus", "tool"),
+    "lemur": (LEMUR_URDF.read_text(), "chaser", "end_effector"),
+    "nine joints": (random_urdf(9, seed=9), "bus", "tool"),
+}

@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 import pytest
-from robots import random_state, random_urdf
+from robots import random_state
 from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.robot.configuration import configuration
-from ff_planner_ros.robot.model import Robot, robot_from_urdf_text
+from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.momentum import (
     generalised_jacobian,
     smallest_singular_values,
@@ -21,14 +21,6 @@ from ff_planner_ros.robot.momentum import (
 from ff_planner_ros.robot.state import SystemState
 
 SEEDS = range(5)
-
-
-@pytest.fixture(params=["lemur", "six joints", "nine joints"])
-def robot(request: pytest.FixtureRequest, lemur: Robot) -> Robot:
-    if request.param == "lemur":
-        return lemur
-    joints = {"six joints": 6, "nine joints": 9}[request.param]
-    return robot_from_urdf_text(random_urdf(joints, seed=joints), "bus", "tool")
 
 
 def momentum_of(robot: Robot, state: SystemState) -> Array:

@@ -9,11 +9,10 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 import pytest
-from robots import LEMUR_URDF, random_state, random_urdf
+from robots import ROBOTS, random_path, random_state
 
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.planning.clearance import arm_points
-from ff_planner_ros.planning.polynomial import EndEffectorMotion, end_effector_polynomial
 from ff_planner_ros.planning.problem import Objective, Sphere
 from ff_planner_ros.planning.program import PathProgram
 from ff_planner_ros.planning.rollout import RolloutModel
@@ -24,11 +23,7 @@ from ff_planner_ros.robot.rotation import euler_from_rotation
 
 POINTS, DURATION, MARGIN = 9, 5.0, 0.01
 # A state of each robot from which this motion stays away from singularities.
-CASES = {
-    "lemur": (LEMUR_URDF.read_text(), "chaser", "end_effector", 2),
-    "six joints": (random_urdf(6, seed=6), "bus", "tool", 8),
-    "nine joints": (random_urdf(9, seed=9), "bus", "tool", 7),
-}
+SEEDS = {"six joints": 8, "lemur": 2, "nine joints": 7}
 
 
 class Case(NamedTuple):
@@ -38,25 +33,13 @@ class Case(NamedTuple):
     x: Array
 
 
-@pytest.fixture(params=list(CASES))
+@pytest.fixture(params=list(ROBOTS))
 def case(request: pytest.FixtureRequest) -> Case:
-    *urdf, seed = CASES[request.param]
-    robot = robot_from_urdf_text(*urdf)
-    rng = np.random.default_rng(seed)
-    q, v = configuration(robot, random_state(robot, rng))
-    data = robot.model.createData()
-    pin.forwardKinematics(robot.model, data, q, v)
-    placement = pin.updateFramePlacement(robot.model, data, robot.tip_frame_id)
-    twist = pin.getFrameVelocity(robot.model, data, robot.tip_frame_id, pin.LOCAL_WORLD_ALIGNED)
-    ends = (
-        EndEffectorMotion(placement.translation, placement.rotation, twist.vector, np.zeros(6)),
-        EndEffectorMotion(
-            placement.translation + rng.normal(scale=0.15, size=3),
-            placement.rotation @ pin.exp3(rng.normal(scale=0.3, size=3)),
-            rng.normal(scale=0.05, size=6),
-            np.zeros(6),
-        ),
-    )
+    robot = robot_from_urdf_text(*ROBOTS[request.param])
+    rng = np.random.default_rng(SEEDS[request.param])
+    start = random_state(robot, rng)
+    q, v = configuration(robot, start)
+    path = random_path(robot, start, rng, DURATION)
     arm = arm_points(robot, q[None])[0]
     spheres = [
         Sphere(f"near joint {k}", arm[k] + rng.normal(scale=0.2, size=3), 0.1) for k in (0, 3, -1)
@@ -66,8 +49,8 @@ def case(request: pytest.FixtureRequest) -> Case:
         rollouts=RolloutModel(
             robot,
             q,
-            total_momentum(robot, data, q, v),
-            end_effector_polynomial(*ends, DURATION),
+            total_momentum(robot, robot.model.createData(), q, v),
+            path,
             POINTS,
         ),
         step=DURATION / (POINTS - 1),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
+from contextlib import closing
 from pathlib import Path
 from unittest.mock import Mock
 
@@ -37,7 +38,7 @@ def _recorder(bag: BagWriter, *topics: RecordedTopic) -> Recorder:
 
 def test_what_has_arrived_when_it_is_closed_is_in_the_bag(tmp_path: Path) -> None:
     publisher = rclpy.create_node("publisher").create_publisher(ChaserState, "chaser_state", 1000)
-    with _recorder(BagWriter(tmp_path / "bag", 10.0), STATE):
+    with closing(_recorder(BagWriter(tmp_path / "bag", 10.0), STATE)):
         for number in range(500):
             publisher.publish(ChaserState(joint_positions=[float(number)]))
     recorded = read_bag(tmp_path / "bag")["/chaser_state"]
@@ -46,7 +47,7 @@ def test_what_has_arrived_when_it_is_closed_is_in_the_bag(tmp_path: Path) -> Non
 
 def test_a_message_has_the_time_it_was_published_and_received(tmp_path: Path) -> None:
     publisher = rclpy.create_node("publisher").create_publisher(ChaserState, "chaser_state", 1000)
-    with _recorder(BagWriter(tmp_path / "bag", 10.0), STATE):
+    with closing(_recorder(BagWriter(tmp_path / "bag", 10.0), STATE)):
         before = time.time_ns()
         publisher.publish(ChaserState())
         after = time.time_ns()
@@ -70,7 +71,7 @@ def test_a_bag_that_fails_is_left_alone_from_then_on() -> None:
     publisher = rclpy.create_node("publisher").create_publisher(ChaserState, "chaser_state", 1000)
     bag = Mock(spec=BagWriter)
     bag.write.side_effect = BagError("the disk is full")
-    with _recorder(bag, STATE):
+    with closing(_recorder(bag, STATE)):
         for _ in range(3):
             publisher.publish(ChaserState())
     bag.write.assert_called_once()

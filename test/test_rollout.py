@@ -10,16 +10,14 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from paper_equations import PaperTerms, paper_terms
-from robots import LEMUR_URDF, random_state, random_urdf
+from robots import ROBOTS, random_path, random_state
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.errors import NoPlanFound, Status
 from ff_planner_ros.planning.polynomial import (
-    EndEffectorMotion,
     EndEffectorPolynomial,
-    end_effector_polynomial,
 )
 from ff_planner_ros.planning.rollout import Rollout, RolloutModel
 from ff_planner_ros.robot.configuration import configuration, system_state
@@ -31,11 +29,6 @@ from ff_planner_ros.robot.velocity_map import VelocityMap
 DURATION = 5.0
 # Of states drawn at random, ones from which these motions stay away from singularities.
 STATE_SEEDS = {"six joints": 8, "lemur": 2, "nine joints": 7}
-URDFS = {
-    "six joints": (random_urdf(6, seed=6), "bus", "tool"),
-    "lemur": (LEMUR_URDF.read_text(), "chaser", "end_effector"),
-    "nine joints": (random_urdf(9, seed=9), "bus", "tool"),
-}
 
 
 class Case(NamedTuple):
@@ -61,33 +54,21 @@ def case_of(urdf: tuple[str, str, str], seed: int, reach: float = 0.15) -> Case:
     rng = np.random.default_rng(seed)
     start = random_state(robot, rng)
     q, v = configuration(robot, start)
-    data = robot.model.createData()
-    pin.forwardKinematics(robot.model, data, q, v)
-    placement = pin.updateFramePlacement(robot.model, data, robot.tip_frame_id)
-    twist = pin.getFrameVelocity(robot.model, data, robot.tip_frame_id, pin.LOCAL_WORLD_ALIGNED)
-    ends = (
-        EndEffectorMotion(placement.translation, placement.rotation, twist.vector, np.zeros(6)),
-        EndEffectorMotion(
-            placement.translation + rng.normal(scale=reach, size=3),
-            placement.rotation @ pin.exp3(rng.normal(scale=0.3, size=3)),
-            rng.normal(scale=0.05, size=6),
-            rng.normal(scale=0.02, size=6),
-        ),
-    )
+    path = random_path(robot, start, rng, DURATION, reach)
     return Case(
         urdf,
         robot,
         start,
         q,
-        total_momentum(robot, data, q, v),
-        end_effector_polynomial(*ends, DURATION),
+        total_momentum(robot, robot.model.createData(), q, v),
+        path,
         rng.normal(scale=0.05, size=(6, 3)),
     )
 
 
-@pytest.fixture(params=list(URDFS), scope="module")
+@pytest.fixture(params=list(ROBOTS), scope="module")
 def case(request: pytest.FixtureRequest) -> Case:
-    return case_of(URDFS[request.param], STATE_SEEDS[request.param])
+    return case_of(ROBOTS[request.param], STATE_SEEDS[request.param])
 
 
 @pytest.fixture(scope="module")
@@ -283,7 +264,7 @@ def test_accelerations_are_the_rates_of_a_fine_rollout_s_velocities(case: Case) 
 
 def test_a_path_out_of_the_workspace_is_refused_and_the_time_named() -> None:
     """The time is that at which an adaptive integration finds the joints running away."""
-    case = case_of(URDFS["lemur"], STATE_SEEDS["lemur"], reach=5.0)
+    case = case_of(ROBOTS["lemur"], STATE_SEEDS["lemur"], reach=5.0)
     points = 101
     with pytest.raises(NoPlanFound, match="dynamic singularity") as refusal:
         case.roll_out(points)

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 import pytest
-from robots import random_state, random_urdf
+from robots import random_state
 
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.robot.configuration import configuration
@@ -24,15 +24,9 @@ class Case(NamedTuple):
     """Each a configuration, a momentum and a wanted twist."""
 
 
-@pytest.fixture(params=["six joints", "lemur", "nine joints"])
-def case(request: pytest.FixtureRequest, lemur: Robot) -> Case:
-    joints = {"six joints": 6, "lemur": 7, "nine joints": 9}[request.param]
-    robot = (
-        lemur
-        if request.param == "lemur"
-        else robot_from_urdf_text(random_urdf(joints, seed=joints), "bus", "tool")
-    )
-    rng = np.random.default_rng(joints)
+@pytest.fixture
+def case(robot: Robot) -> Case:
+    rng = np.random.default_rng(robot.joints)
     questions = []
     for _ in range(8):
         q, _ = configuration(robot, random_state(robot, rng))

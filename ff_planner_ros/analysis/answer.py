@@ -37,7 +37,7 @@ def refusal_dictionary(error: FfPlannerError, solve_time: float) -> dict[str, An
         solve_time: Wall clock of the answer [s].
     """
     refusal = {"status": error.status.name.lower(), "message": str(error)}
-    if isinstance(error, NoPlanFound) and error.attempt is not None:
+    if isinstance(error, NoPlanFound) and isinstance(error.attempt, Plan):
         refusal |= _how_good(error.attempt, solve_time)
     return refusal
 

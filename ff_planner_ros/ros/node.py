@@ -109,7 +109,7 @@ def _recording(
     with BagWriter(bag_directory, flush_interval) as bag:
         bag.attach("robot.urdf", "application/xml", urdf.read_bytes())
         bag.attach("parameters.yaml", "application/yaml", yaml.safe_dump(used).encode())
-        with Recorder(bag, topics, flush_interval, name, node.get_namespace()):
+        with closing(Recorder(bag, topics, flush_interval, name, node.get_namespace())):
             yield
 
 

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
@@ -94,19 +93,6 @@ class Recorder:
                     subscription.callback(*taken)
         self._try(self._bag.close)
         self._node.destroy_node()
-
-    def __enter__(self) -> Self:
-        """Record until the end of the block."""
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        """Close the bag."""
-        self.close()
 
     def _writer(self, topic: str) -> Callable[[bytes, dict[str, int]], None]:
         def write(message: bytes, info: dict[str, int]) -> None:
