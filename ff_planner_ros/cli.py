@@ -6,7 +6,7 @@ import argparse
 import json
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from ff_planner_ros.analysis.answer import plan_dictionary, refusal_dictionary
-from ff_planner_ros.arrays import Array
+from ff_planner_ros.arrays import Array, finite_number
 from ff_planner_ros.errors import FfPlannerError, NoPlanFound, Status
 from ff_planner_ros.planning.plan import Plan
 from ff_planner_ros.planning.planner import plan
@@ -24,6 +24,7 @@ from ff_planner_ros.planning.settings import load_settings
 from ff_planner_ros.robot.model import Robot, read_urdf, robot_from_urdf_text
 from ff_planner_ros.robot.urdf import only_leaf_link, root_link
 from ff_planner_ros.share import share_directory
+from ff_planner_ros.time_budget import time_budget
 
 SOLVED, BAD_INPUT, NO_PLAN = 0, 2, 3
 
@@ -67,6 +68,14 @@ def _parser() -> argparse.ArgumentParser:
     )
     commands = parser.add_subparsers(metavar="COMMAND", required=True)
 
+    bench = commands.add_parser("bench", help="measure speed and success rate")
+    bench.add_argument("--quick", action="store_true", help="seconds instead of minutes")
+    bench.add_argument(
+        "--scenarios", type=int, metavar="N", help="of each class (default: 200; quick: 4)"
+    )
+    bench.add_argument("--json", type=Path, metavar="FILE", help="write all figures")
+    bench.set_defaults(command=_bench)
+
     demo = commands.add_parser("demo", help="plan the paper's capture over ROS, show the result")
     demo.add_argument("--output", type=Path, default=Path("demo_output"), metavar="DIR")
     demo.set_defaults(command=_demo)
@@ -87,6 +96,12 @@ def _parser() -> argparse.ArgumentParser:
         metavar="FILE",
         help="planner settings, as the node reads them (default: config/planner.yaml)",
     )
+    plan_command.add_argument(
+        "--time-budget",
+        type=float,
+        metavar="SECONDS",
+        help="give up after this time (default: take what it takes)",
+    )
     plan_command.add_argument("--json", type=Path, metavar="FILE", help="write the answer")
     plan_command.add_argument(
         "--bag", type=Path, metavar="DIR", help="write question and answer as a new bag"
@@ -99,6 +114,12 @@ def _parser() -> argparse.ArgumentParser:
     robot.add_argument("--tip-link", metavar="LINK", help="default: the only link without children")
     robot.set_defaults(command=_robot)
     return parser
+
+
+def _bench(options: argparse.Namespace) -> int:
+    from ff_planner_ros.bench.report import run_on_one_core
+
+    return run_on_one_core(options.quick, options.scenarios, options.json)
 
 
 # The commands that talk to ROS import it themselves: the others run where it is not installed.
@@ -126,7 +147,7 @@ def _plan(options: argparse.Namespace) -> int:
         if options.objective is not None:
             problem = replace(problem, objective=_OBJECTIVES[options.objective])
         begun = time.perf_counter()
-        answer = plan(problem, settings)
+        answer = plan(problem, settings, _keep_going(options.time_budget))
     except FfPlannerError as error:
         answer = error
     solve_time = time.perf_counter() - begun
@@ -141,6 +162,12 @@ def _plan(options: argparse.Namespace) -> int:
         raise answer
     _print_table(_plan_rows(answer, solve_time))
     return SOLVED
+
+
+def _keep_going(budget: float | None) -> Callable[[], None]:
+    if budget is None:
+        return lambda: None
+    return time_budget(finite_number("--time-budget", budget, above=0.0))
 
 
 def _dictionary(answer: Plan | FfPlannerError, solve_time: float) -> dict[str, Any]:
@@ -158,6 +185,7 @@ def _plan_rows(answer: Plan, solve_time: float) -> list[tuple[str, str]]:
         ("largest chaser attitude", f"{np.rad2deg(metrics.max_chaser_euler):.2f} deg"),
         ("clearance", f"{clearance * 1e3:.1f} mm" if np.isfinite(clearance) else "no obstacles"),
         ("margin to joint limits", f"{np.rad2deg(metrics.min_joint_margin):.1f} deg"),
+        ("margin to velocity limits", f"{np.rad2deg(metrics.min_velocity_margin):.2f} deg/s"),
         ("final position error", f"{metrics.final_position_error * 1e3:.4f} mm"),
         ("final orientation error", f"{np.rad2deg(metrics.final_orientation_error):.5f} deg"),
         ("momentum error", f"{metrics.momentum_error:.1e} relative"),

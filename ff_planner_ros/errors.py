@@ -32,6 +32,7 @@ class Status(IntEnum):
     LIMIT_VIOLATED = 302
     SINGULAR = 303
     CHECK_FAILED = 304
+    OUT_OF_TIME = 305
 
     INTERNAL_ERROR = 400
 
@@ -87,6 +88,17 @@ class NoPlanFound(FfPlannerError):
     def __reduce__(self) -> tuple[type, tuple[Status, str, object | None]]:
         """Pickle by constructor arguments, so that the error crosses processes."""
         return type(self), (self.status, self.constraint, self.attempt)
+
+
+class OutOfTime(FfPlannerError):
+    """The caller's patience is at its end; raised out of a solve, `plan` tells it as NoPlanFound.
+
+    Not a NoPlanFound itself: to the solver that is a wall in the way of one step, and it goes on.
+    """
+
+    def __init__(self, message: str) -> None:
+        """Only one status fits."""
+        super().__init__(Status.OUT_OF_TIME, message)
 
 
 class BagError(FfPlannerError):

@@ -112,7 +112,7 @@ def test_an_end_beside_the_target_is_found(problem, sound):
     assert answer.metrics.final_position_error == pytest.approx(0.002, rel=1e-3)
     error = refusal_of(problem, answer)
     assert error.status is Status.CHECK_FAILED
-    assert "final_position_error is 0.002 m, allowed is 0.001" in str(error)
+    assert "final_position_error is 0.002 m, allowed is 0.001 m" in str(error)
 
 
 def test_an_end_that_is_turned_is_found(problem, sound):
@@ -132,8 +132,38 @@ def test_a_joint_beyond_its_limit_is_found_by_name_time_and_amount(problem, soun
     error = refusal_of(tight, answer)
     assert error.status is Status.LIMIT_VIOLATED
     time = sound.trajectory.time[joints[:, 3].argmax()]
-    assert "joint joint_4 is 0.0500 rad outside its limits" in str(error)
+    assert "joint joint_4 is 0.05 rad outside its limits" in str(error)
     assert f"at t = {time:.2f} s" in str(error)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_joint_beyond_its_velocity_limit_is_found_by_name_time_and_amount(problem, sound, sign):
+    rates = sign * sound.trajectory.joint_velocities
+    point, joint = np.unravel_index(rates.argmax(), rates.shape)
+    limits = problem.robot.velocity_limits.copy()
+    limits[joint] = rates[point, joint] - 0.03
+    slow = replace(problem, robot=replace(problem.robot, velocity_limits=limits))
+    answer = replace(sound, metrics=measure(slow, sound.trajectory, SETTINGS))
+    assert answer.metrics.min_velocity_margin == pytest.approx(-0.03, abs=1e-12)
+    require_sound(slow, answer, SETTINGS)  # nobody asked to keep the rates
+    error = refusal_of(replace(slow, limit_joint_velocities=True), answer)
+    assert error.status is Status.LIMIT_VIOLATED
+    turning = f"joint joint_{joint + 1} turns at {sign * rates[point, joint]:.4f} rad/s"
+    assert f"{turning}, 0.03 rad/s faster than its limit of {limits[joint]:.4f}" in str(error)
+    assert f"at t = {sound.trajectory.time[point]:.2f} s of 10 s" in str(error)
+    assert "What may help: a longer duration" in str(error)
+
+
+def test_a_rate_beyond_its_limit_by_rounding_is_not_refused(problem, sound):
+    fastest = np.abs(sound.trajectory.joint_velocities).max(axis=0)
+    for beyond, refused in ((5e-7, False), (2e-6, True)):
+        robot = replace(problem.robot, velocity_limits=fastest - beyond)
+        slow = replace(problem, robot=robot, limit_joint_velocities=True)
+        answer = replace(sound, metrics=measure(slow, sound.trajectory, SETTINGS))
+        if refused:
+            assert refusal_of(slow, answer).status is Status.LIMIT_VIOLATED
+        else:
+            require_sound(slow, answer, SETTINGS)
 
 
 def test_an_obstacle_in_the_way_is_found_by_name_link_and_depth(problem, sound):

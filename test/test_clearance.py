@@ -15,6 +15,7 @@ from ff_planner_ros.planning.clearance import (
     arm_points_with_derivatives,
     clearance_gradients,
     clearances,
+    near_box,
     penalty,
     segments,
 )
@@ -229,3 +230,17 @@ def test_without_spheres_there_are_no_distances_and_no_penalty(lemur: Robot) -> 
         2,
     )
     assert penalty(clear.distance, 2.5, 1.0) == 0.0
+
+
+def test_the_broad_phase_keeps_every_sphere_that_an_arm_point_is_near_to() -> None:
+    rng = np.random.default_rng(4)
+    positions = rng.uniform(-1.0, 1.0, (5, 4, 3))
+    spheres = [
+        Sphere(str(k), rng.uniform(-4.0, 4.0, 3), rng.uniform(0.05, 0.5)) for k in range(200)
+    ]
+    kept = near_box(positions, spheres, 0.3)
+    clear = clearances(positions, segments(positions), spheres).distance.min(axis=(0, 1))
+    for sphere, distance in zip(spheres, clear, strict=True):
+        assert sphere in kept or distance > 0.3, sphere.id
+    assert 0 < len(kept) < len(spheres) / 2
+    assert near_box(positions, [], 0.3) == ()

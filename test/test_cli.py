@@ -1,6 +1,7 @@
 """The command line, as a user types it: exit codes, messages, files."""
 
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -35,6 +36,7 @@ METRICS = {
     "max_chaser_euler",
     "min_clearance",
     "min_joint_margin",
+    "min_velocity_margin",
     "penalty",
     "final_position_error",
     "final_orientation_error",
@@ -72,7 +74,7 @@ def test_plan_writes_every_field_of_the_contract(tmp_path, capsys):
     assert set(written["metrics"]) >= METRICS
     assert set(written["solver"]) >= {"solve_time", "iterations", "rollouts", "stop_reason"}
     assert written["metrics"]["joint_path_length"] <= 1.115
-    assert "joint path length        1.1" in capsys.readouterr().out
+    assert re.search(r"joint path length +1\.1", capsys.readouterr().out)
 
 
 def test_plan_without_obstacles_writes_json_that_strict_readers_take(scenario, tmp_path):
@@ -102,6 +104,37 @@ def test_no_plan_ends_with_3_and_the_constraint_on_stderr(scenario, tmp_path, ca
     assert main(["plan", str(path), "--json", str(answer)]) == 3
     assert "target.position is" in capsys.readouterr().err
     assert json.loads(answer.read_text())["status"] == "goal_out_of_reach"
+
+
+def test_the_best_attempt_of_a_refusal_tells_its_metrics_and_not_its_motion(
+    scenario, tmp_path, capsys
+):
+    answer, planner = tmp_path / "answer.json", tmp_path / "planner.yaml"
+    text = (CONFIG / "planner.yaml").read_text()
+    planner.write_text(re.sub(r"(starts|max_iterations): \d+", r"\1: 1", text))
+    path = scenario(duration=1.0, obstacles=[], limits={"velocity": "from_urdf"})
+    assert main(["plan", str(path), "--parameters", str(planner), "--json", str(answer)]) == 3
+    assert "turns at" in capsys.readouterr().err
+    written = json.loads(answer.read_text())
+    assert written["status"] == "limit_violated"
+    assert written["metrics"]["min_velocity_margin"] < 0.0
+    assert written["solver"]["starts"] == 1
+    assert "joint_positions" not in written
+
+
+def test_a_time_budget_that_is_used_up_ends_with_3(tmp_path, capsys):
+    answer = tmp_path / "answer.json"
+    command = ["plan", str(CAPTURE), "--json", str(answer), "--time-budget"]
+    assert main([*command, "1e-6"]) == 3
+    assert "the time budget of 1e-06 s is used up" in capsys.readouterr().err
+    assert json.loads(answer.read_text())["status"] == "out_of_time"
+    assert main([*command, "600"]) == 0
+
+
+@pytest.mark.parametrize("budget", ["0", "-1", "nan"])
+def test_a_time_budget_that_is_none_ends_with_2(budget, capsys):
+    assert main(["plan", str(CAPTURE), f"--time-budget={budget}"]) == 2
+    assert "--time-budget is" in capsys.readouterr().err
 
 
 def test_an_unknown_command_or_option_ends_with_2(capsys):

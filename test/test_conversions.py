@@ -163,8 +163,23 @@ def test_a_plan_comes_back_out_of_its_answer(plan: Plan, response: PlanTrajector
 def test_an_error_becomes_code_and_message_and_nothing_else(
     error: InvalidInput | NoPlanFound, code: int, message: str
 ) -> None:
-    assert response_from_error(error, "run.2") == PlanTrajectory.Response(
+    assert response_from_error(error, "run.2", 0.5) == PlanTrajectory.Response(
         status=PlanStatus(code=code, message=message), plan_id="run.2"
+    )
+
+
+def test_the_best_attempt_tells_its_metrics_and_not_its_motion(plan: Plan) -> None:
+    response = response_from_error(NoPlanFound(Status.COLLISION, "blocked", plan), "run.3", 0.5)
+    for item in fields(Metrics):
+        assert getattr(response.metrics, item.name) == getattr(plan.metrics, item.name)
+    assert response.solver.solve_time == 0.5
+    for item in fields(SolverReport):
+        assert getattr(response.solver, item.name) == getattr(plan.solver, item.name)
+    assert response == PlanTrajectory.Response(
+        status=PlanStatus(code=PlanStatus.COLLISION, message="blocked"),
+        plan_id="run.3",
+        metrics=response.metrics,
+        solver=response.solver,
     )
 
 
@@ -182,12 +197,15 @@ def test_state_obstacles_and_request_come_back_out_of_their_messages(
         (s.id, s.center.tolist(), s.radius) for s in problem.obstacles
     ]
     request = request_message(problem, FRAME)
-    back = problem_from_request(request, robot, state, STAMP_NS, spheres, FRAME, default_points=9)
+    back = problem_from_request(
+        request, robot, state, STAMP_NS, spheres, FRAME, 9, limit_joint_velocities=True
+    )
     for item in fields(problem.target):
         expected = getattr(problem.target, item.name)
         np.testing.assert_allclose(getattr(back.target, item.name), expected, atol=1e-15)
     assert (back.duration, back.points) == (problem.duration, problem.points)
     assert back.objective == problem.objective
+    assert back.limit_joint_velocities
 
 
 def test_joints_are_put_in_the_robots_order(lemur_capture: PlanningProblem) -> None:
@@ -275,7 +293,7 @@ def test_a_time_comes_back_out_of_its_message(time_ns: int) -> None:
 
 def _problem(problem: PlanningProblem, request: PlanTrajectory.Request) -> PlanningProblem:
     return problem_from_request(
-        request, problem.robot, problem.start, STAMP_NS, (), FRAME, default_points=9
+        request, problem.robot, problem.start, STAMP_NS, (), FRAME, 9, limit_joint_velocities=False
     )
 
 

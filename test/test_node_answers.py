@@ -128,10 +128,15 @@ def test_the_plan_starts_at_the_state_and_ends_at_the_target(
     assert turned.magnitude() <= 1e-3
 
 
-def test_the_benchmark_is_solved_as_well_through_the_service(run: Run) -> None:
+def test_the_benchmark_is_solved_as_well_through_the_service(
+    run: Run, lemur_capture: PlanningProblem
+) -> None:
     assert run.from_topics.metrics.joint_path_length <= 1.115
     assert run.from_topics.metrics.min_clearance >= 0.0
     assert run.from_topics.metrics.penalty == 0.0
+    rates = np.array([point.velocities for point in run.from_topics.joint_trajectory.points])
+    margin = (lemur_capture.robot.velocity_limits - np.abs(rates)).min()
+    assert run.from_topics.metrics.min_velocity_margin == pytest.approx(margin, abs=1e-12)
     assert len(run.from_topics.xi) == 18
     assert run.from_topics.solver.solve_time > 0.0
 

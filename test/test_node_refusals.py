@@ -63,6 +63,12 @@ def _age(seconds: float) -> Callable[[PlanTrajectory.Request], None]:
     return spoil
 
 
+def _in_a_hurry(request: PlanTrajectory.Request) -> None:
+    """A metre in a second, nothing in the way."""
+    request.duration = 1.0
+    request.obstacles.spheres = []
+
+
 CASES = {
     "state of an hour ago": Case(
         Status.STATE_TOO_OLD, ("start_state.header.stamp", "state_max_age"), _age(3600.0)
@@ -200,6 +206,25 @@ CASES = {
     "a joint outside its limits": Case(
         Status.START_OUTSIDE_LIMITS, ("joint_2",), _set("start_state.joint_positions.1", 4.0)
     ),
+    "a joint faster than its limit": Case(
+        Status.START_OUTSIDE_LIMITS,
+        ("joints.velocity[joint_3] is 0.6", "0.5"),
+        _set("start_state.joint_velocities.2", 0.6),
+    ),
+    "a negative time budget": Case(
+        Status.OUT_OF_RANGE, ("time_budget is -1", "30 s"), _set("time_budget", -1.0)
+    ),
+    "a time budget that is not a number": Case(
+        Status.NOT_FINITE, ("time_budget", "nan"), _set("time_budget", NAN)
+    ),
+    "a time budget of a microsecond": Case(
+        Status.OUT_OF_TIME, ("time budget of 1e-06 s is used up",), _set("time_budget", 1e-6)
+    ),
+    "a duration too short for the arm": Case(
+        Status.LIMIT_VIOLATED,
+        ("turns at", "faster than its limit of 0.5", "a longer duration"),
+        _in_a_hurry,
+    ),
     "a goal ten metres away": Case(
         Status.GOAL_OUT_OF_REACH, ("target",), _set("target_pose.pose.position.x", 10.0)
     ),
@@ -298,9 +323,18 @@ def test_what_is_or_is_not_published_is_refused_with_its_cause(
         assert word in answer.message
 
 
-def test_a_refusal_is_empty_but_for_status_and_id(run: Run) -> None:
+def test_a_refusal_is_empty_but_for_status_and_id_and_the_worth_of_the_best_attempt(
+    run: Run,
+) -> None:
+    attempted = run.refusals["a duration too short for the arm"]
+    assert attempted.metrics.min_velocity_margin < 0.0
+    assert attempted.metrics.joint_path_length > 0.0
+    assert attempted.solver.rollouts > 0
+    assert attempted.solver.solve_time > 0.0
     for name, answer in run.refusals.items():
         empty = PlanTrajectory.Response(status=answer.status, plan_id=answer.plan_id)
+        if answer is attempted:
+            empty.metrics, empty.solver = answer.metrics, answer.solver
         assert answer == empty, name
         assert answer.plan_id, name
 

@@ -95,6 +95,8 @@ def test_overrides_go_before_the_file() -> None:
         ({"state_max_age": float("nan")}, ("state_max_age is nan",)),
         ({"bag__flush_interval": 0.0}, ("bag.flush_interval is 0.0", "at least 0.01")),
         ({"inertial_frame": 3}, ("inertial_frame is 3", "text")),
+        ({"limits__velocity": "fast"}, ("limits.velocity is fast", "from_urdf or none")),
+        ({"time_budget": 0.0}, ("time_budget is 0.0", "at least 0.001", "[s]")),
         ({"planner__max_iterations": 0}, ("planner.max_iterations is 0", "at least 1")),
         ({"planner__penalty_gain": float("inf")}, ("planner.penalty_gain is",)),
     ],

@@ -1,12 +1,13 @@
 """The paper's capture, planned: reference values, determinism, refusals."""
 
 from dataclasses import replace
+from itertools import count
 
 import numpy as np
 import pinocchio as pin
 import pytest
 
-from ff_planner_ros.errors import InvalidInput, NoPlanFound, Status
+from ff_planner_ros.errors import InvalidInput, NoPlanFound, OutOfTime, Status
 from ff_planner_ros.planning.planner import plan
 from ff_planner_ros.planning.problem import Objective, Sphere
 from ff_planner_ros.planning.scenario import load_scenario
@@ -170,6 +171,84 @@ def test_rounding_beyond_a_joint_limit_is_not_refused(capture, settings):
     assert answer.metrics.min_joint_margin >= -1e-6
 
 
+def test_a_start_faster_than_a_joint_may_be_is_refused_by_joint_where_rates_are_limited(
+    capture, settings
+):
+    rates = capture.start.joint_velocities.copy()
+    rates[2] = -0.6
+    start = replace(capture.start, joint_velocities=rates)
+    fast = replace(capture, start=start, limit_joint_velocities=True)
+    with pytest.raises(
+        InvalidInput, match=r"joints\.velocity\[joint_3\] is -0\.6.*0\.5"
+    ) as refusal:
+        plan(fast, settings)
+    assert refusal.value.status is Status.START_OUTSIDE_LIMITS
+    with pytest.raises(NoPlanFound, match="start_velocity_jump"):
+        plan(replace(fast, limit_joint_velocities=False, obstacles=()), settings)
+
+
+def test_joint_rates_are_kept_within_their_limits_where_they_are_limited(
+    capture, settings, shortest
+):
+    """A limit of nine tenths of the fastest rate makes the path a little longer."""
+    limit = 0.9 * np.abs(shortest.trajectory.joint_velocities).max()
+    robot = replace(capture.robot, velocity_limits=np.full(7, limit))
+    slow = replace(capture, robot=robot, objective=LENGTH, limit_joint_velocities=True)
+    answer = plan(slow, replace(settings, starts=1))
+    rates = np.abs(answer.trajectory.joint_velocities)
+    assert rates.max() == pytest.approx(limit, abs=1e-5)
+    assert rates.max() <= limit + 1e-6
+    assert answer.metrics.min_velocity_margin == pytest.approx(limit - rates.max(), abs=1e-12)
+    longer = answer.metrics.joint_path_length / shortest.metrics.joint_path_length
+    assert 1.0 < longer < 1.02
+
+
+def test_a_duration_too_short_for_the_velocity_limits_is_refused_and_a_longer_one_is_not(
+    capture, settings
+):
+    """Both turn the end effector by 90 deg, the second in ten times the time."""
+    turned_goal = pin.Quaternion(capture.target.quaternion_xyzw).toRotationMatrix() @ pin.exp3(
+        np.array([0.0, 0.0, np.pi / 2])
+    )
+    problem = replace(
+        capture,
+        objective=LENGTH,
+        obstacles=(),
+        target=replace(capture.target, quaternion_xyzw=pin.Quaternion(turned_goal).coeffs()),
+        limit_joint_velocities=True,
+    )
+    hurried = replace(settings, starts=1, max_iterations=10)
+    with pytest.raises(
+        NoPlanFound, match=r"turns at .* rad/s faster.*a longer duration"
+    ) as refusal:
+        plan(replace(problem, duration=1.5), hurried)
+    assert refusal.value.status is Status.LIMIT_VIOLATED
+    assert refusal.value.attempt.metrics.min_velocity_margin < -0.1
+    assert plan(replace(problem, duration=15.0), settings).metrics.min_velocity_margin > 0.0
+
+
+@pytest.mark.parametrize("allowed", [0, 10])
+def test_a_search_that_is_ended_has_no_plan_and_says_why(capture, settings, allowed):
+    """To the solver itself, a NoPlanFound on the way is a wall that it turns away from."""
+    calls = count(1)
+
+    def keep_going():
+        if next(calls) > allowed:
+            raise OutOfTime("the patience of this test is at its end")
+
+    with pytest.raises(NoPlanFound, match=r"patience of this test.*more time") as refusal:
+        plan(replace(capture, objective=LENGTH), settings, keep_going)
+    assert refusal.value.status is Status.OUT_OF_TIME
+    assert next(calls) == allowed + 2
+
+
+def test_who_could_have_ended_a_search_does_not_change_its_answer(capture, settings, shortest):
+    calls = count()
+    answer = plan(replace(capture, objective=LENGTH), settings, lambda: next(calls))
+    assert answer.xi.tobytes() == shortest.xi.tobytes()
+    assert next(calls) >= answer.solver.iterations
+
+
 def test_a_goal_that_no_posture_reaches_is_refused_with_the_reach(capture, settings):
     far = replace(capture.target, position=np.array([9.0, 0.4, 0.6]))
     with pytest.raises(NoPlanFound, match=r"target\.position.*reaches at most") as refusal:
@@ -204,7 +283,7 @@ def test_a_goal_behind_a_wall_is_refused_with_the_collision_and_the_attempt(capt
         for z in np.arange(-2.0, 3.0, 0.4)
         if np.linalg.norm([1.25 - 0.8, y - 0.4, z - 0.6]) > 0.31
     )
-    with pytest.raises(NoPlanFound, match=r"obstacle wall_.*m inside it at t = ") as refusal:
+    with pytest.raises(NoPlanFound, match=r"m inside obstacle wall_.*at t = ") as refusal:
         plan(
             replace(capture, obstacles=wall, objective=LENGTH),
             replace(settings, starts=2, max_iterations=20),
@@ -216,7 +295,7 @@ def test_a_goal_behind_a_wall_is_refused_with_the_collision_and_the_attempt(capt
 
 def test_a_goal_at_the_edge_of_the_workspace_is_refused_as_singular(capture, settings):
     edge = replace(capture.target, position=np.array([3.35, 0.4, 0.6]))
-    with pytest.raises(NoPlanFound, match=r"singularity at t = \d") as refusal:
+    with pytest.raises(NoPlanFound, match=r"singularity at .*t = \d") as refusal:
         plan(replace(capture, target=edge, obstacles=()), replace(settings, starts=2))
     assert refusal.value.status is Status.SINGULAR
 

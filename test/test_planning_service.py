@@ -2,38 +2,87 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 from unittest.mock import Mock
 
 import pytest
 import rclpy
+from ff_planner_msgs.srv import PlanTrajectory
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 from ros_processes import Scene, private_domain
 
-from ff_planner_ros.errors import Status
+from ff_planner_ros.errors import NoPlanFound, Status
 from ff_planner_ros.planning.problem import PlanningProblem
 from ff_planner_ros.ros.parameters import declare_parameters
 from ff_planner_ros.ros.planning_service import PlanningService
 from ff_planner_ros.ros.worker import Worker
 
 
+@contextmanager
+def service(
+    problem: PlanningProblem, monkeypatch: pytest.MonkeyPatch, **overrides: Any
+) -> Iterator[tuple[Callable[[PlanTrajectory.Request], PlanTrajectory.Response], Mock, Mock]]:
+    """The service on a node in this process: its answer to a request, its worker, its logger."""
+    with private_domain():
+        rclpy.init(args=[])
+        node = Node(
+            "test",
+            parameter_overrides=[
+                Parameter(name.replace("__", "."), value=value) for name, value in overrides.items()
+            ],
+        )
+        logger, worker = Mock(), Mock(spec=Worker)
+        monkeypatch.setattr(node, "get_logger", lambda: logger)
+        answering = PlanningService(node, declare_parameters(node), problem.robot, worker, "run")
+        yield lambda request: answering._answer(request, Mock()), worker, logger
+        rclpy.shutdown()
+
+
 def test_an_error_that_nobody_foresaw_is_answered_and_logged_with_its_traceback(
     lemur_capture: PlanningProblem, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    with private_domain():
-        rclpy.init(args=[])
-        node = Node("test")
-        logger = Mock()
-        monkeypatch.setattr(node, "get_logger", lambda: logger)
-        worker = Mock(spec=Worker)
+    with service(lemur_capture, monkeypatch) as (answer, worker, logger):
         worker.solve.side_effect = ZeroDivisionError("nobody foresaw this")
-        service = PlanningService(
-            node, declare_parameters(node), lemur_capture.robot, worker, "run"
-        )
-        response = service._answer(Scene(lemur_capture).complete_request(), Mock())
-        rclpy.shutdown()
+        response = answer(Scene(lemur_capture).complete_request())
     assert response.status.code == Status.INTERNAL_ERROR
     assert response.status.message == "ZeroDivisionError: nobody foresaw this"
     assert response.plan_id == "run.1"
     (logged,) = logger.error.call_args.args
     assert f'File "{Path(__file__).parent.parent}' in logged
+
+
+@pytest.mark.parametrize(("asked", "granted"), [(0.0, 7.5), (2.5, 2.5)])
+def test_the_budget_is_the_requests_or_else_the_parameters(
+    lemur_capture: PlanningProblem,
+    monkeypatch: pytest.MonkeyPatch,
+    asked: float,
+    granted: float,
+) -> None:
+    with service(lemur_capture, monkeypatch, time_budget=7.5) as (answer, worker, _):
+        worker.solve.side_effect = NoPlanFound(Status.OUT_OF_TIME, "too slow")
+        request = Scene(lemur_capture).complete_request()
+        request.time_budget = asked
+        assert answer(request).status.code == Status.OUT_OF_TIME
+        problem, _, budget = worker.solve.call_args.args
+    assert budget == granted
+    assert problem.duration == request.duration
+
+
+@pytest.mark.parametrize(
+    ("overrides", "limited"), [({}, True), ({"limits__velocity": "none"}, False)]
+)
+def test_joint_rates_are_limited_unless_the_parameter_says_otherwise(
+    lemur_capture: PlanningProblem,
+    monkeypatch: pytest.MonkeyPatch,
+    overrides: dict[str, Any],
+    limited: bool,
+) -> None:
+    with service(lemur_capture, monkeypatch, **overrides) as (answer, worker, _):
+        worker.solve.side_effect = NoPlanFound(Status.COLLISION, "blocked")
+        answer(Scene(lemur_capture).complete_request())
+        (problem, *_) = worker.solve.call_args.args
+    assert problem.limit_joint_velocities is limited

@@ -12,6 +12,7 @@ import pytest
 from robots import ROBOTS, random_path, random_state
 
 from ff_planner_ros.arrays import Array
+from ff_planner_ros.errors import OutOfTime
 from ff_planner_ros.planning.clearance import arm_points
 from ff_planner_ros.planning.problem import Objective, Sphere
 from ff_planner_ros.planning.program import PathProgram
@@ -57,12 +58,15 @@ def case(request: pytest.FixtureRequest) -> Case:
         spheres=(*spheres, Sphere("far", arm[0] + 100.0, 0.1)),
         objective=Objective(joint_path_length=0.7, chaser_attitude=1.3),
         clearance_margin=MARGIN,
+        limit_joint_velocities=False,
+        keep_going=lambda: None,
     )
     return Case(program, rng.normal(scale=0.05, size=18))
 
 
 def test_every_derivative_is_that_of_differences(case: Case) -> None:
-    at_x, step = case.program.linearise(case.x), 1e-6
+    program, step = _with_slow_joints(case), 1e-6
+    at_x = program.linearise(case.x)
     for name, found in (
         ("value", at_x.gradient[None]),
         ("peaks", at_x.peaks_jacobian),
@@ -71,7 +75,7 @@ def test_every_derivative_is_that_of_differences(case: Case) -> None:
         expected = np.empty_like(found)
         for k, aside in enumerate(step * np.eye(18)):
             ahead, behind = (
-                np.atleast_1d(getattr(case.program.linearise(case.x + sign * aside), name))
+                np.atleast_1d(getattr(program.linearise(case.x + sign * aside), name))
                 for sign in (1, -1)
             )
             # The rows are the same ones: none has come or gone.
@@ -126,7 +130,7 @@ def test_an_attitude_of_no_weight_has_no_peaks(case: Case) -> None:
 
 
 def test_every_link_near_a_sphere_has_a_row_at_and_between_the_points(case: Case) -> None:
-    """Each clearance below 0.5 m, less the margin, by geometry alone; the start cannot move."""
+    """Each clearance below 0.2 m, less the margin, by geometry alone; the start cannot move."""
     without_limits = replace(
         case.program.robot,
         lower_position_limits=np.full(case.program.robot.joints, -1e3),
@@ -142,7 +146,7 @@ def test_every_link_near_a_sphere_has_a_row_at_and_between_the_points(case: Case
         if np.linalg.norm(end - start) > 1e-3
     ]
     near = np.sort(expected)
-    near = near[near < 0.5]
+    near = near[near < 0.2]
     assert len(near) > 10
     np.testing.assert_allclose(np.sort(at_x.constraints)[: len(near)], near, rtol=0.0, atol=1e-12)
     assert at_x.constraints.max() < 10.0, "the far sphere has a row"
@@ -171,9 +175,47 @@ def test_every_joint_near_or_beyond_a_limit_has_a_row_at_every_point(case: Case,
     )
     found = replace(case.program, robot=robot, spheres=()).linearise(case.x).constraints
     expected = np.sort(joint - limit if side == "lower" else limit - joint)
-    expected = expected[expected < 0.6]
+    expected = expected[expected < 0.25]
     assert expected[0] < 0.0 < expected[-1]
     np.testing.assert_allclose(np.sort(found), expected, rtol=0.0, atol=1e-14)
+
+
+def test_every_joint_rate_near_or_beyond_its_limit_has_a_row_at_every_point(case: Case) -> None:
+    """The start's rates are what they are, whatever the path."""
+    far = np.full(case.program.robot.joints, 1e3)
+    slow = _with_slow_joints(case)
+    robot = replace(slow.robot, lower_position_limits=-far, upper_position_limits=far)
+    found = replace(slow, robot=robot, spheres=()).linearise(case.x).constraints
+    rates = slow.rollouts.roll_out(case.x.reshape(6, 3)).v[1:, 6:]
+    expected = [
+        margin
+        for rate in rates
+        for one, limit in zip(rate, robot.velocity_limits, strict=True)
+        for margin in (limit - one, limit + one)
+        if margin < 0.6 * limit
+    ]
+    assert min(expected) < 0.0 < max(expected)
+    np.testing.assert_allclose(np.sort(found), np.sort(expected), rtol=0.0, atol=1e-14)
+    without = replace(slow, robot=robot, spheres=(), limit_joint_velocities=False)
+    assert without.linearise(case.x).constraints.shape == (0,)
+
+
+def _with_slow_joints(case: Case) -> PathProgram:
+    """Limit two joint rates so that half of the points are beyond, one in either direction."""
+    rates = case.program.rollouts.roll_out(case.x.reshape(6, 3)).v[1:, 6:]
+    limits = np.full(case.program.robot.joints, 1e3)
+    for joint in (np.argmax(rates.max(axis=0)), np.argmin(rates.min(axis=0))):
+        limits[joint] = np.median(np.abs(rates[:, joint]))
+    robot = replace(case.program.robot, velocity_limits=limits)
+    return replace(case.program, robot=robot, limit_joint_velocities=True)
+
+
+def test_whoever_may_end_the_search_is_asked_before_the_work(case: Case) -> None:
+    def end() -> None:
+        raise OutOfTime("enough")
+
+    with pytest.raises(OutOfTime, match="enough"):
+        replace(case.program, rollouts=None, keep_going=end).linearise(case.x)  # type: ignore[arg-type]
 
 
 def test_far_from_everything_there_are_no_rows(case: Case) -> None:

@@ -44,7 +44,7 @@ SCENARIO: dict[str, Any] = {
         {"id": "dish", "center": [7, 8, 9], "radius": 1},
     ],
     "objective": {"joint_path_length": 0.5, "chaser_attitude": 2.0},
-    "limits": {"position": "from_urdf"},
+    "limits": {"position": "from_urdf", "velocity": "from_urdf"},
 }
 MISSING = object()
 
@@ -103,6 +103,7 @@ def test_every_value_of_a_file_arrives(directory: Path) -> None:
     assert (problem.duration, problem.points) == (12.5, 40)
     assert problem.objective.joint_path_length == 0.5
     assert problem.objective.chaser_attitude == 2.0
+    assert problem.limit_joint_velocities
 
 
 def test_a_target_that_names_no_twist_is_at_rest(directory: Path) -> None:
@@ -231,12 +232,24 @@ def test_an_unknown_key_is_named(directory: Path, name: str) -> None:
         ("objective", {"joint_path_length": 0, "chaser_attitude": 0}, "objective is all zero: one"),
         ("limits", "from_urdf", "limits is from_urdf: it must hold position"),
         ("limits.position", "none", "limits.position is none: it must be from_urdf"),
+        ("limits.velocity", "fast", "limits.velocity is fast: it must be from_urdf or none"),
+        ("limits.velocity", True, "limits.velocity is True: it must be from_urdf or none"),
     ],
 )
 def test_a_value_that_cannot_be_planned_with_is_refused_by_its_dotted_name(
     directory: Path, name: str, value: object, message: str
 ) -> None:
     assert str(refusal_of(saved(directory, name, value))).startswith(message)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("limits", MISSING), ("limits.velocity", MISSING), ("limits.velocity", "none")],
+)
+def test_joint_rates_are_limited_only_where_the_file_says_so(
+    directory: Path, name: str, value: object
+) -> None:
+    assert not load_scenario(saved(directory, name, value)).limit_joint_velocities
 
 
 def test_euler_angles_of_two_entries_are_refused(directory: Path) -> None:

@@ -12,8 +12,8 @@ import numpy as np
 import pinocchio as pin
 
 from ff_planner_ros.arrays import Array
-from ff_planner_ros.errors import NoPlanFound, Status
 from ff_planner_ros.planning.clearance import arm_points, clearances, penalty, segments
+from ff_planner_ros.planning.failures import failures, refusal
 from ff_planner_ros.planning.motion import from_trajectory
 from ff_planner_ros.planning.objectives import chaser_euler, joint_path_length
 from ff_planner_ros.planning.plan import Metrics, Plan, Trajectory
@@ -26,8 +26,6 @@ from ff_planner_ros.robot.momentum import smallest_singular_values, total_moment
 # The certified clearance is below the true one by at most this [m]: thinner than paint, and a
 # quarter of the default margin.
 _CERTIFICATE_GAP = 5e-4
-# Joint margins violated by less are rounding [rad].
-LIMIT_TOLERANCE = 1e-6
 
 
 def measure(problem: PlanningProblem, trajectory: Trajectory, settings: PlannerSettings) -> Metrics:
@@ -63,6 +61,9 @@ def measure(problem: PlanningProblem, trajectory: Trajectory, settings: PlannerS
         max_chaser_euler=float(np.abs(chaser_euler(robot, q)).max()),
         min_clearance=certified_clearance(robot, q, v, step, problem.obstacles),
         min_joint_margin=float(margins.min()),
+        min_velocity_margin=float(
+            (robot.velocity_limits - np.abs(trajectory.joint_velocities)).min()
+        ),
         penalty=penalty(at_points.distance, settings.penalty_gain, settings.penalty_exponent),
         final_position_error=float(np.linalg.norm(tip.translation - problem.target.position)),
         final_orientation_error=float(np.linalg.norm(pin.log3(tip.rotation.T @ target_rotation))),
@@ -83,70 +84,11 @@ def require_sound(problem: PlanningProblem, plan: Plan, settings: PlannerSetting
         settings: The tolerances.
 
     Raises:
-        NoPlanFound: Names the first failure, where it is and by how much; carries the plan.
+        NoPlanFound: Names every failure, where it is and by how much; carries the plan.
     """
-    metrics, trajectory = plan.metrics, plan.trajectory
-    if not metrics.min_clearance >= 0.0:
-        raise NoPlanFound(Status.COLLISION, _describe_collision(problem, plan), plan)
-    if not metrics.min_joint_margin >= -LIMIT_TOLERANCE:
-        lower, upper = problem.robot.lower_position_limits, problem.robot.upper_position_limits
-        excess = np.maximum(trajectory.joint_positions - upper, lower - trajectory.joint_positions)
-        point, joint = np.unravel_index(excess.argmax(), excess.shape)
-        raise NoPlanFound(
-            Status.LIMIT_VIOLATED,
-            f"joint {plan.joint_names[joint]} is {excess[point, joint]:.4f} rad outside its limits "
-            f"[{lower[joint]:.4f}, {upper[joint]:.4f}] at t = {trajectory.time[point]:.2f} s; "
-            "choose another goal, start posture or duration",
-            plan,
-        )
-    if not metrics.min_singular_value >= settings.singular_value_threshold:
-        q, _ = from_trajectory(problem.robot, trajectory)
-        point = smallest_singular_values(problem.robot, q).argmin()
-        raise NoPlanFound(
-            Status.SINGULAR,
-            f"dynamic singularity near t = {trajectory.time[point]:.2f} s of "
-            f"{problem.duration:g} s: the smallest singular value of the generalised Jacobian is "
-            f"{metrics.min_singular_value:.3g}, allowed is {settings.singular_value_threshold:g}; "
-            "choose a nearer goal, another start posture or duration",
-            plan,
-        )
-    for name, value, allowed, unit, advice in (
-        (
-            "final_position_error",
-            metrics.final_position_error,
-            settings.position_tolerance,
-            "m",
-            "use more points",
-        ),
-        (
-            "final_orientation_error",
-            metrics.final_orientation_error,
-            settings.orientation_tolerance,
-            "rad",
-            "use more points",
-        ),
-        (
-            "momentum_error",
-            metrics.momentum_error,
-            settings.momentum_tolerance,
-            "(relative)",
-            "report this as a fault of the planner",
-        ),
-        (
-            "start_velocity_jump",
-            metrics.start_velocity_jump,
-            settings.start_velocity_tolerance,
-            "rad/s",
-            "the start's joint rates hold a null-space motion; damp it before planning",
-        ),
-    ):
-        if not value <= allowed:
-            raise NoPlanFound(
-                Status.CHECK_FAILED,
-                f"the check refused the plan: {name} is {value:.3g} {unit}, allowed is "
-                f"{allowed:.3g}; {advice}",
-                plan,
-            )
+    found = list(failures(problem, plan, settings))
+    if found:
+        raise refusal(plan, found)
 
 
 def certified_clearance(
@@ -173,12 +115,16 @@ def certified_clearance(
         return np.inf
     positions = arm_points(robot, q)
     starts = segments(positions)
-    at_points = clearances(positions, starts, spheres).distance.min(axis=(1, 2))
+    by_sphere = clearances(positions, starts, spheres).distance.min(axis=1)
+    at_points = by_sphere.min(axis=1)
     cubics = [_cubic_between(robot, q[i : i + 2], v[i : i + 2], step) for i in range(len(q) - 1)]
     fastest = np.array([_speed_bound(positions[0], q[0], cubic, step) for cubic in cubics])
     index, begin, end = np.arange(len(cubics)), np.zeros(len(cubics)), np.ones(len(cubics))
     at_begin, at_end = at_points[:-1], at_points[1:]
     lowest = certified = float(at_points.min())
+    # What no step can bring nearer than the nearest point need not be looked at again.
+    reachable = by_sphere.min(axis=0) <= lowest + fastest.max() * step
+    spheres = [sphere for sphere, keep in zip(spheres, reachable, strict=True) if keep]
     while True:
         bound = (at_begin + at_end - fastest[index] * (end - begin) * step) / 2
         open_ = bound < lowest - _CERTIFICATE_GAP
@@ -235,40 +181,6 @@ def _speed_bound(positions: Array, q: Array, cubic: Array, step: float) -> float
     way = np.linalg.norm(np.abs(cubic[:, :3]).sum(axis=0))
     base = np.linalg.norm(rates[:3]) + turn_rate * (reach + way / 2)
     return float(base + rates[6:] @ beyond)
-
-
-def _describe_collision(problem: PlanningProblem, plan: Plan) -> str:
-    """Say which link meets which obstacle, where, by how much, and what to try."""
-    trajectory = plan.trajectory
-    q, _ = from_trajectory(problem.robot, trajectory)
-    positions = arm_points(problem.robot, q)
-    starts = segments(positions)
-    distance = clearances(positions, starts, problem.obstacles).distance
-    point, segment, sphere = np.unravel_index(distance.argmin(), distance.shape)
-    depth, time = -distance[point, segment, sphere], trajectory.time[point]
-    if depth <= 0.0:
-        return (
-            f"the arm may touch obstacle {problem.obstacles[sphere].id} between two points near "
-            f"t = {time:.2f} s: certified clearance is {plan.metrics.min_clearance * 1e3:.2f} mm; "
-            "use more points or a larger planner.clearance_margin"
-        )
-    return (
-        f"no way around obstacle {problem.obstacles[sphere].id} found: "
-        f"{link_name(problem.robot, int(starts[segment]))} is {depth:.4f} m inside it "
-        f"at t = {time:.2f} s of {problem.duration:g} s; "
-        "choose another goal, start posture or duration"
-    )
-
-
-def link_name(robot: Robot, start: int) -> str:
-    """Return words for the arm's segment that starts at a joint.
-
-    Args:
-        robot: The robot.
-        start: Index of the joint.
-    """
-    ends = (*robot.joint_names, robot.tip_link)
-    return f"the link from {ends[start]} to {ends[start + 1]}"
 
 
 def _tip_placement(robot: Robot, data: pin.Data, q: Array) -> pin.SE3:

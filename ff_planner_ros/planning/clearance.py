@@ -101,6 +101,24 @@ def segments(positions: Array) -> Indices:
     return np.flatnonzero(length > _SAME_POINT)
 
 
+def near_box(positions: Array, spheres: Sequence[Sphere], distance: float) -> tuple[Sphere, ...]:
+    """Return the spheres that come near the box around all points: the broad phase.
+
+    Args:
+        positions: Of `arm_points`. Shape (points, joints + 1, 3).
+        spheres: The obstacles.
+        distance: From a sphere's surface to the box [m].
+    """
+    low, high = positions.min(axis=(0, 1)), positions.max(axis=(0, 1))
+    centers = np.array([sphere.center for sphere in spheres]).reshape(-1, 3)
+    to_box = np.linalg.norm(centers - np.clip(centers, low, high), axis=1)
+    return tuple(
+        sphere
+        for sphere, gap in zip(spheres, to_box.tolist(), strict=True)
+        if gap <= sphere.radius + distance
+    )
+
+
 def clearances(positions: Array, starts: Indices, spheres: Sequence[Sphere]) -> Clearances:
     """Return the surface distance of every segment from every sphere.
 

@@ -58,6 +58,8 @@ class Metrics:
         min_clearance: Of any link line from any sphere, certified between the points too [m];
             infinite without obstacles.
         min_joint_margin: To the nearest joint limit [rad].
+        min_velocity_margin: Of any joint rate to its limit in the URDF, at the points [rad/s];
+            negative beyond it, which only a problem that limits the rates forbids.
         penalty: R_obst of Eqs. (46) and (47); zero for a collision-free plan.
         final_position_error: Of the end effector against the target [m].
         final_orientation_error: Of the end effector against the target [rad].
@@ -72,6 +74,7 @@ class Metrics:
     max_chaser_euler: float
     min_clearance: float
     min_joint_margin: float
+    min_velocity_margin: float
     penalty: float
     final_position_error: float
     final_orientation_error: float

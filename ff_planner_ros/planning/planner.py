@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 import pinocchio as pin
 
 from ff_planner_ros.arrays import Array
+from ff_planner_ros.errors import NoPlanFound, OutOfTime, Status
 from ff_planner_ros.planning.check import measure, require_sound
 from ff_planner_ros.planning.motion import to_trajectory
 from ff_planner_ros.planning.plan import Plan, SolverReport
@@ -28,19 +30,29 @@ from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.momentum import total_momentum
 
 
-def plan(problem: PlanningProblem, settings: PlannerSettings) -> Plan:
+def _for_ever() -> None:
+    """Let a search take the time that it takes."""
+
+
+def plan(
+    problem: PlanningProblem,
+    settings: PlannerSettings,
+    keep_going: Callable[[], None] = _for_ever,
+) -> Plan:
     """Plan a trajectory: optimal, collision-free, checked.
 
-    The same problem and settings give the same plan.
+    The same problem and settings give the same plan; how long it may take decides only whether
+    there is an answer, never which.
 
     Args:
         problem: What is asked.
         settings: The planner's tunables.
+        keep_going: Called before every iteration of the search; raises OutOfTime to end it.
 
     Raises:
         InvalidInput: The start violates what the plan must keep.
-        NoPlanFound: The goal is out of reach, the search found no feasible path, or the check
-            refused the one it found.
+        NoPlanFound: The goal is out of reach, the search found no feasible path or was ended, or
+            the check refused the path that it found.
     """
     robot = problem.robot
     q_start, v_start = configuration(robot, problem.start)
@@ -49,21 +61,25 @@ def plan(problem: PlanningProblem, settings: PlannerSettings) -> Plan:
     require_reachable_goal(problem, q_start, momentum)
     polynomial = end_effector_paths(problem, q_start, v_start)
 
-    def program(points: int, clearance_margin: float) -> PathProgram:
+    def program(points: int, clearance_margin: float, damping: float) -> PathProgram:
         return PathProgram(
             robot=robot,
-            rollouts=RolloutModel(robot, q_start, momentum, polynomial, points),
+            rollouts=RolloutModel(robot, q_start, momentum, polynomial, points, damping),
             step=problem.duration / (points - 1),
             spheres=problem.obstacles,
             objective=_with_tie_break(problem.objective, settings),
             clearance_margin=clearance_margin,
+            limit_joint_velocities=problem.limit_joint_velocities,
+            keep_going=keep_going,
         )
 
-    # The joint path is short where the detour is, and the first path that is found is short. The
-    # attitude has many local optima, far apart in value.
-    found = search(
-        program, problem.points, settings, every_start=problem.objective.chaser_attitude > 0.0
-    )
+    try:
+        found = search(program, problem.points, settings)
+    except OutOfTime as end:
+        raise NoPlanFound(
+            Status.OUT_OF_TIME,
+            f"{end}; whether there is a plan is not known: give it more time or fewer points",
+        ) from None
     coefficients = found.best.x.reshape(COMPONENTS, FREE_TERMS)
     rollouts = RolloutModel(robot, q_start, momentum, polynomial, problem.points)
     rollout = rollouts.roll_out(coefficients)

@@ -7,8 +7,8 @@ import pinocchio as pin
 
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.errors import InvalidInput, NoPlanFound, Status
-from ff_planner_ros.planning.check import LIMIT_TOLERANCE, link_name
 from ff_planner_ros.planning.clearance import arm_points, clearances, segments
+from ff_planner_ros.planning.failures import LIMIT_TOLERANCE, link_name
 from ff_planner_ros.planning.problem import PlanningProblem
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.momentum import smallest_singular_values
@@ -18,6 +18,8 @@ def require_sound_start(
     problem: PlanningProblem, q_start: Array, singular_value_threshold: float
 ) -> None:
     """Refuse a start outside the joint limits, inside an obstacle or in a singular posture.
+
+    Joint rates count where the problem limits them.
 
     Args:
         problem: The question.
@@ -42,6 +44,17 @@ def require_sound_start(
                 f"{position:.6f} rad",
                 f"it must be within the joint's limits [{lower:.6f}, {upper:.6f}] rad",
             )
+    if problem.limit_joint_velocities:
+        for name, rate, limit in zip(
+            robot.joint_names, problem.start.joint_velocities, robot.velocity_limits, strict=True
+        ):
+            if not abs(rate) <= limit + LIMIT_TOLERANCE:
+                raise InvalidInput(
+                    Status.START_OUTSIDE_LIMITS,
+                    f"joints.velocity[{name}]",
+                    f"{rate:.6f} rad/s",
+                    f"it must be at most {limit:.6f} rad/s either way, the joint's limit",
+                )
     positions = arm_points(robot, q_start[None])
     starts = segments(positions)
     distance = clearances(positions, starts, problem.obstacles).distance[0]

@@ -114,6 +114,8 @@ class PlanningProblem:
         points: Number of points of the plan, n_p in the paper.
         obstacles: Spheres at rest in the inertial frame.
         objective: What to minimise.
+        limit_joint_velocities: Whether to keep the velocity limits of the URDF, at the points;
+            its position limits are always kept.
 
     Raises:
         InvalidInput: A duration that is not positive, a number of points out of range, or a
@@ -127,6 +129,7 @@ class PlanningProblem:
     points: int
     obstacles: tuple[Sphere, ...]
     objective: Objective
+    limit_joint_velocities: bool = False
 
     def __post_init__(self) -> None:
         """Check what the parts cannot check by themselves."""

@@ -7,7 +7,7 @@ every sphere at every point.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,6 +17,7 @@ from ff_planner_ros.planning.clearance import (
     arm_points_with_derivatives,
     clearance_gradients,
     clearances,
+    near_box,
     segments,
 )
 from ff_planner_ros.planning.objectives import (
@@ -32,8 +33,9 @@ from ff_planner_ros.planning.solver import Linearisation
 from ff_planner_ros.robot.model import Robot
 
 # A sphere further from a segment than this, or a joint further from its limit [rad], cannot be
-# reached by one step of the solver that the linearisation still describes.
-_DISTANCE_OF_INTEREST = 0.6
+# reached by one step of the solver that the linearisation still describes; nor can the limit of a
+# joint rate that is below this part of it.
+_DISTANCE_OF_INTEREST, _RATE_OF_INTEREST = 0.25, 0.4
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,6 +49,8 @@ class PathProgram:
         spheres: The obstacles.
         objective: The weights.
         clearance_margin: Clearance to keep at the points [m].
+        limit_joint_velocities: Whether to keep the joint rates within the robot's limits.
+        keep_going: Called before each linearisation; raises when there shall be no further one.
     """
 
     robot: Robot
@@ -55,6 +59,8 @@ class PathProgram:
     spheres: Sequence[Sphere]
     objective: Objective
     clearance_margin: float
+    limit_joint_velocities: bool
+    keep_going: Callable[[], None]
 
     def linearise(self, x: Array) -> Linearisation:
         """Return objective and constraints with their derivatives.
@@ -64,14 +70,20 @@ class PathProgram:
 
         Raises:
             NoPlanFound: The path meets a dynamic singularity.
+            OutOfTime: By `keep_going`.
         """
+        self.keep_going()
         rollout = self.rollouts.roll_out(x.reshape(COMPONENTS, FREE_TERMS))
         sensitivity = self.rollouts.sensitivity(rollout)
         joint_rates, joint_rates_by_x = rollout.v[:, 6:], sensitivity.v[:, 6:]
         gradient, hessian = joint_path_length_derivatives(joint_rates, joint_rates_by_x, self.step)
         weight = self.objective.joint_path_length
         peaks, peaks_jacobian = self._peaks(rollout, sensitivity)
-        rows = [self._clearance(rollout, sensitivity), self._joint_margins(rollout, sensitivity)]
+        rows = [
+            self._clearance(rollout, sensitivity),
+            self._joint_margins(rollout, sensitivity),
+            self._velocity_margins(rollout, sensitivity),
+        ]
         return Linearisation(
             value=weight * joint_path_length(joint_rates, self.step),
             gradient=weight * gradient,
@@ -101,7 +113,8 @@ class PathProgram:
             np.concatenate([sensitivity.q[1:], sensitivity.q_half_way]),
         )
         starts = segments(positions)
-        clear = clearances(positions, starts, self.spheres)
+        near = near_box(positions, self.spheres, _DISTANCE_OF_INTEREST)
+        clear = clearances(positions, starts, near)
         rows = np.nonzero(clear.distance < _DISTANCE_OF_INTEREST)
         jacobian = clearance_gradients(clear, derivatives, starts, rows)
         return clear.distance[rows] - self.clearance_margin, jacobian
@@ -114,4 +127,15 @@ class PathProgram:
         )
         jacobians = np.stack([-jacobian, jacobian])
         rows = np.nonzero(margins < _DISTANCE_OF_INTEREST)
+        return margins[rows], jacobians[rows]
+
+    def _velocity_margins(self, rollout: Rollout, sensitivity: Sensitivity) -> tuple[Array, Array]:
+        """Return the margins of interest to the limits of the joint rates."""
+        rates, jacobian = rollout.v[1:, 6:], sensitivity.v[1:, 6:]
+        if not self.limit_joint_velocities:
+            return np.empty(0), np.empty((0, jacobian.shape[2]))
+        limits = self.robot.velocity_limits
+        margins = np.stack([limits - rates, limits + rates])
+        jacobians = np.stack([-jacobian, jacobian])
+        rows = np.nonzero(margins < (1.0 - _RATE_OF_INTEREST) * limits)
         return margins[rows], jacobians[rows]

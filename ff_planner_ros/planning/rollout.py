@@ -80,6 +80,7 @@ class RolloutModel:
         momentum: Array,
         polynomial: EndEffectorPolynomial,
         points: int,
+        damping: float = 0.0,
     ) -> None:
         """Fix everything but the coefficients.
 
@@ -89,9 +90,11 @@ class RolloutModel:
             momentum: Constant total P and L about the inertial origin. Shape (6,).
             polynomial: The end-effector paths.
             points: Number of points, at least 2.
+            damping: Of the velocity map; a damped rollout leaves its path near a singularity
+                instead of ending there.
         """
         self._robot = robot
-        self._velocity_map = VelocityMap(robot)
+        self._velocity_map = VelocityMap(robot, damping)
         self._q_start = q_start
         self._momentum = momentum
         self.polynomial = polynomial
@@ -119,12 +122,12 @@ class RolloutModel:
             increments[i, 0] = h / 2 * v1
             v2 = self._stage(stages, pin.integrate(model, q[i], increments[i, 0]), twist, 2 * i + 1)
             increments[i, 1] = h / 2 * v2
-            increments[i, 1, :6] += h**2 / 8 * _bracket(v1) @ v2[:6]
+            increments[i, 1, :6] += h**2 / 8 * _bracket(v1, v2)
             v3 = self._stage(stages, pin.integrate(model, q[i], increments[i, 1]), twist, 2 * i + 1)
             increments[i, 2] = h * v3
             v4 = self._stage(stages, pin.integrate(model, q[i], increments[i, 2]), twist, 2 * i + 2)
             increments[i, 3] = h / 6 * (v1 + 2 * v2 + 2 * v3 + v4)
-            increments[i, 3, :6] += h**2 / 12 * _bracket(v1) @ v4[:6]
+            increments[i, 3, :6] += h**2 / 12 * _bracket(v1, v4)
             q[i + 1] = pin.integrate(model, q[i], increments[i, 3])
         self._stage(stages, q[-1], twist, 2 * steps)
         half_way = _half_way(increments)
@@ -146,10 +149,10 @@ class RolloutModel:
         """Evaluate and keep the velocity map at one stage."""
         try:
             solution = self._velocity_map.solve(q, self._momentum, twist[half_step])
-            rate = np.abs(solution.v[6:]).max()
+            square = float(solution.v[6:] @ solution.v[6:])
         except np.linalg.LinAlgError:
-            rate = np.inf
-        if not rate < _SINGULAR_JOINT_RATE:
+            square = np.inf
+        if not square < _SINGULAR_JOINT_RATE**2:
             time = self._half_steps[half_step] * self.polynomial.duration
             raise NoPlanFound(
                 Status.SINGULAR,
@@ -220,19 +223,23 @@ def _half_way(increments: Array) -> Array:
     return mean
 
 
-def _bracket(v: Array) -> Array:
-    """Return the matrix of the Lie bracket with a body twist. Shape (..., 6, 6)."""
-    matrix = np.zeros((*v.shape[:-1], 6, 6))
-    angular = skew(v[..., 3:6])
-    matrix[..., :3, :3] = angular
-    matrix[..., 3:, 3:] = angular
-    matrix[..., :3, 3:] = skew(v[..., :3])
-    return matrix
+def _bracket(a: Array, b: Array) -> Array:
+    """Return the Lie bracket of the base twists of two tangent velocities. Shape (6,)."""
+    bracket: Array = pin.Motion(a[:6]).cross(pin.Motion(b[:6])).vector
+    return bracket
 
 
 def _bracket_derivative(a: Array, da: Array, b: Array, db: Array) -> Array:
     """Return the derivative of the bracket [a, b]. Shape (steps, 6, columns)."""
-    return _bracket(a) @ db[:, :6] - _bracket(b) @ da[:, :6]
+    return _bracket_matrix(a) @ db[:, :6] - _bracket_matrix(b) @ da[:, :6]
+
+
+def _bracket_matrix(a: Array) -> Array:
+    """Return the matrices of the bracket with a base twist. Shape (steps, 6, 6)."""
+    matrix = np.zeros((len(a), 6, 6))
+    matrix[:, :3, :3] = matrix[:, 3:, 3:] = skew(a[:, 3:6])
+    matrix[:, :3, 3:] = skew(a[:, :3])
+    return matrix
 
 
 def _integrate_derivatives(increments: Array) -> tuple[Array, Array]:

@@ -55,7 +55,11 @@ def load_scenario(path: Path) -> PlanningProblem:
         ),
         optional=("limits",),
     )
-    _check_limits(scenario.get("limits", {}))
+    limits = mapping("limits", scenario.get("limits", {}), (), optional=("position", "velocity"))
+    position_limits = limits.get("position", "from_urdf")
+    if position_limits != "from_urdf":
+        field, allowed = "limits.position", "it must be from_urdf"
+        raise InvalidInput(Status.UNSUPPORTED, field, position_limits, allowed)
     robot = _robot(scenario["robot"], path.parent)
     return PlanningProblem(
         robot=robot,
@@ -65,14 +69,24 @@ def load_scenario(path: Path) -> PlanningProblem:
         points=integer("points", scenario["points"]),
         obstacles=_obstacles(scenario["obstacles"]),
         objective=_objective(scenario["objective"]),
+        limit_joint_velocities=from_urdf("limits.velocity", limits.get("velocity", "none")),
     )
 
 
-def _check_limits(value: object) -> None:
-    limits = mapping("limits", value, required=(), optional=("position",))
-    source = limits.get("position", "from_urdf")
-    if source != "from_urdf":
-        raise InvalidInput(Status.UNSUPPORTED, "limits.position", source, "it must be from_urdf")
+def from_urdf(field: str, source: object) -> bool:
+    """Return whether limits are kept: those `from_urdf`, or `none`.
+
+    Args:
+        field: Dotted name of the value.
+        source: The value.
+
+    Raises:
+        InvalidInput: It is neither.
+    """
+    if source not in ("from_urdf", "none"):
+        allowed = "it must be from_urdf or none"
+        raise InvalidInput(Status.UNSUPPORTED, field, source, allowed)
+    return source == "from_urdf"
 
 
 def _robot(value: object, directory: Path) -> Robot:

@@ -2,30 +2,41 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-
-import numpy as np
-from scipy.stats import qmc
 
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.errors import NoPlanFound
 from ff_planner_ros.planning.check import certified_clearance
-from ff_planner_ros.planning.polynomial import COMPONENTS, FREE_TERMS, PARAMETERS
+from ff_planner_ros.planning.detours import first_guesses
+from ff_planner_ros.planning.polynomial import COMPONENTS, FREE_TERMS
 from ff_planner_ros.planning.program import PathProgram
 from ff_planner_ros.planning.settings import PlannerSettings
 from ff_planner_ros.planning.solver import Solution, minimise
 
-# Most of the work is done on this many points, where a solve costs half and a wrong way around an
-# obstacle shows as well as on fifty; the extra margin makes up for the wider gaps [m].
-_COARSE_POINTS, _COARSE_MARGIN = 25, 0.004
-# Where every start is tried, so many iterations tell the promising ones, and so many of them go on.
-_SCREENING_ITERATIONS, _PROMISING = 15, 2
+
+@dataclass(frozen=True)
+class _Level:
+    """A time grid to solve on, and how well."""
+
+    points: int
+    extra_margin: float  # [m] for the gaps between the points, which are wider on fewer points
+    optimality: float
+    iterations: int
+    damping: float  # where a singularity in the way shall not stop the search
+
+
+# Few points find the way around the obstacles at a tenth of the price; the next grid brings the
+# path so near its optimum that on all points a few iterations remain.
+_COARSE_LEVELS = (_Level(13, 0.001, 1e-2, 40, 0.005), _Level(25, 0.0, 1e-3, 40, 0.0))
+# More points need not meet an obstacle that few points run into by less [m].
+_PROMISING_VIOLATION = 5e-3
+# A feasible path that is further from its optimum runs along a singularity.
+_PROMISING_OPTIMALITY = 0.1
+# The solver gives up early on few points: after so many guesses, go on from the best that failed.
+_RECONSIDER = 5
 # Each round roughly halves what is missing between the points.
 _MARGIN_ROUNDS = 4
-# Spread of the detours that further starts take: wide enough to come to the other side of an
-# obstacle, not so wide that most leave the workspace [m, rad].
-_DETOUR_POSITION, _DETOUR_ANGLE = 0.5, 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,76 +57,89 @@ class Search:
 
 
 def search(
-    program: Callable[[int, float], PathProgram],
-    points: int,
-    settings: PlannerSettings,
-    *,
-    every_start: bool,
+    program: Callable[[int, float, float], PathProgram], points: int, settings: PlannerSettings
 ) -> Search:
-    """Solve from several starts on few points, then from the best of these on all points.
+    """Solve from one first guess after the other, from few points to all, until a path is found.
 
     Args:
-        program: Gives the optimisation problem for a number of points and a clearance margin [m].
+        program: Gives the optimisation problem for a number of points, a clearance margin [m] and
+            a damping of the velocity map.
         points: Of the plan.
         settings: The planner's tunables.
-        every_start: Whether to try all starts instead of keeping the first that leads to a path.
 
     Raises:
-        NoPlanFound: Every start meets a dynamic singularity.
+        NoPlanFound: Every guess meets a dynamic singularity.
     """
-    solved: list[Solution] = []
-    refusals: list[NoPlanFound] = []
-
-    def solve(on: PathProgram, start: Array, iterations: int) -> Solution | None:
-        try:
-            solved.append(minimise(on.linearise, start, iterations, settings.optimality_tolerance))
-        except NoPlanFound as refusal:
-            refusals.append(refusal)
-            return None
-        return solved[-1]
-
-    coarse = program(min(points, _COARSE_POINTS), settings.clearance_margin + _COARSE_MARGIN)
-    candidates: list[Solution] = []
-    for start in _starts(settings.starts):
-        iterations = _SCREENING_ITERATIONS if every_start else settings.max_iterations
-        candidate = solve(coarse, start, iterations)
-        if candidate is not None:
-            candidates.append(candidate)
-            if candidate.converged and not every_start:
-                break
-    tried = len(candidates) + len(refusals)
-
-    settled = [
-        candidate if candidate.converged else solve(coarse, candidate.x, settings.max_iterations)
-        for candidate in sorted(candidates, key=_rank)[:_PROMISING]
+    all_points = _Level(points, 0.0, settings.optimality_tolerance, settings.max_iterations, 0.0)
+    levels = [*(level for level in _COARSE_LEVELS if level.points < points), all_points]
+    grids = [
+        _Grid(
+            level,
+            program(level.points, settings.clearance_margin + level.extra_margin, level.damping),
+        )
+        for level in levels
     ]
+    work = _Work([], [])
     answers: list[Solution] = []
-    fine = program(points, settings.clearance_margin)
-    for promising in sorted(filter(None, settled), key=_rank):
-        answer = _solve_between_points(solve, fine, promising.x, settings)
-        if answer is not None:
-            answers.append(answer)
-            if answer.feasible:
-                break
+    postponed: list[Solution] = []
+    tried = 0
+    for guess in first_guesses(grids[0].program, settings.starts):
+        tried += 1
+        rough = work.solve(grids[0], guess)
+        if rough is not None and not _is_promising(rough):
+            postponed.append(rough)
+            rough = None
+        if rough is None and postponed and tried % _RECONSIDER == 0:
+            rough = min(postponed, key=_rank)
+            postponed.remove(rough)
+        if rough is not None:
+            answers += _refine(work, grids, rough, settings)
+        if answers and answers[-1].feasible:
+            break
+    if not answers and postponed:
+        answers += _refine(work, grids, min(postponed, key=_rank), settings)
     if not answers:
-        raise refusals[0]
+        raise work.refusals[0]
     return Search(
         best=min(answers, key=_rank),
         starts=tried,
-        iterations=sum(solution.iterations for solution in solved),
-        evaluations=sum(solution.evaluations for solution in solved),
+        iterations=sum(solution.iterations for solution in work.solved),
+        evaluations=sum(solution.evaluations for solution in work.solved),
     )
 
 
-def _starts(count: int) -> Iterator[Array]:
-    """Yield first guesses: the straight path, then low-discrepancy detours, always the same."""
-    yield np.zeros(PARAMETERS)
-    spread = np.repeat([_DETOUR_POSITION] * 3 + [_DETOUR_ANGLE] * 3, FREE_TERMS)
-    sequence = qmc.MultivariateNormalQMC(
-        np.zeros(PARAMETERS), engine=qmc.Halton(PARAMETERS, rng=np.random.default_rng(0))
-    )
-    for _ in range(count - 1):
-        yield sequence.random(1)[0] * spread
+@dataclass(frozen=True, eq=False)
+class _Grid:
+    """The optimisation problem of one level."""
+
+    level: _Level
+    program: PathProgram
+
+
+@dataclass(frozen=True, eq=False)
+class _Work:
+    """What has been solved, and where the way was singular."""
+
+    solved: list[Solution]
+    refusals: list[NoPlanFound]
+
+    def solve(self, grid: _Grid, start: Array) -> Solution | None:
+        """Solve on a grid; None where the start meets a singularity."""
+        level = grid.level
+        try:
+            solution = minimise(grid.program.linearise, start, level.iterations, level.optimality)
+        except NoPlanFound as refusal:
+            self.refusals.append(refusal)
+            return None
+        self.solved.append(solution)
+        return solution
+
+
+def _is_promising(rough: Solution) -> bool:
+    """Tell whether more points may make a path of it."""
+    if rough.feasible:
+        return rough.optimality <= _PROMISING_OPTIMALITY
+    return rough.at_x.violation <= _PROMISING_VIOLATION
 
 
 def _rank(solution: Solution) -> tuple[bool, float]:
@@ -124,18 +148,27 @@ def _rank(solution: Solution) -> tuple[bool, float]:
     return not solution.feasible, at_x.objective if solution.feasible else at_x.violation
 
 
+def _refine(
+    work: _Work, grids: list[_Grid], rough: Solution, settings: PlannerSettings
+) -> list[Solution]:
+    """Go on from the first grid to the last; return the answer there, or nothing."""
+    solution = rough
+    for grid in grids[1:-1]:
+        solution = work.solve(grid, solution.x) or solution
+    answer = _solve_between_points(work, grids[-1], solution.x, settings)
+    return [] if answer is None else [answer]
+
+
 def _solve_between_points(
-    solve: Callable[[PathProgram, Array, int], Solution | None],
-    program: PathProgram,
-    start: Array,
-    settings: PlannerSettings,
+    work: _Work, grid: _Grid, start: Array, settings: PlannerSettings
 ) -> Solution | None:
     """Solve, and raise the margin at the points until the motion between them is clear too."""
     solution = None
     for _ in range(_MARGIN_ROUNDS):
-        solution = solve(program, start, settings.max_iterations)
+        solution = work.solve(grid, start)
         if solution is None or not solution.feasible:
             break
+        program = grid.program
         rollout = program.rollouts.roll_out(solution.x.reshape(COMPONENTS, FREE_TERMS))
         clearance = certified_clearance(
             program.robot, rollout.q, rollout.v, program.step, program.spheres
@@ -143,6 +176,7 @@ def _solve_between_points(
         if clearance >= 0.0:
             break
         missing = settings.clearance_margin / 2 - clearance
-        program = replace(program, clearance_margin=program.clearance_margin + missing)
+        margin = program.clearance_margin + missing
+        grid = replace(grid, program=replace(program, clearance_margin=margin))
         start = solution.x
     return solution

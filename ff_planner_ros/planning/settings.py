@@ -56,8 +56,8 @@ class PlannerSettings:
         maximum=1.0,
     )
     starts: int = tunable(
-        "First guesses tried: the straight path, then deterministic detours. All are tried and "
-        "the best kept where the attitude counts; otherwise the first that succeeds is kept",
+        "First guesses tried: the straight path, then deterministic detours; the first that leads "
+        "to a path is kept",
         minimum=1,
         maximum=1_000,
     )

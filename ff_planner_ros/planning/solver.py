@@ -28,6 +28,9 @@ _FIRST_RADIUS, _LARGEST_RADIUS, _SMALLEST_RADIUS = 0.5, 4.0, 1e-7
 _FIRST_PRICE, _HIGHEST_PRICE = 10.0, 1e6
 # Makes the quadratic programs strictly convex; the objective's own curvature is of order 1.
 _REGULARISATION = 1e-4
+# Where the violation does not fall to this part of itself in so many iterations, it stays; but a
+# small one [unit of g] only waits for the trust region to become as small.
+_STUCK, _PATIENCE, _SMALL_VIOLATION = 0.7, 4, 2e-3
 # A smaller promise is rounding; no step can be judged by it.
 _LEAST_PROMISE = 1e-12
 # A step is taken if it brings this part of the promised decrease; the trust region shrinks below
@@ -118,6 +121,7 @@ def minimise(
     x, here = start, linearise(start)
     radius, price = _FIRST_RADIUS, _FIRST_PRICE
     evaluations, optimality = 1, np.inf
+    violations = [here.violation]
     for iteration in range(1, max_iterations + 1):
         step = _solve_quadratic_program(here, radius, price)
         while step.slack > FEASIBILITY_TOLERANCE and step.price_paid and price < _HIGHEST_PRICE:
@@ -144,6 +148,17 @@ def minimise(
             radius = 0.4 * length
         elif ratio > _GROW and length > 0.9 * radius:
             radius = min(2.0 * radius, _LARGEST_RADIUS)
+        violations.append(here.violation)
+        if _is_stuck(violations):
+            return Solution(
+                x,
+                here,
+                optimality,
+                False,
+                iteration,
+                evaluations,
+                "stuck: the violation of the constraints no longer falls",
+            )
         if radius < _SMALLEST_RADIUS:
             return Solution(
                 x,
@@ -163,6 +178,13 @@ def minimise(
         evaluations,
         f"stopped after {max_iterations} iterations, before convergence",
     )
+
+
+def _is_stuck(violations: list[float]) -> bool:
+    """Tell from the violation at each iteration whether it will not become zero."""
+    if len(violations) <= _PATIENCE:
+        return False
+    return violations[-1] > max(_SMALL_VIOLATION, _STUCK * violations[-1 - _PATIENCE])
 
 
 @dataclass(frozen=True, eq=False)

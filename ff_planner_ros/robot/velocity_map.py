@@ -12,10 +12,11 @@ momentum and w the wanted twist, the last two in the local frames of base and en
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import numpy as np
 import pinocchio as pin
+from scipy.linalg.lapack import dposv
 
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.robot.model import Robot
@@ -28,8 +29,10 @@ class VelocitySolution(NamedTuple):
     Attributes:
         v: Base twist in the base frame, joint rates. Shape (6 + joints,).
         q: Configuration. Shape (7 + joints,).
-        constraint: A. Shape (12, 6 + joints).
-        multiplier: lambda of A. Shape (12,).
+        momentum_map: H. Shape (6, 6 + joints).
+        jacobian: J. Shape (6, 6 + joints).
+        lever: Base rates that an impulse at the end effector causes, H_b^-1 J_b^T. Shape (6, 6).
+        mu: Multiplier of the twist, its sign turned. Shape (6,).
         momentum_in_base: h. Shape (6,).
         twist_in_ee: w. Shape (6,).
         rotation_ee_to_inertial: Shape (3, 3).
@@ -37,8 +40,10 @@ class VelocitySolution(NamedTuple):
 
     v: Array
     q: Array
-    constraint: Array
-    multiplier: Array
+    momentum_map: Array
+    jacobian: Array
+    lever: Array
+    mu: Array
     momentum_in_base: Array
     twist_in_ee: Array
     rotation_ee_to_inertial: Array
@@ -50,14 +55,23 @@ class VelocityMap:
     Owns Pinocchio's scratch space: one object serves one thread.
     """
 
-    def __init__(self, robot: Robot) -> None:
-        """Make the scratch space of a robot."""
+    def __init__(self, robot: Robot, damping: float = 0.0) -> None:
+        """Make the scratch space of a robot.
+
+        Args:
+            robot: The robot.
+            damping: Singular values of the generalised Jacobian that are not much greater are
+                damped: the joint rates stay bounded and the end effector lags behind. Zero for
+                Eq. (31) itself.
+        """
         self._robot = robot
+        self._damping = damping**2 * np.eye(6)
         self._data = robot.model.createData()
         self._tip_joint = robot.model.frames[robot.tip_frame_id].parentJoint
         self._tip_placement = robot.model.frames[robot.tip_frame_id].placement
         self._forces = [pin.Force.Zero() for _ in range(robot.model.njoints)]
         self._no_motion = np.zeros(6 + robot.joints)
+        self._base_acceleration = np.zeros(6 + robot.joints)
 
     def solve(self, q: Array, momentum: Array, twist_ee_in_inertial: Array) -> VelocitySolution:
         """Return the velocity with least joint rates, Eqs. (27) and (31).
@@ -70,46 +84,36 @@ class VelocityMap:
         Raises:
             numpy.linalg.LinAlgError: The generalised Jacobian is exactly singular.
         """
-        model, data = self._robot.model, self._data
-        mass_matrix = pin.crba(model, data, q)
+        model, data, tip = self._robot.model, self._data, self._robot.tip_frame_id
+        momentum_map = pin.crba(model, data, q)[:6].copy()
         pin.computeJointJacobians(model, data, q)
-        pin.updateFramePlacement(model, data, self._robot.tip_frame_id)
-        jacobian = pin.getFrameJacobian(model, data, self._robot.tip_frame_id, pin.LOCAL)
-        rotation_base, position_base = data.oMi[1].rotation, data.oMi[1].translation
-        rotation_ee = data.oMf[self._robot.tip_frame_id].rotation.copy()
-
-        linear, angular = momentum[:3], momentum[3:]
-        h = np.concatenate(
-            [linear @ rotation_base, (angular - pin.skew(position_base) @ linear) @ rotation_base]
-        )
+        pin.updateFramePlacement(model, data, tip)
+        jacobian = pin.getFrameJacobian(model, data, tip, pin.LOCAL)
+        rotation_ee = data.oMf[tip].rotation.copy()
+        h = data.oMi[1].actInv(pin.Force(momentum)).vector
         w = (twist_ee_in_inertial.reshape(2, 3) @ rotation_ee).ravel()
 
-        momentum_map = mass_matrix[:6]
-        base_jacobian, joint_jacobian = jacobian[:, :6], jacobian[:, 6:]
-        solved = np.linalg.solve(
-            momentum_map[:, :6], np.column_stack([momentum_map[:, 6:], h, base_jacobian.T])
-        )
+        base_jacobian = jacobian[:, :6]
+        right = np.empty((6, self._robot.joints + 7), order="F")
+        right[:, :-7], right[:, -7], right[:, -6:] = momentum_map[:, 6:], h, base_jacobian.T
+        solved = _solve_positive(momentum_map[:, :6], right)
         coupling, base_drift, lever = solved[:, :-7], solved[:, -7], solved[:, -6:]
-        generalised = joint_jacobian - base_jacobian @ coupling  # J_D, Eq. (32)
-        mu = np.linalg.solve(generalised @ generalised.T, w - base_jacobian @ base_drift)
-        joint_rates = mu @ generalised  # Eq. (31)
-        return VelocitySolution(
-            v=np.concatenate([base_drift - coupling @ joint_rates, joint_rates]),  # Eq. (27)
-            q=q,
-            constraint=np.concatenate([momentum_map, jacobian]),
-            multiplier=np.concatenate([lever @ mu, -mu]),
-            momentum_in_base=h,
-            twist_in_ee=w,
-            rotation_ee_to_inertial=rotation_ee,
-        )
+        generalised = jacobian[:, 6:] - base_jacobian @ coupling  # J_D, Eq. (32)
+        square = generalised @ generalised.T + self._damping
+        mu = _solve_positive(square, w - base_jacobian @ base_drift)
+        v = np.empty(len(self._no_motion))
+        v[6:] = mu @ generalised  # Eq. (31)
+        v[:6] = base_drift - coupling @ v[6:]  # Eq. (27)
+        return VelocitySolution(v, q, momentum_map, jacobian, lever, mu, h, w, rotation_ee)
 
     def derivatives(self, solutions: Sequence[VelocitySolution]) -> tuple[Array, Array]:
         """Return the exact derivatives of solutions, the algebra batched over all of them.
 
         The multipliers lambda turn the minimisation into its linear KKT system
-        [S A^T; A 0] [v; lambda] = [0; b], with S selecting the joints. Differentiating it needs
-        d(A^T lambda)/dq, d(A v)/dq and db/dq: derivatives of inverse dynamics and of forward
-        kinematics, which Pinocchio has in closed form.
+        [S A^T; A -D] [v; lambda] = [0; b], with S selecting the joints and D the damping.
+        Differentiating it needs d(A^T lambda)/dq, d(A v)/dq and db/dq: derivatives of inverse
+        dynamics and of forward kinematics, which Pinocchio has in closed form. Eliminating as
+        `solve` does, base first, gives the derivatives of joint rates and base twist.
 
         Args:
             solutions: Of `solve`, for this robot.
@@ -118,48 +122,60 @@ class VelocityMap:
             dv/dq in the tangent space, shape (solutions, 6 + joints, 6 + joints), and
             dv/dtwist, twist in inertial axes, shape (solutions, 6 + joints, 6).
         """
-        stacked = VelocitySolution(*(np.array(column) for column in zip(*solutions, strict=True)))
-        count, size = stacked.v.shape
-        jacobian = stacked.constraint[:, 6:]
-        kkt = np.zeros((count, size + 12, size + 12))
-        kkt[:, range(6, size), range(6, size)] = 1.0
-        kkt[:, size:, :size] = stacked.constraint
-        kkt[:, :size, size:] = stacked.constraint.transpose(0, 2, 1)
+        at = VelocitySolution(*(np.array(column) for column in zip(*solutions, strict=True)))
+        count, size = at.v.shape
+        columns = size + 6
+        force = np.zeros((count, size, columns))  # of -d(A^T lambda)
+        momentum = np.zeros((count, 6, columns))  # of dh - d(H) v
+        twist = np.zeros((count, 6, columns))  # of dw - d(J) v
+        for i, solution in enumerate(solutions):
+            self._differentiate_model(solution, force[i], momentum[i], twist[i])
+        momentum[:, :, :6] += _momentum_derivative(at.momentum_in_base)
+        twist[:, :, :size] += _twist_derivative(at.twist_in_ee, at.jacobian)
+        inertial_to_ee = at.rotation_ee_to_inertial.transpose(0, 2, 1)
+        twist[:, :3, size : size + 3] = inertial_to_ee
+        twist[:, 3:, size + 3 :] = inertial_to_ee
 
-        right = np.zeros((count, size + 12, size + 6))
-        for solution, rows in zip(solutions, right, strict=True):
-            self._differentiate_model(solution, rows)
-        rows_h, rows_w = slice(size, size + 6), slice(size + 6, size + 12)
-        right[:, rows_h, :6] += _momentum_derivative(stacked.momentum_in_base)
-        right[:, rows_w, :size] += _twist_derivative(stacked.twist_in_ee, jacobian)
-        inertial_to_ee = stacked.rotation_ee_to_inertial.transpose(0, 2, 1)
-        right[:, size + 6 : size + 9, size : size + 3] = inertial_to_ee
-        right[:, size + 9 :, size + 3 :] = inertial_to_ee
-
-        solved = np.linalg.solve(kkt, right)[:, :size]
+        base_inverse = np.linalg.inv(at.momentum_map[:, :, :6])
+        coupling = base_inverse @ at.momentum_map[:, :, 6:]
+        generalised = at.jacobian[:, :, 6:] - at.jacobian[:, :, :6] @ coupling
+        generalised_t = generalised.transpose(0, 2, 1)
+        drift = base_inverse @ momentum
+        joint_force = force[:, 6:] - coupling.transpose(0, 2, 1) @ force[:, :6]
+        slack = twist - at.jacobian[:, :, :6] @ drift - generalised @ joint_force
+        square = generalised @ generalised_t + self._damping
+        joints = joint_force + generalised_t @ np.linalg.solve(square, slack)
+        solved = np.concatenate([drift - coupling @ joints, joints], axis=1)
         return solved[:, :, :size], solved[:, :, size:]
 
-    def _differentiate_model(self, solution: VelocitySolution, right: Array) -> None:
-        """Write -d(A^T lambda)/dq and -d(A v)/dq into the right-hand side of one solution."""
-        model, data = self._robot.model, self._data
-        q, v = solution.q, solution.v
+    def _differentiate_model(
+        self, solution: VelocitySolution, force: Array, momentum: Array, twist: Array
+    ) -> None:
+        """Write -d(A^T lambda)/dq, -d(H)/dq v and -d(J)/dq v of one solution."""
+        model, data, tip = self._robot.model, self._data, self._robot.tip_frame_id
+        q, v, still = solution.q, solution.v, self._no_motion
         size = len(v)
 
         # A^T lambda is the inverse dynamics of a system at rest whose base accelerates by the
         # momentum's multiplier while the twist's multiplier pulls at the end effector.
-        base_acceleration = np.zeros(size)
-        base_acceleration[:6] = solution.multiplier[:6]
-        pull = self._tip_placement.act(pin.Force(solution.multiplier[6:]))
-        self._forces[self._tip_joint] = -pull
-        pin.computeRNEADerivatives(model, data, q, self._no_motion, base_acceleration, self._forces)
-        right[:size, :size] = -data.dtau_dq
+        self._base_acceleration[:6] = solution.lever @ solution.mu
+        self._forces[self._tip_joint] = self._tip_placement.act(pin.Force(solution.mu))
+        pin.computeRNEADerivatives(model, data, q, still, self._base_acceleration, self._forces)
+        np.negative(data.dtau_dq, out=force[:, :size])
         # M v is the inverse dynamics of a system at rest that accelerates by v.
-        pin.computeRNEADerivatives(model, data, q, self._no_motion, v)
-        right[size : size + 6, :size] = -data.dtau_dq[:6]
-        pin.computeForwardKinematicsDerivatives(model, data, q, v, self._no_motion)
-        right[size + 6 :, :size] = -pin.getFrameVelocityDerivatives(
-            model, data, self._robot.tip_frame_id, pin.LOCAL
-        )[0]
+        pin.computeRNEADerivatives(model, data, q, still, v)
+        np.negative(data.dtau_dq[:6], out=momentum[:, :size])
+        pin.computeForwardKinematicsDerivatives(model, data, q, v, still)
+        of_twist, _ = pin.getFrameVelocityDerivatives(model, data, tip, pin.LOCAL)
+        np.negative(of_twist, out=twist[:, :size])
+
+
+def _solve_positive(matrix: Array, right: Array) -> Array:
+    """Solve a small positive definite system; SciPy's and numpy's wrappers cost more than it."""
+    _, solution, failed = dposv(matrix, right)
+    if failed:
+        raise np.linalg.LinAlgError("matrix is not positive definite")
+    return cast(Array, solution)
 
 
 def _momentum_derivative(momentum_in_base: Array) -> Array:

@@ -8,6 +8,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 from collections.abc import Iterator
 from contextlib import ExitStack, closing, contextmanager, suppress
 from dataclasses import replace
@@ -46,11 +47,14 @@ def run_demo(output: Path = Path("demo_output")) -> int:
         Exit code: 0 both solved, 2 something could not run, 3 a plan was not found,
         130 interrupted.
     """
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    # Only noted: an exception out of nowhere could be lost, or leave a process without its owner.
+    stop = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: stop.set())
     directory = unique_directory(output.resolve(), "demo")
     try:
         directory.mkdir(parents=True)
-        _demonstrate(directory)
+        _demonstrate(directory, stop)
     except KeyboardInterrupt:
         print("ff-planner demo: interrupted", file=sys.stderr)
         return 130
@@ -63,7 +67,7 @@ def run_demo(output: Path = Path("demo_output")) -> int:
     return 0
 
 
-def _demonstrate(directory: Path) -> None:
+def _demonstrate(directory: Path, stop: threading.Event) -> None:
     scenario = share_directory() / "config" / "scenarios" / "lemur_capture.yaml"
     problem = load_scenario(scenario)
     print(
@@ -88,6 +92,8 @@ def _demonstrate(directory: Path) -> None:
         }
 
         def check() -> None:
+            if stop.is_set():
+                raise KeyboardInterrupt
             for module, process in processes.items():
                 if process.poll() is not None:
                     raise FfPlannerError(
@@ -104,6 +110,8 @@ def _demonstrate(directory: Path) -> None:
     bag = next(metadata.parent for metadata in directory.glob("*/metadata.yaml"))
     print(f"\nbag      {_shown(bag)}")
     for name, answer in answers.items():
+        if stop.is_set():
+            raise KeyboardInterrupt
         plan = plan_from_response(answer)
         folder = directory / _FOLDERS[name]
         for picture in save_figures(problem.robot, problem.obstacles, plan, folder):

@@ -35,6 +35,7 @@ def problem_from_request(
     obstacles: tuple[Sphere, ...],
     inertial_frame: str,
     default_points: int,
+    limit_joint_velocities: bool,
 ) -> PlanningProblem:
     """Build the question that a service request asks.
 
@@ -46,6 +47,7 @@ def problem_from_request(
         obstacles: Spheres to stay out of.
         inertial_frame: The only frame that the target may be given in.
         default_points: Number of points where the request says zero.
+        limit_joint_velocities: Whether to keep the URDF's velocity limits.
 
     Raises:
         InvalidInput: A field of the request cannot be used; the error names it.
@@ -77,6 +79,7 @@ def problem_from_request(
                 joint_path_length=request.weight_joint_path_length,
                 chaser_attitude=request.weight_chaser_attitude,
             ),
+            limit_joint_velocities=limit_joint_velocities,
         )
     if start_ns / NANOSECONDS + problem.duration > _MAX_MESSAGE_SECONDS:
         raise InvalidInput(

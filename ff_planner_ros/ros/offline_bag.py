@@ -61,7 +61,7 @@ def record_answer(
     if isinstance(answer, Plan):
         response = response_from_plan(answer, plan_id, now, SCENARIO_FRAME, solve_time)
     else:
-        response = response_from_error(answer, plan_id)
+        response = response_from_error(answer, plan_id, solve_time)
 
     with BagWriter(directory, flush_interval=0.0) as bag:
 
@@ -70,7 +70,8 @@ def record_answer(
             for message in messages:
                 bag.write(topic, encode(message), now, now)
 
-        used = {"/**": {"ros__parameters": {"planner": asdict(settings)}}}
+        limits = {"velocity": "from_urdf" if problem.limit_joint_velocities else "none"}
+        used = {"/**": {"ros__parameters": {"limits": limits, "planner": asdict(settings)}}}
         bag.attach("parameters.yaml", "application/yaml", yaml.safe_dump(used).encode())
         put("/chaser_state", STATE_QOS, state)
         put("/obstacles", LATCHED_QOS, obstacles)

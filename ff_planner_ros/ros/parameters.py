@@ -11,6 +11,7 @@ from rclpy.node import Node
 
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.problem import MAX_POINTS, MIN_POINTS
+from ff_planner_ros.planning.scenario import from_urdf
 from ff_planner_ros.planning.settings import PlannerSettings, tunable
 from ff_planner_ros.planning.yaml_file import read_yaml
 from ff_planner_ros.share import share_directory
@@ -31,6 +32,21 @@ class RobotParameters:
 
 
 @dataclass(frozen=True)
+class LimitParameters:
+    """Which limits of the URDF to keep beside the joint positions'.
+
+    Raises:
+        InvalidInput: A word that is not known.
+    """
+
+    velocity: str = tunable("Joint rates: from_urdf keeps the URDF's limits, none keeps none")
+
+    def __post_init__(self) -> None:
+        """Check the word."""
+        from_urdf("limits.velocity", self.velocity)
+
+
+@dataclass(frozen=True)
 class BagParameters:
     """Where everything is recorded."""
 
@@ -45,6 +61,7 @@ class NodeParameters:
     """Every parameter of the node; a group's fields carry its name and a dot in front."""
 
     robot: RobotParameters
+    limits: LimitParameters
     bag: BagParameters
     planner: PlannerSettings
     inertial_frame: str = tunable("frame_id that states, obstacles and targets must carry")
@@ -52,6 +69,12 @@ class NodeParameters:
         "Points of a trajectory where the request does not say",
         minimum=MIN_POINTS,
         maximum=MAX_POINTS,
+    )
+    time_budget: float = tunable(
+        "Wall clock for an answer where the request does not say",
+        minimum=0.001,
+        maximum=86_400.0,
+        unit="s",
     )
     state_max_age: float = tunable(
         "An older chaser state is refused", minimum=0.0, maximum=3600.0, unit="s"

@@ -17,8 +17,10 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.service_introspection import ServiceIntrospectionState
 from trajectory_msgs.msg import JointTrajectory
 
+from ff_planner_ros.arrays import finite_number
 from ff_planner_ros.errors import FfPlannerError, InvalidInput, Status
 from ff_planner_ros.planning.problem import Sphere
+from ff_planner_ros.planning.scenario import from_urdf
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.ros.from_messages import (
     NANOSECONDS,
@@ -103,16 +105,17 @@ class PlanningService:
     def _answer(
         self, request: PlanTrajectory.Request, _: PlanTrajectory.Response
     ) -> PlanTrajectory.Response:
-        plan_id = next(self._plan_ids)
+        plan_id, begun = next(self._plan_ids), time.perf_counter()
         try:
-            response = self._planned(request, plan_id)
+            response = self._planned(request, plan_id, begun)
         except FfPlannerError as error:
             self._logger.warning(f"{plan_id}: {error.status.name}: {error}")
-            return response_from_error(error, plan_id)
+            return response_from_error(error, plan_id, time.perf_counter() - begun)
         except Exception as error:
             self._logger.error(f"{plan_id}: INTERNAL_ERROR\n{traceback.format_exc()}")
             unforeseen = f"{type(error).__name__}: {error}"
-            return response_from_error(FfPlannerError(Status.INTERNAL_ERROR, unforeseen), plan_id)
+            cause = FfPlannerError(Status.INTERNAL_ERROR, unforeseen)
+            return response_from_error(cause, plan_id, time.perf_counter() - begun)
         self._trajectory_publisher.publish(response.joint_trajectory)
         self._path_publisher.publish(response.predicted_chaser_path)
         self._path = response.predicted_chaser_path
@@ -125,8 +128,9 @@ class PlanningService:
         )
         return response
 
-    def _planned(self, request: PlanTrajectory.Request, plan_id: str) -> PlanTrajectory.Response:
-        begun = time.perf_counter()
+    def _planned(
+        self, request: PlanTrajectory.Request, plan_id: str, begun: float
+    ) -> PlanTrajectory.Response:
         frame = self._parameters.inertial_frame
         message, source, start_ns = self._start_message(request)
         start = state_from_message(message, source, self._robot, frame)
@@ -138,8 +142,10 @@ class PlanningService:
             self._spheres(request),
             frame,
             self._parameters.points,
+            from_urdf("limits.velocity", self._parameters.limits.velocity),
         )
-        plan = self._worker.solve(problem, self._parameters.planner)
+        budget = self._time_budget(request)
+        plan = self._worker.solve(problem, self._parameters.planner, budget)
         return response_from_plan(plan, plan_id, start_ns, frame, time.perf_counter() - begun)
 
     def _start_message(self, request: PlanTrajectory.Request) -> tuple[ChaserState, str, int]:
@@ -168,6 +174,17 @@ class PlanningService:
             )
         self._check_age(f"{source}.header.stamp", (now_ns - start_ns) / NANOSECONDS)
         return message, source, start_ns
+
+    def _time_budget(self, request: PlanTrajectory.Request) -> float:
+        if request.time_budget < 0.0:
+            raise InvalidInput(
+                Status.OUT_OF_RANGE,
+                "time_budget",
+                request.time_budget,
+                "it must not be negative; 0 stands for the parameter time_budget, "
+                f"{self._parameters.time_budget:g} s",
+            )
+        return finite_number("time_budget", request.time_budget) or self._parameters.time_budget
 
     def _check_age(self, field: str, age: float) -> None:
         max_age, max_lead = self._parameters.state_max_age, self._parameters.state_max_lead

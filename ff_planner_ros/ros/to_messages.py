@@ -24,7 +24,7 @@ from std_msgs.msg import Header
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from ff_planner_ros.arrays import Array
-from ff_planner_ros.errors import FfPlannerError, Status
+from ff_planner_ros.errors import FfPlannerError, NoPlanFound, Status
 from ff_planner_ros.planning.plan import Plan
 from ff_planner_ros.planning.problem import PlanningProblem, Sphere
 from ff_planner_ros.robot.state import SystemState
@@ -153,15 +153,24 @@ def response_from_plan(
     )
 
 
-def response_from_error(error: FfPlannerError, plan_id: str) -> PlanTrajectory.Response:
+def response_from_error(
+    error: FfPlannerError, plan_id: str, solve_time: float
+) -> PlanTrajectory.Response:
     """Build the answer of a request that got no plan: its cause, in code and words.
+
+    The best attempt's metrics go with it, so that one sees what was missing; its motion does not.
 
     Args:
         error: The cause.
         plan_id: Name of the request in logs and bags.
+        solve_time: Wall clock of the whole answer [s].
     """
     status = PlanStatus(code=int(error.status), message=str(error))
-    return PlanTrajectory.Response(status=status, plan_id=plan_id)
+    response = PlanTrajectory.Response(status=status, plan_id=plan_id)
+    if isinstance(error, NoPlanFound) and isinstance(error.attempt, Plan):
+        response.metrics = PlanMetrics(**asdict(error.attempt.metrics))
+        response.solver = SolverReport(solve_time=solve_time, **asdict(error.attempt.solver))
+    return response
 
 
 def pose_on_path(path: Path, time_ns: int) -> PoseStamped | None:

@@ -4,16 +4,23 @@ from __future__ import annotations
 
 import os
 import pickle
+import select
 import subprocess
 import sys
+import time
 import traceback
 from typing import IO, cast
 
-from ff_planner_ros.errors import FfPlannerError, Status
+from ff_planner_ros.errors import FfPlannerError, NoPlanFound, Status
 from ff_planner_ros.planning.plan import Plan
 from ff_planner_ros.planning.planner import plan
 from ff_planner_ros.planning.problem import PlanningProblem
 from ff_planner_ros.planning.settings import PlannerSettings
+from ff_planner_ros.time_budget import time_budget
+
+# The search ends by itself at its next iteration. One that lasts longer than this share of the
+# budget, or than what a new process takes to start [s], ends with its process.
+_GRACE, _LEAST_GRACE = 0.1, 1.0
 
 
 class Worker:
@@ -22,24 +29,31 @@ class Worker:
     def __init__(self) -> None:
         """Start the process; it loads its libraries while the caller goes on."""
         self._closed = False
-        self._process = _start()
+        self._process, self._loaded = _start(), False
 
-    def solve(self, problem: PlanningProblem, settings: PlannerSettings) -> Plan:
+    def solve(self, problem: PlanningProblem, settings: PlannerSettings, budget: float) -> Plan:
         """Plan in the other process and wait for the answer.
 
         Args:
             problem: What to plan.
             settings: How to plan it.
+            budget: Wall clock that it may take [s].
 
         Raises:
-            FfPlannerError: What the planner raised; or the process died or failed in a way
-                that the planner does not foresee (status INTERNAL_ERROR).
+            FfPlannerError: What the planner raised; or the process was overdue (OUT_OF_TIME),
+                died or failed in a way that the planner does not foresee (INTERNAL_ERROR).
         """
         requests = cast(IO[bytes], self._process.stdin)
         answers = cast(IO[bytes], self._process.stdout)
+        begun = time.monotonic()
         try:
-            pickle.dump((problem, settings), requests)
+            if not self._loaded:
+                self._loaded = pickle.load(answers)
+            pickle.dump((problem, settings, budget, begun), requests)
             requests.flush()
+            patience = budget + max(_GRACE * budget, _LEAST_GRACE)
+            if not select.select([answers], [], [], patience)[0]:
+                raise self._overdue(budget)
             answer = pickle.load(answers)
         except (EOFError, OSError, ValueError, pickle.UnpicklingError):
             # A pipe that broke, within an answer or not, or was closed by `close`.
@@ -55,12 +69,23 @@ class Worker:
         self._closed = True
         self._end_process()
 
+    def _overdue(self, budget: float) -> FfPlannerError:
+        """Give up the request in progress, and the process with it."""
+        ended = self._replaced()
+        if self._closed:
+            return ended
+        return NoPlanFound(
+            Status.OUT_OF_TIME,
+            f"the time budget of {budget:g} s is used up within a single iteration; whether there "
+            "is a plan is not known: ask for fewer points or give it more time",
+        )
+
     def _replaced(self) -> FfPlannerError:
         """Start a new process for the next request and say what happened to this one."""
         if self._closed:
             return FfPlannerError(Status.INTERNAL_ERROR, "the planner was shut down meanwhile")
         code = self._end_process()
-        self._process = _start()
+        self._process, self._loaded = _start(), False
         return FfPlannerError(
             Status.INTERNAL_ERROR,
             f"the solver process died with exit code {code} (-N: killed by signal N); "
@@ -85,23 +110,27 @@ def _start() -> subprocess.Popen[bytes]:
 
 
 def main() -> None:
-    """Answer requests on standard input until it closes: the node has ended."""
+    """Say that all is loaded, then answer requests until standard input closes: the node ended."""
     # Whatever a library prints must not land among the answers.
     answers = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
+    pickle.dump(True, answers)
+    answers.flush()
     while True:
         try:
-            problem, settings = pickle.load(sys.stdin.buffer)
+            request = pickle.load(sys.stdin.buffer)
         except EOFError:
             return
-        pickle.dump(_answer(problem, settings), answers)
+        pickle.dump(_answer(*request), answers)
         answers.flush()
 
 
-def _answer(problem: PlanningProblem, settings: PlannerSettings) -> Plan | FfPlannerError | str:
+def _answer(
+    problem: PlanningProblem, settings: PlannerSettings, budget: float, begun: float
+) -> Plan | FfPlannerError | str:
     """Plan; an error is an answer too, and one that nobody foresaw is told in words."""
     try:
-        return plan(problem, settings)
+        return plan(problem, settings, time_budget(budget, begun))
     except FfPlannerError as error:
         return error
     except Exception as error:

@@ -1,0 +1,1 @@
+"""Benchmark: scenarios that have an answer, other methods to compare with, tables."""

@@ -1,0 +1,115 @@
+"""The planner's own functions and exact derivatives for general-purpose solvers; SLSQP on them.
+
+Such solvers want a fixed number of rows. They are given the lowest margins in ascending order,
+which are continuous functions of the path, and one more variable above the peaks.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from scipy.optimize import minimize
+
+from ff_planner_ros.arrays import Array
+from ff_planner_ros.bench.direct import Answer
+from ff_planner_ros.errors import NoPlanFound
+from ff_planner_ros.planning.polynomial import COMPONENTS, FREE_TERMS, PARAMETERS
+from ff_planner_ros.planning.program import PathProgram
+from ff_planner_ros.planning.solver import Linearisation
+
+# Rows given to the solver, of the constraints and of the peaks; the others are further away.
+_ROWS = 80
+_FAR = 10.0
+TOLERANCE = 1e-6
+
+
+def solve_by_slsqp(program: PathProgram, max_iterations: int) -> Answer:
+    """Solve by SciPy's SLSQP with exact gradients, from the straight path.
+
+    Args:
+        program: Objective and constraints.
+        max_iterations: Of SLSQP.
+    """
+    functions = ExactFunctions(program)
+    result = minimize(
+        functions.objective,
+        functions.start(),
+        jac=functions.gradient,
+        method="SLSQP",
+        constraints=[
+            {"type": "ineq", "fun": functions.constraints, "jac": functions.jacobian},
+        ],
+        options={"maxiter": max_iterations, "ftol": TOLERANCE},
+    )
+    return functions.answer(result.x, result.message)
+
+
+@dataclass(eq=False)
+class ExactFunctions:
+    """What the solvers call; consecutive calls with the same variables cost one linearisation.
+
+    Attributes:
+        program: Objective and constraints.
+        rollouts: So far.
+    """
+
+    program: PathProgram
+    rollouts: int = 0
+    _x: Array = field(default_factory=lambda: np.full(PARAMETERS, np.nan))
+    _here: Linearisation | None = None
+
+    def start(self) -> Array:
+        """Return the straight path and, where there are peaks, the highest."""
+        x = np.zeros(PARAMETERS)
+        peaks = self._at(x).peaks
+        return np.append(x, peaks.max()) if peaks.size else x
+
+    def objective(self, z: Array) -> float:
+        """Return the function to minimise."""
+        return self._at(z).value + float(z[PARAMETERS:].sum())
+
+    def gradient(self, z: Array) -> Array:
+        """Return the gradient of `objective`."""
+        return np.append(self._at(z).gradient, np.ones(len(z) - PARAMETERS))
+
+    def constraints(self, z: Array) -> Array:
+        """Return what shall not be negative."""
+        return self._rows(z)[0]
+
+    def jacobian(self, z: Array) -> Array:
+        """Return the Jacobian of `constraints`."""
+        return self._rows(z)[1]
+
+    def answer(self, z: Array, message: str) -> Answer:
+        """Return where the solver stopped."""
+        return Answer(z[:PARAMETERS].reshape(COMPONENTS, FREE_TERMS), self.rollouts, message)
+
+    def _rows(self, z: Array) -> tuple[Array, Array]:
+        here = self._at(z)
+        values, rows = _lowest(here.constraints, here.constraints_jacobian)
+        if len(z) == PARAMETERS:
+            return values, rows
+        below, peak_rows = _lowest(z[-1] - here.peaks, -here.peaks_jacobian)
+        no, yes = np.zeros((_ROWS, 1)), np.ones((_ROWS, 1))
+        return np.append(values, below), np.block([[rows, no], [peak_rows, yes]])
+
+    def _at(self, z: Array) -> Linearisation:
+        x = z[:PARAMETERS]
+        if self._here is None or not np.array_equal(x, self._x):
+            self._x, self.rollouts = x.copy(), self.rollouts + 1
+            try:
+                self._here = self.program.linearise(x)
+            except NoPlanFound:  # a singularity: nothing there is worth going to
+                if self._here is None:
+                    raise
+                self._here = replace(self._here, value=self._here.value + 1e3)
+        return self._here
+
+
+def _lowest(values: Array, rows: Array) -> tuple[Array, Array]:
+    """Return the lowest values in ascending order with their rows, filled up to `_ROWS`."""
+    order = np.argsort(values, kind="stable")[:_ROWS]
+    filled, filled_rows = np.full(_ROWS, _FAR), np.zeros((_ROWS, PARAMETERS))
+    filled[: len(order)], filled_rows[: len(order)] = values[order], rows[order]
+    return filled, filled_rows

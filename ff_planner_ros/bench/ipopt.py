@@ -1,0 +1,106 @@
+"""IPOPT on the planner's own functions and exact derivatives, where CasADi is installed."""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from ff_planner_ros.arrays import Array
+from ff_planner_ros.bench.direct import Answer
+from ff_planner_ros.bench.exact import TOLERANCE, ExactFunctions
+from ff_planner_ros.planning.program import PathProgram
+
+
+def solve_by_ipopt(program: PathProgram, max_iterations: int) -> Answer | None:
+    """Solve by IPOPT with exact gradients and its own approximation of the Hessian.
+
+    Args:
+        program: Objective and constraints.
+        max_iterations: Of IPOPT.
+
+    Returns:
+        None where `casadi`, which brings IPOPT along, is not installed.
+    """
+    try:
+        casadi = importlib.import_module("casadi")
+    except ModuleNotFoundError:
+        return None
+    functions = ExactFunctions(program)
+    start = functions.start()
+    variables = casadi.MX.sym("z", len(start))
+    rows, size = len(functions.constraints(start)), len(start)
+    objective = _with_jacobian(casadi, (1, size), functions.objective, functions.gradient)
+    constraints = _with_jacobian(casadi, (rows, size), functions.constraints, functions.jacobian)
+    solver = casadi.nlpsol(
+        "solver",
+        "ipopt",
+        {"x": variables, "f": objective(variables), "g": constraints(variables)},
+        {
+            "print_time": False,
+            "ipopt": {
+                "print_level": 0,
+                "sb": "yes",
+                "max_iter": max_iterations,
+                "tol": TOLERANCE,
+                "hessian_approximation": "limited-memory",
+            },
+        },
+    )
+    result = solver(x0=start, lbg=0.0, ubg=np.inf)
+    return functions.answer(np.array(result["x"]).ravel(), solver.stats()["return_status"])
+
+
+def _with_jacobian(
+    casadi: Any,
+    shape: tuple[int, int],
+    value: Callable[[Array], Any],
+    jacobian: Callable[[Array], Array],
+) -> Any:
+    """Wrap a function and its Jacobian of a shape; the caller must keep what is returned alive."""
+
+    class Function(casadi.Callback):  # type: ignore[misc]
+        def __init__(self) -> None:
+            casadi.Callback.__init__(self)
+            self.derivative = _jacobian(casadi, shape, jacobian)
+            self.construct("function", {})
+
+        def get_sparsity_in(self, _: int) -> Any:
+            return casadi.Sparsity.dense(shape[1], 1)
+
+        def get_sparsity_out(self, _: int) -> Any:
+            return casadi.Sparsity.dense(shape[0], 1)
+
+        def eval(self, arguments: Any) -> list[Any]:
+            return [value(np.array(arguments[0]).ravel())]
+
+        def has_jacobian(self) -> bool:
+            return True
+
+        def get_jacobian(self, *_: Any) -> Any:
+            return self.derivative
+
+    return Function()
+
+
+def _jacobian(casadi: Any, shape: tuple[int, int], jacobian: Callable[[Array], Array]) -> Any:
+    class Jacobian(casadi.Callback):  # type: ignore[misc]
+        def __init__(self) -> None:
+            casadi.Callback.__init__(self)
+            self.construct("jacobian", {})
+
+        def get_n_in(self) -> int:
+            return 2  # the variables, and the function's value there
+
+        def get_sparsity_in(self, index: int) -> Any:
+            return casadi.Sparsity.dense(shape[1 - index], 1)
+
+        def get_sparsity_out(self, _: int) -> Any:
+            return casadi.Sparsity.dense(*shape)
+
+        def eval(self, arguments: Any) -> list[Any]:
+            return [jacobian(np.array(arguments[0]).ravel()).reshape(shape)]
+
+    return Jacobian()

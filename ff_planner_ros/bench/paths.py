@@ -1,0 +1,128 @@
+"""Paths of a problem's family: their motion, and what holds along it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ff_planner_ros.arrays import Array
+from ff_planner_ros.errors import NoPlanFound
+from ff_planner_ros.planning.check import certified_clearance
+from ff_planner_ros.planning.clearance import arm_points, clearances, segments
+from ff_planner_ros.planning.planner import end_effector_paths
+from ff_planner_ros.planning.polynomial import COMPONENTS, FREE_TERMS, EndEffectorPolynomial
+from ff_planner_ros.planning.problem import PlanningProblem, Sphere
+from ff_planner_ros.planning.rollout import Rollout, RolloutModel
+from ff_planner_ros.robot.configuration import configuration
+from ff_planner_ros.robot.momentum import smallest_singular_values, total_momentum
+
+# Coefficients of the straight path, xi = 0.
+STRAIGHT = np.zeros((COMPONENTS, FREE_TERMS))
+
+
+def paths_of(problem: PlanningProblem) -> EndEffectorPolynomial:
+    """Return the end-effector paths among which the planner seeks.
+
+    Args:
+        problem: Gives start, target and duration.
+    """
+    return end_effector_paths(problem, *configuration(problem.robot, problem.start))
+
+
+def path_model(problem: PlanningProblem, points: int) -> RolloutModel:
+    """Return what rolls out these paths.
+
+    Args:
+        problem: Gives start, target and duration.
+        points: On the path.
+    """
+    robot = problem.robot
+    q, v = configuration(robot, problem.start)
+    momentum = total_momentum(robot, robot.model.createData(), q, v)
+    return RolloutModel(robot, q, momentum, end_effector_paths(problem, q, v), points)
+
+
+def roll_out(problem: PlanningProblem, coefficients: Array, points: int | None = None) -> Rollout:
+    """Return the motion of a path.
+
+    Args:
+        problem: Gives start, target and duration.
+        coefficients: Of the path's free terms. Shape (6, 3).
+        points: On the path; None: as many as the problem asks for.
+
+    Raises:
+        NoPlanFound: The path meets a dynamic singularity.
+    """
+    return path_model(problem, points or problem.points).roll_out(coefficients)
+
+
+def within_limits(
+    problem: PlanningProblem,
+    coefficients: Array,
+    singular_value_bound: float,
+    points: int | None = None,
+) -> bool:
+    """Tell whether a path keeps joint limits and stays away from singularities.
+
+    Args:
+        problem: Gives start, target and duration.
+        coefficients: Of the path's free terms. Shape (6, 3).
+        singular_value_bound: Least singular value of the generalised Jacobian.
+        points: Where to look; None: as many as the problem asks for.
+    """
+    robot = problem.robot
+    try:
+        rollout = roll_out(problem, coefficients, points)
+    except NoPlanFound:
+        return False
+    joints = rollout.q[:, 7:]
+    return bool(
+        (joints >= robot.lower_position_limits).all()
+        and (joints <= robot.upper_position_limits).all()
+        and (np.abs(rollout.v[:, 6:]) <= robot.velocity_limits).all()
+        and smallest_singular_values(robot, rollout.q).min() >= singular_value_bound
+    )
+
+
+def clearance_along(problem: PlanningProblem, coefficients: Array) -> float:
+    """Return a lower bound of a path's clearance, between the points too.
+
+    Args:
+        problem: With its obstacles.
+        coefficients: Of the path's free terms. Shape (6, 3).
+    """
+    rollout = roll_out(problem, coefficients)
+    step = problem.duration / (problem.points - 1)
+    return certified_clearance(problem.robot, rollout.q, rollout.v, step, problem.obstacles)
+
+
+def sweep_of(problem: PlanningProblem, coefficients: Array) -> Array:
+    """Return the arm's points at the points of a path and half-way between.
+
+    Args:
+        problem: Gives start, target and duration.
+        coefficients: Of the path's free terms. Shape (6, 3).
+
+    Returns:
+        Shape (times, joints + 1, 3) [m].
+
+    Raises:
+        NoPlanFound: The path meets a dynamic singularity.
+    """
+    rollout = roll_out(problem, coefficients)
+    return arm_points(problem.robot, np.concatenate([rollout.q, rollout.q_half_way]))
+
+
+def clearance_of(sweep: Array, spheres: Sequence[Sphere]) -> Array:
+    """Return each sphere's clearance from the arm on its way.
+
+    Args:
+        sweep: Of `sweep_of`.
+        spheres: The obstacles.
+
+    Returns:
+        Shape (spheres,) [m].
+    """
+    lowest: Array = clearances(sweep, segments(sweep), spheres).distance.min(axis=(0, 1))
+    return lowest

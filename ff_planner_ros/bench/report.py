@@ -1,0 +1,229 @@
+"""The tables of the benchmark.
+
+One process makes them all, on one core, warm before a clock runs. It is a process of its own
+because numerical libraries read from the environment, when they load, how many threads to use.
+"""
+
+from __future__ import annotations
+
+import importlib.metadata
+import json
+import os
+import platform
+import subprocess
+import sys
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ff_planner_ros.bench.methods import OURS, compare
+from ff_planner_ros.bench.robots import ROBOTS
+from ff_planner_ros.bench.scaling import Growth, with_joints, with_points, with_spheres
+from ff_planner_ros.bench.scenarios import KINDS
+from ff_planner_ros.bench.success import Attempt, attempts
+from ff_planner_ros.planning.problem import PlanningProblem
+from ff_planner_ros.planning.scenario import load_scenario
+from ff_planner_ros.planning.settings import PlannerSettings, load_settings
+from ff_planner_ros.share import share_directory
+
+# Variables with which the numerical libraries are told to use one thread.
+ONE_THREAD = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+
+
+def run_on_one_core(quick: bool, scenarios: int | None, json_file: Path | None) -> int:
+    """Print the tables from a process of their own, and return its exit code.
+
+    Args:
+        quick: Whether to measure with smaller sizes and to stop the other methods early.
+        scenarios: Of each class; None: 200, or 4 if quick.
+        json_file: Where to write all figures; None: nowhere.
+    """
+    arguments = [str(int(quick)), str(scenarios or (4 if quick else 200)), str(json_file or "")]
+    command = [sys.executable, "-u", "-m", "ff_planner_ros.bench.report", *arguments]
+    return subprocess.run(command, env=os.environ | ONE_THREAD, check=False).returncode
+
+
+def main(quick: bool, scenarios: int, json_file: str) -> None:
+    """Print the tables.
+
+    Args:
+        quick: Whether to measure with smaller sizes and to stop the other methods early.
+        scenarios: Of each class.
+        json_file: Where to write all figures; empty: nowhere.
+    """
+    os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
+    config = share_directory() / "config"
+    problem = load_scenario(config / "scenarios" / "lemur_capture.yaml")
+    settings = load_settings(config / "planner.yaml")
+    figures: dict[str, Any] = {"machine": machine()}
+    for name, value in figures["machine"].items():
+        print(f"{name:8}  {value}")
+    figures["methods"] = print_methods(problem, settings, quick=quick)
+    figures["scaling"] = print_scaling(problem, settings, quick=quick)
+    figures["scenarios"] = print_success(scenarios, settings)
+    if json_file:
+        Path(json_file).write_text(json.dumps(figures, indent=1) + "\n", encoding="utf-8")
+
+
+def machine() -> dict[str, str]:
+    """Return what the figures depend on."""
+    cpu = platform.processor() or platform.machine()
+    for line in Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines():
+        if line.startswith("model name"):
+            cpu = line.partition(":")[2].strip()
+            break
+    versions = [
+        f"{name} {importlib.metadata.version(name)}" for name in ("numpy", "pin", "piqp", "scipy")
+    ]
+    threads = [f"{name}={os.environ.get(name, 'not set')}" for name in ONE_THREAD]
+    return {
+        "machine": f"{cpu}, {len(os.sched_getaffinity(0))} core of {os.cpu_count()} used",
+        "threads": ", ".join(threads),
+        "versions": ", ".join([f"Python {platform.python_version()}", *versions]),
+    }
+
+
+def print_methods(
+    problem: PlanningProblem, settings: PlannerSettings, *, quick: bool
+) -> list[dict[str, Any]]:
+    """Compare methods, and return the figures.
+
+    Args:
+        problem: The paper's capture.
+        settings: The planner's tunables.
+        quick: Whether to stop the others early.
+    """
+    runs, iterations = (1, 2) if quick else (7, 200)
+    results = list(compare(problem, settings, runs, iterations))
+    ours = {result.objective: result for result in results if result.method == OURS}
+    print_table(
+        "The paper's capture, 50 points",
+        (
+            "objective", "method", "time / ours", "time [s]", "rollouts", "value [rad]",
+            "optimality", "clearance [mm]", "why it stopped",
+        ),
+        [
+            (
+                r.objective, r.method, f"{r.seconds / ours[r.objective].seconds:.1f}",
+                f"{r.seconds:.3f}", f"{r.rollouts}", f"{r.value:.4f}", f"{r.optimality:.1e}",
+                f"{r.clearance * 1e3:.1f}", r.message,
+            )
+            for r in results
+        ],
+    )  # fmt: skip
+    if not any(result.method.startswith("IPOPT") for result in results):
+        print("IPOPT is not installed (`pip install casadi` brings it along)")
+    return [asdict(result) for result in results]
+
+
+def print_scaling(
+    problem: PlanningProblem, settings: PlannerSettings, *, quick: bool
+) -> list[dict[str, Any]]:
+    """Show how time grows, and return the figures.
+
+    Args:
+        problem: The paper's capture.
+        settings: The planner's tunables.
+        quick: Whether to leave out the large sizes.
+    """
+    runs, count = (1, 1) if quick else (5, 20)
+    spheres, points = ((3, 30), (50, 100)) if quick else ((3, 30, 100, 1000), (50, 100, 200, 500))
+    joints = (7, 6) if quick else (7, 6, 9)
+    growth: list[Growth] = []
+    for what, rows in (
+        (
+            "spheres: the paper's capture, more that leave the answer as it is",
+            list(with_spheres(problem, settings, spheres, runs)),
+        ),
+        ("points: the paper's capture", list(with_points(problem, settings, points, runs))),
+        (
+            f"joints: arms on {count} ordinary scenarios, medians",
+            list(with_joints(settings, joints, count)),
+        ),
+    ):
+        growth += rows
+        print_table(
+            f"Time grows with {what}",
+            (rows[0].of, f"time / {rows[0].size}", "time [s]", "rollouts"),
+            [
+                (
+                    f"{r.size}",
+                    f"{r.seconds / rows[0].seconds:.2f}",
+                    f"{r.seconds:.3f}",
+                    f"{r.rollouts:g}",
+                )
+                for r in rows
+            ],
+        )
+    return [asdict(row) for row in growth]
+
+
+def print_success(count: int, settings: PlannerSettings) -> list[dict[str, Any]]:
+    """Plan the scenarios, and return the figures.
+
+    Args:
+        count: Scenarios of each class.
+        settings: The planner's tunables.
+    """
+    tried = [attempt for kind in KINDS for attempt in attempts(kind, count, settings)]
+    groups: list[tuple[str, Callable[[Attempt], bool]]] = [("all", lambda _: True)]
+    groups += [(robot, lambda a, robot=robot: a.robot == robot) for robot in ROBOTS]  # type: ignore[misc]
+    groups += [("as drawn", lambda a: not a.turned), ("frame turned", lambda a: a.turned)]
+    rows = []
+    for kind in KINDS:
+        for name, belongs in groups:
+            group = [a for a in tried if a.kind == kind and belongs(a)]
+            rows.append((kind, name, *_summary(group)))
+    print_table(
+        "Scenarios that have a plan",
+        ("class", "which", "scenarios", "solved", "median [s]", "95 % [s]", "worst [s]", "starts"),
+        rows,
+    )
+    for a in tried:
+        if not a.solved:
+            twin = ", turned" if a.turned else ""
+            print(f"missed: {a.kind} {a.robot} {a.number}{twin}: {a.status.name}: {a.message}")
+    return [asdict(attempt) | {"status": attempt.status.name} for attempt in tried]
+
+
+def _summary(group: Sequence[Attempt]) -> tuple[str, ...]:
+    if not group:
+        return "0", "-", "-", "-", "-", "-"
+    seconds = np.array([a.seconds for a in group])
+    solved = [a for a in group if a.solved]
+    return (
+        f"{len(group)}",
+        f"{len(solved) / len(group):.1%}",
+        f"{np.median(seconds):.3f}",
+        f"{np.quantile(seconds, 0.95):.3f}",
+        f"{seconds.max():.3f}",
+        f"{max((a.starts for a in solved), default=0)}",
+    )
+
+
+def print_table(title: str, header: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
+    """Print aligned columns: words to the left, numbers to the right.
+
+    Args:
+        title: Above the table.
+        header: Of the columns.
+        rows: Below it.
+    """
+    table = [tuple(header), *rows]
+    columns = list(zip(*table, strict=True))
+    widths = [max(map(len, column)) for column in columns]
+    numeric = [not any(cell.strip("+-.%0123456789e") for cell in column[1:]) for column in columns]
+    print(f"\n{title}")
+    for row in table:
+        cells = [
+            cell.rjust(width) if is_number else cell.ljust(width)
+            for cell, width, is_number in zip(row, widths, numeric, strict=True)
+        ]
+        print("  ".join(cells).rstrip())
+
+
+if __name__ == "__main__":
+    main(bool(int(sys.argv[1])), int(sys.argv[2]), sys.argv[3])

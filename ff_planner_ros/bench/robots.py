@@ -1,0 +1,78 @@
+"""The robots of the benchmark: the paper's, and arms of any length of chain on a lighter chaser."""
+
+from __future__ import annotations
+
+from functools import cache
+
+from ff_planner_ros.robot.model import Robot, load_robot, robot_from_urdf_text
+from ff_planner_ros.share import share_directory
+
+# Robots of the scenarios. The second has no joint to spare and couples more strongly to its
+# chaser.
+ROBOTS = ("lemur", "arm6")
+
+# All generated arms have this length from the first pitch joint to the tip [m], this mass [kg]
+# and this chaser.
+_ARM_LENGTH, _ARM_MASS, _CHASER_MASS = 2.8, 21.0, 200.0
+# Each pitch joint sits beside the one before [m], so that no wrist is spherical.
+_SIDEWAYS = 0.08
+
+
+@cache
+def bench_robot(name: str) -> Robot:
+    """Return a robot by name.
+
+    Args:
+        name: `lemur`, or `arm` with the number of joints: `arm6` has six.
+    """
+    if name == "lemur":
+        urdf = share_directory() / "config" / "robots" / "lemur" / "lemur.urdf"
+        return load_robot(urdf, "chaser", "end_effector")
+    return robot_from_urdf_text(arm_urdf(int(name.removeprefix("arm"))), "chaser", "end_effector")
+
+
+def arm_urdf(joints: int) -> str:
+    """Write a chaser with an arm whose joints roll and pitch in turn, along z at zero.
+
+    Args:
+        joints: At least 6; an even number does without the upper arm's roll.
+    """
+    axes = ["z", *("yz" * joints)[:joints]]
+    if joints % 2 == 0:
+        del axes[2]
+    axes = axes[:joints]
+    pitches = axes.count("y")
+    parts = [_link("chaser", _CHASER_MASS, (11.0, 9.0, 15.0), 0.0)]
+    parent, offset = "chaser", "0.2 0.1 0.4"
+    for number, axis in enumerate(axes, 1):
+        # A roll joint sits with the pitch joint below it; the length lies between pitch joints.
+        ends = axis == "z" or axes[number : number + 1] == ["y"] or number == joints
+        length = 0.2 if number == 1 else _ARM_LENGTH / pitches if ends else 0.0
+        mass = _ARM_MASS / joints
+        thin, thick = mass * (0.005 + length**2 / 12), mass * 0.003
+        parts.append(_link(f"link_{number}", mass, (thin, thin, thick), length / 2))
+        parts.append(_joint(f"joint_{number}", "revolute", parent, f"link_{number}", offset, axis))
+        parent = f"link_{number}"
+        offset = f"0 {_SIDEWAYS if number > 1 and length else 0.0} {length}"
+    parts.append('<link name="end_effector"/>')
+    parts.append(_joint("hand", "fixed", parent, "end_effector", offset))
+    return f'<robot name="arm{joints}">{"".join(parts)}</robot>'
+
+
+def _link(name: str, mass: float, moments: tuple[float, float, float], center: float) -> str:
+    ixx, iyy, izz = moments
+    return (
+        f'<link name="{name}"><inertial><origin xyz="0 0 {center}"/><mass value="{mass}"/>'
+        f'<inertia ixx="{ixx}" iyy="{iyy}" izz="{izz}" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+    )
+
+
+def _joint(name: str, kind: str, parent: str, child: str, offset: str, axis: str = "") -> str:
+    moves = (
+        f'<axis xyz="{" ".join("1" if axis == a else "0" for a in "xyz")}"/>'
+        '<limit lower="-2.97" upper="2.97" velocity="0.5" effort="80"/>'
+    )
+    return (
+        f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
+        f'<origin xyz="{offset}"/>{moves if axis else ""}</joint>'
+    )

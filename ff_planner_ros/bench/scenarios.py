@@ -1,0 +1,249 @@
+"""Planning problems that are known to have an answer, drawn at random, always the same.
+
+First a path is drawn, the witness: of the planner's own polynomial family, within the limits of
+joint positions and velocities and away from singularities. Then spheres that the witness clears
+and the straight path (xi = 0) hits. Nothing here knows how the planner searches.
+
+Every scenario has a twin, the same physics seen from another inertial frame. The paper's Euler
+angles, and with them the straight path's turning, depend on that frame; the spheres are drawn so
+that everything said of a class holds in both.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+
+import numpy as np
+import pinocchio as pin
+
+from ff_planner_ros.arrays import Array
+from ff_planner_ros.bench.paths import (
+    STRAIGHT,
+    clearance_along,
+    clearance_of,
+    sweep_of,
+    within_limits,
+)
+from ff_planner_ros.bench.robots import bench_robot
+from ff_planner_ros.bench.twin import same_path, seen_back, seen_from
+from ff_planner_ros.errors import InvalidInput, NoPlanFound
+from ff_planner_ros.planning.clearance import arm_points, segments
+from ff_planner_ros.planning.polynomial import COMPONENTS, FREE_TERMS
+from ff_planner_ros.planning.problem import Objective, PlanningProblem, Sphere, Target
+from ff_planner_ros.robot.configuration import configuration
+from ff_planner_ros.robot.ee_at_rest import joint_rates_with_ee_at_rest
+from ff_planner_ros.robot.model import Robot
+from ff_planner_ros.robot.momentum import generalised_jacobian
+from ff_planner_ros.robot.state import SystemState
+
+# Largest twist of the chaser at the start [m/s, rad/s].
+LARGEST_CHASER_VELOCITY, LARGEST_CHASER_RATE = 0.06, np.deg2rad(3.0)
+# The witness keeps the smallest singular value of the generalised Jacobian above.
+SINGULAR_VALUE_BOUND = 0.05
+
+_POINTS = 50
+# Enough to turn down most of the paths that leave the limits, at a quarter of the price.
+_SCREENING_POINTS = 13
+# Spheres that are drawn at once to choose from, and their radii in lengths of the stretched arm.
+_CANDIDATES = 200
+_SMALLEST_SPHERE, _LARGEST_SPHERE = 0.025, 0.08
+# Certified clearance is lower than sampled clearance by this at most [m], nearly always.
+_CERTIFICATE_ALLOWANCE = 1e-3
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A class of scenarios.
+
+    Attributes:
+        spheres: Fewest and most.
+        clearance: That the witness keeps [m].
+        blocking: So many spheres at least are hit by the straight path,
+        depth: so deep [m].
+        winding: Spread of the witness's position coefficients, in lengths of the stretched arm.
+        turning: Spread of its angle coefficients [rad].
+    """
+
+    spheres: tuple[int, int]
+    clearance: float
+    blocking: int
+    depth: float
+    winding: float
+    turning: float
+
+
+KINDS = {
+    "ordinary": Kind((3, 6), 0.02, 1, 0.005, 0.06, 0.2),
+    "cluttered": Kind((9, 14), 0.01, 2, 0.04, 0.10, 0.35),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Scenario:
+    """A problem and a path that solves it.
+
+    Attributes:
+        problem: To be planned.
+        witness: Coefficients of the path's free terms, in the problem's own reading of the
+            orientation. Shape (6, 3).
+    """
+
+    problem: PlanningProblem
+    witness: Array
+
+
+def scenario(kind: str, robot: str, number: int, *, turned: bool) -> Scenario:
+    """Return one scenario; the same arguments give the same.
+
+    Args:
+        kind: Key of `KINDS`.
+        robot: Name for `bench_robot`.
+        number: Any from zero.
+        turned: Whether to return the twin, with the inertial frame turned and shifted.
+    """
+    return _twins(kind, robot, number)[turned]
+
+
+@cache
+def _twins(kind: str, robot: str, number: int) -> tuple[Scenario, Scenario]:
+    rng = np.random.default_rng([*f"{kind} {robot}".encode(), number])
+    while True:
+        twins = _draw(KINDS[kind], bench_robot(robot), rng)
+        if twins is not None:
+            return twins
+
+
+def _draw(kind: Kind, robot: Robot, rng: np.random.Generator) -> tuple[Scenario, Scenario] | None:
+    """Draw twins; None if what was drawn is not sound."""
+    reach = _stretched_length(robot)
+    try:
+        problem = _draw_motion(robot, reach, rng)
+    except InvalidInput:  # a singular posture
+        return None
+    witness = _draw_coefficients(kind, reach, rng)
+    if not within_limits(problem, witness, SINGULAR_VALUE_BOUND, _SCREENING_POINTS):
+        return None
+    frame = pin.SE3(pin.Quaternion(_unit(rng, 4)).toRotationMatrix(), rng.uniform(-5.0, 5.0, 3))
+    twin = seen_from(problem, frame)
+    twin_witness = same_path(problem, witness, twin, frame)
+    witnesses = ((problem, witness), (twin, twin_witness))
+    if not all(within_limits(*pair, SINGULAR_VALUE_BOUND) for pair in witnesses):
+        return None
+    try:
+        cleared, hit = (
+            (sweep_of(problem, first), seen_back(sweep_of(twin, second), frame))
+            for first, second in ((witness, twin_witness), (STRAIGHT, STRAIGHT))
+        )
+    except NoPlanFound:  # the straight path meets a singularity
+        return None
+    spheres = _draw_spheres(kind, reach, cleared, hit, rng)
+    if spheres is None:
+        return None
+    problem = replace(problem, obstacles=spheres)
+    first, second = Scenario(problem, witness), Scenario(seen_from(problem, frame), twin_witness)
+    for drawn in (first, second):
+        if clearance_along(drawn.problem, drawn.witness) < kind.clearance:
+            return None
+    return first, second
+
+
+def _draw_motion(robot: Robot, reach: float, rng: np.random.Generator) -> PlanningProblem:
+    """Draw start, target and duration; the chaser frame is the inertial frame at the start."""
+    start = SystemState(
+        position_chaser_in_inertial=np.zeros(3),
+        quaternion_chaser_to_inertial_xyzw=np.array([0.0, 0.0, 0.0, 1.0]),
+        linear_velocity_chaser_in_inertial=_unit(rng) * rng.uniform(0.0, LARGEST_CHASER_VELOCITY),
+        angular_velocity_chaser_in_inertial=_unit(rng) * rng.uniform(0.0, LARGEST_CHASER_RATE),
+        joint_positions=rng.uniform(robot.lower_position_limits, robot.upper_position_limits),
+        joint_velocities=np.zeros(robot.joints),
+    )
+    q, _ = configuration(robot, start)
+    data = robot.model.createData()
+    # Rates in the row space of J_D are those that Eq. (31) gives, whatever the end effector does.
+    own = generalised_jacobian(robot, data, q).T @ rng.normal(size=6)
+    own *= rng.uniform(0.0, 0.02) / np.linalg.norm(own)
+    start = replace(start, joint_velocities=joint_rates_with_ee_at_rest(robot, start) + own)
+    pin.forwardKinematics(robot.model, data, q)
+    ee = pin.updateFramePlacement(robot.model, data, robot.tip_frame_id)
+    turn = pin.exp3(_unit(rng) * np.deg2rad(rng.uniform(10.0, 75.0)))
+    return PlanningProblem(
+        robot=robot,
+        start=start,
+        target=Target(
+            position=ee.translation + _unit(rng) * reach * rng.uniform(0.15, 0.35),
+            quaternion_xyzw=pin.Quaternion(ee.rotation @ turn).coeffs(),
+        ),
+        duration=rng.uniform(8.0, 15.0),
+        points=_POINTS,
+        obstacles=(),
+        objective=Objective(1.0, 0.0),
+        limit_joint_velocities=True,
+    )
+
+
+def _draw_coefficients(kind: Kind, reach: float, rng: np.random.Generator) -> Array:
+    spread = np.repeat([kind.winding * reach, kind.turning], 3)
+    coefficients: Array = rng.normal(size=(COMPONENTS, FREE_TERMS)) * spread[:, None]
+    return coefficients
+
+
+def _draw_spheres(
+    kind: Kind,
+    reach: float,
+    cleared: Sequence[Array],
+    hit: Sequence[Array],
+    rng: np.random.Generator,
+) -> tuple[Sphere, ...] | None:
+    """Draw spheres that some sweeps clear and others hit; None if too few fit."""
+    wanted = int(rng.integers(*kind.spheres, endpoint=True))
+    chosen: list[Sphere] = []
+    for near, needed, depth in (
+        (hit[0], kind.blocking, kind.depth),
+        (cleared[0], wanted, -np.inf),
+    ):
+        candidates = _draw_near(near, reach, rng)
+        clear = np.min([clearance_of(sweep, candidates) for sweep in cleared], axis=0)
+        shrink = np.maximum(0.0, kind.clearance + _CERTIFICATE_ALLOWANCE - clear)
+        inside = -np.max([clearance_of(sweep, candidates) for sweep in hit], axis=0) - shrink
+        for sphere, less, deep in zip(candidates, shrink, inside, strict=True):
+            radius = sphere.radius - less
+            apart = all(
+                np.linalg.norm(sphere.center - other.center) > max(radius, other.radius)
+                for other in chosen
+            )
+            if radius >= _SMALLEST_SPHERE * reach and deep >= depth and apart:
+                chosen.append(Sphere(f"s{len(chosen) + 1}", sphere.center, radius))
+            if len(chosen) == needed:
+                break
+        else:
+            return None
+    return tuple(chosen)
+
+
+def _draw_near(sweep: Array, reach: float, rng: np.random.Generator) -> list[Sphere]:
+    """Draw spheres around the points of the arm on its way."""
+    starts = segments(sweep)
+    times, links = rng.integers(len(sweep), size=_CANDIDATES), rng.choice(starts, _CANDIDATES)
+    along = rng.uniform(size=(_CANDIDATES, 1))
+    on_arm = (1.0 - along) * sweep[times, links] + along * sweep[times, links + 1]
+    radii = reach * rng.uniform(_SMALLEST_SPHERE, _LARGEST_SPHERE, _CANDIDATES)
+    offsets = rng.uniform(0.0, 2.0, _CANDIDATES) * radii
+    return [
+        Sphere("candidate", point + _unit(rng) * offset, radius)
+        for point, offset, radius in zip(on_arm, offsets, radii, strict=True)
+    ]
+
+
+def _stretched_length(robot: Robot) -> float:
+    """Return the length of the stretched arm, from the first joint to the end effector."""
+    neutral = pin.neutral(robot.model)
+    along = np.diff(arm_points(robot, neutral[None])[0], axis=0)
+    return float(np.linalg.norm(along, axis=1).sum())
+
+
+def _unit(rng: np.random.Generator, size: int = 3) -> Array:
+    vector = rng.normal(size=size)
+    unit: Array = vector / np.linalg.norm(vector)
+    return unit

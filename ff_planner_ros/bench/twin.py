@@ -1,0 +1,92 @@
+"""The same physics in another inertial frame: what was at x is at `frame.act(x)`."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+
+from ff_planner_ros.arrays import Array
+from ff_planner_ros.bench.paths import STRAIGHT, paths_of
+from ff_planner_ros.planning.polynomial import COMPONENTS, FREE_TERMS
+from ff_planner_ros.planning.problem import PlanningProblem
+from ff_planner_ros.robot.rotation import euler_from_rotation
+
+_SAMPLES = np.linspace(0.0, 1.0, 50)
+# Coefficients of each free term, alone and in every component.
+_UNITS = [np.tile(row, (COMPONENTS, 1)) for row in np.eye(FREE_TERMS)]
+
+
+def seen_from(problem: PlanningProblem, frame: pin.SE3) -> PlanningProblem:
+    """Return the same physics in another inertial frame.
+
+    Args:
+        problem: In the first frame.
+        frame: The first frame in the other.
+    """
+    start, target, rotation = problem.start, problem.target, frame.rotation
+
+    def turned(quaternion_xyzw: Array) -> Array:
+        quaternion: Array = (pin.Quaternion(rotation) * pin.Quaternion(quaternion_xyzw)).coeffs()
+        return quaternion
+
+    return replace(
+        problem,
+        start=replace(
+            start,
+            position_chaser_in_inertial=frame.act(start.position_chaser_in_inertial),
+            quaternion_chaser_to_inertial_xyzw=turned(start.quaternion_chaser_to_inertial_xyzw),
+            linear_velocity_chaser_in_inertial=rotation @ start.linear_velocity_chaser_in_inertial,
+            angular_velocity_chaser_in_inertial=rotation
+            @ start.angular_velocity_chaser_in_inertial,
+        ),
+        target=replace(
+            target,
+            position=frame.act(target.position),
+            quaternion_xyzw=turned(target.quaternion_xyzw),
+            linear_velocity=rotation @ target.linear_velocity,
+            angular_velocity=rotation @ target.angular_velocity,
+            linear_acceleration=rotation @ target.linear_acceleration,
+            angular_acceleration=rotation @ target.angular_acceleration,
+        ),
+        obstacles=tuple(replace(s, center=frame.act(s.center)) for s in problem.obstacles),
+    )
+
+
+def same_path(
+    problem: PlanningProblem, coefficients: Array, twin: PlanningProblem, frame: pin.SE3
+) -> Array:
+    """Return the coefficients with which the twin's end effector takes the same path.
+
+    Positions are the same; the orientation is, in the twin's reading, no polynomial, and its
+    nearest one is taken.
+
+    Args:
+        problem: In the first frame.
+        coefficients: Of its path. Shape (6, 3).
+        twin: Of `seen_from`.
+        frame: The first frame in the other.
+    """
+    _, rotations = paths_of(problem).pose(coefficients, _SAMPLES)
+    there = paths_of(twin)
+    inner = there.rotation_outer.T @ frame.rotation @ rotations @ there.rotation_inner.T
+    straight, _, _ = there.components(STRAIGHT, _SAMPLES)
+    terms = np.stack(
+        [there.components(unit, _SAMPLES)[0][:, 3] - straight[:, 3] for unit in _UNITS], axis=1
+    )
+    beyond = np.unwrap(euler_from_rotation(inner), axis=0) - straight[:, 3:]
+    beyond -= 2 * np.pi * np.round(beyond[0] / (2 * np.pi))
+    angles, *_ = np.linalg.lstsq(terms, beyond)
+    return np.concatenate([frame.rotation @ coefficients[:3], angles.T])
+
+
+def seen_back(points: Array, frame: pin.SE3) -> Array:
+    """Return points of the other frame as the first frame sees them.
+
+    Args:
+        points: Shape (..., 3).
+        frame: The first frame in the other.
+    """
+    seen: Array = (points - frame.translation) @ frame.rotation
+    return seen

@@ -1,0 +1,178 @@
+"""What is wrong with a plan: which constraint is not met, where, by how much, what may help."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from ff_planner_ros.errors import NoPlanFound, Status
+from ff_planner_ros.planning.clearance import arm_points, clearances, segments
+from ff_planner_ros.planning.motion import from_trajectory
+from ff_planner_ros.planning.plan import Plan
+from ff_planner_ros.planning.problem import PlanningProblem
+from ff_planner_ros.planning.settings import PlannerSettings
+from ff_planner_ros.robot.model import Robot
+from ff_planner_ros.robot.momentum import smallest_singular_values
+
+# Joint limits violated by less are rounding [rad, rad/s].
+LIMIT_TOLERANCE = 1e-6
+
+
+@dataclass(frozen=True)
+class Failure:
+    """A constraint that a plan does not meet.
+
+    Attributes:
+        status: Its code.
+        finding: What is where, and by how much too far.
+        advice: What may help.
+    """
+
+    status: Status
+    finding: str
+    advice: tuple[str, ...]
+
+
+def refusal(plan: Plan, found: list[Failure]) -> NoPlanFound:
+    """Return the error that tells an operator of all failures of the best attempt.
+
+    Args:
+        plan: The attempt.
+        found: At least one failure; the first gives the status.
+    """
+    starts = plan.solver.starts
+    attempts = "the only attempt" if starts == 1 else f"{starts} attempts; in the best"
+    findings = "; ".join(failure.finding for failure in found)
+    advice = ", ".join(dict.fromkeys(word for failure in found for word in failure.advice))
+    message = f"no plan found in {attempts}, {findings}. What may help: {advice}"
+    return NoPlanFound(found[0].status, message, plan)
+
+
+def failures(problem: PlanningProblem, plan: Plan, settings: PlannerSettings) -> Iterator[Failure]:
+    """Yield every constraint that a plan does not meet, what can do most harm first.
+
+    Args:
+        problem: What was asked.
+        plan: With metrics of `measure`.
+        settings: The tolerances.
+    """
+    metrics = plan.metrics
+    if not metrics.min_clearance >= 0.0:
+        yield _collision(problem, plan, settings)
+    if not metrics.min_joint_margin >= -LIMIT_TOLERANCE:
+        yield _position_limit(problem, plan)
+    if problem.limit_joint_velocities and not metrics.min_velocity_margin >= -LIMIT_TOLERANCE:
+        yield _velocity_limit(problem, plan)
+    if not metrics.min_singular_value >= settings.singular_value_threshold:
+        yield _singularity(problem, plan, settings)
+    yield from _inaccuracies(plan, settings)
+
+
+def _collision(problem: PlanningProblem, plan: Plan, settings: PlannerSettings) -> Failure:
+    q, _ = from_trajectory(problem.robot, plan.trajectory)
+    positions = arm_points(problem.robot, q)
+    starts = segments(positions)
+    distance = clearances(positions, starts, problem.obstacles).distance
+    point, segment, sphere = np.unravel_index(distance.argmin(), distance.shape)
+    depth, obstacle = -distance[point, segment, sphere], problem.obstacles[sphere].id
+    link, when = link_name(problem.robot, int(starts[segment])), _when(problem, plan, point)
+    if depth <= 0.0:
+        return Failure(
+            Status.COLLISION,
+            f"{link} may touch obstacle {obstacle} between two points near {when}: all that is "
+            f"certain is a clearance of {plan.metrics.min_clearance * 1e3:.2f} mm",
+            ("more points", "a larger planner.clearance_margin"),
+        )
+    margin = "a smaller planner.clearance_margin"
+    return Failure(
+        Status.COLLISION,
+        f"{link} is {depth:.3g} m inside obstacle {obstacle} at {when}",
+        (
+            "a longer duration",
+            "a goal or start posture on another side of the obstacle",
+            "more planner.starts",
+            *([margin] if depth < settings.clearance_margin else []),
+        ),
+    )
+
+
+def _position_limit(problem: PlanningProblem, plan: Plan) -> Failure:
+    lower, upper = problem.robot.lower_position_limits, problem.robot.upper_position_limits
+    joints = plan.trajectory.joint_positions
+    excess = np.maximum(joints - upper, lower - joints)
+    point, joint = np.unravel_index(excess.argmax(), excess.shape)
+    return Failure(
+        Status.LIMIT_VIOLATED,
+        f"joint {plan.joint_names[joint]} is {excess[point, joint]:.3g} rad outside its limits "
+        f"[{lower[joint]:.4f}, {upper[joint]:.4f}] rad at {_when(problem, plan, point)}",
+        ("another goal orientation, start posture or duration", "more planner.starts"),
+    )
+
+
+def _velocity_limit(problem: PlanningProblem, plan: Plan) -> Failure:
+    rates, limits = plan.trajectory.joint_velocities, problem.robot.velocity_limits
+    excess = np.abs(rates) - limits
+    point, joint = np.unravel_index(excess.argmax(), excess.shape)
+    return Failure(
+        Status.LIMIT_VIOLATED,
+        f"joint {plan.joint_names[joint]} turns at {rates[point, joint]:.4f} rad/s, "
+        f"{excess[point, joint]:.3g} rad/s faster than its limit of {limits[joint]:.4f} rad/s, at "
+        f"{_when(problem, plan, point)}",
+        ("a longer duration", "more planner.starts"),
+    )
+
+
+def _singularity(problem: PlanningProblem, plan: Plan, settings: PlannerSettings) -> Failure:
+    q, _ = from_trajectory(problem.robot, plan.trajectory)
+    point = smallest_singular_values(problem.robot, q).argmin()
+    return Failure(
+        Status.SINGULAR,
+        f"the arm is in a dynamic singularity at {_when(problem, plan, point)}: the smallest "
+        f"singular value of the generalised Jacobian is {plan.metrics.min_singular_value:.3g}, "
+        f"allowed is {settings.singular_value_threshold:g}",
+        ("a nearer goal", "another goal orientation, start posture or duration"),
+    )
+
+
+def _inaccuracies(plan: Plan, settings: PlannerSettings) -> Iterator[Failure]:
+    for name, tolerance, unit, advice in (
+        ("final_position_error", settings.position_tolerance, " m", "more points"),
+        ("final_orientation_error", settings.orientation_tolerance, " rad", "more points"),
+        (
+            "momentum_error",
+            settings.momentum_tolerance,
+            "",
+            "a report to the maintainers, for this is a fault of the planner",
+        ),
+        (
+            "start_velocity_jump",
+            settings.start_velocity_tolerance,
+            " rad/s",
+            "damping the null-space motion that the start's joint rates hold",
+        ),
+    ):
+        value = getattr(plan.metrics, name)
+        if not value <= tolerance:
+            yield Failure(
+                Status.CHECK_FAILED,
+                f"{name} is {value:.3g}{unit}, allowed is {tolerance:.3g}{unit}",
+                (advice,),
+            )
+
+
+def _when(problem: PlanningProblem, plan: Plan, point: np.intp) -> str:
+    time = f"t = {plan.trajectory.time[point]:.2f} s of {problem.duration:g} s"
+    return f"the goal, {time}" if point == len(plan.trajectory.time) - 1 else time
+
+
+def link_name(robot: Robot, start: int) -> str:
+    """Return words for the arm's segment that starts at a joint.
+
+    Args:
+        robot: The robot.
+        start: Index of the joint.
+    """
+    ends = (*robot.joint_names, robot.tip_link)
+    return f"the link from {ends[start]} to {ends[start + 1]}"

@@ -1,0 +1,69 @@
+"""The benchmark runs, and its tables say what was measured."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from robots import CONFIG
+
+from ff_planner_ros.bench import success
+from ff_planner_ros.bench.methods import _optimality, _program
+from ff_planner_ros.bench.report import print_success, print_table
+from ff_planner_ros.cli import main
+from ff_planner_ros.errors import NoPlanFound, Status
+from ff_planner_ros.planning.polynomial import COMPONENTS, FREE_TERMS
+from ff_planner_ros.planning.problem import Objective
+from ff_planner_ros.planning.settings import load_settings
+from ff_planner_ros.planning.solver import minimise
+
+
+@pytest.fixture(scope="module")
+def settings():
+    return load_settings(CONFIG / "planner.yaml")
+
+
+def test_the_quick_benchmark_prints_its_tables_and_writes_its_figures(tmp_path, capfd):
+    assert main(["bench", "--quick", "--scenarios", "1", "--json", str(tmp_path / "b.json")]) == 0
+    printed = capfd.readouterr().out
+    for part in ("machine", "1 core of", "OPENBLAS_NUM_THREADS=1", "min(Theta)", "direct (paper)"):
+        assert part in printed
+    figures = json.loads((tmp_path / "b.json").read_text())
+    assert {row["of"] for row in figures["scaling"]} == {"spheres", "points", "joints"}
+    assert {row["kind"] for row in figures["scenarios"]} == {"ordinary", "cluttered"}
+    ours = [row for row in figures["methods"] if row["method"] == "ff_planner"]
+    assert [row["objective"] for row in ours] == ["min(L)", "min(Theta)", "L + Theta"]
+    assert all(row["clearance"] > 0.0 and row["seconds"] > 0.0 for row in ours)
+
+
+def test_a_miss_is_counted_and_told_with_its_cause(settings, monkeypatch, capsys):
+    def no_plan(*_):
+        raise NoPlanFound(Status.SINGULAR, "the arm is stretched")
+
+    monkeypatch.setattr(success, "plan", no_plan)
+    figures = print_success(2, settings)
+    printed = capsys.readouterr().out
+    assert "missed: ordinary lemur 0, turned: SINGULAR: the arm is stretched" in printed
+    assert " 0.0% " in printed
+    assert "100.0%" not in printed
+    assert {row["status"] for row in figures} == {"SINGULAR"}
+
+
+def test_numbers_stand_to_the_right_and_words_to_the_left(capsys):
+    print_table("Title", ("word", "number"), [("a", "-1.5"), ("abc", "10.0%")])
+    assert capsys.readouterr().out == "\nTitle\nword  number\na       -1.5\nabc    10.0%\n"
+
+
+def test_optimality_of_another_method_is_the_solvers_own_at_its_optimum(lemur_capture, settings):
+    program = _program(lemur_capture, settings)
+    solution = minimise(program.linearise, np.zeros(COMPONENTS * FREE_TERMS), 100, 1e-5)
+    assert solution.converged
+    assert _optimality(program, solution.x.reshape(COMPONENTS, FREE_TERMS)) < 1e-3
+    assert _optimality(program, np.zeros((COMPONENTS, FREE_TERMS))) > 1e-2
+
+
+def test_optimality_where_the_attitude_counts_asks_the_peaks_multipliers_to_sum_to_one(
+    lemur_capture, settings
+):
+    asked = replace(lemur_capture, objective=Objective(0.0, 1.0))
+    assert _optimality(_program(asked, settings), np.zeros((COMPONENTS, FREE_TERMS))) > 0.1

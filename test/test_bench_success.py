@@ -1,0 +1,40 @@
+"""The success rate, on a seeded subset of what `ff-planner bench` measures."""
+
+import pytest
+from robots import CONFIG
+
+from ff_planner_ros.bench import success
+from ff_planner_ros.bench.scenarios import scenario
+from ff_planner_ros.bench.success import attempt, attempts
+from ff_planner_ros.errors import Status
+from ff_planner_ros.planning.settings import load_settings
+
+SETTINGS = load_settings(CONFIG / "planner.yaml")
+# Scenarios tried of each class, and how many of them may be missed.
+SUBSET = {"ordinary": (24, 0), "cluttered": (24, 1)}
+
+
+@pytest.mark.parametrize("kind", SUBSET)
+def test_where_there_is_a_plan_it_is_found(kind):
+    count, allowed = SUBSET[kind]
+    misses = [tried for tried in attempts(kind, count, SETTINGS) if not tried.solved]
+    assert len(misses) <= allowed, misses
+
+
+def test_half_of_the_scenarios_are_turned_and_each_robot_has_half(monkeypatch):
+    monkeypatch.setattr(success, "attempt", lambda *arguments: arguments)
+    tried = [arguments[:4] for arguments in attempts("ordinary", 8, SETTINGS)]
+    assert len(set(tried)) == 8
+    assert sum(turned for *_, turned in tried) == 4
+    assert sum(robot == "lemur" for _, robot, *_ in tried) == 4
+    assert {number for _, _, number, _ in tried} == {0, 1}
+
+
+def test_a_plan_that_the_planner_gave_but_the_check_refuses_is_a_miss(monkeypatch):
+    """Whatever the planner says of its plan, the obstacles of the scenario decide."""
+    drawn = scenario("ordinary", "lemur", 0, turned=False).problem
+    free = success.plan(success.replace(drawn, obstacles=()), SETTINGS)
+    monkeypatch.setattr(success, "plan", lambda *_: free)
+    tried = attempt("ordinary", "lemur", 0, False, SETTINGS)
+    assert tried.status is Status.COLLISION
+    assert not tried.solved

@@ -1,0 +1,67 @@
+"""Every goal orientation can be planned to, whatever its Euler angles are."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from ff_planner_ros.arrays import Array
+from ff_planner_ros.planning.planner import plan
+from ff_planner_ros.planning.problem import PlanningProblem
+from ff_planner_ros.planning.settings import PlannerSettings, load_settings
+from ff_planner_ros.robot.configuration import configuration
+from ff_planner_ros.share import share_directory
+
+
+@pytest.fixture(scope="module")
+def settings() -> PlannerSettings:
+    return load_settings(share_directory() / "config" / "planner.yaml")
+
+
+def planned_orientations(
+    problem: PlanningProblem, settings: PlannerSettings, goal: Array
+) -> list[pin.Quaternion]:
+    """Plan the capture with another goal orientation, obstacles included."""
+    target = replace(problem.target, quaternion_xyzw=pin.Quaternion(goal).coeffs())
+    answer = plan(replace(problem, target=target), settings)
+    assert answer.metrics.min_clearance >= 0.0
+    assert np.allclose(answer.trajectory.ee_positions[-1], target.position, atol=1e-3)
+    found = [pin.Quaternion(np.array(xyzw)) for xyzw in answer.trajectory.ee_quaternions_xyzw]
+    assert found[-1].angularDistance(pin.Quaternion(goal)) < 1e-3
+    # It turns there without a jump: nowhere faster than eight times the mean rate of the turn.
+    steps = [a.angularDistance(b) for a, b in pairwise(found)]
+    assert max(steps) < 8.0 * found[0].angularDistance(found[-1]) / len(steps)
+    return found
+
+
+@pytest.mark.parametrize(
+    "roll_yaw_deg", [(0.0, 0.0), (-65.0, -85.0), (0.0, 90.0)], ids=lambda pair: f"{pair}"
+)
+def test_a_goal_at_a_pitch_of_90_deg_is_planned(
+    lemur_capture: PlanningProblem, settings: PlannerSettings, roll_yaw_deg: tuple[float, float]
+) -> None:
+    """The singularity of the paper's Euler angles."""
+    roll, yaw = np.deg2rad(roll_yaw_deg)
+    planned_orientations(lemur_capture, settings, pin.rpy.rpyToMatrix(roll, np.pi / 2, yaw))
+
+
+@pytest.mark.parametrize("axis", [(0.0, 0.0, 1.0), (0.0, 1.0, 1.0)], ids=lambda axis: f"{axis}")
+@pytest.mark.parametrize("angle_deg", [150.0, 170.0])
+def test_a_turn_by_almost_half_a_circle_is_planned(
+    lemur_capture: PlanningProblem,
+    settings: PlannerSettings,
+    angle_deg: float,
+    axis: tuple[float, float, float],
+) -> None:
+    robot = lemur_capture.robot
+    data = robot.model.createData()
+    q, _ = configuration(robot, lemur_capture.start)
+    pin.forwardKinematics(robot.model, data, q)
+    start = pin.updateFramePlacement(robot.model, data, robot.tip_frame_id).rotation
+    turn = np.deg2rad(angle_deg) * np.array(axis) / np.linalg.norm(axis)
+    found = planned_orientations(lemur_capture, settings, start @ pin.exp3(turn))
+    assert found[0].angularDistance(found[-1]) == pytest.approx(np.deg2rad(angle_deg), abs=1e-3)

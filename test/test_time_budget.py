@@ -1,0 +1,36 @@
+"""The time budget, on a clock that the test winds."""
+
+from __future__ import annotations
+
+import pytest
+
+from ff_planner_ros import time_budget as module
+from ff_planner_ros.errors import OutOfTime, Status
+from ff_planner_ros.time_budget import time_budget
+
+
+@pytest.fixture
+def clock(monkeypatch: pytest.MonkeyPatch) -> list[float]:
+    """A clock that shows its only entry."""
+    shown = [1000.0]
+    monkeypatch.setattr(module.time, "monotonic", lambda: shown[0])
+    return shown
+
+
+def test_a_budget_lasts_until_it_is_used_up(clock: list[float]) -> None:
+    keep_going = time_budget(2.5)
+    for clock[0] in (1000.0, 1001.0, 1002.5):
+        keep_going()
+    clock[0] = 1002.6
+    with pytest.raises(OutOfTime, match=r"the time budget of 2\.5 s is used up") as end:
+        keep_going()
+    assert end.value.status is Status.OUT_OF_TIME
+
+
+def test_time_that_went_by_before_counts(clock: list[float]) -> None:
+    keep_going = time_budget(2.5, begun=999.0)
+    clock[0] = 1001.4
+    keep_going()
+    clock[0] = 1001.6
+    with pytest.raises(OutOfTime):
+        keep_going()
