@@ -122,16 +122,18 @@ def minimise(
     radius, price = _FIRST_RADIUS, _FIRST_PRICE
     evaluations, optimality = 1, np.inf
     violations = [here.violation]
-    for iteration in range(1, max_iterations + 1):
+    converged, reason = False, f"stopped after {max_iterations} iterations, before convergence"
+    iterations = 0
+    while iterations < max_iterations:
+        iterations += 1
         step = _solve_quadratic_program(here, radius, price)
         while step.slack > FEASIBILITY_TOLERANCE and step.price_paid and price < _HIGHEST_PRICE:
             price *= 10.0
             step = _solve_quadratic_program(here, radius, price)
         optimality = step.optimality
         if optimality <= tolerance and here.violation <= FEASIBILITY_TOLERANCE:
-            return Solution(
-                x, here, optimality, True, iteration, evaluations, "converged: first-order optimal"
-            )
+            converged, reason = True, "converged: first-order optimal"
+            break
 
         promised = here.objective + price * here.violation - step.merit
         try:
@@ -150,34 +152,12 @@ def minimise(
             radius = min(2.0 * radius, _LARGEST_RADIUS)
         violations.append(here.violation)
         if _is_stuck(violations):
-            return Solution(
-                x,
-                here,
-                optimality,
-                False,
-                iteration,
-                evaluations,
-                "stuck: the violation of the constraints no longer falls",
-            )
+            reason = "stuck: the violation of the constraints no longer falls"
+            break
         if radius < _SMALLEST_RADIUS:
-            return Solution(
-                x,
-                here,
-                optimality,
-                False,
-                iteration,
-                evaluations,
-                "stalled: no step within the smallest trust region brings progress",
-            )
-    return Solution(
-        x,
-        here,
-        optimality,
-        False,
-        max_iterations,
-        evaluations,
-        f"stopped after {max_iterations} iterations, before convergence",
-    )
+            reason = "stalled: no step within the smallest trust region brings progress"
+            break
+    return Solution(x, here, optimality, converged, iterations, evaluations, reason)
 
 
 def _is_stuck(violations: list[float]) -> bool:
