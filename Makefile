@@ -60,8 +60,8 @@ build: env
 		-DCMAKE_PROJECT_INCLUDE=$(CURDIR)/msg_defs/ros_wheels.cmake -DPython3_EXECUTABLE=$(BIN)/python
 	set +u; source install/setup.sh; cd install; \
 	$(BIN)/python -c '$(MESSAGES_LOAD)'; \
-	{ ff_planner_ros/lib/ff_planner_ros/planner_node --ros-args -p robot.urdf:=none.urdf 2>&1 || true; } \
-		| tee /dev/stderr | grep --quiet 'robot.urdf is none.urdf'
+	said=$$(ff_planner_ros/lib/ff_planner_ros/planner_node --ros-args -p robot.urdf:=none.urdf 2>&1) || true; \
+	echo "$$said"; grep --quiet 'robot.urdf is none.urdf' <<< "$$said"
 
 MESSAGES_LOAD := import os, ff_planner_msgs.srv as srv; \
 	from rclpy.type_support import check_for_type_support; \
