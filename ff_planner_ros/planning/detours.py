@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import islice
 
 import numpy as np
 from scipy.stats import qmc
@@ -34,13 +35,18 @@ def first_guesses(program: PathProgram, count: int) -> Iterator[Array]:
     Yields:
         Flattened coefficients. Shape (18,).
     """
-    guesses = [np.zeros(PARAMETERS), *_detours(program)][:count]
-    yield from guesses
+    yield from islice(_guesses(program), count)
+
+
+def _guesses(program: PathProgram) -> Iterator[Array]:
+    """Yield without end; each kind is worked out only when the one before has not helped."""
+    yield np.zeros(PARAMETERS)
+    yield from _detours(program)
     spread = np.repeat([_SPREAD_POSITION] * 3 + [_SPREAD_ANGLE] * 3, FREE_TERMS)
     sequence = qmc.MultivariateNormalQMC(
         np.zeros(PARAMETERS), engine=qmc.Halton(PARAMETERS, rng=np.random.default_rng(0))
     )
-    for _ in range(count - len(guesses)):
+    while True:
         yield sequence.random(1)[0] * spread
 
 
