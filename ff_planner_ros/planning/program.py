@@ -121,13 +121,13 @@ class PathProgram:
 
     def _joint_margins(self, rollout: Rollout, sensitivity: Sensitivity) -> tuple[Array, Array]:
         """Return the distances of interest to the joint limits."""
-        joints, jacobian = rollout.q[1:, 7:], sensitivity.q[1:, 6:]
-        margins = np.stack(
-            [self.robot.upper_position_limits - joints, joints - self.robot.lower_position_limits]
+        return _margins(
+            rollout.q[1:, 7:],
+            sensitivity.q[1:, 6:],
+            self.robot.lower_position_limits,
+            self.robot.upper_position_limits,
+            _DISTANCE_OF_INTEREST,
         )
-        jacobians = np.stack([-jacobian, jacobian])
-        rows = np.nonzero(margins < _DISTANCE_OF_INTEREST)
-        return margins[rows], jacobians[rows]
 
     def _velocity_margins(self, rollout: Rollout, sensitivity: Sensitivity) -> tuple[Array, Array]:
         """Return the margins of interest to the limits of the joint rates."""
@@ -135,7 +135,13 @@ class PathProgram:
         if not self.limit_joint_velocities:
             return np.empty(0), np.empty((0, jacobian.shape[2]))
         limits = self.robot.velocity_limits
-        margins = np.stack([limits - rates, limits + rates])
-        jacobians = np.stack([-jacobian, jacobian])
-        rows = np.nonzero(margins < (1.0 - _RATE_OF_INTEREST) * limits)
-        return margins[rows], jacobians[rows]
+        return _margins(rates, jacobian, -limits, limits, (1.0 - _RATE_OF_INTEREST) * limits)
+
+
+def _margins(
+    values: Array, jacobian: Array, lower: Array, upper: Array, interest: Array | float
+) -> tuple[Array, Array]:
+    """Return the distances to both limits that are below the interest, with their derivatives."""
+    margins = np.stack([upper - values, values - lower])
+    rows = np.nonzero(margins < interest)
+    return margins[rows], np.stack([-jacobian, jacobian])[rows]
