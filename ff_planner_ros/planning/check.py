@@ -7,6 +7,7 @@ clearance are recomputed by forward kinematics and dynamics from the samples.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 import pinocchio as pin
@@ -117,8 +118,8 @@ def certified_clearance(
     starts = segments(positions)
     by_sphere = clearances(positions, starts, spheres).distance.min(axis=1)
     at_points = by_sphere.min(axis=1)
-    cubics = [_cubic_between(robot, q[i : i + 2], v[i : i + 2], step) for i in range(len(q) - 1)]
-    fastest = np.array([_speed_bound(positions[0], q[0], cubic, step) for cubic in cubics])
+    cubics = _cubics_between(robot, q, v, step)
+    fastest = _speed_bounds(positions[0], q[0], cubics, step)
     index, begin, end = np.arange(len(cubics)), np.zeros(len(cubics)), np.ones(len(cubics))
     at_begin, at_end = at_points[:-1], at_points[1:]
     lowest = certified = float(at_points.min())
@@ -133,11 +134,10 @@ def certified_clearance(
             return certified
         index, begin, end = index[open_], begin[open_], end[open_]
         middle = (begin + end) / 2
+        powers = middle[:, None] ** np.array([1, 2, 3])
+        ways = np.einsum("ip,ipj->ij", powers, cubics[index])
         between = np.array(
-            [
-                pin.integrate(robot.model, q[i], _cubic_at(s, cubics[i]))
-                for i, s in zip(index, middle, strict=True)
-            ]
+            [pin.integrate(robot.model, *at) for at in zip(q[index], ways, strict=True)]
         )
         at_middle = clearances(arm_points(robot, between), starts, spheres).distance
         at_middle = at_middle.min(axis=(1, 2))
@@ -148,26 +148,22 @@ def certified_clearance(
         at_end = np.concatenate([at_middle, at_end[open_]])
 
 
-def _cubic_between(robot: Robot, q: Array, v: Array, step: float) -> Array:
-    """Return the tangent-space cubic through two configurations and velocities.
+def _cubics_between(robot: Robot, q: Array, v: Array, step: float) -> Array:
+    """Return the tangent-space cubics through consecutive configurations and velocities.
 
     Returns:
-        Coefficients of s, s^2, s^3 from the first to the second, s from 0 to 1. Shape
-        (3, 6 + joints).
+        Coefficients of s, s^2, s^3 from one to the next, s from 0 to 1. Shape
+        (points - 1, 3, 6 + joints).
     """
-    whole = pin.difference(robot.model, q[0], q[1])
-    first, last = step * v[0], step * v[1]
-    last[:6] = np.linalg.solve(pin.Jexp6(pin.Motion(whole[:6])), last[:6])
-    return np.array([first, 3 * whole - 2 * first - last, first + last - 2 * whole])
+    whole = np.array([pin.difference(robot.model, *pair) for pair in pairwise(q)])
+    first, last = step * v[:-1], step * v[1:]
+    turned = np.array([pin.Jexp6(pin.Motion(way[:6])) for way in whole])
+    last[:, :6] = np.linalg.solve(turned, last[:, :6, None])[:, :, 0]
+    return np.stack([first, 3 * whole - 2 * first - last, first + last - 2 * whole], axis=1)
 
 
-def _cubic_at(s: float, cubic: Array) -> Array:
-    value: Array = np.array([s, s**2, s**3]) @ cubic
-    return value
-
-
-def _speed_bound(positions: Array, q: Array, cubic: Array, step: float) -> float:
-    """Return a speed [m/s] that no point of the arm exceeds along a cubic.
+def _speed_bounds(positions: Array, q: Array, cubics: Array, step: float) -> Array:
+    """Return a speed [m/s] for each cubic that no point of the arm exceeds along it.
 
     Each joint, and the base's turn, move a point at most at their rate times the stretched
     length of what lies beyond them.
@@ -175,12 +171,12 @@ def _speed_bound(positions: Array, q: Array, cubic: Array, step: float) -> float
     lengths = np.linalg.norm(np.diff(positions, axis=0), axis=1)
     beyond = np.cumsum(lengths[::-1])[::-1]
     reach = np.linalg.norm(positions[0] - q[:3]) + beyond[0]
-    rates = np.array([1.0, 2.0, 3.0]) @ np.abs(cubic) / step
-    turn_rate = np.linalg.norm(rates[3:6])
+    rates = np.array([1.0, 2.0, 3.0]) @ np.abs(cubics) / step
     # The base's linear rate belongs to an axis that turns on the way, by at most `way`.
-    way = np.linalg.norm(np.abs(cubic[:, :3]).sum(axis=0))
-    base = np.linalg.norm(rates[:3]) + turn_rate * (reach + way / 2)
-    return float(base + rates[6:] @ beyond)
+    way = np.linalg.norm(np.abs(cubics[:, :, :3]).sum(axis=1), axis=1)
+    moving, turning = (np.linalg.norm(part, axis=1) for part in np.split(rates[:, :6], 2, axis=1))
+    bounds: Array = moving + turning * (reach + way / 2) + rates[:, 6:] @ beyond
+    return bounds
 
 
 def _tip_placement(robot: Robot, data: pin.Data, q: Array) -> pin.SE3:

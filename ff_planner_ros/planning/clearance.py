@@ -11,11 +11,11 @@ from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
-import pinocchio as pin
 from numpy.typing import NDArray
 
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.planning.problem import Sphere
+from ff_planner_ros.robot.kinematics import arm_kinematics
 from ff_planner_ros.robot.model import Robot
 
 Indices: TypeAlias = NDArray[np.intp]
@@ -49,12 +49,7 @@ def arm_points(robot: Robot, q: Array) -> Array:
     Returns:
         Shape (points, joints + 1, 3) [m].
     """
-    data = robot.model.createData()
-    positions = np.empty((len(q), robot.joints + 1, 3))
-    for i, configuration in enumerate(q):
-        pin.forwardKinematics(robot.model, data, configuration)
-        _read_points(robot, data, positions[i])
-    return positions
+    return arm_kinematics(robot, q).points
 
 
 def arm_points_with_derivatives(
@@ -70,25 +65,16 @@ def arm_points_with_derivatives(
     Returns:
         Shapes (points, joints + 1, 3) and (points, joints + 1, 3, columns).
     """
-    data = robot.model.createData()
-    positions = np.empty((len(q), robot.joints + 1, 3))
-    jacobian = np.empty((len(q), 6, robot.model.nv))
-    for i, configuration in enumerate(q):
-        jacobian[i] = pin.computeJointJacobians(robot.model, data, configuration)
-        _read_points(robot, data, positions[i])
+    positions, axes, rotation = arm_kinematics(robot, q)
+    moving, turning = (rotation @ part for part in np.split(q_sensitivity[:, :6], 2, axis=1))
     # Twist of each body at the inertial origin: the base's, plus each joint's on the way.
-    by_joint = np.einsum("pij,pjc->pjic", jacobian[:, :, 6:], q_sensitivity[:, 6:])
-    twist = np.cumsum(by_joint, axis=1) + (jacobian[:, :, :6] @ q_sensitivity[:, :6])[:, None]
-    twist = np.concatenate([twist, twist[:, -1:]], axis=1)  # the end effector rides on the last
-    derivatives = twist[:, :, :3] + np.cross(twist[:, :, 3:], positions[..., None], axis=2)
-    return positions, derivatives
-
-
-def _read_points(robot: Robot, data: pin.Data, positions: Array) -> None:
-    """Copy joint origins and end effector from Pinocchio's scratch space."""
-    for k in range(robot.joints):
-        positions[k] = data.oMi[2 + k].translation
-    positions[-1] = pin.updateFramePlacement(robot.model, data, robot.tip_frame_id).translation
+    angular = np.cumsum(axes[..., None] * q_sensitivity[:, 6:, None], axis=1) + turning[:, None]
+    lever = np.cross(positions[:, :-1], axes)
+    linear = np.cumsum(lever[..., None] * q_sensitivity[:, 6:, None], axis=1)
+    linear += (moving + np.cross(q[:, :3, None], turning, axis=1))[:, None]
+    # The end effector rides on the last body.
+    linear, angular = (np.concatenate([t, t[:, -1:]], axis=1) for t in (linear, angular))
+    return positions, linear + np.cross(angular, positions[..., None], axis=2)
 
 
 def segments(positions: Array) -> Indices:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-import pinocchio as pin
 
 from ff_planner_ros.arrays import Array
+from ff_planner_ros.robot.kinematics import rotation_base_to_inertial
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.rotation import euler_from_rotation, euler_rate_map
 
@@ -54,7 +54,7 @@ def chaser_euler(robot: Robot, q: Array) -> Array:
     Returns:
         Shape (points, 3) [rad].
     """
-    return euler_from_rotation(_rotation_base_to_inertial(q) @ robot.rotation_chaser_to_base)
+    return euler_from_rotation(rotation_base_to_inertial(q) @ robot.rotation_chaser_to_base)
 
 
 def chaser_euler_derivative(robot: Robot, q: Array, q_sensitivity: Array) -> Array:
@@ -68,9 +68,5 @@ def chaser_euler_derivative(robot: Robot, q: Array, q_sensitivity: Array) -> Arr
     Returns:
         Shape (points, 3, columns).
     """
-    turn = _rotation_base_to_inertial(q) @ q_sensitivity[:, 3:6]
+    turn = rotation_base_to_inertial(q) @ q_sensitivity[:, 3:6]
     return np.asarray(np.linalg.solve(euler_rate_map(chaser_euler(robot, q)), turn), np.float64)
-
-
-def _rotation_base_to_inertial(q: Array) -> Array:
-    return np.array([pin.Quaternion(quaternion).toRotationMatrix() for quaternion in q[:, 3:7]])

@@ -81,9 +81,8 @@ def plan(
             f"{end}; whether there is a plan is not known: give it more time or fewer points",
         ) from None
     coefficients = found.best.x.reshape(COMPONENTS, FREE_TERMS)
-    rollouts = RolloutModel(robot, q_start, momentum, polynomial, problem.points)
-    rollout = rollouts.roll_out(coefficients)
-    accelerations = rollouts.sensitivity(rollout).acceleration[:, 6:]
+    at_best = found.best.at_x
+    rollout, accelerations = at_best.rollout, at_best.acceleration[:, 6:]
     trajectory = to_trajectory(
         robot, rollout.s * problem.duration, rollout.q, rollout.v, accelerations
     )

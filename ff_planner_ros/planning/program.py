@@ -39,6 +39,19 @@ _DISTANCE_OF_INTEREST, _RATE_OF_INTEREST = 0.25, 0.4
 
 
 @dataclass(frozen=True, eq=False)
+class PathLinearisation(Linearisation):
+    """What the solver wants to know of a path, and the motion that it comes from.
+
+    Attributes:
+        rollout: The motion.
+        acceleration: dv/dt at each point. Shape (points, 6 + joints).
+    """
+
+    rollout: Rollout
+    acceleration: Array
+
+
+@dataclass(frozen=True, eq=False)
 class PathProgram:
     """Objective and constraints of one planning problem on one time grid.
 
@@ -62,7 +75,7 @@ class PathProgram:
     limit_joint_velocities: bool
     keep_going: Callable[[], None]
 
-    def linearise(self, x: Array) -> Linearisation:
+    def linearise(self, x: Array) -> PathLinearisation:
         """Return objective and constraints with their derivatives.
 
         Args:
@@ -84,7 +97,7 @@ class PathProgram:
             self._joint_margins(rollout, sensitivity),
             self._velocity_margins(rollout, sensitivity),
         ]
-        return Linearisation(
+        return PathLinearisation(
             value=weight * joint_path_length(joint_rates, self.step),
             gradient=weight * gradient,
             hessian=weight * hessian,
@@ -92,6 +105,8 @@ class PathProgram:
             peaks_jacobian=peaks_jacobian,
             constraints=np.concatenate([values for values, _ in rows]),
             constraints_jacobian=np.concatenate([jacobian for _, jacobian in rows]),
+            rollout=rollout,
+            acceleration=sensitivity.acceleration,
         )
 
     def _peaks(self, rollout: Rollout, sensitivity: Sensitivity) -> tuple[Array, Array]:

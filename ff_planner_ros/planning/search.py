@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import TypeAlias
 
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.errors import NoPlanFound
 from ff_planner_ros.planning.check import certified_clearance
 from ff_planner_ros.planning.detours import first_guesses
-from ff_planner_ros.planning.polynomial import COMPONENTS, FREE_TERMS
-from ff_planner_ros.planning.program import PathProgram
+from ff_planner_ros.planning.program import PathLinearisation, PathProgram
 from ff_planner_ros.planning.settings import PlannerSettings
 from ff_planner_ros.planning.solver import Solution, minimise
+
+PathSolution: TypeAlias = Solution[PathLinearisation]
 
 
 @dataclass(frozen=True)
@@ -50,7 +52,7 @@ class Search:
         evaluations: Rollouts with derivatives, over all of them.
     """
 
-    best: Solution
+    best: PathSolution
     starts: int
     iterations: int
     evaluations: int
@@ -80,8 +82,8 @@ def search(
         for level in levels
     ]
     work = _Work([], [])
-    answers: list[Solution] = []
-    postponed: list[Solution] = []
+    answers: list[PathSolution] = []
+    postponed: list[PathSolution] = []
     tried = 0
     for guess in first_guesses(grids[0].program, settings.starts):
         tried += 1
@@ -120,10 +122,10 @@ class _Grid:
 class _Work:
     """What has been solved, and where the way was singular."""
 
-    solved: list[Solution]
+    solved: list[PathSolution]
     refusals: list[NoPlanFound]
 
-    def solve(self, grid: _Grid, start: Array) -> Solution | None:
+    def solve(self, grid: _Grid, start: Array) -> PathSolution | None:
         """Solve on a grid; None where the start meets a singularity."""
         level = grid.level
         try:
@@ -135,22 +137,22 @@ class _Work:
         return solution
 
 
-def _is_promising(rough: Solution) -> bool:
+def _is_promising(rough: PathSolution) -> bool:
     """Tell whether more points may make a path of it."""
     if rough.feasible:
         return rough.optimality <= _PROMISING_OPTIMALITY
     return rough.at_x.violation <= _PROMISING_VIOLATION
 
 
-def _rank(solution: Solution) -> tuple[bool, float]:
+def _rank(solution: PathSolution) -> tuple[bool, float]:
     """Feasible before infeasible, then by objective or by violation."""
     at_x = solution.at_x
     return not solution.feasible, at_x.objective if solution.feasible else at_x.violation
 
 
 def _refine(
-    work: _Work, grids: list[_Grid], rough: Solution, settings: PlannerSettings
-) -> list[Solution]:
+    work: _Work, grids: list[_Grid], rough: PathSolution, settings: PlannerSettings
+) -> list[PathSolution]:
     """Go on from the first grid to the last; return the answer there, or nothing."""
     solution = rough
     for grid in grids[1:-1]:
@@ -161,7 +163,7 @@ def _refine(
 
 def _solve_between_points(
     work: _Work, grid: _Grid, start: Array, settings: PlannerSettings
-) -> Solution | None:
+) -> PathSolution | None:
     """Solve, and raise the margin at the points until the motion between them is clear too."""
     solution = None
     for _ in range(_MARGIN_ROUNDS):
@@ -169,7 +171,7 @@ def _solve_between_points(
         if solution is None or not solution.feasible:
             break
         program = grid.program
-        rollout = program.rollouts.roll_out(solution.x.reshape(COMPONENTS, FREE_TERMS))
+        rollout = solution.at_x.rollout
         clearance = certified_clearance(
             program.robot, rollout.q, rollout.v, program.step, program.spheres
         )

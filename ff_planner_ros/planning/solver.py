@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Generic, TypeVar
 
 import numpy as np
 import piqp
@@ -71,8 +72,11 @@ class Linearisation:
         return float(max(0.0, -self.constraints.min(initial=0.0)))
 
 
+AtX = TypeVar("AtX", bound=Linearisation)
+
+
 @dataclass(frozen=True, eq=False)
-class Solution:
+class Solution(Generic[AtX]):
     """Where the solver stopped.
 
     Attributes:
@@ -87,7 +91,7 @@ class Solution:
     """
 
     x: Array
-    at_x: Linearisation
+    at_x: AtX
     optimality: float
     converged: bool
     iterations: int
@@ -101,11 +105,11 @@ class Solution:
 
 
 def minimise(
-    linearise: Callable[[Array], Linearisation],
+    linearise: Callable[[Array], AtX],
     start: Array,
     max_iterations: int,
     tolerance: float,
-) -> Solution:
+) -> Solution[AtX]:
     """Minimise from a start; not converging is a result, not an error.
 
     Args:

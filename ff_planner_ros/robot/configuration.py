@@ -31,7 +31,7 @@ def configuration(robot: Robot, state: SystemState) -> tuple[Array, Array]:
     rotation_base_to_inertial = rotation_chaser_to_inertial @ robot.rotation_chaser_to_base.T
     base_from_chaser = -rotation_base_to_inertial @ robot.position_chaser_in_base
     omega = state.angular_velocity_chaser_in_inertial
-    velocity_base = state.linear_velocity_chaser_in_inertial + np.cross(omega, base_from_chaser)
+    velocity_base = state.linear_velocity_chaser_in_inertial + pin.skew(omega) @ base_from_chaser
     q = np.concatenate(
         [
             state.position_chaser_in_inertial + base_from_chaser,
@@ -66,7 +66,7 @@ def system_state(robot: Robot, q: Array, v: Array) -> SystemState:
             rotation_base_to_inertial @ robot.rotation_chaser_to_base
         ).coeffs(),
         linear_velocity_chaser_in_inertial=rotation_base_to_inertial @ v[:3]
-        + np.cross(omega, chaser_from_base),
+        + pin.skew(omega) @ chaser_from_base,
         angular_velocity_chaser_in_inertial=omega,
         joint_positions=q[7:],
         joint_velocities=v[6:],

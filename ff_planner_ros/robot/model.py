@@ -27,6 +27,7 @@ class Robot:
             fixed to it), in the frame of the free-flyer joint. Shape (3,) [m].
         rotation_chaser_to_base: Axes of the base link in the frame of the free-flyer joint.
             Shape (3, 3).
+        joint_axes: Unit vectors in the frames of the joints. Shape (joints, 3).
         lower_position_limits: Shape (joints,) [rad].
         upper_position_limits: Shape (joints,) [rad].
         velocity_limits: Shape (joints,) [rad/s].
@@ -41,6 +42,7 @@ class Robot:
     tip_frame_id: int
     position_chaser_in_base: Array
     rotation_chaser_to_base: Array
+    joint_axes: Array
     lower_position_limits: Array
     upper_position_limits: Array
     velocity_limits: Array
@@ -115,8 +117,20 @@ def robot_from_urdf_text(text: str, base_link: str, tip_link: str) -> Robot:
         tip_frame_id=model.getFrameId(tip_link, pin.FrameType.BODY),
         position_chaser_in_base=frozen(model.inertias[1].lever),
         rotation_chaser_to_base=frozen(base_frame.placement.rotation),
+        joint_axes=frozen(_joint_axes(model)),
         lower_position_limits=frozen(model.lowerPositionLimit[7:]),
         upper_position_limits=frozen(model.upperPositionLimit[7:]),
         velocity_limits=frozen(model.upperVelocityLimit[6:]),
         effort_limits=frozen(np.where(efforts == 0.0, np.inf, efforts)),
     )
+
+
+def _joint_axes(model: pin.Model) -> Array:
+    """Return the axes of the arm's joints in their own frames. Shape (joints, 3)."""
+    data = model.createData()
+    pin.computeJointJacobians(model, data, pin.neutral(model))
+    columns = [
+        pin.getJointJacobian(model, data, joint, pin.LOCAL)[3:, model.idx_vs[joint]]
+        for joint in range(2, model.njoints)
+    ]
+    return np.array(columns)

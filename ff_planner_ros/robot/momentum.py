@@ -21,9 +21,9 @@ def total_momentum(robot: Robot, data: pin.Data, q: Array, v: Array) -> Array:
     Returns:
         P [kg m/s] and L about the inertial origin [kg m2/s], inertial axes. Shape (6,).
     """
-    momentum = pin.computeCentroidalMomentum(robot.model, data, q, v)
-    linear, angular = momentum.linear, momentum.angular
-    return np.concatenate([linear, angular + np.cross(data.com[0], linear)])
+    about_com = pin.computeCentroidalMomentum(robot.model, data, q, v)
+    total: Array = pin.SE3(np.eye(3), data.com[0]).act(about_com).vector
+    return total
 
 
 def generalised_jacobian(robot: Robot, data: pin.Data, q: Array) -> Array:
