@@ -227,8 +227,11 @@ def test_a_duration_too_short_for_the_velocity_limits_is_refused_and_a_longer_on
     assert plan(replace(problem, duration=15.0), settings).metrics.min_velocity_margin > 0.0
 
 
-@pytest.mark.parametrize("allowed", [0, 10])
-def test_a_search_that_is_ended_has_no_plan_and_says_why(capture, settings, allowed):
+@pytest.mark.parametrize(
+    ("allowed", "points"),
+    [pytest.param(0, None, id="at once"), pytest.param(13, 13, id="a grid"), (18, 25)],
+)
+def test_a_search_that_is_ended_tells_how_far_it_came(capture, settings, allowed, points):
     """To the solver itself, a NoPlanFound on the way is a wall that it turns away from."""
     calls = count(1)
 
@@ -240,6 +243,10 @@ def test_a_search_that_is_ended_has_no_plan_and_says_why(capture, settings, allo
         plan(replace(capture, objective=LENGTH), settings, keep_going)
     assert refusal.value.status is Status.OUT_OF_TIME
     assert next(calls) == allowed + 2
+    attempt = refusal.value.attempt
+    assert (None if attempt is None else len(attempt.trajectory.time)) == points
+    if points is not None:
+        assert f"the best attempt so far, on {points} points" in str(refusal.value)
 
 
 def test_who_could_have_ended_a_search_does_not_change_its_answer(capture, settings, shortest):
@@ -293,11 +300,23 @@ def test_a_goal_behind_a_wall_is_refused_with_the_collision_and_the_attempt(capt
     assert refusal.value.attempt.metrics.penalty > 0.0
 
 
-def test_a_goal_at_the_edge_of_the_workspace_is_refused_as_singular(capture, settings):
-    edge = replace(capture.target, position=np.array([3.35, 0.4, 0.6]))
+def test_a_goal_beyond_the_edge_of_the_workspace_is_refused_as_singular(capture, settings):
+    beyond = replace(capture.target, position=np.array([3.6, 0.4, 0.6]))
     with pytest.raises(NoPlanFound, match=r"singularity at .*t = \d") as refusal:
-        plan(replace(capture, target=edge, obstacles=()), replace(settings, starts=2))
+        plan(replace(capture, target=beyond, obstacles=()), replace(settings, starts=1))
     assert refusal.value.status is Status.SINGULAR
+
+
+def test_the_search_goes_on_when_the_check_refuses_what_it_found(capture, settings):
+    """Near the workspace's edge the straight path leads the solver through a singularity."""
+    edge = replace(capture.target, position=np.array([3.35, 0.4, 0.6]))
+    problem = replace(capture, target=edge, obstacles=())
+    with pytest.raises(NoPlanFound, match="the only attempt, final_position_error"):
+        plan(problem, replace(settings, starts=1))
+    answer = plan(problem, settings)
+    assert answer.solver.starts > 1
+    assert answer.metrics.final_position_error < 1e-3
+    assert answer.metrics.min_singular_value > settings.singular_value_threshold
 
 
 def test_null_space_motion_at_the_start_is_refused(capture, settings):

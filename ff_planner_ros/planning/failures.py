@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from ff_planner_ros.errors import NoPlanFound, Status
+from ff_planner_ros.errors import NoPlanFound, OutOfTime, Status
 from ff_planner_ros.planning.clearance import arm_points, clearances, segments
 from ff_planner_ros.planning.motion import from_trajectory
 from ff_planner_ros.planning.plan import Plan
@@ -35,7 +35,7 @@ class Failure:
     advice: tuple[str, ...]
 
 
-def refusal(plan: Plan, found: list[Failure]) -> NoPlanFound:
+def refusal(plan: Plan, found: Sequence[Failure]) -> NoPlanFound:
     """Return the error that tells an operator of all failures of the best attempt.
 
     Args:
@@ -44,10 +44,36 @@ def refusal(plan: Plan, found: list[Failure]) -> NoPlanFound:
     """
     starts = plan.solver.starts
     attempts = "the only attempt" if starts == 1 else f"{starts} attempts; in the best"
-    findings = "; ".join(failure.finding for failure in found)
-    advice = ", ".join(dict.fromkeys(word for failure in found for word in failure.advice))
-    message = f"no plan found in {attempts}, {findings}. What may help: {advice}"
+    message = f"no plan found in {attempts}, {_findings(found)}. What may help: {_advice(found)}"
     return NoPlanFound(found[0].status, message, plan)
+
+
+def out_of_time(
+    end: OutOfTime, plan: Plan | None = None, found: Sequence[Failure] = ()
+) -> NoPlanFound:
+    """Return the error that tells an operator how far a search came that was ended.
+
+    Args:
+        end: Who ended it.
+        plan: The best attempt; None if there is none.
+        found: Its failures.
+    """
+    message = f"{end}; whether there is a plan is not known: give it more time or fewer points"
+    if plan is not None:
+        points = f"the best attempt so far, on {len(plan.trajectory.time)} points"
+        state = (
+            _findings(found) or "it keeps every constraint, but was not yet optimised to the end"
+        )
+        message += f"; {points}: {state}"
+    return NoPlanFound(Status.OUT_OF_TIME, message, plan)
+
+
+def _findings(found: Sequence[Failure]) -> str:
+    return "; ".join(failure.finding for failure in found)
+
+
+def _advice(found: Sequence[Failure]) -> str:
+    return ", ".join(dict.fromkeys(word for failure in found for word in failure.advice))
 
 
 def failures(problem: PlanningProblem, plan: Plan, settings: PlannerSettings) -> Iterator[Failure]:
@@ -137,9 +163,11 @@ def _singularity(problem: PlanningProblem, plan: Plan, settings: PlannerSettings
 
 
 def _inaccuracies(plan: Plan, settings: PlannerSettings) -> Iterator[Failure]:
+    # A motion leaves its path where steps are long, or where a singularity lies between two.
+    follow = "more points, or a nearer goal if it is at the edge of the workspace"
     for name, tolerance, unit, advice in (
-        ("final_position_error", settings.position_tolerance, " m", "more points"),
-        ("final_orientation_error", settings.orientation_tolerance, " rad", "more points"),
+        ("final_position_error", settings.position_tolerance, " m", follow),
+        ("final_orientation_error", settings.orientation_tolerance, " rad", follow),
         (
             "momentum_error",
             settings.momentum_tolerance,

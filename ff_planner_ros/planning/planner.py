@@ -9,13 +9,12 @@ import numpy as np
 import pinocchio as pin
 
 from ff_planner_ros.arrays import Array
-from ff_planner_ros.errors import NoPlanFound, OutOfTime, Status
-from ff_planner_ros.planning.check import measure, require_sound
+from ff_planner_ros.errors import OutOfTime
+from ff_planner_ros.planning.check import measure
+from ff_planner_ros.planning.failures import failures, out_of_time, refusal
 from ff_planner_ros.planning.motion import to_trajectory
 from ff_planner_ros.planning.plan import Plan, SolverReport
 from ff_planner_ros.planning.polynomial import (
-    COMPONENTS,
-    FREE_TERMS,
     EndEffectorMotion,
     EndEffectorPolynomial,
     end_effector_polynomial,
@@ -24,7 +23,7 @@ from ff_planner_ros.planning.preconditions import require_reachable_goal, requir
 from ff_planner_ros.planning.problem import Objective, PlanningProblem
 from ff_planner_ros.planning.program import PathProgram
 from ff_planner_ros.planning.rollout import RolloutModel
-from ff_planner_ros.planning.search import search
+from ff_planner_ros.planning.search import PathSolution, Search, rank
 from ff_planner_ros.planning.settings import PlannerSettings
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.momentum import total_momentum
@@ -73,35 +72,57 @@ def plan(
             keep_going=keep_going,
         )
 
+    search = Search(program, problem.points, settings)
+    paths: list[PathSolution] = []
+    ended = None
     try:
-        found = search(program, problem.points, settings)
+        for path in search.paths():
+            answer = _plan_of_path(problem, settings, polynomial, path, search)
+            if not any(failures(problem, answer, settings)):
+                return answer
+            paths.append(path)
     except OutOfTime as end:
-        raise NoPlanFound(
-            Status.OUT_OF_TIME,
-            f"{end}; whether there is a plan is not known: give it more time or fewer points",
-        ) from None
-    coefficients = found.best.x.reshape(COMPONENTS, FREE_TERMS)
-    at_best = found.best.at_x
-    rollout, accelerations = at_best.rollout, at_best.acceleration[:, 6:]
+        ended = end
+    attempts = paths or search.solved
+    if ended is not None and not attempts:
+        raise out_of_time(ended)
+    if not attempts:
+        raise search.refusals[0]
+    best = _plan_of_path(problem, settings, polynomial, min(attempts, key=rank), search)
+    found = list(failures(problem, best, settings))
+    raise refusal(best, found) if ended is None else out_of_time(ended, best, found)
+
+
+def _plan_of_path(
+    problem: PlanningProblem,
+    settings: PlannerSettings,
+    polynomial: EndEffectorPolynomial,
+    path: PathSolution,
+    search: Search,
+) -> Plan:
+    """Return the motion along a path, on whatever points it was solved, measured, not judged."""
+    rollout, acceleration = path.at_x.rollout, path.at_x.acceleration
     trajectory = to_trajectory(
-        robot, rollout.s * problem.duration, rollout.q, rollout.v, accelerations
+        problem.robot,
+        rollout.s * problem.duration,
+        rollout.q,
+        rollout.v,
+        acceleration[:, 6:],
     )
-    answer = Plan(
-        joint_names=robot.joint_names,
+    return Plan(
+        joint_names=problem.robot.joint_names,
         trajectory=trajectory,
-        xi=polynomial.decision_variables(coefficients),
+        xi=polynomial.decision_variables(rollout.coefficients),
         orientation_reading=polynomial.reading,
-        metrics=measure(problem, trajectory, settings),
+        metrics=measure(replace(problem, points=len(rollout.s)), trajectory, settings),
         solver=SolverReport(
-            starts=found.starts,
-            iterations=found.iterations,
-            rollouts=found.evaluations,
-            optimality=found.best.optimality,
-            stop_reason=found.best.stop_reason,
+            starts=search.starts,
+            iterations=search.iterations,
+            rollouts=search.evaluations,
+            optimality=path.optimality,
+            stop_reason=path.stop_reason,
         ),
     )
-    require_sound(problem, answer, settings)
-    return answer
 
 
 def end_effector_paths(

@@ -1,8 +1,8 @@
-"""Where the solver starts, and which of its answers is kept."""
+"""Where the solver starts, and on how many points: from few to all."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import TypeAlias
 
@@ -30,7 +30,7 @@ class _Level:
 
 # Few points find the way around the obstacles at a tenth of the price; the next grid brings the
 # path so near its optimum that on all points a few iterations remain.
-_COARSE_LEVELS = (_Level(13, 0.001, 1e-2, 40, 0.005), _Level(25, 0.0, 1e-3, 40, 0.0))
+_COARSE_LEVELS = (_Level(13, 0.001, 1e-2, 40, 0.005), _Level(25, 0.0, 3e-3, 40, 0.0))
 # More points need not meet an obstacle that few points run into by less [m].
 _PROMISING_VIOLATION = 5e-3
 # A feasible path that is further from its optimum runs along a singularity.
@@ -42,75 +42,6 @@ _MARGIN_ROUNDS = 4
 
 
 @dataclass(frozen=True, eq=False)
-class Search:
-    """The best path found and what it took.
-
-    Attributes:
-        best: On all points.
-        starts: First guesses tried.
-        iterations: Quadratic programs solved, over all of them.
-        evaluations: Rollouts with derivatives, over all of them.
-    """
-
-    best: PathSolution
-    starts: int
-    iterations: int
-    evaluations: int
-
-
-def search(
-    program: Callable[[int, float, float], PathProgram], points: int, settings: PlannerSettings
-) -> Search:
-    """Solve from one first guess after the other, from few points to all, until a path is found.
-
-    Args:
-        program: Gives the optimisation problem for a number of points, a clearance margin [m] and
-            a damping of the velocity map.
-        points: Of the plan.
-        settings: The planner's tunables.
-
-    Raises:
-        NoPlanFound: Every guess meets a dynamic singularity.
-    """
-    all_points = _Level(points, 0.0, settings.optimality_tolerance, settings.max_iterations, 0.0)
-    levels = [*(level for level in _COARSE_LEVELS if level.points < points), all_points]
-    grids = [
-        _Grid(
-            level,
-            program(level.points, settings.clearance_margin + level.extra_margin, level.damping),
-        )
-        for level in levels
-    ]
-    work = _Work([], [])
-    answers: list[PathSolution] = []
-    postponed: list[PathSolution] = []
-    tried = 0
-    for guess in first_guesses(grids[0].program, settings.starts):
-        tried += 1
-        rough = work.solve(grids[0], guess)
-        if rough is not None and not _is_promising(rough):
-            postponed.append(rough)
-            rough = None
-        if rough is None and postponed and tried % _RECONSIDER == 0:
-            rough = min(postponed, key=_rank)
-            postponed.remove(rough)
-        if rough is not None:
-            answers += _refine(work, grids, rough, settings)
-        if answers and answers[-1].feasible:
-            break
-    if not answers and postponed:
-        answers += _refine(work, grids, min(postponed, key=_rank), settings)
-    if not answers:
-        raise work.refusals[0]
-    return Search(
-        best=min(answers, key=_rank),
-        starts=tried,
-        iterations=sum(solution.iterations for solution in work.solved),
-        evaluations=sum(solution.evaluations for solution in work.solved),
-    )
-
-
-@dataclass(frozen=True, eq=False)
 class _Grid:
     """The optimisation problem of one level."""
 
@@ -118,14 +49,104 @@ class _Grid:
     program: PathProgram
 
 
-@dataclass(frozen=True, eq=False)
-class _Work:
-    """What has been solved, and where the way was singular."""
+class Search:
+    """Looks for paths, and keeps count of what it takes.
 
-    solved: list[PathSolution]
-    refusals: list[NoPlanFound]
+    Attributes:
+        starts: First guesses tried so far.
+        solved: What the solver came to, on any number of points.
+        refusals: Where the way was singular.
+    """
 
-    def solve(self, grid: _Grid, start: Array) -> PathSolution | None:
+    def __init__(
+        self,
+        program: Callable[[int, float, float], PathProgram],
+        points: int,
+        settings: PlannerSettings,
+    ) -> None:
+        """Prepare to search.
+
+        Args:
+            program: Gives the optimisation problem for a number of points, a clearance margin [m]
+                and a damping of the velocity map.
+            points: Of the plan.
+            settings: The planner's tunables.
+        """
+        self._settings = settings
+        all_points = _Level(
+            points, 0.0, settings.optimality_tolerance, settings.max_iterations, 0.0
+        )
+        levels = [*(level for level in _COARSE_LEVELS if level.points < points), all_points]
+        margin = settings.clearance_margin
+        self._grids = [
+            _Grid(level, program(level.points, margin + level.extra_margin, level.damping))
+            for level in levels
+        ]
+        self.starts = 0
+        self.solved: list[PathSolution] = []
+        self.refusals: list[NoPlanFound] = []
+
+    @property
+    def iterations(self) -> int:
+        """Quadratic programs solved so far."""
+        return sum(solution.iterations for solution in self.solved)
+
+    @property
+    def evaluations(self) -> int:
+        """Rollouts with derivatives so far."""
+        return sum(solution.evaluations for solution in self.solved)
+
+    def paths(self) -> Iterator[PathSolution]:
+        """Yield paths on all points, from one first guess after the other; not all keep it all.
+
+        Raises:
+            OutOfTime: By the programs.
+        """
+        for rough in self._rough_paths():
+            solution = rough
+            for grid in self._grids[1:-1]:
+                solution = self._solve(grid, solution.x) or solution
+            answer = self._solve_between_points(self._grids[-1], solution.x)
+            if answer is not None:
+                yield answer
+
+    def _rough_paths(self) -> Iterator[PathSolution]:
+        """Yield paths on few points that are worth more of them."""
+        grid, starts = self._grids[0], self._settings.starts
+        postponed: list[PathSolution] = []
+        for guess in first_guesses(grid.program, starts):
+            self.starts += 1
+            rough = self._solve(grid, guess)
+            if rough is not None and _is_promising(rough):
+                yield rough
+                continue
+            if rough is not None:
+                postponed.append(rough)
+            if postponed and (self.starts % _RECONSIDER == 0 or self.starts == starts):
+                best = min(postponed, key=rank)
+                postponed.remove(best)
+                yield best
+
+    def _solve_between_points(self, grid: _Grid, start: Array) -> PathSolution | None:
+        """Solve, and raise the margin at the points until the motion between them is clear too."""
+        solution = None
+        for _ in range(_MARGIN_ROUNDS):
+            solution = self._solve(grid, start)
+            if solution is None or not solution.feasible:
+                break
+            program, rollout = grid.program, solution.at_x.rollout
+            clearance = certified_clearance(
+                program.robot, rollout.q, rollout.v, program.step, program.spheres
+            )
+            if clearance >= 0.0:
+                break
+            missing = self._settings.clearance_margin / 2 - clearance
+            margin = program.clearance_margin + missing
+            grid = replace(grid, program=replace(program, clearance_margin=margin))
+            start = solution.x
+        return solution
+
+    def _solve(self, grid: _Grid, start: Array) -> PathSolution | None:
         """Solve on a grid; None where the start meets a singularity."""
         level = grid.level
         try:
@@ -144,41 +165,11 @@ def _is_promising(rough: PathSolution) -> bool:
     return rough.at_x.violation <= _PROMISING_VIOLATION
 
 
-def _rank(solution: PathSolution) -> tuple[bool, float]:
-    """Feasible before infeasible, then by objective or by violation."""
+def rank(solution: PathSolution) -> tuple[bool, float]:
+    """Return a key to sort by: feasible before infeasible, then by objective or by violation.
+
+    Args:
+        solution: On whatever points.
+    """
     at_x = solution.at_x
     return not solution.feasible, at_x.objective if solution.feasible else at_x.violation
-
-
-def _refine(
-    work: _Work, grids: list[_Grid], rough: PathSolution, settings: PlannerSettings
-) -> list[PathSolution]:
-    """Go on from the first grid to the last; return the answer there, or nothing."""
-    solution = rough
-    for grid in grids[1:-1]:
-        solution = work.solve(grid, solution.x) or solution
-    answer = _solve_between_points(work, grids[-1], solution.x, settings)
-    return [] if answer is None else [answer]
-
-
-def _solve_between_points(
-    work: _Work, grid: _Grid, start: Array, settings: PlannerSettings
-) -> PathSolution | None:
-    """Solve, and raise the margin at the points until the motion between them is clear too."""
-    solution = None
-    for _ in range(_MARGIN_ROUNDS):
-        solution = work.solve(grid, start)
-        if solution is None or not solution.feasible:
-            break
-        program = grid.program
-        rollout = solution.at_x.rollout
-        clearance = certified_clearance(
-            program.robot, rollout.q, rollout.v, program.step, program.spheres
-        )
-        if clearance >= 0.0:
-            break
-        missing = settings.clearance_margin / 2 - clearance
-        margin = program.clearance_margin + missing
-        grid = replace(grid, program=replace(program, clearance_margin=margin))
-        start = solution.x
-    return solution
