@@ -56,7 +56,7 @@ def test_numbers_stand_to_the_right_and_words_to_the_left(capsys):
 
 def test_optimality_of_another_method_is_the_solvers_own_at_its_optimum(lemur_capture, settings):
     program = _program(lemur_capture, settings)
-    solution = minimise(program.linearise, np.zeros(COMPONENTS * FREE_TERMS), 100, 1e-5)
+    solution = minimise(program.linearise, np.zeros(COMPONENTS * FREE_TERMS), 100, 1e-5, 0.0)
     assert solution.converged
     assert _optimality(program, solution.x.reshape(COMPONENTS, FREE_TERMS)) < 1e-3
     assert _optimality(program, np.zeros((COMPONENTS, FREE_TERMS))) > 1e-2

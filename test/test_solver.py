@@ -17,7 +17,11 @@ def quadratic(x, target):
 def test_an_unconstrained_least_squares_problem_ends_at_its_target():
     target = np.array([3.0, -7.0])
     solution = minimise(
-        lambda x: Linearisation(*quadratic(x, target), *NO_ROWS, *NO_ROWS), np.zeros(2), 50, 1e-6
+        lambda x: Linearisation(*quadratic(x, target), *NO_ROWS, *NO_ROWS),
+        np.zeros(2),
+        50,
+        1e-6,
+        0.0,
     )
     assert solution.converged
     assert solution.x == pytest.approx(target, abs=1e-4)  # the regularisation, and no more
@@ -34,7 +38,7 @@ def test_the_nearest_point_of_a_circle_is_found_from_inside_it():
         constraint = np.array([distance - 1.0]), (offset / distance)[None]
         return Linearisation(*quadratic(x, target), *NO_ROWS, *constraint)
 
-    solution = minimise(linearise, np.array([2.0, 0.3]), 100, 1e-5)
+    solution = minimise(linearise, np.array([2.0, 0.3]), 100, 1e-5, 0.0)
     away = (target - center) / np.linalg.norm(target - center)
     assert solution.converged
     assert solution.feasible
@@ -51,7 +55,7 @@ def test_a_pure_min_max_problem_ends_where_three_peaks_meet():
         flat = 0.0, np.zeros(2), np.zeros((2, 2))
         return Linearisation(*flat, distance, offset / distance[:, None], *NO_ROWS)
 
-    solution = minimise(linearise, np.array([3.0, 2.5]), 100, 1e-6)
+    solution = minimise(linearise, np.array([3.0, 2.5]), 100, 1e-6, 0.0)
     assert solution.converged
     assert solution.x == pytest.approx([2.0, 1.0], abs=1e-4)
     assert solution.at_x.objective == pytest.approx(np.sqrt(5.0), abs=1e-5)
@@ -65,7 +69,7 @@ def test_value_and_peaks_are_added():
         peaks = np.array([x[0] - 1.0, 1.0 - x[0]]), np.array([[1.0], [-1.0]])
         return Linearisation(*value, *peaks, np.empty(0), np.empty((0, 1)))
 
-    solution = minimise(linearise, np.array([-3.0]), 50, 1e-8)
+    solution = minimise(linearise, np.array([-3.0]), 50, 1e-8, 0.0)
     assert solution.converged
     assert solution.x == pytest.approx([1.0], abs=1e-4)
 
@@ -79,9 +83,46 @@ def test_the_price_rises_until_the_constraint_is_kept():
             *value, np.empty(0), np.empty((0, 1)), np.array([x[0] - 1.0]), np.eye(1)
         )
 
-    solution = minimise(linearise, np.array([5.0]), 60, 1e-5)
+    solution = minimise(linearise, np.array([5.0]), 60, 1e-5, 0.0)
     assert solution.converged
-    assert solution.x == pytest.approx([1.0], abs=1e-6)
+    assert solution.x == pytest.approx([1.0], abs=1e-5)  # steps aim a little inside
+    assert solution.x[0] >= 1.0
+
+
+def test_steps_along_a_curved_constraint_are_not_held_up_by_a_price_once_raised():
+    """Around a thin ring, inward of which the search begins, to its lowest point."""
+
+    def linearise(x):
+        distance = np.linalg.norm(x)
+        constraints = np.array([distance - 1.0, 1.001 - distance])
+        normal = x / distance
+        return Linearisation(
+            0.01 * x[0],
+            np.array([0.01, 0.0]),
+            np.zeros((2, 2)),
+            np.empty(0),
+            np.empty((0, 2)),
+            constraints,
+            np.array([normal, -normal]),
+        )
+
+    solution = minimise(linearise, np.array([0.98, 0.2]), 60, 1e-6, 0.0)
+    assert solution.converged
+    assert solution.x == pytest.approx([-1.001, 0.0], abs=1e-2)
+
+
+@pytest.mark.parametrize(("progress", "iterations"), [(1e-2, 2), (1e-3, 4)])
+def test_a_step_that_promises_too_little_is_not_taken(progress, iterations):
+    """The Hessian is twice the true one: each step goes half of the way."""
+
+    def linearise(x):
+        value, gradient, hessian = quadratic(x, np.array([0.4, 0.0]))
+        return Linearisation(1.0 + value, gradient, 2.0 * hessian, *NO_ROWS, *NO_ROWS)
+
+    solution = minimise(linearise, np.zeros(2), 60, 1e-12, progress)
+    assert solution.converged
+    assert solution.iterations == iterations
+    assert f"{progress:g} of the objective" in solution.stop_reason
 
 
 def test_an_infeasible_problem_ends_as_a_result_with_least_violation():
@@ -92,7 +133,7 @@ def test_an_infeasible_problem_ends_as_a_result_with_least_violation():
         constraints = np.array([x[0] - 1.0, -1.0 - x[0]]), np.array([[1.0], [-1.0]])
         return Linearisation(*value, np.empty(0), np.empty((0, 1)), *constraints)
 
-    solution = minimise(linearise, np.array([3.0]), 60, 1e-6)
+    solution = minimise(linearise, np.array([3.0]), 60, 1e-6, 0.0)
     assert not solution.converged
     assert not solution.feasible
     assert solution.at_x.violation == pytest.approx(1.0, abs=1e-5)
@@ -104,7 +145,7 @@ def test_a_refused_step_is_a_wall_that_the_search_stays_in_front_of():
             raise NoPlanFound(Status.SINGULAR, "wall")
         return Linearisation(*quadratic(x, np.array([3.0, 0.0])), *NO_ROWS, *NO_ROWS)
 
-    solution = minimise(linearise, np.zeros(2), 60, 1e-8)
+    solution = minimise(linearise, np.zeros(2), 60, 1e-8, 0.0)
     assert not solution.converged
     assert 0.9 < solution.x[0] <= 1.0
 
@@ -114,7 +155,7 @@ def test_a_refused_start_is_raised():
         raise NoPlanFound(Status.SINGULAR, "wall")
 
     with pytest.raises(NoPlanFound, match="wall"):
-        minimise(refuse, np.zeros(2), 5, 1e-6)
+        minimise(refuse, np.zeros(2), 5, 1e-6, 0.0)
 
 
 def test_running_out_of_iterations_is_said():
@@ -123,6 +164,7 @@ def test_running_out_of_iterations_is_said():
         np.zeros(2),
         3,
         1e-8,
+        0.0,
     )
     assert not solution.converged
     assert "3 iterations" in solution.stop_reason

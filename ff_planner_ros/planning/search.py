@@ -24,13 +24,16 @@ class _Level:
     points: int
     extra_margin: float  # [m] for the gaps between the points, which are wider on fewer points
     optimality: float
+    progress: float
     iterations: int
     damping: float  # where a singularity in the way shall not stop the search
 
 
 # Few points find the way around the obstacles at a tenth of the price; the next grid brings the
 # path so near its optimum that on all points a few iterations remain.
-_COARSE_LEVELS = (_Level(13, 0.001, 1e-2, 40, 0.005), _Level(25, 0.0, 3e-3, 40, 0.0))
+_COARSE_LEVELS = (_Level(13, 0.001, 1e-2, 2e-3, 40, 0.005), _Level(25, 0.0, 3e-3, 2e-4, 40, 0.0))
+# On all points, nobody tells such a part of a joint path or of an angle.
+_LEAST_PROGRESS = 2e-5
 # More points need not meet an obstacle that few points run into by less [m].
 _PROMISING_VIOLATION = 5e-3
 # A feasible path that is further from its optimum runs along a singularity.
@@ -74,7 +77,12 @@ class Search:
         """
         self._settings = settings
         all_points = _Level(
-            points, 0.0, settings.optimality_tolerance, settings.max_iterations, 0.0
+            points,
+            0.0,
+            settings.optimality_tolerance,
+            _LEAST_PROGRESS,
+            settings.max_iterations,
+            0.0,
         )
         levels = [*(level for level in _COARSE_LEVELS if level.points < points), all_points]
         margin = settings.clearance_margin
@@ -150,7 +158,9 @@ class Search:
         """Solve on a grid; None where the start meets a singularity."""
         level = grid.level
         try:
-            solution = minimise(grid.program.linearise, start, level.iterations, level.optimality)
+            solution = minimise(
+                grid.program.linearise, start, level.iterations, level.optimality, level.progress
+            )
         except NoPlanFound as refusal:
             self.refusals.append(refusal)
             return None

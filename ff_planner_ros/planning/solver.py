@@ -22,11 +22,18 @@ from ff_planner_ros.errors import NoPlanFound
 # user sets, well above the accuracy of the quadratic programs.
 FEASIBILITY_TOLERANCE = 1e-6
 
+# Steps aim this far inside, so that whole steps keep a curved constraint, not only tiny ones.
+_INSIDE = 5.0 * FEASIBILITY_TOLERANCE
+
 # Trust region, infinity norm, in units of x. The end effector path's coefficients are metres and
 # radians: half a unit is a bold first step, four are more than any arm's workspace has room for.
 _FIRST_RADIUS, _LARGEST_RADIUS, _SMALLEST_RADIUS = 0.5, 4.0, 1e-7
-# Price of a violated constraint in the merit function; raised when it is too low to be exact.
-_FIRST_PRICE, _HIGHEST_PRICE = 10.0, 1e6
+# A step of this part of the radius is limited by it.
+_AT_BOUND = 0.9
+# Price of a violated constraint in the merit function, where it begins and its bounds.
+_FIRST_PRICE, _LOWEST_PRICE, _HIGHEST_PRICE = 10.0, 1e-2, 1e6
+# The merit function is exact above the multipliers' sum; the markup leaves them room to grow.
+_MARKUP, _HARDLY_MORE = 2.0, 1.1
 # Makes the quadratic programs strictly convex; the objective's own curvature is of order 1.
 _REGULARISATION = 1e-4
 # Where the violation does not fall to this part of itself in so many iterations, it stays; but a
@@ -84,7 +91,8 @@ class Solution(Generic[AtX]):
         at_x: Functions and derivatives there.
         optimality: Largest entry of the Lagrangian's gradient, or of a constraint times its
             multiplier, whichever is greater.
-        converged: Whether the optimality is within tolerance and no constraint is violated.
+        converged: Whether no constraint is violated, and the optimality is within tolerance or no
+            step promises progress.
         iterations: Quadratic programs solved.
         evaluations: Calls of the function.
         stop_reason: A sentence.
@@ -109,6 +117,7 @@ def minimise(
     start: Array,
     max_iterations: int,
     tolerance: float,
+    progress: float,
 ) -> Solution[AtX]:
     """Minimise from a start; not converging is a result, not an error.
 
@@ -118,6 +127,7 @@ def minimise(
         start: Shape (variables,).
         max_iterations: At least 1.
         tolerance: First-order optimality at which to stop.
+        progress: Part of the objective; a step that promises less is not worth an evaluation.
 
     Raises:
         NoPlanFound: `linearise` refused the start.
@@ -130,16 +140,19 @@ def minimise(
     iterations = 0
     while iterations < max_iterations:
         iterations += 1
-        step = _solve_quadratic_program(here, radius, price)
-        while step.slack > FEASIBILITY_TOLERANCE and step.price_paid and price < _HIGHEST_PRICE:
-            price *= 10.0
-            step = _solve_quadratic_program(here, radius, price)
+        step, price = _step_at_fair_price(here, radius, price)
         optimality = step.optimality
         if optimality <= tolerance and here.violation <= FEASIBILITY_TOLERANCE:
             converged, reason = True, "converged: first-order optimal"
             break
 
-        promised = here.objective + price * here.violation - step.merit
+        promised = here.objective - step.objective + price * (here.violation - step.violation)
+        length = float(np.abs(step.dx).max())
+        kept, free = here.violation <= FEASIBILITY_TOLERANCE, length < _AT_BOUND * radius
+        if kept and free and promised <= progress * abs(here.objective):
+            converged = True
+            reason = f"converged: no step promises more than {progress:g} of the objective"
+            break
         try:
             there = linearise(x + step.dx)
             evaluations += 1
@@ -147,12 +160,11 @@ def minimise(
         except NoPlanFound:
             there, gained = here, -np.inf
         ratio = gained / promised if promised > _LEAST_PROMISE else -np.inf
-        length = float(np.abs(step.dx).max())
         if ratio > _ACCEPT:
             x, here = x + step.dx, there
         if ratio < _SHRINK:
             radius = 0.4 * length
-        elif ratio > _GROW and length > 0.9 * radius:
+        elif ratio > _GROW and length > _AT_BOUND * radius:
             radius = min(2.0 * radius, _LARGEST_RADIUS)
         violations.append(here.violation)
         if _is_stuck(violations):
@@ -164,9 +176,29 @@ def minimise(
     return Solution(x, here, optimality, converged, iterations, evaluations, reason)
 
 
+def _step_at_fair_price(here: Linearisation, radius: float, price: float) -> tuple[_Step, float]:
+    """Return a step, and the price of a violated constraint by which to judge it.
+
+    It is the lowest, by tens, that leaves hardly more of the violation than any price would; where
+    nothing is left it follows the multipliers: too high a price shies at curved constraints.
+    """
+    steps = [_solve_quadratic_program(here, radius, price)]
+    prices = [price]
+    while steps[-1].violation > FEASIBILITY_TOLERANCE and prices[-1] < _HIGHEST_PRICE:
+        prices.append(10.0 * prices[-1])
+        steps.append(_solve_quadratic_program(here, radius, prices[-1]))
+    enough = max(_HARDLY_MORE * steps[-1].violation, FEASIBILITY_TOLERANCE)
+    step, price = next(
+        pair for pair in zip(steps, prices, strict=True) if pair[0].violation <= enough
+    )
+    if step.violation > FEASIBILITY_TOLERANCE:
+        return step, price
+    return step, max(_MARKUP * step.pull, _LOWEST_PRICE)
+
+
 def _is_stuck(violations: list[float]) -> bool:
     """Tell from the violation at each iteration whether it will not become zero."""
-    if len(violations) <= _PATIENCE:
+    if len(violations) <= _PATIENCE or min(violations) <= FEASIBILITY_TOLERANCE:
         return False
     return violations[-1] > max(_SMALL_VIOLATION, _STUCK * violations[-1 - _PATIENCE])
 
@@ -177,16 +209,16 @@ class _Step:
 
     Attributes:
         dx: The step. Shape (variables,).
-        slack: What remains of the linearised violation.
-        price_paid: Whether the slack's price is what limits the multipliers.
-        merit: Merit function promised at the end of the step.
+        objective: Promised at the end of the step.
+        violation: What remains of the linearised one.
+        pull: Sum of the constraints' multipliers, at most the price of violating them.
         optimality: First-order optimality at the step's beginning, with its multipliers.
     """
 
     dx: Array
-    slack: float
-    price_paid: bool
-    merit: float
+    objective: float
+    violation: float
+    pull: float
     optimality: float
 
 
@@ -205,7 +237,7 @@ def _solve_quadratic_program(here: Linearisation, radius: float, price: float) -
     rows[:constraints, n + 1] = -1.0
     rows[constraints:, :n] = here.peaks_jacobian
     rows[constraints:, n] = -1.0
-    upper = np.concatenate([here.constraints, top - here.peaks])
+    upper = np.concatenate([here.constraints - _INSIDE, top - here.peaks])
     bound = np.full(n, radius)
     lowest_peak = -max(abs(float(top)), 1.0) if peaks else 0.0
 
@@ -224,7 +256,7 @@ def _solve_quadratic_program(here: Linearisation, radius: float, price: float) -
     )
     solver.solve()
     result = solver.result
-    dx, slack = result.x[:n], max(float(result.x[n + 1]), 0.0)
+    dx = result.x[:n]
     multipliers = np.maximum(result.z_u, 0.0)
     on_constraints, on_peaks = multipliers[:constraints], multipliers[constraints:]
     lagrangian = (
@@ -238,11 +270,10 @@ def _solve_quadratic_program(here: Linearisation, radius: float, price: float) -
     peak = float((here.peaks + here.peaks_jacobian @ dx).max()) if peaks else 0.0
     return _Step(
         dx=dx,
-        slack=slack,
-        price_paid=bool(on_constraints.sum() > 0.99 * price),
-        merit=here.value
-        + float(here.gradient @ dx + 0.5 * dx @ here.hessian @ dx)
-        + peak
-        + price * max(0.0, -(here.constraints + here.constraints_jacobian @ dx).min(initial=0.0)),
+        objective=here.value + float(here.gradient @ dx + 0.5 * dx @ here.hessian @ dx) + peak,
+        violation=float(
+            max(0.0, -(here.constraints + here.constraints_jacobian @ dx).min(initial=0.0))
+        ),
+        pull=float(on_constraints.sum()),
         optimality=float(max(np.abs(lagrangian).max(), complementarity.max(initial=0.0))),
     )
