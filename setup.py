@@ -15,6 +15,8 @@ def installed_as_they_are(*trees: str) -> list[tuple[str, list[str]]]:
     return [(f"share/{NAME}/{path.parent}", [str(path)]) for path in files]
 
 
+SIMULATION = ["mujoco-core>=4,<5"]  # without it, everything runs but `ff-planner verify`
+
 setup(
     name=NAME,
     version=VERSION,
@@ -36,13 +38,16 @@ setup(
         "numpy>=1.26,<3",
         "pin>=4.1,<5",
         "piqp>=0.6,<0.7",
+        "plotly>=5.18,<8",
         "pyyaml>=6,<7",
         "ros-jazzy-common-interfaces>=5.3,<5.4",
         "ros-jazzy-rclpy[fastrtps]>=7.1,<7.2",
         "scipy>=1.11,<2",
     ],
     extras_require={
+        "simulation": SIMULATION,
         "test": [
+            *SIMULATION,
             "colcon-defaults>=0.2,<0.3",
             "colcon-ros>=0.5,<0.6",
             "mcap-ros2-support>=0.6,<0.7",

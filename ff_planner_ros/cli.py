@@ -6,21 +6,26 @@ import argparse
 import json
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 
-from ff_planner_ros.analysis.answer import plan_dictionary, refusal_dictionary
+from ff_planner_ros.analysis.answer import plan_dictionary, planned_motion, refusal_dictionary
 from ff_planner_ros.arrays import Array, finite_number
-from ff_planner_ros.errors import FfPlannerError, NoPlanFound, Status
-from ff_planner_ros.planning.plan import Plan
+from ff_planner_ros.baselines.artificial_potential_field import artificial_potential_field
+from ff_planner_ros.baselines.potential_field import load_parameters
+from ff_planner_ros.baselines.straight_line import straight_line
+from ff_planner_ros.errors import FfPlannerError, InvalidInput, NoPlanFound, Status
+from ff_planner_ros.planning.failures import failures
+from ff_planner_ros.planning.plan import Plan, Trajectory
 from ff_planner_ros.planning.planner import plan
-from ff_planner_ros.planning.problem import Objective
+from ff_planner_ros.planning.problem import Objective, PlanningProblem
 from ff_planner_ros.planning.scenario import load_scenario
-from ff_planner_ros.planning.settings import load_settings
+from ff_planner_ros.planning.settings import PlannerSettings, load_settings
 from ff_planner_ros.robot.model import Robot, read_urdf, robot_from_urdf_text
 from ff_planner_ros.robot.urdf import only_leaf_link, root_link
 from ff_planner_ros.share import share_directory
@@ -28,6 +33,7 @@ from ff_planner_ros.time_budget import time_budget
 
 SOLVED, BAD_INPUT, NO_PLAN = 0, 2, 3
 
+_METHODS = ("optimal", "straight", "apf")
 _OBJECTIVES = {"length": Objective(1.0, 0.0), "attitude": Objective(0.0, 1.0)}
 
 
@@ -38,7 +44,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         arguments: Of the command line; None: those of the process.
 
     Returns:
-        Exit code: 0 done, 2 bad input, 3 no plan found.
+        Exit code: 0 done, 2 bad input, 3 no plan found, or one that does not come true.
     """
     parser = _parser()
     options, rest = parser.parse_known_args(arguments)
@@ -64,7 +70,7 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="ff-planner",
         description="Trajectory planning for free-floating space manipulators.",
-        epilog="Exit code: 0 done, 2 bad input, 3 no plan found.",
+        epilog="Exit code: 0 done, 2 bad input, 3 no plan found, or one that does not come true.",
     )
     commands = parser.add_subparsers(metavar="COMMAND", required=True)
 
@@ -76,6 +82,15 @@ def _parser() -> argparse.ArgumentParser:
     bench.add_argument("--json", type=Path, metavar="FILE", help="write all figures")
     bench.set_defaults(command=_bench)
 
+    compare = commands.add_parser(
+        "compare", help="let every method answer a scenario: tables, figures, 3-D view"
+    )
+    compare.add_argument("scenario", type=Path, metavar="SCENARIO")
+    compare.add_argument(
+        "--output", type=Path, default=Path("comparison"), metavar="DIR", help="of the pictures"
+    )
+    compare.set_defaults(command=_compare)
+
     demo = commands.add_parser("demo", help="plan the paper's capture over ROS, show the result")
     demo.add_argument("--output", type=Path, default=Path("demo_output"), metavar="DIR")
     demo.set_defaults(command=_demo)
@@ -85,23 +100,11 @@ def _parser() -> argparse.ArgumentParser:
     )
     node.set_defaults(command=_node)
 
-    plan_command = commands.add_parser("plan", help="plan a scenario file, without ROS")
+    how_to_plan = _how_to_plan()
+    plan_command = commands.add_parser(
+        "plan", parents=[how_to_plan], help="plan a scenario file, without ROS"
+    )
     plan_command.add_argument("scenario", type=Path, metavar="SCENARIO")
-    plan_command.add_argument(
-        "--objective", choices=_OBJECTIVES, help="instead of the scenario's weights"
-    )
-    plan_command.add_argument(
-        "--parameters",
-        type=Path,
-        metavar="FILE",
-        help="planner settings, as the node reads them (default: config/planner.yaml)",
-    )
-    plan_command.add_argument(
-        "--time-budget",
-        type=float,
-        metavar="SECONDS",
-        help="give up after this time (default: take what it takes)",
-    )
     plan_command.add_argument("--json", type=Path, metavar="FILE", help="write the answer")
     plan_command.add_argument(
         "--bag", type=Path, metavar="DIR", help="write question and answer as a new bag"
@@ -113,13 +116,77 @@ def _parser() -> argparse.ArgumentParser:
     robot.add_argument("--base-link", metavar="LINK", help="default: the root")
     robot.add_argument("--tip-link", metavar="LINK", help="default: the only link without children")
     robot.set_defaults(command=_robot)
+
+    verify = commands.add_parser(
+        "verify",
+        parents=[how_to_plan],
+        help="execute plans open loop in an independent physics engine",
+        description="Execute plans open loop in MuJoCo: joint torques only, nothing fed back. "
+        "Options of planning count for a scenario only.",
+        epilog="Exit code: 0 every plan came true, 2 bad input, 3 one did not, or none was found.",
+    )
+    verify.add_argument(
+        "source",
+        type=Path,
+        metavar="SCENARIO|JSON|BAG",
+        help="a scenario (.yaml) to plan first, an answer of `plan --json` (.json), or a bag with "
+        "plans (a directory or .mcap)",
+    )
+    verify.add_argument(
+        "--sensitivity",
+        action="store_true",
+        help="execute them with wrong masses, start velocities and friction, too",
+    )
+    verify.set_defaults(command=_verify)
     return parser
+
+
+def _how_to_plan() -> argparse.ArgumentParser:
+    options = argparse.ArgumentParser(add_help=False)
+    options.add_argument(
+        "--objective", choices=_OBJECTIVES, help="instead of the scenario's weights"
+    )
+    options.add_argument(
+        "--method",
+        choices=_METHODS,
+        default="optimal",
+        help="optimal, or a baseline to compare with: the straight path or an artificial potential "
+        "field (config/baselines.yaml)",
+    )
+    options.add_argument(
+        "--parameters",
+        type=Path,
+        metavar="FILE",
+        help="planner settings, as the node reads them (default: config/planner.yaml)",
+    )
+    options.add_argument(
+        "--time-budget",
+        type=float,
+        metavar="SECONDS",
+        help="give up after this time (default: take what it takes)",
+    )
+    return options
 
 
 def _bench(options: argparse.Namespace) -> int:
     from ff_planner_ros.bench.report import run_on_one_core
 
     return run_on_one_core(options.quick, options.scenarios, options.json)
+
+
+def _compare(options: argparse.Namespace) -> int:
+    from ff_planner_ros.compare import compare
+
+    config = share_directory() / "config"
+    papers_scenario = config / "scenarios" / "lemur_capture.yaml"
+    any_motion = compare(
+        load_scenario(options.scenario),
+        load_settings(config / "planner.yaml"),
+        load_parameters(config / "baselines.yaml"),
+        options.output,
+        of_the_paper=options.scenario.samefile(papers_scenario),
+    )
+    return SOLVED if any_motion else NO_PLAN
 
 
 # The commands that talk to ROS import it themselves: the others run where it is not installed.
@@ -138,23 +205,25 @@ def _node(options: argparse.Namespace) -> int:
 
 
 def _plan(options: argparse.Namespace) -> int:
-    parameters = options.parameters or share_directory() / "config" / "planner.yaml"
-    answer: Plan | FfPlannerError
-    problem, begun = None, time.perf_counter()
     try:
-        settings = load_settings(parameters)
-        problem = load_scenario(options.scenario)
-        if options.objective is not None:
-            problem = replace(problem, objective=_OBJECTIVES[options.objective])
-        begun = time.perf_counter()
-        answer = plan(problem, settings, _keep_going(options.time_budget))
+        settings = _settings(options)
+        problem = _problem(options.scenario, options)
+    except FfPlannerError as error:
+        _write_json(options.json, refusal_dictionary(error, solve_time=0.0))
+        raise
+    answer: Plan | FfPlannerError
+    begun = time.perf_counter()
+    try:
+        answer = _solved(problem, settings, options)
     except FfPlannerError as error:
         answer = error
     solve_time = time.perf_counter() - begun
 
-    if options.json is not None:
-        options.json.write_text(json.dumps(_dictionary(answer, solve_time)) + "\n")
-    if options.bag is not None and problem is not None:
+    if isinstance(answer, Plan):
+        _write_json(options.json, plan_dictionary(answer, problem.robot, solve_time))
+    else:
+        _write_json(options.json, refusal_dictionary(answer, solve_time))
+    if options.bag is not None:
         from ff_planner_ros.ros.offline_bag import record_answer
 
         record_answer(options.bag, problem, settings, answer, solve_time)
@@ -164,16 +233,53 @@ def _plan(options: argparse.Namespace) -> int:
     return SOLVED
 
 
+def _write_json(file: Path | None, answer: dict[str, Any]) -> None:
+    if file is not None:
+        file.write_text(json.dumps(answer) + "\n")
+
+
+def _settings(options: argparse.Namespace) -> PlannerSettings:
+    return load_settings(options.parameters or share_directory() / "config" / "planner.yaml")
+
+
+def _problem(scenario: Path, options: argparse.Namespace) -> PlanningProblem:
+    problem = load_scenario(scenario)
+    if options.objective is None:
+        return problem
+    return replace(problem, objective=_OBJECTIVES[options.objective])
+
+
+def _solved(
+    problem: PlanningProblem, settings: PlannerSettings, options: argparse.Namespace
+) -> Plan:
+    if options.method == "optimal":
+        return plan(problem, settings, _keep_going(options.time_budget))
+    return _sound_baseline(options.method, problem, settings)
+
+
+def _sound_baseline(method: str, problem: PlanningProblem, settings: PlannerSettings) -> Plan:
+    """Return a baseline's plan if it passes the check that every plan must pass.
+
+    Raises:
+        InvalidInput: The start violates what a plan must keep.
+        NoPlanFound: It does not pass; carries the plan.
+    """
+    if method == "straight":
+        answer = straight_line(problem, settings)
+    else:
+        parameters = load_parameters(share_directory() / "config" / "baselines.yaml")
+        answer = artificial_potential_field(problem, settings, parameters)
+    found = list(failures(problem, answer, settings))
+    if found:
+        causes = "; ".join([answer.solver.stop_reason, *(failure.finding for failure in found)])
+        raise NoPlanFound(found[0].status, f"{causes}. What may help: --method optimal", answer)
+    return answer
+
+
 def _keep_going(budget: float | None) -> Callable[[], None]:
     if budget is None:
         return lambda: None
     return time_budget(finite_number("--time-budget", budget, above=0.0))
-
-
-def _dictionary(answer: Plan | FfPlannerError, solve_time: float) -> dict[str, Any]:
-    if isinstance(answer, Plan):
-        return plan_dictionary(answer, solve_time)
-    return refusal_dictionary(answer, solve_time)
 
 
 def _plan_rows(answer: Plan, solve_time: float) -> list[tuple[str, str]]:
@@ -186,12 +292,19 @@ def _plan_rows(answer: Plan, solve_time: float) -> list[tuple[str, str]]:
         ("clearance", f"{clearance * 1e3:.1f} mm" if np.isfinite(clearance) else "no obstacles"),
         ("margin to joint limits", f"{np.rad2deg(metrics.min_joint_margin):.1f} deg"),
         ("margin to velocity limits", f"{np.rad2deg(metrics.min_velocity_margin):.2f} deg/s"),
+        ("peak joint torque", _peak_torque(answer)),
         ("final position error", f"{metrics.final_position_error * 1e3:.4f} mm"),
         ("final orientation error", f"{np.rad2deg(metrics.final_orientation_error):.5f} deg"),
         ("momentum error", f"{metrics.momentum_error:.1e} relative"),
-        ("solver", f"{solver.stop_reason}, optimality {solver.optimality:.1e}"),
-        ("effort", f"{solver.starts} starts, {solver.rollouts} rollouts, {solve_time:.2f} s"),
+        ("solver", solver.stop_reason),
+        ("optimality", f"{solver.optimality:.1e}" if np.isfinite(solver.optimality) else "none"),
+        ("search", f"{solver.starts} starts, {solver.rollouts} rollouts, {solve_time:.2f} s"),
     ]
+
+
+def _peak_torque(answer: Plan) -> str:
+    peaks = answer.metrics.peak_joint_torques
+    return f"{max(peaks):.4g} N m, {answer.joint_names[int(np.argmax(peaks))]}"
 
 
 def _robot(options: argparse.Namespace) -> int:
@@ -211,15 +324,66 @@ def _robot_rows(robot: Robot) -> list[tuple[str, str]]:
         ("  centre of mass", f"{_vector(robot.position_chaser_in_base)} m in the root link"),
         ("  principal moments", f"{_vector(moments)} kg m2"),
         ("tip link", f"{robot.tip_link} (the end effector)"),
+        ("  at zero angles", f"{_vector(_tip_at_zero(robot))} m in the chaser frame"),
         ("joints", str(robot.joints)),
     ]
     lower, upper = np.rad2deg(robot.lower_position_limits), np.rad2deg(robot.upper_position_limits)
     rates = np.rad2deg(robot.velocity_limits)
     for k, name in enumerate(robot.joint_names):
         moved = f"moves {robot.model.inertias[2 + k].mass:g} kg"
-        limits = f"{lower[k]:7.1f} to {upper[k]:6.1f} deg, {rates[k]:6.1f} deg/s"
+        effort = robot.effort_limits[k]
+        torque = f"{effort:6g} N m" if np.isfinite(effort) else "any torque"
+        limits = f"{lower[k]:7.1f} to {upper[k]:6.1f} deg, {rates[k]:6.1f} deg/s, {torque}"
         rows.append((f"  {name}", f"{limits}, {moved}"))
     return rows
+
+
+def _tip_at_zero(robot: Robot) -> Array:
+    data = robot.model.createData()
+    pin.forwardKinematics(robot.model, data, pin.neutral(robot.model))
+    tip = pin.updateFramePlacement(robot.model, data, robot.tip_frame_id).translation
+    position: Array = robot.rotation_chaser_to_base.T @ (tip - robot.position_chaser_in_base)
+    return position
+
+
+def _verify(options: argparse.Namespace) -> int:
+    from ff_planner_ros.verify import print_verdict
+
+    verdicts = [
+        print_verdict(name, robot, motion, options.sensitivity)
+        for name, robot, motion in _motions(options.source, options)
+    ]
+    return SOLVED if all(verdicts) else NO_PLAN
+
+
+def _motions(source: Path, options: argparse.Namespace) -> Iterator[tuple[str, Robot, Trajectory]]:
+    """Yield name, robot and motion of each plan that a file or bag holds or asks for."""
+    if source.suffix in (".yaml", ".yml"):
+        problem = _problem(source, options)
+        yield source.name, problem.robot, _solved(problem, _settings(options), options).trajectory
+    elif source.suffix == ".json":
+        yield source.name, *_motion_in_json(source)
+    elif source.is_dir() or source.suffix == ".mcap":
+        from ff_planner_ros.ros.recorded_plans import recorded_plans
+
+        recorded = recorded_plans(source)
+        for plan_id, recorded_plan in recorded.plans.items():
+            yield plan_id, recorded.robot, recorded_plan.trajectory
+    else:
+        allowed = "it must be a scenario (.yaml), an answer (.json) or a bag (directory or .mcap)"
+        raise InvalidInput(Status.UNSUPPORTED, "what to verify", source, allowed)
+
+
+def _motion_in_json(source: Path) -> tuple[Robot, Trajectory]:
+    try:
+        answer = json.loads(source.read_text(encoding="utf-8"))
+    except ValueError as error:
+        raise InvalidInput(Status.UNSUPPORTED, str(source), "no JSON", str(error)) from None
+    try:
+        return planned_motion(answer)
+    except InvalidInput as error:
+        field = f"{source}: {error.field}"
+        raise InvalidInput(error.status, field, error.value, error.allowed) from None
 
 
 def _vector(values: Array) -> str:

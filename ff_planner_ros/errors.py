@@ -33,6 +33,7 @@ class Status(IntEnum):
     SINGULAR = 303
     CHECK_FAILED = 304
     OUT_OF_TIME = 305
+    TORQUE_TOO_HIGH = 306
 
     INTERNAL_ERROR = 400
 

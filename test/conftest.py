@@ -5,8 +5,11 @@ from __future__ import annotations
 import pytest
 import robots
 
+from ff_planner_ros.planning.plan import Plan
+from ff_planner_ros.planning.planner import plan
 from ff_planner_ros.planning.problem import PlanningProblem
 from ff_planner_ros.planning.scenario import load_scenario
+from ff_planner_ros.planning.settings import load_settings
 from ff_planner_ros.robot.model import Robot, load_robot, robot_from_urdf_text
 
 
@@ -26,3 +29,9 @@ def robot(request: pytest.FixtureRequest) -> Robot:
 def lemur_capture() -> PlanningProblem:
     """The paper's capture."""
     return load_scenario(robots.LEMUR_SCENARIO)
+
+
+@pytest.fixture(scope="session")
+def lemur_plan(lemur_capture: PlanningProblem) -> Plan:
+    """The paper's capture on the shortest joint path."""
+    return plan(lemur_capture, load_settings(robots.CONFIG / "planner.yaml"))

@@ -2,11 +2,12 @@
 
 Nothing here uses Pinocchio or the package: this is what the package is compared with. Every
 vector is in axes of the inertial frame, as in the paper. Eq. (12) and (27)-(31) follow in
-`test_paper_formulas.py` from what is returned here.
+`test_paper_formulas.py`, Eq. (20) in `test_dynamics.py`, from what is returned here.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from xml.etree import ElementTree
 
@@ -114,6 +115,70 @@ def paper_terms(
     )
 
 
+def coriolis_matrix(
+    urdf: str, base: str, tip: str, r_ch: Array, Theta_ch: Array, theta: Array, q_v: Array
+) -> tuple[Array, Array]:
+    """Evaluate Eq. (21) at one state, its derivatives by differences.
+
+    The paper takes D, E and H from elsewhere. With D of Eq. (3), Lagrange's equations in q_p turn
+    into Eq. (4) if E = D^-T, and H is the transposed derivative of D^-1 q_p' with respect to q_p
+    at constant q_p'.
+
+    Args:
+        urdf: The robot's XML.
+        base: Base link.
+        tip: Tip link.
+        r_ch: Chaser centre of mass. Shape (3,).
+        Theta_ch: Euler angles phi, theta, psi of the chaser. Shape (3,).
+        theta: Joint angles from base to tip. Shape (n,).
+        q_v: v_ch, omega_ch and joint rates. Shape (6 + n,).
+
+    Returns:
+        C and the time derivative of M. Each of shape (6 + n, 6 + n).
+    """
+
+    def rates_map(q_p: Array) -> Array:
+        """D^-1: omega_ch per Euler rate; every other rate is a velocity itself."""
+        matrix = np.eye(len(q_p))
+        _, pitch, yaw = q_p[3:6]
+        x, y, z = np.eye(3)
+        R_z = _axis_angle(z, yaw)
+        matrix[3:6, 3:6] = np.column_stack([R_z @ _axis_angle(y, pitch) @ x, R_z @ y, z])
+        return matrix
+
+    def mass_matrix(q_p: Array) -> Array:
+        return paper_terms(urdf, base, tip, q_p[:3], rotation_of_euler(q_p[3:6]), q_p[6:]).M
+
+    q_p = np.concatenate([r_ch, Theta_ch, theta])
+    D = np.linalg.inv(rates_map(q_p))  # (3)
+    q_p_dot = D @ q_v
+    dM = _derivative(mass_matrix, q_p)
+    M_dot = dM @ q_p_dot
+    E_dot = (_derivative(rates_map, q_p) @ q_p_dot).T
+    H = _derivative(lambda at: rates_map(at) @ q_p_dot, q_p).T
+    dMq_v = np.einsum("ijk,j->ik", dM, q_v)
+    C = M_dot + D.T @ (E_dot - H) @ mass_matrix(q_p) - D.T @ dMq_v.T / 2  # (21)
+    return C, M_dot
+
+
+def rotation_of_euler(Theta: Array) -> Array:
+    """Rz(psi) Ry(theta) Rx(phi)."""
+    x, y, z = np.eye(3)
+    phi, theta, psi = Theta
+    return _axis_angle(z, psi) @ _axis_angle(y, theta) @ _axis_angle(x, phi)
+
+
+def _derivative(f: Callable[[Array], Array], q_p: Array) -> Array:
+    """Derivative with respect to q_p along a new last axis, by differences of fourth order."""
+    step = 2e-3
+    columns = []
+    for direction in step * np.eye(len(q_p)):
+        near = f(q_p + direction) - f(q_p - direction)
+        far = f(q_p + 2 * direction) - f(q_p - 2 * direction)
+        columns.append((8 * near - far) / (12 * step))
+    return np.stack(columns, axis=-1)
+
+
 @dataclass(frozen=True, eq=False)
 class _Links:
     """Pose of every link by name and of every joint in order; `body` counts joints before it."""
@@ -207,9 +272,7 @@ def _axis_angle(axis: Array, angle: float) -> Array:
 def _origin(element: ElementTree.Element | None) -> tuple[Array, Array]:
     if element is None:
         return np.zeros(3), np.eye(3)
-    x, y, z = np.eye(3)
-    roll, pitch, yaw = _vector(element.get("rpy", "0 0 0"))
-    rotation = _axis_angle(z, yaw) @ _axis_angle(y, pitch) @ _axis_angle(x, roll)
+    rotation = rotation_of_euler(_vector(element.get("rpy", "0 0 0")))
     return _vector(element.get("xyz", "0 0 0")), rotation
 
 

@@ -20,6 +20,8 @@ from ff_planner_ros.robot.state import SystemState
 CONFIG = Path(__file__).parent.parent / "config"
 LEMUR_URDF = CONFIG / "robots/lemur/lemur.urdf"
 LEMUR_SCENARIO = CONFIG / "scenarios/lemur_capture.yaml"
+CANADARM2_URDF = CONFIG / "robots/canadarm2/canadarm2.urdf"
+CANADARM2_SCENARIO = CONFIG / "scenarios/canadarm2_capture.yaml"
 
 
 def random_urdf(joints: int, seed: int) -> str:
@@ -42,46 +44,6 @@ def random_urdf(joints: int, seed: int) -> str:
     return f'<robot name="random">{"".join(parts)}</robot>'
 
 
-def canadarm2_urdf() -> str:
-    """Write the Space Station's arm, Nguyen and Hughes 1994, on a base of 1e5 kg.
-
-    The published model has every link's centre of mass in its frame's origin. The base's mass
-    and inertia are assumed; the first body of the arm, before joint 1, counts as part of it.
-    """
-    offsets = (
-        "1.3589 0 0", "0 0 0.7026", "0 -0.5692 0", "7.11 -0.475 0", "7.11 0 0", "0 -0.5692 0",
-        "0 0 -0.7026",
-    )  # fmt: skip
-    axes = ("1 0 0", "0 0 1", "0 1 0", "0 1 0", "0 1 0", "0 0 1", "1 0 0")
-    inertials = (
-        (105.98, (12.19, 12.13, 3.061), 0.0),
-        (105.98, (8.088, 3.061, 8.446), 0.0),
-        (314.88, (15.41, 2094.71, 2103.19), 49.52),
-        (279.2, (9.522, 1966.28, 1966.28), -39.95),
-        (105.98, (8.305, 3.061, 8.0386), 0.0),
-        (105.98, (12.13, 12.13, 3.061), 0.0),
-        (243.66, (9.336, 44.41, 44.41), 0.0),
-    )
-    parts = [_inertial_link("station", 1e5, (2e6, 3e6, 3e6), 0.0)]
-    parent = "station"
-    for number, (offset, axis, inertial) in enumerate(
-        zip(offsets, axes, inertials, strict=True), 1
-    ):
-        link = f"link_{number}"
-        parts.append(_inertial_link(link, *inertial))
-        parts.append(
-            f'<joint name="joint_{number}" type="revolute"><parent link="{parent}"/>'
-            f'<child link="{link}"/><origin xyz="{offset}"/><axis xyz="{axis}"/>'
-            '<limit lower="-4.71239" upper="4.71239" velocity="0.0698132" effort="2332"/></joint>'
-        )
-        parent = link
-    parts.append(
-        '<link name="hand"/><joint name="hand_mount" type="fixed"><parent link="link_7"/>'
-        '<child link="hand"/><origin xyz="1.3589 0 0"/></joint>'
-    )
-    return f'<robot name="canadarm2">{"".join(parts)}</robot>'
-
-
 def random_state(robot: Robot, rng: np.random.Generator) -> SystemState:
     """Draw a chaser anywhere in any attitude, drifting and tumbling, the arm moving."""
     quaternion = rng.normal(size=4)
@@ -93,6 +55,33 @@ def random_state(robot: Robot, rng: np.random.Generator) -> SystemState:
         joint_positions=rng.uniform(robot.lower_position_limits, robot.upper_position_limits),
         joint_velocities=rng.normal(scale=0.1, size=robot.joints),
     )
+
+
+def paper_velocity(state: SystemState) -> Array:
+    """Return the paper's q_v: v_ch, omega_ch and the joint rates."""
+    return np.concatenate(
+        [
+            state.linear_velocity_chaser_in_inertial,
+            state.angular_velocity_chaser_in_inertial,
+            state.joint_velocities,
+        ]
+    )
+
+
+def tangent_per_paper_velocity(robot: Robot, state: SystemState) -> Array:
+    """Return Pinocchio's velocity per entry of q_v: `configuration` is linear in velocities."""
+    columns = []
+    for unit in np.eye(6 + robot.joints):
+        moving = SystemState(
+            state.position_chaser_in_inertial,
+            state.quaternion_chaser_to_inertial_xyzw,
+            unit[:3],
+            unit[3:6],
+            state.joint_positions,
+            unit[6:],
+        )
+        columns.append(configuration(robot, moving)[1])
+    return np.array(columns).T
 
 
 def random_path(
@@ -133,14 +122,6 @@ def _link(name: str, rng: np.random.Generator, mass: float) -> str:
     )
 
 
-def _inertial_link(name: str, mass: float, moments: tuple[float, float, float], ixy: float) -> str:
-    ixx, iyy, izz = moments
-    return (
-        f'<link name="{name}"><inertial><mass value="{mass}"/><inertia ixx="{ixx}" iyy="{iyy}" '
-        f'izz="{izz}" ixy="{ixy}" ixz="0" iyz="0"/></inertial></link>'
-    )
-
-
 def _joint(name: str, kind: str, parent: str, child: str, rng: np.random.Generator) -> str:
     axis = _numbers(rng.normal(size=3))
     limit = '<limit lower="-2.5" upper="2.8" velocity="0.5" effort="50"/>'
@@ -166,4 +147,5 @@ ROBOTS = {
     "six joints": (random_urdf(6, seed=6), "bus", "tool"),
     "lemur": (LEMUR_URDF.read_text(), "chaser", "end_effector"),
     "nine joints": (random_urdf(9, seed=9), "bus", "tool"),
+    "canadarm2": (CANADARM2_URDF.read_text(), "station", "end_effector"),
 }

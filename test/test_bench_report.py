@@ -8,14 +8,16 @@ import pytest
 from robots import CONFIG
 
 from ff_planner_ros.bench import success
+from ff_planner_ros.bench.executions import BELIEFS
 from ff_planner_ros.bench.methods import _optimality, _program
-from ff_planner_ros.bench.report import print_success, print_table
+from ff_planner_ros.bench.report import print_success
 from ff_planner_ros.cli import main
 from ff_planner_ros.errors import NoPlanFound, Status
 from ff_planner_ros.planning.polynomial import COMPONENTS, FREE_TERMS
 from ff_planner_ros.planning.problem import Objective
 from ff_planner_ros.planning.settings import load_settings
 from ff_planner_ros.planning.solver import minimise
+from ff_planner_ros.text_table import print_table
 
 
 @pytest.fixture(scope="module")
@@ -26,11 +28,19 @@ def settings():
 def test_the_quick_benchmark_prints_its_tables_and_writes_its_figures(tmp_path, capfd):
     assert main(["bench", "--quick", "--scenarios", "1", "--json", str(tmp_path / "b.json")]) == 0
     printed = capfd.readouterr().out
-    for part in ("machine", "1 core of", "OPENBLAS_NUM_THREADS=1", "min(Theta)", "direct (paper)"):
+    for part in (
+        "machine",
+        "1 core of",
+        "OPENBLAS_NUM_THREADS=1",
+        "min(Theta)",
+        "direct (paper)",
+        "fixed base",
+    ):
         assert part in printed
     figures = json.loads((tmp_path / "b.json").read_text())
     assert {row["of"] for row in figures["scaling"]} == {"spheres", "points", "joints"}
     assert {row["kind"] for row in figures["scenarios"]} == {"ordinary", "cluttered"}
+    assert {row["belief"] for row in figures["executions"]} == set(BELIEFS)
     ours = [row for row in figures["methods"] if row["method"] == "ff_planner"]
     assert [row["objective"] for row in ours] == ["min(L)", "min(Theta)", "L + Theta"]
     assert all(row["clearance"] > 0.0 and row["seconds"] > 0.0 for row in ours)

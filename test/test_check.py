@@ -86,7 +86,7 @@ def straight_path(problem):
     polynomial = end_effector_paths(problem, q, v)
     rollouts = RolloutModel(problem.robot, q, momentum, polynomial, problem.points)
     rollout = rollouts.roll_out(np.zeros((6, 3)))
-    accelerations = rollouts.sensitivity(rollout).acceleration[:, 6:]
+    accelerations = rollouts.sensitivity(rollout).acceleration
     return to_trajectory(
         problem.robot, rollout.s * problem.duration, rollout.q, rollout.v, accelerations
     )
@@ -164,6 +164,50 @@ def test_a_rate_beyond_its_limit_by_rounding_is_not_refused(problem, sound):
             assert refusal_of(slow, answer).status is Status.LIMIT_VIOLATED
         else:
             require_sound(slow, answer, SETTINGS)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_torque_beyond_its_effort_limit_is_found_by_name_time_and_amount(problem, sound, sign):
+    torques = sound.trajectory.joint_torques
+    points = np.abs(torques).argmax(axis=0)
+    peaks = torques[points, range(7)]
+    joint = (sign * peaks).argmax()
+    assert sign * peaks[joint] > 0.0
+    limits = np.full(7, np.inf)  # none known
+    limits[joint] = abs(peaks[joint]) - 0.05
+    weak = replace(problem, robot=replace(problem.robot, effort_limits=limits))
+    answer = replace(sound, metrics=measure(weak, sound.trajectory, SETTINGS))
+    assert answer.metrics.peak_joint_torques == pytest.approx(np.abs(peaks), rel=1e-9)
+    error = refusal_of(weak, answer)
+    assert error.status is Status.TORQUE_TOO_HIGH
+    needs = f"joint joint_{joint + 1} needs {peaks[joint]:.4g} N m, 0.05 N m more than its effort"
+    assert f"{needs} limit of {limits[joint]:g} N m" in str(error)
+    assert f"at t = {sound.trajectory.time[points[joint]]:.2f} s of 10 s" in str(error)
+    assert "What may help: a longer duration" in str(error)
+
+
+def test_torques_are_judged_by_the_motion_and_not_by_what_the_plan_says(problem, sound):
+    limits = np.abs(sound.trajectory.joint_torques).max(axis=0) / 2.0
+    weak = replace(problem, robot=replace(problem.robot, effort_limits=limits))
+    answer = tampered(weak, sound, joint_torques=np.zeros((50, 7)))
+    error = refusal_of(weak, answer)
+    assert error.status is Status.TORQUE_TOO_HIGH
+    assert "torque_error is" in str(error)
+
+
+def test_torques_that_do_not_make_the_motion_are_found(problem, sound):
+    torques = sound.trajectory.joint_torques.copy()
+    torques[20, 3] += 0.01
+    answer = tampered(problem, sound, joint_torques=torques)
+    assert answer.metrics.torque_error == pytest.approx(0.01, rel=1e-9)
+    error = refusal_of(problem, answer)
+    assert error.status is Status.CHECK_FAILED
+    assert "torque_error is 0.01 N m, allowed is 1e-06 N m" in str(error)
+
+
+def test_a_robot_whose_effort_limits_are_not_known_may_need_any_torque(problem, sound):
+    strong = replace(problem, robot=replace(problem.robot, effort_limits=np.full(7, np.inf)))
+    require_sound(strong, sound, SETTINGS)
 
 
 def test_an_obstacle_in_the_way_is_found_by_name_link_and_depth(problem, sound):

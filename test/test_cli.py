@@ -23,6 +23,7 @@ SHAPES = {
     "joint_positions": (50, 7),
     "joint_velocities": (50, 7),
     "joint_accelerations": (50, 7),
+    "joint_torques": (50, 7),
     "chaser_positions": (50, 3),
     "chaser_quaternions_xyzw": (50, 4),
     "chaser_linear_velocities": (50, 3),
@@ -37,6 +38,8 @@ METRICS = {
     "min_clearance",
     "min_joint_margin",
     "min_velocity_margin",
+    "peak_joint_torques",
+    "torque_error",
     "penalty",
     "final_position_error",
     "final_orientation_error",
@@ -63,6 +66,11 @@ def scenario(tmp_path):
     return write
 
 
+def no_constant(constant):
+    """Strict readers of JSON take neither NaN nor Infinity."""
+    raise AssertionError(constant)
+
+
 def test_plan_writes_every_field_of_the_contract(tmp_path, capsys):
     answer = tmp_path / "answer.json"
     assert main(["plan", str(CAPTURE), "--objective", "length", "--json", str(answer)]) == 0
@@ -74,17 +82,57 @@ def test_plan_writes_every_field_of_the_contract(tmp_path, capsys):
     assert set(written["metrics"]) >= METRICS
     assert set(written["solver"]) >= {"solve_time", "iterations", "rollouts", "stop_reason"}
     assert written["metrics"]["joint_path_length"] <= 1.115
-    assert re.search(r"joint path length +1\.1", capsys.readouterr().out)
+    shown = capsys.readouterr().out
+    assert re.search(r"joint path length +1\.1", shown)
+    peaks = np.abs(written["joint_torques"]).max(axis=0)
+    assert written["metrics"]["peak_joint_torques"] == pytest.approx(peaks, rel=1e-9)
+    assert re.search(rf"peak joint torque +{peaks.max():.4g} N m, joint_4", shown)
 
 
 def test_plan_without_obstacles_writes_json_that_strict_readers_take(scenario, tmp_path):
     answer = tmp_path / "answer.json"
     assert main(["plan", str(scenario(obstacles=[])), "--json", str(answer)]) == 0
+    written = json.loads(answer.read_text(), parse_constant=no_constant)
+    assert written["metrics"]["min_clearance"] is None
 
-    def refuse(constant):
-        raise AssertionError(constant)
 
-    assert json.loads(answer.read_text(), parse_constant=refuse)["metrics"]["min_clearance"] is None
+def test_a_baseline_that_passes_the_check_is_answered_like_any_plan(tmp_path, capsys):
+    answer, directory = tmp_path / "answer.json", tmp_path / "bag"
+    command = ["plan", str(CAPTURE), "--method", "apf", "--json", str(answer), "--bag"]
+    assert main([*command, str(directory)]) == 0
+    assert "artificial potential field: the goal is reached" in capsys.readouterr().out
+    written = json.loads(answer.read_text(), parse_constant=no_constant)
+    assert written["status"] == "solved"
+    assert np.shape(written["joint_positions"]) == (50, 7)
+    assert written["xi"] == []
+    assert written["solver"]["optimality"] is None
+    with AnyReader([directory]) as reader:
+        assert "/joint_trajectory" in reader.topics
+
+
+def test_a_baseline_that_fails_the_check_ends_with_3_and_every_cause(scenario, tmp_path, capsys):
+    answer, directory = tmp_path / "answer.json", tmp_path / "bag"
+    straight = ["plan", str(CAPTURE), "--method", "straight", "--json", str(answer), "--bag"]
+    assert main([*straight, str(directory)]) == 3
+    assert "inside obstacle c1" in capsys.readouterr().err
+    written = json.loads(answer.read_text(), parse_constant=no_constant)
+    assert written["status"] == "collision"
+    assert written["metrics"]["joint_path_length"] == pytest.approx(1.2196, abs=1e-4)
+    assert written["solver"]["stop_reason"].startswith("straight line")
+    assert "joint_positions" not in written
+    with AnyReader([directory]) as reader:
+        assert "/joint_trajectory" not in reader.topics
+
+    late = scenario(duration=3.0, obstacles=[])
+    assert main(["plan", str(late), "--method", "apf"]) == 3
+    complaint = capsys.readouterr().err
+    assert "time out" in complaint
+    assert "final_position_error" in complaint
+    assert "--method optimal" in complaint
+
+
+def test_a_straight_line_with_nothing_in_the_way_is_a_plan(scenario):
+    assert main(["plan", str(scenario(obstacles=[])), "--method", "straight"]) == 0
 
 
 def test_bad_input_ends_with_2_and_the_field_on_stderr(scenario, tmp_path, capsys):
@@ -151,8 +199,10 @@ def test_an_answer_that_cannot_be_written_ends_with_2(tmp_path, capsys):
 
 
 def test_the_bag_of_a_plan_holds_question_and_answer(tmp_path):
-    directory = tmp_path / "bag"
-    assert main(["plan", str(CAPTURE), "--objective", "length", "--bag", str(directory)]) == 0
+    directory, file = tmp_path / "bag", tmp_path / "answer.json"
+    command = ["plan", str(CAPTURE), "--objective", "length", "--json", str(file)]
+    assert main([*command, "--bag", str(directory)]) == 0
+    written = json.loads(file.read_text())
     with AnyReader([directory]) as reader:
         messages = {
             (connection.topic, index): reader.deserialize(raw, connection.msgtype)
@@ -168,10 +218,13 @@ def test_the_bag_of_a_plan_holds_question_and_answer(tmp_path):
         "/predicted_chaser_path",
     ]
     found = dict(zip(topics, messages.values(), strict=True))
-    assert len(found["/joint_trajectory"].points) == 50
+    points = found["/joint_trajectory"].points
+    assert len(points) == 50
+    assert [point.effort.tolist() for point in points] == written["joint_torques"]
     answer = found["/plan_trajectory/_service_event"].response[0]
     assert answer.status.code == 0
     assert answer.metrics.joint_path_length <= 1.115
+    assert answer.metrics.peak_joint_torques.tolist() == written["metrics"]["peak_joint_torques"]
     assert [sphere.id for sphere in found["/obstacles"].spheres] == ["c1", "c2", "c3"]
 
 
@@ -201,6 +254,16 @@ def test_robot_shows_the_chain(capsys):
     assert "chaser (the chaser" in shown
     assert "end_effector" in shown
     assert shown.count("deg/s") == 7
+    assert shown.count("  80 N m") == 4
+    # The mount's and the joints' offsets in the URDF, added up.
+    assert re.search(r"at zero angles +\[1\.7, 0\.2626, 2\.1156\] m in the chaser frame", shown)
+
+
+def test_robot_tells_where_no_effort_limit_is_known(tmp_path, capsys):
+    unknown = tmp_path / "unknown.urdf"
+    unknown.write_text(LEMUR.read_text().replace('effort="80.0"', 'effort="0"'))
+    assert main(["robot", str(unknown)]) == 0
+    assert capsys.readouterr().out.count("any torque") == 4
 
 
 def test_robot_refuses_a_urdf_by_link(tmp_path, capsys):
@@ -239,5 +302,5 @@ def test_planning_needs_no_ros(tmp_path):
 def test_the_command_is_installed():
     command = Path(sys.executable).with_name("ff-planner")
     done = subprocess.run([command, "--help"], capture_output=True, text=True, check=True)
-    for name in ("demo", "node", "plan", "robot"):
+    for name in ("demo", "node", "plan", "robot", "verify"):
         assert f"\n    {name}" in done.stdout

@@ -59,6 +59,7 @@ def plan() -> Plan:
             joint_positions=rows(JOINTS),
             joint_velocities=rows(JOINTS),
             joint_accelerations=rows(JOINTS),
+            joint_torques=rows(JOINTS),
             chaser_positions=rows(3),
             chaser_quaternions_xyzw=quaternions(),
             chaser_linear_velocities=rows(3),
@@ -70,7 +71,10 @@ def plan() -> Plan:
         ),
         xi=random.normal(size=18),
         orientation_reading="along_turn",
-        metrics=Metrics(**{item.name: float(random.normal()) for item in fields(Metrics)}),
+        metrics=Metrics(
+            **{item.name: float(random.normal()) for item in fields(Metrics)}
+            | {"peak_joint_torques": tuple(random.normal(size=JOINTS).tolist())}
+        ),
         solver=SolverReport(**{item.name: values[item.type] for item in fields(SolverReport)}),
     )
 
@@ -102,6 +106,7 @@ def test_an_answer_holds_the_plan_row_by_row(plan: Plan, response: PlanTrajector
         assert point.positions.tolist() == motion.joint_positions[row].tolist()
         assert point.velocities.tolist() == motion.joint_velocities[row].tolist()
         assert point.accelerations.tolist() == motion.joint_accelerations[row].tolist()
+        assert point.effort.tolist() == motion.joint_torques[row].tolist()
         assert nanoseconds(point.time_from_start) == round(row * 1e9 * DURATION / (POINTS - 1))
     for path, positions, quaternions in (
         (response.predicted_chaser_path, motion.chaser_positions, motion.chaser_quaternions_xyzw),
@@ -129,7 +134,8 @@ def test_an_answer_holds_the_plan_row_by_row(plan: Plan, response: PlanTrajector
             assert [twist.angular.x, twist.angular.y, twist.angular.z] == angular[row].tolist()
     assert response.xi.tolist() == plan.xi.tolist()
     for item in fields(Metrics):
-        assert getattr(response.metrics, item.name) == getattr(plan.metrics, item.name)
+        expected = getattr(plan.metrics, item.name)
+        assert np.array_equal(getattr(response.metrics, item.name), expected), item.name
     assert response.solver.solve_time == 0.5
     for item in fields(SolverReport):
         assert getattr(response.solver, item.name) == getattr(plan.solver, item.name)
@@ -171,7 +177,8 @@ def test_an_error_becomes_code_and_message_and_nothing_else(
 def test_the_best_attempt_tells_its_metrics_and_not_its_motion(plan: Plan) -> None:
     response = response_from_error(NoPlanFound(Status.COLLISION, "blocked", plan), "run.3", 0.5)
     for item in fields(Metrics):
-        assert getattr(response.metrics, item.name) == getattr(plan.metrics, item.name)
+        expected = getattr(plan.metrics, item.name)
+        assert np.array_equal(getattr(response.metrics, item.name), expected), item.name
     assert response.solver.solve_time == 0.5
     for item in fields(SolverReport):
         assert getattr(response.solver, item.name) == getattr(plan.solver, item.name)

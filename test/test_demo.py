@@ -70,9 +70,17 @@ def test_the_bag_it_names_holds_every_topic_and_both_answers(demo: tuple[Path, l
 def test_the_pictures_it_names_are_pictures(demo: tuple[Path, list[str]]) -> None:
     directory, lines = demo
     pictures = [line.split(maxsplit=1)[1] for line in lines if line.startswith("picture ")]
-    assert len(pictures) == 4
+    assert len(pictures) == 5
     for picture in pictures:
         assert (directory / picture).read_bytes().startswith(PNG)
+
+
+def test_the_scene_it_names_shows_both_plans(demo: tuple[Path, list[str]]) -> None:
+    directory, lines = demo
+    (scene,) = (line.split(maxsplit=1)[1] for line in lines if line.startswith("scene "))
+    page = (directory / scene).read_text(encoding="utf-8")
+    assert "min(L), end effector" in page
+    assert "min(\\u0398), end effector" in page
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from robots import canadarm2_urdf, random_state, random_urdf
+from robots import CANADARM2_URDF, random_state, random_urdf
 
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.problem import PlanningProblem
@@ -32,7 +32,7 @@ def test_the_paper_s_start_has_the_joint_rates_that_it_prints(
     [
         (random_urdf(joints=6, seed=1), "bus", "tool"),
         (random_urdf(joints=9, seed=2), "bus", "tool"),
-        (canadarm2_urdf(), "station", "hand"),
+        (CANADARM2_URDF.read_text(), "station", "end_effector"),
     ],
 )
 def test_the_velocity_map_at_rest_gives_the_same_rates_and_chaser_twist(

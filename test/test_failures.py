@@ -54,6 +54,7 @@ def test_every_constraint_is_told_and_the_first_gives_the_status(
             robot,
             upper_position_limits=robot.upper_position_limits - 3.0,
             velocity_limits=robot.velocity_limits / 100.0,
+            effort_limits=robot.effort_limits / 100.0,
         ),
         obstacles=(Sphere("bolt", sound.trajectory.ee_positions[25], 0.05),),
         limit_joint_velocities=True,
@@ -63,6 +64,7 @@ def test_every_constraint_is_told_and_the_first_gives_the_status(
         "final_position_error": 0.1,
         "final_orientation_error": 0.1,
         "momentum_error": 0.1,
+        "torque_error": 0.1,
         "start_velocity_jump": 0.1,
     }
     found = judged(cramped, sound, settings, **inaccurate)
@@ -71,7 +73,8 @@ def test_every_constraint_is_told_and_the_first_gives_the_status(
         Status.LIMIT_VIOLATED,
         Status.LIMIT_VIOLATED,
         Status.SINGULAR,
-        *[Status.CHECK_FAILED] * 4,
+        Status.TORQUE_TOO_HIGH,
+        *[Status.CHECK_FAILED] * 5,
     ]
     error = refusal(sound, found)
     assert error.status is Status.COLLISION

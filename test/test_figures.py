@@ -1,167 +1,242 @@
-"""Figures of a plan."""
+"""Figures of plans: what they draw is what the plans hold, and nothing hides anything."""
 
 from __future__ import annotations
 
 import subprocess
 import sys
-from dataclasses import fields
-from itertools import pairwise
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pytest
+from drawn_plans import POINTS, distance_to_arm, drawn_plan, quaternions
+from matplotlib.axes import Axes
+from matplotlib.colors import to_rgba
+from matplotlib.figure import Figure
 from matplotlib.image import imread
-from paper_equations import paper_terms
-from robots import LEMUR_URDF, canadarm2_urdf
+from matplotlib.lines import Line2D
 from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.analysis.figures import (
-    attitude_and_clearance_figure,
+    chaser_pose_figure,
+    chaser_velocity_figure,
+    clearance_figure,
     closest_clearance,
+    end_effector_figure,
     joint_angle_figure,
     save_figures,
 )
+from ff_planner_ros.analysis.methods import (
+    FIXED_BASE,
+    PAPERS_METHODS,
+    SHORTEST,
+    STEADIEST,
+    STRAIGHT_LINE,
+    WEIGHTED,
+    ZERO_MOMENTUM,
+    Method,
+)
 from ff_planner_ros.arrays import Array
-from ff_planner_ros.planning.plan import Metrics, Plan, SolverReport, Trajectory
+from ff_planner_ros.planning.plan import Plan, Trajectory
 from ff_planner_ros.planning.problem import PlanningProblem
-from ff_planner_ros.robot.model import Robot, robot_from_urdf_text
+from ff_planner_ros.robot.model import Robot
 
-POINTS = 40
-
-
-def swing(robot: Robot, euler_end_deg: tuple[float, float, float] = (4.0, -9.0, 14.0)) -> Plan:
-    """A plan as a drawing needs it: all joints swing while the chaser drifts and turns."""
-    s = np.linspace(0.0, 1.0, POINTS)[:, None]
-    start = np.linspace(0.2, -2.2, robot.joints)
-    euler = s * np.deg2rad(euler_end_deg)
-    rotations = Rotation.from_euler("ZYX", euler[:, ::-1])
-    still = np.zeros((POINTS, 3))
-    trajectory = Trajectory(
-        time=10.0 * s[:, 0],
-        joint_positions=start + s**2 * np.linspace(-0.3, 0.6, robot.joints),
-        joint_velocities=np.zeros((POINTS, robot.joints)),
-        joint_accelerations=np.zeros((POINTS, robot.joints)),
-        chaser_positions=s * [0.2, 0.0, 0.5],
-        chaser_quaternions_xyzw=rotations.as_quat(),
-        chaser_linear_velocities=still,
-        chaser_angular_velocities=still,
-        ee_positions=still,
-        ee_quaternions_xyzw=rotations.as_quat(),
-        ee_linear_velocities=still,
-        ee_angular_velocities=still,
-    )
-    return Plan(
-        joint_names=robot.joint_names,
-        trajectory=trajectory,
-        xi=np.zeros(18),
-        orientation_reading="",
-        metrics=Metrics(
-            **{
-                **dict.fromkeys((item.name for item in fields(Metrics)), 0.0),
-                "max_chaser_euler": float(np.abs(euler).max()),
-                "min_clearance": 0.0123,
-            }
-        ),
-        solver=SolverReport(
-            starts=1, iterations=1, rollouts=1, optimality=0.0, stop_reason="drawn by hand"
-        ),
-    )
+ALL_METHODS = (*PAPERS_METHODS, WEIGHTED, FIXED_BASE, ZERO_MOMENTUM)
 
 
-def distance_to_arm(plan: Plan, point: int, center: Array) -> float:
-    """From a sphere's centre to the nearest of many places on the arm's links."""
-    trajectory = plan.trajectory
-    terms = paper_terms(
-        LEMUR_URDF.read_text(),
-        "chaser",
-        "end_effector",
-        r_ch=trajectory.chaser_positions[point],
-        rotation_ch=Rotation.from_quat(trajectory.chaser_quaternions_xyzw[point]).as_matrix(),
-        theta=trajectory.joint_positions[point],
-    )
-    corners = np.vstack([terms.r_joint, terms.r_ee])
-    along = np.linspace(0.0, 1.0, 2001)[:, None]
-    places = [a + along * (b - a) for a, b in pairwise(corners)]
-    return float(np.linalg.norm(np.concatenate(places) - center, axis=1).min())
+@pytest.fixture(scope="module")
+def plans(lemur: Robot) -> dict[Method, Plan]:
+    """A plan per method of the paper, each another."""
+    return {method: drawn_plan(lemur, seed) for seed, method in enumerate(PAPERS_METHODS)}
+
+
+@pytest.fixture(scope="module")
+def figures(lemur_capture: PlanningProblem, plans: dict[Method, Plan]) -> dict[str, Figure]:
+    return {
+        "end effector": end_effector_figure(plans),
+        "chaser pose": chaser_pose_figure(plans),
+        "chaser velocity": chaser_velocity_figure(plans),
+        "clearance": clearance_figure(lemur_capture, plans),
+        "joint angles": joint_angle_figure(lemur_capture.robot, plans),
+    }
+
+
+def curves(axes: Axes) -> dict[str, Array]:
+    """Ordinates of the lines in the legend, by label."""
+    lines = [line for line in axes.lines if not str(line.get_label()).startswith("_")]
+    return {str(line.get_label()): np.asarray(line.get_ydata()) for line in lines}
+
+
+def euler_deg(quaternions_xyzw: Array) -> Array:
+    angles: Array = Rotation.from_quat(quaternions_xyzw).as_euler("ZYX", degrees=True)[:, ::-1]
+    return angles
+
+
+def columns(left: Array, right: Array) -> list[Array]:
+    """Curves of a grid of three rows and two columns, in matplotlib's order."""
+    return [column for pair in zip(left.T, right.T, strict=True) for column in pair]
+
+
+DRAWN: dict[str, Callable[[Trajectory], list[Array]]] = {
+    "end effector": lambda t: columns(t.ee_positions, euler_deg(t.ee_quaternions_xyzw)),
+    "chaser pose": lambda t: columns(t.chaser_positions, euler_deg(t.chaser_quaternions_xyzw)),
+    "chaser velocity": lambda t: columns(
+        t.chaser_linear_velocities, np.rad2deg(t.chaser_angular_velocities)
+    ),
+    "joint angles": lambda t: list(np.rad2deg(t.joint_positions).T),
+}
+
+
+@pytest.mark.parametrize("name", DRAWN)
+def test_every_curve_is_an_array_of_its_methods_plan(
+    name: str, figures: dict[str, Figure], plans: dict[Method, Plan]
+) -> None:
+    panels = [axes for axes in figures[name].axes if axes.get_visible()]
+    for method, plan in plans.items():
+        expected = DRAWN[name](plan.trajectory)
+        for axes, curve in zip(panels, expected, strict=True):
+            np.testing.assert_allclose(curves(axes)[method.label], curve, atol=1e-9)
+            for line in axes.lines[: len(plans)]:
+                np.testing.assert_array_equal(line.get_xdata(), plan.trajectory.time)
+
+
+LABELS = {
+    "end effector": ["x [m]", "roll", "y [m]", "pitch", "z [m]", "yaw"],
+    "chaser pose": ["x [m]", "roll", "y [m]", "pitch", "z [m]", "yaw"],
+    "chaser velocity": ["v_x", "omega_x", "v_y", "omega_y", "v_z", "omega_z"],
+    "clearance": ["distance to closest obstacle [m]"],
+    "joint angles": [f"joint_{k} [deg]" for k in range(1, 8)],
+}
+
+
+@pytest.mark.parametrize("name", LABELS)
+def test_every_panel_names_its_quantity_and_unit(name: str, figures: dict[str, Figure]) -> None:
+    panels = [axes for axes in figures[name].axes if axes.get_visible()]
+    for axes, words in zip(panels, LABELS[name], strict=True):
+        assert words in axes.get_ylabel()
+        assert axes.get_ylabel().endswith(("[m]", "[deg]", "[m/s]", "[deg/s]"))
+
+
+@pytest.mark.parametrize("name", LABELS)
+def test_the_legend_names_every_method_and_hides_no_data(
+    name: str, figures: dict[str, Figure]
+) -> None:
+    figure = figures[name]
+    (legend,) = figure.legends
+    labels = [text.get_text() for text in legend.get_texts()]
+    assert labels[:4] == ["straight line", "APF", "min(L)", "min(Θ)"]
+    figure.draw_without_rendering()
+    frame = legend.get_window_extent()
+    panels = [axes for axes in figure.axes if axes.get_visible()]
+    assert not any(frame.overlaps(axes.get_tightbbox()) for axes in panels)
+    assert figure.bbox.containsx(frame.x0)
+    assert figure.bbox.containsx(frame.x1)
+
+
+def test_a_method_has_its_colour_and_dash_in_every_figure(figures: dict[str, Figure]) -> None:
+    for method in PAPERS_METHODS:
+        lines = [
+            line
+            for figure in figures.values()
+            for axes in figure.axes
+            for line in axes.lines
+            if line.get_label() == method.label
+        ]
+        assert len(lines) == 3 * 6 + 1 + 7
+        styles = {(to_rgba(line.get_color()), line.get_linestyle()) for line in lines}
+        own = Line2D([], [], color=method.colour, linestyle=method.dash)
+        assert styles == {(to_rgba(own.get_color()), own.get_linestyle())}
+
+
+def test_no_two_methods_share_a_colour_and_no_two_of_the_paper_a_dash() -> None:
+    assert len({method.colour for method in ALL_METHODS}) == len(ALL_METHODS)
+    assert len({method.dash for method in PAPERS_METHODS}) == len(PAPERS_METHODS)
+
+
+def test_orientation_that_passes_the_angles_singularity_is_drawn_without_a_jump(
+    lemur: Robot,
+) -> None:
+    truth = np.linspace([-45.0, 55.0, -65.0], [-30.0, 145.0, -130.0], POINTS)
+    plan = drawn_plan(lemur, 0)
+    turned = replace(plan.trajectory, ee_quaternions_xyzw=quaternions(truth))
+    panels = end_effector_figure({SHORTEST: replace(plan, trajectory=turned)}).axes[1::2]
+    drawn = np.stack([curves(axes)["min(L)"] for axes in panels], axis=1)
+    np.testing.assert_allclose(drawn, truth, atol=1e-6)
+
+
+def test_attitude_is_drawn_without_a_jump_where_its_angles_pass_180_degrees(lemur: Robot) -> None:
+    truth = np.linspace([0.0, 0.0, 0.0], [250.0, 20.0, -300.0], POINTS)
+    panels = chaser_pose_figure({SHORTEST: drawn_plan(lemur, 0, truth)}).axes[1::2]
+    drawn = np.stack([curves(axes)["min(L)"] for axes in panels], axis=1)
+    np.testing.assert_allclose(drawn, truth, atol=1e-6)
 
 
 def test_clearance_is_the_distance_from_the_nearest_link_to_the_nearest_sphere(
-    lemur_capture: PlanningProblem,
+    lemur_capture: PlanningProblem, plans: dict[Method, Plan], figures: dict[str, Figure]
 ) -> None:
-    plan = swing(lemur_capture.robot)
-    closest = closest_clearance(lemur_capture.robot, lemur_capture.obstacles, plan.trajectory)
-    expected = [
-        min(distance_to_arm(plan, point, o.center) - o.radius for o in lemur_capture.obstacles)
-        for point in range(POINTS)
-    ]
-    np.testing.assert_allclose(closest, expected, atol=1e-6)
+    (axes,) = figures["clearance"].axes
+    for method in (STRAIGHT_LINE, STEADIEST):
+        expected = [
+            min(
+                distance_to_arm(plans[method], point, sphere.center) - sphere.radius
+                for sphere in lemur_capture.obstacles
+            )
+            for point in range(POINTS)
+        ]
+        np.testing.assert_allclose(curves(axes)[method.label], expected, atol=1e-6)
 
 
-def test_attitude_is_continuous_where_its_angles_pass_180_degrees(lemur: Robot) -> None:
-    plan = swing(lemur, euler_end_deg=(250.0, 20.0, -300.0))
-    upper, _ = attitude_and_clearance_figure(lemur, (), plan).axes
-    ends = [np.asarray(line.get_ydata())[-1] for line in upper.lines[:3]]
-    np.testing.assert_allclose(ends, [250.0, 20.0, -300.0])
-
-
-def test_joint_angles_are_drawn_in_degrees_with_their_limits(lemur: Robot) -> None:
-    plan = swing(lemur)
-    (axes,) = joint_angle_figure(lemur, plan).axes
-    lines = {line.get_label(): np.asarray(line.get_ydata()) for line in axes.lines}
-    for name, angles in zip(lemur.joint_names, plan.trajectory.joint_positions.T, strict=True):
-        np.testing.assert_allclose(lines[name], np.rad2deg(angles))
-    assert [line.get_ydata()[0] for line in axes.lines[7:9]] == [-180.0, 180.0]
-    assert (axes.get_xlabel(), axes.get_ylabel()) == ("time [s]", "joint angle [deg]")
-    assert [text.get_text() for text in axes.get_legend().get_texts()] == [
-        *lemur.joint_names,
-        "joint limits",
-    ]
-
-
-def test_limits_that_differ_are_drawn_in_the_colour_of_their_joint() -> None:
-    urdf = canadarm2_urdf().replace('upper="4.71239"', 'upper="2.0"', 1)
-    robot = robot_from_urdf_text(urdf, "station", "hand")
-    (axes,) = joint_angle_figure(robot, swing(robot)).axes
-    first, _, upper_limit = axes.lines[:3]
-    np.testing.assert_allclose(upper_limit.get_ydata(), np.rad2deg(2.0))
-    assert upper_limit.get_color() == first.get_color()
-    assert len({line.get_color() for line in axes.lines[:-1]}) == 7
-
-
-def test_attitude_and_clearance_are_drawn_over_the_same_time(
-    lemur_capture: PlanningProblem,
+@pytest.mark.parametrize("radius", [0.05, 5.0])
+def test_zero_clearance_is_marked_with_the_inside_of_obstacles_below_it(
+    radius: float, lemur_capture: PlanningProblem, plans: dict[Method, Plan]
 ) -> None:
-    robot, obstacles = lemur_capture.robot, lemur_capture.obstacles
-    plan = swing(robot)
-    upper, lower = attitude_and_clearance_figure(robot, obstacles, plan).axes
-    assert upper.get_xlim() == lower.get_xlim() == (0.0, 10.0)
-    ends = [np.asarray(line.get_ydata())[-1] for line in upper.lines]
-    np.testing.assert_allclose(ends, [4.0, -9.0, 14.0, 14.0, -14.0])
-    np.testing.assert_array_equal(
-        lower.lines[0].get_ydata(), closest_clearance(robot, obstacles, plan.trajectory)
-    )
-    assert [text.get_text() for text in lower.get_legend().get_texts()] == [
-        "closest obstacle",
-        "certified: 12.3 mm",
-        "collision",
-    ]
+    """Whether all curves are above zero, or all below."""
+    obstacles = tuple(replace(sphere, radius=radius) for sphere in lemur_capture.obstacles)
+    problem = replace(lemur_capture, obstacles=obstacles)
+    signs = np.sign(closest_clearance(problem.robot, obstacles, plans[SHORTEST].trajectory))
+    assert set(signs) == {1.0 if radius < 1.0 else -1.0}
+    (axes,) = clearance_figure(problem, plans).axes
+    bottom, top = axes.get_ylim()
+    assert bottom < 0.0 < top
+    (inside,) = axes.patches
+    assert inside.get_label() == "inside an obstacle"
+    assert (inside.get_y(), inside.get_y() + inside.get_height()) == (bottom, 0.0)
+    assert any(set(line.get_ydata()) == {0.0} for line in axes.lines)
 
 
-def test_without_obstacles_the_figure_says_so(lemur: Robot) -> None:
-    _, lower = attitude_and_clearance_figure(lemur, (), swing(lemur)).axes
-    assert [text.get_text() for text in lower.texts] == ["no obstacles"]
+def test_without_obstacles_the_figure_says_so(
+    lemur_capture: PlanningProblem, plans: dict[Method, Plan]
+) -> None:
+    figure = clearance_figure(replace(lemur_capture, obstacles=()), plans)
+    assert [text.get_text() for text in figure.axes[0].texts] == ["no obstacles"]
+    assert len(figure.legends[0].get_texts()) == len(plans)
 
 
-def test_two_pictures_are_written_into_a_new_directory(
-    lemur_capture: PlanningProblem, tmp_path: Path
+def test_each_joint_is_drawn_with_its_own_limits(lemur: Robot, plans: dict[Method, Plan]) -> None:
+    lower = np.deg2rad(np.arange(-170.0, -163.0))
+    robot = replace(lemur, lower_position_limits=lower)
+    figure = joint_angle_figure(robot, plans)
+    for axes, limit in zip(figure.axes, np.rad2deg(lower), strict=False):
+        levels = [line.get_ydata()[0] for line in axes.lines if len(line.get_ydata()) == 2]
+        np.testing.assert_allclose(levels, [limit, 180.0])
+    assert figure.legends[0].get_texts()[-1].get_text() == "joint limits"
+
+
+def test_every_figure_is_written_as_png_and_dateless_pdf_into_a_new_directory(
+    lemur_capture: PlanningProblem, plans: dict[Method, Plan], tmp_path: Path
 ) -> None:
     directory = tmp_path / "new" / "figures"
-    plan = swing(lemur_capture.robot)
-    written = save_figures(lemur_capture.robot, lemur_capture.obstacles, plan, directory)
-    assert written == [directory / "joint_angles.png", directory / "attitude_and_clearance.png"]
+    written = save_figures(lemur_capture, plans, directory)
+    names = ("end_effector", "chaser_pose", "chaser_velocity", "clearance", "joint_angles")
+    assert written == [directory / f"{name}.png" for name in names]
     for path in written:
         picture = imread(path)
         assert min(picture.shape[:2]) >= 700
-        assert len(np.unique(picture.reshape(-1, picture.shape[2]), axis=0)) > 100
+        assert len(np.unique(picture[::7, ::7].reshape(-1, picture.shape[2]), axis=0)) > 100
+        document = path.with_suffix(".pdf").read_bytes()
+        assert document.startswith(b"%PDF")
+        assert b"CreationDate" not in document  # the same plans give the same file
 
 
 def test_drawing_starts_no_window_system() -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
-from robots import LEMUR_URDF, canadarm2_urdf, random_urdf
+from robots import CANADARM2_URDF, LEMUR_URDF, random_urdf
 from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.errors import InvalidInput, Status
@@ -51,13 +51,13 @@ def test_joints_and_limits_are_those_of_the_urdf_from_base_to_tip(lemur: Robot) 
 
 
 def test_limits_follow_the_chain_and_not_the_order_in_the_file() -> None:
-    urdf = canadarm2_urdf()
+    urdf = CANADARM2_URDF.read_text()
     for number in range(1, 8):
         urdf = urdf.replace('effort="2332"', f'effort="{number}"', 1)
-    start, end = urdf.index('<joint name="joint_1"'), urdf.index('<link name="link_2"')
+    start, end = urdf.index('<joint name="joint_1"'), urdf.index('<joint name="joint_2"')
     first_joint = urdf[start:end]
     shuffled = urdf.replace(first_joint, "").replace("</robot>", f"{first_joint}</robot>")
-    robot = robot_from_urdf_text(shuffled, "station", "hand")
+    robot = robot_from_urdf_text(shuffled, "station", "end_effector")
     assert robot.joint_names[0] == "joint_1"
     np.testing.assert_array_equal(robot.effort_limits, np.arange(1.0, 8.0))
 

@@ -26,21 +26,29 @@ FLOORS = {
     "errors": 0,
     "arrays": 0,
     "share": 0,
+    "text_table": 0,
     "robot": 1,
     "planning": 2,
     "baselines": 3,
-    "bench": 3,
     "simulation": 3,
     "analysis": 3,
-    "bag": 4,
-    "time_budget": 4,
-    "ros": 5,
-    "cli": 6,
+    "bench": 4,
+    "bag": 5,
+    "time_budget": 5,
+    "compare": 6,
+    "verify": 6,
+    "ros": 6,
+    "cli": 7,
 }
-SHARED_FLOOR, HIGHEST_FLOOR_WITHOUT_ROS = 0, 3
+SHARED_FLOOR, HIGHEST_FLOOR_WITHOUT_ROS = 0, 4
 ROOM_WITH_CLOCKS = "bench"
 # Import name to name for pip, where the two differ.
-PIP_NAMES = {"mcap_ros2": "mcap-ros2-support", "pinocchio": "pin", "yaml": "pyyaml"}
+PIP_NAMES = {
+    "mcap_ros2": "mcap-ros2-support",
+    "mujoco": "mujoco-core",
+    "pinocchio": "pin",
+    "yaml": "pyyaml",
+}
 
 every_module = pytest.mark.parametrize(
     "path", MODULES, ids=[str(path.relative_to(PACKAGE)) for path in MODULES]
@@ -116,6 +124,13 @@ def test_rooms_below_bag_know_nothing_of_ros_mcap_or_clocks(path):
     assert foreign - {"ff_planner_ros"} == set()
 
 
+def test_only_the_simulation_imports_the_engine_that_need_not_be_installed():
+    importing = {
+        room_of(module_name(path)) for path in MODULES if "mujoco" in top_level_imports([path])
+    }
+    assert importing == {"simulation"}
+
+
 def test_both_packages_have_the_version_that_the_changelog_describes():
     ours, messages = (
         ElementTree.parse(SOURCE_TREE / file).findtext("version")
@@ -143,7 +158,11 @@ def test_package_xml_declares_exactly_the_ros_packages_that_are_imported(
 
 def test_setup_py_declares_exactly_the_python_packages_that_are_imported():
     required = importlib.metadata.requires("ff_planner_ros")
-    declared = {re.match(r"[\w-]+", line)[0] for line in required if "extra ==" not in line}
+    declared = {
+        re.match(r"[\w-]+", line)[0]
+        for line in required
+        if "extra ==" not in line or re.search(r"extra == .simulation", line)
+    }
     foreign = top_level_imports(MODULES) - sys.stdlib_module_names - {"ff_planner_ros"}
     imported = {PIP_NAMES.get(name, name) for name in foreign - ros_packages(foreign)}
     from_ros = {"ff_planner_msgs", "ros-jazzy-common-interfaces", "ros-jazzy-rclpy"}

@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from paper_equations import Array, PaperTerms, paper_terms
-from robots import LEMUR_URDF, canadarm2_urdf, random_state, random_urdf
+from robots import ROBOTS, paper_velocity, random_state, tangent_per_paper_velocity
 from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.robot.configuration import configuration, system_state
@@ -17,12 +17,6 @@ from ff_planner_ros.robot.momentum import generalised_jacobian, total_momentum
 from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.robot.velocity_map import VelocityMap
 
-ROBOTS = {
-    "lemur": (LEMUR_URDF.read_text(), "chaser", "end_effector"),
-    "six_joints": (random_urdf(joints=6, seed=6), "bus", "tool"),
-    "nine_joints": (random_urdf(joints=9, seed=9), "bus", "tool"),
-    "canadarm2": (canadarm2_urdf(), "station", "hand"),
-}
 STATES = 5
 
 
@@ -49,23 +43,12 @@ class Case(NamedTuple):
     @property
     def q_v(self) -> Array:
         """The paper's generalised velocities."""
-        return np.concatenate([self.chaser_twist, self.state.joint_velocities])
+        return paper_velocity(self.state)
 
     @property
     def tangent_per_q_v(self) -> Array:
-        """Pinocchio's velocity per entry of q_v: `configuration` is linear in the velocities."""
-        columns = []
-        for unit in np.eye(6 + self.robot.joints):
-            state = SystemState(
-                self.state.position_chaser_in_inertial,
-                self.state.quaternion_chaser_to_inertial_xyzw,
-                unit[:3],
-                unit[3:6],
-                self.state.joint_positions,
-                unit[6:],
-            )
-            columns.append(configuration(self.robot, state)[1])
-        return np.array(columns).T
+        """Pinocchio's velocity per entry of q_v."""
+        return tangent_per_paper_velocity(self.robot, self.state)
 
 
 @pytest.fixture(params=[f"{name}-{seed}" for name in ROBOTS for seed in range(STATES)])

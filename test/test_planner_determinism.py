@@ -48,5 +48,5 @@ def test_fresh_processes_with_other_hashes_and_threads_plan_the_same_to_the_last
     processes = [started("1", threads="1"), started("2", threads="2")]
     (first, errors), (second, _) = [process.communicate() for process in processes]
     assert processes[0].returncode == 0, errors
-    assert len(first.splitlines()) == 2 * 13
+    assert len(first.splitlines()) == 2 * 14
     assert first == second

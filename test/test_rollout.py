@@ -28,7 +28,7 @@ from ff_planner_ros.robot.velocity_map import VelocityMap
 
 DURATION = 5.0
 # Of states drawn at random, ones from which these motions stay away from singularities.
-STATE_SEEDS = {"six joints": 8, "lemur": 2, "nine joints": 7}
+STATE_SEEDS = {"six joints": 8, "lemur": 2, "nine joints": 7, "canadarm2": 4}
 
 
 class Case(NamedTuple):

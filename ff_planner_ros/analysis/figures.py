@@ -1,117 +1,156 @@
-"""Figures of a plan: joint angles; chaser attitude and clearance, all over time."""
+"""Figures of plans over time, several methods in each: those of the paper, and the joints."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from itertools import cycle
+from collections.abc import Iterable, Mapping, Sequence
+from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from scipy.spatial.transform import Rotation
 
+from ff_planner_ros.analysis.methods import Method
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.planning.clearance import arm_points, clearances, segments
 from ff_planner_ros.planning.motion import from_trajectory
-from ff_planner_ros.planning.objectives import chaser_euler
 from ff_planner_ros.planning.plan import Plan, Trajectory
-from ff_planner_ros.planning.problem import Sphere
+from ff_planner_ros.planning.problem import PlanningProblem, Sphere
 from ff_planner_ros.robot.model import Robot
+from ff_planner_ros.robot.rotation import euler_from_rotation
 
-# Okabe and Ito's colours, told apart by colour-blind readers; then again with another dash.
-_COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#7f7f7f")
-_DASHES = ("-", "--", "-.", ":")
-_LIMIT_STYLE: dict[str, Any] = {"color": "black", "linestyle": (0, (6, 3)), "linewidth": 1.2}
+_XYZ = ("x", "y", "z")
+_EULER = ("roll $\\phi$ (x)", "pitch $\\theta$ (y)", "yaw $\\psi$ (z)")
+_FORBIDDEN = "0.85"  # light grey, beside which every method's colour stands out
+_LIMIT = {"color": "0.35", "linewidth": 1.0, "linestyle": (0, (6, 3))}
+_DOTS_PER_INCH = 150
 
 
 def save_figures(
-    robot: Robot, obstacles: Sequence[Sphere], plan: Plan, directory: Path
+    problem: PlanningProblem, plans: Mapping[Method, Plan], directory: Path
 ) -> list[Path]:
-    """Draw a plan.
+    """Draw plans side by side, each figure as PDF and PNG.
 
     Args:
-        robot: The robot that it was made for.
-        obstacles: The spheres that it avoids.
-        plan: The plan.
+        problem: What they answer.
+        plans: At least one; drawn in this order.
         directory: Made if it is not there; figures of the same name in it are replaced.
 
     Returns:
-        The PNG files written.
+        The PNG files written; each has a PDF beside it.
     """
     directory.mkdir(parents=True, exist_ok=True)
     figures = {
-        "joint_angles.png": joint_angle_figure(robot, plan),
-        "attitude_and_clearance.png": attitude_and_clearance_figure(robot, obstacles, plan),
+        "end_effector": end_effector_figure(plans),
+        "chaser_pose": chaser_pose_figure(plans),
+        "chaser_velocity": chaser_velocity_figure(plans),
+        "clearance": clearance_figure(problem, plans),
+        "joint_angles": joint_angle_figure(problem.robot, plans),
     }
     for name, figure in figures.items():
-        figure.savefig(directory / name, dpi=150)
-    return [directory / name for name in figures]
+        figure.savefig(directory / f"{name}.png", dpi=_DOTS_PER_INCH)
+        # Without a date in it: the same plans give the same file.
+        figure.savefig(directory / f"{name}.pdf", metadata={"CreationDate": None})
+    return [directory / f"{name}.png" for name in figures]
 
 
-def joint_angle_figure(robot: Robot, plan: Plan) -> Figure:
-    """Draw every joint over time; limits dashed, black where all joints share them.
+def end_effector_figure(plans: Mapping[Method, Plan]) -> Figure:
+    """Draw position and orientation of the end effector: Fig. 3 of the paper.
 
     Args:
-        robot: The robot that the plan was made for.
-        plan: The plan.
+        plans: At least one.
+    """
+    figure, columns = _two_columns("end effector position", "end effector orientation, Euler ZYX")
+    for method, motion in _motions(plans):
+        _draw(columns[0], method, motion.time, motion.ee_positions)
+        _draw(columns[1], method, motion.time, _euler_deg(motion.ee_quaternions_xyzw))
+    _label(columns[0], [f"{name} [m]" for name in _XYZ])
+    _label(columns[1], [f"{name} [deg]" for name in _EULER])
+    return _with_legend(figure)
+
+
+def chaser_pose_figure(plans: Mapping[Method, Plan]) -> Figure:
+    """Draw position and attitude of the chaser: Fig. 4 of the paper.
+
+    Args:
+        plans: At least one.
+    """
+    figure, columns = _two_columns("chaser position", "chaser attitude, Euler ZYX")
+    for method, motion in _motions(plans):
+        _draw(columns[0], method, motion.time, motion.chaser_positions)
+        _draw(columns[1], method, motion.time, _euler_deg(motion.chaser_quaternions_xyzw))
+    _label(columns[0], [f"{name} [m]" for name in _XYZ])
+    _label(columns[1], [f"{name} [deg]" for name in _EULER])
+    return _with_legend(figure)
+
+
+def chaser_velocity_figure(plans: Mapping[Method, Plan]) -> Figure:
+    """Draw linear and angular velocity of the chaser: Fig. 5 of the paper.
+
+    Args:
+        plans: At least one.
+    """
+    figure, columns = _two_columns("chaser linear velocity", "chaser angular velocity")
+    for method, motion in _motions(plans):
+        _draw(columns[0], method, motion.time, motion.chaser_linear_velocities)
+        _draw(columns[1], method, motion.time, np.rad2deg(motion.chaser_angular_velocities))
+    _label(columns[0], [f"$v_{name}$ [m/s]" for name in _XYZ])
+    _label(columns[1], [f"$\\omega_{name}$ [deg/s]" for name in _XYZ])
+    return _with_legend(figure)
+
+
+def clearance_figure(problem: PlanningProblem, plans: Mapping[Method, Plan]) -> Figure:
+    """Draw the distance of the arm's centre lines to the closest obstacle: Fig. 6 of the paper.
+
+    Args:
+        problem: With the obstacles.
+        plans: At least one.
     """
     figure = Figure(figsize=(8.0, 4.8), layout="constrained")
     axes = figure.add_subplot()
-    time = plan.trajectory.time
-    angles = np.rad2deg(plan.trajectory.joint_positions)
-    limits = np.rad2deg([robot.lower_position_limits, robot.upper_position_limits])
-    shared = bool(np.all(limits == limits[:, :1]))
-    styles = cycle([(colour, dash) for dash in _DASHES for colour in _COLOURS])
-    for joint, (name, (colour, dash)) in enumerate(zip(plan.joint_names, styles, strict=False)):
-        axes.plot(time, angles[:, joint], dash, color=colour, linewidth=2.0, label=name)
-        if not shared:
-            for limit in limits[:, joint]:
-                axes.axhline(limit, **{**_LIMIT_STYLE, "color": colour})
-    if shared:
-        for limit in limits[:, 0]:
-            axes.axhline(limit, **_LIMIT_STYLE)
-    axes.plot([], [], label="joint limits", **_LIMIT_STYLE)
-    _finish(axes, time, "joint angle [deg]")
-    axes.set_xlabel("time [s]", fontsize=12)
-    return figure
+    for method, motion in _motions(plans):
+        # Without obstacles nothing is close; the line stands for the method in the legend.
+        closest = np.full(len(motion.time), np.nan)
+        if problem.obstacles:
+            closest = closest_clearance(problem.robot, problem.obstacles, motion)
+        _draw([axes], method, motion.time, closest[:, None])
+    if problem.obstacles:
+        bottom, top = axes.get_ylim()
+        bottom, top = min(bottom, -0.05 * top), max(top, -0.05 * bottom)
+        axes.axhspan(bottom, 0.0, color=_FORBIDDEN, label="inside an obstacle", zorder=0)
+        axes.axhline(0.0, color="black", linewidth=0.8)
+        axes.set_ylim(bottom, top)
+    else:
+        axes.text(0.5, 0.5, "no obstacles", transform=axes.transAxes, ha="center")
+    _label([axes], ["distance to closest obstacle [m]"])
+    return _with_legend(figure)
 
 
-def attitude_and_clearance_figure(robot: Robot, obstacles: Sequence[Sphere], plan: Plan) -> Figure:
-    """Draw the chaser's attitude above the clearance to the closest obstacle.
+def joint_angle_figure(robot: Robot, plans: Mapping[Method, Plan]) -> Figure:
+    """Draw every joint in a panel of its own, with its limits.
 
     Args:
-        robot: The robot that the plan was made for.
-        obstacles: The spheres that it avoids.
-        plan: The plan.
+        robot: The robot that the plans were made for.
+        plans: At least one.
     """
-    figure = Figure(figsize=(8.0, 6.4), layout="constrained")
-    upper, lower = figure.subplots(2, 1, sharex=True)
-    time = plan.trajectory.time
-    names = ("roll $\\phi$ (x)", "pitch $\\theta$ (y)", "yaw $\\psi$ (z)")
-    q, _ = from_trajectory(robot, plan.trajectory)
-    angles = np.rad2deg(np.unwrap(chaser_euler(robot, q), axis=0))
-    for name, angle, colour in zip(names, angles.T, _COLOURS, strict=False):
-        upper.plot(time, angle, color=colour, linewidth=2.0, label=name)
-    largest = np.rad2deg(plan.metrics.max_chaser_euler)
-    for bound, label in ((largest, f"largest: {largest:.2f} deg"), (-largest, None)):
-        upper.axhline(bound, label=label, **_LIMIT_STYLE)
-    _finish(upper, time, "chaser attitude,\nEuler ZYX [deg]")
-
-    if obstacles:
-        closest = closest_clearance(robot, obstacles, plan.trajectory)
-        certified = plan.metrics.min_clearance
-        lower.plot(time, closest, color=_COLOURS[0], linewidth=2.0, label="closest obstacle")
-        lower.axhline(certified, label=f"certified: {1e3 * certified:.1f} mm", **_LIMIT_STYLE)
-        top, bottom = max(0.0, *closest), min(0.0, *closest)
-        margin = 0.06 * (top - bottom)
-        lower.axhspan(bottom - margin, 0.0, color=_COLOURS[1], alpha=0.25, label="collision")
-        lower.set_ylim(bottom - margin, top + margin)
-    else:
-        lower.text(0.5, 0.5, "no obstacles", transform=lower.transAxes, ha="center", fontsize=12)
-    _finish(lower, time, "clearance [m]")
-    lower.set_xlabel("time [s]", fontsize=12)
-    return figure
+    rows = -(-robot.joints // 2)
+    figure = Figure(figsize=(8.0, 1.0 + 1.5 * rows), layout="constrained")
+    grid = figure.subplots(rows, 2, squeeze=False).ravel().tolist()
+    panels, spare = grid[: robot.joints], grid[robot.joints :]
+    for method, motion in _motions(plans):
+        _draw(panels, method, motion.time, np.rad2deg(motion.joint_positions))
+    limits = np.rad2deg([robot.lower_position_limits, robot.upper_position_limits])
+    for axes, pair in zip(panels, limits.T, strict=True):
+        for limit, label in zip(pair, ("joint limits", None), strict=True):
+            axes.axhline(limit, label=label, **_LIMIT)
+    _label(panels, [f"{name} [deg]" for name in robot.joint_names])
+    for axes in panels:
+        axes.set_xlabel("")
+    for axes in spare:
+        axes.set_visible(False)
+    figure.supxlabel("time [s]", fontsize="medium")
+    return _with_legend(figure)
 
 
 def closest_clearance(robot: Robot, obstacles: Sequence[Sphere], trajectory: Trajectory) -> Array:
@@ -132,12 +171,56 @@ def closest_clearance(robot: Robot, obstacles: Sequence[Sphere], trajectory: Tra
     return closest
 
 
-def _finish(axes: Axes, time: Array, label: str) -> None:
-    axes.set_ylabel(label, fontsize=12)
-    axes.set_xlim(float(time[0]), float(time[-1]))
-    axes.tick_params(labelsize=11)
-    axes.grid(visible=True, color="0.88")
-    axes.set_axisbelow(True)
-    if axes.get_legend_handles_labels()[0]:
-        # Beside the axes, where it hides no data.
-        axes.legend(loc="upper left", bbox_to_anchor=(1.01, 1.0), fontsize=10, frameon=False)
+def _motions(plans: Mapping[Method, Plan]) -> Iterable[tuple[Method, Trajectory]]:
+    return ((method, plan.trajectory) for method, plan in plans.items())
+
+
+def _euler_deg(quaternions_xyzw: Array) -> Array:
+    """Return the paper's Euler angles [deg] without jumps, theta beyond 90 deg where it gets there.
+
+    Two triples describe each rotation, and full turns more; each point takes the one that is
+    nearest to the point before. Shape (points, 3).
+    """
+    angles = euler_from_rotation(Rotation.from_quat(quaternions_xyzw).as_matrix())
+    for before, now in pairwise(angles):
+        beyond = np.array([now[0] + np.pi, np.pi - now[1], now[2] + np.pi])
+        nearest = [before + np.angle(np.exp(1j * (angle - before))) for angle in (now, beyond)]
+        now[:] = min(nearest, key=lambda angle: float(np.abs(angle - before).sum()))
+    return np.rad2deg(angles)
+
+
+def _two_columns(left: str, right: str) -> tuple[Figure, list[list[Axes]]]:
+    figure = Figure(figsize=(8.0, 6.4), layout="constrained")
+    grid = figure.subplots(3, 2, sharex=True)
+    for axes, title in zip(grid[0], (left, right), strict=True):
+        axes.set_title(title, fontsize=11)
+    return figure, grid.T.tolist()
+
+
+def _draw(panels: Sequence[Axes], method: Method, time: Array, values: Array) -> None:
+    """Draw one curve in each panel. Values: shape (points, panels)."""
+    for axes, curve in zip(panels, values.T, strict=True):
+        axes.plot(
+            time,
+            curve,
+            color=method.colour,
+            linestyle=method.dash,
+            linewidth=1.8,
+            label=method.label,
+        )
+
+
+def _label(panels: Sequence[Axes], names: Sequence[str]) -> None:
+    for axes, name in zip(panels, names, strict=True):
+        axes.set_ylabel(name)
+        axes.margins(x=0.0)
+        axes.grid(visible=True, color="0.9")
+        axes.set_axisbelow(True)
+    panels[-1].set_xlabel("time [s]")
+
+
+def _with_legend(figure: Figure) -> Figure:
+    """Put one legend above all panels, where it hides no data."""
+    handles, labels = figure.axes[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper center", ncols=5, frameon=False)
+    return figure

@@ -12,25 +12,31 @@ import os
 import platform
 import subprocess
 import sys
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from ff_planner_ros.bench.executions import BELIEFS, Execution, executions
 from ff_planner_ros.bench.methods import OURS, compare
 from ff_planner_ros.bench.robots import ROBOTS
 from ff_planner_ros.bench.scaling import Growth, with_joints, with_points, with_spheres
 from ff_planner_ros.bench.scenarios import KINDS
 from ff_planner_ros.bench.success import Attempt, attempts
+from ff_planner_ros.errors import Status
 from ff_planner_ros.planning.problem import PlanningProblem
 from ff_planner_ros.planning.scenario import load_scenario
 from ff_planner_ros.planning.settings import PlannerSettings, load_settings
 from ff_planner_ros.share import share_directory
+from ff_planner_ros.text_table import print_table
 
 # Variables with which the numerical libraries are told to use one thread.
 ONE_THREAD = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+
+# Scenarios of each class whose plans are executed: as many as in the check published by others.
+_EXECUTED = 40
 
 
 def run_on_one_core(quick: bool, scenarios: int | None, json_file: Path | None) -> int:
@@ -64,6 +70,7 @@ def main(quick: bool, scenarios: int, json_file: str) -> None:
     figures["methods"] = print_methods(problem, settings, quick=quick)
     figures["scaling"] = print_scaling(problem, settings, quick=quick)
     figures["scenarios"] = print_success(scenarios, settings)
+    figures["executions"] = print_executions(1 if quick else min(scenarios, _EXECUTED), settings)
     if json_file:
         Path(json_file).write_text(json.dumps(figures, indent=1) + "\n", encoding="utf-8")
 
@@ -189,6 +196,49 @@ def print_success(count: int, settings: PlannerSettings) -> list[dict[str, Any]]
     return [asdict(attempt) | {"status": attempt.status.name} for attempt in tried]
 
 
+def print_executions(count: int, settings: PlannerSettings) -> list[dict[str, Any]]:
+    """Execute plans that misjudge the chaser on the true system, and return the figures.
+
+    Args:
+        count: Scenarios of each class.
+        settings: The planner's tunables.
+    """
+    done = [each for kind in KINDS for each in executions(kind, count, settings)]
+    print_table(
+        "Plans executed on the true free-floating system",
+        (
+            "class", "planned for", "scenarios", "plans", "collide", "miss, median [mm]",
+            "worst [mm]", "median [deg]", "worst [deg]",
+        ),
+        [
+            (
+                kind, belief,
+                *_outcome([e for e in done if e.kind == kind and e.belief == belief]),
+            )
+            for kind in KINDS
+            for belief in BELIEFS
+        ],
+    )  # fmt: skip
+    return [asdict(each) | {"status": each.status.name} for each in done]
+
+
+def _outcome(group: Sequence[Execution]) -> tuple[str, ...]:
+    planned = [each for each in group if each.status is Status.SOLVED]
+    if not planned:
+        return f"{len(group)}", "0", *"-----"
+    miss = np.array([each.position_miss for each in planned], float) * 1e3
+    turn = np.rad2deg(np.array([each.orientation_miss for each in planned], float))
+    return (
+        f"{len(group)}",
+        f"{len(planned)}",
+        f"{sum(each.collides for each in planned) / len(planned):.0%}",
+        f"{np.median(miss):.1f}",
+        f"{miss.max():.1f}",
+        f"{np.median(turn):.2f}",
+        f"{turn.max():.2f}",
+    )
+
+
 def _summary(group: Sequence[Attempt]) -> tuple[str, ...]:
     if not group:
         return "0", "-", "-", "-", "-", "-"
@@ -202,27 +252,6 @@ def _summary(group: Sequence[Attempt]) -> tuple[str, ...]:
         f"{seconds.max():.3f}",
         f"{max((a.starts for a in solved), default=0)}",
     )
-
-
-def print_table(title: str, header: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
-    """Print aligned columns: words to the left, numbers to the right.
-
-    Args:
-        title: Above the table.
-        header: Of the columns.
-        rows: Below it.
-    """
-    table = [tuple(header), *rows]
-    columns = list(zip(*table, strict=True))
-    widths = [max(map(len, column)) for column in columns]
-    numeric = [not any(cell.strip("+-.%0123456789e") for cell in column[1:]) for column in columns]
-    print(f"\n{title}")
-    for row in table:
-        cells = [
-            cell.rjust(width) if is_number else cell.ljust(width)
-            for cell, width, is_number in zip(row, widths, numeric, strict=True)
-        ]
-        print("  ".join(cells).rstrip())
 
 
 if __name__ == "__main__":

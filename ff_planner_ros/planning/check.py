@@ -21,6 +21,7 @@ from ff_planner_ros.planning.plan import Metrics, Plan, Trajectory
 from ff_planner_ros.planning.problem import PlanningProblem, Sphere
 from ff_planner_ros.planning.settings import PlannerSettings
 from ff_planner_ros.robot.configuration import configuration
+from ff_planner_ros.robot.dynamics import joint_torques
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.momentum import smallest_singular_values, total_momentum
 
@@ -40,7 +41,7 @@ def measure(problem: PlanningProblem, trajectory: Trajectory, settings: PlannerS
     robot = problem.robot
     data = robot.model.createData()
     q, v = from_trajectory(robot, trajectory)
-    step = problem.duration / (problem.points - 1)
+    step = problem.duration / (len(q) - 1)
 
     tip = _tip_placement(robot, data, q[-1])
     target_rotation = pin.Quaternion(problem.target.quaternion_xyzw).toRotationMatrix()
@@ -53,6 +54,7 @@ def measure(problem: PlanningProblem, trajectory: Trajectory, settings: PlannerS
 
     positions = arm_points(robot, q)
     at_points = clearances(positions, segments(positions), problem.obstacles)
+    torques = joint_torques(robot, q, v, trajectory.joint_accelerations)
     margins = np.minimum(
         robot.upper_position_limits - trajectory.joint_positions,
         trajectory.joint_positions - robot.lower_position_limits,
@@ -65,6 +67,8 @@ def measure(problem: PlanningProblem, trajectory: Trajectory, settings: PlannerS
         min_velocity_margin=float(
             (robot.velocity_limits - np.abs(trajectory.joint_velocities)).min()
         ),
+        peak_joint_torques=tuple(np.abs(torques).max(axis=0).tolist()),
+        torque_error=float(np.abs(trajectory.joint_torques - torques).max()),
         penalty=penalty(at_points.distance, settings.penalty_gain, settings.penalty_exponent),
         final_position_error=float(np.linalg.norm(tip.translation - problem.target.position)),
         final_orientation_error=float(np.linalg.norm(pin.log3(tip.rotation.T @ target_rotation))),

@@ -13,11 +13,17 @@ from ff_planner_ros.planning.motion import from_trajectory
 from ff_planner_ros.planning.plan import Plan
 from ff_planner_ros.planning.problem import PlanningProblem
 from ff_planner_ros.planning.settings import PlannerSettings
+from ff_planner_ros.robot.dynamics import joint_torques
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.momentum import smallest_singular_values
 
 # Joint limits violated by less are rounding [rad, rad/s].
 LIMIT_TOLERANCE = 1e-6
+
+# Less is rounding, and less than any motor feels [N m].
+_TORQUE_TOLERANCE = 1e-6
+
+_REPORT = "a report to the maintainers, for this is a fault of the planner"
 
 
 @dataclass(frozen=True)
@@ -93,6 +99,10 @@ def failures(problem: PlanningProblem, plan: Plan, settings: PlannerSettings) ->
         yield _velocity_limit(problem, plan)
     if not metrics.min_singular_value >= settings.singular_value_threshold:
         yield _singularity(problem, plan, settings)
+    # After the singularity, near which torques are a symptom.
+    torques = np.array(metrics.peak_joint_torques)
+    if not (torques <= problem.robot.effort_limits + _TORQUE_TOLERANCE).all():
+        yield _effort_limit(problem, plan)
     yield from _inaccuracies(plan, settings)
 
 
@@ -162,18 +172,29 @@ def _singularity(problem: PlanningProblem, plan: Plan, settings: PlannerSettings
     )
 
 
+def _effort_limit(problem: PlanningProblem, plan: Plan) -> Failure:
+    motion, limits = plan.trajectory, problem.robot.effort_limits
+    q, v = from_trajectory(problem.robot, motion)
+    torques = joint_torques(problem.robot, q, v, motion.joint_accelerations)
+    excess = np.abs(torques) - limits
+    point, joint = np.unravel_index(excess.argmax(), excess.shape)
+    return Failure(
+        Status.TORQUE_TOO_HIGH,
+        f"joint {plan.joint_names[joint]} needs {torques[point, joint]:.4g} N m, "
+        f"{excess[point, joint]:.4g} N m more than its effort limit of {limits[joint]:g} N m, at "
+        f"{_when(problem, plan, point)}",
+        ("a longer duration",),
+    )
+
+
 def _inaccuracies(plan: Plan, settings: PlannerSettings) -> Iterator[Failure]:
     # A motion leaves its path where steps are long, or where a singularity lies between two.
     follow = "more points, or a nearer goal if it is at the edge of the workspace"
     for name, tolerance, unit, advice in (
         ("final_position_error", settings.position_tolerance, " m", follow),
         ("final_orientation_error", settings.orientation_tolerance, " rad", follow),
-        (
-            "momentum_error",
-            settings.momentum_tolerance,
-            "",
-            "a report to the maintainers, for this is a fault of the planner",
-        ),
+        ("momentum_error", settings.momentum_tolerance, "", _REPORT),
+        ("torque_error", _TORQUE_TOLERANCE, " N m", _REPORT),
         (
             "start_velocity_jump",
             settings.start_velocity_tolerance,

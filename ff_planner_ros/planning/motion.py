@@ -8,27 +8,29 @@ import pinocchio as pin
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.planning.plan import Trajectory
 from ff_planner_ros.robot.configuration import configuration, system_state
+from ff_planner_ros.robot.dynamics import inverse_dynamics
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.state import SystemState
 
 
 def to_trajectory(
-    robot: Robot, time: Array, q: Array, v: Array, joint_accelerations: Array
+    robot: Robot, time: Array, q: Array, v: Array, accelerations: Array
 ) -> Trajectory:
-    """Return chaser, joints and end effector of a motion.
+    """Return chaser, joints with their torques, and end effector of a motion.
 
     Args:
         robot: The robot.
         time: Shape (points,) [s].
         q: Configurations. Shape (points, 7 + joints).
         v: Tangent velocities. Shape (points, 6 + joints).
-        joint_accelerations: Shape (points, joints) [rad/s2].
+        accelerations: dv/dt. Shape (points, 6 + joints).
     """
     model, data, tip = robot.model, robot.model.createData(), robot.tip_frame_id
-    states, ee_poses, ee_twists = [], [], []
-    for sample in zip(q, v, strict=True):
-        states.append(system_state(robot, *sample))
-        pin.forwardKinematics(model, data, *sample)
+    states, torques, ee_poses, ee_twists = [], [], [], []
+    for q_i, v_i, acceleration in zip(q, v, accelerations, strict=True):
+        states.append(system_state(robot, q_i, v_i))
+        torques.append(inverse_dynamics(robot, data, q_i, v_i, acceleration)[6:])
+        pin.forwardKinematics(model, data, q_i, v_i)
         ee_poses.append(pin.SE3ToXYZQUAT(pin.updateFramePlacement(model, data, tip)))
         ee_twists.append(pin.getFrameVelocity(model, data, tip, pin.LOCAL_WORLD_ALIGNED).vector)
     poses, twists = np.array(ee_poses), np.array(ee_twists)
@@ -36,7 +38,8 @@ def to_trajectory(
         time=time,
         joint_positions=q[:, 7:],
         joint_velocities=v[:, 6:],
-        joint_accelerations=joint_accelerations,
+        joint_accelerations=accelerations[:, 6:],
+        joint_torques=np.array(torques),
         chaser_positions=np.array([s.position_chaser_in_inertial for s in states]),
         chaser_quaternions_xyzw=np.array([s.quaternion_chaser_to_inertial_xyzw for s in states]),
         chaser_linear_velocities=np.array([s.linear_velocity_chaser_in_inertial for s in states]),

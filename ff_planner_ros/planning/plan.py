@@ -19,6 +19,7 @@ class Trajectory:
         joint_positions: Shape (points, joints) [rad].
         joint_velocities: Shape (points, joints) [rad/s].
         joint_accelerations: Shape (points, joints) [rad/s2].
+        joint_torques: What makes the joints move so, Eq. (20). Shape (points, joints) [N m].
         chaser_positions: Shape (points, 3) [m].
         chaser_quaternions_xyzw: Shape (points, 4).
         chaser_linear_velocities: Of the chaser centre of mass. Shape (points, 3) [m/s].
@@ -33,6 +34,7 @@ class Trajectory:
     joint_positions: Array
     joint_velocities: Array
     joint_accelerations: Array
+    joint_torques: Array
     chaser_positions: Array
     chaser_quaternions_xyzw: Array
     chaser_linear_velocities: Array
@@ -60,6 +62,10 @@ class Metrics:
         min_joint_margin: To the nearest joint limit [rad].
         min_velocity_margin: Of any joint rate to its limit in the URDF, at the points [rad/s];
             negative beyond it, which only a problem that limits the rates forbids.
+        peak_joint_torques: Largest absolute torque of each joint at the points [N m]; between them
+            nothing is certified.
+        torque_error: Largest difference of the plan's torques to those that its joint accelerations
+            need while nothing pushes the chaser [N m].
         penalty: R_obst of Eqs. (46) and (47); zero for a collision-free plan.
         final_position_error: Of the end effector against the target [m].
         final_orientation_error: Of the end effector against the target [rad].
@@ -75,6 +81,8 @@ class Metrics:
     min_clearance: float
     min_joint_margin: float
     min_velocity_margin: float
+    peak_joint_torques: tuple[float, ...]
+    torque_error: float
     penalty: float
     final_position_error: float
     final_orientation_error: float
@@ -91,7 +99,8 @@ class SolverReport:
         starts: First guesses tried.
         iterations: Quadratic programs solved, over all starts.
         rollouts: Over all starts, each with derivatives.
-        optimality: First-order optimality at the answer (norm of the Lagrangian's gradient).
+        optimality: First-order optimality at the answer (norm of the Lagrangian's gradient);
+            infinite where nothing was optimised.
         stop_reason: Why it stopped, a sentence.
     """
 
@@ -109,8 +118,9 @@ class Plan:
     Attributes:
         joint_names: In the order of the trajectory's columns.
         trajectory: The sampled motion.
-        xi: The paper's decision variables a6..a8 of the six components, Eq. (42). Shape (18,).
-        orientation_reading: What the last nine of them describe (see `polynomial`).
+        xi: The paper's decision variables a6..a8 of the six components, Eq. (42). Shape (18,);
+            empty where the end effector's path is no such polynomial.
+        orientation_reading: What the last nine of them describe (see `polynomial`), or empty.
         metrics: What the plan is worth.
         solver: How it was found.
     """

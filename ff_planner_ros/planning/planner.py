@@ -22,7 +22,7 @@ from ff_planner_ros.planning.polynomial import (
 from ff_planner_ros.planning.preconditions import require_reachable_goal, require_sound_start
 from ff_planner_ros.planning.problem import Objective, PlanningProblem
 from ff_planner_ros.planning.program import PathProgram
-from ff_planner_ros.planning.rollout import RolloutModel
+from ff_planner_ros.planning.rollout import Rollout, RolloutModel
 from ff_planner_ros.planning.search import PathSolution, Search, rank
 from ff_planner_ros.planning.settings import PlannerSettings
 from ff_planner_ros.robot.configuration import configuration
@@ -54,10 +54,7 @@ def plan(
             the check refused the path that it found.
     """
     robot = problem.robot
-    q_start, v_start = configuration(robot, problem.start)
-    momentum = total_momentum(robot, robot.model.createData(), q_start, v_start)
-    require_sound_start(problem, q_start, settings.singular_value_threshold)
-    require_reachable_goal(problem, q_start, momentum)
+    q_start, v_start, momentum = sound_start(problem, settings)
     polynomial = end_effector_paths(problem, q_start, v_start)
 
     def program(points: int, clearance_margin: float, damping: float) -> PathProgram:
@@ -73,11 +70,23 @@ def plan(
         )
 
     search = Search(program, problem.points, settings)
+
+    def answer_along(path: PathSolution) -> Plan:
+        report = SolverReport(
+            starts=search.starts,
+            iterations=search.iterations,
+            rollouts=search.evaluations,
+            optimality=path.optimality,
+            stop_reason=path.stop_reason,
+        )
+        motion, acceleration = path.at_x.rollout, path.at_x.acceleration
+        return plan_of_path(problem, settings, polynomial, motion, acceleration, report)
+
     paths: list[PathSolution] = []
     ended = None
     try:
         for path in search.paths():
-            answer = _plan_of_path(problem, settings, polynomial, path, search)
+            answer = answer_along(path)
             if not any(failures(problem, answer, settings)):
                 return answer
             paths.append(path)
@@ -88,40 +97,87 @@ def plan(
         raise out_of_time(ended)
     if not attempts:
         raise search.refusals[0]
-    best = _plan_of_path(problem, settings, polynomial, min(attempts, key=rank), search)
+    best = answer_along(min(attempts, key=rank))
     found = list(failures(problem, best, settings))
     raise refusal(best, found) if ended is None else out_of_time(ended, best, found)
 
 
-def _plan_of_path(
+def sound_start(problem: PlanningProblem, settings: PlannerSettings) -> tuple[Array, Array, Array]:
+    """Return where every motion begins, once the question may have an answer.
+
+    Args:
+        problem: What is asked.
+        settings: The planner's tunables.
+
+    Returns:
+        Configuration, shape (7 + joints,), tangent velocity, (6 + joints,), and the momentum that
+        stays constant, (6,): P and L about the inertial origin.
+
+    Raises:
+        InvalidInput: The start violates what the plan must keep.
+        NoPlanFound: The goal is out of reach.
+    """
+    robot = problem.robot
+    q_start, v_start = configuration(robot, problem.start)
+    momentum = total_momentum(robot, robot.model.createData(), q_start, v_start)
+    require_sound_start(problem, q_start, settings.singular_value_threshold)
+    require_reachable_goal(problem, q_start, momentum)
+    return q_start, v_start, momentum
+
+
+def plan_of_path(
     problem: PlanningProblem,
     settings: PlannerSettings,
     polynomial: EndEffectorPolynomial,
-    path: PathSolution,
-    search: Search,
+    rollout: Rollout,
+    acceleration: Array,
+    solver: SolverReport,
 ) -> Plan:
-    """Return the motion along a path, on whatever points it was solved, measured, not judged."""
-    rollout, acceleration = path.at_x.rollout, path.at_x.acceleration
-    trajectory = to_trajectory(
-        problem.robot,
-        rollout.s * problem.duration,
-        rollout.q,
-        rollout.v,
-        acceleration[:, 6:],
+    """Return the motion along one end-effector path, measured and not yet judged.
+
+    Args:
+        problem: What is asked.
+        settings: The planner's tunables.
+        polynomial: The end-effector paths.
+        rollout: Of one of them, on as many points as it may be.
+        acceleration: dv/dt at these points. Shape (points, 6 + joints).
+        solver: How it was found.
+    """
+    motion = plan_of_motion(problem, settings, rollout.q, rollout.v, acceleration, solver)
+    return replace(
+        motion,
+        xi=polynomial.decision_variables(rollout.coefficients),
+        orientation_reading=polynomial.reading,
     )
+
+
+def plan_of_motion(
+    problem: PlanningProblem,
+    settings: PlannerSettings,
+    q: Array,
+    v: Array,
+    acceleration: Array,
+    solver: SolverReport,
+) -> Plan:
+    """Return a motion that need not follow a polynomial path, measured and not yet judged.
+
+    Args:
+        problem: What is asked.
+        settings: The planner's tunables.
+        q: Configurations at equal steps of time. Shape (points, 7 + joints).
+        v: Tangent velocities. Shape (points, 6 + joints).
+        acceleration: dv/dt. Shape (points, 6 + joints).
+        solver: How the motion was found.
+    """
+    time = np.linspace(0.0, 1.0, len(q)) * problem.duration
+    trajectory = to_trajectory(problem.robot, time, q, v, acceleration)
     return Plan(
         joint_names=problem.robot.joint_names,
         trajectory=trajectory,
-        xi=polynomial.decision_variables(rollout.coefficients),
-        orientation_reading=polynomial.reading,
-        metrics=measure(replace(problem, points=len(rollout.s)), trajectory, settings),
-        solver=SolverReport(
-            starts=search.starts,
-            iterations=search.iterations,
-            rollouts=search.evaluations,
-            optimality=path.optimality,
-            stop_reason=path.stop_reason,
-        ),
+        xi=np.empty(0),
+        orientation_reading="",
+        metrics=measure(problem, trajectory, settings),
+        solver=solver,
     )
 
 

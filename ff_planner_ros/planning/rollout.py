@@ -8,6 +8,7 @@ Appl. Numer. Math. 29, 1999].
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -118,16 +119,11 @@ class RolloutModel:
         stages: list[VelocitySolution] = []
         q[0] = self._q_start
         for i in range(steps):
-            v1 = self._stage(stages, q[i], twist, 2 * i)
-            increments[i, 0] = h / 2 * v1
-            v2 = self._stage(stages, pin.integrate(model, q[i], increments[i, 0]), twist, 2 * i + 1)
-            increments[i, 1] = h / 2 * v2
-            increments[i, 1, :6] += h**2 / 8 * _bracket(v1, v2)
-            v3 = self._stage(stages, pin.integrate(model, q[i], increments[i, 1]), twist, 2 * i + 1)
-            increments[i, 2] = h * v3
-            v4 = self._stage(stages, pin.integrate(model, q[i], increments[i, 2]), twist, 2 * i + 2)
-            increments[i, 3] = h / 6 * (v1 + 2 * v2 + 2 * v3 + v4)
-            increments[i, 3, :6] += h**2 / 12 * _bracket(v1, v4)
+
+            def velocity(stage: int, at: Array, i: int = i) -> Array:
+                return self._stage(stages, at, twist, 2 * i + (stage + 1) // 2)
+
+            increments[i] = runge_kutta_step(model, q[i], h, velocity)
             q[i + 1] = pin.integrate(model, q[i], increments[i, 3])
         self._stage(stages, q[-1], twist, 2 * steps)
         half_way = _half_way(increments)
@@ -147,19 +143,11 @@ class RolloutModel:
         self, stages: list[VelocitySolution], q: Array, twist: Array, half_step: int
     ) -> Array:
         """Evaluate and keep the velocity map at one stage."""
-        try:
-            solution = self._velocity_map.solve(q, self._momentum, twist[half_step])
-            square = float(solution.v[6:] @ solution.v[6:])
-        except np.linalg.LinAlgError:
-            square = np.inf
-        if not square < _SINGULAR_JOINT_RATE**2:
-            time = self._half_steps[half_step] * self.polynomial.duration
-            raise NoPlanFound(
-                Status.SINGULAR,
-                f"dynamic singularity at t = {time:.2f} s of {self.polynomial.duration:g} s: the "
-                "arm cannot follow the end effector's path there; choose a nearer goal, another "
-                "start posture or a longer duration",
-            )
+        duration = self.polynomial.duration
+        time = self._half_steps[half_step] * duration
+        solution = regular_velocity(
+            self._velocity_map, q, self._momentum, twist[half_step], time, duration
+        )
         stages.append(solution)
         return solution.v
 
@@ -215,6 +203,72 @@ class RolloutModel:
             acceleration=np.einsum("pij,pj->pi", of_q[::4], rollout.v)
             + np.einsum("pij,pj->pi", of_twist[::4], twist_rate),
         )
+
+
+def runge_kutta_step(
+    model: pin.Model, q: Array, step: float, velocity: Callable[[int, Array], Array]
+) -> Array:
+    """Return one step of order four on the configuration manifold, stage by stage.
+
+    Args:
+        model: The robot's.
+        q: Configuration at the step's beginning. Shape (7 + joints,).
+        step: Its length [s].
+        velocity: Returns the tangent velocity, shape (6 + joints,), of a stage from its number and
+            its configuration. The stages 0 to 3 lie at 0, 1/2, 1/2 and 1 of the step and are
+            asked for in this order.
+
+    Returns:
+        Tangent steps from q to the stages 1 to 3, and the step itself. Shape (4, 6 + joints).
+    """
+    increments = np.empty((4, model.nv))
+    v1 = velocity(0, q)
+    increments[0] = step / 2 * v1
+    v2 = velocity(1, pin.integrate(model, q, increments[0]))
+    increments[1] = step / 2 * v2
+    increments[1, :6] += step**2 / 8 * _bracket(v1, v2)
+    v3 = velocity(2, pin.integrate(model, q, increments[1]))
+    increments[2] = step * v3
+    v4 = velocity(3, pin.integrate(model, q, increments[2]))
+    increments[3] = step / 6 * (v1 + 2 * v2 + 2 * v3 + v4)
+    increments[3, :6] += step**2 / 12 * _bracket(v1, v4)
+    return increments
+
+
+def regular_velocity(
+    velocity_map: VelocityMap,
+    q: Array,
+    momentum: Array,
+    twist: Array,
+    time: float,
+    duration: float,
+) -> VelocitySolution:
+    """Return the solution of the velocity map where the arm can follow it.
+
+    Args:
+        velocity_map: Of the robot.
+        q: Configuration. Shape (7 + joints,).
+        momentum: Total P and L about the inertial origin. Shape (6,).
+        twist: Wanted of the end effector, inertial axes. Shape (6,).
+        time: For the message [s].
+        duration: Of the whole motion, for the message [s].
+
+    Raises:
+        NoPlanFound: The posture is a dynamic singularity.
+    """
+    try:
+        solution = velocity_map.solve(q, momentum, twist)
+        square = float(solution.v[6:] @ solution.v[6:])
+    except np.linalg.LinAlgError:
+        square = np.inf
+    if not square < _SINGULAR_JOINT_RATE**2:
+        raise NoPlanFound(
+            Status.SINGULAR,
+            f"dynamic singularity at t = {time:.2f} s of {duration:g} s: the arm cannot follow the "
+            "end effector's path there; choose a nearer goal, another start posture or a longer "
+            "duration",
+        )
+    return solution
 
 
 def _half_way(increments: Array) -> Array:

@@ -93,24 +93,35 @@ class PlannerSettings:
 
     def __post_init__(self) -> None:
         """Check every value against its declaration."""
-        for item in fields(self):
-            name, value = f"planner.{item.name}", getattr(self, item.name)
-            checked = (
-                integer(name, value)
-                if item.type == "int"
-                else finite_number(name, number(name, value))
+        check_tunables("planner", self)
+
+
+def check_tunables(block: str, settings: Any) -> None:
+    """Check every field of a frozen dataclass of tunables against its declaration.
+
+    Args:
+        block: What a parameters file calls it.
+        settings: Its fields are of `tunable`; whole numbers given for real ones become real.
+
+    Raises:
+        InvalidInput: A value of the wrong type or out of its range.
+    """
+    for item in fields(settings):
+        name, value = f"{block}.{item.name}", getattr(settings, item.name)
+        checked = (
+            integer(name, value) if item.type == "int" else finite_number(name, number(name, value))
+        )
+        minimum, maximum = item.metadata["minimum"], item.metadata["maximum"]
+        if (minimum is not None and checked < minimum) or (
+            maximum is not None and checked > maximum
+        ):
+            allowed = " and ".join(
+                f"{word} {bound:g}"
+                for word, bound in (("at least", minimum), ("at most", maximum))
+                if bound is not None
             )
-            minimum, maximum = item.metadata["minimum"], item.metadata["maximum"]
-            if (minimum is not None and checked < minimum) or (
-                maximum is not None and checked > maximum
-            ):
-                allowed = " and ".join(
-                    f"{word} {bound:g}"
-                    for word, bound in (("at least", minimum), ("at most", maximum))
-                    if bound is not None
-                )
-                raise InvalidInput(Status.OUT_OF_RANGE, name, value, f"it must be {allowed}")
-            object.__setattr__(self, item.name, checked)
+            raise InvalidInput(Status.OUT_OF_RANGE, name, value, f"it must be {allowed}")
+        object.__setattr__(settings, item.name, checked)
 
 
 def load_settings(path: Path) -> PlannerSettings:

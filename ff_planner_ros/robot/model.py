@@ -19,6 +19,7 @@ class Robot:
 
     Attributes:
         model: Never changed after loading.
+        urdf: The checked XML that the model was built from.
         joint_names: From base to tip.
         base_link: URDF link that carries the arm; its axes are the chaser's axes.
         tip_link: URDF link whose frame is the end effector.
@@ -36,6 +37,7 @@ class Robot:
     """
 
     model: pin.Model
+    urdf: str
     joint_names: tuple[str, ...]
     base_link: str
     tip_link: str
@@ -111,6 +113,7 @@ def robot_from_urdf_text(text: str, base_link: str, tip_link: str) -> Robot:
     efforts = np.array(model.upperEffortLimit[6:])
     return Robot(
         model=model,
+        urdf=xml,
         joint_names=tuple(model.names)[2:],
         base_link=base_link,
         tip_link=tip_link,

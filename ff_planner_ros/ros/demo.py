@@ -17,9 +17,10 @@ from pathlib import Path
 from ff_planner_msgs.srv import PlanTrajectory
 
 from ff_planner_ros.analysis.figures import save_figures
+from ff_planner_ros.analysis.methods import OBJECTIVES, SHORTEST, STEADIEST, Method
+from ff_planner_ros.analysis.scene import save_scene
 from ff_planner_ros.bag.writer import unique_directory
 from ff_planner_ros.errors import FfPlannerError, Status
-from ff_planner_ros.planning.problem import Objective
 from ff_planner_ros.planning.scenario import SCENARIO_FRAME, load_scenario
 from ff_planner_ros.ros.domain import private_environment
 from ff_planner_ros.ros.executive import MissionExecutive
@@ -27,11 +28,7 @@ from ff_planner_ros.ros.from_messages import plan_from_response
 from ff_planner_ros.ros.to_messages import request_message
 from ff_planner_ros.share import share_directory
 
-_OBJECTIVES = {
-    "min(L)": Objective(joint_path_length=1.0, chaser_attitude=0.0),
-    "min(Theta)": Objective(joint_path_length=0.0, chaser_attitude=1.0),
-}
-_FOLDERS = {"min(L)": "min_length", "min(Theta)": "min_attitude"}
+_METHODS = (SHORTEST, STEADIEST)
 _COLUMNS = ("objective", "joint path [rad]", "attitude [deg]", "clearance [mm]", "solve time [s]")
 _PATIENCE = 120.0  # [s] far more than the slowest machine needs
 _GRACE = 20.0  # [s] for a process to end after it was asked to
@@ -79,7 +76,7 @@ def _demonstrate(directory: Path, stop: threading.Event) -> None:
         flush=True,
     )
     os.environ.update(private_environment())
-    answers: dict[str, PlanTrajectory.Response] = {}
+    answers: dict[Method, PlanTrajectory.Response] = {}
     with ExitStack() as stack:
         arguments = {
             "mock_chaser": [str(scenario)],
@@ -102,20 +99,21 @@ def _demonstrate(directory: Path, stop: threading.Event) -> None:
                     )
 
         executive = stack.enter_context(closing(MissionExecutive(check, _PATIENCE)))
-        for name, objective in _OBJECTIVES.items():
-            question = request_message(replace(problem, objective=objective), SCENARIO_FRAME)
-            answers[name] = executive.plan(question)
-            print(_line(_figures(name, answers[name])), flush=True)
+        for method in _METHODS:
+            asked = replace(problem, objective=OBJECTIVES[method])
+            answers[method] = executive.plan(request_message(asked, SCENARIO_FRAME))
+            print(_line(_figures(method.name, answers[method])), flush=True)
 
     bag = next(metadata.parent for metadata in directory.glob("*/metadata.yaml"))
     print(f"\nbag      {_shown(bag)}")
-    for name, answer in answers.items():
-        if stop.is_set():
-            raise KeyboardInterrupt
-        plan = plan_from_response(answer)
-        folder = directory / _FOLDERS[name]
-        for picture in save_figures(problem.robot, problem.obstacles, plan, folder):
-            print(f"picture  {_shown(picture)}")
+    if stop.is_set():
+        raise KeyboardInterrupt
+    plans = {method: plan_from_response(answer) for method, answer in answers.items()}
+    for picture in save_figures(problem, plans, directory):
+        print(f"picture  {_shown(picture)}")
+    scene = directory / "scene.html"
+    save_scene(problem, plans, plans, scene)
+    print(f"scene    {_shown(scene)}")
 
 
 @contextmanager

@@ -8,7 +8,7 @@ from dataclasses import fields
 
 import numpy as np
 from builtin_interfaces.msg import Duration, Time
-from ff_planner_msgs.msg import ChaserState, ObstacleSphere, ObstacleSphereArray
+from ff_planner_msgs.msg import ChaserState, ObstacleSphere, ObstacleSphereArray, PlanMetrics
 from ff_planner_msgs.srv import PlanTrajectory
 from geometry_msgs.msg import Point, Quaternion, Twist, Vector3
 from nav_msgs.msg import Path
@@ -162,6 +162,7 @@ def plan_from_response(response: PlanTrajectory.Response) -> Plan:
             joint_positions=np.array([point.positions for point in points]),
             joint_velocities=np.array([point.velocities for point in points]),
             joint_accelerations=np.array([point.accelerations for point in points]),
+            joint_torques=np.array([point.effort for point in points]),
             chaser_positions=chaser[:, :3],
             chaser_quaternions_xyzw=chaser[:, 3:],
             chaser_linear_velocities=chaser_twists[:, :3],
@@ -173,13 +174,16 @@ def plan_from_response(response: PlanTrajectory.Response) -> Plan:
         ),
         xi=np.array(response.xi),
         orientation_reading=response.orientation_reading,
-        metrics=Metrics(
-            **{item.name: getattr(response.metrics, item.name) for item in fields(Metrics)}
-        ),
+        metrics=_metrics(response.metrics),
         solver=SolverReport(
             **{item.name: getattr(response.solver, item.name) for item in fields(SolverReport)}
         ),
     )
+
+
+def _metrics(message: PlanMetrics) -> Metrics:
+    values = {item.name: getattr(message, item.name) for item in fields(Metrics)}
+    return Metrics(**values | {"peak_joint_torques": tuple(message.peak_joint_torques)})
 
 
 def nanoseconds(stamp: Time | Duration) -> int:

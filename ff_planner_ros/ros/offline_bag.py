@@ -70,9 +70,15 @@ def record_answer(
             for message in messages:
                 bag.write(topic, encode(message), now, now)
 
-        limits = {"velocity": "from_urdf" if problem.limit_joint_velocities else "none"}
-        used = {"/**": {"ros__parameters": {"limits": limits, "planner": asdict(settings)}}}
-        bag.attach("parameters.yaml", "application/yaml", yaml.safe_dump(used).encode())
+        robot = problem.robot
+        used = {
+            "robot": {"base_link": robot.base_link, "tip_link": robot.tip_link},
+            "limits": {"velocity": "from_urdf" if problem.limit_joint_velocities else "none"},
+            "planner": asdict(settings),
+        }
+        parameters = yaml.safe_dump({"/**": {"ros__parameters": used}})
+        bag.attach("robot.urdf", "application/xml", robot.urdf.encode())
+        bag.attach("parameters.yaml", "application/yaml", parameters.encode())
         put("/chaser_state", STATE_QOS, state)
         put("/obstacles", LATCHED_QOS, obstacles)
         events = _events(request, response, now)

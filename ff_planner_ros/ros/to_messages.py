@@ -123,13 +123,15 @@ def response_from_plan(
                 positions=positions,
                 velocities=velocities,
                 accelerations=accelerations,
+                effort=torques,
                 time_from_start=Duration(sec=t // NANOSECONDS, nanosec=t % NANOSECONDS),
             )
-            for t, positions, velocities, accelerations in zip(
+            for t, positions, velocities, accelerations, torques in zip(
                 offsets_ns,
                 motion.joint_positions.tolist(),
                 motion.joint_velocities.tolist(),
                 motion.joint_accelerations.tolist(),
+                motion.joint_torques.tolist(),
                 strict=True,
             )
         ],

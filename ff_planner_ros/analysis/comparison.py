@@ -1,0 +1,138 @@
+"""What the methods made of one question, side by side, and the paper's ratios beside ours."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from ff_planner_ros.analysis.methods import (
+    POTENTIAL_FIELD,
+    SHORTEST,
+    STEADIEST,
+    STRAIGHT_LINE,
+    Method,
+)
+from ff_planner_ros.errors import FfPlannerError
+from ff_planner_ros.planning.failures import failures
+from ff_planner_ros.planning.plan import Plan
+from ff_planner_ros.planning.problem import PlanningProblem
+from ff_planner_ros.planning.settings import PlannerSettings
+
+COLUMNS = (
+    "method",
+    "joint path [rad]",
+    "attitude [deg]",
+    "clearance [mm]",
+    "peak torque [N m]",
+    "miss [mm]",
+    "miss [deg]",
+    "time [s]",
+    "check",
+)
+RATIO_COLUMNS = ("ratio", "paper", "here")
+_NOTHING = "-"
+
+
+@dataclass(frozen=True, eq=False)
+class Answer:
+    """What a method made of the question.
+
+    Attributes:
+        plan: The motion that follows, sound or not; or why there is none.
+        seconds: Wall clock until then.
+    """
+
+    plan: Plan | FfPlannerError
+    seconds: float
+
+
+@dataclass(frozen=True)
+class _Ratio:
+    """A quotient of one metric of two methods, as the paper prints it in Sec. 5.1."""
+
+    metric: str
+    words: str
+    above: Method
+    below: Method
+    printed: float
+
+
+_PAPERS_RATIOS = (
+    _Ratio("joint_path_length", "joint path", SHORTEST, STRAIGHT_LINE, 1 - 0.0265),
+    _Ratio("joint_path_length", "joint path", SHORTEST, STEADIEST, 1 - 0.3237),
+    _Ratio("joint_path_length", "joint path", POTENTIAL_FIELD, SHORTEST, 2.78),
+    _Ratio("max_chaser_euler", "attitude", STEADIEST, STRAIGHT_LINE, 1 - 0.3346),
+    _Ratio("max_chaser_euler", "attitude", STEADIEST, POTENTIAL_FIELD, 1 - 0.7063),
+    _Ratio("max_chaser_euler", "attitude", STEADIEST, SHORTEST, 1 - 0.1824),
+)
+
+
+def comparison_rows(
+    problem: PlanningProblem, settings: PlannerSettings, answers: Mapping[Method, Answer]
+) -> Iterator[tuple[str, ...]]:
+    """Yield the cells of `COLUMNS`, a row per method.
+
+    Args:
+        problem: The question.
+        settings: The tolerances of the check.
+        answers: Of the methods.
+    """
+    for method, answer in answers.items():
+        seconds = f"{answer.seconds:.2f}"
+        if isinstance(answer.plan, FfPlannerError):
+            nothing = (_NOTHING,) * (len(COLUMNS) - 3)
+            yield method.name, *nothing, seconds, answer.plan.status.name.lower()
+            continue
+        metrics = answer.plan.metrics
+        found = [
+            failure.status.name.lower() for failure in failures(problem, answer.plan, settings)
+        ]
+        yield (
+            method.name,
+            f"{metrics.joint_path_length:.4f}",
+            f"{np.rad2deg(metrics.max_chaser_euler):.2f}",
+            f"{1e3 * metrics.min_clearance:.1f}" if problem.obstacles else _NOTHING,
+            f"{max(metrics.peak_joint_torques):.2f}",
+            f"{1e3 * metrics.final_position_error:.2f}",
+            f"{np.rad2deg(metrics.final_orientation_error):.3f}",
+            seconds,
+            ", ".join(dict.fromkeys(found)) or "passed",
+        )
+
+
+def findings(
+    problem: PlanningProblem, settings: PlannerSettings, answers: Mapping[Method, Answer]
+) -> Iterator[str]:
+    """Yield in words what is wrong with each answer: which constraint, where, by how much.
+
+    Args:
+        problem: The question.
+        settings: The tolerances of the check.
+        answers: Of the methods.
+    """
+    for method, answer in answers.items():
+        if isinstance(answer.plan, FfPlannerError):
+            yield f"{method.name}: {answer.plan}"
+            continue
+        found = [failure.finding for failure in failures(problem, answer.plan, settings)]
+        if found:
+            yield f"{method.name}: {'; '.join(found)} ({answer.plan.solver.stop_reason})"
+
+
+def ratio_rows(answers: Mapping[Method, Answer]) -> Iterator[tuple[str, ...]]:
+    """Yield the cells of `RATIO_COLUMNS`; they mean something for the paper's own scenario.
+
+    Args:
+        answers: Of the methods.
+    """
+    for ratio in _PAPERS_RATIOS:
+        above, below = (answers[method].plan for method in (ratio.above, ratio.below))
+        here = _NOTHING
+        if isinstance(above, Plan) and isinstance(below, Plan):
+            here = (
+                f"{getattr(above.metrics, ratio.metric) / getattr(below.metrics, ratio.metric):.3f}"
+            )
+        words = f"{ratio.words}, {ratio.above.name} / {ratio.below.name}"
+        yield words, f"{ratio.printed:.3f}", here

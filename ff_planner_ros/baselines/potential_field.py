@@ -1,0 +1,127 @@
+"""The forces of the artificial potential field, Sec. 4.1 of the paper, on a body of unit mass.
+
+The paper names attraction of constant magnitude and the Born approximation of the Yukawa
+potential for the repulsion; the rest, and every value, is our reading. The attraction fades
+linearly close to the goal, where a constant force could never come to rest. The repulsion's
+distance is that of a link's nearest point from a sphere's surface, and acts on the end effector
+by virtual work: the end effector's path goes down the potential of the whole arm.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from pathlib import Path
+
+import numpy as np
+
+from ff_planner_ros.arrays import Array
+from ff_planner_ros.planning.clearance import (
+    arm_points_with_derivatives,
+    clearance_gradients,
+    clearances,
+    segments,
+)
+from ff_planner_ros.planning.problem import PlanningProblem
+from ff_planner_ros.planning.settings import check_tunables, tunable
+from ff_planner_ros.planning.yaml_file import mapping, read_yaml
+
+_BLOCK = "artificial_potential_field"
+
+
+@dataclass(frozen=True)
+class PotentialFieldParameters:
+    """What shapes the field and its integration; values live in `config/baselines.yaml`.
+
+    Raises:
+        InvalidInput: A value of the wrong type or out of its range.
+    """
+
+    attraction: float = tunable(
+        "Magnitude of the attraction towards the goal position", minimum=1e-6, unit="m/s2"
+    )
+    angular_attraction: float = tunable(
+        "Magnitude of the attraction towards the goal orientation", minimum=1e-6, unit="rad/s2"
+    )
+    damping: float = tunable(
+        "Deceleration per velocity; attraction / damping is the cruising speed",
+        minimum=1e-3,
+        unit="1/s",
+    )
+    repulsion: float = tunable(
+        "Strength of the Yukawa potential between a link and a sphere", minimum=0.0, unit="m3/s2"
+    )
+    decay: float = tunable(
+        "Decay of the Yukawa potential with the distance", minimum=0.0, unit="1/m"
+    )
+    smallest_distance: float = tunable(
+        "Nearer to a surface, and inside a sphere, the repulsion grows no more",
+        minimum=1e-4,
+        unit="m",
+    )
+    longest_step: float = tunable("Of the integration", minimum=1e-4, unit="s")
+
+    def __post_init__(self) -> None:
+        """Check every value against its declaration."""
+        check_tunables(_BLOCK, self)
+
+
+def load_parameters(path: Path) -> PotentialFieldParameters:
+    """Read the parameters from the `artificial_potential_field` block of a file.
+
+    Args:
+        path: A file such as `config/baselines.yaml`.
+
+    Raises:
+        InvalidInput: The file cannot be read, or a parameter is missing, unknown or out of range.
+    """
+    block = mapping("", read_yaml(path), required=(_BLOCK,))[_BLOCK]
+    names = [item.name for item in fields(PotentialFieldParameters)]
+    return PotentialFieldParameters(**mapping(_BLOCK, block, required=names))
+
+
+def attraction(offset: Array, parameters: PotentialFieldParameters) -> Array:
+    """Return the acceleration towards the goal.
+
+    Its magnitude is constant but for the last bit of the way, where it is that of a spring which
+    the damping makes critical: the end effector comes to rest without overshoot.
+
+    Args:
+        offset: Goal less end effector: position [m], rotation vector [rad]. Shape (6,).
+        parameters: Of the field.
+    """
+    stiffness = parameters.damping**2 / 4
+    magnitudes = (parameters.attraction, parameters.angular_attraction)
+    parts = [
+        part * min(stiffness, magnitude / max(float(np.linalg.norm(part)), np.finfo(float).tiny))
+        for part, magnitude in zip((offset[:3], offset[3:]), magnitudes, strict=True)
+    ]
+    return np.concatenate(parts)
+
+
+def repulsion(
+    problem: PlanningProblem, parameters: PotentialFieldParameters, q: Array, v_by_twist: Array
+) -> tuple[Array, Array]:
+    """Return the acceleration of the end effector away from the obstacles, and the distances.
+
+    The potential of a link at distance d is U = g exp(-decay d) / d. What it does to the end
+    effector follows from virtual work in the motion of Eq. (31) at zero momentum.
+
+    Args:
+        problem: Gives robot and obstacles.
+        parameters: Of the field.
+        q: Configuration. Shape (7 + joints,).
+        v_by_twist: Derivative of the tangent velocity with respect to the end effector's twist,
+            inertial axes. Shape (6 + joints, 6).
+
+    Returns:
+        Linear, angular, shape (6,); and the clearances, shape (links, spheres) [m].
+    """
+    positions, derivatives = arm_points_with_derivatives(problem.robot, q[None], v_by_twist[None])
+    starts = segments(positions)
+    clear = clearances(positions, starts, problem.obstacles)
+    distance = np.maximum(clear.distance, parameters.smallest_distance)
+    growth = 1.0 + parameters.decay * distance
+    force = parameters.repulsion * np.exp(-parameters.decay * distance) * growth / distance**2
+    every = tuple(index.ravel() for index in np.indices(force.shape))
+    total: Array = force.ravel() @ clearance_gradients(clear, derivatives, starts, every)
+    return total, clear.distance[0]

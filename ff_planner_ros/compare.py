@@ -1,0 +1,130 @@
+"""Every method on one scenario: a table, the figures of the paper, a scene for the browser."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from textwrap import fill
+
+from ff_planner_ros.analysis.comparison import (
+    COLUMNS,
+    RATIO_COLUMNS,
+    Answer,
+    comparison_rows,
+    findings,
+    ratio_rows,
+)
+from ff_planner_ros.analysis.figures import save_figures
+from ff_planner_ros.analysis.methods import (
+    FIXED_BASE,
+    OBJECTIVES,
+    PAPERS_METHODS,
+    POTENTIAL_FIELD,
+    SHORTEST,
+    STEADIEST,
+    STRAIGHT_LINE,
+    WEIGHTED,
+    ZERO_MOMENTUM,
+    Method,
+)
+from ff_planner_ros.analysis.scene import save_scene
+from ff_planner_ros.baselines.artificial_potential_field import artificial_potential_field
+from ff_planner_ros.baselines.execution import fixed_base, zero_momentum
+from ff_planner_ros.baselines.potential_field import PotentialFieldParameters
+from ff_planner_ros.baselines.straight_line import straight_line
+from ff_planner_ros.errors import FfPlannerError
+from ff_planner_ros.planning.plan import Plan
+from ff_planner_ros.planning.planner import plan, sound_start
+from ff_planner_ros.planning.problem import PlanningProblem
+from ff_planner_ros.planning.settings import PlannerSettings
+from ff_planner_ros.text_table import print_table
+
+_WHY_RATIOS_DIFFER = (
+    "They differ at least because the inertias of the paper's arm are not public, and ours only "
+    "meet its total mass and the start's joint rates; one obstacle is assumed, too, and the optima "
+    "may be other local ones. The values of its potential field are not printed: ours were chosen "
+    "to come near its results, so that what involves APF proves nothing."
+)
+_WIDTH = 100  # of the text on the terminal
+
+
+def compare(
+    problem: PlanningProblem,
+    settings: PlannerSettings,
+    field: PotentialFieldParameters,
+    output: Path,
+    of_the_paper: bool,
+) -> bool:
+    """Let every method answer, print the tables, and write figures and scene.
+
+    Args:
+        problem: The question; every method sets its own objective.
+        settings: The planner's tunables.
+        field: Of the artificial potential field.
+        output: Directory for the pictures, made if it is not there.
+        of_the_paper: Whether the problem is the paper's, and its ratios mean something.
+
+    Returns:
+        Whether any method gave a motion.
+
+    Raises:
+        InvalidInput: The start violates what every plan must keep.
+        NoPlanFound: The goal is out of reach.
+    """
+    sound_start(problem, settings)
+    output.mkdir(parents=True, exist_ok=True)
+    answers = {}
+    for method, solve in _solvers(field).items():
+        # Those that have no objective of their own are there to be compared with min(L).
+        asked = replace(problem, objective=OBJECTIVES.get(method, OBJECTIVES[SHORTEST]))
+        answers[method] = _timed(solve, asked, settings)
+    print_table("Methods", COLUMNS, comparison_rows(problem, settings, answers))
+    for finding in findings(problem, settings, answers):
+        print(fill(finding, _WIDTH, subsequent_indent="    "))
+    if of_the_paper:
+        print_table("Ratios of the paper", RATIO_COLUMNS, ratio_rows(answers))
+        print(fill(_WHY_RATIOS_DIFFER, _WIDTH))
+    plans = {m: answer.plan for m, answer in answers.items() if isinstance(answer.plan, Plan)}
+    print()
+    for written in _pictures(problem, plans, output):
+        print(written)
+    return bool(plans)
+
+
+_Solver = Callable[[PlanningProblem, PlannerSettings], Plan]
+
+
+def _solvers(field: PotentialFieldParameters) -> dict[Method, _Solver]:
+    return {
+        STRAIGHT_LINE: straight_line,
+        POTENTIAL_FIELD: partial(artificial_potential_field, parameters=field),
+        **dict.fromkeys((SHORTEST, STEADIEST, WEIGHTED), plan),
+        FIXED_BASE: fixed_base,
+        ZERO_MOMENTUM: zero_momentum,
+    }
+
+
+def _timed(solve: _Solver, problem: PlanningProblem, settings: PlannerSettings) -> Answer:
+    answer: Plan | FfPlannerError
+    begun = time.perf_counter()
+    try:
+        answer = solve(problem, settings)
+    except FfPlannerError as error:
+        answer = error
+    return Answer(answer, time.perf_counter() - begun)
+
+
+def _pictures(
+    problem: PlanningProblem, plans: Mapping[Method, Plan], output: Path
+) -> Iterator[Path]:
+    """Write the pictures; more methods than the paper's would crowd the figures."""
+    of_the_paper = {method: plan for method, plan in plans.items() if method in PAPERS_METHODS}
+    if of_the_paper:
+        yield from save_figures(problem, of_the_paper, output)
+    if plans:
+        scene = output / "scene.html"
+        save_scene(problem, plans, {STRAIGHT_LINE, SHORTEST} & plans.keys() or plans, scene)
+        yield scene

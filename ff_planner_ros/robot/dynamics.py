@@ -1,0 +1,73 @@
+"""Inverse dynamics of the free-floating system, Eq. (20): which torques make a motion."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+
+from ff_planner_ros.arrays import Array
+from ff_planner_ros.robot.model import Robot
+
+
+def inverse_dynamics(
+    robot: Robot, data: pin.Data, q: Array, v: Array, acceleration: Array
+) -> Array:
+    """Return the generalised forces Q = M dv/dt + C v of Eq. (20).
+
+    Args:
+        robot: The robot.
+        data: Scratch space of the robot's model.
+        q: Configuration. Shape (7 + joints,).
+        v: Tangent velocity. Shape (6 + joints,).
+        acceleration: dv/dt. Shape (6 + joints,).
+
+    Returns:
+        Wrench on the base, force [N] first, about the base frame's origin and in its axes, zero
+        where nothing but the joints moves the system; then joint torques [N m]. Shape
+        (6 + joints,).
+    """
+    return np.array(pin.rnea(robot.model, data, q, v, acceleration))
+
+
+def joint_torques(robot: Robot, q: Array, v: Array, joint_accelerations: Array) -> Array:
+    """Return the torques that accelerate the joints while nothing pushes the base.
+
+    Args:
+        robot: The robot.
+        q: Configurations. Shape (points, 7 + joints).
+        v: Tangent velocities. Shape (points, 6 + joints).
+        joint_accelerations: Shape (points, joints) [rad/s2].
+
+    Returns:
+        Shape (points, joints) [N m].
+    """
+    data = robot.model.createData()
+    torques = []
+    for q_i, v_i, of_joints in zip(q, v, joint_accelerations, strict=True):
+        of_base = base_acceleration(robot, data, q_i, v_i, of_joints)
+        acceleration = np.concatenate([of_base, of_joints])
+        torques.append(inverse_dynamics(robot, data, q_i, v_i, acceleration)[6:])
+    return np.array(torques)
+
+
+def base_acceleration(
+    robot: Robot, data: pin.Data, q: Array, v: Array, joint_acceleration: Array
+) -> Array:
+    """Return the acceleration that joint accelerations give a base that nothing pushes.
+
+    It solves the first six rows of Eq. (20) with zero on their right-hand side.
+
+    Args:
+        robot: The robot.
+        data: Scratch space of the robot's model.
+        q: Configuration. Shape (7 + joints,).
+        v: Tangent velocity. Shape (6 + joints,).
+        joint_acceleration: Shape (joints,) [rad/s2].
+
+    Returns:
+        First six entries of dv/dt. Shape (6,).
+    """
+    base_at_rest = np.concatenate([np.zeros(6), joint_acceleration])
+    wrench = inverse_dynamics(robot, data, q, v, base_at_rest)[:6]
+    mass_matrix = pin.crba(robot.model, data, q)
+    return np.asarray(np.linalg.solve(mass_matrix[:6, :6], -wrench), np.float64)

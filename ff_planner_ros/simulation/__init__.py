@@ -1,0 +1,1 @@
+"""Open-loop execution of plans in an independent physics engine."""

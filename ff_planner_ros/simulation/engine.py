@@ -1,0 +1,213 @@
+"""The free-floating robot in MuJoCo, read from its URDF by MuJoCo's own code.
+
+Of Pinocchio's model nothing is looked at here: masses, inertias, kinematics, the chaser's frame and
+the momentum are what MuJoCo makes of the URDF.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from ff_planner_ros.arrays import Array
+from ff_planner_ros.errors import FfPlannerError, InvalidInput, Status
+from ff_planner_ros.robot.model import Robot
+from ff_planner_ros.robot.state import SystemState
+
+try:
+    import mujoco
+except ModuleNotFoundError:
+    raise FfPlannerError(
+        Status.UNSUPPORTED,
+        "executing a plan needs MuJoCo: pip install 'ff_planner_ros[simulation]', or where this "
+        "package came without pip, pip install mujoco-core",
+    ) from None
+
+ENGINE = f"MuJoCo {mujoco.__version__}"
+
+# It would write a file wherever the process stands; what went wrong is seen in the numbers.
+mujoco.set_mju_user_warning(lambda _: None)
+
+
+class Observation(NamedTuple):
+    """What is seen of the system in one state, in the inertial frame.
+
+    Attributes:
+        chaser_position: Of the chaser's centre of mass. Shape (3,) [m].
+        chaser_quaternion_xyzw: Of the base link's axes. Shape (4,).
+        ee_position: Shape (3,) [m].
+        ee_quaternion_xyzw: Shape (4,).
+        momentum: P [kg m/s] and L about the inertial origin [kg m2/s]. Shape (6,).
+    """
+
+    chaser_position: Array
+    chaser_quaternion_xyzw: Array
+    ee_position: Array
+    ee_quaternion_xyzw: Array
+    momentum: Array
+
+
+class Engine:
+    """A robot whose base is free and on which nothing acts but its joint torques.
+
+    A state is a vector: position of the root link's origin, its quaternion (w first), joint
+    positions; then the origin's velocity in inertial axes, the turn rate in axes of the root link,
+    joint rates.
+
+    Attributes:
+        model: MuJoCo's.
+        chaser_bodies: Numbers of the links that make up the chaser. Shape (links,).
+        arm_bodies: Numbers of all other links. Shape (links,).
+    """
+
+    def __init__(self, robot: Robot) -> None:
+        """Read the robot's URDF.
+
+        Args:
+            robot: Only its URDF and the names of its links and joints are used.
+
+        Raises:
+            InvalidInput: MuJoCo refuses the URDF.
+        """
+        self.model = _model(robot.urdf)
+        self._data = mujoco.MjData(self.model)
+        self._base = self._data.body(robot.base_link)
+        self._tip = self._data.body(robot.tip_link)
+        self._joints = np.array([self.model.joint(name).qposadr[0] for name in robot.joint_names])
+        self._rates = np.array([self.model.joint(name).dofadr[0] for name in robot.joint_names])
+        # Number 0 is the universe, 1 the root link.
+        self.chaser_bodies = np.flatnonzero(self.model.body_weldid == 1)
+        self.arm_bodies = np.flatnonzero(self.model.body_weldid > 1)
+
+    def state(self, start: SystemState) -> Array:
+        """Return the state vector of a chaser pose and twist and joint positions and rates.
+
+        Args:
+            start: Inertial frame.
+        """
+        data = self._data
+        mujoco.mj_resetData(self.model, data)
+        data.qpos[:7] = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]  # the root link in the inertial frame
+        data.qpos[self._joints] = start.joint_positions
+        mujoco.mj_kinematics(self.model, data)
+        chaser_in_root, chaser_to_root = self._chaser_position(), _rotation(self._base)
+        chaser = Rotation.from_quat(start.quaternion_chaser_to_inertial_xyzw)
+        root = chaser * chaser_to_root.inv()
+        root_to_inertial = root.as_matrix()
+        root_from_chaser = -root_to_inertial @ chaser_in_root
+        omega = start.angular_velocity_chaser_in_inertial
+        data.qpos[:3] = start.position_chaser_in_inertial + root_from_chaser
+        data.qpos[3:7] = np.roll(root.as_quat(), 1)
+        data.qvel[:3] = start.linear_velocity_chaser_in_inertial + np.cross(omega, root_from_chaser)
+        data.qvel[3:6] = root_to_inertial.T @ omega
+        data.qvel[self._rates] = start.joint_velocities
+        return np.concatenate([data.qpos, data.qvel])
+
+    def derivative(self, state: Array, joint_torques: Array) -> Array:
+        """Return the rate of change of a state under joint torques: forward dynamics.
+
+        Args:
+            state: The state vector.
+            joint_torques: Shape (joints,) [N m].
+        """
+        data = self._data
+        data.qfrc_applied[self._rates] = joint_torques
+        self._forward(state)
+        rate = np.empty_like(state)
+        position_rate, velocity_rate = np.split(rate, [self.model.nq])
+        position_rate[:3] = data.qvel[:3]
+        mujoco.mju_mulQuat(
+            position_rate[3:7], state[3:7], np.concatenate([[0.0], data.qvel[3:6] / 2])
+        )
+        position_rate[7:] = data.qvel[6:]
+        velocity_rate[:] = data.qacc
+        return rate
+
+    def observe(self, state: Array) -> Observation:
+        """Return poses and momentum of a state.
+
+        Args:
+            state: The state vector.
+        """
+        data = self._data
+        self._forward(state)
+        mujoco.mj_subtreeVel(self.model, data)
+        linear = self.model.body_subtreemass[0] * data.subtree_linvel[0]
+        angular = data.subtree_angmom[0] + np.cross(data.subtree_com[0], linear)
+        return Observation(
+            chaser_position=self._chaser_position(),
+            chaser_quaternion_xyzw=_rotation(self._base).as_quat(),
+            ee_position=self._tip.xpos.copy(),
+            ee_quaternion_xyzw=_rotation(self._tip).as_quat(),
+            momentum=np.concatenate([linear, angular]),
+        )
+
+    def joints(self, state: Array) -> tuple[Array, Array]:
+        """Return joint positions and rates of a state.
+
+        Args:
+            state: The state vector.
+        """
+        return state[self._joints], state[self.model.nq :][self._rates]
+
+    def scale_inertias(self, bodies: NDArray[np.int64], masses: Array, inertias: Array) -> None:
+        """Make links heavier or lighter than the URDF says.
+
+        Args:
+            bodies: Numbers of the links. Shape (links,).
+            masses: A factor for each. Shape (links,).
+            inertias: A factor for each, of its inertia about its centre of mass. Shape (links,).
+        """
+        self.model.body_mass[bodies] *= masses
+        self.model.body_inertia[bodies] *= inertias[:, None]
+        mujoco.mj_setConst(self.model, self._data)
+
+    def add_friction(self, viscous: Array, dry: Array) -> None:
+        """Give the joints friction.
+
+        Args:
+            viscous: Shape (joints,) [N m s/rad].
+            dry: Largest torque that it resists with. Shape (joints,) [N m].
+        """
+        self.model.dof_damping[self._rates] = viscous
+        self.model.dof_frictionloss[self._rates] = dry
+        # By default a joint that friction holds would still get a tenth of its acceleration.
+        self.model.dof_solimp[self._rates, :2] = 0.999
+
+    def _forward(self, state: Array) -> None:
+        data = self._data
+        data.qpos[:], data.qvel[:] = np.split(state, [self.model.nq])
+        mujoco.mj_forward(self.model, data)
+
+    def _chaser_position(self) -> Array:
+        masses = self.model.body_mass[self.chaser_bodies]
+        return np.asarray(masses @ self._data.xipos[self.chaser_bodies] / masses.sum(), np.float64)
+
+
+def _model(urdf: str) -> mujoco.MjModel:
+    """Return MuJoCo's model of a URDF, its root link free, with nothing that MuJoCo adds."""
+    try:
+        spec = mujoco.MjSpec.from_string(urdf)
+        spec.compiler.fusestatic = False  # else links fixed to others lose their names
+        if len(spec.worldbody.bodies) != 1:
+            raise ValueError("a link called 'world' is the inertial frame to MuJoCo: rename it")
+        spec.worldbody.first_body().add_freejoint()
+        model = spec.compile()
+    except ValueError as error:
+        reason = " ".join(str(error).split())
+        raise InvalidInput(
+            Status.BAD_ROBOT, "robot.urdf", "refused", f"MuJoCo says: {reason}"
+        ) from None
+    model.opt.gravity = 0.0
+    model.dof_damping = 0.0  # the planner leaves a URDF's <dynamics> aside, too
+    model.dof_frictionloss = 0.0
+    model.opt.disableflags = mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_LIMIT
+    return model
+
+
+def _rotation(body: Any) -> Rotation:
+    """Return a link's axes in the inertial frame."""
+    return Rotation.from_quat(np.roll(body.xquat, -1))

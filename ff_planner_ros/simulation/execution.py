@@ -1,0 +1,100 @@
+"""Execute a plan open loop: its torques, and nothing that looks at where they lead."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from ff_planner_ros.arrays import Array, frozen
+from ff_planner_ros.planning.plan import Trajectory
+from ff_planner_ros.robot.state import SystemState
+from ff_planner_ros.simulation.engine import Engine
+from ff_planner_ros.simulation.feed_forward import FeedForward
+
+
+@dataclass(frozen=True, eq=False)
+class Execution:
+    """What the system did, at the times of the plan's points, in the inertial frame.
+
+    Not a number from where on the motion is beyond all bounds.
+
+    Attributes:
+        time: From the start of the plan. Shape (points,) [s].
+        joint_positions: Shape (points, joints) [rad].
+        joint_velocities: Shape (points, joints) [rad/s].
+        chaser_positions: Shape (points, 3) [m].
+        chaser_quaternions_xyzw: Shape (points, 4).
+        ee_positions: Shape (points, 3) [m].
+        ee_quaternions_xyzw: Shape (points, 4).
+        momentum: P [kg m/s] and L about the inertial origin [kg m2/s]. Shape (points, 6).
+    """
+
+    time: Array
+    joint_positions: Array
+    joint_velocities: Array
+    chaser_positions: Array
+    chaser_quaternions_xyzw: Array
+    ee_positions: Array
+    ee_quaternions_xyzw: Array
+    momentum: Array
+
+    def __post_init__(self) -> None:
+        """Replace every array by a read-only copy."""
+        for item in fields(self):
+            object.__setattr__(self, item.name, frozen(getattr(self, item.name)))
+
+
+def execute(engine: Engine, start: SystemState, command: FeedForward) -> Execution:
+    """Integrate the engine's forward dynamics under commanded torques, by RK4.
+
+    MuJoCo's own steps hold the torques, and compose the turn of a free body from the mean of its
+    rates: they are of second order. Here the quaternion is integrated as the four numbers that it
+    is, and the method keeps its fourth order.
+
+    Args:
+        engine: The robot.
+        start: State at the first point.
+        command: The torques.
+    """
+    state = engine.state(start)
+    states = [state]
+    half_steps = 2 * command.steps_per_point
+    with np.errstate(over="ignore", invalid="ignore"):
+        for k in range(0, len(command.time) - 1, 2):
+            state = _step(engine, state, command.time[k : k + 3], command.torques[k : k + 3])
+            if not np.isfinite(state).all():
+                break
+            if (k + 2) % half_steps == 0:
+                states.append(state)
+    seen = [(*engine.joints(state), *engine.observe(state)) for state in states]
+    time = command.time[::half_steps]
+    lost = [[np.full_like(value, np.nan) for value in seen[0]]] * (len(time) - len(seen))
+    return Execution(time, *(np.array(column) for column in zip(*seen, *lost, strict=True)))
+
+
+def _step(engine: Engine, state: Array, time: Array, torques: Array) -> Array:
+    """Return the state after one step; times and torques are those of its begin, middle, end."""
+    step = time[2] - time[0]
+    k1 = engine.derivative(state, torques[0])
+    k2 = engine.derivative(state + step / 2 * k1, torques[1])
+    k3 = engine.derivative(state + step / 2 * k2, torques[1])
+    k4 = engine.derivative(state + step * k3, torques[2])
+    after: Array = state + step / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+    return after
+
+
+def start_state(trajectory: Trajectory) -> SystemState:
+    """Return the state at the first point of a plan.
+
+    Args:
+        trajectory: The plan's samples.
+    """
+    return SystemState(
+        position_chaser_in_inertial=trajectory.chaser_positions[0],
+        quaternion_chaser_to_inertial_xyzw=trajectory.chaser_quaternions_xyzw[0],
+        linear_velocity_chaser_in_inertial=trajectory.chaser_linear_velocities[0],
+        angular_velocity_chaser_in_inertial=trajectory.chaser_angular_velocities[0],
+        joint_positions=trajectory.joint_positions[0],
+        joint_velocities=trajectory.joint_velocities[0],
+    )

@@ -1,0 +1,102 @@
+"""Joint torques between the points of a plan."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+from scipy.interpolate import BPoly, CubicHermiteSpline, CubicSpline
+from scipy.spatial.transform import Rotation, RotationSpline
+
+from ff_planner_ros.arrays import Array
+from ff_planner_ros.planning.motion import from_trajectory
+from ff_planner_ros.planning.plan import Trajectory
+from ff_planner_ros.robot.dynamics import base_acceleration, inverse_dynamics
+from ff_planner_ros.robot.model import Robot
+from ff_planner_ros.robot.momentum import total_momentum
+
+
+class FeedForward(NamedTuple):
+    """Torques to command, at the ends and in the middle of every step of an execution.
+
+    Attributes:
+        time: From the start of the plan; every point of the plan is one of the steps' ends. Shape
+            (2 * steps + 1,) [s].
+        torques: Shape (2 * steps + 1, joints) [N m].
+        steps_per_point: Steps between two points of the plan.
+    """
+
+    time: Array
+    torques: Array
+    steps_per_point: int
+
+
+def feed_forward(robot: Robot, trajectory: Trajectory, steps_per_point: int) -> FeedForward:
+    """Return the torques of a plan at its points and between them.
+
+    Between two points each joint follows the quintic through both positions, velocities and
+    accelerations, as ROS's `joint_trajectory_controller` lets it, and the torques are those that
+    this motion needs: it is back on the plan at every point. A spline through the torques alone is
+    as near to them at any one time, but what it is off by adds up, twice integrated; a light wrist
+    shows it (`torque_spline`).
+
+    At the points the torques are the plan's own: where it differs there from what its motion needs,
+    the difference is added in between, too, linearly. For a sound plan that is rounding.
+
+    Args:
+        robot: The robot.
+        trajectory: The plan's samples.
+        steps_per_point: Steps between two points.
+    """
+    time = _half_steps(trajectory, steps_per_point)
+    torques = _torques_of_motion(robot, trajectory, time)
+    difference = trajectory.joint_torques - torques[:: 2 * steps_per_point]
+    torques += np.array([np.interp(time, trajectory.time, joint) for joint in difference.T]).T
+    return FeedForward(time, torques, steps_per_point)
+
+
+def torque_spline(trajectory: Trajectory, steps_per_point: int) -> FeedForward:
+    """Return the cubic spline through the torques at the points of a plan.
+
+    Args:
+        trajectory: The plan's samples.
+        steps_per_point: Steps between two points.
+    """
+    time = _half_steps(trajectory, steps_per_point)
+    torques = CubicSpline(trajectory.time, trajectory.joint_torques)(time)
+    return FeedForward(time, torques, steps_per_point)
+
+
+def _half_steps(trajectory: Trajectory, steps_per_point: int) -> Array:
+    points, half_steps = len(trajectory.time), 2 * steps_per_point
+    return np.interp(
+        np.arange(half_steps * (points - 1) + 1), half_steps * np.arange(points), trajectory.time
+    )
+
+
+def _torques_of_motion(robot: Robot, trajectory: Trajectory, time: Array) -> Array:
+    """Return the torques that the motion between the points needs. Shape (times, joints)."""
+    model, data = robot.model, robot.model.createData()
+    q, v = from_trajectory(robot, trajectory)
+    momentum = pin.Force(total_momentum(robot, data, q[0], v[0]))
+    attitudes = Rotation.from_quat(q[:, 3:7])
+    base = CubicHermiteSpline(trajectory.time, q[:, :3], attitudes.apply(v[:, :3]))
+    turn = RotationSpline(trajectory.time, attitudes)
+    joints = BPoly.from_derivatives(
+        trajectory.time, np.stack([q[:, 7:], v[:, 6:], trajectory.joint_accelerations], axis=1)
+    )
+    configurations = np.hstack([base(time), turn(time).as_quat(), joints(time)])
+    torques = []
+    for sample, rates, acceleration in zip(
+        configurations, joints(time, 1), joints(time, 2), strict=True
+    ):
+        momentum_map = pin.crba(model, data, sample)[:6]
+        pin.forwardKinematics(model, data, sample)
+        in_base = data.oMi[1].actInv(momentum).vector
+        base_twist = np.linalg.solve(momentum_map[:, :6], in_base - momentum_map[:, 6:] @ rates)
+        velocity = np.concatenate([base_twist, rates])
+        of_base = base_acceleration(robot, data, sample, velocity, acceleration)
+        whole = np.concatenate([of_base, acceleration])
+        torques.append(inverse_dynamics(robot, data, sample, velocity, whole)[6:])
+    return np.array(torques)

@@ -1,0 +1,147 @@
+"""How far open loop may be trusted: a plan executed by a system that is not as the model says."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import astuple, dataclass, replace
+
+import numpy as np
+
+from ff_planner_ros.planning.plan import Trajectory
+from ff_planner_ros.robot.model import Robot
+from ff_planner_ros.robot.state import SystemState
+from ff_planner_ros.simulation.engine import Engine
+from ff_planner_ros.simulation.execution import execute, start_state
+from ff_planner_ros.simulation.feed_forward import FeedForward, feed_forward, torque_spline
+from ff_planner_ros.simulation.verification import (
+    Deviation,
+    deviation,
+    require_executable,
+    steps_per_point,
+)
+
+SHARES = (0.01, 0.05, 0.10)  # of masses, inertias and friction
+
+# Draws of independent errors of all links; of these the worst is shown.
+DRAWS, SEED = 10, 0
+
+# What a good estimate of the chaser's motion, and good encoders, may be off by at the start.
+SPEED_ERROR = 1e-3  # [m/s]
+TURN_ERROR = np.deg2rad(0.01)  # [rad/s]
+
+# MuJoCo's dry friction brings a joint to rest within 0.02 s: half of it changes no position by 1 %.
+LONGEST_STEP = 0.02  # [s]
+
+
+@dataclass(frozen=True)
+class ModelError:
+    """One row of the study.
+
+    Attributes:
+        cause: What is not as the model says.
+        deviation: Of the execution from the plan; each number the worst of all variants.
+    """
+
+    cause: str
+    deviation: Deviation
+
+
+# A system that is not as the model says, and where it starts.
+_Variant = tuple[Engine, SystemState]
+
+
+def model_errors(robot: Robot, trajectory: Trajectory) -> tuple[ModelError, ...]:
+    """Execute a plan again and again, open loop, each time with something else wrong.
+
+    Args:
+        robot: The robot as the plan knows it.
+        trajectory: The plan's samples.
+
+    Returns:
+        The first row with nothing wrong.
+
+    Raises:
+        InvalidInput: The samples cannot be executed, or MuJoCo refuses the robot's URDF.
+    """
+    require_executable(robot, trajectory)
+    longest = np.diff(trajectory.time).max()
+    steps = max(steps_per_point(trajectory), int(np.ceil(longest / LONGEST_STEP)))
+    command, spline = feed_forward(robot, trajectory, steps), torque_spline(trajectory, steps)
+    start = start_state(trajectory)
+    cases: list[tuple[str, FeedForward, Iterable[_Variant]]] = [
+        ("nothing", command, [(Engine(robot), start)]),
+        ("cubic spline through the torques", spline, [(Engine(robot), start)]),
+    ]
+    for cause, variants in (
+        *_mass_errors(robot, start),
+        *_start_errors(robot, start),
+        *_friction(robot, trajectory, start),
+    ):
+        cases.append((cause, command, variants))
+    return tuple(
+        ModelError(cause, _worst(executed, variants, trajectory))
+        for cause, executed, variants in cases
+    )
+
+
+def _worst(command: FeedForward, variants: Iterable[_Variant], trajectory: Trajectory) -> Deviation:
+    found = [
+        astuple(deviation(execute(engine, start, command), trajectory))
+        for engine, start in variants
+    ]
+    return Deviation(*np.max(found, axis=0).tolist())
+
+
+def _mass_errors(robot: Robot, start: SystemState) -> Iterator[tuple[str, list[_Variant]]]:
+    """Wrong masses and inertias: of the arm, of the chaser, of each link by its own factors."""
+
+    def heavier(part: str, share: float) -> Engine:
+        engine = Engine(robot)
+        bodies = engine.arm_bodies if part == "arm" else engine.chaser_bodies
+        factors = np.full(len(bodies), 1.0 + share)
+        engine.scale_inertias(bodies, factors, factors)
+        return engine
+
+    def drawn(rng: np.random.Generator, share: float) -> Engine:
+        engine = Engine(robot)
+        bodies = np.concatenate([engine.chaser_bodies, engine.arm_bodies])
+        masses, inertias = rng.uniform(1.0 - share, 1.0 + share, (2, len(bodies)))
+        engine.scale_inertias(bodies, masses, inertias)
+        return engine
+
+    for part in ("arm", "chaser"):
+        for share in SHARES:
+            yield f"{part} {share:.0%} heavier, inertias too", [(heavier(part, share), start)]
+    for share in SHARES:
+        rng = np.random.default_rng(SEED)
+        cause = f"every mass and inertia within {share:.0%}, worst of {DRAWS}"
+        yield cause, [(drawn(rng, share), start) for _ in range(DRAWS)]
+
+
+def _start_errors(robot: Robot, start: SystemState) -> Iterator[tuple[str, list[_Variant]]]:
+    """Wrong velocities at the start, along the worst of all axes."""
+    for cause, name, error in (
+        ("chaser 1 mm/s off at the start", "linear_velocity_chaser_in_inertial", SPEED_ERROR),
+        ("chaser 0.01 deg/s off at the start", "angular_velocity_chaser_in_inertial", TURN_ERROR),
+        ("one joint 0.01 deg/s off at the start", "joint_velocities", TURN_ERROR),
+    ):
+        true = getattr(start, name)
+        wrong = [replace(start, **{name: true + e}) for e in error * np.eye(len(true))]
+        yield cause, [(Engine(robot), begin) for begin in wrong]
+
+
+def _friction(
+    robot: Robot, trajectory: Trajectory, start: SystemState
+) -> Iterator[tuple[str, list[_Variant]]]:
+    """Friction of all joints, as a share of each joint's peak torque along the plan."""
+    torques = np.abs(trajectory.joint_torques).max(axis=0)
+    fastest = max(np.abs(trajectory.joint_velocities).max(), np.finfo(float).tiny)
+    none = np.zeros(robot.joints)
+    for cause, viscous, dry in (
+        ("viscous friction, {:.0%} of peak torque at peak rate", torques / fastest, none),
+        ("dry friction, {:.0%} of peak torque", none, torques),
+    ):
+        for share in SHARES:
+            engine = Engine(robot)
+            engine.add_friction(share * viscous, share * dry)
+            yield cause.format(share), [(engine, start)]

@@ -1,0 +1,183 @@
+"""Does a plan come true? Its torques, executed open loop by an engine that knows nothing of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from ff_planner_ros.arrays import Array, unit_quaternion
+from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.planning.plan import Trajectory
+from ff_planner_ros.robot.model import Robot
+from ff_planner_ros.simulation.engine import Engine
+from ff_planner_ros.simulation.execution import Execution, execute, start_state
+from ff_planner_ros.simulation.feed_forward import feed_forward
+
+# What the planner's check lets the final pose of a plan be off its target, so that physics may not
+# add more than the plan itself may lack; ten times and more what interpolation and integration do.
+POSITION_TOLERANCE = 1e-3  # [m]
+ORIENTATION_TOLERANCE = np.deg2rad(0.05)  # [rad]
+
+# Relative. Nothing pushes the system: what changes its momentum is an integration that is too
+# coarse for the motion, and then the poses prove nothing. Those of sound plans are below 1e-7.
+MOMENTUM_TOLERANCE = 1e-6
+
+# In one step no joint and not the chaser turns further [rad]: RK4 is then below a hundredth of the
+# tolerances. Four steps, because the motion between two points has features of its own.
+STEP_TURN, MIN_STEPS_PER_POINT = 0.01, 4
+
+
+@dataclass(frozen=True)
+class Deviation:
+    """How far an execution is from a plan.
+
+    Attributes:
+        final_position_error: Of the end effector at the last point [m].
+        final_orientation_error: Of the end effector at the last point [rad].
+        max_chaser_position_error: Of the chaser, at the worst of all points [m].
+        max_chaser_orientation_error: Of the chaser, at the worst of all points [rad].
+    """
+
+    final_position_error: float
+    final_orientation_error: float
+    max_chaser_position_error: float
+    max_chaser_orientation_error: float
+
+
+@dataclass(frozen=True, eq=False)
+class Verification:
+    """What became of a plan in the independent engine.
+
+    Attributes:
+        execution: What the system did.
+        deviation: From the plan.
+        momentum_drift: Largest change of the total momentum, relative.
+    """
+
+    execution: Execution
+    deviation: Deviation
+    momentum_drift: float
+
+    @property
+    def passed(self) -> bool:
+        """Whether the plan came true within the tolerances."""
+        off = self.deviation
+        return (
+            off.final_position_error <= POSITION_TOLERANCE
+            and off.final_orientation_error <= ORIENTATION_TOLERANCE
+            and off.max_chaser_position_error <= POSITION_TOLERANCE
+            and off.max_chaser_orientation_error <= ORIENTATION_TOLERANCE
+            and self.momentum_drift <= MOMENTUM_TOLERANCE
+        )
+
+
+def verify(robot: Robot, trajectory: Trajectory) -> Verification:
+    """Execute a plan open loop in MuJoCo and compare what happens with what it says.
+
+    Args:
+        robot: The robot.
+        trajectory: The plan's samples, its torques among them.
+
+    Raises:
+        InvalidInput: The samples cannot be executed, or MuJoCo refuses the robot's URDF.
+    """
+    require_executable(robot, trajectory)
+    command = feed_forward(robot, trajectory, steps_per_point(trajectory))
+    execution = execute(Engine(robot), start_state(trajectory), command)
+    change = np.linalg.norm(execution.momentum - execution.momentum[0], axis=1).max()
+    # A system whose total is zero is measured against the chaser's own momentum.
+    speed = np.linalg.norm(trajectory.chaser_linear_velocities, axis=1).max()
+    chaser_momentum = robot.model.inertias[1].mass * speed
+    scale = max(np.linalg.norm(execution.momentum[0]), chaser_momentum, np.finfo(float).tiny)
+    return Verification(execution, deviation(execution, trajectory), float(change / scale))
+
+
+def require_executable(robot: Robot, trajectory: Trajectory) -> None:
+    """Refuse samples that came from a file and are none of this robot's.
+
+    Args:
+        robot: The robot.
+        trajectory: The samples.
+
+    Raises:
+        InvalidInput: An array has the wrong shape, is not finite or no rotation, or time does not
+            increase.
+    """
+    points = len(trajectory.time) if trajectory.time.ndim == 1 else 0
+    if points < 2:
+        raise InvalidInput(
+            Status.WRONG_SIZE, "time", trajectory.time, "it must be two numbers or more"
+        )
+    for item in fields(trajectory):
+        values = getattr(trajectory, item.name)
+        columns = _columns(item.name, robot.joints)
+        if values.shape != (points, *columns):
+            raise InvalidInput(
+                Status.WRONG_SIZE,
+                item.name,
+                f"of shape {values.shape}",
+                f"it must be of shape {(points, *columns)}",
+            )
+        if not np.isfinite(values).all():
+            raise InvalidInput(Status.NOT_FINITE, item.name, "not finite", "every entry must be")
+        if columns == (4,):
+            for quaternion in values:
+                unit_quaternion(item.name, quaternion)
+    if not (np.diff(trajectory.time) > 0.0).all():
+        raise InvalidInput(
+            Status.OUT_OF_RANGE, "time", "not increasing", "each point must be later than the last"
+        )
+
+
+def steps_per_point(trajectory: Trajectory) -> int:
+    """Return into how many steps the time between two points is cut.
+
+    Args:
+        trajectory: The plan's samples.
+    """
+    fastest = max(
+        np.abs(trajectory.joint_velocities).max(),
+        np.linalg.norm(trajectory.chaser_angular_velocities, axis=1).max(),
+    )
+    turn = fastest * np.diff(trajectory.time).max()
+    return max(MIN_STEPS_PER_POINT, int(np.ceil(turn / STEP_TURN)))
+
+
+def deviation(execution: Execution, trajectory: Trajectory) -> Deviation:
+    """Return how far an execution is from a plan.
+
+    Args:
+        execution: What the system did.
+        trajectory: The plan's samples.
+    """
+    chaser = np.linalg.norm(execution.chaser_positions - trajectory.chaser_positions, axis=1)
+    chaser_turn = _angles(execution.chaser_quaternions_xyzw, trajectory.chaser_quaternions_xyzw)
+    final = np.linalg.norm(execution.ee_positions[-1] - trajectory.ee_positions[-1])
+    final_turn = _angles(execution.ee_quaternions_xyzw[-1:], trajectory.ee_quaternions_xyzw[-1:])
+    return Deviation(
+        final_position_error=float(final),
+        final_orientation_error=float(final_turn[0]),
+        max_chaser_position_error=float(chaser.max()),
+        max_chaser_orientation_error=float(chaser_turn.max()),
+    )
+
+
+def _columns(name: str, joints: int) -> tuple[int, ...]:
+    if name == "time":
+        return ()
+    if name.startswith("joint_"):
+        return (joints,)
+    return (4,) if name.endswith("quaternions_xyzw") else (3,)
+
+
+def _angles(quaternions_xyzw: Array, others_xyzw: Array) -> Array:
+    """Return the angles between attitudes. Shape (points,) [rad]."""
+    one, other = (
+        quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)
+        for quaternions in (quaternions_xyzw, others_xyzw)
+    )
+    # Both signs are the same attitude: that of the nearer one counts.
+    other = np.copysign(1.0, (one * other).sum(axis=1, keepdims=True)) * other
+    apart, together = np.linalg.norm(one - other, axis=1), np.linalg.norm(one + other, axis=1)
+    return np.asarray(4.0 * np.arctan2(apart, together), np.float64)

@@ -1,0 +1,126 @@
+"""Plans out of bags: those of `ff-planner plan --bag` here, those of the node in test_verify."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from pathlib import Path
+
+import pytest
+import yaml
+from ff_planner_msgs.srv import PlanTrajectory
+from robots import CONFIG
+
+from ff_planner_ros.bag.encoding import encode
+from ff_planner_ros.bag.writer import BagWriter
+from ff_planner_ros.errors import BagError, InvalidInput, NoPlanFound, Status
+from ff_planner_ros.planning.plan import Plan
+from ff_planner_ros.planning.problem import PlanningProblem
+from ff_planner_ros.planning.settings import load_settings
+from ff_planner_ros.ros.offline_bag import record_answer
+from ff_planner_ros.ros.recorded_plans import recorded_plans
+from ff_planner_ros.ros.to_messages import response_from_error, response_from_plan
+
+EVENTS, EVENT = "/servicer/plan/_service_event", "ff_planner_msgs/srv/PlanTrajectory_Event"
+SETTINGS = load_settings(CONFIG / "planner.yaml")
+LINKS = {"base_link": "chaser", "tip_link": "end_effector"}
+
+
+def parameters(robot: object) -> bytes:
+    return yaml.safe_dump({"/**": {"ros__parameters": {"robot": robot}}}).encode()
+
+
+def write_bag(
+    directory: Path, attachments: dict[str, bytes], *responses: PlanTrajectory.Response
+) -> Path:
+    with BagWriter(directory, flush_interval=0.0) as bag:
+        for name, content in attachments.items():
+            bag.attach(name, "text/plain", content)
+        bag.add_topic(EVENTS, EVENT, [])
+        bag.write(EVENTS, encode(PlanTrajectory.Event(request=[PlanTrajectory.Request()])), 0, 0)
+        for time, response in enumerate(responses):
+            bag.write(EVENTS, encode(PlanTrajectory.Event(response=[response])), time, time)
+    return directory
+
+
+def test_robot_and_plan_come_back_as_they_were(
+    lemur_capture: PlanningProblem, lemur_plan: Plan, tmp_path: Path
+) -> None:
+    record_answer(tmp_path / "bag", lemur_capture, SETTINGS, lemur_plan, 0.5)
+    recorded = recorded_plans(tmp_path / "bag")
+    assert recorded.robot.urdf == lemur_capture.robot.urdf
+    assert recorded.robot.tip_link == "end_effector"
+    (found,) = recorded.plans.values()
+    for item in fields(lemur_plan.trajectory):
+        tolerance = 1e-9 if item.name == "time" else 0.0  # a message counts nanoseconds
+        wanted = getattr(lemur_plan.trajectory, item.name)
+        assert getattr(found.trajectory, item.name) == pytest.approx(wanted, abs=tolerance, rel=0)
+
+
+def test_every_plan_of_a_run_is_found_and_refusals_are_left_out(
+    lemur_capture: PlanningProblem, lemur_plan: Plan, tmp_path: Path
+) -> None:
+    first, third = (
+        response_from_plan(lemur_plan, f"run.{number}", 10**18, "inertial", 0.1)
+        for number in (1, 3)
+    )
+    second = response_from_error(NoPlanFound(Status.COLLISION, "too near"), "run.2", 0.1)
+    attached = {
+        "robot.urdf": lemur_capture.robot.urdf.encode(),
+        "parameters.yaml": parameters(LINKS),
+    }
+    bag = write_bag(tmp_path / "bag", attached, first, second, third)
+    assert list(recorded_plans(bag).plans) == ["run.1", "run.3"]
+
+
+def test_a_bag_without_plans_tells_its_answers(
+    lemur_capture: PlanningProblem, tmp_path: Path
+) -> None:
+    refusal = NoPlanFound(Status.COLLISION, "obstacle c1 is in the way")
+    record_answer(tmp_path / "bag", lemur_capture, SETTINGS, refusal, 0.5)
+    with pytest.raises(BagError, match=r"bag holds no plan.*obstacle c1 is in the way"):
+        recorded_plans(tmp_path / "bag")
+    silent = write_bag(tmp_path / "silent", {})
+    with pytest.raises(BagError, match="silent holds no plan; its answers: none"):
+        recorded_plans(silent)
+
+
+@pytest.mark.parametrize(
+    ("attached", "message"),
+    [
+        ({}, r"no robot\.urdf attached"),
+        ({"robot.urdf": b"<robot/>"}, r"no parameters\.yaml attached"),
+        ({"robot.urdf": b"<robot/>", "parameters.yaml": b": ["}, r"does not name robot\.base_link"),
+        ({"robot.urdf": b"<robot/>", "parameters.yaml": b"[]"}, r"does not name robot\.base_link"),
+        (
+            {"robot.urdf": b"<robot/>", "parameters.yaml": parameters({"base_link": "a"})},
+            r"does not name robot\.base_link and robot\.tip_link",
+        ),
+    ],
+)
+def test_a_bag_that_does_not_say_what_its_plans_are_for_is_refused(
+    attached: dict[str, bytes], message: str, lemur_plan: Plan, tmp_path: Path
+) -> None:
+    response = response_from_plan(lemur_plan, "run.1", 10**18, "inertial", 0.1)
+    bag = write_bag(tmp_path / "bag", attached, response)
+    with pytest.raises(BagError, match=message):
+        recorded_plans(bag)
+
+
+def test_an_attached_urdf_that_is_none_is_refused(lemur_plan: Plan, tmp_path: Path) -> None:
+    response = response_from_plan(lemur_plan, "run.1", 10**18, "inertial", 0.1)
+    attached = {"robot.urdf": b"\xff\xfe", "parameters.yaml": parameters(LINKS)}
+    with pytest.raises(InvalidInput, match=r"robot\.urdf is not XML"):
+        recorded_plans(write_bag(tmp_path / "bag", attached, response))
+
+
+def test_a_plan_for_other_joints_is_refused(
+    lemur_capture: PlanningProblem, lemur_plan: Plan, tmp_path: Path
+) -> None:
+    response = response_from_plan(lemur_plan, "run.1", 10**18, "inertial", 0.1)
+    response.joint_trajectory.joint_names = [f"other_{k}" for k in range(7)]
+    attached = {
+        "robot.urdf": lemur_capture.robot.urdf.encode(),
+        "parameters.yaml": parameters(LINKS),
+    }
+    with pytest.raises(BagError, match=r"run\.1 moves other_0.*its robot has joint_1"):
+        recorded_plans(write_bag(tmp_path / "bag", attached, response))

@@ -1,0 +1,311 @@
+"""Plans come true in an engine that we did not write, and wrong plans do not."""
+
+from __future__ import annotations
+
+from dataclasses import astuple, replace
+from functools import cache
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+from robots import CANADARM2_SCENARIO, CONFIG, LEMUR_SCENARIO
+from scipy.spatial.transform import Rotation
+
+from ff_planner_ros.arrays import Array
+from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.planning.plan import Plan, Trajectory
+from ff_planner_ros.planning.planner import plan
+from ff_planner_ros.planning.problem import Objective, PlanningProblem
+from ff_planner_ros.planning.scenario import load_scenario
+from ff_planner_ros.planning.settings import load_settings
+from ff_planner_ros.robot.model import Robot
+from ff_planner_ros.simulation.engine import Engine
+from ff_planner_ros.simulation.execution import execute, start_state
+from ff_planner_ros.simulation.feed_forward import feed_forward, torque_spline
+from ff_planner_ros.simulation.verification import (
+    MIN_STEPS_PER_POINT,
+    MOMENTUM_TOLERANCE,
+    ORIENTATION_TOLERANCE,
+    POSITION_TOLERANCE,
+    Deviation,
+    Verification,
+    deviation,
+    steps_per_point,
+    verify,
+)
+
+LENGTH, ATTITUDE = Objective(1.0, 0.0), Objective(0.0, 1.0)
+every_plan = pytest.mark.parametrize(
+    ("scenario", "objective"),
+    [
+        pytest.param(scenario, objective, id=f"{scenario.stem} {name}")
+        for scenario in (LEMUR_SCENARIO, CANADARM2_SCENARIO)
+        for name, objective in (("min(L)", LENGTH), ("min(Theta)", ATTITUDE))
+    ],
+)
+
+
+@cache
+def planned(scenario: Path, objective: Objective) -> tuple[PlanningProblem, Plan]:
+    problem = replace(load_scenario(scenario), objective=objective)
+    return problem, plan(problem, load_settings(CONFIG / "planner.yaml"))
+
+
+@every_plan
+def test_a_plan_comes_true(scenario: Path, objective: Objective) -> None:
+    problem, answer = planned(scenario, objective)
+    found = verify(problem.robot, answer.trajectory)
+    off = found.deviation
+    assert found.passed
+    assert off.final_position_error <= 1e-3
+    assert off.final_orientation_error <= np.deg2rad(0.05)
+    assert off.max_chaser_position_error <= 1e-3
+    assert off.max_chaser_orientation_error <= np.deg2rad(0.05)
+
+
+@every_plan
+def test_the_end_effector_arrives_at_the_target(scenario: Path, objective: Objective) -> None:
+    problem, answer = planned(scenario, objective)
+    execution = verify(problem.robot, answer.trajectory).execution
+    miss = np.linalg.norm(execution.ee_positions[-1] - problem.target.position)
+    wanted = Rotation.from_quat(problem.target.quaternion_xyzw)
+    turn = wanted.inv() * Rotation.from_quat(execution.ee_quaternions_xyzw[-1])
+    assert miss <= 1e-3
+    assert turn.magnitude() <= np.deg2rad(0.05)
+
+
+@every_plan
+def test_the_momentum_that_is_not_zero_is_conserved(scenario: Path, objective: Objective) -> None:
+    problem, answer = planned(scenario, objective)
+    found = verify(problem.robot, answer.trajectory)
+    linear, angular = np.split(found.execution.momentum, 2, axis=1)
+    assert np.linalg.norm(linear[0]) > 1.0
+    assert np.linalg.norm(angular[0]) > 1.0
+    assert linear == pytest.approx(
+        np.tile(linear[0], (50, 1)), abs=1e-7 * np.linalg.norm(linear[0])
+    )
+    change = np.abs(found.execution.momentum - found.execution.momentum[0])
+    assert change.max() / np.linalg.norm(found.execution.momentum[0]) <= found.momentum_drift < 1e-7
+
+
+@every_plan
+def test_the_error_falls_with_the_fourth_power_of_the_step(
+    scenario: Path, objective: Objective
+) -> None:
+    """The integrator's own error, apart from that of the torques between the points."""
+    problem, answer = planned(scenario, objective)
+    start = start_state(answer.trajectory)
+
+    def final_positions(steps: int) -> tuple[Array, Array]:
+        command = feed_forward(problem.robot, answer.trajectory, steps)
+        found = execute(Engine(problem.robot), start, command)
+        return found.ee_positions[-1], found.joint_positions[-1]
+
+    truth, coarse, fine = (final_positions(steps) for steps in (64, 6, 12))
+    for wanted, at_coarse, at_fine in zip(truth, coarse, fine, strict=True):
+        ratio = np.linalg.norm(at_coarse - wanted) / np.linalg.norm(at_fine - wanted)
+        assert 2**4 * 0.85 < ratio < 2**4 * 1.2
+
+
+def test_mujocos_own_integrator_comes_to_the_same_end() -> None:
+    """Its steps hold the torques: the error falls with the square of the step, to nothing else."""
+    problem, answer = planned(LEMUR_SCENARIO, LENGTH)
+    start = start_state(answer.trajectory)
+    ours = execute(Engine(problem.robot), start, feed_forward(problem.robot, answer.trajectory, 16))
+
+    def difference(steps: int) -> float:
+        command = feed_forward(problem.robot, answer.trajectory, steps)
+        engine = Engine(problem.robot)
+        engine.model.opt.integrator = mujoco.mjtIntegrator.mjINT_RK4
+        engine.model.opt.timestep = command.time[2]
+        data = mujoco.MjData(engine.model)
+        data.qpos, data.qvel = np.split(engine.state(start), [engine.model.nq])
+        for torques in command.torques[1::2]:
+            data.qfrc_applied[6:] = torques
+            mujoco.mj_step(engine.model, data)
+        mujoco.mj_forward(engine.model, data)
+        tip = data.body("end_effector").xpos
+        return float(np.linalg.norm(tip - ours.ee_positions[-1]))
+
+    coarse, fine = difference(32), difference(64)
+    assert fine < 2e-6
+    assert 3.8 < coarse / fine < 4.2
+
+
+def test_what_is_left_is_of_the_points_and_falls_as_they_become_more() -> None:
+    problem, _ = planned(LEMUR_SCENARIO, LENGTH)
+    settings = load_settings(CONFIG / "planner.yaml")
+    left = []
+    for points in (25, 49):
+        motion = plan(replace(problem, points=points), settings).trajectory
+        command = feed_forward(problem.robot, motion, 32)
+        execution = execute(Engine(problem.robot), start_state(motion), command)
+        left.append(deviation(execution, motion).final_position_error)
+    assert left[1] < left[0] / 8
+
+
+def test_torques_alone_are_not_enough_between_points_of_a_fast_wrist() -> None:
+    problem, answer = planned(LEMUR_SCENARIO, ATTITUDE)
+    motion = answer.trajectory
+    steps = steps_per_point(motion)
+    for command, limit_deg in (
+        (feed_forward(problem.robot, motion, steps), (0.0, 0.01)),
+        (torque_spline(motion, steps), (5.0, 180.0)),
+    ):
+        execution = execute(Engine(problem.robot), start_state(motion), command)
+        turn_deg = np.rad2deg(deviation(execution, motion).final_orientation_error)
+        assert limit_deg[0] < turn_deg < limit_deg[1]
+
+
+def shifted(values: Array, by: float) -> Array:
+    """Move one coordinate, from the middle of the plan on."""
+    moved = values.copy()
+    moved[len(moved) // 2 :, 0] += by
+    return moved
+
+
+def turned(quaternions_xyzw: Array, by_deg: float) -> Array:
+    turn = Rotation.from_rotvec([0.0, 0.0, np.deg2rad(by_deg)])
+    return np.asarray((Rotation.from_quat(quaternions_xyzw) * turn).as_quat(), np.float64)
+
+
+WRONG = {
+    "torques 1 % too high": lambda m: {"joint_torques": 1.01 * m.joint_torques},
+    "one torque with the wrong sign": lambda m: {
+        "joint_torques": m.joint_torques * [1, 1, 1, 1, 1, 1, -1]
+    },
+    "no torques": lambda m: {"joint_torques": 0.0 * m.joint_torques},
+    "torques of another moment": lambda m: {"joint_torques": np.roll(m.joint_torques, 1, axis=0)},
+    "end effector elsewhere": lambda m: {"ee_positions": shifted(m.ee_positions, 2e-3)},
+    "end effector turned": lambda m: {"ee_quaternions_xyzw": turned(m.ee_quaternions_xyzw, 0.1)},
+    "chaser elsewhere": lambda m: {"chaser_positions": shifted(m.chaser_positions, 2e-3)},
+    "chaser does not drift": lambda m: {
+        "chaser_linear_velocities": 0.0 * m.chaser_linear_velocities
+    },
+    "chaser does not turn": lambda m: {
+        "chaser_angular_velocities": 0.0 * m.chaser_angular_velocities
+    },
+}
+
+
+@pytest.mark.parametrize("fault", WRONG)
+def test_a_wrong_plan_does_not_come_true(fault: str) -> None:
+    problem, answer = planned(LEMUR_SCENARIO, LENGTH)
+    motion = answer.trajectory
+    assert verify(problem.robot, motion).passed
+    assert not verify(problem.robot, replace(motion, **WRONG[fault](motion))).passed
+
+
+def test_a_plan_for_another_robot_does_not_come_true() -> None:
+    """The plan is right but for a heavier hand: nobody but the engine knows."""
+    problem, answer = planned(LEMUR_SCENARIO, LENGTH)
+    heavier = problem.robot.urdf.replace('value="3.9"', 'value="4.0"')
+    assert heavier != problem.robot.urdf
+    robot = replace(problem.robot, urdf=heavier)
+    assert not verify(robot, answer.trajectory).passed
+
+
+SOUND = Deviation(
+    POSITION_TOLERANCE, ORIENTATION_TOLERANCE, POSITION_TOLERANCE, ORIENTATION_TOLERANCE
+)
+
+
+@pytest.mark.parametrize("name", Deviation.__dataclass_fields__)
+@pytest.mark.parametrize("excess", [1.001, np.nan, np.inf])
+def test_each_deviation_beyond_its_tolerance_fails(name: str, excess: float) -> None:
+    execution = verify(*_robot_and_motion()).execution
+    assert Verification(execution, SOUND, MOMENTUM_TOLERANCE).passed
+    off = replace(SOUND, **{name: excess * getattr(SOUND, name)})
+    assert not Verification(execution, off, MOMENTUM_TOLERANCE).passed
+
+
+@pytest.mark.parametrize("drift", [1.001 * MOMENTUM_TOLERANCE, np.nan])
+def test_a_momentum_that_changes_fails(drift: float) -> None:
+    execution = verify(*_robot_and_motion()).execution
+    assert not Verification(execution, SOUND, drift).passed
+
+
+def test_the_end_is_judged_by_the_end_effector_and_the_way_by_the_chaser() -> None:
+    robot, motion = _robot_and_motion()
+    execution = verify(robot, motion).execution
+    middle = np.zeros((50, 3))
+    middle[25] = [0.3, 0.4, 0.0]
+    astray = replace(
+        execution,
+        chaser_positions=execution.chaser_positions + middle,
+        ee_positions=execution.ee_positions + middle,
+    )
+    off = deviation(astray, motion)
+    assert off.max_chaser_position_error == pytest.approx(0.5, abs=1e-6)
+    assert off.final_position_error < 1e-6
+    turned_by = turned(execution.chaser_quaternions_xyzw, 3.0)
+    off = deviation(replace(execution, chaser_quaternions_xyzw=turned_by), motion)
+    assert np.rad2deg(off.max_chaser_orientation_error) == pytest.approx(3.0, abs=1e-3)
+
+
+def test_the_sign_of_a_quaternion_does_not_matter() -> None:
+    robot, motion = _robot_and_motion()
+    signs = np.where(np.arange(50) % 3 == 1, -1.0, 1.0)[:, None]
+    flipped = replace(
+        motion,
+        chaser_quaternions_xyzw=signs * motion.chaser_quaternions_xyzw,
+        ee_quaternions_xyzw=signs * motion.ee_quaternions_xyzw,
+    )
+    one, other = (astuple(verify(robot, m).deviation) for m in (motion, flipped))
+    assert other == pytest.approx(one, abs=1e-10)
+
+
+def test_a_faster_motion_is_cut_into_more_steps() -> None:
+    _, motion = _robot_and_motion()
+    slow = replace(
+        motion,
+        joint_velocities=np.full((50, 7), 1e-3),
+        chaser_angular_velocities=np.zeros((50, 3)),
+    )
+    assert steps_per_point(slow) == MIN_STEPS_PER_POINT
+    interval = 10.0 / 49
+    for fast in (
+        replace(slow, joint_velocities=np.full((50, 7), -0.5)),
+        replace(slow, chaser_angular_velocities=np.tile([0.3, 0.0, -0.4], (50, 1))),
+    ):
+        assert steps_per_point(fast) == np.ceil(0.5 * interval / 0.01)
+
+
+@pytest.mark.parametrize(
+    ("changes", "status", "message"),
+    [
+        ({"time": [0.0]}, Status.WRONG_SIZE, r"time is \[0\.\]: it must be two numbers or more"),
+        ({"time": np.ones((50, 1))}, Status.WRONG_SIZE, "time is"),
+        ({"joint_torques": np.ones((50, 6))}, Status.WRONG_SIZE, r"joint_torques.*\(50, 7\)"),
+        ({"joint_torques": np.ones((50, 0))}, Status.WRONG_SIZE, r"joint_torques.*\(50, 7\)"),
+        ({"ee_positions": np.ones((49, 3))}, Status.WRONG_SIZE, r"ee_positions.*\(50, 3\)"),
+        (
+            {"chaser_quaternions_xyzw": np.ones((50, 3))},
+            Status.WRONG_SIZE,
+            r"chaser_quaternions_xyzw.*\(50, 4\)",
+        ),
+        ({"joint_velocities": np.full((50, 7), np.nan)}, Status.NOT_FINITE, "joint_velocities"),
+        ({"time": np.zeros(50)}, Status.OUT_OF_RANGE, "time is not increasing"),
+    ],
+)
+def test_samples_that_cannot_be_executed_are_refused_by_name(
+    changes: dict[str, Array], status: Status, message: str
+) -> None:
+    robot, motion = _robot_and_motion()
+    with pytest.raises(InvalidInput, match=message) as refusal:
+        verify(robot, replace(motion, **changes))
+    assert refusal.value.status == status
+
+
+def test_quaternions_of_no_length_are_refused() -> None:
+    robot, motion = _robot_and_motion()
+    for name in ("chaser_quaternions_xyzw", "ee_quaternions_xyzw"):
+        with pytest.raises(InvalidInput, match=f"{name} is .*norm must be 1") as refusal:
+            verify(robot, replace(motion, **{name: np.zeros((50, 4))}))
+        assert refusal.value.status == Status.BAD_QUATERNION
+
+
+def _robot_and_motion() -> tuple[Robot, Trajectory]:
+    problem, answer = planned(LEMUR_SCENARIO, LENGTH)
+    return problem.robot, answer.trajectory
