@@ -24,7 +24,7 @@ from ff_planner_ros.robot.rotation import euler_from_rotation
 
 POINTS, DURATION, MARGIN = 9, 5.0, 0.01
 # A state of each robot from which this motion stays away from singularities.
-SEEDS = {"six joints": 8, "lemur": 2, "nine joints": 7}
+SEEDS = {"six joints": 8, "lemur": 2, "nine joints": 7, "canadarm2": 3}
 
 
 class Case(NamedTuple):
