@@ -11,11 +11,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-import pinocchio as pin
-
 from ff_planner_ros.analysis.answer import plan_dictionary, planned_motion, refusal_dictionary
-from ff_planner_ros.arrays import Array, finite_number
+from ff_planner_ros.analysis.summary import plan_rows, robot_rows
+from ff_planner_ros.arrays import finite_number
 from ff_planner_ros.baselines.artificial_potential_field import artificial_potential_field
 from ff_planner_ros.baselines.potential_field import load_parameters
 from ff_planner_ros.baselines.straight_line import straight_line
@@ -229,7 +227,7 @@ def _plan(options: argparse.Namespace) -> int:
         record_answer(options.bag, problem, settings, answer, solve_time)
     if isinstance(answer, FfPlannerError):
         raise answer
-    _print_table(_plan_rows(answer, solve_time))
+    _print_table(plan_rows(answer, solve_time))
     return SOLVED
 
 
@@ -282,68 +280,12 @@ def _keep_going(budget: float | None) -> Callable[[], None]:
     return time_budget(finite_number("--time-budget", budget, above=0.0))
 
 
-def _plan_rows(answer: Plan, solve_time: float) -> list[tuple[str, str]]:
-    metrics, solver = answer.metrics, answer.solver
-    clearance = metrics.min_clearance
-    return [
-        ("status", Status.SOLVED.name.lower()),
-        ("joint path length", f"{metrics.joint_path_length:.4f} rad"),
-        ("largest chaser attitude", f"{np.rad2deg(metrics.max_chaser_euler):.2f} deg"),
-        ("clearance", f"{clearance * 1e3:.1f} mm" if np.isfinite(clearance) else "no obstacles"),
-        ("margin to joint limits", f"{np.rad2deg(metrics.min_joint_margin):.1f} deg"),
-        ("margin to velocity limits", f"{np.rad2deg(metrics.min_velocity_margin):.2f} deg/s"),
-        ("peak joint torque", _peak_torque(answer)),
-        ("final position error", f"{metrics.final_position_error * 1e3:.4f} mm"),
-        ("final orientation error", f"{np.rad2deg(metrics.final_orientation_error):.5f} deg"),
-        ("momentum error", f"{metrics.momentum_error:.1e} relative"),
-        ("solver", solver.stop_reason),
-        ("optimality", f"{solver.optimality:.1e}" if np.isfinite(solver.optimality) else "none"),
-        ("search", f"{solver.starts} starts, {solver.rollouts} rollouts, {solve_time:.2f} s"),
-    ]
-
-
-def _peak_torque(answer: Plan) -> str:
-    peaks = answer.metrics.peak_joint_torques
-    return f"{max(peaks):.4g} N m, {answer.joint_names[int(np.argmax(peaks))]}"
-
-
 def _robot(options: argparse.Namespace) -> int:
     text = read_urdf(options.urdf)
     base_link = options.base_link or root_link(text)
     tip_link = options.tip_link or only_leaf_link(text)
-    _print_table(_robot_rows(robot_from_urdf_text(text, base_link, tip_link)))
+    _print_table(robot_rows(robot_from_urdf_text(text, base_link, tip_link)))
     return SOLVED
-
-
-def _robot_rows(robot: Robot) -> list[tuple[str, str]]:
-    chaser = robot.model.inertias[1]
-    moments = np.linalg.eigvalsh(chaser.inertia)
-    rows = [
-        ("base link", f"{robot.base_link} (the chaser, with all that is fixed to it)"),
-        ("  mass", f"{chaser.mass:g} kg"),
-        ("  centre of mass", f"{_vector(robot.position_chaser_in_base)} m in the root link"),
-        ("  principal moments", f"{_vector(moments)} kg m2"),
-        ("tip link", f"{robot.tip_link} (the end effector)"),
-        ("  at zero angles", f"{_vector(_tip_at_zero(robot))} m in the chaser frame"),
-        ("joints", str(robot.joints)),
-    ]
-    lower, upper = np.rad2deg(robot.lower_position_limits), np.rad2deg(robot.upper_position_limits)
-    rates = np.rad2deg(robot.velocity_limits)
-    for k, name in enumerate(robot.joint_names):
-        moved = f"moves {robot.model.inertias[2 + k].mass:g} kg"
-        effort = robot.effort_limits[k]
-        torque = f"{effort:6g} N m" if np.isfinite(effort) else "any torque"
-        limits = f"{lower[k]:7.1f} to {upper[k]:6.1f} deg, {rates[k]:6.1f} deg/s, {torque}"
-        rows.append((f"  {name}", f"{limits}, {moved}"))
-    return rows
-
-
-def _tip_at_zero(robot: Robot) -> Array:
-    data = robot.model.createData()
-    pin.forwardKinematics(robot.model, data, pin.neutral(robot.model))
-    tip = pin.updateFramePlacement(robot.model, data, robot.tip_frame_id).translation
-    position: Array = robot.rotation_chaser_to_base.T @ (tip - robot.position_chaser_in_base)
-    return position
 
 
 def _verify(options: argparse.Namespace) -> int:
@@ -384,10 +326,6 @@ def _motion_in_json(source: Path) -> tuple[Robot, Trajectory]:
     except InvalidInput as error:
         field = f"{source}: {error.field}"
         raise InvalidInput(error.status, field, error.value, error.allowed) from None
-
-
-def _vector(values: Array) -> str:
-    return f"[{', '.join(f'{value:g}' for value in values)}]"
 
 
 def _print_table(rows: Sequence[tuple[str, str]]) -> None:

@@ -1,0 +1,82 @@
+"""A plan and a robot in words: what the command line prints of them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+
+from ff_planner_ros.arrays import Array
+from ff_planner_ros.errors import Status
+from ff_planner_ros.planning.plan import Plan
+from ff_planner_ros.robot.model import Robot
+
+
+def plan_rows(answer: Plan, solve_time: float) -> list[tuple[str, str]]:
+    """Return name and value of what a user wants to know first of a plan.
+
+    Args:
+        answer: The plan.
+        solve_time: Wall clock that it took [s].
+    """
+    metrics, solver = answer.metrics, answer.solver
+    clearance = metrics.min_clearance
+    return [
+        ("status", Status.SOLVED.name.lower()),
+        ("joint path length", f"{metrics.joint_path_length:.4f} rad"),
+        ("largest chaser attitude", f"{np.rad2deg(metrics.max_chaser_euler):.2f} deg"),
+        ("clearance", f"{clearance * 1e3:.1f} mm" if np.isfinite(clearance) else "no obstacles"),
+        ("margin to joint limits", f"{np.rad2deg(metrics.min_joint_margin):.1f} deg"),
+        ("margin to velocity limits", f"{np.rad2deg(metrics.min_velocity_margin):.2f} deg/s"),
+        ("peak joint torque", _peak_torque(answer)),
+        ("final position error", f"{metrics.final_position_error * 1e3:.4f} mm"),
+        ("final orientation error", f"{np.rad2deg(metrics.final_orientation_error):.5f} deg"),
+        ("momentum error", f"{metrics.momentum_error:.1e} relative"),
+        ("solver", solver.stop_reason),
+        ("optimality", f"{solver.optimality:.1e}" if np.isfinite(solver.optimality) else "none"),
+        ("search", f"{solver.starts} starts, {solver.rollouts} rollouts, {solve_time:.2f} s"),
+    ]
+
+
+def _peak_torque(answer: Plan) -> str:
+    peaks = answer.metrics.peak_joint_torques
+    return f"{max(peaks):.4g} N m, {answer.joint_names[int(np.argmax(peaks))]}"
+
+
+def robot_rows(robot: Robot) -> list[tuple[str, str]]:
+    """Return name and value of what the planner makes of a URDF.
+
+    Args:
+        robot: The robot.
+    """
+    chaser = robot.model.inertias[1]
+    moments = np.linalg.eigvalsh(chaser.inertia)
+    rows = [
+        ("base link", f"{robot.base_link} (the chaser, with all that is fixed to it)"),
+        ("  mass", f"{chaser.mass:g} kg"),
+        ("  centre of mass", f"{_vector(robot.position_chaser_in_base)} m in the root link"),
+        ("  principal moments", f"{_vector(moments)} kg m2"),
+        ("tip link", f"{robot.tip_link} (the end effector)"),
+        ("  at zero angles", f"{_vector(_tip_at_zero(robot))} m in the chaser frame"),
+        ("joints", str(robot.joints)),
+    ]
+    lower, upper = np.rad2deg(robot.lower_position_limits), np.rad2deg(robot.upper_position_limits)
+    rates = np.rad2deg(robot.velocity_limits)
+    for k, name in enumerate(robot.joint_names):
+        moved = f"moves {robot.model.inertias[2 + k].mass:g} kg"
+        effort = robot.effort_limits[k]
+        torque = f"{effort:6g} N m" if np.isfinite(effort) else "any torque"
+        limits = f"{lower[k]:7.1f} to {upper[k]:6.1f} deg, {rates[k]:6.1f} deg/s, {torque}"
+        rows.append((f"  {name}", f"{limits}, {moved}"))
+    return rows
+
+
+def _tip_at_zero(robot: Robot) -> Array:
+    data = robot.model.createData()
+    pin.forwardKinematics(robot.model, data, pin.neutral(robot.model))
+    tip = pin.updateFramePlacement(robot.model, data, robot.tip_frame_id).translation
+    position: Array = robot.rotation_chaser_to_base.T @ (tip - robot.position_chaser_in_base)
+    return position
+
+
+def _vector(values: Array) -> str:
+    return f"[{', '.join(f'{value:g}' for value in values)}]"
