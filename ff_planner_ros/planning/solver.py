@@ -30,8 +30,8 @@ _INSIDE = 5.0 * FEASIBILITY_TOLERANCE
 _FIRST_RADIUS, _LARGEST_RADIUS, _SMALLEST_RADIUS = 0.5, 4.0, 1e-7
 # A step of this part of the radius is limited by it.
 _AT_BOUND = 0.9
-# Price of a violated constraint in the merit function, where it begins and its bounds.
-_FIRST_PRICE, _LOWEST_PRICE, _HIGHEST_PRICE = 10.0, 1e-2, 1e6
+# Price of a violated constraint in the merit function: where it begins, its bounds, its steps.
+_FIRST_PRICE, _LOWEST_PRICE, _HIGHEST_PRICE, _DEARER = 10.0, 1e-2, 1e5, 100.0
 # The merit function is exact above the multipliers' sum; the markup leaves them room to grow.
 _MARKUP, _HARDLY_MORE = 2.0, 1.1
 # Makes the quadratic programs strictly convex; the objective's own curvature is of order 1.
@@ -179,13 +179,13 @@ def minimise(
 def _step_at_fair_price(here: Linearisation, radius: float, price: float) -> tuple[_Step, float]:
     """Return a step, and the price of a violated constraint by which to judge it.
 
-    It is the lowest, by tens, that leaves hardly more of the violation than any price would; where
+    It is the lowest that leaves hardly more of the violation than any price would; where
     nothing is left it follows the multipliers: too high a price shies at curved constraints.
     """
     steps = [_solve_quadratic_program(here, radius, price)]
     prices = [price]
     while steps[-1].violation > FEASIBILITY_TOLERANCE and prices[-1] < _HIGHEST_PRICE:
-        prices.append(10.0 * prices[-1])
+        prices.append(_DEARER * prices[-1])
         steps.append(_solve_quadratic_program(here, radius, prices[-1]))
     enough = max(_HARDLY_MORE * steps[-1].violation, FEASIBILITY_TOLERANCE)
     step, price = next(
