@@ -197,9 +197,11 @@ def _components(motion: EndEffectorMotion, outer: Array, inner: Array) -> tuple[
 
 def _powers(s: Array, order: int) -> Array:
     """Return derivatives of 1, s, ..., s^8 of an order with respect to s. Shape (times, 9)."""
-    powers = np.arange(9)
-    factors = np.prod([powers - k for k in range(order)], axis=0)
-    return np.asarray(factors * s[:, None] ** np.maximum(powers - order, 0))
+    derivatives = np.zeros((len(s), 9))
+    derivatives[:, order:] = np.vander(s, 9 - order, increasing=True)
+    for k in range(order):
+        derivatives *= np.arange(9) - k
+    return derivatives
 
 
 def _apply(matrices: Array, vectors: Array) -> Array:
