@@ -27,7 +27,7 @@ setup(
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),
-        *installed_as_they_are("config"),
+        *installed_as_they_are("config", "examples", "launch"),
     ],
     zip_safe=False,
     # A reason for each is in README.md; what package.xml names is the same list in ROS's words.
@@ -50,6 +50,7 @@ setup(
             *SIMULATION,
             "colcon-defaults>=0.2,<0.3",
             "colcon-ros>=0.5,<0.6",
+            "cyclonedds>=11,<12",
             "mcap-ros2-support>=0.6,<0.7",
             "mypy>=2.4,<3",
             "pytest>=9,<10",

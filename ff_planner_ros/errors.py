@@ -17,6 +17,7 @@ class Status(IntEnum):
     START_IN_COLLISION = 104
     START_OUTSIDE_LIMITS = 105
     START_SINGULAR = 106
+    STATE_UNPAIRED = 107
 
     NOT_FINITE = 200
     WRONG_SIZE = 201
@@ -26,6 +27,7 @@ class Status(IntEnum):
     OUT_OF_RANGE = 205
     UNSUPPORTED = 206
     BAD_ROBOT = 207
+    START_IN_PAST = 208
 
     GOAL_OUT_OF_REACH = 300
     COLLISION = 301
@@ -34,8 +36,22 @@ class Status(IntEnum):
     CHECK_FAILED = 304
     OUT_OF_TIME = 305
     TORQUE_TOO_HIGH = 306
+    TOO_LATE = 307
+    CONTROLLER_RULE = 308
 
     INTERNAL_ERROR = 400
+    SOLVER_DIED = 401
+
+    BUSY = 500
+    CANCELLED = 501
+    PREEMPTED = 502
+    NOT_ACTIVE = 503
+    SHUT_DOWN = 504
+    CLOCK_JUMPED = 505
+
+
+# Of a value in a message: what was received may be a million numbers, and a log line is read.
+_LONGEST = 300
 
 
 class FfPlannerError(Exception):
@@ -62,7 +78,7 @@ class InvalidInput(FfPlannerError):
 
     def __init__(self, status: Status, field: str, value: object, allowed: str) -> None:
         """Name the field, its value and what is allowed."""
-        super().__init__(status, f"{field} is {value}: {allowed}")
+        super().__init__(status, f"{field} is {_shortened(str(value))}: {allowed}")
         self.field = field
         self.value = value
         self.allowed = allowed
@@ -102,6 +118,14 @@ class OutOfTime(FfPlannerError):
         super().__init__(Status.OUT_OF_TIME, message)
 
 
+class Interrupted(FfPlannerError):
+    """A plan that is not wanted any more; whoever gave it up says why."""
+
+    def __init__(self) -> None:
+        """Nothing is wrong with it."""
+        super().__init__(Status.CANCELLED, "the plan was given up")
+
+
 class BagError(FfPlannerError):
     """A bag that cannot be written or read."""
 
@@ -112,3 +136,9 @@ class BagError(FfPlannerError):
     def __reduce__(self) -> tuple[type, tuple[str]]:
         """Pickle by constructor arguments, so that the error crosses processes."""
         return type(self), (str(self),)
+
+
+def _shortened(text: str) -> str:
+    if len(text) <= _LONGEST:
+        return text
+    return f"{text[:_LONGEST]}... ({len(text)} characters)"

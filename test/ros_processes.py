@@ -15,14 +15,17 @@ from typing import Any
 
 import pytest
 import rclpy
+from ff_planner_msgs.action import PlanTrajectory as PlanTrajectoryAction
 from ff_planner_msgs.msg import ChaserState, ObstacleSphereArray
 from ff_planner_msgs.srv import PlanTrajectory
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Path as PathMsg
+from rclpy.action import ActionClient
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rosbags.highlevel import AnyReader
 from trajectory_msgs.msg import JointTrajectory
+from visualization_msgs.msg import MarkerArray
 
 from ff_planner_ros.errors import Status
 from ff_planner_ros.planning.problem import PlanningProblem
@@ -63,16 +66,24 @@ class PlannerProcess:
 
     @property
     def worker(self) -> int:
-        """Process number of the solver."""
+        """Process number of the solver, which every plan is a fork of, in its process group."""
+        return self._child_of(self.process.pid)
+
+    @property
+    def plan(self) -> int:
+        """Process number of the plan that is being made."""
+        return self._child_of(self.worker)
+
+    def _child_of(self, wanted: int) -> int:
         for entry in Path("/proc").glob("[0-9]*"):
             try:
                 parent = int((entry / "stat").read_text().rpartition(")")[2].split()[1])
                 command = (entry / "cmdline").read_bytes()
             except OSError:  # ended meanwhile
                 continue
-            if parent == self.process.pid and b"ff_planner_ros.ros.worker" in command:
+            if parent == wanted and b"ff_planner_ros.ros.solver_process" in command:
                 return int(entry.name)
-        raise LookupError(f"the node has no solver process\n{self.log}")
+        raise LookupError(f"process {wanted} has no solver process\n{self.log}")
 
     def stop(self, number: signal.Signals = signal.SIGINT) -> int:
         """Ask the node to end and return its exit code."""
@@ -98,10 +109,12 @@ class Client:
             (PathMsg, "predicted_chaser_path", latched),
             (PoseStamped, "predicted_chaser_pose", QoSProfile(depth=100)),
             (PlanTrajectory.Event, "plan_trajectory/_service_event", QoSProfile(depth=100)),
+            (MarkerArray, "markers", latched),
         ):
             self.received[topic] = []
             self.node.create_subscription(message_type, topic, self._keeper(topic), qos)
         self._service = self.node.create_client(PlanTrajectory, "plan_trajectory")
+        self._action = ActionClient(self.node, PlanTrajectoryAction, "plan_trajectory_action")
         executor = SingleThreadedExecutor()
         executor.add_node(self.node)
         self._stop = spin_in_background(executor, self.node.get_logger())
@@ -156,6 +169,10 @@ class Client:
 
         return answer
 
+    def send_goal(self, request: PlanTrajectory.Request) -> Goal:
+        assert self._action.wait_for_server(DEADLINE)
+        return Goal(self._action, request)
+
     def plan(self, request: PlanTrajectory.Request) -> PlanTrajectory.Response:
         return self.send(request)()
 
@@ -169,13 +186,9 @@ class Client:
         return response
 
     def publish_and_wait(self, state: ChaserState) -> None:
-        """Publish a state until the planner has it, and obstacles, too.
-
-        The planner looks at the start time before the rest of a request: as long as it has
-        another state, it refuses this one's time.
-        """
-        still = (Status.NO_STATE, Status.UNSUPPORTED, Status.NO_OBSTACLES)
-        probe = PlanTrajectory.Request(start_time=state.header.stamp)
+        """Publish a first state until the planner has it, and obstacles, too."""
+        still = (Status.NO_STATE, Status.NO_OBSTACLES)
+        probe = PlanTrajectory.Request()  # refused for its target, which is looked at last
 
         def arrived(response: PlanTrajectory.Response) -> bool:
             self._states.publish(state)
@@ -190,6 +203,38 @@ class Client:
                 self._changed.notify_all()
 
         return keep
+
+
+class Goal:
+    """A goal of the planner's action that was accepted."""
+
+    def __init__(self, client: ActionClient, request: PlanTrajectory.Request) -> None:
+        self.feedback: list[Any] = []
+        self.progress = threading.Event()
+        names = PlanTrajectoryAction.Goal.get_fields_and_field_types()
+        goal = PlanTrajectoryAction.Goal(**{name: getattr(request, name) for name in names})
+        self._handle = _awaited(client.send_goal_async(goal, self._keep))
+        assert self._handle.accepted
+
+    def cancel(self) -> bool:
+        """Ask to cancel; whether the planner accepts."""
+        return bool(_awaited(self._handle.cancel_goal_async()).goals_canceling)
+
+    def result(self) -> tuple[int, PlanTrajectoryAction.Result]:
+        """Wait for the goal's final state (`action_msgs/GoalStatus`) and its result."""
+        response = _awaited(self._handle.get_result_async())
+        return response.status, response.result
+
+    def _keep(self, message: Any) -> None:
+        self.feedback.append(message.feedback)
+        self.progress.set()
+
+
+def _awaited(future: Any) -> Any:
+    done = threading.Event()
+    future.add_done_callback(lambda _: done.set())
+    assert done.wait(DEADLINE), "the planner did not answer"
+    return future.result()
 
 
 class Scene:
@@ -242,7 +287,7 @@ def running_planner(directory: Path, *ros_arguments: str) -> Iterator[PlannerPro
         yield planner
     finally:
         with suppress(LookupError):
-            os.kill(planner.worker, signal.SIGKILL)  # it may be frozen, and would stay for ever
+            os.killpg(planner.worker, signal.SIGKILL)  # it may be frozen, and would stay for ever
         planner.process.kill()
         planner.process.wait()
 

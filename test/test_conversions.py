@@ -11,13 +11,11 @@ from builtin_interfaces.msg import Duration
 from ff_planner_msgs.msg import ChaserState, ObstacleSphereArray, PlanMetrics, PlanStatus
 from ff_planner_msgs.msg import SolverReport as SolverReportMsg
 from ff_planner_msgs.srv import PlanTrajectory
-from geometry_msgs.msg import PoseStamped
-from nav_msgs.msg import Path
 from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.errors import InvalidInput, NoPlanFound, Status
 from ff_planner_ros.planning.plan import Metrics, Plan, SolverReport, Trajectory
-from ff_planner_ros.planning.problem import PlanningProblem, Sphere
+from ff_planner_ros.planning.problem import PlanningProblem
 from ff_planner_ros.ros.from_messages import (
     nanoseconds,
     plan_from_response,
@@ -27,7 +25,6 @@ from ff_planner_ros.ros.from_messages import (
 )
 from ff_planner_ros.ros.to_messages import (
     obstacles_message,
-    pose_on_path,
     request_message,
     response_from_error,
     response_from_plan,
@@ -253,45 +250,6 @@ def test_an_empty_message_is_refused_by_its_frame(lemur_capture: PlanningProblem
         assert refusal.value.field.endswith("header.frame_id")
 
 
-def test_obstacles_may_share_an_id() -> None:
-    spheres = (Sphere("panel", np.zeros(3), 0.1), Sphere("panel", np.ones(3), 0.2))
-    read = spheres_from_message(obstacles_message(spheres, STAMP_NS, FRAME), FRAME)
-    assert [sphere.radius for sphere in read] == [0.1, 0.2]
-
-
-def test_a_pose_between_two_points_is_interpolated(response: PlanTrajectory.Response) -> None:
-    path = response.predicted_chaser_path
-    before, after = path.poses[2], path.poses[3]
-    start_ns, end_ns = nanoseconds(before.header.stamp), nanoseconds(after.header.stamp)
-    now_ns = start_ns + (end_ns - start_ns) // 4
-    pose = pose_on_path(path, now_ns)
-    assert pose is not None
-    assert nanoseconds(pose.header.stamp) == now_ns
-    assert pose.header.frame_id == FRAME
-    expected = 0.75 * _position(before) + 0.25 * _position(after)
-    np.testing.assert_allclose(_position(pose), expected, atol=1e-8)
-    # A quarter of the turn, about the axis of the whole turn.
-    whole = (_rotation(before).inv() * _rotation(after)).as_rotvec()
-    quarter = (_rotation(before).inv() * _rotation(pose)).as_rotvec()
-    np.testing.assert_allclose(quarter, whole / 4.0, atol=1e-8)
-
-
-def test_a_pose_at_a_point_is_the_points(response: PlanTrajectory.Response) -> None:
-    path = response.predicted_chaser_path
-    for point in path.poses:
-        pose = pose_on_path(path, nanoseconds(point.header.stamp))
-        assert pose is not None
-        np.testing.assert_allclose(_position(pose), _position(point), atol=1e-15)
-        assert (_rotation(pose) * _rotation(point).inv()).magnitude() < 1e-12
-
-
-def test_there_is_no_pose_before_or_after_the_path(response: PlanTrajectory.Response) -> None:
-    path = response.predicted_chaser_path
-    assert pose_on_path(path, STAMP_NS - 1) is None
-    assert pose_on_path(path, STAMP_NS + round(DURATION * 1e9) + 1) is None
-    assert pose_on_path(Path(), STAMP_NS) is None
-
-
 @pytest.mark.parametrize("time_ns", [0, 1, 999_999_999, 1_000_000_000, STAMP_NS])
 def test_a_time_comes_back_out_of_its_message(time_ns: int) -> None:
     assert nanoseconds(time_message(time_ns)) == time_ns
@@ -302,12 +260,3 @@ def _problem(problem: PlanningProblem, request: PlanTrajectory.Request) -> Plann
     return problem_from_request(
         request, problem.robot, problem.start, STAMP_NS, (), FRAME, 9, limit_joint_velocities=False
     )
-
-
-def _position(pose: PoseStamped) -> Any:
-    return np.array([pose.pose.position.x, pose.pose.position.y, pose.pose.position.z])
-
-
-def _rotation(pose: PoseStamped) -> Rotation:
-    q = pose.pose.orientation
-    return Rotation.from_quat([q.x, q.y, q.z, q.w])

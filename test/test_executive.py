@@ -1,91 +1,299 @@
-"""The mission executive, against a planner that answers as told."""
+"""The mission executive, against a planner that answers as told and a testbed that obeys or not."""
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
+from dataclasses import dataclass, field
 from itertools import chain, repeat
+from typing import Any
 
+import numpy as np
+import pinocchio as pin
 import pytest
 import rclpy
+from ff_planner_msgs.action import PlanTrajectory
 from ff_planner_msgs.msg import ChaserState, PlanStatus
-from ff_planner_msgs.srv import PlanTrajectory
-from rclpy.executors import SingleThreadedExecutor
-from ros_processes import DEADLINE, private_domain
+from rclpy.action import ActionServer, CancelResponse, GoalResponse
+from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.executors import MultiThreadedExecutor
+from robots import random_state
+from ros_processes import DEADLINE, FRAME, private_domain
+from scipy.spatial.transform import Rotation
+from trajectory_msgs.msg import JointTrajectory
 
 from ff_planner_ros.errors import FfPlannerError, Status
+from ff_planner_ros.planning.plan import Plan
+from ff_planner_ros.planning.problem import PlanningProblem
+from ff_planner_ros.robot.model import Robot
+from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.ros.background import spin_in_background
-from ff_planner_ros.ros.executive import MissionExecutive
+from ff_planner_ros.ros.executive import MissionExecutive, end_effector
+from ff_planner_ros.ros.from_messages import NANOSECONDS, nanoseconds
+from ff_planner_ros.ros.testbed import CONTROLLER_TOPIC
+from ff_planner_ros.ros.to_messages import response_from_plan, state_message
+
+
+@dataclass
+class World:
+    """The executive, and what the planner and the controller beside it were told."""
+
+    executive: MissionExecutive
+    node: Any
+    answered: list[Status] = field(default_factory=list)
+    committed: list[JointTrajectory] = field(default_factory=list)
+    heard: threading.Event = field(default_factory=threading.Event)
+    cancelled: threading.Event = field(default_factory=threading.Event)
+
+    def control(self, trajectory: JointTrajectory) -> None:
+        self.committed.append(trajectory)
+        self.heard.set()
+
+    def plan(self) -> PlanTrajectory.Result:
+        self.reports: list[float] = []
+        report = lambda feedback: self.reports.append(feedback.objective)  # noqa: E731
+        return self.executive.plan(PlanTrajectory.Goal(), report)
+
+
+def nothing() -> None:
+    """A check that is always content."""
 
 
 @contextmanager
-def _executive(
-    *answers: Status, patience: float = DEADLINE, check: Callable[[], None] = lambda: None
-) -> Iterator[tuple[MissionExecutive, list[Status]]]:
-    """Start an executive and a planner with these answers, the last one for ever."""
-    given: list[Status] = []
+def _world(
+    *answers: Status,
+    patience: float = DEADLINE,
+    check: Callable[[], None] = nothing,
+    accept: bool = True,
+    silent: threading.Event | None = None,
+    controller: bool = True,
+    states: Callable[[], ChaserState] = ChaserState,
+) -> Iterator[World]:
+    """Start an executive, a planner with these answers, the last one for ever, and a controller."""
     coming = chain(answers, repeat(answers[-1])) if answers else iter(())
-
-    def answer(
-        _: PlanTrajectory.Request, response: PlanTrajectory.Response
-    ) -> PlanTrajectory.Response:
-        given.append(next(coming))
-        response.status = PlanStatus(code=given[-1], message=f"because of {given[-1].name}")
-        return response
-
     with private_domain(), closing(MissionExecutive(check, patience)) as executive:
-        node = rclpy.create_node("planner")
-        states = node.create_publisher(ChaserState, "chaser_state", 10)
-        node.create_timer(0.01, lambda: states.publish(ChaserState()))
-        if answers:
-            node.create_service(PlanTrajectory, "plan_trajectory", answer)
-        executor = SingleThreadedExecutor()
+        node = rclpy.create_node("everybody_else")
+        world = World(executive, node)
+        publisher = node.create_publisher(ChaserState, "chaser_state", 10)
+        node.create_timer(0.01, lambda: publisher.publish(states()))
+        if controller:
+            node.create_subscription(JointTrajectory, CONTROLLER_TOPIC, world.control, 10)
+
+        def answer(handle: Any) -> PlanTrajectory.Result:
+            if silent is not None:
+                silent.set()
+                world.cancelled.wait(DEADLINE)
+                handle.abort()
+                return PlanTrajectory.Result()
+            handle.publish_feedback(PlanTrajectory.Feedback(objective=0.25))
+            world.answered.append(next(coming))
+            status = PlanStatus(code=world.answered[-1], message=f"for {world.answered[-1].name}")
+            handle.succeed()
+            return PlanTrajectory.Result(status=status, plan_id="run.1")
+
+        def cancel(_: Any) -> CancelResponse:
+            world.cancelled.set()
+            return CancelResponse.ACCEPT
+
+        server = None
+        if answers or silent is not None:
+            server = ActionServer(
+                node,
+                PlanTrajectory,
+                "plan_trajectory_action",
+                answer,
+                goal_callback=lambda _: GoalResponse.ACCEPT if accept else GoalResponse.REJECT,
+                cancel_callback=cancel,
+                callback_group=ReentrantCallbackGroup(),
+            )
+        executor = MultiThreadedExecutor(num_threads=3)
         executor.add_node(node)
         stop = spin_in_background(executor, node.get_logger())
         try:
-            yield executive, given
+            yield world
         finally:
+            world.cancelled.set()
             stop()
+            if server is not None:
+                server.destroy()
 
 
-@pytest.mark.parametrize("refusal", [Status.NO_STATE, Status.NO_OBSTACLES, Status.STATE_TOO_OLD])
+@pytest.mark.parametrize(
+    "refusal", [Status.NO_STATE, Status.NO_OBSTACLES, Status.STATE_TOO_OLD, Status.STATE_UNPAIRED]
+)
 def test_it_asks_again_while_the_system_starts(refusal: Status) -> None:
-    with _executive(refusal, refusal, Status.SOLVED) as (executive, given):
-        assert executive.plan(PlanTrajectory.Request()).status.code == Status.SOLVED
-        assert given == [refusal, refusal, Status.SOLVED]
+    with _world(refusal, refusal, Status.SOLVED) as world:
+        assert world.plan().status.code == Status.SOLVED
+        assert world.answered == [refusal, refusal, Status.SOLVED]
+        assert set(world.reports) == {0.25}
 
 
 @pytest.mark.parametrize("refusal", [Status.COLLISION, Status.WRONG_FRAME, Status.INTERNAL_ERROR])
 def test_a_refusal_that_will_not_pass_is_raised_at_once(refusal: Status) -> None:
-    with _executive(refusal) as (executive, given):
-        with pytest.raises(FfPlannerError, match=f"because of {refusal.name}") as raised:
-            executive.plan(PlanTrajectory.Request())
+    with _world(refusal) as world:
+        with pytest.raises(FfPlannerError, match=f"for {refusal.name}") as raised:
+            world.plan()
         assert raised.value.status is refusal
-        assert given == [refusal]
+        assert world.answered == [refusal]
+
+
+def test_a_goal_that_is_not_taken_up_is_an_error() -> None:
+    with _world(Status.SOLVED, accept=False) as world:
+        with pytest.raises(FfPlannerError) as raised:
+            world.plan()
+        assert raised.value.status is Status.BUSY
+        assert world.answered == []
 
 
 def test_its_patience_ends_when_the_planner_never_hears_of_the_chaser() -> None:
     with (
-        _executive(Status.NO_STATE, patience=1.0) as (executive, _),
-        pytest.raises(FfPlannerError, match="because of NO_STATE"),
+        _world(Status.NO_STATE, patience=1.0) as world,
+        pytest.raises(FfPlannerError, match="for NO_STATE"),
     ):
-        executive.plan(PlanTrajectory.Request())
+        world.plan()
 
 
 def test_its_patience_ends_when_there_is_no_planner() -> None:
     with (
-        _executive(patience=0.0) as (executive, _),
-        pytest.raises(FfPlannerError, match="the service plan_trajectory did not come"),
+        _world(patience=0.0) as world,
+        pytest.raises(FfPlannerError, match="the action plan_trajectory_action did not come"),
     ):
-        executive.plan(PlanTrajectory.Request())
+        world.plan()
 
 
-def test_it_stops_waiting_when_its_check_fails() -> None:
+def test_when_it_stops_waiting_the_planner_hears_that_nobody_wants_the_plan() -> None:
+    asked = threading.Event()
+
     def check() -> None:
-        raise FfPlannerError(Status.INTERNAL_ERROR, "the planner has ended")
+        if asked.is_set():
+            raise KeyboardInterrupt
 
+    with _world(silent=asked, check=check) as world:
+        with pytest.raises(KeyboardInterrupt):
+            world.plan()
+        assert world.cancelled.wait(DEADLINE)
+
+
+def test_it_stops_watching_at_once_when_its_check_fails(
+    solved: Callable[[int], Any], lemur_capture: PlanningProblem
+) -> None:
+    def check() -> None:
+        raise KeyboardInterrupt
+
+    with _world(check=check) as world, pytest.raises(KeyboardInterrupt):
+        world.executive.watch(solved(now_ns(world)), 10.0, lemur_capture.robot)
+
+
+@pytest.fixture(scope="module")
+def solved(lemur_plan: Plan) -> Callable[[int], Any]:
+    """A plan as an answer, with its start."""
+    return lambda start_ns: response_from_plan(lemur_plan, "run.1", start_ns, FRAME, 0.5)
+
+
+def now_ns(world: World) -> int:
+    return int(world.node.get_clock().now().nanoseconds)
+
+
+def test_it_commits_the_plan_without_torques_and_leaves_the_answer_as_it_is(
+    solved: Callable[[int], Any],
+) -> None:
+    with _world() as world:
+        answer = solved(now_ns(world) + 3600 * NANOSECONDS)
+        world.executive.commit(answer)
+        assert world.heard.wait(DEADLINE)
+    (found,) = world.committed
+    asked = answer.joint_trajectory
+    assert found.header == asked.header
+    assert found.joint_names == asked.joint_names
+    for point, planned in zip(found.points, asked.points, strict=True):
+        assert point.positions == planned.positions
+        assert point.velocities == planned.velocities
+        assert point.accelerations == planned.accelerations
+        assert point.time_from_start == planned.time_from_start
+        assert len(point.effort) == 0
+        assert len(planned.effort) == 7
+
+
+def test_a_plan_whose_start_is_over_is_not_committed(solved: Callable[[int], Any]) -> None:
+    with _world() as world:
+        with pytest.raises(FfPlannerError, match=r"run\.1 should have begun") as raised:
+            world.executive.commit(solved(now_ns(world) - 1))
+        assert raised.value.status is Status.TOO_LATE
+        assert world.committed == []
+
+
+def test_nothing_is_committed_to_a_controller_that_is_not_there(
+    solved: Callable[[int], Any],
+) -> None:
     with (
-        _executive(check=check) as (executive, _),
-        pytest.raises(FfPlannerError, match="the planner has ended"),
+        _world(controller=False, patience=0.0) as world,
+        pytest.raises(FfPlannerError, match=f"listens to {CONTROLLER_TOPIC} did not come"),
     ):
-        executive.plan(PlanTrajectory.Request())
+        world.executive.commit(solved(now_ns(world) + 3600 * NANOSECONDS))
+
+
+def test_it_tells_how_far_reality_was_from_the_plan(
+    solved: Callable[[int], Any], lemur_plan: Plan, lemur_capture: PlanningProblem
+) -> None:
+    """The chaser measured is that of the plan's last point, shifted and turned by known amounts."""
+    motion, robot = lemur_plan.trajectory, lemur_capture.robot
+    shift, turn = np.array([0.003, 0.0, -0.004]), Rotation.from_rotvec([0.0, 0.02, 0.0])
+    end = SystemState(
+        motion.chaser_positions[-1] + shift,
+        (turn * Rotation.from_quat(motion.chaser_quaternions_xyzw[-1])).as_quat(),
+        motion.chaser_linear_velocities[-1],
+        motion.chaser_angular_velocities[-1],
+        motion.joint_positions[-1],
+        motion.joint_velocities[-1],
+    )
+    ends: list[int] = []
+
+    def states() -> ChaserState:
+        # Measured just before the plan ends, and at the start's state when it is over.
+        now = rclpy.clock.Clock().now().nanoseconds
+        if not ends or now < ends[0] - NANOSECONDS // 2:
+            return state_message(lemur_capture.start, robot.joint_names, 0, FRAME)
+        if now < ends[0]:
+            return state_message(end, robot.joint_names, ends[0] - 10, FRAME)
+        return state_message(lemur_capture.start, robot.joint_names, ends[0] + 10, FRAME)
+
+    with _world(states=states) as world:
+        # Nine seconds of the plan are over when it is watched.
+        answer = solved(now_ns(world) - 9 * NANOSECONDS)
+        ends.append(nanoseconds(answer.joint_trajectory.header.stamp) + 10 * NANOSECONDS)
+        outcome = world.executive.watch(answer, 10.0, robot)
+    arm = motion.ee_positions[-1] - motion.chaser_positions[-1]
+    np.testing.assert_allclose(outcome.predicted.position, motion.ee_positions[-1], atol=1e-8)
+    expected = motion.chaser_positions[-1] + shift + turn.apply(arm)
+    np.testing.assert_allclose(outcome.reached.position, expected, atol=1e-8)
+    off = shift + turn.apply(arm) - arm
+    assert outcome.error.position == pytest.approx(float(np.linalg.norm(off)), abs=1e-8)
+    assert outcome.error.angle == pytest.approx(0.02, abs=1e-8)
+    assert outcome.worst.position == pytest.approx(0.005, abs=1e-8)
+    assert outcome.worst.angle == pytest.approx(0.02, abs=1e-8)
+
+
+def test_states_that_cease_before_the_end_are_an_error(
+    solved: Callable[[int], Any], lemur_capture: PlanningProblem
+) -> None:
+    with _world(patience=0.5) as world:
+        answer = solved(now_ns(world) - 10 * NANOSECONDS)
+        with pytest.raises(FfPlannerError, match="the end of the plan did not come within"):
+            world.executive.watch(answer, 10.0, lemur_capture.robot)
+
+
+def test_the_end_effector_is_where_forward_kinematics_has_it(robot: Robot) -> None:
+    state = random_state(robot, np.random.default_rng(4))
+    base = Rotation.from_quat(state.quaternion_chaser_to_inertial_xyzw).as_matrix()
+    base = base @ robot.rotation_chaser_to_base.T
+    place = pin.SE3(base, state.position_chaser_in_inertial - base @ robot.position_chaser_in_base)
+    for joint, (axis, angle) in enumerate(
+        zip(robot.joint_axes, state.joint_positions, strict=True), start=2
+    ):
+        turn = pin.SE3(Rotation.from_rotvec(axis * angle).as_matrix(), np.zeros(3))
+        place = place * robot.model.jointPlacements[joint] * turn
+    place = place * robot.model.frames[robot.tip_frame_id].placement
+    found = end_effector(robot, state)
+    np.testing.assert_allclose(found.position, place.translation, atol=1e-12)
+    np.testing.assert_allclose(found.rotation.as_matrix(), place.rotation, atol=1e-12)

@@ -79,7 +79,15 @@ def test_namespace_remapping_and_parameters_file_reach_planner_and_recorder(
         "/servicer/joint_trajectory",
         "/servicer/predicted_chaser_path",
         "/servicer/predicted_chaser_pose",
+        "/servicer/tracking_error",
+        "/servicer/markers",
+        "/servicer/robot_description",
+        "/diagnostics",
         "/servicer/plan_trajectory/_service_event",
+        "/servicer/plan_trajectory_action/_action/send_goal/_service_event",
+        "/servicer/plan_trajectory_action/_action/get_result/_service_event",
+        "/servicer/plan_trajectory_action/_action/feedback",
+        "/servicer/plan_trajectory_action/_action/status",
     }
     assert counts["/servicer/joint_trajectory"] == 1
     assert counts["/servicer/plan_trajectory/_service_event"] == 2

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import pytest
-from ff_planner_msgs.msg import ObstacleSphereArray
+from ff_planner_msgs.msg import ChaserState, ObstacleSphereArray
 from ff_planner_msgs.srv import PlanTrajectory
 from ros_processes import (
     EVENT_TOPIC,
@@ -27,6 +27,7 @@ from ff_planner_ros.errors import Status
 from ff_planner_ros.planning.problem import PlanningProblem
 
 NAN = float("nan")
+ARGUMENTS = ("-p", "state_max_age:=60.0", "-p", "planning_allowance:=5.0")
 
 
 @dataclass(frozen=True)
@@ -63,6 +64,10 @@ def _age(seconds: float) -> Callable[[PlanTrajectory.Request], None]:
     return spoil
 
 
+def _in_a_year(request: PlanTrajectory.Request) -> None:
+    request.start_time.sec = round(time.time()) + 365 * 86400
+
+
 def _in_a_hurry(request: PlanTrajectory.Request) -> None:
     """A metre in a second, nothing in the way."""
     request.duration = 1.0
@@ -76,8 +81,18 @@ CASES = {
     "state of the next hour": Case(
         Status.STATE_IN_FUTURE, ("start_state.header.stamp", "state_max_lead"), _age(-3600.0)
     ),
-    "planning ahead": Case(
-        Status.UNSUPPORTED, ("start_time", "12000000000"), _set("start_time.sec", 12)
+    "a start time long ago": Case(
+        Status.START_IN_PAST,
+        ("start_time", "s ago", "planning_allowance"),
+        _set("start_time.sec", 12),
+    ),
+    "a start time in a year": Case(
+        Status.OUT_OF_RANGE, ("start_time", "s ahead of now", "start_max_lead"), _in_a_year
+    ),
+    "an end behaviour that nobody knows": Case(
+        Status.OUT_OF_RANGE,
+        ("end_behaviour is 'stop'", "stop_joints"),
+        _set("end_behaviour", "stop"),
     ),
     "state in a foreign frame": Case(
         Status.WRONG_FRAME,
@@ -246,7 +261,7 @@ class Run:
 def run(lemur_capture: PlanningProblem, tmp_path_factory: pytest.TempPathFactory) -> Run:
     """Ask every question that is refused, then one that is not, then end the node."""
     scene, directory, run = Scene(lemur_capture), tmp_path_factory.mktemp("refusals"), Run()
-    with private_domain(), running_planner(directory, "-p", "state_max_age:=60.0") as planner:
+    with private_domain(), running_planner(directory, *ARGUMENTS) as planner:
         with connected_client() as client:
             client.wait_for_planner()
             run.refusals["no state"] = client.plan(scene.request())
@@ -262,20 +277,25 @@ def run(lemur_capture: PlanningProblem, tmp_path_factory: pytest.TempPathFactory
             old = scene.state(client.now_ns() - 1_000_000_000_000)
             client.publish_and_wait(old)
             run.refusals["published state too old"] = client.plan(scene.request())
+
+            def refusal(state: ChaserState, status: Status) -> PlanTrajectory.Response:
+                def arrived(response: PlanTrajectory.Response) -> bool:
+                    client.publish_state(state)
+                    return response.status.code == status
+
+                return client.plan_until(scene.request(), arrived)
+
             early = scene.state(client.now_ns() + 1_000_000_000_000)
-            client.publish_and_wait(early)
-            run.refusals["published state in the future"] = client.plan(scene.request())
+            run.refusals["published state in the future"] = refusal(early, Status.STATE_IN_FUTURE)
             spoilt = scene.state(client.now_ns())
             spoilt.pose.position.x = NAN
-            client.publish_and_wait(spoilt)
-            run.refusals["published state not finite"] = client.plan(scene.request())
+            run.refusals["published state not finite"] = refusal(spoilt, Status.NOT_FINITE)
             foreign = scene.state(client.now_ns())
             foreign.header.frame_id = "map"
-            client.publish_and_wait(foreign)
-            run.refusals["published state in a foreign frame"] = client.plan(scene.request())
-
-            client.publish_and_wait(scene.state(client.now_ns()))
-            run.solved = client.plan(scene.request())
+            run.refusals["published state in a foreign frame"] = refusal(
+                foreign, Status.WRONG_FRAME
+            )
+            run.solved = refusal(scene.state(client.now_ns()), Status.SOLVED)
             client.wait_until(lambda: client.received["joint_trajectory"], "a trajectory")
         run.received = client.received
         run.exit_code = planner.stop(signal.SIGTERM)
@@ -352,10 +372,9 @@ def test_nothing_is_published_for_a_refusal(run: Run) -> None:
     # The first and only plan that anybody heard of is the one of the good request.
     for topic in ("joint_trajectory", "predicted_chaser_path"):
         assert len(run.bag[f"/{topic}"]) == 1
-    assert run.received["joint_trajectory"] == [run.solved.joint_trajectory]
-    start = run.solved.joint_trajectory.header.stamp
-    for pose in run.bag["/predicted_chaser_pose"]:
-        assert (pose.header.stamp.sec, pose.header.stamp.nanosec) >= (start.sec, start.nanosec)
+    (received,) = run.received["joint_trajectory"]
+    assert received.header == run.solved.joint_trajectory.header
+    assert run.bag["/predicted_chaser_pose"] == []  # it starts when all is over
 
 
 def test_every_refusal_is_in_the_bag_with_its_request(run: Run) -> None:

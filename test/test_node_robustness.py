@@ -31,8 +31,12 @@ from ros_processes import (
 
 from ff_planner_ros.errors import Status
 from ff_planner_ros.planning.problem import PlanningProblem
+from ff_planner_ros.ros.to_messages import time_message
 
-ARGUMENTS = ("-p", "state_max_age:=3600.0", "-p", "bag.flush_interval:=0.05")
+ARGUMENTS = (
+    *("-p", "state_max_age:=3600.0", "-p", "bag.flush_interval:=0.05"),
+    *("-p", "planning_allowance:=8.0"),
+)
 
 
 def test_while_a_plan_is_made_every_state_is_taken_and_recorded(
@@ -42,7 +46,9 @@ def test_while_a_plan_is_made_every_state_is_taken_and_recorded(
     with private_domain(), running_planner(tmp_path, *ARGUMENTS) as planner:
         with connected_client() as client:
             first = _ready(client, scene)
-            assert client.plan(scene.request()).status.code == Status.SOLVED
+            soon = scene.request()
+            soon.start_time = time_message(client.now_ns() + 1_500_000_000)
+            assert client.plan(soon).status.code == Status.SOLVED
             answer = _ask_frozen(client, planner, scene.request())
             published = []
             give_up = time.monotonic() + DEADLINE
@@ -58,10 +64,8 @@ def test_while_a_plan_is_made_every_state_is_taken_and_recorded(
             os.kill(planner.worker, signal.SIGCONT)
             response = answer()
             assert response.status.code == Status.SOLVED
-            assert response.joint_trajectory.header.stamp == first
-            # The refusal is about the target: the time is that of the state the planner has.
-            last = PlanTrajectory.Request(start_time=published[-1].header.stamp)
-            assert client.plan(last).status.code == Status.WRONG_FRAME
+            assert response.state_stamp == first
+            assert client.plan(scene.request()).state_stamp == published[-1].header.stamp
         assert planner.stop() == 0
     recorded = [
         (message.header.stamp.sec, message.header.stamp.nanosec)
@@ -78,11 +82,11 @@ def test_a_solver_that_dies_is_replaced_and_the_request_told(
     with private_domain(), running_planner(tmp_path, *ARGUMENTS) as planner:
         with connected_client() as client:
             _ready(client, scene)
-            answer = _ask_frozen(client, planner, scene.request())
             worker = planner.worker
+            answer = _ask_frozen(client, planner, scene.request())
             os.kill(worker, signal.SIGKILL)
             response = answer()
-            assert response.status.code == Status.INTERNAL_ERROR
+            assert response.status.code == Status.SOLVER_DIED
             assert "exit code -9" in response.status.message
             assert client.plan(scene.request()).status.code == Status.SOLVED
             assert planner.worker != worker
@@ -102,10 +106,10 @@ def test_a_node_that_is_stopped_while_planning_answers_and_completes_its_bag(
         _ready(client, scene)
         answer = _ask_frozen(client, planner, scene.request())
         assert planner.stop(signal.SIGTERM) == 0
-        assert answer().status.code == Status.INTERNAL_ERROR
+        assert answer().status.code == Status.SHUT_DOWN
     last = read_bag(planner.bag)[EVENT_TOPIC][-1]
     assert last.info.event_type == RESPONSE_SENT
-    assert last.response[0].status.code == Status.INTERNAL_ERROR
+    assert last.response[0].status.code == Status.SHUT_DOWN
     assert "shut down" in last.response[0].status.message
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from array import array
 from collections.abc import Iterator
 from typing import Any
 
@@ -14,7 +15,7 @@ from rclpy.parameter import Parameter
 from ros_processes import private_domain
 
 from ff_planner_ros.errors import InvalidInput
-from ff_planner_ros.ros.parameters import declare_parameters
+from ff_planner_ros.ros.parameters import LiveParameters, NodeParameters
 from ff_planner_ros.share import share_directory
 
 BUILT_IN = {"use_sim_time", "start_type_description_service"}
@@ -29,6 +30,10 @@ def ros() -> Iterator[None]:
         rclpy.init(args=[])
         yield
         rclpy.shutdown()
+
+
+def declare_parameters(node: Node) -> NodeParameters:
+    return LiveParameters(node).current
 
 
 def _node(**overrides: Any) -> Node:
@@ -56,7 +61,8 @@ def test_a_bare_node_has_the_values_of_the_file() -> None:
     node = _node()
     declare_parameters(node)
     declared = {name: item.value for name, item in node.get_parameters_by_prefix("").items()}
-    assert {k: v for k, v in declared.items() if k not in BUILT_IN} == expected
+    plain = {k: list(v) if isinstance(v, array) else v for k, v in declared.items()}
+    assert {k: v for k, v in plain.items() if k not in BUILT_IN} == expected
 
 
 def test_every_parameter_says_what_it_is_and_what_it_may_be() -> None:
@@ -65,7 +71,7 @@ def test_every_parameter_says_what_it_is_and_what_it_may_be() -> None:
     for name in set(node.get_parameters_by_prefix("")) - BUILT_IN:
         descriptor = node.describe_parameter(name)
         assert descriptor.description, name
-        assert descriptor.read_only, name
+        assert descriptor.additional_constraints, name
         if descriptor.type == ParameterType.PARAMETER_DOUBLE:
             assert descriptor.floating_point_range, name
         if descriptor.type == ParameterType.PARAMETER_INTEGER:
@@ -96,6 +102,11 @@ def test_overrides_go_before_the_file() -> None:
         ({"bag__flush_interval": 0.0}, ("bag.flush_interval is 0.0", "at least 0.01")),
         ({"inertial_frame": 3}, ("inertial_frame is 3", "text")),
         ({"limits__velocity": "fast"}, ("limits.velocity is fast", "from_urdf or none")),
+        ({"when_busy": "queue"}, ("when_busy is 'queue'", "reject or preempt")),
+        ({"end_behaviour": "stop"}, ("end_behaviour is 'stop'", "stop_joints")),
+        ({"state_source": "gps"}, ("state_source is 'gps'", "chaser_state or odometry")),
+        ({"qos__obstacles__depth": 0}, ("qos.obstacles.depth is 0", "at least 1")),
+        ({"autostart": "yes"}, ("autostart is 'yes'", "true or false")),
         ({"time_budget": 0.0}, ("time_budget is 0.0", "at least 0.001", "[s]")),
         ({"planner__max_iterations": 0}, ("planner.max_iterations is 0", "at least 1")),
         ({"planner__penalty_gain": float("inf")}, ("planner.penalty_gain is",)),
@@ -121,10 +132,65 @@ def test_overrides_of_ros_itself_are_left_alone() -> None:
     assert declare_parameters(node).points == 50
 
 
-def test_a_change_at_run_time_is_refused_with_a_reason() -> None:
+def test_a_change_at_run_time_counts_from_the_next_plan_on() -> None:
     node = _node()
-    declare_parameters(node)
-    (result,) = node.set_parameters([Parameter("state_max_age", value=2.0)])
+    live = LiveParameters(node)
+    before = live.current
+    changes = [
+        Parameter("state_max_age", value=2.0),
+        Parameter("planner.starts", value=3),
+        Parameter("odometry.sensor_position_in_chaser", value=[1.0, 2.0, 3.0]),
+    ]
+    (result,) = {item.successful for item in node.set_parameters(changes)}
+    assert result
+    assert live.current.state_max_age == 2.0
+    assert live.current.planner.starts == 3
+    assert live.current.odometry.sensor_position_in_chaser == (1.0, 2.0, 3.0)
+    assert live.current.points == before.points
+    assert before.state_max_age == 0.5, "a plan that is being made keeps what it began with"
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "words"),
+    [
+        ("state_max_age", -1.0, ("state_max_age",)),
+        ("points", 12.5, ("INTEGER",)),
+        ("when_busy", "queue", ("when_busy is 'queue'", "reject or preempt")),
+        ("planner.starts", 0, ("planner.starts",)),
+        ("autostart", False, ("read-only",)),
+        ("odometry.sensor_quaternion_in_chaser_xyzw", [0.0, 0.0, 0.0, 2.0], ("norm",)),
+    ],
+)
+def test_a_change_that_makes_no_sense_is_refused_and_changes_nothing(
+    name: str, value: Any, words: tuple[str, ...]
+) -> None:
+    node = _node()
+    live = LiveParameters(node)
+    before = live.current
+    (result,) = node.set_parameters([Parameter(name, value=value)])
     assert not result.successful
-    assert "read-only" in result.reason
-    assert node.get_parameter("state_max_age").value == 0.5
+    for word in words:
+        assert word in result.reason
+    assert live.current == before
+
+
+@pytest.mark.parametrize("name", ["robot.urdf", "bag.directory", "inertial_frame"])
+def test_what_is_in_use_changes_only_while_the_node_is_unconfigured(name: str) -> None:
+    node = _node()
+    live = LiveParameters(node)
+    live.configured = True
+    (refused,) = node.set_parameters([Parameter(name, value="other")])
+    assert not refused.successful
+    assert f"{name} is in use" in refused.reason
+    live.configured = False
+    (taken,) = node.set_parameters([Parameter(name, value="other")])
+    assert taken.successful
+    assert node.get_parameter(name).value == "other"
+
+
+def test_parameters_of_ros_itself_may_change() -> None:
+    node = _node()
+    live = LiveParameters(node)
+    (result,) = node.set_parameters([Parameter("use_sim_time", value=True)])
+    assert result.successful
+    assert live.current == LiveParameters(_node()).current

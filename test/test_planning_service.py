@@ -11,14 +11,17 @@ from unittest.mock import Mock
 import pytest
 import rclpy
 from ff_planner_msgs.srv import PlanTrajectory
-from rclpy.node import Node
+from rclpy.lifecycle import LifecycleNode
 from rclpy.parameter import Parameter
 from ros_processes import Scene, private_domain
 
 from ff_planner_ros.errors import NoPlanFound, Status
 from ff_planner_ros.planning.problem import PlanningProblem
-from ff_planner_ros.ros.parameters import declare_parameters
+from ff_planner_ros.ros.parameters import LiveParameters
+from ff_planner_ros.ros.plan_output import PlanOutput
 from ff_planner_ros.ros.planning_service import PlanningService
+from ff_planner_ros.ros.scene_input import SceneInput
+from ff_planner_ros.ros.state_input import StateInput
 from ff_planner_ros.ros.worker import Worker
 
 
@@ -29,7 +32,7 @@ def service(
     """The service on a node in this process: its answer to a request, its worker, its logger."""
     with private_domain():
         rclpy.init(args=[])
-        node = Node(
+        node = LifecycleNode(
             "test",
             parameter_overrides=[
                 Parameter(name.replace("__", "."), value=value) for name, value in overrides.items()
@@ -37,8 +40,18 @@ def service(
         )
         logger, worker = Mock(), Mock(spec=Worker)
         monkeypatch.setattr(node, "get_logger", lambda: logger)
-        answering = PlanningService(node, declare_parameters(node), problem.robot, worker, "run")
-        yield lambda request: answering._answer(request, Mock()), worker, logger
+        answering = PlanningService(
+            node,
+            LiveParameters(node),
+            problem.robot,
+            worker,
+            Mock(spec=StateInput),
+            SceneInput("inertial"),
+            Mock(spec=PlanOutput, published=None),
+            "run",
+        )
+        answering.activate()
+        yield lambda request: answering._serve(request, Mock()), worker, logger
         rclpy.shutdown()
 
 
@@ -67,9 +80,9 @@ def test_the_budget_is_the_requests_or_else_the_parameters(
         request = Scene(lemur_capture).complete_request()
         request.time_budget = asked
         assert answer(request).status.code == Status.OUT_OF_TIME
-        problem, _, budget = worker.solve.call_args.args
+        task, _, budget, *_ = worker.solve.call_args.args
     assert budget == granted
-    assert problem.duration == request.duration
+    assert task.problem.duration == request.duration
 
 
 @pytest.mark.parametrize(
@@ -84,5 +97,5 @@ def test_joint_rates_are_limited_unless_the_parameter_says_otherwise(
     with service(lemur_capture, monkeypatch, **overrides) as (answer, worker, _):
         worker.solve.side_effect = NoPlanFound(Status.COLLISION, "blocked")
         answer(Scene(lemur_capture).complete_request())
-        (problem, *_) = worker.solve.call_args.args
-    assert problem.limit_joint_velocities is limited
+        (task, *_) = worker.solve.call_args.args
+    assert task.problem.limit_joint_velocities is limited

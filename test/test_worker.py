@@ -1,21 +1,28 @@
-"""The solver in a process of its own."""
+"""The solver in processes of its own."""
 
 from __future__ import annotations
 
 import os
 import signal
-from collections.abc import Iterator
+import threading
+from collections.abc import Callable, Iterator
 from contextlib import closing
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from ros_processes import DEADLINE
 
-from ff_planner_ros.errors import FfPlannerError, InvalidInput, NoPlanFound, Status
+from ff_planner_ros.errors import FfPlannerError, Interrupted, InvalidInput, NoPlanFound, Status
+from ff_planner_ros.planning.plan import Plan
 from ff_planner_ros.planning.planner import plan
 from ff_planner_ros.planning.problem import PlanningProblem, Target
+from ff_planner_ros.planning.search import Progress
 from ff_planner_ros.planning.settings import PlannerSettings, load_settings
+from ff_planner_ros.planning.tail import EndBehaviour
+from ff_planner_ros.planning.task import PlanningTask
 from ff_planner_ros.ros.worker import Worker
 from ff_planner_ros.share import share_directory
 
@@ -34,6 +41,34 @@ def worker() -> Iterator[Worker]:
 LONG = 600.0  # [s] a budget that no plan uses up
 
 
+def nothing(*_: Any) -> None:
+    """Neither check nor listen."""
+
+
+def solve(
+    worker: Worker,
+    problem: PlanningProblem,
+    settings: PlannerSettings,
+    budget: float = LONG,
+    check: Callable[[], None] = nothing,
+    report: Callable[[Progress], None] = nothing,
+) -> Plan:
+    task = PlanningTask(problem, 0.0, None, EndBehaviour.AS_PLANNED, 0.0)
+    return worker.solve(task, settings, budget, check, report)
+
+
+def server(worker: Worker) -> int:
+    """Process number of the one that everything is loaded in."""
+    return worker._server._process.pid
+
+
+def child(worker: Worker) -> int:
+    """Process number of the plan that is being made."""
+    parent = server(worker)
+    children = Path(f"/proc/{parent}/task/{parent}/children").read_text().split()
+    return int(children[0])
+
+
 class Loud:
     """Prints a line where it is unpickled, as a chatty library would."""
 
@@ -41,10 +76,14 @@ class Loud:
         return print, ("a line that is no answer",)
 
 
+class Unlucky(Exception):
+    """Somebody has no use for the plan any more."""
+
+
 def test_a_plan_is_the_same_to_the_last_bit_as_without_it(
     worker: Worker, lemur_capture: PlanningProblem, settings: PlannerSettings
 ) -> None:
-    here, there = plan(lemur_capture, settings), worker.solve(lemur_capture, settings, LONG)
+    here, there = plan(lemur_capture, settings), solve(worker, lemur_capture, settings)
     assert there.metrics == here.metrics
     np.testing.assert_array_equal(there.xi, here.xi)
     np.testing.assert_array_equal(there.trajectory.joint_positions, here.trajectory.joint_positions)
@@ -55,11 +94,11 @@ def test_errors_of_the_planner_come_across_as_they_are(
 ) -> None:
     target = Target(np.array([10.0, 0.0, 0.0]), lemur_capture.target.quaternion_xyzw)
     with pytest.raises(NoPlanFound) as too_far:
-        worker.solve(replace(lemur_capture, target=target), settings, LONG)
+        solve(worker, replace(lemur_capture, target=target), settings)
     assert too_far.value.status is Status.GOAL_OUT_OF_REACH
     spheres = tuple(replace(sphere, radius=5.0) for sphere in lemur_capture.obstacles)
     with pytest.raises(InvalidInput, match="c1") as blocked:
-        worker.solve(replace(lemur_capture, obstacles=spheres), settings, LONG)
+        solve(worker, replace(lemur_capture, obstacles=spheres), settings)
     assert blocked.value.status is Status.START_IN_COLLISION
 
 
@@ -67,41 +106,153 @@ def test_a_budget_that_is_used_up_ends_the_search_and_nothing_else(
     worker: Worker, lemur_capture: PlanningProblem, settings: PlannerSettings
 ) -> None:
     with pytest.raises(NoPlanFound, match=r"time budget of 1e-06 s is used up") as end:
-        worker.solve(lemur_capture, settings, 1e-6)
+        solve(worker, lemur_capture, settings, 1e-6)
     assert end.value.status is Status.OUT_OF_TIME
-    assert worker.solve(lemur_capture, settings, LONG).metrics.min_clearance >= 0.0
+    assert solve(worker, lemur_capture, settings).metrics.min_clearance >= 0.0
+
+
+def test_it_tells_how_far_the_search_has_come(
+    worker: Worker, lemur_capture: PlanningProblem, settings: PlannerSettings
+) -> None:
+    reports: list[Progress] = []
+    answer = solve(worker, lemur_capture, settings, report=reports.append)
+    assert reports
+    assert {report.phase for report in reports} <= {"searching", "refining", "checking"}
+    iterations = [report.iterations for report in reports]
+    assert iterations == sorted(iterations)
+    assert iterations[-1] <= answer.solver.rollouts
 
 
 def test_a_search_that_does_not_look_at_the_clock_is_ended_with_its_process(
     worker: Worker, lemur_capture: PlanningProblem, settings: PlannerSettings
 ) -> None:
     """A process that is stopped stands for one in the midst of a long iteration."""
-    os.kill(worker._process.pid, signal.SIGSTOP)
-    with pytest.raises(NoPlanFound, match=r"0\.01 s is used up within a single") as end:
-        worker.solve(lemur_capture, settings, 0.01)
+    before = server(worker)
+
+    def freeze(_: Progress) -> None:
+        os.kill(child(worker), signal.SIGSTOP)
+
+    with pytest.raises(NoPlanFound, match=r"0\.5 s is used up within a single") as end:
+        solve(worker, lemur_capture, settings, 0.5, report=freeze)
     assert end.value.status is Status.OUT_OF_TIME
-    assert worker.solve(lemur_capture, settings, LONG).metrics.min_clearance >= 0.0
+    assert solve(worker, lemur_capture, settings).metrics.min_clearance >= 0.0
+    assert server(worker) == before, "only the plan's own process had to go"
+
+
+def test_a_server_that_hangs_is_replaced(
+    worker: Worker, lemur_capture: PlanningProblem, settings: PlannerSettings
+) -> None:
+    solve(worker, lemur_capture, settings)
+    before = server(worker)
+    os.kill(before, signal.SIGSTOP)
+    with pytest.raises(NoPlanFound, match=r"0\.01 s is used up within a single"):
+        solve(worker, lemur_capture, settings, 0.01)
+    assert solve(worker, lemur_capture, settings).metrics.min_clearance >= 0.0
+    assert server(worker) != before
+
+
+def test_a_plan_whose_process_is_killed_has_a_status_of_its_own(
+    worker: Worker, lemur_capture: PlanningProblem, settings: PlannerSettings
+) -> None:
+    def kill(_: Progress) -> None:
+        os.kill(child(worker), signal.SIGKILL)
+
+    with pytest.raises(FfPlannerError, match="exit code -9") as death:
+        solve(worker, lemur_capture, settings, report=kill)
+    assert death.value.status is Status.SOLVER_DIED
+    assert solve(worker, lemur_capture, settings).metrics.min_clearance >= 0.0
+
+
+def test_a_server_that_is_killed_is_replaced_and_the_plan_is_not_lost(
+    worker: Worker, lemur_capture: PlanningProblem, settings: PlannerSettings
+) -> None:
+    before = server(worker)
+
+    def kill(_: Progress) -> None:
+        os.kill(before, signal.SIGKILL)
+
+    assert solve(worker, lemur_capture, settings, report=kill).metrics.min_clearance >= 0.0
+    assert solve(worker, lemur_capture, settings).metrics.min_clearance >= 0.0
+    assert server(worker) != before
+
+
+def test_a_server_that_is_killed_between_two_plans_costs_one_answer(
+    worker: Worker, lemur_capture: PlanningProblem, settings: PlannerSettings
+) -> None:
+    solve(worker, lemur_capture, settings)
+    os.kill(server(worker), signal.SIGKILL)
+    with pytest.raises(FfPlannerError, match="exit code -9") as death:
+        solve(worker, lemur_capture, settings)
+    assert death.value.status is Status.SOLVER_DIED
+    assert solve(worker, lemur_capture, settings).metrics.min_clearance >= 0.0
+
+
+def test_a_plan_is_interrupted_from_another_thread(
+    worker: Worker, lemur_capture: PlanningProblem, settings: PlannerSettings
+) -> None:
+    before, begun, ended = server(worker), threading.Event(), []
+
+    def solving() -> None:
+        with pytest.raises(Interrupted):
+            solve(worker, lemur_capture, settings, report=lambda _: begun.set())
+        ended.append(True)
+
+    thread = threading.Thread(target=solving)
+    thread.start()
+    assert begun.wait(DEADLINE)
+    worker.interrupt()
+    thread.join(DEADLINE)
+    assert ended
+    assert solve(worker, lemur_capture, settings).metrics.min_clearance >= 0.0
+    assert server(worker) == before, "only the plan's own process had to go"
+
+
+def test_an_interruption_when_nothing_is_planned_does_nothing(
+    worker: Worker, lemur_capture: PlanningProblem, settings: PlannerSettings
+) -> None:
+    worker.interrupt()
+    assert solve(worker, lemur_capture, settings).metrics.min_clearance >= 0.0
+
+
+def test_an_interruption_is_heard_from_the_check_on(
+    worker: Worker, lemur_capture: PlanningProblem, settings: PlannerSettings
+) -> None:
+    with pytest.raises(Interrupted):
+        solve(worker, lemur_capture, settings, check=worker.interrupt)
+    assert solve(worker, lemur_capture, settings).metrics.min_clearance >= 0.0
+
+
+@pytest.mark.parametrize("where", ["check", "report"])
+def test_what_its_callbacks_raise_ends_the_plan(
+    worker: Worker, lemur_capture: PlanningProblem, settings: PlannerSettings, where: str
+) -> None:
+    def no_more(*_: Any) -> None:
+        raise Unlucky
+
+    with pytest.raises(Unlucky):
+        solve(worker, lemur_capture, settings, **{where: no_more})
+    assert solve(worker, lemur_capture, settings).metrics.min_clearance >= 0.0
 
 
 def test_an_error_that_nobody_foresaw_is_internal_and_ends_nothing(
-    worker: Worker, lemur_capture: PlanningProblem, settings: Any
+    worker: Worker, lemur_capture: PlanningProblem, settings: PlannerSettings
 ) -> None:
     with pytest.raises(FfPlannerError, match="the planner failed: AttributeError") as failure:
-        worker.solve(lemur_capture, None, LONG)  # type: ignore[arg-type]
+        solve(worker, lemur_capture, None)  # type: ignore[arg-type]
     assert failure.value.status is Status.INTERNAL_ERROR
-    assert worker.solve(lemur_capture, settings, LONG).metrics.min_clearance >= 0.0
+    assert solve(worker, lemur_capture, settings).metrics.min_clearance >= 0.0
 
 
 def test_what_a_library_prints_does_not_garble_the_answers(
     worker: Worker, settings: PlannerSettings
 ) -> None:
     with pytest.raises(FfPlannerError, match="the planner failed"):
-        worker.solve(Loud(), settings, LONG)  # type: ignore[arg-type]
+        worker.solve(Loud(), settings, LONG, nothing, nothing)  # type: ignore[arg-type]
 
 
 def test_a_closed_worker_says_so(lemur_capture: PlanningProblem, settings: PlannerSettings) -> None:
     worker = Worker()
     worker.close()
     worker.close()
-    with pytest.raises(FfPlannerError, match="shut down"):
-        worker.solve(lemur_capture, settings, LONG)
+    with pytest.raises(Interrupted):
+        solve(worker, lemur_capture, settings)

@@ -22,6 +22,7 @@ from ff_planner_ros.planning.clearance import arm_points
 from ff_planner_ros.planning.motion import from_trajectory
 from ff_planner_ros.planning.plan import Plan
 from ff_planner_ros.planning.problem import PlanningProblem, Sphere
+from ff_planner_ros.robot.box import uniform_box
 from ff_planner_ros.robot.model import Robot
 
 # As many as the eye needs; each holds all methods, and the file grows by it.
@@ -124,18 +125,10 @@ def _motion(robot: Robot, method: Method, plan: Plan) -> _Motion:
 
 
 def _box(robot: Robot) -> Array:
-    """Return the corners of the uniform box with the chaser's mass and inertia, in its frame.
-
-    The URDF need not say what the chaser looks like; how heavy it is about each axis it does.
-    Shape (8, 3) [m].
-    """
-    chaser = robot.model.inertias[1]
-    inertia = robot.rotation_chaser_to_base.T @ chaser.inertia @ robot.rotation_chaser_to_base
-    moments, axes = np.linalg.eigh(inertia)
-    # About axis i: I_i = m (a_j^2 + a_k^2) / 3 with half edges a.
-    half_edges = np.sqrt(np.maximum(moments.sum() / 2 - moments, 0.0) * 3 / chaser.mass)
-    signs = np.array(list(product((-1.0, 1.0), repeat=3)))
-    corners: Array = (signs * half_edges) @ axes.T
+    """Return the corners of the box that stands for the chaser, in its frame. Shape (8, 3) [m]."""
+    box = uniform_box(robot)
+    signs = np.array(list(product((-0.5, 0.5), repeat=3)))
+    corners: Array = (signs * box.edges) @ box.rotation_box_to_chaser.T
     return corners
 
 

@@ -10,9 +10,14 @@ from dataclasses import dataclass
 from ff_planner_ros.errors import BagError
 from ff_planner_ros.share import installation_prefixes
 
-_TYPE_NAME = re.compile(r"\w+/(msg/\w+|srv/\w+_(Event|Request|Response))")
+_TYPE_NAME = re.compile(
+    r"\w+/(msg/\w+|srv/\w+_(Event|Request|Response)"
+    r"|action/[A-Za-z0-9]+_(FeedbackMessage|(SendGoal|GetResult)_Event))"
+)
 _PRIMITIVE = re.compile(r"bool|byte|char|float(32|64)|u?int(8|16|32|64)|w?string")
 _INCLUDE = re.compile(r'^#include\s+["<](\S+)\.idl[">]\n', re.MULTILINE)
+_STRING = re.compile(r'"((?:[^"\\]|\\.)*)"')
+_COMMENT = re.compile(rf'@verbatim \(language="comment", text=((?:\s*{_STRING.pattern})+)\s*\)')
 _SEPARATOR = "=" * 80
 
 
@@ -32,12 +37,13 @@ class Definition:
 def message_definition(type_name: str) -> Definition:
     """Return the complete definition of a message type, from the ament share directories.
 
-    A message is given as `ros2msg`, a part of a service as `ros2idl`: readers of `ros2msg` refuse
-    the underscore in `SetBool_Event` or expect it under `msg`, and the `.srv` file that rosbag2
-    itself stores does not define the event.
+    A message is given as `ros2msg`, a part of a service or an action as `ros2idl`: readers of
+    `ros2msg` refuse the underscore in `SetBool_Event` or expect it under `msg`, and the `.srv` file
+    that rosbag2 itself stores does not define the event.
 
     Args:
-        type_name: `package/msg/Name` or `package/srv/Name_Event`, `_Request`, `_Response`.
+        type_name: `package/msg/Name`, `package/srv/Name_Event`, `_Request`, `_Response`, or
+            `package/action/Name_FeedbackMessage`, `_SendGoal_Event`, `_GetResult_Event`.
 
     Raises:
         BagError: The name is of another form, or the type is not installed.
@@ -47,11 +53,12 @@ def message_definition(type_name: str) -> Definition:
         root, *held = _gather(f"{package}/{name}", _msg_text, _types_in_msg).items()
         sections = [f"{_SEPARATOR}\nMSG: {held_name}\n{text}" for held_name, text in held]
         return Definition("ros2msg", "\n".join([root[1], *sections]))
-    root_name = type_name if name.endswith("_Event") else f"{package}/srv/{_service(name)}"
+    installed = kind == "srv" and not name.endswith("_Event")
+    root_name = f"{package}/srv/{_service(name)}" if installed else type_name
     texts = _gather(root_name, _idl_text, _types_in_idl)
     sections = [f"{_SEPARATOR}\nIDL: {idl_name}\n{text}" for idl_name, text in texts.items()]
     # Complete as it is, and the reader of rosbags stops at an include.
-    return Definition("ros2idl", _INCLUDE.sub("", "\n".join(sections)))
+    return Definition("ros2idl", _plain(_INCLUDE.sub("", "\n".join(sections))))
 
 
 def type_hash(type_name: str) -> str:
@@ -64,7 +71,7 @@ def type_hash(type_name: str) -> str:
         BagError: The name is of another form, or the type is not installed.
     """
     package, kind, name = _split(type_name)
-    stem = name if kind == "msg" else _service(name)
+    stem = {"msg": name, "srv": _service(name), "action": name.partition("_")[0]}[kind]
     hashes = json.loads(_installed(f"{package}/{kind}/{stem}.json"))["type_hashes"]
     return str(next(one["hash_string"] for one in hashes if one["type_name"] == type_name))
 
@@ -72,10 +79,21 @@ def type_hash(type_name: str) -> str:
 def _split(type_name: str) -> list[str]:
     if _TYPE_NAME.fullmatch(type_name) is None:
         raise BagError(
-            f"message type is {type_name!r}: it must be package/msg/Name or "
-            "package/srv/Name_Event, _Request or _Response"
+            f"message type is {type_name!r}: it must be package/msg/Name, package/srv/Name_Event, "
+            "_Request or _Response, or package/action/Name_FeedbackMessage, _SendGoal_Event or "
+            "_GetResult_Event"
         )
     return type_name.split("/")
+
+
+def _plain(idl: str) -> str:
+    """Return IDL with comments for annotations and no blanks: rosbags reads it ten times faster."""
+
+    def comment(match: re.Match[str]) -> str:
+        lines = (line.replace(r"\n", "").replace(r"\"", '"') for line in _STRING.findall(match[1]))
+        return "\n".join(f"// {line}" for line in lines)
+
+    return re.sub(r"\n\s+", "\n", _COMMENT.sub(comment, idl))
 
 
 def _service(part: str) -> str:
@@ -114,8 +132,51 @@ def _types_in_msg(name: str, text: str) -> list[str]:
 
 
 def _idl_text(name: str) -> str:
-    # rosidl installs no file of a service's event; a message's name has no underscore.
+    # rosidl installs no file of a service's event, nor of what ROS itself makes of an action; a
+    # message's name has no underscore.
+    package, kind, stem = name.split("/")
+    if kind == "action" and "_" in stem:
+        return _action_idl(package, *stem.split("_")[:2])
     return _event_idl(name) if name.endswith("_Event") else _installed(f"{name}.idl")
+
+
+def _action_idl(package: str, action: str, part: str) -> str:
+    """Return what ROS makes of an action: https://design.ros2.org/articles/actions.html."""
+    own = f"{package}::action::{action}"
+    goal_id, time = "unique_identifier_msgs::msg::UUID goal_id;", "builtin_interfaces::msg::Time"
+    structs = {
+        "FeedbackMessage": {"FeedbackMessage": f"{goal_id} {own}_Feedback feedback;"},
+        "SendGoal": {
+            "SendGoal_Request": f"{goal_id} {own}_Goal goal;",
+            "SendGoal_Response": f"boolean accepted; {time} stamp;",
+            "SendGoal_Event": _event_fields(f"{own}_SendGoal"),
+        },
+        "GetResult": {
+            "GetResult_Request": goal_id,
+            "GetResult_Response": f"int8 status; {own}_Result result;",
+            "GetResult_Event": _event_fields(f"{own}_GetResult"),
+        },
+    }[part]
+    written = "\n".join(f"    struct {action}_{n} {{ {text} }};" for n, text in structs.items())
+    return f"""\
+#include "builtin_interfaces/msg/Time.idl"
+#include "service_msgs/msg/ServiceEventInfo.idl"
+#include "unique_identifier_msgs/msg/UUID.idl"
+#include "{package}/action/{action}.idl"
+
+module {package} {{
+  module action {{
+{written}
+  }};
+}};
+"""
+
+
+def _event_fields(service: str) -> str:
+    return (
+        "service_msgs::msg::ServiceEventInfo info; "
+        f"sequence<{service}_Request, 1> request; sequence<{service}_Response, 1> response;"
+    )
 
 
 def _event_idl(name: str) -> str:
@@ -128,9 +189,7 @@ def _event_idl(name: str) -> str:
 module {package} {{
   module srv {{
     struct {event} {{
-      service_msgs::msg::ServiceEventInfo info;
-      sequence<{package}::srv::{service}_Request, 1> request;
-      sequence<{package}::srv::{service}_Response, 1> response;
+      {_event_fields(f"{package}::srv::{service}")}
     }};
   }};
 }};

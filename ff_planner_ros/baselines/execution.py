@@ -12,18 +12,16 @@ from dataclasses import replace
 
 import numpy as np
 import pinocchio as pin
-from scipy.interpolate import BPoly
 
-from ff_planner_ros.arrays import Array
+from ff_planner_ros.planning.forward import driven
+from ff_planner_ros.planning.joint_motion import joint_motion
 from ff_planner_ros.planning.plan import Plan
 from ff_planner_ros.planning.planner import plan, plan_of_motion
 from ff_planner_ros.planning.problem import PlanningProblem
-from ff_planner_ros.planning.rollout import runge_kutta_step
 from ff_planner_ros.planning.settings import PlannerSettings
 from ff_planner_ros.robot.configuration import configuration, system_state
-from ff_planner_ros.robot.dynamics import base_acceleration
 from ff_planner_ros.robot.model import Robot
-from ff_planner_ros.robot.momentum import generalised_jacobian, total_momentum
+from ff_planner_ros.robot.momentum import base_twist, generalised_jacobian, total_momentum
 
 # A chaser so many times heavier does not move: what an arm does to it, microradians, is below
 # every tolerance.
@@ -100,7 +98,7 @@ def with_zero_momentum(problem: PlanningProblem) -> PlanningProblem:
     """
     robot = problem.robot
     q, v = configuration(robot, problem.start)
-    twist = _base_twist(robot, robot.model.createData(), q, np.zeros(6), v[6:])
+    twist = base_twist(robot, robot.model.createData(), q, np.zeros(6), v[6:])
     return replace(problem, start=system_state(robot, q, np.concatenate([twist, v[6:]])))
 
 
@@ -120,50 +118,12 @@ def executed(problem: PlanningProblem, planned: Plan, settings: PlannerSettings)
         Measured against the problem and not judged: `final_position_error` and
         `final_orientation_error` are the miss.
     """
-    robot, asked = problem.robot, planned.trajectory
-    data = robot.model.createData()
+    robot = problem.robot
     start, v_start = configuration(robot, problem.start)
-    momentum = total_momentum(robot, data, start, v_start)
-    of_time = zip(
-        asked.joint_positions, asked.joint_velocities, asked.joint_accelerations, strict=True
-    )
-    joints = BPoly.from_derivatives(asked.time, list(of_time))
-    half_steps = np.linspace(0.0, 1.0, 2 * problem.points - 1) * problem.duration
-    positions, rates = joints(half_steps), joints.derivative()(half_steps)
-    step = problem.duration / (problem.points - 1)
-
-    def velocity(half_step: int, q: Array) -> Array:
-        q = np.concatenate([q[:7], positions[half_step]])
-        twist = _base_twist(robot, data, q, momentum, rates[half_step])
-        return np.concatenate([twist, rates[half_step]])
-
-    q = np.empty((problem.points, robot.model.nq))
-    q[0] = np.concatenate([start[:7], positions[0]])
-    for i in range(problem.points - 1):
-
-        def at_stage(stage: int, q: Array, i: int = i) -> Array:
-            return velocity(2 * i + (stage + 1) // 2, q)
-
-        increments = runge_kutta_step(robot.model, q[i], step, at_stage)
-        after = pin.integrate(robot.model, q[i], increments[-1])
-        q[i + 1] = np.concatenate([after[:7], positions[2 * i + 2]])
-    v = np.array([velocity(2 * i, at) for i, at in enumerate(q)])
-    accelerations = np.array(
-        [
-            np.concatenate([base_acceleration(robot, data, *sample), sample[-1]])
-            for sample in zip(q, v, asked.joint_accelerations, strict=True)
-        ]
-    )
+    momentum = total_momentum(robot, robot.model.createData(), start, v_start)
+    points = np.linspace(0.0, 1.0, problem.points) * problem.duration
+    q, v, accelerations = driven(robot, start, momentum, joint_motion(planned.trajectory), points)
     return plan_of_motion(problem, settings, q, v, accelerations, planned.solver)
-
-
-def _base_twist(robot: Robot, data: pin.Data, q: Array, momentum: Array, rates: Array) -> Array:
-    """Return the base's twist at given momentum and joint rates, Eq. (27), in the base frame."""
-    momentum_map = pin.crba(robot.model, data, q)[:6]
-    pin.forwardKinematics(robot.model, data, q)
-    in_base = data.oMi[1].actInv(pin.Force(momentum)).vector
-    twist: Array = np.linalg.solve(momentum_map[:, :6], in_base - momentum_map[:, 6:] @ rates)
-    return twist
 
 
 def _immovable(robot: Robot) -> Robot:

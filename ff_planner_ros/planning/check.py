@@ -14,7 +14,7 @@ import pinocchio as pin
 
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.planning.clearance import arm_points, clearances, penalty, segments
-from ff_planner_ros.planning.failures import failures, refusal
+from ff_planner_ros.planning.failures import failures, goal_index, refusal
 from ff_planner_ros.planning.motion import from_trajectory
 from ff_planner_ros.planning.objectives import chaser_euler, joint_path_length
 from ff_planner_ros.planning.plan import Metrics, Plan, Trajectory
@@ -35,15 +35,16 @@ def measure(problem: PlanningProblem, trajectory: Trajectory, settings: PlannerS
 
     Args:
         problem: What was asked.
-        trajectory: The answer.
+        trajectory: The answer; what comes after the problem's duration is its tail.
         settings: For the penalty's g1 and g2.
     """
     robot = problem.robot
     data = robot.model.createData()
     q, v = from_trajectory(robot, trajectory)
-    step = problem.duration / (len(q) - 1)
+    goal = goal_index(problem, trajectory)
+    to_goal = slice(goal + 1)
 
-    tip = _tip_placement(robot, data, q[-1])
+    tip = _tip_placement(robot, data, q[goal])
     target_rotation = pin.Quaternion(problem.target.quaternion_xyzw).toRotationMatrix()
     q_start, v_start = configuration(robot, problem.start)
     momentum = np.array([total_momentum(robot, data, *sample) for sample in zip(q, v, strict=True)])
@@ -60,9 +61,11 @@ def measure(problem: PlanningProblem, trajectory: Trajectory, settings: PlannerS
         trajectory.joint_positions - robot.lower_position_limits,
     )
     return Metrics(
-        joint_path_length=joint_path_length(trajectory.joint_velocities, step),
-        max_chaser_euler=float(np.abs(chaser_euler(robot, q)).max()),
-        min_clearance=certified_clearance(robot, q, v, step, problem.obstacles),
+        joint_path_length=joint_path_length(
+            trajectory.joint_velocities[to_goal], problem.duration / goal
+        ),
+        max_chaser_euler=float(np.abs(chaser_euler(robot, q[to_goal])).max()),
+        min_clearance=certified_clearance(robot, q, v, np.diff(trajectory.time), problem.obstacles),
         min_joint_margin=float(margins.min()),
         min_velocity_margin=float(
             (robot.velocity_limits - np.abs(trajectory.joint_velocities)).min()
@@ -97,7 +100,7 @@ def require_sound(problem: PlanningProblem, plan: Plan, settings: PlannerSetting
 
 
 def certified_clearance(
-    robot: Robot, q: Array, v: Array, step: float, spheres: Sequence[Sphere]
+    robot: Robot, q: Array, v: Array, step: float | Array, spheres: Sequence[Sphere]
 ) -> float:
     """Return a lower bound of the clearance along the whole motion, between the points too.
 
@@ -110,7 +113,7 @@ def certified_clearance(
         robot: The robot.
         q: Configurations. Shape (points, 7 + joints).
         v: Tangent velocities. Shape (points, 6 + joints).
-        step: Time between two points [s].
+        step: Time from each point to the next, shape (points - 1,), or the same for all [s].
         spheres: The obstacles.
 
     Returns:
@@ -118,20 +121,21 @@ def certified_clearance(
     """
     if not spheres:
         return np.inf
+    steps = np.broadcast_to(step, len(q) - 1)
     positions = arm_points(robot, q)
     starts = segments(positions)
     by_sphere = clearances(positions, starts, spheres).distance.min(axis=1)
     at_points = by_sphere.min(axis=1)
-    cubics = _cubics_between(robot, q, v, step)
-    fastest = _speed_bounds(positions[0], q[0], cubics, step)
+    cubics = _cubics_between(robot, q, v, steps)
+    farthest = _way_bounds(positions[0], q[0], cubics)
     index, begin, end = np.arange(len(cubics)), np.zeros(len(cubics)), np.ones(len(cubics))
     at_begin, at_end = at_points[:-1], at_points[1:]
     lowest = certified = float(at_points.min())
     # What no step can bring nearer than the nearest point need not be looked at again.
-    reachable = by_sphere.min(axis=0) <= lowest + fastest.max() * step
+    reachable = by_sphere.min(axis=0) <= lowest + farthest.max()
     spheres = [sphere for sphere, keep in zip(spheres, reachable, strict=True) if keep]
     while True:
-        bound = (at_begin + at_end - fastest[index] * (end - begin) * step) / 2
+        bound = (at_begin + at_end - farthest[index] * (end - begin)) / 2
         open_ = bound < lowest - _CERTIFICATE_GAP
         certified = min(certified, float(bound[~open_].min(initial=np.inf)))
         if not open_.any():
@@ -152,7 +156,7 @@ def certified_clearance(
         at_end = np.concatenate([at_middle, at_end[open_]])
 
 
-def _cubics_between(robot: Robot, q: Array, v: Array, step: float) -> Array:
+def _cubics_between(robot: Robot, q: Array, v: Array, steps: Array) -> Array:
     """Return the tangent-space cubics through consecutive configurations and velocities.
 
     Returns:
@@ -160,14 +164,14 @@ def _cubics_between(robot: Robot, q: Array, v: Array, step: float) -> Array:
         (points - 1, 3, 6 + joints).
     """
     whole = np.array([pin.difference(robot.model, *pair) for pair in pairwise(q)])
-    first, last = step * v[:-1], step * v[1:]
+    first, last = steps[:, None] * v[:-1], steps[:, None] * v[1:]
     turned = np.array([pin.Jexp6(pin.Motion(way[:6])) for way in whole])
     last[:, :6] = np.linalg.solve(turned, last[:, :6, None])[:, :, 0]
     return np.stack([first, 3 * whole - 2 * first - last, first + last - 2 * whole], axis=1)
 
 
-def _speed_bounds(positions: Array, q: Array, cubics: Array, step: float) -> Array:
-    """Return a speed [m/s] for each cubic that no point of the arm exceeds along it.
+def _way_bounds(positions: Array, q: Array, cubics: Array) -> Array:
+    """Return a speed for each cubic that no point of the arm exceeds along it [m per unit of s].
 
     Each joint, and the base's turn, move a point at most at their rate times the stretched
     length of what lies beyond them.
@@ -175,7 +179,7 @@ def _speed_bounds(positions: Array, q: Array, cubics: Array, step: float) -> Arr
     lengths = np.linalg.norm(np.diff(positions, axis=0), axis=1)
     beyond = np.cumsum(lengths[::-1])[::-1]
     reach = np.linalg.norm(positions[0] - q[:3]) + beyond[0]
-    rates = np.array([1.0, 2.0, 3.0]) @ np.abs(cubics) / step
+    rates = np.array([1.0, 2.0, 3.0]) @ np.abs(cubics)
     # The base's linear rate belongs to an axis that turns on the way, by at most `way`.
     way = np.linalg.norm(np.abs(cubics[:, :, :3]).sum(axis=1), axis=1)
     moving, turning = (np.linalg.norm(part, axis=1) for part in np.split(rates[:, :6], 2, axis=1))

@@ -10,18 +10,16 @@ import numpy as np
 from ff_planner_ros.errors import NoPlanFound, OutOfTime, Status
 from ff_planner_ros.planning.clearance import arm_points, clearances, segments
 from ff_planner_ros.planning.motion import from_trajectory
-from ff_planner_ros.planning.plan import Plan
+from ff_planner_ros.planning.plan import Plan, Trajectory
 from ff_planner_ros.planning.problem import PlanningProblem
 from ff_planner_ros.planning.settings import PlannerSettings
 from ff_planner_ros.robot.dynamics import joint_torques
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.momentum import smallest_singular_values
 
-# Joint limits violated by less are rounding [rad, rad/s].
+# A limit violated by less is violated by rounding; no arm and no motor feels it. In the unit of the
+# limit: rad, rad/s, N m, and that of singular values.
 LIMIT_TOLERANCE = 1e-6
-
-# Less is rounding, and less than any motor feels [N m].
-_TORQUE_TOLERANCE = 1e-6
 
 _REPORT = "a report to the maintainers, for this is a fault of the planner"
 
@@ -97,11 +95,11 @@ def failures(problem: PlanningProblem, plan: Plan, settings: PlannerSettings) ->
         yield _position_limit(problem, plan)
     if problem.limit_joint_velocities and not metrics.min_velocity_margin >= -LIMIT_TOLERANCE:
         yield _velocity_limit(problem, plan)
-    if not metrics.min_singular_value >= settings.singular_value_threshold:
+    if not metrics.min_singular_value >= settings.singular_value_threshold - LIMIT_TOLERANCE:
         yield _singularity(problem, plan, settings)
     # After the singularity, near which torques are a symptom.
     torques = np.array(metrics.peak_joint_torques)
-    if not (torques <= problem.robot.effort_limits + _TORQUE_TOLERANCE).all():
+    if not (torques <= problem.robot.effort_limits + LIMIT_TOLERANCE).all():
         yield _effort_limit(problem, plan)
     yield from _inaccuracies(plan, settings)
 
@@ -194,10 +192,10 @@ def _inaccuracies(plan: Plan, settings: PlannerSettings) -> Iterator[Failure]:
         ("final_position_error", settings.position_tolerance, " m", follow),
         ("final_orientation_error", settings.orientation_tolerance, " rad", follow),
         ("momentum_error", settings.momentum_tolerance, "", _REPORT),
-        ("torque_error", _TORQUE_TOLERANCE, " N m", _REPORT),
+        ("torque_error", LIMIT_TOLERANCE, " N m", _REPORT),
         (
             "start_velocity_jump",
-            settings.start_velocity_tolerance,
+            settings.start_velocity_tolerance + LIMIT_TOLERANCE,
             " rad/s",
             "damping the null-space motion that the start's joint rates hold",
         ),
@@ -212,8 +210,21 @@ def _inaccuracies(plan: Plan, settings: PlannerSettings) -> Iterator[Failure]:
 
 
 def _when(problem: PlanningProblem, plan: Plan, point: np.intp) -> str:
-    time = f"t = {plan.trajectory.time[point]:.2f} s of {problem.duration:g} s"
-    return f"the goal, {time}" if point == len(plan.trajectory.time) - 1 else time
+    time, goal = plan.trajectory.time[point], goal_index(problem, plan.trajectory)
+    if point > goal:
+        return f"t = {time:.2f} s, {time - problem.duration:.2f} s after the goal"
+    words = f"t = {time:.2f} s of {problem.duration:g} s"
+    return f"the goal, {words}" if point == goal else words
+
+
+def goal_index(problem: PlanningProblem, trajectory: Trajectory) -> int:
+    """Return the point at which a trajectory is at its goal; those after it are its tail.
+
+    Args:
+        problem: What was asked.
+        trajectory: The answer.
+    """
+    return int(np.abs(trajectory.time - problem.duration).argmin())
 
 
 def link_name(robot: Robot, start: int) -> str:

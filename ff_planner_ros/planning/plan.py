@@ -15,7 +15,8 @@ class Trajectory:
     the base link; quaternions turn chaser or end effector axes to inertial axes.
 
     Attributes:
-        time: From the start of the plan. Shape (points,) [s].
+        time: From the start of the plan, at equal steps to the goal and, where there is a tail, at
+            equal steps after it. Shape (points,) [s].
         joint_positions: Shape (points, joints) [rad].
         joint_velocities: Shape (points, joints) [rad/s].
         joint_accelerations: Shape (points, joints) [rad/s2].
@@ -53,6 +54,9 @@ class Trajectory:
 @dataclass(frozen=True)
 class Metrics:
     """What the plan is worth, computed by the check after the solve.
+
+    The objectives and the final errors are those at the goal; all others hold for a tail after it,
+    too.
 
     Attributes:
         joint_path_length: Eq. (44) [rad].

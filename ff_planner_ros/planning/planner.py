@@ -23,7 +23,7 @@ from ff_planner_ros.planning.preconditions import require_reachable_goal, requir
 from ff_planner_ros.planning.problem import Objective, PlanningProblem
 from ff_planner_ros.planning.program import PathProgram
 from ff_planner_ros.planning.rollout import Rollout, RolloutModel
-from ff_planner_ros.planning.search import PathSolution, Search, rank
+from ff_planner_ros.planning.search import CHECKING, PathSolution, Progress, Search, rank
 from ff_planner_ros.planning.settings import PlannerSettings
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.momentum import total_momentum
@@ -33,10 +33,15 @@ def _for_ever() -> None:
     """Let a search take the time that it takes."""
 
 
+def _silent(_: Progress) -> None:
+    """Tell nobody."""
+
+
 def plan(
     problem: PlanningProblem,
     settings: PlannerSettings,
     keep_going: Callable[[], None] = _for_ever,
+    report: Callable[[Progress], None] = _silent,
 ) -> Plan:
     """Plan a trajectory: optimal, collision-free, checked.
 
@@ -47,6 +52,7 @@ def plan(
         problem: What is asked.
         settings: The planner's tunables.
         keep_going: Called before every iteration of the search; raises OutOfTime to end it.
+        report: Told how far it has come, after every iteration and before a path is checked.
 
     Raises:
         InvalidInput: The start violates what the plan must keep.
@@ -69,7 +75,7 @@ def plan(
             keep_going=keep_going,
         )
 
-    search = Search(program, problem.points, settings)
+    search = Search(program, problem.points, settings, report)
 
     def answer_along(path: PathSolution) -> Plan:
         report = SolverReport(
@@ -86,6 +92,7 @@ def plan(
     ended = None
     try:
         for path in search.paths():
+            report(search.progress(CHECKING, path.at_x))
             answer = answer_along(path)
             if not any(failures(problem, answer, settings)):
                 return answer

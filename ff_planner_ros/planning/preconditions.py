@@ -68,7 +68,7 @@ def require_sound_start(
             "at the start the arm must be outside every obstacle",
         )
     smallest = float(smallest_singular_values(robot, q_start[None])[0])
-    if not smallest >= singular_value_threshold:
+    if not smallest >= singular_value_threshold - LIMIT_TOLERANCE:
         raise InvalidInput(
             Status.START_SINGULAR,
             "joints.position",

@@ -17,6 +17,28 @@ from ff_planner_ros.planning.solver import Solution, minimise
 PathSolution: TypeAlias = Solution[PathLinearisation]
 
 
+SEARCHING, REFINING, CHECKING = "searching", "refining", "checking"
+
+
+@dataclass(frozen=True)
+class Progress:
+    """How far a search has come.
+
+    Attributes:
+        phase: SEARCHING on few points, REFINING on all of them, CHECKING what was found.
+        starts: First guesses tried.
+        iterations: Paths looked at with their derivatives, over all starts.
+        objective: Of the path last looked at.
+        violation: By how much it violates its worst constraint [m, rad or rad/s].
+    """
+
+    phase: str
+    starts: int
+    iterations: int
+    objective: float
+    violation: float
+
+
 @dataclass(frozen=True)
 class _Level:
     """A time grid to solve on, and how well."""
@@ -66,6 +88,7 @@ class Search:
         program: Callable[[int, float, float], PathProgram],
         points: int,
         settings: PlannerSettings,
+        report: Callable[[Progress], None],
     ) -> None:
         """Prepare to search.
 
@@ -74,8 +97,11 @@ class Search:
                 and a damping of the velocity map.
             points: Of the plan.
             settings: The planner's tunables.
+            report: Told of every path that is looked at.
         """
         self._settings = settings
+        self._report = report
+        self._looks = 0
         all_points = _Level(
             points,
             0.0,
@@ -103,6 +129,15 @@ class Search:
     def evaluations(self) -> int:
         """Rollouts with derivatives so far."""
         return sum(solution.evaluations for solution in self.solved)
+
+    def progress(self, phase: str, at_x: PathLinearisation) -> Progress:
+        """Tell how far the search has come.
+
+        Args:
+            phase: That it is in.
+            at_x: Of the path last looked at.
+        """
+        return Progress(phase, self.starts, self._looks, at_x.objective, at_x.violation)
 
     def paths(self) -> Iterator[PathSolution]:
         """Yield paths on all points, from one first guess after the other; not all keep it all.
@@ -159,13 +194,25 @@ class Search:
         level = grid.level
         try:
             solution = minimise(
-                grid.program.linearise, start, level.iterations, level.optimality, level.progress
+                self._reporting(grid), start, level.iterations, level.optimality, level.progress
             )
         except NoPlanFound as refusal:
             self.refusals.append(refusal)
             return None
         self.solved.append(solution)
         return solution
+
+    def _reporting(self, grid: _Grid) -> Callable[[Array], PathLinearisation]:
+        """Return the linearisation on a grid, each of which is reported."""
+        phase = REFINING if grid.level is self._grids[-1].level else SEARCHING
+
+        def linearise(x: Array) -> PathLinearisation:
+            at_x = grid.program.linearise(x)
+            self._looks += 1
+            self._report(self.progress(phase, at_x))
+            return at_x
+
+        return linearise
 
 
 def _is_promising(rough: PathSolution) -> bool:

@@ -46,6 +46,28 @@ def generalised_jacobian(robot: Robot, data: pin.Data, q: Array) -> Array:
     return generalised
 
 
+def base_twist(
+    robot: Robot, data: pin.Data, q: Array, momentum: Array, joint_rates: Array
+) -> Array:
+    """Return the base's twist at given momentum and joint rates, Eq. (27).
+
+    Args:
+        robot: The robot.
+        data: Scratch space of the robot's model.
+        q: Configuration. Shape (7 + joints,).
+        momentum: Total P and L about the inertial origin, inertial axes. Shape (6,).
+        joint_rates: Shape (joints,) [rad/s].
+
+    Returns:
+        In the base frame. Shape (6,).
+    """
+    momentum_map = pin.crba(robot.model, data, q)[:6]
+    pin.forwardKinematics(robot.model, data, q)
+    in_base = data.oMi[1].actInv(pin.Force(momentum)).vector
+    twist: Array = np.linalg.solve(momentum_map[:, :6], in_base - momentum_map[:, 6:] @ joint_rates)
+    return twist
+
+
 def smallest_singular_values(robot: Robot, q: Array) -> Array:
     """Return the smallest singular value of J_D, zero in a dynamic singularity.
 

@@ -1,60 +1,111 @@
-"""A mission executive reduced to its one question to the planner."""
+"""A mission executive reduced to its way with a plan: ask, check, commit, watch."""
 
 from __future__ import annotations
 
+import copy
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
 
+import numpy as np
+import pinocchio as pin
 import rclpy
+from ff_planner_msgs.action import PlanTrajectory
 from ff_planner_msgs.msg import ChaserState
-from ff_planner_msgs.srv import PlanTrajectory
+from rclpy.action import ActionClient
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
+from rclpy.task import Future
+from scipy.spatial.transform import Rotation
+from trajectory_msgs.msg import JointTrajectory
 
 from ff_planner_ros.errors import FfPlannerError, Status
+from ff_planner_ros.planning.plan import Plan
+from ff_planner_ros.robot.configuration import configuration
+from ff_planner_ros.robot.model import Robot
+from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.ros.background import spin_in_background
-from ff_planner_ros.ros.planning_service import STATE_QOS
+from ff_planner_ros.ros.from_messages import (
+    NANOSECONDS,
+    nanoseconds,
+    plan_from_response,
+    state_from_message,
+)
+from ff_planner_ros.ros.progress import (
+    FramePose,
+    TrackingError,
+    difference,
+    predicted_end_effector,
+    tracking_error,
+)
+from ff_planner_ros.ros.testbed import CONTROLLER_TOPIC, STATE_QOS
 
 # Refusals that pass by themselves while the system starts: worth another try at the next state.
-_NOT_YET = frozenset({Status.NO_STATE, Status.NO_OBSTACLES, Status.STATE_TOO_OLD})
-_CHECK_INTERVAL = 0.2  # [s] between looks at the other processes while waiting
+_NOT_YET = frozenset(
+    {Status.NO_STATE, Status.NO_OBSTACLES, Status.STATE_TOO_OLD, Status.STATE_UNPAIRED}
+)
+_CHECK_INTERVAL = 0.2  # [s] between looks at the caller's check while waiting
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """What became of a plan.
+
+    Attributes:
+        predicted: End effector at the last measurement before the end of the plan.
+        reached: What was measured then.
+        error: Between the two.
+        worst: Largest difference of the chaser from its prediction on the way, of each kind.
+    """
+
+    predicted: FramePose
+    reached: FramePose
+    error: TrackingError
+    worst: TrackingError
 
 
 class MissionExecutive:
-    """A client of the planning service."""
+    """A client of the planner that has its plans executed."""
 
-    def __init__(self, check: Callable[[], None], patience: float) -> None:
+    def __init__(
+        self, check: Callable[[], None], patience: float, ros_arguments: Sequence[str] = ()
+    ) -> None:
         """Join ROS.
 
         Args:
             check: Called again and again while waiting; raises when waiting makes no sense.
-            patience: Longest wait for the service and an answer [s].
+            patience: Longest wait for anything that the planner or the testbed has to do [s].
+            ros_arguments: Of the command line, for instance `--ros-args -r __ns:=/chaser_1`.
         """
-        self._check = check
-        self._patience = patience
+        self._check, self._patience = check, patience
+        self._states: list[ChaserState] = []
         self._new_state = threading.Event()
-        rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
-        node = rclpy.create_node("mission_executive")
-        node.create_subscription(
-            ChaserState, "chaser_state", lambda _: self._new_state.set(), STATE_QOS
-        )
-        self._client = node.create_client(PlanTrajectory, "plan_trajectory")
+        rclpy.init(args=list(ros_arguments), signal_handler_options=SignalHandlerOptions.NO)
+        self._node = rclpy.create_node("mission_executive")
+        self._node.create_subscription(ChaserState, "chaser_state", self._keep, STATE_QOS)
+        self._planner = ActionClient(self._node, PlanTrajectory, "plan_trajectory_action")
+        self._controller = self._node.create_publisher(JointTrajectory, CONTROLLER_TOPIC, 1)
         # A thread of its own and an event: spinning until a future is complete leaks in Jazzy.
         executor = SingleThreadedExecutor()
-        executor.add_node(node)
-        self._stop = spin_in_background(executor, node.get_logger())
+        executor.add_node(self._node)
+        self._stop = spin_in_background(executor, self._node.get_logger())
 
     def close(self) -> None:
         """Leave ROS."""
         self._stop()
+        self._planner.destroy()
         rclpy.shutdown()
 
-    def plan(self, request: PlanTrajectory.Request) -> PlanTrajectory.Response:
+    def plan(
+        self, goal: PlanTrajectory.Goal, report: Callable[[PlanTrajectory.Feedback], None]
+    ) -> PlanTrajectory.Result:
         """Ask the planner, as soon as it is there and has heard of the chaser.
 
         Args:
-            request: The question.
+            goal: The question.
+            report: Told how the search goes.
 
         Returns:
             An answer whose status is SOLVED.
@@ -63,23 +114,103 @@ class MissionExecutive:
             FfPlannerError: The planner's refusal, or no answer in time.
         """
         deadline = time.monotonic() + self._patience
-        while not self._client.wait_for_service(timeout_sec=_CHECK_INTERVAL):
-            self._go_on_until(deadline, "the service plan_trajectory")
+        while not self._planner.wait_for_server(timeout_sec=_CHECK_INTERVAL):
+            self._go_on_until(deadline, "the action plan_trajectory_action")
         while True:
             self._new_state.clear()
-            response = self._answer(request, deadline)
-            status = Status(response.status.code)
+            result = self._answer(goal, report, deadline)
+            status = Status(result.status.code)
             if status is Status.SOLVED:
-                return response
+                return result
             if status not in _NOT_YET or time.monotonic() > deadline:
-                raise FfPlannerError(status, response.status.message)
+                raise FfPlannerError(status, result.status.message)
             self._wait(self._new_state, deadline, "a chaser state")
 
-    def _answer(self, request: PlanTrajectory.Request, deadline: float) -> PlanTrajectory.Response:
-        answered = threading.Event()
-        future = self._client.call_async(request)
-        future.add_done_callback(lambda _: answered.set())
-        self._wait(answered, deadline, "an answer of the planner")
+    def commit(self, result: PlanTrajectory.Result) -> None:
+        """Hand a plan to the arm's controller while there is still time.
+
+        Args:
+            result: An answer whose status is SOLVED.
+
+        Raises:
+            FfPlannerError: The plan's start is over, or no controller listens.
+        """
+        deadline = time.monotonic() + self._patience
+        while self._controller.get_subscription_count() == 0:
+            self._go_on_until(deadline, f"a controller that listens to {CONTROLLER_TOPIC}")
+            time.sleep(_CHECK_INTERVAL)
+        trajectory = copy.deepcopy(result.joint_trajectory)
+        ahead_ns = nanoseconds(trajectory.header.stamp) - self._node.get_clock().now().nanoseconds
+        if ahead_ns < 0:
+            raise FfPlannerError(
+                Status.TOO_LATE,
+                f"{result.plan_id} should have begun {-ahead_ns / NANOSECONDS:.3f} s ago: the "
+                "chaser is elsewhere by now; ask again, with a later start_time",
+            )
+        # Torques are for controllers with an effort interface; others refuse a message with any.
+        for point in trajectory.points:
+            point.effort = []
+        self._states.clear()
+        self._controller.publish(trajectory)
+
+    def watch(self, result: PlanTrajectory.Result, duration: float, robot: Robot) -> Outcome:
+        """Wait until a plan that was committed is over, and compare it with what was measured.
+
+        Args:
+            result: The plan.
+            duration: From its start to the moment that counts, that of the capture [s].
+            robot: The robot.
+
+        Raises:
+            FfPlannerError: The states fail to come.
+            InvalidInput: A state cannot be used.
+        """
+        start_ns = nanoseconds(result.joint_trajectory.header.stamp)
+        end_ns = start_ns + round(duration * NANOSECONDS)
+        now_ns = self._node.get_clock().now().nanoseconds
+        deadline = time.monotonic() + (end_ns - now_ns) / NANOSECONDS + self._patience
+        while not self._states or nanoseconds(self._states[-1].header.stamp) < end_ns:
+            # States that keep coming must not make it deaf.
+            self._go_on_until(deadline, "the end of the plan")
+            self._new_state.wait(_CHECK_INTERVAL)
+            self._new_state.clear()
+        frame = result.predicted_chaser_path.header.frame_id
+        measured = [
+            (nanoseconds(m.header.stamp), state_from_message(m, "chaser_state", robot, frame))
+            for m in self._states
+            if start_ns <= nanoseconds(m.header.stamp) <= end_ns
+        ]
+        if not measured:
+            raise FfPlannerError(
+                Status.NO_STATE, f"no chaser state was measured while {result.plan_id} ran"
+            )
+        return _outcome(plan_from_response(result), start_ns, measured, robot)
+
+    def _keep(self, message: ChaserState) -> None:
+        self._states.append(message)
+        self._new_state.set()
+
+    def _answer(
+        self,
+        goal: PlanTrajectory.Goal,
+        report: Callable[[PlanTrajectory.Feedback], None],
+        deadline: float,
+    ) -> PlanTrajectory.Result:
+        handle = self._done(
+            self._planner.send_goal_async(goal, lambda message: report(message.feedback)), deadline
+        )
+        if not handle.accepted:
+            raise FfPlannerError(Status.BUSY, "the planner did not take the goal up")
+        try:
+            return self._done(handle.get_result_async(), deadline).result
+        except BaseException:
+            handle.cancel_goal_async()  # nobody waits for the plan any more
+            raise
+
+    def _done(self, future: Future, deadline: float) -> Any:
+        done = threading.Event()
+        future.add_done_callback(lambda _: done.set())
+        self._wait(done, deadline, "an answer of the planner")
         return future.result()
 
     def _wait(self, event: threading.Event, deadline: float, what: str) -> None:
@@ -92,3 +223,31 @@ class MissionExecutive:
             raise FfPlannerError(
                 Status.INTERNAL_ERROR, f"{what} did not come within {self._patience:g} s"
             )
+
+
+def _outcome(
+    plan: Plan, start_ns: int, measured: list[tuple[int, SystemState]], robot: Robot
+) -> Outcome:
+    errors = [tracking_error(plan.trajectory, start_ns, state, at_ns) for at_ns, state in measured]
+    positions, angles = zip(*(error for error in errors if error is not None), strict=True)
+    last_ns, last = measured[-1]
+    time_in_plan = min((last_ns - start_ns) / NANOSECONDS, float(plan.trajectory.time[-1]))
+    predicted = predicted_end_effector(plan.trajectory, time_in_plan)
+    if predicted is None:
+        raise FfPlannerError(Status.INTERNAL_ERROR, f"no prediction at {time_in_plan} s")
+    reached = end_effector(robot, last)
+    worst = TrackingError(max(positions), max(angles))
+    return Outcome(predicted, reached, difference(predicted, reached), worst)
+
+
+def end_effector(robot: Robot, state: SystemState) -> FramePose:
+    """Return where a measured state has the end effector.
+
+    Args:
+        robot: The robot.
+        state: The state.
+    """
+    data = robot.model.createData()
+    pin.forwardKinematics(robot.model, data, configuration(robot, state)[0])
+    pose = pin.updateFramePlacement(robot.model, data, robot.tip_frame_id)
+    return FramePose(np.array(pose.translation), Rotation.from_matrix(pose.rotation))

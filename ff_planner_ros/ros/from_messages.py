@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import fields
@@ -12,7 +13,6 @@ from ff_planner_msgs.msg import ChaserState, ObstacleSphere, ObstacleSphereArray
 from ff_planner_msgs.srv import PlanTrajectory
 from geometry_msgs.msg import Point, Quaternion, Twist, Vector3
 from nav_msgs.msg import Path
-from std_msgs.msg import Header
 
 from ff_planner_ros.arrays import Array, finite_vector
 from ff_planner_ros.errors import InvalidInput, Status
@@ -25,6 +25,8 @@ NANOSECONDS = 1_000_000_000
 
 # builtin_interfaces/Time counts seconds in an int32.
 _MAX_MESSAGE_SECONDS = 2**31 - 1
+# Of joints at fault: more than any arm has would bury the message.
+_NAMES_SHOWN = 20
 
 
 def problem_from_request(
@@ -52,7 +54,8 @@ def problem_from_request(
     Raises:
         InvalidInput: A field of the request cannot be used; the error names it.
     """
-    _require_frame("target_pose.header.frame_id", request.target_pose.header, inertial_frame)
+    target_frame = request.target_pose.header.frame_id
+    require_frame("target_pose.header.frame_id", target_frame, inertial_frame)
     named_as = {
         "target.position": "target_pose.pose.position",
         "target.quaternion_xyzw": "target_pose.pose.orientation",
@@ -67,10 +70,10 @@ def problem_from_request(
             robot=robot,
             start=start,
             target=Target(
-                position=_xyz(request.target_pose.pose.position),
-                quaternion_xyzw=_xyzw(request.target_pose.pose.orientation),
-                linear_velocity=_xyz(request.target_twist.linear),
-                angular_velocity=_xyz(request.target_twist.angular),
+                position=xyz(request.target_pose.pose.position),
+                quaternion_xyzw=xyzw(request.target_pose.pose.orientation),
+                linear_velocity=xyz(request.target_twist.linear),
+                angular_velocity=xyz(request.target_twist.angular),
             ),
             duration=request.duration,
             points=request.points or default_points,
@@ -102,8 +105,8 @@ def state_from_message(
     Raises:
         InvalidInput: A field of the message cannot be used; the error names it.
     """
-    _require_frame(f"{source}.header.frame_id", message.header, inertial_frame)
-    order = _joint_order(f"{source}.joint_names", message.joint_names, robot.joint_names)
+    require_frame(f"{source}.header.frame_id", message.header.frame_id, inertial_frame)
+    order = joint_order(f"{source}.joint_names", message.joint_names, robot.joint_names)
     named_as = {
         "chaser.position": f"{source}.pose.position",
         "chaser.quaternion_xyzw": f"{source}.pose.orientation",
@@ -118,10 +121,10 @@ def state_from_message(
     )
     with _fields_named(named_as):
         return SystemState(
-            position_chaser_in_inertial=_xyz(message.pose.position),
-            quaternion_chaser_to_inertial_xyzw=_xyzw(message.pose.orientation),
-            linear_velocity_chaser_in_inertial=_xyz(message.twist.linear),
-            angular_velocity_chaser_in_inertial=_xyz(message.twist.angular),
+            position_chaser_in_inertial=xyz(message.pose.position),
+            quaternion_chaser_to_inertial_xyzw=xyzw(message.pose.orientation),
+            linear_velocity_chaser_in_inertial=xyz(message.twist.linear),
+            angular_velocity_chaser_in_inertial=xyz(message.twist.angular),
             joint_positions=positions[order],
             joint_velocities=velocities[order],
         )
@@ -131,13 +134,22 @@ def spheres_from_message(message: ObstacleSphereArray, inertial_frame: str) -> t
     """Read the scene.
 
     Args:
-        message: The obstacles; ids need not be unique.
+        message: The obstacles.
         inertial_frame: The only frame that the array may be given in.
 
     Raises:
-        InvalidInput: A field of the message cannot be used, or a sphere moves.
+        InvalidInput: A field of the message cannot be used, two spheres share an id, or one moves.
     """
-    _require_frame("obstacles.header.frame_id", message.header, inertial_frame)
+    require_frame("obstacles.header.frame_id", message.header.frame_id, inertial_frame)
+    first: dict[str, int] = {}
+    for i, sphere in enumerate(message.spheres):
+        if first.setdefault(sphere.id, i) != i:
+            raise InvalidInput(
+                Status.OUT_OF_RANGE,
+                f"obstacles.spheres[{i}].id",
+                repr(sphere.id),
+                f"every id must be given once, and spheres[{first[sphere.id]}] has it already",
+            )
     return tuple(_sphere(f"obstacles.spheres[{i}]", s) for i, s in enumerate(message.spheres))
 
 
@@ -201,21 +213,43 @@ def _fields_named(named_as: Mapping[str, str]) -> Iterator[None]:
         raise InvalidInput(error.status, field, error.value, error.allowed) from None
 
 
-def _require_frame(field: str, header: Header, inertial_frame: str) -> None:
-    if header.frame_id != inertial_frame:
-        raise InvalidInput(
-            Status.WRONG_FRAME, field, repr(header.frame_id), f"it must be '{inertial_frame}'"
-        )
+def require_frame(field: str, frame_id: str, allowed: str) -> None:
+    """Refuse a frame that is not the one allowed.
+
+    Args:
+        field: Name of the value in the error message.
+        frame_id: The frame found.
+        allowed: The frame that it must be.
+
+    Raises:
+        InvalidInput: It is another one.
+    """
+    if frame_id != allowed:
+        raise InvalidInput(Status.WRONG_FRAME, field, repr(frame_id), f"it must be '{allowed}'")
 
 
-def _joint_order(field: str, found: Sequence[str], wanted: Sequence[str]) -> list[int]:
-    """Return where each wanted joint stands among those found."""
+def joint_order(
+    field: str, found: Sequence[str], wanted: Sequence[str], others_allowed: bool = False
+) -> list[int]:
+    """Return where each wanted joint stands among those found.
+
+    Args:
+        field: Name of the list of joints in the error message.
+        found: Names in a message.
+        wanted: Names of the robot's joints.
+        others_allowed: Whether there may be joints that the robot does not have.
+
+    Raises:
+        InvalidInput: A joint is unknown, missing or named twice.
+    """
+    known = set(wanted)
+    counts = Counter(name for name in found if name in known) if others_allowed else Counter(found)
     faults = [
-        f"{fault}: {', '.join(names)}"
+        f"{fault}: {_listed(names)}"
         for fault, names in (
-            ("unknown", sorted(set(found) - set(wanted))),
-            ("missing", sorted(set(wanted) - set(found))),
-            ("more than once", sorted({name for name in found if found.count(name) > 1})),
+            ("unknown", sorted(counts.keys() - known)),
+            ("missing", sorted(known - counts.keys())),
+            ("more than once", sorted(name for name, times in counts.items() if times > 1)),
         )
         if names
     ]
@@ -229,6 +263,12 @@ def _joint_order(field: str, found: Sequence[str], wanted: Sequence[str]) -> lis
     return [found.index(name) for name in wanted]
 
 
+def _listed(names: list[str]) -> str:
+    shown = ", ".join(names[:_NAMES_SHOWN])
+    rest = len(names) - _NAMES_SHOWN
+    return f"{shown} and {rest} more" if rest > 0 else shown
+
+
 def _sphere(field: str, message: ObstacleSphere) -> Sphere:
     (twist,) = _twists([message.twist]).tolist()
     if finite_vector(f"{field}.twist", twist, 6).any():
@@ -240,22 +280,24 @@ def _sphere(field: str, message: ObstacleSphere) -> Sphere:
         )
     name = f"obstacles[{message.id}]"
     with _fields_named({f"{name}.{part}": f"{field}.{part}" for part in ("center", "radius")}):
-        return Sphere(id=message.id, center=_xyz(message.center), radius=message.radius)
+        return Sphere(id=message.id, center=xyz(message.center), radius=message.radius)
 
 
 def _poses(path: Path) -> Array:
     return np.array(
-        [[*_xyz(item.pose.position), *_xyzw(item.pose.orientation)] for item in path.poses]
+        [[*xyz(item.pose.position), *xyzw(item.pose.orientation)] for item in path.poses]
     )
 
 
 def _twists(twists: Sequence[Twist]) -> Array:
-    return np.array([[*_xyz(twist.linear), *_xyz(twist.angular)] for twist in twists])
+    return np.array([[*xyz(twist.linear), *xyz(twist.angular)] for twist in twists])
 
 
-def _xyz(message: Point | Vector3) -> Array:
+def xyz(message: Point | Vector3) -> Array:
+    """Return a message's three numbers. Shape (3,)."""
     return np.array([message.x, message.y, message.z])
 
 
-def _xyzw(message: Quaternion) -> Array:
+def xyzw(message: Quaternion) -> Array:
+    """Return a message's quaternion. Shape (4,)."""
     return np.array([message.x, message.y, message.z, message.w])

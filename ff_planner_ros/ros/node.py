@@ -1,41 +1,23 @@
-"""The node `ff_planner`: parameters, robot, recorder and service, from start to a clean end."""
+"""The process of the node `ff_planner`: signals, threads and a clean end."""
 
 from __future__ import annotations
 
 import signal
 import sys
 import threading
-from collections.abc import Iterator
-from contextlib import closing, contextmanager
-from dataclasses import asdict
-from pathlib import Path
+from contextlib import closing
 
 import rclpy
-import yaml
-from ff_planner_msgs.msg import ChaserState, ObstacleSphereArray
-from ff_planner_msgs.srv import PlanTrajectory
-from geometry_msgs.msg import PoseStamped
-from nav_msgs.msg import Path as PathMsg
 from rclpy.executors import MultiThreadedExecutor
-from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
-from trajectory_msgs.msg import JointTrajectory
 
-from ff_planner_ros.bag.writer import BagWriter, unique_directory
 from ff_planner_ros.errors import FfPlannerError, InvalidInput, Status
-from ff_planner_ros.robot.model import load_robot
 from ff_planner_ros.ros.background import spin_in_background
-from ff_planner_ros.ros.parameters import NodeParameters, declare_parameters
-from ff_planner_ros.ros.planning_service import (
-    LATCHED_QOS,
-    SERVICE_EVENT_QOS,
-    STATE_QOS,
-    STREAM_QOS,
-    PlanningService,
-)
-from ff_planner_ros.ros.recorder import RecordedTopic, Recorder
+from ff_planner_ros.ros.planner_node import PlannerNode
 from ff_planner_ros.ros.worker import Worker
-from ff_planner_ros.share import resolve_uri
+
+# One plans, one waits for it to make room, one cancels, one listens.
+_THREADS = 4
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -52,13 +34,12 @@ def main(arguments: list[str] | None = None) -> int:
         signal.signal(number, lambda *_: stop.set())
     try:
         _initialise(arguments)
-        _run(stop)
+        return _run(stop)
     except FfPlannerError as error:
         print(f"planner_node: {error}", file=sys.stderr)
         return 2
     finally:
         rclpy.try_shutdown()
-    return 0
 
 
 def _initialise(arguments: list[str] | None) -> None:
@@ -70,56 +51,30 @@ def _initialise(arguments: list[str] | None) -> None:
         ) from None
 
 
-def _run(stop: threading.Event) -> None:
+def _run(stop: threading.Event) -> int:
     with closing(Worker()) as worker:
-        node = Node("ff_planner")
-        parameters = declare_parameters(node)
-        urdf = resolve_uri(parameters.robot.urdf, relative_to=Path.cwd())
-        robot = load_robot(urdf, parameters.robot.base_link, parameters.robot.tip_link)
-        bag_directory = unique_directory(Path(parameters.bag.directory).resolve(), "ff_planner")
-        with _recording(node, parameters, urdf, bag_directory):
-            PlanningService(node, parameters, robot, worker, run_name=bag_directory.name)
-            with _spinning(node):
-                node.get_logger().info(f"ready; recording to {bag_directory}")
-                stop.wait()
-                # The solver first: the request in progress is answered, the answer recorded.
-                worker.close()
+        node = PlannerNode(worker)
+        executor = MultiThreadedExecutor(num_threads=_THREADS)
+        executor.add_node(node)
+        try:
+            if node.parameters.current.autostart and not _started(node):
+                return 2
+            stop_spinning = spin_in_background(executor, node.get_logger())
+            stop.wait()
+            # The request in progress is answered, and the answer recorded.
+            node.stop_planning(Status.SHUT_DOWN, "the planner was shut down")
+            stop_spinning()
+        finally:
+            node.close()
+    return 0
 
 
-@contextmanager
-def _recording(
-    node: Node, parameters: NodeParameters, urdf: Path, bag_directory: Path
-) -> Iterator[None]:
-    """Record everything that the node hears and says, with what is needed to understand it."""
-    service_event = f"{node.resolve_service_name('plan_trajectory')}/_service_event"
-    topics = [
-        RecordedTopic(node.resolve_topic_name(name), message_type, qos)
-        for name, message_type, qos in (
-            ("chaser_state", ChaserState, STATE_QOS),
-            ("obstacles", ObstacleSphereArray, LATCHED_QOS),
-            ("joint_trajectory", JointTrajectory, LATCHED_QOS),
-            ("predicted_chaser_path", PathMsg, LATCHED_QOS),
-            ("predicted_chaser_pose", PoseStamped, STREAM_QOS),
-        )
-    ]
-    topics.append(RecordedTopic(service_event, PlanTrajectory.Event, SERVICE_EVENT_QOS))
-    flush_interval = parameters.bag.flush_interval
-    used = {"/**": {"ros__parameters": asdict(parameters)}}
-    name = f"{node.get_name()}_recorder"
-    with BagWriter(bag_directory, flush_interval) as bag:
-        bag.attach("robot.urdf", "application/xml", urdf.read_bytes())
-        bag.attach("parameters.yaml", "application/yaml", yaml.safe_dump(used).encode())
-        with closing(Recorder(bag, topics, flush_interval, name, node.get_namespace())):
-            yield
-
-
-@contextmanager
-def _spinning(node: Node) -> Iterator[None]:
-    executor = MultiThreadedExecutor(num_threads=2)  # one plans, one listens
-    executor.add_node(node)
-    stop = spin_in_background(executor, node.get_logger())
-    yield
-    stop()
+def _started(node: PlannerNode) -> bool:
+    """Configure and activate; whether that worked, the node says if not."""
+    node.trigger_configure()
+    if node.refusal is None:
+        node.trigger_activate()
+    return node.refusal is None
 
 
 if __name__ == "__main__":

@@ -19,8 +19,10 @@ from ff_planner_ros.planning.plan import Plan
 from ff_planner_ros.planning.problem import PlanningProblem
 from ff_planner_ros.planning.scenario import SCENARIO_FRAME
 from ff_planner_ros.planning.settings import PlannerSettings
-from ff_planner_ros.ros.planning_service import LATCHED_QOS, SERVICE_EVENT_QOS, STATE_QOS
+from ff_planner_ros.ros.plan_output import LATCHED_QOS
+from ff_planner_ros.ros.planning_service import SERVICE_EVENT_QOS
 from ff_planner_ros.ros.recorder import offered_qos, type_name
+from ff_planner_ros.ros.testbed import STATE_QOS
 from ff_planner_ros.ros.to_messages import (
     obstacles_message,
     request_message,

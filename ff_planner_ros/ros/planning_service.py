@@ -1,217 +1,284 @@
-"""The service `plan_trajectory` and the topics around it."""
+"""The service `plan_trajectory` and the action `plan_trajectory_action`: two doors, one path."""
 
 from __future__ import annotations
 
 import math
 import time
 import traceback
+from collections.abc import Callable
+from functools import partial
 from itertools import count
+from typing import Any
 
-from ff_planner_msgs.msg import ChaserState, ObstacleSphereArray
+from ff_planner_msgs.action import PlanTrajectory as PlanTrajectoryAction
 from ff_planner_msgs.srv import PlanTrajectory
-from geometry_msgs.msg import PoseStamped
-from nav_msgs.msg import Path
-from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
+from rclpy.action import ActionServer, CancelResponse
+from rclpy.action.server import ServerGoalHandle
+from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import QoSProfile
 from rclpy.service_introspection import ServiceIntrospectionState
-from trajectory_msgs.msg import JointTrajectory
 
-from ff_planner_ros.arrays import finite_number
-from ff_planner_ros.errors import FfPlannerError, InvalidInput, Status
-from ff_planner_ros.planning.problem import Sphere
-from ff_planner_ros.planning.scenario import from_urdf
+from ff_planner_ros.errors import FfPlannerError, Interrupted, NoPlanFound, Status
+from ff_planner_ros.planning.search import Progress
 from ff_planner_ros.robot.model import Robot
-from ff_planner_ros.ros.from_messages import (
-    NANOSECONDS,
-    nanoseconds,
-    problem_from_request,
-    spheres_from_message,
-    state_from_message,
-)
-from ff_planner_ros.ros.parameters import NodeParameters
-from ff_planner_ros.ros.to_messages import pose_on_path, response_from_error, response_from_plan
+from ff_planner_ros.ros.action_events import ActionEvents
+from ff_planner_ros.ros.controller_message import controller_message
+from ff_planner_ros.ros.diagnostics import Outcome, SolveTimes
+from ff_planner_ros.ros.from_messages import NANOSECONDS
+from ff_planner_ros.ros.jobs import Job, Jobs
+from ff_planner_ros.ros.parameters import PREEMPT, LiveParameters
+from ff_planner_ros.ros.plan_output import PlanOutput
+from ff_planner_ros.ros.question import question
+from ff_planner_ros.ros.scene_input import SceneInput
+from ff_planner_ros.ros.state_input import StateInput
+from ff_planner_ros.ros.to_messages import response_from_error, response_from_plan, time_message
 from ff_planner_ros.ros.worker import Worker
 
-# Best effort hears every publisher, and only the newest state counts.
-STATE_QOS = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
-# Whoever comes late still gets the last one.
-LATCHED_QOS = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-STREAM_QOS = QoSProfile(depth=10)
+SERVICE, ACTION = "plan_trajectory", "plan_trajectory_action"
 SERVICE_EVENT_QOS = QoSProfile(depth=100)
+# Who asks for the result of an action later than this [s] gets none.
+_RESULT_TIMEOUT = 60
+# rclpy tells a goal of its cancellation right after the callback that accepts it [s].
+_CANCEL_PATIENCE, _CANCEL_POLL = 1.0, 0.001
+# Percentiles are those of so many plans.
+_SOLVE_TIMES = 200
 
 
 class PlanningService:
-    """Answers planning requests; a problem of a request is an answer and never ends the node."""
+    """Answers planning requests; a problem of a request is an answer and never ends the node.
+
+    Attributes:
+        last: Outcome of the last request; None before the first.
+        solve_times: Of the last requests that were searched for.
+    """
 
     def __init__(
-        self, node: Node, parameters: NodeParameters, robot: Robot, worker: Worker, run_name: str
+        self,
+        node: Node,
+        parameters: LiveParameters,
+        robot: Robot,
+        worker: Worker,
+        states: StateInput,
+        scenes: SceneInput,
+        output: PlanOutput,
+        run_name: str,
     ) -> None:
-        """Create subscriptions, publishers and the service on a node.
+        """Open both doors; requests are answered with NOT_ACTIVE until `activate`.
 
         Args:
-            node: The node; needs an executor with at least two threads, one of them to plan.
+            node: The node; its executor needs four threads: one plans, one waits for it to make
+                room, one cancels, one listens.
             parameters: Of the node.
             robot: What to plan for.
             worker: Where to plan.
+            states: Where the state comes from.
+            scenes: Where the obstacles come from.
+            output: Where plans go.
             run_name: Stands in front of the number in every plan id.
         """
-        self._parameters = parameters
-        self._robot = robot
-        self._worker = worker
+        self._node, self._parameters, self._robot, self._worker = node, parameters, robot, worker
+        self._states, self._scenes, self._output = states, scenes, output
+        self._clock, self._logger = node.get_clock(), node.get_logger()
         self._plan_ids = (f"{run_name}.{number}" for number in count(1))
-        self._clock = node.get_clock()
-        self._logger = node.get_logger()
+        self._jobs = Jobs(worker.interrupt)
+        self._goals: dict[bytes, Job] = {}
+        self.last: Outcome | None = None
+        self.solve_times = SolveTimes(_SOLVE_TIMES)
 
-        # Kept as they come: what is wrong with them is the answer to the request that needs them.
-        self._state: ChaserState | None = None
-        self._obstacles: ObstacleSphereArray | None = None
-        node.create_subscription(ChaserState, "chaser_state", self._keep_state, STATE_QOS)
-        node.create_subscription(
-            ObstacleSphereArray, "obstacles", self._keep_obstacles, LATCHED_QOS
+        group = ReentrantCallbackGroup()
+        self._service = node.create_service(
+            PlanTrajectory, SERVICE, self._serve, callback_group=group
         )
-
-        self._path = Path()
-        self._trajectory_publisher = node.create_publisher(
-            JointTrajectory, "joint_trajectory", LATCHED_QOS
-        )
-        self._path_publisher = node.create_publisher(Path, "predicted_chaser_path", LATCHED_QOS)
-        self._pose_publisher = node.create_publisher(
-            PoseStamped, "predicted_chaser_pose", STREAM_QOS
-        )
-        node.create_timer(1.0 / parameters.predicted_pose_rate, self._stream_pose)
-
-        service = node.create_service(
-            PlanTrajectory,
-            "plan_trajectory",
-            self._answer,
-            callback_group=MutuallyExclusiveCallbackGroup(),
-        )
-        service.configure_introspection(
+        self._service.configure_introspection(
             self._clock, SERVICE_EVENT_QOS, ServiceIntrospectionState.CONTENTS
         )
+        self._action = ActionServer(
+            node,
+            PlanTrajectoryAction,
+            ACTION,
+            self._execute,
+            callback_group=group,
+            handle_accepted_callback=self._accept,
+            cancel_callback=self._cancel,
+            result_timeout=_RESULT_TIMEOUT,
+        )
+        self._events = ActionEvents(node, ACTION, SERVICE_EVENT_QOS)
 
-    def _keep_state(self, message: ChaserState) -> None:
-        self._state = message
+    def activate(self) -> None:
+        """Take up requests from now on."""
+        self._jobs.open()
 
-    def _keep_obstacles(self, message: ObstacleSphereArray) -> None:
-        self._obstacles = message
+    def deactivate(self, status: Status, message: str, patience: float) -> None:
+        """Take up no more requests, give up the one that is, and wait for its answer.
 
-    def _stream_pose(self) -> None:
-        pose = pose_on_path(self._path, self._clock.now().nanoseconds)
-        if pose is not None:
-            self._pose_publisher.publish(pose)
+        Args:
+            status: What they are answered with.
+            message: The same in words.
+            patience: Longest wait [s].
+        """
+        self._jobs.close(status, message)
+        self._jobs.wait_until_idle(patience)
 
-    def _answer(
+    def give_up(self, status: Status, message: str) -> None:
+        """Give up the request that is being planned, if there is one.
+
+        Args:
+            status: What it is answered with.
+            message: The same in words.
+        """
+        self._jobs.give_up_all(status, message)
+
+    def close(self) -> None:
+        """Close both doors."""
+        self._action.destroy()
+        self._node.destroy_service(self._service)
+        self._events.destroy()
+
+    def _serve(
         self, request: PlanTrajectory.Request, _: PlanTrajectory.Response
     ) -> PlanTrajectory.Response:
-        plan_id, begun = next(self._plan_ids), time.perf_counter()
+        return self._answer(request, self._job(), lambda _: None)
+
+    def _accept(self, goal: ServerGoalHandle) -> None:
+        """Take every goal: what is wrong with it is its result, with code and words."""
+        self._goals[bytes(goal.goal_id.uuid)] = self._job()
+        self._events.goal_received(goal)
+        goal.execute()
+
+    def _cancel(self, goal: ServerGoalHandle) -> CancelResponse:
+        job = self._goals.get(bytes(goal.goal_id.uuid))
+        cause = FfPlannerError(Status.CANCELLED, "the client of the action cancelled it")
+        if job is not None and self._jobs.give_up(job, cause):
+            return CancelResponse.ACCEPT
+        return CancelResponse.REJECT
+
+    def _execute(self, goal: ServerGoalHandle) -> PlanTrajectoryAction.Result:
+        key = bytes(goal.goal_id.uuid)
+        begun = time.perf_counter()
+
+        def tell(progress: Progress) -> None:
+            elapsed = time.perf_counter() - begun
+            goal.publish_feedback(PlanTrajectoryAction.Feedback(elapsed=elapsed, **vars(progress)))
+
+        request = _same_fields(goal.request, PlanTrajectory.Request)
+        response = self._answer(request, self._goals[key], tell)
+        del self._goals[key]
+        if response.status.code == Status.SOLVED:
+            goal.succeed()
+        elif response.status.code == Status.CANCELLED and _is_cancelling(goal):
+            goal.canceled()
+        else:
+            goal.abort()
+        result = _same_fields(response, PlanTrajectoryAction.Result)
+        self._events.result_sent(goal, result)
+        return result
+
+    def _job(self) -> Job:
+        return Job(next(self._plan_ids))
+
+    def _answer(
+        self, request: PlanTrajectory.Request, job: Job, tell: Callable[[Progress], None]
+    ) -> PlanTrajectory.Response:
+        begun = time.perf_counter()
         try:
-            response = self._planned(request, plan_id, begun)
+            with self._jobs.taken_up(job, preempt=self._parameters.current.when_busy == PREEMPT):
+                response = self._planned(request, job, tell, begun)
         except FfPlannerError as error:
-            self._logger.warning(f"{plan_id}: {error.status.name}: {error}")
-            return response_from_error(error, plan_id, time.perf_counter() - begun)
+            cause = job.cause or error
+            self._logger.warning(f"{job.plan_id}: {cause.status.name}: {cause}")
+            response = response_from_error(cause, job.plan_id, time.perf_counter() - begun)
         except Exception as error:
-            self._logger.error(f"{plan_id}: INTERNAL_ERROR\n{traceback.format_exc()}")
+            self._logger.error(f"{job.plan_id}: INTERNAL_ERROR\n{traceback.format_exc()}")
             unforeseen = f"{type(error).__name__}: {error}"
             cause = FfPlannerError(Status.INTERNAL_ERROR, unforeseen)
-            return response_from_error(cause, plan_id, time.perf_counter() - begun)
-        self._trajectory_publisher.publish(response.joint_trajectory)
-        self._path_publisher.publish(response.predicted_chaser_path)
-        self._path = response.predicted_chaser_path
+            response = response_from_error(cause, job.plan_id, time.perf_counter() - begun)
+        status = Status(response.status.code)
+        self.last = Outcome(job.plan_id, status, response.status.message)
+        return response
+
+    def _planned(
+        self,
+        request: PlanTrajectory.Request,
+        job: Job,
+        tell: Callable[[Progress], None],
+        begun: float,
+    ) -> PlanTrajectory.Response:
+        parameters = self._parameters.current
+        asked = question(
+            request,
+            self._robot,
+            parameters,
+            self._states,
+            self._scenes,
+            self._output.published,
+            self._clock.now().nanoseconds,
+        )
+
+        def report(progress: Progress) -> None:
+            self._require_in_time(asked.start_ns)
+            tell(progress)
+
+        try:
+            plan = self._worker.solve(
+                asked.task, parameters.planner, asked.budget, job.check, report
+            )
+        except Interrupted:
+            job.check()
+            raise FfPlannerError(Status.SHUT_DOWN, "the planner was shut down") from None
+        finally:
+            self.solve_times.add(time.perf_counter() - begun)
+        response = response_from_plan(
+            plan,
+            job.plan_id,
+            asked.start_ns,
+            parameters.inertial_frame,
+            time.perf_counter() - begun,
+        )
+        response.state_stamp = time_message(asked.measured.stamp_ns)
+        response.state_source = asked.measured.source
+        response.obstacles_stamp = time_message(asked.scene.stamp_ns)
+        response.obstacles_source = asked.scene.source
+        for_controller = controller_message(
+            response.joint_trajectory,
+            parameters.controller,
+            self._robot.joint_names,
+            self._clock.now().nanoseconds,
+        )
+        job.seal()
+        self._output.publish(plan, response, for_controller)
+        executor: Any = self._node.executor
+        executor.create_task(partial(self._output.show, plan, asked.scene.spheres))
+        self._log_solved(response)
+        return response
+
+    def _require_in_time(self, start_ns: int) -> None:
+        late = (self._clock.now().nanoseconds - start_ns) / NANOSECONDS
+        if late > 0.0:
+            raise NoPlanFound(
+                Status.TOO_LATE,
+                f"the plan's start time was over {late:.3f} s before there was a plan: ask for a "
+                "later start_time, or raise the parameter planning_allowance",
+            )
+
+    def _log_solved(self, response: PlanTrajectory.Response) -> None:
         metrics, solver = response.metrics, response.solver
         self._logger.info(
-            f"{plan_id}: SOLVED: joint path {metrics.joint_path_length:.4f} rad, "
+            f"{response.plan_id}: SOLVED: joint path {metrics.joint_path_length:.4f} rad, "
             f"largest attitude {math.degrees(metrics.max_chaser_euler):.2f} deg, "
             f"clearance {metrics.min_clearance * 1e3:.1f} mm, "
             f"{solver.iterations} iterations, {solver.solve_time:.2f} s"
         )
-        return response
 
-    def _planned(
-        self, request: PlanTrajectory.Request, plan_id: str, begun: float
-    ) -> PlanTrajectory.Response:
-        frame = self._parameters.inertial_frame
-        message, source, start_ns = self._start_message(request)
-        start = state_from_message(message, source, self._robot, frame)
-        problem = problem_from_request(
-            request,
-            self._robot,
-            start,
-            start_ns,
-            self._spheres(request),
-            frame,
-            self._parameters.points,
-            from_urdf("limits.velocity", self._parameters.limits.velocity),
-        )
-        budget = self._time_budget(request)
-        plan = self._worker.solve(problem, self._parameters.planner, budget)
-        return response_from_plan(plan, plan_id, start_ns, frame, time.perf_counter() - begun)
 
-    def _start_message(self, request: PlanTrajectory.Request) -> tuple[ChaserState, str, int]:
-        """Return the state to start from, its name in errors, and its time [ns]."""
-        now_ns = self._clock.now().nanoseconds
-        if request.use_start_state:
-            message, source = request.start_state, "start_state"
-            start_ns = nanoseconds(message.header.stamp) or now_ns
-        elif self._state is not None:
-            message, source = self._state, "chaser_state"
-            start_ns = nanoseconds(message.header.stamp)
-        else:
-            raise InvalidInput(
-                Status.NO_STATE,
-                "chaser_state",
-                "missing",
-                "none was received yet; publish it, or give the request a start_state",
-            )
-        if nanoseconds(request.start_time) not in (0, start_ns):
-            raise InvalidInput(
-                Status.UNSUPPORTED,
-                "start_time",
-                f"{nanoseconds(request.start_time)} ns",
-                f"it must be zero or the stamp of the start state, {start_ns} ns; "
-                "planning ahead is not supported yet",
-            )
-        self._check_age(f"{source}.header.stamp", (now_ns - start_ns) / NANOSECONDS)
-        return message, source, start_ns
+def _same_fields(message: Any, kind: Any) -> Any:
+    """Return a message of another type that has the same fields."""
+    return kind(**{name: getattr(message, name) for name in kind.get_fields_and_field_types()})
 
-    def _time_budget(self, request: PlanTrajectory.Request) -> float:
-        if request.time_budget < 0.0:
-            raise InvalidInput(
-                Status.OUT_OF_RANGE,
-                "time_budget",
-                request.time_budget,
-                "it must not be negative; 0 stands for the parameter time_budget, "
-                f"{self._parameters.time_budget:g} s",
-            )
-        return finite_number("time_budget", request.time_budget) or self._parameters.time_budget
 
-    def _check_age(self, field: str, age: float) -> None:
-        max_age, max_lead = self._parameters.state_max_age, self._parameters.state_max_lead
-        if age > max_age:
-            raise InvalidInput(
-                Status.STATE_TOO_OLD,
-                field,
-                f"{age:.3f} s old",
-                f"it must be at most {max_age:g} s old (parameter state_max_age)",
-            )
-        if -age > max_lead:
-            raise InvalidInput(
-                Status.STATE_IN_FUTURE,
-                field,
-                f"{-age:.3f} s ahead of now",
-                f"it must be at most {max_lead:g} s ahead (parameter state_max_lead); "
-                "do both computers have the same time?",
-            )
-
-    def _spheres(self, request: PlanTrajectory.Request) -> tuple[Sphere, ...]:
-        message = request.obstacles if request.use_obstacles else self._obstacles
-        if message is None:
-            raise InvalidInput(
-                Status.NO_OBSTACLES,
-                "obstacles",
-                "missing",
-                "none were received yet; publish an empty array if the scene is free, "
-                "or give the request its obstacles",
-            )
-        return spheres_from_message(message, self._parameters.inertial_frame)
+def _is_cancelling(goal: ServerGoalHandle) -> bool:
+    """Wait until rclpy has noted the cancellation that its callback accepted."""
+    give_up = time.monotonic() + _CANCEL_PATIENCE
+    while not goal.is_cancel_requested and time.monotonic() < give_up:
+        time.sleep(_CANCEL_POLL)
+    return bool(goal.is_cancel_requested)

@@ -13,6 +13,7 @@ from ff_planner_ros.bag.reader import Recording, read_bag
 from ff_planner_ros.errors import BagError, Status
 from ff_planner_ros.planning.plan import Plan
 from ff_planner_ros.robot.model import Robot, robot_from_urdf_text
+from ff_planner_ros.ros.action_events import GET_RESULT
 from ff_planner_ros.ros.from_messages import plan_from_response
 from ff_planner_ros.ros.recorder import type_name
 
@@ -23,7 +24,8 @@ class RecordedPlans:
 
     Attributes:
         robot: That they are for.
-        plans: By plan id, in the order of the answers.
+        plans: By plan id, in the order of the answers; first those of the service, then those of
+            the action.
     """
 
     robot: Robot
@@ -43,6 +45,9 @@ def recorded_plans(bag: Path) -> RecordedPlans:
     recording = read_bag(bag, type_name(PlanTrajectory.Event))
     events = [deserialize_message(cdr, PlanTrajectory.Event) for cdr in recording.messages]
     responses = [response for event in events for response in event.response]
+    of_action = read_bag(bag, type_name(GET_RESULT.Event)).messages
+    results = [deserialize_message(cdr, GET_RESULT.Event) for cdr in of_action]
+    responses += [response.result for event in results for response in event.response]
     plans = {
         response.plan_id: plan_from_response(response)
         for response in responses

@@ -36,7 +36,11 @@ class RecordedTopic:
 
 
 class Recorder:
-    """Subscribes in a node and thread of its own until it is closed."""
+    """Subscribes in a node and thread of its own until it is closed.
+
+    Attributes:
+        failure: Why recording has stopped; empty while it goes on.
+    """
 
     def __init__(
         self,
@@ -59,7 +63,7 @@ class Recorder:
             BagError: The bag cannot take the topics.
         """
         self._bag = bag
-        self._failed = False
+        self.failure = ""
         # Names are resolved and the bag's clock is the host's: no argument of the process,
         # remapping and simulated time included, is meant for this node.
         self._node = Node(
@@ -108,12 +112,12 @@ class Recorder:
 
     def _try(self, action: Callable[[], Any]) -> None:
         """Do something to the bag; when it fails say so once, planning goes on."""
-        if self._failed:
+        if self.failure:
             return
         try:
             action()
         except BagError as error:
-            self._failed = True
+            self.failure = str(error)
             self._node.get_logger().error(f"recording has stopped, planning goes on: {error}")
 
 

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import asdict
 
 import numpy as np
 from builtin_interfaces.msg import Duration, Time
+from ff_planner_msgs.action import PlanTrajectory as PlanTrajectoryAction
 from ff_planner_msgs.msg import (
     ChaserState,
     ObstacleSphere,
@@ -19,7 +19,6 @@ from ff_planner_msgs.msg import (
 from ff_planner_msgs.srv import PlanTrajectory
 from geometry_msgs.msg import Point, Pose, PoseStamped, Quaternion, Twist, Vector3
 from nav_msgs.msg import Path
-from scipy.spatial.transform import Rotation, Slerp
 from std_msgs.msg import Header
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
@@ -28,7 +27,7 @@ from ff_planner_ros.errors import FfPlannerError, NoPlanFound, Status
 from ff_planner_ros.planning.plan import Plan
 from ff_planner_ros.planning.problem import PlanningProblem, Sphere
 from ff_planner_ros.robot.state import SystemState
-from ff_planner_ros.ros.from_messages import NANOSECONDS, nanoseconds
+from ff_planner_ros.ros.from_messages import NANOSECONDS
 
 
 def request_message(problem: PlanningProblem, inertial_frame: str) -> PlanTrajectory.Request:
@@ -42,7 +41,7 @@ def request_message(problem: PlanningProblem, inertial_frame: str) -> PlanTrajec
     return PlanTrajectory.Request(
         target_pose=PoseStamped(
             header=Header(frame_id=inertial_frame),
-            pose=_pose(target.position.tolist(), target.quaternion_xyzw.tolist()),
+            pose=pose_message(target.position.tolist(), target.quaternion_xyzw.tolist()),
         ),
         target_twist=_twist(target.linear_velocity.tolist(), target.angular_velocity.tolist()),
         duration=problem.duration,
@@ -50,6 +49,18 @@ def request_message(problem: PlanningProblem, inertial_frame: str) -> PlanTrajec
         weight_chaser_attitude=problem.objective.chaser_attitude,
         points=problem.points,
     )
+
+
+def goal_message(problem: PlanningProblem, inertial_frame: str) -> PlanTrajectoryAction.Goal:
+    """Write a question as a goal of the action, as `request_message` does for the service.
+
+    Args:
+        problem: The question; its start and obstacles are left out.
+        inertial_frame: Frame of the target.
+    """
+    request = request_message(problem, inertial_frame)
+    names = PlanTrajectoryAction.Goal.get_fields_and_field_types()
+    return PlanTrajectoryAction.Goal(**{name: getattr(request, name) for name in names})
 
 
 def state_message(
@@ -65,7 +76,7 @@ def state_message(
     """
     return ChaserState(
         header=Header(stamp=time_message(stamp_ns), frame_id=inertial_frame),
-        pose=_pose(
+        pose=pose_message(
             state.position_chaser_in_inertial.tolist(),
             state.quaternion_chaser_to_inertial_xyzw.tolist(),
         ),
@@ -92,7 +103,7 @@ def obstacles_message(
     return ObstacleSphereArray(
         header=Header(stamp=time_message(stamp_ns), frame_id=inertial_frame),
         spheres=[
-            ObstacleSphere(id=s.id, center=_point(s.center.tolist()), radius=s.radius)
+            ObstacleSphere(id=s.id, center=point_message(s.center.tolist()), radius=s.radius)
             for s in spheres
         ],
     )
@@ -175,68 +186,40 @@ def response_from_error(
     return response
 
 
-def pose_on_path(path: Path, time_ns: int) -> PoseStamped | None:
-    """Return the pose at a time, interpolated between the two neighbours on a path.
-
-    Args:
-        path: Poses with strictly increasing stamps.
-        time_ns: The time [ns].
-
-    Returns:
-        The pose, stamped with the time; None before the first and after the last stamp.
-    """
-    after = bisect_right(path.poses, time_ns, key=lambda pose: nanoseconds(pose.header.stamp))
-    if after == 0:
-        return None
-    before = path.poses[after - 1]
-    before_ns = nanoseconds(before.header.stamp)
-    if after == len(path.poses):
-        return before if before_ns == time_ns else None
-    following = path.poses[after]
-    share = (time_ns - before_ns) / (nanoseconds(following.header.stamp) - before_ns)
-    start, end = _position(before.pose), _position(following.pose)
-    rotations = Rotation.from_quat([_quaternion(before.pose), _quaternion(following.pose)])
-    return PoseStamped(
-        header=Header(stamp=time_message(time_ns), frame_id=path.header.frame_id),
-        pose=_pose(
-            ((1.0 - share) * start + share * end).tolist(),
-            Slerp([0.0, 1.0], rotations)(share).as_quat().tolist(),
-        ),
-    )
-
-
 def time_message(time_ns: int) -> Time:
     """Return integer nanoseconds as a message's time."""
     return Time(sec=time_ns // NANOSECONDS, nanosec=time_ns % NANOSECONDS)
 
 
-def _position(pose: Pose) -> Array:
-    return np.array([pose.position.x, pose.position.y, pose.position.z])
+def pose_message(position: Sequence[float], quaternion_xyzw: Sequence[float]) -> Pose:
+    """Return numbers as a message's pose.
+
+    Args:
+        position: Shape (3,) [m].
+        quaternion_xyzw: Shape (4,).
+    """
+    x, y, z, w = quaternion_xyzw
+    return Pose(position=point_message(position), orientation=Quaternion(x=x, y=y, z=z, w=w))
 
 
-def _quaternion(pose: Pose) -> Array:
-    q = pose.orientation
-    return np.array([q.x, q.y, q.z, q.w])
+def point_message(position: Sequence[float]) -> Point:
+    """Return numbers as a message's point.
+
+    Args:
+        position: Shape (3,) [m].
+    """
+    x, y, z = position
+    return Point(x=x, y=y, z=z)
 
 
 def _path(headers: Sequence[Header], positions: Array, quaternions_xyzw: Array) -> Path:
     poses = [
-        PoseStamped(header=header, pose=_pose(position, quaternion))
+        PoseStamped(header=header, pose=pose_message(position, quaternion))
         for header, position, quaternion in zip(
             headers, positions.tolist(), quaternions_xyzw.tolist(), strict=True
         )
     ]
     return Path(header=headers[0], poses=poses)
-
-
-def _pose(position: Sequence[float], quaternion_xyzw: Sequence[float]) -> Pose:
-    x, y, z, w = quaternion_xyzw
-    return Pose(position=_point(position), orientation=Quaternion(x=x, y=y, z=z, w=w))
-
-
-def _point(position: Sequence[float]) -> Point:
-    x, y, z = position
-    return Point(x=x, y=y, z=z)
 
 
 def _twists(linear_velocities: Array, angular_velocities: Array) -> list[Twist]:

@@ -5,16 +5,16 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-import pinocchio as pin
-from scipy.interpolate import BPoly, CubicHermiteSpline, CubicSpline
+from scipy.interpolate import CubicHermiteSpline, CubicSpline
 from scipy.spatial.transform import Rotation, RotationSpline
 
 from ff_planner_ros.arrays import Array
+from ff_planner_ros.planning.joint_motion import joint_motion
 from ff_planner_ros.planning.motion import from_trajectory
 from ff_planner_ros.planning.plan import Trajectory
 from ff_planner_ros.robot.dynamics import base_acceleration, inverse_dynamics
 from ff_planner_ros.robot.model import Robot
-from ff_planner_ros.robot.momentum import total_momentum
+from ff_planner_ros.robot.momentum import base_twist, total_momentum
 
 
 class FeedForward(NamedTuple):
@@ -77,25 +77,18 @@ def _half_steps(trajectory: Trajectory, steps_per_point: int) -> Array:
 
 def _torques_of_motion(robot: Robot, trajectory: Trajectory, time: Array) -> Array:
     """Return the torques that the motion between the points needs. Shape (times, joints)."""
-    model, data = robot.model, robot.model.createData()
+    data = robot.model.createData()
     q, v = from_trajectory(robot, trajectory)
-    momentum = pin.Force(total_momentum(robot, data, q[0], v[0]))
+    momentum = total_momentum(robot, data, q[0], v[0])
     attitudes = Rotation.from_quat(q[:, 3:7])
     base = CubicHermiteSpline(trajectory.time, q[:, :3], attitudes.apply(v[:, :3]))
     turn = RotationSpline(trajectory.time, attitudes)
-    joints = BPoly.from_derivatives(
-        trajectory.time, np.stack([q[:, 7:], v[:, 6:], trajectory.joint_accelerations], axis=1)
-    )
-    configurations = np.hstack([base(time), turn(time).as_quat(), joints(time)])
+    positions, *derivatives = joint_motion(trajectory).at(time)
+    configurations = np.hstack([base(time), turn(time).as_quat(), positions])
     torques = []
-    for sample, rates, acceleration in zip(
-        configurations, joints(time, 1), joints(time, 2), strict=True
-    ):
-        momentum_map = pin.crba(model, data, sample)[:6]
-        pin.forwardKinematics(model, data, sample)
-        in_base = data.oMi[1].actInv(momentum).vector
-        base_twist = np.linalg.solve(momentum_map[:, :6], in_base - momentum_map[:, 6:] @ rates)
-        velocity = np.concatenate([base_twist, rates])
+    for sample, rates, acceleration in zip(configurations, *derivatives, strict=True):
+        twist = base_twist(robot, data, sample, momentum, rates)
+        velocity = np.concatenate([twist, rates])
         of_base = base_acceleration(robot, data, sample, velocity, acceleration)
         whole = np.concatenate([of_base, acceleration])
         torques.append(inverse_dynamics(robot, data, sample, velocity, whole)[6:])

@@ -1,0 +1,171 @@
+"""A mission executive: asks for a plan, checks it, commits it, and watches it come true.
+
+    .venv/bin/python examples/mission_executive.py config/scenarios/lemur_capture.yaml
+
+needs the planner node and a testbed (`simulated_testbed.py`) that run. The scenario says what to
+ask for; where the chaser is, and what is in the way, the planner hears from the testbed.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import signal
+import sys
+import threading
+from collections.abc import Callable
+from contextlib import closing
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from builtin_interfaces.msg import Time
+from ff_planner_msgs.action import PlanTrajectory
+from rclpy.utilities import remove_ros_args
+
+from ff_planner_ros.errors import FfPlannerError, NoPlanFound, Status
+from ff_planner_ros.planning.problem import Objective
+from ff_planner_ros.planning.scenario import SCENARIO_FRAME, load_scenario
+from ff_planner_ros.ros.executive import MissionExecutive, Outcome
+from ff_planner_ros.ros.progress import FramePose
+from ff_planner_ros.ros.to_messages import goal_message
+
+OBJECTIVES = {"length": Objective(1.0, 0.0), "attitude": Objective(0.0, 1.0)}
+PATIENCE = 60.0  # [s] for the planner, the testbed and the answer
+
+
+def main() -> int:
+    """Fly one capture; exit code: 0 done, 2 something could not run, 3 no plan, 130 interrupted."""
+    options = _options()
+    stop = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: stop.set())
+
+    def check() -> None:
+        if stop.is_set():
+            raise KeyboardInterrupt
+
+    try:
+        report = _fly(options, check)
+    except KeyboardInterrupt:
+        return 130
+    except FfPlannerError as error:
+        print(f"mission_executive: {error}", file=sys.stderr)
+        _write(options.json, {"status": int(error.status), "message": str(error)})
+        return 3 if Status.GOAL_OUT_OF_REACH <= error.status < Status.INTERNAL_ERROR else 2
+    _write(options.json, report)
+    return 0
+
+
+def _fly(options: argparse.Namespace, check: Callable[[], None]) -> dict[str, Any]:
+    scenario = load_scenario(options.scenario)
+    if options.objective is not None:
+        scenario = replace(scenario, objective=OBJECTIVES[options.objective])
+    with closing(MissionExecutive(check, PATIENCE, sys.argv)) as executive:
+        # 1. Ask. The planner carries the chaser forward to the start time and plans from there.
+        goal = goal_message(scenario, SCENARIO_FRAME)
+        goal.start_time = Time(sec=options.start)
+        print("asking     the planner, as soon as it is there", flush=True)
+        answer = executive.plan(goal, _say_how_the_search_goes)
+        print(f"plan       {answer.plan_id}: {_worth(answer)}", flush=True)
+
+        # 2. Check. No plan that the planner gives breaks a limit or touches an obstacle; what only
+        #    the mission knows has to be checked here.
+        attitude = math.degrees(answer.metrics.max_chaser_euler)
+        if attitude > options.max_attitude_deg:
+            raise NoPlanFound(
+                Status.LIMIT_VIOLATED,
+                f"{answer.plan_id} turns the chaser by {attitude:.1f} deg, this mission allows "
+                f"{options.max_attitude_deg:g} deg: try --objective attitude",
+            )
+
+        # 3. Commit. From here on the arm's controller has it, and nothing moves before its stamp.
+        executive.commit(answer)
+        print("committed  the controller has it", flush=True)
+
+        # 4. Watch it come true.
+        outcome = executive.watch(answer, scenario.duration, scenario.robot)
+    print(f"predicted  end effector at {_words(outcome.predicted)}")
+    print(f"reached    end effector at {_words(outcome.reached)}")
+    print(f"off by     {outcome.error.position * 1e3:.2f} mm, {_deg(outcome.error.angle)}")
+    print(f"chaser     {outcome.worst.position * 1e3:.2f} mm, {_deg(outcome.worst.angle)} at worst")
+    return _report(answer, outcome)
+
+
+def _say_how_the_search_goes(feedback: PlanTrajectory.Feedback) -> None:
+    print(
+        f"{feedback.phase:<10} {feedback.elapsed:5.2f} s, {feedback.iterations} iterations, "
+        f"objective {feedback.objective:.4f}, worst violation {feedback.violation:.1e}",
+        flush=True,
+    )
+
+
+def _worth(answer: PlanTrajectory.Result) -> str:
+    metrics = answer.metrics
+    return (
+        f"joint path {metrics.joint_path_length:.4f} rad, "
+        f"attitude {_deg(metrics.max_chaser_euler)}, "
+        f"clearance {metrics.min_clearance * 1e3:.1f} mm, found in {answer.solver.solve_time:.2f} s"
+    )
+
+
+def _deg(angle: float) -> str:
+    return f"{math.degrees(angle):.3f} deg"
+
+
+def _words(pose: FramePose) -> str:
+    x, y, z = pose.position
+    qx, qy, qz, qw = pose.rotation.as_quat()
+    return f"{x:.4f} {y:.4f} {z:.4f} m, quaternion {qx:.4f} {qy:.4f} {qz:.4f} {qw:.4f}"
+
+
+def _report(answer: PlanTrajectory.Result, outcome: Outcome) -> dict[str, Any]:
+    return {
+        "status": int(answer.status.code),
+        "plan_id": answer.plan_id,
+        "solve_time": answer.solver.solve_time,
+        "predicted": _numbers(outcome.predicted),
+        "reached": _numbers(outcome.reached),
+        "error": outcome.error._asdict(),
+        "worst_chaser_error": outcome.worst._asdict(),
+    }
+
+
+def _numbers(pose: FramePose) -> dict[str, list[float]]:
+    return {
+        "position": pose.position.tolist(),
+        "quaternion_xyzw": pose.rotation.as_quat().tolist(),
+    }
+
+
+def _write(file: Path | None, report: dict[str, Any]) -> None:
+    if file is not None:
+        file.write_text(json.dumps(report) + "\n", encoding="utf-8")
+
+
+def _options() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("scenario", type=Path, metavar="SCENARIO")
+    parser.add_argument("--objective", choices=OBJECTIVES, help="instead of the scenario's")
+    parser.add_argument(
+        "--start",
+        type=int,
+        default=0,
+        metavar="SECONDS",
+        help="ROS time at which the plan starts (default: as soon as the planner can)",
+    )
+    parser.add_argument(
+        "--max-attitude-deg",
+        type=float,
+        default=math.inf,
+        metavar="DEG",
+        help="refuse plans that turn the chaser further",
+    )
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write what became of it")
+    # What follows --ros-args is for ROS, anything else that is not known a slip of the pen.
+    return parser.parse_args(remove_ros_args(sys.argv)[1:])
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,90 @@
+"""A testbed in software: a chaser with its arm that drifts, tumbles and follows trajectories.
+
+    .venv/bin/python examples/simulated_testbed.py config/scenarios/lemur_capture.yaml
+
+publishes `chaser_state` and the scenario's `obstacles`, and does in real time what comes on
+`arm_controller/joint_trajectory`; `--help` lists noise and delays. Replace it by your hardware:
+those three topics are all there is.
+"""
+
+from __future__ import annotations
+
+import argparse
+import signal
+import sys
+import threading
+from dataclasses import fields
+from pathlib import Path
+
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.signals import SignalHandlerOptions
+from rclpy.utilities import remove_ros_args
+
+from ff_planner_ros.errors import FfPlannerError
+from ff_planner_ros.planning.scenario import load_scenario
+from ff_planner_ros.ros.background import spin_in_background
+from ff_planner_ros.ros.from_messages import NANOSECONDS
+from ff_planner_ros.ros.testbed import Imperfections, SimulatedTestbed
+
+MEANING = {
+    "position_noise": "of the measured position, standard deviation [m]",
+    "angle_noise": "of the measured attitude and joint angles [rad]",
+    "velocity_noise": "of the measured velocity [m/s]",
+    "rate_noise": "of the measured angular velocity and joint rates [rad/s]",
+    "state_delay": "from measuring to publishing [s]",
+    "command_delay": "by which the joints are behind a trajectory [s]",
+    "seed": "of the noise",
+}
+
+
+def main() -> int:
+    """Run until SIGINT or SIGTERM."""
+    options = _options()
+    stop = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: stop.set())
+    try:
+        scenario = load_scenario(options.scenario)
+    except FfPlannerError as error:
+        print(f"simulated_testbed: {error}", file=sys.stderr)
+        return 2
+    rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
+    node = rclpy.create_node("simulated_testbed")
+    now_ns = node.get_clock().now().nanoseconds
+    epoch_ns = now_ns if options.epoch is None else options.epoch * NANOSECONDS
+    # Every noise and delay is an option of the same name.
+    imperfections = Imperfections(
+        **{i.name: getattr(options, i.name) for i in fields(Imperfections)}
+    )
+    SimulatedTestbed(node, scenario, epoch_ns, options.rate, imperfections)
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+    leave = spin_in_background(executor, node.get_logger())
+    stop.wait()
+    leave()
+    rclpy.shutdown()
+    return 0
+
+
+def _options() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("scenario", type=Path, metavar="SCENARIO")
+    parser.add_argument("--rate", type=float, default=50.0, help="of chaser_state [Hz]")
+    parser.add_argument(
+        "--epoch",
+        type=int,
+        metavar="SECONDS",
+        help="ROS time at which the chaser passes through the scenario's start (default: now)",
+    )
+    for item in fields(Imperfections):
+        name = f"--{item.name.replace('_', '-')}"
+        parser.add_argument(
+            name, type=type(item.default), default=item.default, help=MEANING[item.name]
+        )
+    # What follows --ros-args is for ROS, anything else that is not known a slip of the pen.
+    return parser.parse_args(remove_ros_args(sys.argv)[1:])
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,158 @@
+"""The free-floating system forward in time: nothing pushes it, and its joints' motion is known."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pinocchio as pin
+
+from ff_planner_ros.arrays import Array, finite_number
+from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.planning.joint_motion import JointMotion
+from ff_planner_ros.planning.rollout import runge_kutta_step
+from ff_planner_ros.robot.configuration import configuration, system_state
+from ff_planner_ros.robot.dynamics import base_acceleration
+from ff_planner_ros.robot.model import Robot
+from ff_planner_ros.robot.momentum import base_twist, total_momentum
+from ff_planner_ros.robot.state import SystemState
+
+# In one step nothing turns further [rad]. RK4 is off by about the fourth power of this in a radian,
+# 1e-7, far less than a state is measured to, and a second of a moving arm takes milliseconds.
+_STEP_TURN = 0.02
+
+
+def carried_forward(
+    robot: Robot, state: SystemState, seconds: float, joints: JointMotion | None
+) -> SystemState:
+    """Return where a measured system will be.
+
+    Total momentum stays. Of the joints, without a motion: they keep their measured rates, for
+    nothing tells what would stop them; a held arm measures none. With one: before it begins they
+    keep their measured rates; while it runs they move as it does, from where they are measured, so
+    that the controller's tracking error is neither lost nor turned into a jump; after its end they
+    are held there.
+
+    Args:
+        robot: The robot.
+        state: As measured.
+        seconds: How far, not negative; effort grows with it.
+        joints: The motion that a controller runs, its time counted from the state's; None where
+            none runs.
+
+    Raises:
+        InvalidInput: `seconds` is negative or not finite.
+    """
+    if finite_number("seconds", seconds) < 0.0:
+        raise InvalidInput(
+            Status.OUT_OF_RANGE, "seconds", seconds, "a state can be carried forward only"
+        )
+    if seconds == 0.0:
+        return state
+    q, v = configuration(robot, state)
+    momentum = total_momentum(robot, robot.model.createData(), q, v)
+    for phase, begin, end in _phases(state, seconds, joints):
+        time = _steps(robot, q, momentum, phase, begin, end)
+        q, v, _ = (samples[-1] for samples in driven(robot, q, momentum, phase, time))
+    return system_state(robot, q, v)
+
+
+def driven(
+    robot: Robot, q_start: Array, momentum: Array, joints: JointMotion, time: Array
+) -> tuple[Array, Array, Array]:
+    """Return the motion of a system whose joints are driven and that nothing pushes.
+
+    Args:
+        robot: The robot.
+        q_start: Configuration at the first time; its joints are replaced. Shape (7 + joints,).
+        momentum: Total P and L about the inertial origin. Shape (6,).
+        joints: What the joints do.
+        time: Of the points; from each to the next it takes one step of Runge-Kutta, of order four
+            where no point of `joints` lies between. Shape (points,) [s].
+
+    Returns:
+        Configurations, shape (points, 7 + joints), tangent velocities and their rates, each of
+        shape (points, 6 + joints).
+    """
+    model, data = robot.model, robot.model.createData()
+    points = len(time)
+    half_steps = np.interp(np.arange(2 * points - 1), 2 * np.arange(points), time)
+    positions, rates, accelerations = joints.at(half_steps)
+
+    def velocity(half_step: int, q: Array) -> Array:
+        q = np.concatenate([q[:7], positions[half_step]])
+        twist = base_twist(robot, data, q, momentum, rates[half_step])
+        return np.concatenate([twist, rates[half_step]])
+
+    q = np.empty((points, model.nq))
+    q[0] = np.concatenate([q_start[:7], positions[0]])
+    for i in range(points - 1):
+
+        def at_stage(stage: int, q: Array, i: int = i) -> Array:
+            return velocity(2 * i + (stage + 1) // 2, q)
+
+        increments = runge_kutta_step(model, q[i], time[i + 1] - time[i], at_stage)
+        after = pin.integrate(model, q[i], increments[-1])
+        q[i + 1] = np.concatenate([after[:7], positions[2 * i + 2]])
+    v = np.array([velocity(2 * i, at) for i, at in enumerate(q)])
+    of_joints = accelerations[::2]
+    of_base = [
+        base_acceleration(robot, data, *sample) for sample in zip(q, v, of_joints, strict=True)
+    ]
+    return q, v, np.hstack([of_base, of_joints])
+
+
+def _phases(
+    state: SystemState, seconds: float, running: JointMotion | None
+) -> Iterator[tuple[JointMotion, float, float]]:
+    """Yield what the joints do before, in and after a motion that runs, and from when to when."""
+    positions, rates = state.joint_positions, state.joint_velocities
+    if running is None:
+        yield _steady(0.0, seconds, positions, rates), 0.0, seconds
+        return
+    first, last = running.time[[0, -1]].tolist()
+    if first > 0.0:
+        end = min(first, seconds)
+        yield _steady(0.0, end, positions, rates), 0.0, end
+        positions = positions + end * rates
+    begin, end = np.clip([0.0, seconds], first, last).tolist()
+    if begin < end:
+        (at_begin, at_end), _, _ = running.at(np.array([begin, end]))
+        off = positions - at_begin
+        yield replace(running, positions=running.positions + off), begin, end
+        positions = at_end + off
+    if last < seconds:
+        begin = max(last, 0.0)
+        yield _steady(begin, seconds, positions, np.zeros_like(rates)), begin, seconds
+
+
+def _steady(begin: float, end: float, positions: Array, rates: Array) -> JointMotion:
+    """Return the motion at constant rates from some positions on."""
+    # Quintics neither go far beyond their points nor have room between two at nearly one time.
+    span = max(end - begin, 1.0)
+    none = np.zeros((2, len(rates)))
+    return JointMotion(
+        np.array([begin, begin + span]),
+        np.array([positions, positions + span * rates]),
+        none + rates,
+        none,
+    )
+
+
+def _steps(
+    robot: Robot, q: Array, momentum: Array, joints: JointMotion, begin: float, end: float
+) -> Array:
+    """Return the times of the integration: the motion's points, and as many between as it takes."""
+    inside = joints.time[(begin < joints.time) & (joints.time < end)]
+    ends = np.array([begin, *inside, end])
+    _, rates, _ = joints.at(np.concatenate([ends, (ends[:-1] + ends[1:]) / 2]))
+    twist = base_twist(robot, robot.model.createData(), q, momentum, rates[0])
+    # What the arm's motion adds to the chaser's turn is less than what its joints turn.
+    fastest = float(np.linalg.norm(twist[3:]) + np.abs(rates).max(axis=0).sum())
+    times = [ends[:1]]
+    for a, b in pairwise(ends.tolist()):
+        steps = max(1, int(np.ceil((b - a) * fastest / _STEP_TURN)))
+        times.append(np.linspace(a, b, steps + 1)[1:])
+    return np.concatenate(times)

@@ -1,0 +1,57 @@
+"""The motion of the joints between the points of a trajectory, as a controller makes it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from scipy.interpolate import BPoly
+
+from ff_planner_ros.arrays import Array
+from ff_planner_ros.planning.plan import Trajectory
+
+
+@dataclass(frozen=True, eq=False)
+class JointMotion:
+    """Joints on the quintics through positions, velocities and accelerations.
+
+    This is how ROS's `joint_trajectory_controller` interpolates a trajectory that has all three.
+
+    Attributes:
+        time: Strictly increasing, two or more. Shape (points,) [s].
+        positions: Shape (points, joints) [rad].
+        velocities: Shape (points, joints) [rad/s].
+        accelerations: Shape (points, joints) [rad/s2].
+    """
+
+    time: Array
+    positions: Array
+    velocities: Array
+    accelerations: Array
+
+    def at(self, time: Array) -> tuple[Array, Array, Array]:
+        """Return positions, velocities and accelerations; beyond the ends their quintics go on.
+
+        Args:
+            time: Shape (times,) [s].
+
+        Returns:
+            Three arrays of shape (times, joints).
+        """
+        of_time = zip(self.positions, self.velocities, self.accelerations, strict=True)
+        quintics = BPoly.from_derivatives(self.time, list(of_time))
+        return quintics(time), quintics(time, 1), quintics(time, 2)
+
+
+def joint_motion(trajectory: Trajectory, start: float = 0.0) -> JointMotion:
+    """Return the motion that a controller makes of a trajectory.
+
+    Args:
+        trajectory: Of a plan.
+        start: When it begins, on the caller's clock [s].
+    """
+    return JointMotion(
+        start + trajectory.time,
+        trajectory.joint_positions,
+        trajectory.joint_velocities,
+        trajectory.joint_accelerations,
+    )

@@ -1,0 +1,196 @@
+"""What the arm does after the goal: a plan ends with moving joints, since the chaser drifts."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import fields, replace
+from enum import StrEnum
+
+import numpy as np
+import pinocchio as pin
+from scipy.spatial.transform import Rotation
+
+from ff_planner_ros.arrays import Array, finite_number
+from ff_planner_ros.errors import InvalidInput, NoPlanFound, Status
+from ff_planner_ros.planning.check import measure
+from ff_planner_ros.planning.failures import Failure, failures
+from ff_planner_ros.planning.forward import driven
+from ff_planner_ros.planning.joint_motion import JointMotion
+from ff_planner_ros.planning.motion import from_trajectory, to_trajectory
+from ff_planner_ros.planning.plan import Plan, Trajectory
+from ff_planner_ros.planning.problem import MAX_POINTS, PlanningProblem
+from ff_planner_ros.planning.rollout import regular_velocity, runge_kutta_step
+from ff_planner_ros.planning.settings import PlannerSettings
+from ff_planner_ros.robot.momentum import total_momentum
+from ff_planner_ros.robot.velocity_map import VelocityMap, VelocitySolution
+
+# The check looks at the points: on so many intervals it sees the peaks of a ramp within 2 %.
+_LEAST_INTERVALS = 8
+
+
+class EndBehaviour(StrEnum):
+    """What the arm does after the goal."""
+
+    AS_PLANNED = "as_planned"
+    HOLD_END_EFFECTOR = "hold_end_effector"
+    STOP_JOINTS = "stop_joints"
+
+
+def with_tail(
+    problem: PlanningProblem,
+    plan: Plan,
+    end_behaviour: EndBehaviour,
+    seconds: float,
+    settings: PlannerSettings,
+) -> Plan:
+    """Return a plan continued beyond its goal, and checked as a whole.
+
+    - `as_planned`: the plan itself. Its joints still move at its last point.
+    - `hold_end_effector`: the end effector stays at its goal, or goes on with the target's twist,
+      while the chaser moves on. The joints still move at the last point.
+    - `stop_joints`: joint rates fall to zero, their accelerations go on from the plan's and end at
+      zero. The end effector leaves its goal with the chaser.
+
+    The points of a tail are equally far apart, never further than the plan's.
+
+    Args:
+        problem: What was asked.
+        plan: Sound, without a tail.
+        end_behaviour: What the arm shall do.
+        seconds: How long; does not matter for `as_planned`.
+        settings: The planner's tunables.
+
+    Returns:
+        Its metrics are those of the whole motion, but for what refers to the goal (`Metrics`).
+
+    Raises:
+        InvalidInput: `seconds` is not positive, or so long that the points become too many.
+        NoPlanFound: The tail violates what a plan must keep, or meets a dynamic singularity; the
+            message names the tail, and the attempt is the plan with it.
+    """
+    if end_behaviour is EndBehaviour.AS_PLANNED:
+        return plan
+    robot, motion = problem.robot, plan.trajectory
+    seconds = finite_number("tail_duration", seconds, above=0.0)
+    name = f"{end_behaviour}, {seconds:g} s"
+    time = np.linspace(0.0, seconds, 1 + _intervals(problem, motion, seconds))
+    q, v = from_trajectory(robot, motion)
+    momentum = total_momentum(robot, robot.model.createData(), q[0], v[0])
+    if end_behaviour is EndBehaviour.HOLD_END_EFFECTOR:
+        try:
+            tail = _holding(problem, q[-1], momentum, time)
+        except NoPlanFound as singular:
+            raise _refusal(name, singular.status, str(singular), plan) from None
+    else:
+        ramp = _ramp(q[-1, 7:], v[-1, 6:], motion.joint_accelerations[-1], seconds)
+        tail = driven(robot, q[-1], momentum, ramp, time)
+    after = to_trajectory(robot, problem.duration + time, *tail)
+    whole = _joined(motion, after)
+    longer = replace(plan, trajectory=whole, metrics=measure(problem, whole, settings))
+    found = list(failures(problem, longer, settings))
+    if end_behaviour is EndBehaviour.HOLD_END_EFFECTOR:
+        found += _lost_hold(problem, after, settings)
+    if found:
+        findings = "; ".join(failure.finding for failure in found)
+        raise _refusal(name, found[0].status, findings, longer)
+    return longer
+
+
+def _intervals(problem: PlanningProblem, motion: Trajectory, seconds: float) -> int:
+    """Return into how many intervals a tail is cut."""
+    in_plan = len(motion.time) - 1
+    # A whole number of the plan's steps, but for rounding, takes no more than these.
+    wanted = max(np.ceil(seconds / problem.duration * in_plan - 1e-9), _LEAST_INTERVALS)
+    if not len(motion.time) + wanted <= MAX_POINTS:
+        raise InvalidInput(
+            Status.OUT_OF_RANGE,
+            "tail_duration",
+            f"{seconds:g} s",
+            f"with its points the plan may have {MAX_POINTS} at most; choose a shorter tail or "
+            "fewer points",
+        )
+    return int(wanted)
+
+
+def _holding(
+    problem: PlanningProblem, q_goal: Array, momentum: Array, time: Array
+) -> tuple[Array, Array, Array]:
+    """Return the motion that lets the end effector go on with the target's twist, Eq. (31).
+
+    Raises:
+        NoPlanFound: It meets a dynamic singularity.
+    """
+    robot, target = problem.robot, problem.target
+    model, velocity_map = robot.model, VelocityMap(robot)
+    twist = np.concatenate([target.linear_velocity, target.angular_velocity])
+    step, last = time[1], problem.duration + time[-1]
+
+    def solution(seconds: float, q: Array) -> VelocitySolution:
+        when = problem.duration + seconds
+        return regular_velocity(velocity_map, q, momentum, twist, when, last)
+
+    q = [q_goal]
+    for begin in time[:-1]:
+
+        def velocity(_: int, at: Array, begin: float = begin) -> Array:
+            return solution(begin, at).v
+
+        q.append(pin.integrate(model, q[-1], runge_kutta_step(model, q[-1], step, velocity)[-1]))
+    solutions = [solution(*at) for at in zip(time, q, strict=True)]
+    v = np.array([at.v for at in solutions])
+    by_q, _ = velocity_map.derivatives(solutions)
+    return np.array(q), v, np.einsum("pij,pj->pi", by_q, v)
+
+
+def _ramp(positions: Array, rates: Array, accelerations: Array, seconds: float) -> JointMotion:
+    """Return the motion to rest whose rates are cubics: what a controller's quintics reproduce."""
+    way = seconds / 2 * rates + seconds**2 / 12 * accelerations
+    rest = np.zeros_like(rates)
+    return JointMotion(
+        np.array([0.0, seconds]),
+        np.array([positions, positions + way]),
+        np.array([rates, rest]),
+        np.array([accelerations, rest]),
+    )
+
+
+def _joined(motion: Trajectory, after: Trajectory) -> Trajectory:
+    """Return one trajectory of two; the point that they share is the first one's."""
+    names = [item.name for item in fields(Trajectory)]
+    return Trajectory(
+        **{
+            name: np.concatenate([getattr(motion, name), getattr(after, name)[1:]])
+            for name in names
+        }
+    )
+
+
+def _lost_hold(
+    problem: PlanningProblem, after: Trajectory, settings: PlannerSettings
+) -> Iterator[Failure]:
+    """Yield where the end effector is not with the target, whose twist stays what it is."""
+    target, time = problem.target, after.time - problem.duration
+    positions = target.position + np.outer(time, target.linear_velocity)
+    turns = Rotation.from_rotvec(np.outer(time, target.angular_velocity))
+    rotations = turns * Rotation.from_quat(target.quaternion_xyzw)
+    away = np.linalg.norm(after.ee_positions - positions, axis=1)
+    turned = (rotations.inv() * Rotation.from_quat(after.ee_quaternions_xyzw)).magnitude()
+    for name, off, tolerance, unit in (
+        ("position", away, settings.position_tolerance, "m"),
+        ("orientation", turned, settings.orientation_tolerance, "rad"),
+    ):
+        if not off.max() <= tolerance:
+            yield Failure(
+                Status.CHECK_FAILED,
+                f"the end effector's {name} is {off.max():.3g} {unit} off the target "
+                f"{time[off.argmax()]:.2f} s after the goal, allowed is {tolerance:.3g} {unit}",
+                (),
+            )
+
+
+def _refusal(name: str, status: Status, finding: str, attempt: Plan) -> NoPlanFound:
+    message = (
+        f"the plan reaches its goal, but its tail ({name}) cannot be driven: {finding}. What may "
+        "help: another length of the tail, another end_behaviour, another goal"
+    )
+    return NoPlanFound(status, message, attempt)

@@ -1,0 +1,144 @@
+"""The lifecycle node `ff_planner`: what exists in which state, and how one becomes the other."""
+
+from __future__ import annotations
+
+import traceback
+from collections.abc import Callable
+
+from lifecycle_msgs.srv import ChangeState
+from rclpy.impl.implementation_singleton import rclpy_implementation
+from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+
+from ff_planner_ros.errors import FfPlannerError, Status
+from ff_planner_ros.ros.parameters import LiveParameters
+from ff_planner_ros.ros.session import Session
+from ff_planner_ros.ros.worker import Worker
+
+
+class PlannerNode(LifecycleNode):
+    """Unconfigured: only parameters. Inactive: connected, but requests get NOT_ACTIVE. Active: all.
+
+    Attributes:
+        parameters: Declared, and judged when they change.
+        refusal: Why the last transition failed; None if it did not.
+    """
+
+    def __init__(self, worker: Worker) -> None:
+        """Declare the parameters.
+
+        Args:
+            worker: Where to plan; outlives the node.
+
+        Raises:
+            InvalidInput: A parameter is refused.
+        """
+        super().__init__("ff_planner")
+        self._answer_illegal_transitions()
+        self.parameters = LiveParameters(self)
+        self.refusal: FfPlannerError | None = None
+        self._worker = worker
+        self._session: Session | None = None
+
+    def on_configure(self, _: LifecycleState) -> TransitionCallbackReturn:
+        """Load the robot, start to record, and connect."""
+
+        def configure() -> None:
+            self._session = Session(self, self.parameters, self._worker)
+            self.parameters.configured = True
+
+        return self._attempt(configure)
+
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Publish, and answer requests.
+
+        Args:
+            state: The one before.
+        """
+
+        def activate() -> None:
+            super(PlannerNode, self).on_activate(state)  # opens the publishers
+            if self._session is not None:
+                self._session.activate()
+
+        return self._attempt(activate)
+
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Give up what is being planned, and publish no more.
+
+        Args:
+            state: The one before.
+        """
+
+        def deactivate() -> None:
+            self.stop_planning(Status.NOT_ACTIVE, "the planner is not active any more")
+            super(PlannerNode, self).on_deactivate(state)  # closes the publishers
+
+        return self._attempt(deactivate)
+
+    def on_cleanup(self, _: LifecycleState) -> TransitionCallbackReturn:
+        """Disconnect and close the bag."""
+        return self._attempt(self._clean_up)
+
+    def on_shutdown(self, _: LifecycleState) -> TransitionCallbackReturn:
+        """Disconnect and close the bag, from whatever state."""
+        return self._attempt(self._clean_up)
+
+    def on_error(self, _: LifecycleState) -> TransitionCallbackReturn:
+        """Go back to the beginning."""
+        return self._attempt(self._clean_up)
+
+    def stop_planning(self, status: Status, message: str) -> None:
+        """Take up no more requests, and give up the one that is.
+
+        Args:
+            status: What they are answered with.
+            message: The same in words.
+        """
+        if self._session is not None:
+            self._session.stop_planning(status, message)
+
+    def close(self) -> None:
+        """Disconnect and close the bag, whatever state the node is in and without a transition."""
+        self._clean_up()
+
+    def _clean_up(self) -> None:
+        self.stop_planning(Status.SHUT_DOWN, "the planner was shut down")
+        session, self._session = self._session, None
+        if session is not None:
+            session.close()
+        self.parameters.configured = False
+
+    def _attempt(self, action: Callable[[], None]) -> TransitionCallbackReturn:
+        """Do one part of a transition; rclpy itself would swallow what goes wrong."""
+        self.refusal = None
+        try:
+            action()
+        except FfPlannerError as error:
+            self.refusal = error
+            self.get_logger().error(str(error))
+        except Exception as error:
+            self.refusal = FfPlannerError(Status.INTERNAL_ERROR, f"{type(error).__name__}: {error}")
+            self.get_logger().error(traceback.format_exc())
+        return (
+            TransitionCallbackReturn.SUCCESS
+            if self.refusal is None
+            else TransitionCallbackReturn.FAILURE
+        )
+
+    def _answer_illegal_transitions(self) -> None:
+        """Answer them with success=False; in rclpy 7.1 they raise out of the executor."""
+        service = self._service_change_state
+        change_state = service.callback
+
+        def guarded(
+            request: ChangeState.Request, response: ChangeState.Response
+        ) -> ChangeState.Response:
+            try:
+                return change_state(request, response)
+            except rclpy_implementation.RCLError as error:
+                reason = str(error).splitlines()[0]
+                self.get_logger().warning(f"lifecycle transition refused: {reason}")
+                response.success = False
+                return response
+
+        service.callback = guarded

@@ -1,0 +1,179 @@
+"""Everything that exists while the node is configured, from the robot to the bag."""
+
+from __future__ import annotations
+
+from contextlib import ExitStack, closing
+from pathlib import Path
+
+from diagnostic_msgs.msg import DiagnosticArray
+from ff_planner_msgs.msg import ObstacleSphereArray
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
+from rclpy.clock import Clock, JumpThreshold, TimeJump
+from rclpy.clock_type import ClockType
+from rclpy.duration import Duration
+from rclpy.lifecycle import LifecycleNode
+
+from ff_planner_ros.bag.writer import unique_directory
+from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.robot.model import load_robot
+from ff_planner_ros.ros.diagnostics import NodeHealth, diagnostics
+from ff_planner_ros.ros.from_messages import NANOSECONDS
+from ff_planner_ros.ros.parameters import LiveParameters
+from ff_planner_ros.ros.plan_output import STREAM_QOS, PlanOutput
+from ff_planner_ros.ros.planning_service import PlanningService
+from ff_planner_ros.ros.qos import qos_profile
+from ff_planner_ros.ros.recorded_topics import recording
+from ff_planner_ros.ros.scene_input import SceneInput
+from ff_planner_ros.ros.state_input import Snapshot, StateInput
+from ff_planner_ros.ros.worker import Worker
+from ff_planner_ros.share import resolve_uri
+
+# A request that was given up is answered by then [s].
+_LAST_ANSWER = 2.0
+# Asks for a state or a scene however old [s].
+_ANY_AGE = 1e9
+
+
+class Session:
+    """One configured planner: inputs, outputs, service, action, recorder, timers."""
+
+    def __init__(self, node: LifecycleNode, parameters: LiveParameters, worker: Worker) -> None:
+        """Load the robot, start to record, and connect.
+
+        Args:
+            node: The node.
+            parameters: Of the node.
+            worker: Where to plan.
+
+        Raises:
+            InvalidInput: The robot is refused.
+            BagError: The bag cannot be written.
+        """
+        self._node, self._parameters = node, parameters
+        now = parameters.current
+        urdf = resolve_uri(now.robot.urdf, relative_to=Path.cwd())
+        robot = load_robot(urdf, now.robot.base_link, now.robot.tip_link)
+        self._states = StateInput(robot, now.inertial_frame, now.state_source, now.odometry)
+        self._scenes = SceneInput(now.inertial_frame)
+        self._bag = unique_directory(Path(now.bag.directory).resolve(), "ff_planner")
+        with ExitStack() as stack:
+            self._recorder = stack.enter_context(recording(node, now, urdf, self._bag))
+            self._output = stack.enter_context(closing(PlanOutput(node, robot, now)))
+            # Apart from the lifecycle's services, whose transitions may wait for an answer.
+            self._group = MutuallyExclusiveCallbackGroup()
+            self._subscribe(stack)
+            self._service = stack.enter_context(
+                closing(
+                    PlanningService(
+                        node,
+                        parameters,
+                        robot,
+                        worker,
+                        self._states,
+                        self._scenes,
+                        self._output,
+                        run_name=self._bag.name,
+                    )
+                )
+            )
+            self._diagnostics = node.create_publisher(DiagnosticArray, "/diagnostics", STREAM_QOS)
+            stack.callback(node.destroy_publisher, self._diagnostics)
+            for rate, callback in (
+                (now.rates.predicted_pose, self._stream),
+                (now.rates.diagnostics, self._diagnose),
+            ):
+                # Steady: simulated time that stands still, or jumps, must not silence the node.
+                clock = Clock(clock_type=ClockType.STEADY_TIME)
+                timer = node.create_timer(1.0 / rate, callback, self._group, clock)
+                stack.callback(node.destroy_timer, timer)
+            jumps = node.get_clock().create_jump_callback(
+                JumpThreshold(min_forward=None, min_backward=Duration(nanoseconds=-1)),
+                post_callback=self._forget,
+            )
+            stack.callback(jumps.unregister)
+            self._stack = stack.pop_all()
+
+    def activate(self) -> None:
+        """Answer requests from now on."""
+        self._output.describe_robot()
+        self._service.activate()
+        self._node.get_logger().info(f"ready; recording to {self._bag}")
+
+    def stop_planning(self, status: Status, message: str) -> None:
+        """Take up no more requests, and give up the one that is.
+
+        Args:
+            status: What they are answered with.
+            message: The same in words.
+        """
+        self._service.deactivate(status, message, _LAST_ANSWER)
+
+    def close(self) -> None:
+        """Disconnect, then close the bag."""
+        self._stack.close()
+
+    def _subscribe(self, stack: ExitStack) -> None:
+        qos = self._parameters.current.qos
+        scene = ("obstacles", ObstacleSphereArray, self._scenes.keep)
+        for topic, message_type, keep in (*self._states.subscriptions(), scene):
+            profile = qos_profile(getattr(qos, topic))
+            subscription = self._node.create_subscription(
+                message_type, topic, keep, profile, callback_group=self._group
+            )
+            stack.callback(self._node.destroy_subscription, subscription)
+
+    def _forget(self, jump: TimeJump) -> None:
+        """Drop all that the clock's jump back has made meaningless."""
+        self._states.clear()
+        self._output.forget()
+        back = -jump.delta.nanoseconds / NANOSECONDS
+        message = f"the node's clock has jumped back by {back:.3f} s: states and plans of before"
+        self._node.get_logger().warning(f"{message} are forgotten")
+        self._service.give_up(Status.CLOCK_JUMPED, f"{message} are void; ask again")
+
+    def _newest_state(self, max_age: float, max_lead: float) -> Snapshot:
+        now_ns = self._node.get_clock().now().nanoseconds
+        return self._states.snapshot(now_ns, max_age, max_lead)
+
+    def _stream(self) -> None:
+        now = self._parameters.current
+        try:
+            measured = self._newest_state(now.state_max_age, now.state_max_lead)
+        except InvalidInput:
+            measured = None
+        self._output.stream(measured)
+
+    def _diagnose(self) -> None:
+        now, clock = self._parameters.current, self._node.get_clock().now()
+        state_age, state_refusal = None, ""
+        try:
+            stamp_ns = self._newest_state(_ANY_AGE, _ANY_AGE).stamp_ns
+            state_age = (clock.nanoseconds - stamp_ns) / NANOSECONDS
+        except InvalidInput as error:
+            if error.status is not Status.NO_STATE:
+                state_age, state_refusal = 0.0, str(error)
+        obstacles, obstacles_age, obstacles_refusal = None, 0.0, ""
+        try:
+            scene = self._scenes.scene()
+            obstacles = len(scene.spheres)
+            obstacles_age = (clock.nanoseconds - scene.stamp_ns) / NANOSECONDS
+        except InvalidInput as error:
+            if error.status is not Status.NO_OBSTACLES:
+                obstacles, obstacles_refusal = 0, str(error)
+        health = NodeHealth(
+            state_age=state_age,
+            state_max_age=now.state_max_age,
+            state_refusal=state_refusal,
+            obstacles=obstacles,
+            obstacles_age=obstacles_age,
+            obstacles_refusal=obstacles_refusal,
+            last=self._service.last,
+            solve_times=self._service.solve_times,
+            bag=str(self._bag),
+            recorder_failure=self._recorder.failure,
+            tracking=self._output.tracking,
+            tracking_max_position=now.tracking.max_position,
+            tracking_max_angle=now.tracking.max_angle,
+        )
+        name = self._node.get_fully_qualified_name()
+        self._diagnostics.publish(diagnostics(health, name, clock.to_msg()))

@@ -1,0 +1,144 @@
+"""A free-floating system whose joints do exactly what they are told: a plan's world without errors.
+
+It is the planner's own model of motion, chaser and arm as momentum makes them, and so no proof of
+it; `simulation.execution` runs plans in an engine that shares nothing with it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from ff_planner_ros.arrays import Array
+from ff_planner_ros.planning.forward import carried_forward, driven
+from ff_planner_ros.planning.joint_motion import JointMotion
+from ff_planner_ros.robot.configuration import configuration, system_state
+from ff_planner_ros.robot.model import Robot
+from ff_planner_ros.robot.momentum import total_momentum
+from ff_planner_ros.robot.state import SystemState
+
+# One step of RK4 at most [s]; within it a chaser turns by a degree or less.
+_LONGEST_STEP = 0.02
+
+
+class FreeFloatingSystem:
+    """Chaser and arm as time goes by; nothing pushes them."""
+
+    def __init__(self, robot: Robot, state: SystemState, time: float) -> None:
+        """Let it go.
+
+        Args:
+            robot: The robot.
+            state: At the first moment; until they are told otherwise the joints keep its rates.
+            time: That moment [s].
+        """
+        self._robot = robot
+        self._time = time
+        self._q, v = configuration(robot, state)
+        self._v = v
+        self._momentum = total_momentum(robot, robot.model.createData(), self._q, v)
+        self._motions = [_steady(time, time, state.joint_positions, state.joint_velocities)]
+
+    @property
+    def time(self) -> float:
+        """The moment that it has come to [s]."""
+        return self._time
+
+    def follow(self, motion: JointMotion) -> None:
+        """Tell the joints what to do.
+
+        They go on as before until the motion begins, and are held at its last point from its end
+        on. Where it begins elsewhere than they are they jump, without pushing the chaser.
+
+        Args:
+            motion: Replaces every one that begins later; begins now or later.
+        """
+        begin = motion.time[0]
+        kept = [told for told in self._motions if told.time[0] < begin]
+        end, positions = motion.time[-1], motion.positions[-1]
+        held = _steady(end, end, positions, np.zeros(self._robot.joints))
+        self._motions = [*kept, motion, held]
+
+    def advance(self, time: float) -> SystemState:
+        """Let time go by.
+
+        Args:
+            time: How far; nothing happens where that is over [s].
+
+        Returns:
+            The state at that time.
+        """
+        # No step goes over the begin or the end of a motion.
+        edges = sorted({float(edge) for told in self._motions for edge in told.time[[0, -1]]})
+        for end in [*(edge for edge in edges if self._time < edge < time), time]:
+            if end > self._time:
+                self._integrate(end)
+        return system_state(self._robot, self._q, self._v)
+
+    def _integrate(self, end: float) -> None:
+        """Go on to a time before which no motion begins or ends."""
+        while len(self._motions) > 1 and self._motions[1].time[0] <= self._time:
+            del self._motions[0]
+        steps = int(np.ceil((end - self._time) / _LONGEST_STEP))
+        times = np.linspace(self._time, end, steps + 1)
+        told = _between(self._motions[0], self._time, end)
+        q, v, _ = driven(self._robot, self._q, self._momentum, told, times)
+        self._q, self._v, self._time = q[-1], v[-1], end
+
+
+def carried_back(robot: Robot, state: SystemState, seconds: float) -> SystemState:
+    """Return where a system was whose joints have kept their rates since.
+
+    Args:
+        robot: The robot.
+        state: Where it is.
+        seconds: How long ago, not negative.
+
+    Raises:
+        InvalidInput: `seconds` is negative or not finite.
+    """
+    # Nothing pushes it and nothing rubs: run backwards it moves as it would forwards.
+    return _reversed(carried_forward(robot, _reversed(state), seconds, None))
+
+
+def _reversed(state: SystemState) -> SystemState:
+    return replace(
+        state,
+        linear_velocity_chaser_in_inertial=-state.linear_velocity_chaser_in_inertial,
+        angular_velocity_chaser_in_inertial=-state.angular_velocity_chaser_in_inertial,
+        joint_velocities=-state.joint_velocities,
+    )
+
+
+def _steady(begin: float, end: float, positions: Array, rates: Array) -> JointMotion:
+    """Return the motion at constant rates from some positions on."""
+    # Quintics have no room between two points at nearly one time.
+    span, none = max(end - begin, 1.0), np.zeros((2, len(rates)))
+    return JointMotion(
+        np.array([begin, begin + span]),
+        np.array([positions, positions + span * rates]),
+        none + rates,
+        none,
+    )
+
+
+def _between(motion: JointMotion, begin: float, end: float) -> JointMotion:
+    """Return the part of a motion that matters from a time to another: interpolating is dear.
+
+    Beyond its last point a motion is a steady one, and its polynomials would lose their digits.
+    """
+    if begin >= motion.time[-1]:
+        rates = motion.velocities[-1]
+        passed = begin - motion.time[-1]
+        return _steady(begin, end, motion.positions[-1] + passed * rates, rates)
+    last = len(motion.time) - 1
+    first = min(max(int(np.searchsorted(motion.time, begin, side="right")) - 1, 0), last - 1)
+    after = min(max(int(np.searchsorted(motion.time, end, side="left")), first + 1), last)
+    part = slice(first, after + 1)
+    return JointMotion(
+        motion.time[part],
+        motion.positions[part],
+        motion.velocities[part],
+        motion.accelerations[part],
+    )

@@ -1,0 +1,37 @@
+"""A capture that is planned at once and flown in two seconds, for tests in real time."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+from robots import LEMUR_SCENARIO, LEMUR_URDF
+
+from ff_planner_ros.planning.scenario import load_scenario
+from ff_planner_ros.ros.executive import end_effector
+
+DURATION = 2.0
+
+
+def quick_capture(directory: Path, **changes: Any) -> Path:
+    """Write the paper's capture with nothing in the way and the goal five centimetres ahead.
+
+    Args:
+        directory: Where the scenario file is put.
+        changes: Entries of the scenario that are replaced.
+    """
+    problem = load_scenario(LEMUR_SCENARIO)
+    start = end_effector(problem.robot, problem.start)
+    scenario = yaml.safe_load(LEMUR_SCENARIO.read_text("utf-8"))
+    scenario["robot"]["urdf"] = str(LEMUR_URDF)
+    scenario["obstacles"] = []
+    scenario["duration"] = DURATION
+    scenario["target"] = {
+        "position": (start.position + np.array([0.0, 0.03, 0.04])).tolist(),
+        "quaternion_xyzw": start.rotation.as_quat().tolist(),
+    }
+    file = directory / "quick_capture.yaml"
+    file.write_text(yaml.safe_dump(scenario | changes), encoding="utf-8")
+    return file

@@ -1,0 +1,152 @@
+"""What `/diagnostics` says in every situation: level, words and figures."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticStatus
+
+from ff_planner_ros.errors import Status
+from ff_planner_ros.ros.diagnostics import NodeHealth, Outcome, SolveTimes, diagnostics
+from ff_planner_ros.ros.progress import TrackingError
+
+OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
+PARTS = ("chaser state", "obstacles", "last request", "solve time", "recorder", "tracking")
+
+
+def solve_times(*seconds: float, window: int = 100) -> SolveTimes:
+    times = SolveTimes(window)
+    for value in seconds:
+        times.add(value)
+    return times
+
+
+WELL = NodeHealth(
+    state_age=0.012,
+    state_max_age=0.5,
+    state_refusal="",
+    obstacles=3,
+    obstacles_age=61.25,
+    obstacles_refusal="",
+    last=Outcome("run.7", Status.SOLVED, "converged"),
+    solve_times=solve_times(0.5, 0.25, 1.5),
+    bag="/data/bags/run",
+    recorder_failure="",
+    tracking=TrackingError(position=0.004, angle=0.01),
+    tracking_max_position=0.02,
+    tracking_max_angle=0.02,
+)
+
+
+def part(health: NodeHealth, name: str) -> tuple[bytes, str, dict[str, str]]:
+    """Level, words and figures of one part."""
+    (status,) = (
+        status
+        for status in diagnostics(health, "/chaser/ff_planner", Time()).status
+        if status.name == f"/chaser/ff_planner: {name}"
+    )
+    return status.level, status.message, {item.key: item.value for item in status.values}
+
+
+def test_a_node_that_is_well_says_so_in_every_part() -> None:
+    stamp = Time(sec=12, nanosec=34)
+    message = diagnostics(WELL, "ff_planner", stamp)
+    assert message.header.stamp == stamp
+    assert [status.name for status in message.status] == [f"ff_planner: {name}" for name in PARTS]
+    assert [status.level for status in message.status] == [OK] * len(PARTS)
+
+
+@pytest.mark.parametrize(
+    ("name", "changes", "level", "words"),
+    [
+        ("chaser state", {"state_age": None}, ERROR, "no chaser state received yet"),
+        ("chaser state", {"state_age": 0.5}, OK, "0.500 s old"),
+        ("chaser state", {"state_age": 0.501}, ERROR, "allowed are 0.5 s"),
+        ("chaser state", {"state_age": -0.02}, OK, "-0.020 s old"),
+        ("chaser state", {"state_refusal": "frame is map"}, ERROR, "planned from: frame is map"),
+        ("obstacles", {"obstacles": None}, ERROR, "none received yet: publish them, or an empty"),
+        ("obstacles", {"obstacles": 0}, OK, "0 spheres, 61.2 s old"),
+        ("obstacles", {"obstacles": 1}, OK, "1 sphere, 61.2 s old"),
+        ("obstacles", {"obstacles_refusal": "radius is 0"}, ERROR, "around: radius is 0"),
+        ("last request", {"last": None}, OK, "no request yet"),
+        (
+            "last request",
+            {"last": Outcome("run.8", Status.COLLISION, "c1 is in the way")},
+            WARN,
+            "run.8 got no plan, COLLISION: c1 is in the way",
+        ),
+        (
+            "last request",
+            {"last": Outcome("run.8", Status.NO_STATE, "none")},
+            WARN,
+            "run.8 got no plan, NO_STATE: none",
+        ),
+        (
+            "last request",
+            {"last": Outcome("run.9", Status.INTERNAL_ERROR, "the solver died")},
+            ERROR,
+            "run.9 got no plan, INTERNAL_ERROR: the solver died",
+        ),
+        ("solve time", {"solve_times": solve_times()}, OK, "no answer yet"),
+        ("solve time", {"solve_times": solve_times(2.0)}, OK, "median 2.00 s, 95 % within 2.00 s"),
+        ("recorder", {"recorder_failure": "disk full"}, ERROR, "planning goes on: disk full"),
+        ("tracking", {"tracking": None}, OK, "no plan runs"),
+        ("tracking", {"tracking": TrackingError(0.02, 0.02)}, OK, "20.0 mm and 1.15 deg"),
+        (
+            "tracking",
+            {"tracking": TrackingError(0.0201, 0.0)},
+            WARN,
+            "leaves the plan: 20.1 mm and 0.00 deg",
+        ),
+        (
+            "tracking",
+            {"tracking": TrackingError(0.0, 0.0201)},
+            WARN,
+            "leaves the plan: 0.0 mm and 1.15 deg",
+        ),
+        ("tracking", {"tracking": TrackingError(float("nan"), 0.0)}, WARN, "leaves the plan"),
+    ],
+)
+def test_each_part_turns_to_its_level_with_words_that_say_why(
+    name: str, changes: dict[str, object], level: bytes, words: str
+) -> None:
+    health = replace(WELL, **changes)
+    found, message, _ = part(health, name)
+    assert words in message
+    assert found == level
+    others = [other for other in PARTS if other != name]
+    assert [part(health, other) for other in others] == [part(WELL, other) for other in others]
+
+
+def test_the_figures_are_there_for_machines() -> None:
+    assert part(WELL, "chaser state")[2] == {"age [s]": "0.012", "allowed age [s]": "0.5"}
+    assert part(WELL, "obstacles")[2] == {"spheres": "3", "age [s]": "61.2"}
+    assert part(WELL, "last request")[2] == {"plan id": "run.7", "code": "0", "status": "SOLVED"}
+    assert part(WELL, "recorder")[2] == {"bag": "/data/bags/run"}
+    assert part(WELL, "tracking")[2] == {
+        "position [m]": "0.004000",
+        "allowed position [m]": "0.02",
+        "angle [rad]": "0.010000",
+        "allowed angle [rad]": "0.02",
+    }
+    assert part(WELL, "solve time")[2] == {
+        "median [s]": "0.500",
+        "95 % [s]": "1.400",
+        "worst [s]": "1.500",
+        "answers": "3",
+    }
+
+
+def test_percentiles_are_those_of_a_list_that_everybody_can_sort() -> None:
+    times = solve_times(*(float(number) for number in (5, 3, 1, 2, 4)))
+    assert times.percentiles((0, 25, 50, 75, 100)) == [1.0, 2.0, 3.0, 4.0, 5.0]
+    assert times.percentiles((90,)) == [pytest.approx(4.6)]
+    assert solve_times().percentiles((50,)) == []
+
+
+def test_answers_before_the_window_are_forgotten() -> None:
+    times = solve_times(100.0, 200.0, 1.0, 2.0, 3.0, window=3)
+    assert len(times) == 3
+    assert times.percentiles((0, 100)) == [1.0, 3.0]

@@ -1,0 +1,151 @@
+"""The examples as a user runs them, each in a process of its own."""
+
+from __future__ import annotations
+
+import json
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+from quick_capture import quick_capture
+from ros_processes import DEADLINE, private_domain, running_planner
+
+from ff_planner_ros.errors import Status
+
+EXAMPLES = Path(__file__).parents[1] / "examples"
+
+
+@contextmanager
+def running_testbed(scenario: Path, *options: str) -> Iterator[subprocess.Popen[bytes]]:
+    """Run the testbed; at the end it leaves as it is asked to."""
+    command = [sys.executable, str(EXAMPLES / "simulated_testbed.py"), str(scenario), *options]
+    process = subprocess.Popen(command)
+    try:
+        yield process
+        process.send_signal(signal.SIGTERM)
+        assert process.wait(DEADLINE) == 0
+    finally:
+        process.kill()
+        process.wait()
+
+
+@pytest.fixture(scope="module")
+def world(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """A planner, with nothing else yet."""
+    directory = tmp_path_factory.mktemp("world")
+    with private_domain(), running_planner(directory):
+        yield directory
+
+
+def fly(directory: Path, scenario: Path, *options: str) -> tuple[int, dict[str, Any], str]:
+    """Run the executive; return its exit code, its report, and what it said."""
+    report = directory / "report.json"
+    report.unlink(missing_ok=True)
+    command = [sys.executable, str(EXAMPLES / "mission_executive.py"), str(scenario)]
+    ended = subprocess.run(
+        [*command, "--json", str(report), *options],
+        capture_output=True,
+        text=True,
+        timeout=2 * DEADLINE,
+        check=False,
+    )
+    return ended.returncode, json.loads(report.read_text("utf-8")), ended.stdout + ended.stderr
+
+
+@pytest.mark.usefixtures("world")
+def test_a_capture_is_flown_and_comes_out_as_predicted(tmp_path: Path) -> None:
+    scenario = quick_capture(tmp_path)
+    with running_testbed(scenario):
+        code, report, said = fly(tmp_path, scenario)
+    assert (code, report["status"]) == (0, Status.SOLVED), said
+    # As soon as possible: the chaser drifted in between, at 5 cm/s, and the plan knew.
+    assert report["error"]["position"] < 1e-4
+    assert report["error"]["angle"] < 1e-4
+    assert report["worst_chaser_error"]["position"] < 1e-4
+    for word in ("plan", "committed", "predicted", "reached", "off by"):
+        assert any(line.startswith(word) for line in said.splitlines())
+
+
+@pytest.mark.usefixtures("world")
+def test_a_testbed_with_faults_makes_a_difference_that_is_seen(tmp_path: Path) -> None:
+    scenario = quick_capture(tmp_path)
+    with running_testbed(scenario, "--command-delay", "0.5"):
+        code, report, said = fly(tmp_path, scenario)
+    assert code == 0, said
+    # Half a second late at the end, and carried by the drifting chaser meanwhile.
+    assert report["error"]["position"] > 1e-3
+    with running_testbed(scenario, "--position-noise", "0.02"):
+        code, report, said = fly(tmp_path, scenario)
+    assert code == 0, said
+    assert report["worst_chaser_error"]["position"] > 0.02
+
+
+def test_a_planner_in_a_namespace_is_flown_from_there(tmp_path: Path) -> None:
+    scenario, names = quick_capture(tmp_path), ("--ros-args", "-r", "__ns:=/chaser_1")
+    with (
+        private_domain(),
+        running_planner(tmp_path, *names[1:]),
+        running_testbed(scenario, *names),
+    ):
+        code, report, said = fly(tmp_path, scenario, *names)
+    assert (code, report["status"]) == (0, Status.SOLVED), said
+
+
+@pytest.mark.usefixtures("world")
+def test_a_mission_refuses_a_plan_that_turns_the_chaser_too_far(tmp_path: Path) -> None:
+    scenario = quick_capture(tmp_path)
+    with running_testbed(scenario):
+        code, report, said = fly(tmp_path, scenario, "--max-attitude-deg", "0.001")
+    assert (code, report["status"]) == (3, Status.LIMIT_VIOLATED)
+    assert "this mission allows 0.001 deg" in said
+    assert "committed" not in said
+
+
+@pytest.mark.usefixtures("world")
+def test_the_planners_refusal_is_the_executives(tmp_path: Path) -> None:
+    target = {"position": [10.0, 0.0, 0.0], "euler_xyz_deg": [0.0, 0.0, 0.0]}
+    scenario = quick_capture(tmp_path, target=target)
+    with running_testbed(scenario):
+        code, report, said = fly(tmp_path, scenario)
+    assert (code, report["status"]) == (3, Status.GOAL_OUT_OF_REACH)
+    assert report["message"] in said
+
+
+@pytest.mark.parametrize("example", ["simulated_testbed.py", "mission_executive.py"])
+def test_a_scenario_that_is_not_there_is_bad_input(example: str, tmp_path: Path) -> None:
+    command = [sys.executable, str(EXAMPLES / example), str(tmp_path / "none.yaml")]
+    ended = subprocess.run(command, capture_output=True, text=True, timeout=DEADLINE, check=False)
+    assert ended.returncode == 2
+    assert "none.yaml" in ended.stderr
+    assert len(ended.stderr.splitlines()) == 1
+
+
+@pytest.mark.parametrize("example", ["simulated_testbed.py", "mission_executive.py"])
+def test_an_option_that_is_misspelt_is_refused(example: str, tmp_path: Path) -> None:
+    command = [sys.executable, str(EXAMPLES / example), str(quick_capture(tmp_path)), "--sart=1"]
+    ended = subprocess.run(command, capture_output=True, text=True, timeout=DEADLINE, check=False)
+    assert ended.returncode == 2
+    assert "unrecognized arguments: --sart=1" in ended.stderr
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_executive_that_waits_in_vain_can_be_interrupted(
+    number: signal.Signals, tmp_path: Path
+) -> None:
+    command = [sys.executable, str(EXAMPLES / "mission_executive.py"), str(quick_capture(tmp_path))]
+    with private_domain():
+        process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+        try:
+            assert process.stdout is not None
+            assert process.stdout.readline().startswith("asking")
+            process.send_signal(number)
+            process.communicate(timeout=DEADLINE)
+            assert process.returncode == 130
+        finally:
+            process.kill()
+            process.wait()

@@ -1,0 +1,105 @@
+"""Requests, one at a time: who is refused, who makes way, who is given up."""
+
+from __future__ import annotations
+
+import threading
+from unittest.mock import Mock
+
+import pytest
+from ros_processes import DEADLINE
+
+from ff_planner_ros.errors import FfPlannerError, Status
+from ff_planner_ros.ros.jobs import Job, Jobs
+
+
+def opened() -> tuple[Jobs, Mock]:
+    interrupt = Mock()
+    jobs = Jobs(interrupt)
+    jobs.open()
+    return jobs, interrupt
+
+
+def status_of(jobs: Jobs, job: Job, *, preempt: bool = False) -> Status:
+    with pytest.raises(FfPlannerError) as refusal, jobs.taken_up(job, preempt=preempt):
+        pass
+    return refusal.value.status
+
+
+def test_before_it_is_opened_and_after_it_is_closed_nobody_is_taken_up() -> None:
+    jobs = Jobs(Mock())
+    assert status_of(jobs, Job("a")) is Status.NOT_ACTIVE
+    jobs.open()
+    with jobs.taken_up(Job("b"), preempt=False):
+        pass
+    jobs.close(Status.SHUT_DOWN, "over")
+    assert status_of(jobs, Job("c")) is Status.SHUT_DOWN
+
+
+def test_a_second_job_is_refused_while_the_first_is_planned_and_welcome_after() -> None:
+    jobs, interrupt = opened()
+    with jobs.taken_up(Job("first"), preempt=False):
+        assert status_of(jobs, Job("second")) is Status.BUSY
+    with jobs.taken_up(Job("third"), preempt=False):
+        pass
+    interrupt.assert_not_called()
+
+
+def test_a_preempting_job_waits_until_the_other_has_made_way() -> None:
+    jobs, interrupt = opened()
+    first, order = Job("first"), []
+
+    def second() -> None:
+        with jobs.taken_up(Job("second"), preempt=True):
+            order.append("second")
+
+    thread = threading.Thread(target=second)
+    given_up = threading.Event()
+    interrupt.side_effect = given_up.set
+    with jobs.taken_up(first, preempt=True):
+        thread.start()
+        assert given_up.wait(DEADLINE)
+        order.append("first")
+    thread.join(DEADLINE)
+    assert order == ["first", "second"]
+    assert first.cause is not None
+    assert first.cause.status is Status.PREEMPTED
+    assert "second" in str(first.cause)
+
+
+def test_a_job_that_was_given_up_before_its_turn_is_not_taken_up() -> None:
+    jobs, interrupt = opened()
+    job = Job("early")
+    assert jobs.give_up(job, FfPlannerError(Status.CANCELLED, "changed my mind"))
+    assert status_of(jobs, job) is Status.CANCELLED
+    interrupt.assert_not_called()
+
+
+def test_the_first_cause_counts() -> None:
+    job = Job("a")
+    assert job.give_up(FfPlannerError(Status.CANCELLED, "first"))
+    assert job.give_up(FfPlannerError(Status.PREEMPTED, "second"))
+    with pytest.raises(FfPlannerError, match="first"):
+        job.check()
+    with pytest.raises(FfPlannerError, match="first"):
+        job.seal()
+
+
+def test_a_sealed_job_cannot_be_given_up() -> None:
+    jobs, interrupt = opened()
+    job = Job("a")
+    with jobs.taken_up(job, preempt=False):
+        job.seal()
+        assert not jobs.give_up(job, FfPlannerError(Status.CANCELLED, "too late"))
+    job.check()
+    interrupt.assert_not_called()
+
+
+def test_giving_up_all_spares_those_that_come_after() -> None:
+    jobs, _ = opened()
+    job = Job("a")
+    with jobs.taken_up(job, preempt=False):
+        jobs.give_up_all(Status.CLOCK_JUMPED, "back")
+    assert job.cause is not None
+    assert job.cause.status is Status.CLOCK_JUMPED
+    with jobs.taken_up(Job("b"), preempt=False):
+        pass

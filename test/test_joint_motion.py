@@ -1,0 +1,47 @@
+"""Joints between the points of a trajectory."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from ff_planner_ros.arrays import Array
+from ff_planner_ros.planning.joint_motion import JointMotion, joint_motion
+from ff_planner_ros.planning.plan import Plan
+
+TIME = np.array([0.5, 1.0, 2.5])
+
+
+def polynomial(coefficients: Array, time: Array) -> tuple[Array, Array, Array]:
+    """Two joints, each on one polynomial of time: positions, rates and accelerations."""
+    of_time = np.polynomial.polynomial
+    first, second = (of_time.polyder(coefficients, order, axis=0) for order in (1, 2))
+    value, rate, acceleration = (of_time.polyval(time, c).T for c in (coefficients, first, second))
+    return value, rate, acceleration
+
+
+def test_quintics_are_reproduced_at_between_and_beyond_the_points() -> None:
+    coefficients = np.random.default_rng(0).normal(size=(6, 2))
+    motion = JointMotion(TIME, *polynomial(coefficients, TIME))
+    between = np.linspace(0.45, 2.55, 50)
+    for found, expected in zip(motion.at(between), polynomial(coefficients, between), strict=True):
+        assert found.shape == (50, 2)
+        assert found == pytest.approx(expected, abs=1e-9)
+
+
+def test_what_is_no_quintic_is_met_at_the_points_and_smooth_there() -> None:
+    rng = np.random.default_rng(1)
+    asked = rng.normal(size=(3, 3, 4))
+    motion = JointMotion(TIME, *asked)
+    for nearly in (TIME - 1e-9, TIME, TIME + 1e-9):
+        for found, wanted in zip(motion.at(nearly), asked, strict=True):
+            assert found == pytest.approx(wanted, abs=1e-6)
+
+
+def test_a_plan_begins_when_the_caller_says(lemur_plan: Plan) -> None:
+    motion = lemur_plan.trajectory
+    positions, rates, accelerations = joint_motion(motion, start=3.0).at(3.0 + motion.time)
+    assert positions == pytest.approx(motion.joint_positions, abs=1e-12)
+    assert rates == pytest.approx(motion.joint_velocities, abs=1e-11)
+    assert accelerations == pytest.approx(motion.joint_accelerations, abs=1e-10)
+    assert np.array_equal(joint_motion(motion).time, motion.time)

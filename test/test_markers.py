@@ -1,0 +1,124 @@
+"""The markers of a plan: everything where the plan has it, in one frame, and nothing left over."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from drawn_plans import POINTS, drawn_plan, paper_terms_at
+from scipy.spatial.transform import Rotation
+from visualization_msgs.msg import Marker, MarkerArray
+
+from ff_planner_ros.arrays import Array
+from ff_planner_ros.planning.plan import Plan
+from ff_planner_ros.planning.problem import Sphere
+from ff_planner_ros.robot.model import Robot
+from ff_planner_ros.ros.markers import SNAPSHOTS, plan_markers
+
+SPHERES = (
+    Sphere("c1", np.array([1.2, 0.4, 0.54]), 0.20),
+    Sphere("panel", np.array([-1.0, 2.0, 3.0]), 0.15),
+    Sphere("panel", np.array([0.0, 0.0, -5.0]), 1.5),
+)
+SHOWN = (0, 10, 20, 29, 39)  # of 40 points, evenly spaced
+
+
+@pytest.fixture(scope="module")
+def plan(lemur: Robot) -> Plan:
+    return drawn_plan(lemur, seed=4)
+
+
+@pytest.fixture(scope="module")
+def markers(lemur: Robot, plan: Plan) -> MarkerArray:
+    return plan_markers(lemur, plan, SPHERES, "world")
+
+
+def of(markers: MarkerArray, namespace: str) -> list[Marker]:
+    return [marker for marker in markers.markers if marker.ns == namespace]
+
+
+def xyz(message: Any) -> Array:
+    return np.array([message.x, message.y, message.z])
+
+
+def test_what_was_drawn_before_is_deleted_first_and_only_then(markers: MarkerArray) -> None:
+    assert markers.markers[0].action == Marker.DELETEALL
+    assert {marker.action for marker in markers.markers[1:]} == {Marker.ADD}
+
+
+def test_every_marker_is_in_the_inertial_frame_whatever_the_time_and_stays(
+    markers: MarkerArray,
+) -> None:
+    for marker in markers.markers:
+        assert marker.header.frame_id == "world"
+        for time in (marker.header.stamp, marker.lifetime):
+            assert (time.sec, time.nanosec) == (0, 0)
+        assert not marker.frame_locked
+
+
+def test_namespaces_and_ids_are_those_documented(markers: MarkerArray) -> None:
+    found = [(marker.ns, marker.id) for marker in markers.markers[1:]]
+    assert found == [
+        *(("obstacles", number) for number in range(3)),
+        ("end_effector_path", 0),
+        ("chaser_path", 0),
+        *(("arm", number) for number in range(SNAPSHOTS)),
+        *(("chaser", number) for number in range(SNAPSHOTS)),
+    ]
+
+
+def test_every_sphere_has_its_place_and_its_diameter(markers: MarkerArray) -> None:
+    for marker, sphere in zip(of(markers, "obstacles"), SPHERES, strict=True):
+        assert marker.type == Marker.SPHERE
+        assert np.array_equal(xyz(marker.pose.position), sphere.center)
+        assert xyz(marker.scale).tolist() == [2 * sphere.radius] * 3
+
+
+def test_the_paths_are_those_of_end_effector_and_chaser(markers: MarkerArray, plan: Plan) -> None:
+    for namespace, truth in (
+        ("end_effector_path", plan.trajectory.ee_positions),
+        ("chaser_path", plan.trajectory.chaser_positions),
+    ):
+        (path,) = of(markers, namespace)
+        assert path.type == Marker.LINE_STRIP
+        assert len(path.points) == POINTS
+        assert np.array_equal([xyz(point) for point in path.points], truth)
+
+
+def test_the_arm_goes_through_its_joints_to_the_end_effector(
+    markers: MarkerArray, plan: Plan
+) -> None:
+    for marker, point in zip(of(markers, "arm"), SHOWN, strict=True):
+        assert marker.type == Marker.LINE_STRIP
+        terms = paper_terms_at(plan, point)
+        corners = [xyz(corner) for corner in marker.points]
+        np.testing.assert_allclose(corners, [*terms.r_joint, terms.r_ee], atol=1e-9)
+
+
+def test_the_chaser_is_the_box_of_its_inertia_in_its_pose(markers: MarkerArray, plan: Plan) -> None:
+    mass, moments = 350.0, np.array([19.7, 15.7, 26.9])  # published
+    along_axes = np.sqrt(6 * (moments.sum() - 2 * moments) / mass)
+    for marker, point in zip(of(markers, "chaser"), SHOWN, strict=True):
+        assert marker.type == Marker.CUBE
+        assert np.array_equal(xyz(marker.pose.position), plan.trajectory.chaser_positions[point])
+        q = marker.pose.orientation
+        box = Rotation.from_quat([q.x, q.y, q.z, q.w]).as_matrix()
+        chaser = Rotation.from_quat(plan.trajectory.chaser_quaternions_xyzw[point]).as_matrix()
+        # Each edge, as a vector, lies along the chaser's axis that has this length.
+        extent = np.abs(chaser.T @ box) @ xyz(marker.scale)
+        np.testing.assert_allclose(extent, along_axes, atol=1e-9)
+
+
+def test_every_marker_can_be_seen_and_the_later_the_better(markers: MarkerArray) -> None:
+    for marker in markers.markers[1:]:
+        assert 0.0 < marker.color.a <= 1.0
+        assert marker.scale.x > 0.0
+    for namespace in ("arm", "chaser"):
+        opacities = [marker.color.a for marker in of(markers, namespace)]
+        assert opacities == sorted(opacities)
+        assert len(set(opacities)) == SNAPSHOTS
+
+
+def test_a_free_scene_has_no_spheres(lemur: Robot, plan: Plan) -> None:
+    assert of(plan_markers(lemur, plan, (), "world"), "obstacles") == []

@@ -1,0 +1,202 @@
+"""The action beside the service: same answers, with feedback and cancellation, one at a time."""
+
+from __future__ import annotations
+
+import os
+import random
+import signal
+import threading
+from collections.abc import Iterator
+
+import pytest
+from action_msgs.msg import GoalStatus
+from ff_planner_msgs.action import PlanTrajectory as PlanTrajectoryAction
+from ff_planner_msgs.srv import PlanTrajectory
+from rclpy.parameter import Parameter
+from rclpy.parameter_client import AsyncParameterClient
+from ros_processes import (
+    DEADLINE,
+    Client,
+    PlannerProcess,
+    Scene,
+    connected_client,
+    private_domain,
+    read_bag,
+    running_planner,
+)
+
+from ff_planner_ros.errors import Status
+from ff_planner_ros.planning.problem import PlanningProblem
+
+GOALS = "/plan_trajectory_action/_action/send_goal/_service_event"
+RESULTS = "/plan_trajectory_action/_action/get_result/_service_event"
+CANCELLATIONS = 200
+SEED = 20260101
+
+
+@pytest.fixture(scope="module")
+def planner(tmp_path_factory: pytest.TempPathFactory) -> Iterator[PlannerProcess]:
+    with private_domain():
+        directory = tmp_path_factory.mktemp("action")
+        # One test asks twice for the same moment; a busy machine takes its time in between.
+        patient = ("-p", "planning_allowance:=5.0", "-p", "state_max_age:=60.0")
+        with running_planner(directory, *patient) as planner:
+            yield planner
+
+
+@pytest.fixture(scope="module")
+def client(planner: PlannerProcess) -> Iterator[Client]:  # noqa: ARG001 (it must run)
+    with connected_client() as client:
+        client.wait_for_planner()
+        yield client
+
+
+@pytest.fixture
+def scene(lemur_capture: PlanningProblem) -> Scene:
+    return Scene(lemur_capture)
+
+
+def long(scene: Scene) -> PlanTrajectory.Request:
+    """A request whose plan takes seconds: it has thousands of points."""
+    request = scene.complete_request()
+    request.points = 5000
+    return request
+
+
+def set_parameter(client: Client, name: str, value: object) -> None:
+    parameters = AsyncParameterClient(client.node, "ff_planner")
+    assert parameters.wait_for_services(DEADLINE)
+    done = threading.Event()
+    future = parameters.set_parameters([Parameter(name, value=value)])
+    future.add_done_callback(lambda _: done.set())
+    assert done.wait(DEADLINE)
+    (result,) = future.result().results
+    assert result.successful, result.reason
+
+
+def test_goal_and_result_have_the_fields_of_request_and_response() -> None:
+    of_action, of_service = PlanTrajectoryAction, PlanTrajectory
+    for ours, theirs in (
+        (of_action.Goal, of_service.Request),
+        (of_action.Result, of_service.Response),
+    ):
+        assert ours.get_fields_and_field_types() == theirs.get_fields_and_field_types()
+
+
+def test_a_goal_is_answered_like_a_request_with_feedback_on_the_way(
+    client: Client, scene: Scene
+) -> None:
+    request = scene.complete_request()
+    request.start_state.header.stamp = client.node.get_clock().now().to_msg()
+    request.start_time.sec = request.start_state.header.stamp.sec + 8
+    goal = client.send_goal(request)
+    status, result = goal.result()
+    assert (status, result.status.code) == (GoalStatus.STATUS_SUCCEEDED, Status.SOLVED)
+    assert client.plan(request).joint_trajectory == result.joint_trajectory
+    assert goal.feedback
+    assert {f.phase for f in goal.feedback} <= {"searching", "refining", "checking"}
+    assert all(f.starts >= 1 and f.iterations >= 1 for f in goal.feedback)
+    elapsed = [f.elapsed for f in goal.feedback]
+    assert elapsed == sorted(elapsed)
+
+
+def test_a_goal_that_is_refused_is_aborted_with_its_code_and_words(
+    client: Client, scene: Scene
+) -> None:
+    request = scene.complete_request()
+    request.duration = -1.0
+    status, result = client.send_goal(request).result()
+    assert (status, result.status.code) == (GoalStatus.STATUS_ABORTED, Status.OUT_OF_RANGE)
+    assert result.status.message.startswith("duration is -1")
+
+
+def test_cancelled_at_random_moments_a_goal_ends_cancelled_or_was_solved_before(
+    client: Client, scene: Scene
+) -> None:
+    """Moments are told by the search's own progress, which no clock has a say in."""
+    moments, statuses = random.Random(SEED), set()
+    for _ in range(CANCELLATIONS):
+        goal = client.send_goal(scene.complete_request())
+        for _ in range(moments.randrange(4)):
+            goal.progress.wait(0.1)
+            goal.progress.clear()
+        accepted = goal.cancel()
+        status, result = goal.result()
+        if accepted:
+            assert (status, result.status.code) == (GoalStatus.STATUS_CANCELED, Status.CANCELLED)
+            assert not result.joint_trajectory.points
+        else:
+            assert (status, result.status.code) == (GoalStatus.STATUS_SUCCEEDED, Status.SOLVED)
+        statuses.add(status)
+    assert GoalStatus.STATUS_CANCELED in statuses
+    assert client.plan(scene.complete_request()).status.code == Status.SOLVED
+
+
+def test_a_second_client_is_told_that_the_planner_is_busy(client: Client, scene: Scene) -> None:
+    goal = client.send_goal(long(scene))
+    assert goal.progress.wait(DEADLINE)
+    refusal = client.plan(scene.complete_request())
+    assert refusal.status.code == Status.BUSY
+    assert "when_busy" in refusal.status.message
+    second_status, second = client.send_goal(scene.complete_request()).result()
+    assert (second_status, second.status.code) == (GoalStatus.STATUS_ABORTED, Status.BUSY)
+    assert goal.cancel()
+    assert goal.result()[1].status.code == Status.CANCELLED
+
+
+def test_a_newer_request_takes_the_older_ones_place_where_the_parameter_says_so(
+    client: Client, scene: Scene
+) -> None:
+    set_parameter(client, "when_busy", "preempt")
+    goals = [client.send_goal(long(scene))]
+    assert goals[0].progress.wait(DEADLINE)
+    goals += [client.send_goal(long(scene)) for _ in range(3)]
+    newest = client.plan(scene.complete_request())
+    assert newest.status.code == Status.SOLVED
+    for goal in goals:
+        status, result = goal.result()
+        assert (status, result.status.code) == (GoalStatus.STATUS_ABORTED, Status.PREEMPTED)
+        assert "took its place" in result.status.message
+    set_parameter(client, "when_busy", "reject")
+
+
+def test_a_plan_that_is_ready_too_late_is_refused_as_such(client: Client, scene: Scene) -> None:
+    set_parameter(client, "planning_allowance", 0.01)
+    status, result = client.send_goal(scene.complete_request()).result()
+    assert (status, result.status.code) == (GoalStatus.STATUS_ABORTED, Status.TOO_LATE)
+    assert "planning_allowance" in result.status.message
+    set_parameter(client, "planning_allowance", 5.0)
+
+
+def test_a_solver_that_is_killed_in_a_plan_is_the_goals_result(
+    planner: PlannerProcess, client: Client, scene: Scene
+) -> None:
+    goal = client.send_goal(long(scene))
+    assert goal.progress.wait(DEADLINE)
+    os.kill(planner.plan, signal.SIGKILL)
+    status, result = goal.result()
+    assert (status, result.status.code) == (GoalStatus.STATUS_ABORTED, Status.SOLVER_DIED)
+    assert client.plan(scene.complete_request()).status.code == Status.SOLVED
+
+
+def test_a_node_that_ends_gives_up_its_goal_and_has_all_goals_and_results_in_its_bag(
+    planner: PlannerProcess, client: Client, scene: Scene
+) -> None:
+    """Last of all, since it ends the node."""
+    status, solved = client.send_goal(scene.complete_request()).result()
+    assert status == GoalStatus.STATUS_SUCCEEDED
+    last = client.send_goal(long(scene))
+    assert last.progress.wait(DEADLINE)
+    assert planner.stop(signal.SIGTERM) == 0
+    bag = read_bag(planner.bag)
+    goals = {bytes(event.request[0].goal_id.uuid) for event in bag[GOALS]}
+    results = {bytes(event.request[0].goal_id.uuid): event.response[0] for event in bag[RESULTS]}
+    assert goals == set(results)
+    assert len(goals) >= CANCELLATIONS
+    *_, recorded, given_up = (event.response[0].result for event in bag[RESULTS])
+    assert recorded.plan_id == solved.plan_id
+    points = [list(point.positions) for point in recorded.joint_trajectory.points]
+    assert points == [list(point.positions) for point in solved.joint_trajectory.points]
+    assert given_up.status.code == Status.SHUT_DOWN
+    assert bag["/plan_trajectory_action/_action/feedback"]
+    assert bag["/plan_trajectory_action/_action/status"]

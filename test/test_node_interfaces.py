@@ -1,0 +1,95 @@
+"""The README's table of interfaces against the running node: name, type and quality of service."""
+
+from __future__ import annotations
+
+import re
+import time
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import pytest
+from rclpy.action.graph import get_action_server_names_and_types_by_node
+from rclpy.node import Node
+from rclpy.topic_endpoint_info import TopicEndpointInfo
+from ros_processes import Client, connected_client, private_domain, running_planner
+
+README = Path(__file__).resolve().parents[1] / "README.md"
+ROW = re.compile(
+    r"^\| (subscribes|publishes|service|action) \| `([\w/]+)` \| `([\w/]+)` \| ([\w, -]*) \|", re.M
+)
+DISCOVERY = 20.0  # [s] what the graph does not tell by then it never will
+# What every node has, and what every lifecycle node has.
+OF_ROS = re.compile(r"^/(rosout|parameter_events|clock)$|^/ff_planner/|/_")
+
+
+class Interface(NamedTuple):
+    """One row of the table."""
+
+    direction: str
+    name: str
+    type: str
+    qos: str
+
+
+def _qos(endpoints: list[TopicEndpointInfo]) -> str:
+    (qos,) = {
+        (at.qos_profile.reliability.name, at.qos_profile.durability.name)
+        for at in endpoints
+        if at.node_name == "ff_planner"
+    }
+    return ", ".join(qos).lower().replace("_", " ")
+
+
+def _interfaces(node: Node) -> set[Interface]:
+    """What a planner in the root namespace has, as the graph tells it."""
+    found = set()
+    topics: tuple[tuple[str, Any, Any], ...] = (
+        (
+            "publishes",
+            node.get_publisher_names_and_types_by_node,
+            node.get_publishers_info_by_topic,
+        ),
+        (
+            "subscribes",
+            node.get_subscriber_names_and_types_by_node,
+            node.get_subscriptions_info_by_topic,
+        ),
+    )
+    for direction, names_and_types, endpoints in topics:
+        for name, types in names_and_types("ff_planner", "/"):
+            if not OF_ROS.search(name):
+                found |= {Interface(direction, name, t, _qos(endpoints(name))) for t in types}
+    services = node.get_service_names_and_types_by_node("ff_planner", "/")
+    actions = get_action_server_names_and_types_by_node(node, "ff_planner", "/")
+    for direction, all_of_them in (("service", services), ("action", actions)):
+        for name, types in all_of_them:
+            if not OF_ROS.search(name):
+                found |= {Interface(direction, name, t, "") for t in types}
+    return found
+
+
+def _seen(client: Client, wanted: set[Interface]) -> set[Interface]:
+    """Ask the graph until it tells all that is wanted, or time is up."""
+    client.wait_for_planner()
+    give_up = time.monotonic() + DISCOVERY
+    while not wanted <= (seen := _interfaces(client.node)) and time.monotonic() < give_up:
+        pass
+    return seen
+
+
+@pytest.mark.parametrize("source", ["chaser_state", "odometry"])
+def test_the_readme_lists_every_interface_of_the_node_and_no_other(
+    tmp_path: Path, source: str
+) -> None:
+    rows = {Interface(*row) for row in ROW.findall(README.read_text(encoding="utf-8"))}
+    absolute = {row._replace(name=f"/{row.name.lstrip('/')}", qos=row.qos.strip()) for row in rows}
+    inputs = {
+        "chaser_state": {"/chaser_state"},
+        "odometry": {"/odometry", "/joint_states"},
+    }
+    other = "odometry" if source == "chaser_state" else "chaser_state"
+    expected = {row for row in absolute if row.name not in inputs[other]}
+    arguments = ("-p", f"state_source:={source}")
+    with private_domain(), running_planner(tmp_path, *arguments), connected_client() as client:
+        found = _seen(client, expected)
+    assert found == expected

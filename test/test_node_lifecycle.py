@@ -1,0 +1,172 @@
+"""The lifecycle of the planner node: what it does in which state, and what it refuses."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from lifecycle_msgs.msg import State, Transition
+from lifecycle_msgs.srv import ChangeState, GetState
+from rcl_interfaces.srv import SetParameters
+from rclpy.parameter import Parameter
+from ros_processes import (
+    DEADLINE,
+    Client,
+    PlannerProcess,
+    Scene,
+    connected_client,
+    private_domain,
+    read_bag,
+    running_planner,
+)
+
+from ff_planner_ros.errors import Status
+from ff_planner_ros.planning.problem import PlanningProblem
+
+CONFIGURE, ACTIVATE = Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_ACTIVATE
+DEACTIVATE, CLEANUP = Transition.TRANSITION_DEACTIVATE, Transition.TRANSITION_CLEANUP
+LOOPS = 50
+
+
+class Manager:
+    """Drives the node through its states."""
+
+    def __init__(self, client: Client) -> None:
+        create = client.node.create_client
+        self._change = create(ChangeState, "ff_planner/change_state")
+        self._get = create(GetState, "ff_planner/get_state")
+        self._set = create(SetParameters, "ff_planner/set_parameters")
+        assert self._change.wait_for_service(DEADLINE)
+
+    def change(self, *transitions: int) -> list[bool]:
+        """Ask for transitions; which of them succeed."""
+        return [
+            _answer(self._change, ChangeState.Request(transition=Transition(id=one))).success
+            for one in transitions
+        ]
+
+    def state(self) -> int:
+        return int(_answer(self._get, GetState.Request()).current_state.id)
+
+    def set(self, name: str, value: object) -> Any:
+        message = Parameter(name, value=value).to_parameter_msg()
+        (result,) = _answer(self._set, SetParameters.Request(parameters=[message])).results
+        return result
+
+
+def _answer(client: Any, request: Any) -> Any:
+    done = threading.Event()
+    future = client.call_async(request)
+    future.add_done_callback(lambda _: done.set())
+    assert done.wait(DEADLINE), "the planner did not answer"
+    return future.result()
+
+
+@pytest.fixture
+def planner(tmp_path: Path) -> Iterator[PlannerProcess]:
+    arguments = ("-p", "autostart:=false", "-p", "planning_allowance:=5.0")
+    with private_domain(), running_planner(tmp_path, *arguments) as planner:
+        yield planner
+
+
+def memory(process: int) -> int:
+    """Resident memory [kB]."""
+    status = Path(f"/proc/{process}/status").read_text()
+    return int(status.partition("VmRSS:")[2].split()[0])
+
+
+def test_it_plans_only_while_it_is_active(
+    planner: PlannerProcess, lemur_capture: PlanningProblem
+) -> None:
+    request = Scene(lemur_capture).complete_request()
+    with connected_client() as client:
+        manager = Manager(client)
+        assert manager.state() == State.PRIMARY_STATE_UNCONFIGURED
+        assert manager.change(CONFIGURE) == [True]
+        client.wait_for_planner()
+        refused = client.plan(request)
+        assert refused.status.code == Status.NOT_ACTIVE
+        assert "not active yet" in refused.status.message
+        assert manager.change(ACTIVATE) == [True]
+        assert client.plan(request).status.code == Status.SOLVED
+        client.wait_until(lambda: client.received["joint_trajectory"], "the trajectory")
+        assert manager.change(DEACTIVATE) == [True]
+        assert client.plan(request).status.code == Status.NOT_ACTIVE
+        assert manager.change(ACTIVATE) == [True]
+        assert client.plan(request).status.code == Status.SOLVED
+        assert manager.change(DEACTIVATE, CLEANUP) == [True, True]
+        assert manager.state() == State.PRIMARY_STATE_UNCONFIGURED
+        # The bag is complete as soon as the node is clean.
+        assert len(read_bag(planner.bag)["/joint_trajectory"]) == 2
+        assert manager.change(Transition.TRANSITION_UNCONFIGURED_SHUTDOWN) == [True]
+        assert manager.state() == State.PRIMARY_STATE_FINALIZED
+    assert planner.stop() == 0
+
+
+def test_a_goal_that_is_being_planned_is_given_up_when_the_node_is_deactivated(
+    planner: PlannerProcess, lemur_capture: PlanningProblem
+) -> None:
+    request = Scene(lemur_capture).complete_request()
+    request.points = 5000
+    with connected_client() as client:
+        manager = Manager(client)
+        assert manager.change(CONFIGURE, ACTIVATE) == [True, True]
+        goal = client.send_goal(request)
+        assert goal.progress.wait(DEADLINE)
+        assert manager.change(DEACTIVATE) == [True]
+        _, result = goal.result()
+        assert result.status.code == Status.NOT_ACTIVE
+        assert "not active any more" in result.status.message
+    assert planner.stop() == 0
+
+
+def test_an_illegal_transition_is_answered_and_ends_nothing(planner: PlannerProcess) -> None:
+    with connected_client() as client:
+        manager = Manager(client)
+        assert manager.change(ACTIVATE, DEACTIVATE, CLEANUP, 99) == [False] * 4
+        assert manager.state() == State.PRIMARY_STATE_UNCONFIGURED
+        assert manager.change(CONFIGURE, CONFIGURE, ACTIVATE, CLEANUP) == [True, False, True, False]
+        assert manager.state() == State.PRIMARY_STATE_ACTIVE
+    assert planner.stop() == 0
+    assert planner.log.count("lifecycle transition refused") == 6
+
+
+def test_a_robot_that_cannot_be_loaded_leaves_it_unconfigured_and_can_be_set_right(
+    planner: PlannerProcess, lemur_capture: PlanningProblem
+) -> None:
+    with connected_client() as client:
+        manager = Manager(client)
+        assert manager.set("robot.tip_link", "finger").successful
+        assert manager.change(CONFIGURE) == [False]
+        assert manager.state() == State.PRIMARY_STATE_UNCONFIGURED
+        assert manager.set("robot.tip_link", lemur_capture.robot.tip_link).successful
+        assert manager.change(CONFIGURE, ACTIVATE) == [True, True]
+        in_use = manager.set("robot.tip_link", "finger")
+        assert not in_use.successful
+        assert "in use" in in_use.reason
+        client.wait_for_planner()
+        request = Scene(lemur_capture).complete_request()
+        assert client.plan(request).status.code == Status.SOLVED
+    assert planner.stop() == 0
+    assert "finger" in planner.log
+
+
+def test_it_goes_through_its_states_again_and_again_without_growing(
+    planner: PlannerProcess, lemur_capture: PlanningProblem
+) -> None:
+    with connected_client() as client:
+        manager = Manager(client)
+        sizes = []
+        for _ in range(LOOPS):
+            assert manager.change(CONFIGURE, ACTIVATE, DEACTIVATE, CLEANUP) == [True] * 4
+            sizes.append(memory(planner.process.pid))
+        half = LOOPS // 2
+        assert sizes[-1] - sizes[half] <= 0.1 * sizes[half], sizes
+        assert manager.change(CONFIGURE, ACTIVATE) == [True, True]
+        client.wait_for_planner()
+        request = Scene(lemur_capture).complete_request()
+        assert client.plan(request).status.code == Status.SOLVED
+    assert planner.stop() == 0

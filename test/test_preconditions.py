@@ -1,0 +1,121 @@
+"""Values at a limit: what is beyond it by rounding passes, what is beyond it by more does not."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from robots import CONFIG
+
+from ff_planner_ros.arrays import Array
+from ff_planner_ros.errors import InvalidInput, NoPlanFound, Status
+from ff_planner_ros.planning.check import measure, require_sound
+from ff_planner_ros.planning.plan import Plan
+from ff_planner_ros.planning.planner import plan, sound_start
+from ff_planner_ros.planning.problem import PlanningProblem
+from ff_planner_ros.planning.settings import PlannerSettings, load_settings
+from ff_planner_ros.robot.configuration import configuration
+from ff_planner_ros.robot.momentum import smallest_singular_values
+
+SETTINGS = load_settings(CONFIG / "planner.yaml")
+ROUNDING, MORE = 9e-7, 1.1e-6
+
+
+def with_limits(problem: PlanningProblem, **limits: Array) -> PlanningProblem:
+    robot = replace(problem.robot, **limits)
+    return replace(problem, robot=robot, limit_joint_velocities="velocity_limits" in limits)
+
+
+def start_beyond(problem: PlanningProblem, limit: str, excess: float) -> PlanningProblem:
+    """The capture by a robot whose limits its start exceeds, at every joint."""
+    positions, rates = problem.start.joint_positions, problem.start.joint_velocities
+    beyond = {
+        "upper_position_limits": positions - excess,
+        "lower_position_limits": positions + excess,
+        "velocity_limits": np.abs(rates) - excess,
+    }
+    return with_limits(problem, **{limit: beyond[limit]})
+
+
+@pytest.mark.parametrize(
+    ("limit", "words"),
+    [
+        ("upper_position_limits", r"joints\.position\[joint_1\]"),
+        ("lower_position_limits", r"joints\.position\[joint_1\]"),
+        ("velocity_limits", r"joints\.velocity\[joint_1\]"),
+    ],
+)
+def test_a_start_beyond_its_limits_by_rounding_is_not_refused(
+    lemur_capture: PlanningProblem, limit: str, words: str
+) -> None:
+    sound_start(start_beyond(lemur_capture, limit, ROUNDING), SETTINGS)
+    with pytest.raises(InvalidInput, match=words) as refused:
+        sound_start(start_beyond(lemur_capture, limit, MORE), SETTINGS)
+    assert refused.value.status is Status.START_OUTSIDE_LIMITS
+
+
+def test_a_start_as_near_to_a_singularity_as_allowed_but_for_rounding_is_not_refused(
+    lemur_capture: PlanningProblem,
+) -> None:
+    q, _ = configuration(lemur_capture.robot, lemur_capture.start)
+    smallest = float(smallest_singular_values(lemur_capture.robot, q[None])[0])
+    sound_start(lemur_capture, replace(SETTINGS, singular_value_threshold=smallest + ROUNDING))
+    with pytest.raises(InvalidInput) as refused:
+        sound_start(lemur_capture, replace(SETTINGS, singular_value_threshold=smallest + MORE))
+    assert refused.value.status is Status.START_SINGULAR
+
+
+def test_a_plan_is_found_from_a_start_beyond_a_limit_by_rounding(
+    lemur_capture: PlanningProblem,
+) -> None:
+    upper = lemur_capture.robot.upper_position_limits.copy()
+    upper[0] = lemur_capture.start.joint_positions[0] - ROUNDING
+    answer = plan(with_limits(lemur_capture, upper_position_limits=upper), SETTINGS)
+    assert answer.metrics.min_joint_margin == pytest.approx(-ROUNDING, abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("quantity", "status"),
+    [
+        ("position", Status.LIMIT_VIOLATED),
+        ("rate", Status.LIMIT_VIOLATED),
+        ("torque", Status.TORQUE_TOO_HIGH),
+        ("singular value", Status.SINGULAR),
+        ("start velocity jump", Status.CHECK_FAILED),
+    ],
+)
+def test_a_plan_beyond_a_limit_by_rounding_passes_the_check(
+    lemur_capture: PlanningProblem, lemur_plan: Plan, quantity: str, status: Status
+) -> None:
+    require_sound(*beyond(lemur_capture, lemur_plan, quantity, ROUNDING))
+    with pytest.raises(NoPlanFound) as refused:
+        require_sound(*beyond(lemur_capture, lemur_plan, quantity, MORE))
+    assert refused.value.status is status
+
+
+def beyond(
+    problem: PlanningProblem, answer: Plan, quantity: str, excess: float
+) -> tuple[PlanningProblem, Plan, PlannerSettings]:
+    """The capture with its limits moved so that the plan exceeds one of them."""
+    motion, settings = answer.trajectory, SETTINGS
+    if quantity == "position":
+        upper = motion.joint_positions.max(axis=0) - excess
+        problem = with_limits(problem, upper_position_limits=upper)
+    elif quantity == "rate":
+        fastest = np.abs(motion.joint_velocities).max(axis=0)
+        problem = with_limits(problem, velocity_limits=fastest - excess)
+    elif quantity == "torque":
+        peaks = np.abs(motion.joint_torques).max(axis=0)
+        problem = with_limits(problem, effort_limits=peaks - excess)
+    elif quantity == "singular value":
+        smallest = answer.metrics.min_singular_value
+        settings = replace(settings, singular_value_threshold=smallest + excess)
+    else:
+        jump = np.zeros(7)
+        jump[2] = settings.start_velocity_tolerance + excess
+        rates = problem.start.joint_velocities + jump
+        problem = replace(problem, start=replace(problem.start, joint_velocities=rates))
+        # Other start rates are another momentum; that is not the question here.
+        settings = replace(settings, momentum_tolerance=1.0)
+    return problem, replace(answer, metrics=measure(problem, motion, settings)), settings

@@ -1,0 +1,124 @@
+"""From a request to what is to be planned: times, sources, and what the arm does meanwhile."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+from unittest.mock import Mock
+
+import numpy as np
+import pytest
+from ff_planner_msgs.srv import PlanTrajectory
+from ros_processes import FRAME, Scene
+
+from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.planning.plan import Plan
+from ff_planner_ros.planning.problem import PlanningProblem
+from ff_planner_ros.planning.tail import EndBehaviour
+from ff_planner_ros.ros.from_messages import NANOSECONDS
+from ff_planner_ros.ros.question import PublishedPlan, Question, question
+from ff_planner_ros.ros.scene_input import SceneInput
+from ff_planner_ros.ros.state_input import Snapshot
+from ff_planner_ros.ros.to_messages import time_message
+
+NOW = 1_000 * NANOSECONDS
+PARAMETERS = {
+    "inertial_frame": FRAME,
+    "points": 50,
+    "time_budget": 30.0,
+    "planning_allowance": 2.0,
+    "start_max_lead": 600.0,
+    "following_tolerance": 0.02,
+    "end_behaviour": "as_planned",
+    "tail_duration": 1.5,
+    "state_max_age": 0.5,
+    "state_max_lead": 0.05,
+    "limits": SimpleNamespace(velocity="from_urdf"),
+}
+
+
+def asked(
+    problem: PlanningProblem,
+    request: PlanTrajectory.Request,
+    measured_ns: int = NOW,
+    published: PublishedPlan | None = None,
+    **parameters: Any,
+) -> Question:
+    used = SimpleNamespace(**PARAMETERS | parameters)
+    states = Mock()
+    states.snapshot.return_value = Snapshot(problem.start, measured_ns, "chaser_state")
+    scenes = SceneInput(FRAME)
+    scenes.keep(Scene(problem).obstacles())
+    return question(request, problem.robot, used, states, scenes, published, NOW)
+
+
+def test_without_a_start_time_the_plan_starts_after_the_allowance(
+    lemur_capture: PlanningProblem,
+) -> None:
+    found = asked(lemur_capture, Scene(lemur_capture).request(), NOW - 300_000_000)
+    assert found.start_ns == NOW + 2 * NANOSECONDS
+    assert found.task.ahead == pytest.approx(2.3)
+    assert found.measured.source == "chaser_state"
+
+
+@pytest.mark.parametrize(
+    ("lead", "status", "words"),
+    [
+        (-0.5, Status.START_IN_PAST, ("start_time", "0.500 s ago")),
+        (601.0, Status.OUT_OF_RANGE, ("start_time", "601.000 s ahead", "600")),
+    ],
+)
+def test_a_start_time_that_is_over_or_far_ahead_is_refused(
+    lemur_capture: PlanningProblem, lead: float, status: Status, words: tuple[str, ...]
+) -> None:
+    request = Scene(lemur_capture).request()
+    request.start_time = time_message(NOW + round(lead * 1e9))
+    with pytest.raises(InvalidInput) as refusal:
+        asked(lemur_capture, request)
+    assert refusal.value.status is status
+    for word in words:
+        assert word in str(refusal.value)
+
+
+def test_a_start_time_before_the_state_is_refused_and_the_allowance_waits_for_it(
+    lemur_capture: PlanningProblem,
+) -> None:
+    ahead = NOW + 40_000_000
+    request = Scene(lemur_capture).request()
+    assert asked(lemur_capture, request, ahead, planning_allowance=0.0).task.ahead == 0.0
+    request.start_time = time_message(NOW + 10_000_000)
+    with pytest.raises(InvalidInput, match=r"start_time is 0\.030 s before the start state"):
+        asked(lemur_capture, request, ahead)
+
+
+def test_the_requests_end_behaviour_goes_before_the_parameters(
+    lemur_capture: PlanningProblem,
+) -> None:
+    request = Scene(lemur_capture).request()
+    by_parameter = asked(lemur_capture, request, end_behaviour="hold_end_effector").task
+    assert (by_parameter.end_behaviour, by_parameter.tail) == (EndBehaviour.HOLD_END_EFFECTOR, 1.5)
+    request.end_behaviour = "stop_joints"
+    by_request = asked(lemur_capture, request).task
+    assert (by_request.end_behaviour, by_request.tail) == (EndBehaviour.STOP_JOINTS, 1.5)
+
+
+@pytest.mark.parametrize(
+    ("since", "off", "follows"),
+    [(4.0, 0.0, True), (4.0, 0.019, True), (4.0, 0.021, False), (-0.1, 0.0, False), (11, 0, False)],
+)
+def test_the_joints_follow_the_last_plan_if_that_is_where_they_are(
+    lemur_capture: PlanningProblem, lemur_plan: Plan, since: float, off: float, follows: bool
+) -> None:
+    """A plan of 10 s that began `since` seconds before the state was measured."""
+    motion = lemur_plan.trajectory
+    planned = [np.interp(since, motion.time, column) for column in motion.joint_positions.T]
+    problem = replace(
+        lemur_capture,
+        start=replace(lemur_capture.start, joint_positions=np.array(planned) + off * np.eye(7)[2]),
+    )
+    published = PublishedPlan(motion, NOW - round(since * NANOSECONDS))
+    running = asked(problem, Scene(problem).request(), published=published).task.running
+    assert (running is not None) == follows
+    if running is not None:
+        assert running.time[0] == pytest.approx(-since)

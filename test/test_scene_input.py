@@ -1,0 +1,101 @@
+"""Obstacles from their topic or from a request."""
+
+from __future__ import annotations
+
+import pytest
+from ff_planner_msgs.msg import ObstacleSphere, ObstacleSphereArray
+
+from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.ros.scene_input import SceneInput
+
+FRAME = "inertial"
+
+
+def _array(*radii: float, source: str = "vision", sec: int = 12) -> ObstacleSphereArray:
+    message = ObstacleSphereArray(source=source)
+    message.header.frame_id, message.header.stamp.sec = FRAME, sec
+    message.spheres = [ObstacleSphere(id=f"c{i}", radius=radius) for i, radius in enumerate(radii)]
+    return message
+
+
+@pytest.fixture
+def scene_input() -> SceneInput:
+    return SceneInput(FRAME)
+
+
+def _refusal(scene_input: SceneInput, own: ObstacleSphereArray | None = None) -> InvalidInput:
+    with pytest.raises(InvalidInput) as refusal:
+        scene_input.scene(own)
+    return refusal.value
+
+
+def test_without_any_message_there_is_no_scene(scene_input: SceneInput) -> None:
+    refusal = _refusal(scene_input)
+    assert (refusal.status, refusal.field) == (Status.NO_OBSTACLES, "obstacles")
+    assert "publish an empty array" in refusal.allowed
+
+
+def test_each_message_replaces_the_scene_and_keeps_its_stamp_and_source(
+    scene_input: SceneInput,
+) -> None:
+    scene_input.keep(_array(0.1, 0.2))
+    scene = scene_input.scene()
+    assert [(sphere.id, sphere.radius) for sphere in scene.spheres] == [("c0", 0.1), ("c1", 0.2)]
+    assert (scene.stamp_ns, scene.source) == (12_000_000_000, "vision")
+    scene_input.keep(_array(source="operator", sec=13))
+    scene = scene_input.scene()
+    assert (scene.spheres, scene.stamp_ns, scene.source) == ((), 13_000_000_000, "operator")
+
+
+def test_a_requests_own_obstacles_go_before_those_heard_of_and_are_not_kept(
+    scene_input: SceneInput,
+) -> None:
+    scene_input.keep(_array(0.1))
+    assert scene_input.scene(_array(0.2, source="executive")).source == "executive"
+    assert scene_input.scene().source == "vision"
+
+
+@pytest.mark.parametrize("where", ["topic", "request"])
+@pytest.mark.parametrize(
+    ("spoil", "status", "field"),
+    [
+        ("frame", Status.WRONG_FRAME, "obstacles.header.frame_id"),
+        ("id", Status.OUT_OF_RANGE, "obstacles.spheres[2].id"),
+        ("radius", Status.OUT_OF_RANGE, "obstacles.spheres[1].radius"),
+        ("center", Status.NOT_FINITE, "obstacles.spheres[1].center"),
+        ("moving", Status.UNSUPPORTED, "obstacles.spheres[1].twist"),
+    ],
+)
+def test_a_bad_scene_is_told_and_hides_the_good_one_until_the_next_good_one(
+    scene_input: SceneInput, where: str, spoil: str, status: Status, field: str
+) -> None:
+    scene_input.keep(_array(0.5))
+    bad = _array(0.1, 0.2, 0.3)
+    if spoil == "frame":
+        bad.header.frame_id = "map"
+    elif spoil == "id":
+        bad.spheres[2].id = "c0"
+    elif spoil == "radius":
+        bad.spheres[1].radius = 0.0
+    elif spoil == "center":
+        bad.spheres[1].center.y = float("nan")
+    else:
+        bad.spheres[1].twist.linear.x = 0.1
+    if where == "topic":
+        scene_input.keep(bad)
+        refusal = _refusal(scene_input)
+    else:
+        refusal = _refusal(scene_input, bad)
+    assert (refusal.status, refusal.field) == (status, field)
+    scene_input.keep(_array(0.4))
+    assert [sphere.radius for sphere in scene_input.scene().spheres] == [0.4]
+
+
+def test_an_id_given_twice_is_told_with_the_place_of_the_first(scene_input: SceneInput) -> None:
+    bad = _array(0.1, 0.2, 0.3)
+    bad.spheres[2].id = "c1"
+    refusal = _refusal(scene_input, bad)
+    assert str(refusal) == (
+        "obstacles.spheres[2].id is 'c1': "
+        "every id must be given once, and spheres[1] has it already"
+    )

@@ -1,0 +1,402 @@
+"""The newest state out of messages: pairing, ages, refusals, a clock that jumps."""
+
+from __future__ import annotations
+
+import random
+import sys
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from nav_msgs.msg import Odometry
+from sensor_msgs.msg import JointState
+
+from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.planning.problem import PlanningProblem
+from ff_planner_ros.robot.model import Robot
+from ff_planner_ros.ros.from_odometry import OdometryParameters
+from ff_planner_ros.ros.state_input import StateInput
+from ff_planner_ros.ros.to_messages import state_message, time_message
+
+FRAME, SENSOR = "inertial", "imu"
+SECOND = 1_000_000_000
+NOW_NS = 1_700_000_000 * SECOND
+MAX_AGE, MAX_LEAD, TOLERANCE = 0.5, 0.05, 0.01
+PARAMETERS = OdometryParameters(
+    child_frame_id=SENSOR,
+    sensor_position_in_chaser=(0.0, 0.0, 0.0),
+    sensor_quaternion_in_chaser_xyzw=(0.0, 0.0, 0.0, 1.0),
+    pairing_tolerance=TOLERANCE,
+)
+
+
+class Fed:
+    """A state input with its callbacks by topic, and the question at a time."""
+
+    def __init__(self, robot: Robot, source: str) -> None:
+        self.input = StateInput(robot, FRAME, source, PARAMETERS)
+        self.keep: dict[str, Callable[[Any], None]] = {
+            topic: callback for topic, _, callback in self.input.subscriptions()
+        }
+
+    def ask(self, now_ns: int = NOW_NS) -> Any:
+        return self.input.snapshot(now_ns, MAX_AGE, MAX_LEAD)
+
+    def refusal(self, now_ns: int = NOW_NS) -> InvalidInput:
+        with pytest.raises(InvalidInput) as refusal:
+            self.ask(now_ns)
+        return refusal.value
+
+
+@pytest.fixture
+def states(lemur: Robot) -> Fed:
+    return Fed(lemur, "chaser_state")
+
+
+@pytest.fixture
+def testbed(lemur: Robot) -> Fed:
+    return Fed(lemur, "odometry")
+
+
+def _odometry(stamp_ns: int = NOW_NS, x: float = 0.0) -> Odometry:
+    message = Odometry(child_frame_id=SENSOR)
+    message.header.frame_id, message.header.stamp = FRAME, time_message(stamp_ns)
+    message.pose.pose.position.x = x
+    return message
+
+
+def _joints(robot: Robot, stamp_ns: int = NOW_NS, first: float = 0.0) -> JointState:
+    message = JointState(name=list(robot.joint_names))
+    message.header.stamp = time_message(stamp_ns)
+    message.position = [first] + [0.0] * (robot.joints - 1)
+    message.velocity = [0.0] * robot.joints
+    return message
+
+
+def _chaser_state(problem: PlanningProblem, stamp_ns: int = NOW_NS) -> Any:
+    return state_message(problem.start, problem.robot.joint_names, stamp_ns, FRAME)
+
+
+def test_the_state_heard_last_is_the_snapshot(states: Fed, lemur_capture: PlanningProblem) -> None:
+    states.keep["chaser_state"](_chaser_state(lemur_capture, NOW_NS - SECOND // 5))
+    states.keep["chaser_state"](_chaser_state(lemur_capture, NOW_NS - SECOND // 10))
+    snapshot = states.ask()
+    assert (snapshot.stamp_ns, snapshot.source) == (NOW_NS - SECOND // 10, "chaser_state")
+    np.testing.assert_array_equal(
+        snapshot.state.joint_positions, lemur_capture.start.joint_positions
+    )
+
+
+def test_each_source_subscribes_to_its_own_topics(states: Fed, testbed: Fed) -> None:
+    assert list(states.keep) == ["chaser_state"]
+    assert list(testbed.keep) == ["odometry", "joint_states"]
+
+
+def test_what_was_not_received_is_named(states: Fed, testbed: Fed, lemur: Robot) -> None:
+    assert (states.refusal().status, states.refusal().field) == (Status.NO_STATE, "chaser_state")
+    assert (testbed.refusal().status, testbed.refusal().field) == (Status.NO_STATE, "odometry")
+    testbed.keep["odometry"](_odometry())
+    assert testbed.refusal().field == "joint_states"
+    testbed.keep["joint_states"](_joints(lemur))
+    assert testbed.ask().stamp_ns == NOW_NS
+
+
+def test_a_bad_state_is_told_and_hides_the_good_one_until_the_next_good_one(
+    states: Fed, lemur_capture: PlanningProblem
+) -> None:
+    states.keep["chaser_state"](_chaser_state(lemur_capture))
+    bad = _chaser_state(lemur_capture)
+    bad.pose.position.x = float("nan")
+    states.keep["chaser_state"](bad)
+    for _ in range(2):
+        refusal = states.refusal()
+        assert (refusal.status, refusal.field) == (
+            Status.NOT_FINITE,
+            "chaser_state.pose.position",
+        )
+    states.keep["chaser_state"](_chaser_state(lemur_capture))
+    assert states.ask().stamp_ns == NOW_NS
+
+
+@pytest.mark.parametrize("topic", ["odometry", "joint_states"])
+def test_a_bad_half_is_told_and_hides_the_good_pair_until_the_next_good_one(
+    testbed: Fed, lemur: Robot, topic: str
+) -> None:
+    good = {"odometry": _odometry(), "joint_states": _joints(lemur)}
+    for name, message in good.items():
+        testbed.keep[name](message)
+    bad: Any = _odometry() if topic == "odometry" else _joints(lemur)
+    if topic == "odometry":
+        bad.twist.twist.linear.y = float("inf")
+    else:
+        bad.velocity[3] = float("inf")
+    testbed.keep[topic](bad)
+    refusal = testbed.refusal()
+    assert refusal.status is Status.NOT_FINITE
+    assert refusal.field.startswith(topic)
+    testbed.keep[topic](good[topic])
+    assert testbed.ask().stamp_ns == NOW_NS
+
+
+def test_a_bad_message_never_pairs_even_where_its_stamp_is_the_nearest(
+    testbed: Fed, lemur: Robot
+) -> None:
+    bad = _joints(lemur, NOW_NS)
+    bad.position[0] = float("nan")
+    testbed.keep["odometry"](_odometry(NOW_NS))
+    testbed.keep["joint_states"](bad)
+    testbed.keep["joint_states"](_joints(lemur, NOW_NS + SECOND // 200, first=0.25))
+    assert testbed.ask().state.joint_positions[0] == 0.25
+
+
+@pytest.mark.parametrize("source", ["states", "testbed"])
+@pytest.mark.parametrize(
+    ("age_ns", "status"),
+    [
+        (SECOND // 2, None),
+        (SECOND // 2 + 900, None),  # rounding
+        (SECOND // 2 + 1_500, Status.STATE_TOO_OLD),
+        (-SECOND // 20, None),
+        (-SECOND // 20 - 900, None),
+        (-SECOND // 20 - 1_500, Status.STATE_IN_FUTURE),
+        (NOW_NS, Status.STATE_TOO_OLD),  # the stamp was left out
+        (NOW_NS - (2**31 - 1) * SECOND, Status.STATE_IN_FUTURE),
+    ],
+)
+def test_a_state_may_be_as_old_and_as_early_as_declared_and_no_more(
+    request: pytest.FixtureRequest,
+    lemur_capture: PlanningProblem,
+    source: str,
+    age_ns: int,
+    status: Status | None,
+) -> None:
+    fed: Fed = request.getfixturevalue(source)
+    stamp_ns = NOW_NS - age_ns
+    messages = {
+        "chaser_state": _chaser_state(lemur_capture, stamp_ns),
+        "odometry": _odometry(stamp_ns),
+        "joint_states": _joints(lemur_capture.robot, stamp_ns),
+    }
+    for topic, keep in fed.keep.items():
+        keep(messages[topic])
+    if status is None:
+        assert fed.ask().stamp_ns == stamp_ns
+        return
+    refusal = fed.refusal()
+    assert refusal.status is status
+    assert refusal.field == f"{next(iter(fed.keep))}.header.stamp"
+    limit, name = (
+        (MAX_AGE, "state_max_age")
+        if status is Status.STATE_TOO_OLD
+        else (MAX_LEAD, "state_max_lead")
+    )
+    assert f"at most {limit:g} s" in refusal.allowed
+    assert name in refusal.allowed
+
+
+@pytest.mark.parametrize("silent", ["odometry", "joint_states"])
+def test_the_half_that_has_fallen_silent_is_named(testbed: Fed, lemur: Robot, silent: str) -> None:
+    for step in range(11):
+        stamp_ns = NOW_NS - SECOND + step * SECOND // 10
+        if step == 0 or silent != "odometry":
+            testbed.keep["odometry"](_odometry(stamp_ns))
+        if step == 0 or silent != "joint_states":
+            testbed.keep["joint_states"](_joints(lemur, stamp_ns))
+    refusal = testbed.refusal()
+    assert (refusal.status, refusal.field) == (Status.STATE_TOO_OLD, f"{silent}.header.stamp")
+    assert refusal.value == "1.000 s old"
+
+
+def test_halves_of_different_moments_are_refused_with_their_difference(
+    testbed: Fed, lemur: Robot
+) -> None:
+    testbed.keep["odometry"](_odometry(NOW_NS - SECOND // 4))
+    testbed.keep["odometry"](_odometry(NOW_NS - SECOND // 5))
+    testbed.keep["joint_states"](_joints(lemur, NOW_NS))
+    refusal = testbed.refusal()
+    assert refusal.status is Status.STATE_UNPAIRED
+    assert "odometry and joint_states is 0.200 s apart" in str(refusal)
+    assert "odometry.pairing_tolerance" in refusal.allowed
+
+
+def test_halves_may_be_as_far_apart_as_declared_and_no_more(testbed: Fed, lemur: Robot) -> None:
+    testbed.keep["odometry"](_odometry(NOW_NS))
+    testbed.keep["joint_states"](_joints(lemur, NOW_NS + SECOND // 100 + 1_500))
+    assert testbed.refusal().status is Status.STATE_UNPAIRED
+    testbed.keep["joint_states"](_joints(lemur, NOW_NS + SECOND // 100 + 900, first=0.5))
+    assert testbed.ask().state.joint_positions[0] == 0.5
+
+
+def test_a_pair_of_long_ago_is_no_state_though_both_halves_go_on(
+    testbed: Fed, lemur: Robot
+) -> None:
+    testbed.keep["odometry"](_odometry(NOW_NS - SECOND))
+    testbed.keep["joint_states"](_joints(lemur, NOW_NS - SECOND))
+    testbed.keep["odometry"](_odometry(NOW_NS - SECOND // 10))
+    testbed.keep["joint_states"](_joints(lemur, NOW_NS))
+    refusal = testbed.refusal()
+    assert (refusal.status, refusal.value) == (Status.STATE_UNPAIRED, "0.100 s apart")
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_any_interleaving_gives_the_newest_odometry_that_has_a_partner_and_its_nearest_one(
+    lemur: Robot, seed: int
+) -> None:
+    # Against every pair there is, looked through one by one.
+    shuffle, fed = random.Random(seed), Fed(lemur, "odometry")
+    delays = {"odometry": shuffle.uniform(0.0, 0.1), "joint_states": shuffle.uniform(0.0, 0.1)}
+    periods = {"odometry": shuffle.uniform(0.005, 0.1), "joint_states": shuffle.uniform(0.002, 0.1)}
+    arrivals = []
+    for topic, period in periods.items():
+        for step in range(int(1.0 / period)):
+            measured_ns = round((step * period + shuffle.uniform(0.0, 0.3 * period)) * SECOND)
+            arrivals.append((measured_ns + round(delays[topic] * SECOND), topic, measured_ns))
+    heard: dict[str, list[int]] = {"odometry": [], "joint_states": []}
+    paired = 0
+    for now_ns, topic, measured_ns in sorted(arrivals):
+        if topic == "odometry":
+            fed.keep[topic](_odometry(measured_ns, x=measured_ns / SECOND))
+        else:
+            fed.keep[topic](_joints(lemur, measured_ns, first=measured_ns / SECOND))
+        heard[topic].append(measured_ns)
+        pairs = [
+            (-chaser_ns, abs(joints_ns - chaser_ns), joints_ns)
+            for chaser_ns in heard["odometry"]
+            for joints_ns in heard["joint_states"]
+            if abs(joints_ns - chaser_ns) <= TOLERANCE * SECOND
+            and now_ns - chaser_ns <= SECOND // 2
+        ]
+        if pairs:
+            chaser_ns, _, joints_ns = min(pairs)
+            snapshot = fed.ask(now_ns)
+            assert snapshot.stamp_ns == -chaser_ns
+            assert snapshot.state.position_chaser_in_inertial[0] == -chaser_ns / SECOND
+            assert snapshot.state.joint_positions[0] == joints_ns / SECOND
+            paired += 1
+        else:
+            assert fed.refusal(now_ns).status in (Status.NO_STATE, Status.STATE_UNPAIRED)
+    assert paired > 0
+
+
+def test_joint_states_of_others_leave_the_arms_alone(testbed: Fed, lemur: Robot) -> None:
+    gripper = JointState(name=["finger"], position=[0.1], velocity=[0.0])
+    testbed.keep["odometry"](_odometry())
+    testbed.keep["joint_states"](gripper)
+    refusal = testbed.refusal()
+    assert refusal.status is Status.UNKNOWN_JOINT
+    assert refusal.value == ["finger"]
+    assert "missing: " in refusal.allowed
+    testbed.keep["joint_states"](_joints(lemur))
+    testbed.keep["joint_states"](gripper)
+    assert testbed.ask().stamp_ns == NOW_NS
+
+
+@pytest.mark.parametrize("source", ["states", "testbed"])
+def test_nothing_from_before_a_jump_of_the_clock_is_left(
+    request: pytest.FixtureRequest, lemur_capture: PlanningProblem, source: str
+) -> None:
+    fed: Fed = request.getfixturevalue(source)
+
+    def hear(stamp_ns: int) -> None:
+        messages = {
+            "chaser_state": _chaser_state(lemur_capture, stamp_ns),
+            "odometry": _odometry(stamp_ns),
+            "joint_states": _joints(lemur_capture.robot, stamp_ns),
+        }
+        for topic, keep in fed.keep.items():
+            keep(messages[topic])
+
+    hear(NOW_NS)
+    fed.input.clear()
+    refusal = fed.refusal(NOW_NS)
+    assert refusal.status is Status.NO_STATE
+    assert "none was received since the clock has jumped back" in str(refusal)
+    hear(NOW_NS - 3600 * SECOND)
+    assert fed.ask(NOW_NS - 3600 * SECOND).stamp_ns == NOW_NS - 3600 * SECOND
+
+
+@pytest.mark.parametrize("told", [True, False])
+def test_a_pair_from_before_a_jump_is_not_used_where_the_newest_messages_do_not_pair(
+    testbed: Fed, lemur: Robot, told: bool
+) -> None:
+    # Told of the jump, not even a pair that may be as early as its stamp says.
+    jump_ns = SECOND // 50 if told else SECOND
+    testbed.keep["odometry"](_odometry(NOW_NS))
+    testbed.keep["joint_states"](_joints(lemur, NOW_NS))
+    if told:
+        testbed.input.clear()
+    testbed.keep["odometry"](_odometry(NOW_NS - jump_ns))
+    testbed.keep["joint_states"](_joints(lemur, NOW_NS - jump_ns - SECOND // 20))
+    refusal = testbed.refusal(NOW_NS - jump_ns)
+    assert (refusal.status, refusal.value) == (Status.STATE_UNPAIRED, "0.050 s apart")
+
+
+def test_of_two_messages_with_one_stamp_the_last_one_counts(testbed: Fed, lemur: Robot) -> None:
+    for value in (1.0, 2.0):
+        testbed.keep["odometry"](_odometry(x=value))
+        testbed.keep["joint_states"](_joints(lemur, first=value))
+    state = testbed.ask().state
+    assert state.position_chaser_in_inertial[0] == 2.0
+    assert state.joint_positions[0] == 2.0
+
+
+def test_a_step_back_that_nobody_told_of_passes_with_the_next_messages(
+    testbed: Fed, lemur: Robot
+) -> None:
+    # The host's clock was set: ROS has no callback for that.
+    before_ns = NOW_NS - 3600 * SECOND
+    testbed.keep["odometry"](_odometry(NOW_NS, x=1.0))
+    testbed.keep["joint_states"](_joints(lemur, NOW_NS))
+    assert testbed.refusal(before_ns).status is Status.STATE_IN_FUTURE
+    testbed.keep["odometry"](_odometry(before_ns, x=2.0))
+    testbed.keep["joint_states"](_joints(lemur, before_ns))
+    assert testbed.ask(before_ns).state.position_chaser_in_inertial[0] == 2.0
+
+
+def test_the_memory_of_a_topic_ends(testbed: Fed, lemur: Robot) -> None:
+    # An odometry message can wait for its partner while a second's worth of others come at 1 kHz.
+    testbed.keep["joint_states"](_joints(lemur, NOW_NS))
+    for late in range(1, 1000):
+        testbed.keep["odometry"](_odometry(NOW_NS + late + 2 * SECOND // 100))
+    testbed.keep["odometry"](_odometry(NOW_NS, x=3.0))
+    for late in range(1, 1000):
+        testbed.keep["odometry"](_odometry(NOW_NS + late + 2 * SECOND // 100))
+    assert testbed.ask().state.position_chaser_in_inertial[0] == 3.0
+    testbed.keep["odometry"](_odometry(NOW_NS + 2 * SECOND // 100))
+    assert testbed.refusal().status is Status.STATE_UNPAIRED
+
+
+def test_a_huge_message_is_refused_and_let_go(testbed: Fed, lemur: Robot) -> None:
+    testbed.keep["odometry"](_odometry())
+    huge = _joints(lemur)
+    huge.position = [0.0] * 100_000
+    references = sys.getrefcount(huge)
+    testbed.keep["joint_states"](huge)
+    refusal = testbed.refusal()
+    assert refusal.status is Status.WRONG_SIZE
+    assert len(str(refusal)) < 1000
+    assert sys.getrefcount(huge) == references
+
+
+def test_a_hundred_thousand_foreign_joints_are_told_in_short(
+    states: Fed, lemur_capture: PlanningProblem
+) -> None:
+    message = _chaser_state(lemur_capture)
+    message.joint_names = [f"tentacle_{i}" for i in range(100_000)]
+    states.keep["chaser_state"](message)
+    refusal = states.refusal()
+    assert refusal.status is Status.UNKNOWN_JOINT
+    assert "unknown: tentacle_0, tentacle_1, " in refusal.allowed
+    assert "and 99980 more" in refusal.allowed
+    assert len(str(refusal)) < 2000
+
+
+def test_asking_again_and_again_does_not_grow_the_refusal(testbed: Fed) -> None:
+    def frames() -> int:
+        count, trace = 0, testbed.refusal().__traceback__
+        while trace is not None:
+            count, trace = count + 1, trace.tb_next
+        return count
+
+    assert len({frames() for _ in range(5)}) == 1

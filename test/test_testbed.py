@@ -1,0 +1,271 @@
+"""The simulated testbed: what it measures, and what it makes of a trajectory message."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+import rclpy
+from builtin_interfaces.msg import Duration
+from ff_planner_msgs.msg import ChaserState, ObstacleSphereArray
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from ros_processes import DEADLINE, FRAME, private_domain
+from scipy.spatial.transform import Rotation
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+
+from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.planning.problem import PlanningProblem
+from ff_planner_ros.robot.state import SystemState
+from ff_planner_ros.ros.background import spin_in_background
+from ff_planner_ros.ros.from_messages import (
+    NANOSECONDS,
+    nanoseconds,
+    spheres_from_message,
+    state_from_message,
+)
+from ff_planner_ros.ros.testbed import (
+    CONTROLLER_TOPIC,
+    STATE_QOS,
+    Imperfections,
+    SimulatedTestbed,
+    measured,
+    motion_from_message,
+)
+from ff_planner_ros.ros.to_messages import time_message
+from ff_planner_ros.simulation.free_floating import carried_back
+
+PERFECT = Imperfections()
+
+
+def trajectory(names: list[str], times: list[float], start_ns: int = 0) -> JointTrajectory:
+    """All joints at the number of the point, each joint a hundred further than the last."""
+    message = JointTrajectory(joint_names=names)
+    message.header.stamp = time_message(start_ns)
+    for number, time in enumerate(times):
+        row = [number + 100.0 * joint for joint in range(len(names))]
+        offset_ns = round(time * NANOSECONDS)
+        message.points.append(
+            JointTrajectoryPoint(
+                positions=row,
+                velocities=[0.1 * value for value in row],
+                accelerations=[0.01 * value for value in row],
+                time_from_start=Duration(
+                    sec=offset_ns // NANOSECONDS, nanosec=offset_ns % NANOSECONDS
+                ),
+            )
+        )
+    return message
+
+
+def test_a_trajectory_is_read_whatever_the_order_of_its_joints() -> None:
+    motion = motion_from_message(trajectory(["b", "a"], [0.0, 0.25, 1.5]), ("a", "b"))
+    assert motion.time.tolist() == [0.0, 0.25, 1.5]
+    assert motion.positions.tolist() == [[100.0, 0.0], [101.0, 1.0], [102.0, 2.0]]
+    np.testing.assert_allclose(motion.velocities, 0.1 * motion.positions)
+    np.testing.assert_allclose(motion.accelerations, 0.01 * motion.positions)
+
+
+def without(field: str) -> Callable[[JointTrajectory], None]:
+    def take_away(message: JointTrajectory) -> None:
+        setattr(message.points[1], field, [])
+
+    return take_away
+
+
+def not_a_number(message: JointTrajectory) -> None:
+    message.points[0].positions = [0.0, float("nan")]
+
+
+@pytest.mark.parametrize(
+    ("spoil", "field", "status"),
+    [
+        (lambda m: m.joint_names.__setitem__(0, "c"), "joint_names", Status.UNKNOWN_JOINT),
+        (lambda m: m.points.__delitem__(slice(1, None)), "points", Status.CONTROLLER_RULE),
+        (lambda m: m.points.reverse(), "points", Status.CONTROLLER_RULE),
+        (without("positions"), "points[].positions", Status.CONTROLLER_RULE),
+        (without("velocities"), "points[].velocities", Status.CONTROLLER_RULE),
+        (without("accelerations"), "points[].accelerations", Status.CONTROLLER_RULE),
+        (not_a_number, "points[].positions", Status.CONTROLLER_RULE),
+    ],
+)
+def test_a_trajectory_that_cannot_be_followed_is_refused_by_name(
+    spoil: Callable[[JointTrajectory], None], field: str, status: Status
+) -> None:
+    message = trajectory(["a", "b"], [0.0, 1.0, 2.0])
+    spoil(message)
+    with pytest.raises(InvalidInput) as refusal:
+        motion_from_message(message, ("a", "b"))
+    assert (refusal.value.field, refusal.value.status) == (field, status)
+
+
+def test_a_perfect_sensor_measures_the_truth(lemur_capture: PlanningProblem) -> None:
+    state = lemur_capture.start
+    found = measured(state, PERFECT, np.random.default_rng(1))
+    for name in SystemState.__dataclass_fields__:
+        np.testing.assert_allclose(getattr(found, name), getattr(state, name), atol=1e-15)
+
+
+def test_noise_has_the_standard_deviation_that_was_asked_for(
+    lemur_capture: PlanningProblem,
+) -> None:
+    state, random = lemur_capture.start, np.random.default_rng(2)
+    noisy = Imperfections(
+        position_noise=0.01, angle_noise=0.02, velocity_noise=0.03, rate_noise=0.04
+    )
+    found = [measured(state, noisy, random) for _ in range(3000)]
+    expected = {
+        "position_chaser_in_inertial": 0.01,
+        "linear_velocity_chaser_in_inertial": 0.03,
+        "angular_velocity_chaser_in_inertial": 0.04,
+        "joint_positions": 0.02,
+        "joint_velocities": 0.04,
+    }
+    for name, sigma in expected.items():
+        off = np.array([getattr(one, name) for one in found]) - getattr(state, name)
+        np.testing.assert_allclose(off.std(axis=0), sigma, rtol=0.05)
+        np.testing.assert_allclose(off.mean(axis=0), 0.0, atol=0.1 * sigma)
+    attitude = Rotation.from_quat(state.quaternion_chaser_to_inertial_xyzw)
+    turns = Rotation.from_quat([one.quaternion_chaser_to_inertial_xyzw for one in found])
+    vectors = (turns * attitude.inv()).as_rotvec()
+    np.testing.assert_allclose(vectors.std(axis=0), 0.02, rtol=0.05)
+
+
+class Watcher:
+    """A node beside the testbed's that keeps what it publishes."""
+
+    def __init__(self) -> None:
+        self.node = rclpy.create_node("watcher")
+        self.states: list[ChaserState] = []
+        self.obstacles: list[ObstacleSphereArray] = []
+        self._changed = threading.Condition()
+        late = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        self.node.create_subscription(
+            ChaserState, "chaser_state", self._keeper(self.states), STATE_QOS
+        )
+        self.node.create_subscription(
+            ObstacleSphereArray, "obstacles", self._keeper(self.obstacles), late
+        )
+        self.controller = self.node.create_publisher(JointTrajectory, CONTROLLER_TOPIC, 10)
+
+    def _keeper(self, kept: list[Any]) -> Callable[[Any], None]:
+        def keep(message: Any) -> None:
+            with self._changed:
+                kept.append(message)
+                self._changed.notify_all()
+
+        return keep
+
+    def wait_until(self, condition: Callable[[], object]) -> None:
+        with self._changed:
+            assert self._changed.wait_for(condition, DEADLINE)
+
+    def wait_for_state_at(self, stamp_ns: int) -> None:
+        self.wait_until(lambda: self.states and stamp(self.states[-1]) >= stamp_ns)
+
+
+def stamp(message: ChaserState) -> int:
+    return nanoseconds(message.header.stamp)
+
+
+@contextmanager
+def running_testbed(
+    scenario: PlanningProblem, epoch: float, imperfections: Imperfections = PERFECT
+) -> Iterator[tuple[Watcher, int]]:
+    """Run a testbed at 50 Hz whose epoch is so many seconds from now; yield it with its epoch."""
+    with private_domain():
+        rclpy.init(args=[])
+        try:
+            node = rclpy.create_node("testbed")
+            epoch_ns = node.get_clock().now().nanoseconds + round(epoch * NANOSECONDS)
+            SimulatedTestbed(node, scenario, epoch_ns, 50.0, imperfections)
+            watcher = Watcher()
+            executor = SingleThreadedExecutor()
+            for each in (node, watcher.node):
+                executor.add_node(each)
+            stop = spin_in_background(executor, node.get_logger())
+            try:
+                yield watcher, epoch_ns
+            finally:
+                stop()
+        finally:
+            rclpy.shutdown()
+
+
+def test_the_scene_is_there_for_whoever_comes_late(lemur_capture: PlanningProblem) -> None:
+    with running_testbed(lemur_capture, epoch=0.0) as (watcher, _):
+        watcher.wait_until(lambda: watcher.obstacles)
+        spheres = spheres_from_message(watcher.obstacles[0], FRAME)
+    for found, sphere in zip(spheres, lemur_capture.obstacles, strict=True):
+        assert (found.id, found.radius) == (sphere.id, sphere.radius)
+        assert np.array_equal(found.center, sphere.center)
+
+
+def test_it_comes_through_the_start_state_at_its_epoch(lemur_capture: PlanningProblem) -> None:
+    with running_testbed(lemur_capture, epoch=0.7) as (watcher, epoch_ns):
+        watcher.wait_for_state_at(epoch_ns)
+        states = list(watcher.states)
+    robot = lemur_capture.robot
+    assert any(stamp(message) < epoch_ns for message in states)
+    for message in states:
+        assert stamp(message) % 20_000_000 == 0
+        found = state_from_message(message, "chaser_state", robot, FRAME)
+        lead = (epoch_ns - stamp(message)) / NANOSECONDS
+        if lead >= 0.0:
+            truth = carried_back(robot, lemur_capture.start, lead)
+            for name in SystemState.__dataclass_fields__:
+                np.testing.assert_allclose(getattr(found, name), getattr(truth, name), atol=1e-7)
+
+
+def test_it_follows_a_trajectory_from_its_stamp_on(lemur_capture: PlanningProblem) -> None:
+    start = lemur_capture.start
+    names = list(lemur_capture.robot.joint_names)
+    with running_testbed(lemur_capture, epoch=0.0) as (watcher, epoch_ns):
+        begin_ns = epoch_ns + 1_000_000_000
+        watcher.wait_until(lambda: watcher.controller.get_subscription_count() and watcher.states)
+        message = steady(names, start.joint_positions + start.joint_velocities, begin_ns)
+        watcher.controller.publish(message)
+        watcher.wait_for_state_at(begin_ns + 1_500_000_000)
+        states = [state for state in watcher.states if stamp(state) >= begin_ns + 20_000_000]
+    for state in states:
+        time = min((stamp(state) - begin_ns) / NANOSECONDS, 1.0)
+        expected = start.joint_positions + start.joint_velocities + 0.2 * time
+        np.testing.assert_allclose(state.joint_positions, expected, atol=1e-9)
+
+
+def test_a_command_delay_puts_the_joints_behind(lemur_capture: PlanningProblem) -> None:
+    start, names = lemur_capture.start, list(lemur_capture.robot.joint_names)
+    late = replace(PERFECT, command_delay=0.4)
+    with running_testbed(lemur_capture, epoch=0.0, imperfections=late) as (watcher, epoch_ns):
+        begin_ns = epoch_ns + 600_000_000
+        watcher.wait_until(lambda: watcher.controller.get_subscription_count() and watcher.states)
+        watcher.controller.publish(steady(names, start.joint_positions, begin_ns))
+        watcher.wait_for_state_at(begin_ns + 900_000_000)
+        state = watcher.states[-1]
+    behind = (stamp(state) - begin_ns) / NANOSECONDS - 0.4
+    np.testing.assert_allclose(
+        state.joint_positions, start.joint_positions + 0.2 * behind, atol=1e-9
+    )
+
+
+def test_a_state_delay_holds_back_what_was_measured(lemur_capture: PlanningProblem) -> None:
+    late = replace(PERFECT, state_delay=0.3)
+    with running_testbed(lemur_capture, epoch=0.0, imperfections=late) as (watcher, _):
+        watcher.wait_until(lambda: len(watcher.states) > 5)
+        now_ns = watcher.node.get_clock().now().nanoseconds
+        assert now_ns - stamp(watcher.states[-1]) >= 300_000_000
+
+
+def steady(names: list[str], positions: Any, begin_ns: int) -> JointTrajectory:
+    """All joints at 0.2 rad/s for a second."""
+    message = trajectory(names, [0.0, 1.0], begin_ns)
+    for point, offset in zip(message.points, (0.0, 0.2), strict=True):
+        point.positions = (positions + offset).tolist()
+        point.velocities = [0.2] * len(names)
+        point.accelerations = [0.0] * len(names)
+    return message
