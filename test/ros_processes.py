@@ -29,7 +29,7 @@ from visualization_msgs.msg import MarkerArray
 
 from ff_planner_ros.errors import Status
 from ff_planner_ros.planning.problem import PlanningProblem
-from ff_planner_ros.ros.background import spin_in_background
+from ff_planner_ros.ros.background import ask, spin_in_background
 from ff_planner_ros.ros.domain import private_environment
 from ff_planner_ros.ros.to_messages import obstacles_message, request_message, state_message
 
@@ -115,9 +115,9 @@ class Client:
             self.node.create_subscription(message_type, topic, self._keeper(topic), qos)
         self._service = self.node.create_client(PlanTrajectory, "plan_trajectory")
         self._action = ActionClient(self.node, PlanTrajectoryAction, "plan_trajectory_action")
-        executor = SingleThreadedExecutor()
-        executor.add_node(self.node)
-        self._stop = spin_in_background(executor, self.node.get_logger())
+        self._executor = SingleThreadedExecutor()
+        self._executor.add_node(self.node)
+        self._stop = spin_in_background(self._executor, self.node.get_logger())
 
     def close(self) -> None:
         self._stop()
@@ -171,7 +171,7 @@ class Client:
 
     def send_goal(self, request: PlanTrajectory.Request) -> Goal:
         assert self._action.wait_for_server(DEADLINE)
-        return Goal(self._action, request)
+        return Goal(self._executor, self._action, request)
 
     def plan(self, request: PlanTrajectory.Request) -> PlanTrajectory.Response:
         return self.send(request)()
@@ -208,33 +208,35 @@ class Client:
 class Goal:
     """A goal of the planner's action that was accepted."""
 
-    def __init__(self, client: ActionClient, request: PlanTrajectory.Request) -> None:
+    def __init__(
+        self,
+        executor: SingleThreadedExecutor,
+        client: ActionClient,
+        request: PlanTrajectory.Request,
+    ) -> None:
+        self._executor = executor
         self.feedback: list[Any] = []
         self.progress = threading.Event()
         names = PlanTrajectoryAction.Goal.get_fields_and_field_types()
         goal = PlanTrajectoryAction.Goal(**{name: getattr(request, name) for name in names})
-        self._handle = _awaited(client.send_goal_async(goal, self._keep))
+        self._handle = self._asked(lambda: client.send_goal_async(goal, self._keep))
         assert self._handle.accepted
 
     def cancel(self) -> bool:
         """Ask to cancel; whether the planner accepts."""
-        return bool(_awaited(self._handle.cancel_goal_async()).goals_canceling)
+        return bool(self._asked(self._handle.cancel_goal_async).goals_canceling)
 
     def result(self) -> tuple[int, PlanTrajectoryAction.Result]:
         """Wait for the goal's final state (`action_msgs/GoalStatus`) and its result."""
-        response = _awaited(self._handle.get_result_async())
+        response = self._asked(self._handle.get_result_async)
         return response.status, response.result
+
+    def _asked(self, question: Callable[[], Any]) -> Any:
+        return ask(self._executor, question).result(DEADLINE)
 
     def _keep(self, message: Any) -> None:
         self.feedback.append(message.feedback)
         self.progress.set()
-
-
-def _awaited(future: Any) -> Any:
-    done = threading.Event()
-    future.add_done_callback(lambda _: done.set())
-    assert done.wait(DEADLINE), "the planner did not answer"
-    return future.result()
 
 
 class Scene:

@@ -8,9 +8,10 @@ from unittest.mock import Mock
 import pytest
 import rclpy
 from rclpy.executors import MultiThreadedExecutor, SingleThreadedExecutor
+from rclpy.task import Future as RosFuture
 from ros_processes import DEADLINE, private_domain
 
-from ff_planner_ros.ros.background import spin_in_background
+from ff_planner_ros.ros.background import ask, spin_in_background
 
 
 @pytest.mark.parametrize("executor_type", [SingleThreadedExecutor, MultiThreadedExecutor])
@@ -68,3 +69,34 @@ def test_stopping_waits_for_the_callback_that_has_begun(executor_type: type) -> 
         stopper.join(DEADLINE)
         rclpy.shutdown()
     assert events == ["the callback's end", "stopped"]
+
+
+def test_a_question_is_asked_in_the_thread_that_takes_the_answers() -> None:
+    """From another one, its answer might come before rclpy knows of the question."""
+    asked_in, received = [], RosFuture()
+
+    def question() -> RosFuture:
+        asked_in.append(threading.current_thread())
+        received.set_result("the answer")
+        return received
+
+    def refuse() -> RosFuture:
+        raise TypeError("no goal")
+
+    def fail() -> RosFuture:
+        failed = RosFuture()
+        failed.set_exception(ValueError("no answer"))
+        return failed
+
+    with private_domain():
+        rclpy.init(args=[])
+        executor = SingleThreadedExecutor()
+        executor.add_node(rclpy.create_node("test"))
+        stop = spin_in_background(executor, Mock())
+        assert ask(executor, question).result(DEADLINE) == "the answer"
+        for broken, error in ((refuse, TypeError), (fail, ValueError)):
+            with pytest.raises(error):
+                ask(executor, broken).result(DEADLINE)
+        stop()
+        rclpy.shutdown()
+    assert [thread.name for thread in asked_in] == ["callbacks"]

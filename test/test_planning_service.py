@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -10,10 +10,14 @@ from unittest.mock import Mock
 
 import pytest
 import rclpy
+from ff_planner_msgs.action import PlanTrajectory as PlanTrajectoryAction
 from ff_planner_msgs.srv import PlanTrajectory
+from rclpy.action import CancelResponse
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.lifecycle import LifecycleNode
 from rclpy.parameter import Parameter
 from ros_processes import Scene, private_domain
+from unique_identifier_msgs.msg import UUID
 
 from ff_planner_ros.errors import NoPlanFound, Status
 from ff_planner_ros.planning.problem import PlanningProblem
@@ -28,8 +32,8 @@ from ff_planner_ros.ros.worker import Worker
 @contextmanager
 def service(
     problem: PlanningProblem, monkeypatch: pytest.MonkeyPatch, **overrides: Any
-) -> Iterator[tuple[Callable[[PlanTrajectory.Request], PlanTrajectory.Response], Mock, Mock]]:
-    """The service on a node in this process: its answer to a request, its worker, its logger."""
+) -> Iterator[tuple[PlanningService, Mock, Mock]]:
+    """The service on a node in this process, its worker, its logger."""
     with private_domain():
         rclpy.init(args=[])
         node = LifecycleNode(
@@ -51,16 +55,20 @@ def service(
             "run",
         )
         answering.activate()
-        yield lambda request: answering._serve(request, Mock()), worker, logger
+        yield answering, worker, logger
         rclpy.shutdown()
+
+
+def answer(answering: PlanningService, request: PlanTrajectory.Request) -> PlanTrajectory.Response:
+    return answering._serve(request, PlanTrajectory.Response())
 
 
 def test_an_error_that_nobody_foresaw_is_answered_and_logged_with_its_traceback(
     lemur_capture: PlanningProblem, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    with service(lemur_capture, monkeypatch) as (answer, worker, logger):
+    with service(lemur_capture, monkeypatch) as (answering, worker, logger):
         worker.solve.side_effect = ZeroDivisionError("nobody foresaw this")
-        response = answer(Scene(lemur_capture).complete_request())
+        response = answer(answering, Scene(lemur_capture).complete_request())
     assert response.status.code == Status.INTERNAL_ERROR
     assert response.status.message == "ZeroDivisionError: nobody foresaw this"
     assert response.plan_id == "run.1"
@@ -75,11 +83,11 @@ def test_the_budget_is_the_requests_or_else_the_parameters(
     asked: float,
     granted: float,
 ) -> None:
-    with service(lemur_capture, monkeypatch, time_budget=7.5) as (answer, worker, _):
+    with service(lemur_capture, monkeypatch, time_budget=7.5) as (answering, worker, _):
         worker.solve.side_effect = NoPlanFound(Status.OUT_OF_TIME, "too slow")
         request = Scene(lemur_capture).complete_request()
         request.time_budget = asked
-        assert answer(request).status.code == Status.OUT_OF_TIME
+        assert answer(answering, request).status.code == Status.OUT_OF_TIME
         task, _, budget, *_ = worker.solve.call_args.args
     assert budget == granted
     assert task.problem.duration == request.duration
@@ -94,8 +102,40 @@ def test_joint_rates_are_limited_unless_the_parameter_says_otherwise(
     overrides: dict[str, Any],
     limited: bool,
 ) -> None:
-    with service(lemur_capture, monkeypatch, **overrides) as (answer, worker, _):
+    with service(lemur_capture, monkeypatch, **overrides) as (answering, worker, _):
         worker.solve.side_effect = NoPlanFound(Status.COLLISION, "blocked")
-        answer(Scene(lemur_capture).complete_request())
+        answer(answering, Scene(lemur_capture).complete_request())
         (task, *_) = worker.solve.call_args.args
     assert task.problem.limit_joint_velocities is limited
+
+
+def a_goal(problem: PlanningProblem) -> Mock:
+    request = Scene(problem).complete_request()
+    fields = PlanTrajectoryAction.Goal.get_fields_and_field_types()
+    goal = PlanTrajectoryAction.Goal(**{name: getattr(request, name) for name in fields})
+    return Mock(goal_id=UUID(uuid=[7] * 16), request=goal, is_cancel_requested=True, status=5)
+
+
+def test_a_goal_that_is_cancelled_before_rclpy_hands_it_over_is_not_planned(
+    lemur_capture: PlanningProblem, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with service(lemur_capture, monkeypatch) as (answering, worker, _):
+        goal = a_goal(lemur_capture)
+        assert answering._cancel(goal) is CancelResponse.ACCEPT
+        answering._accept(goal)
+        result = answering._execute(goal)
+    assert (result.status.code, result.plan_id) == (Status.CANCELLED, "run.1")
+    goal.canceled.assert_called_once_with()
+    worker.solve.assert_not_called()
+
+
+def test_a_goal_that_is_cancelled_while_rclpy_begins_it_is_begun_all_the_same(
+    lemur_capture: PlanningProblem, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Or else nobody would ever answer it."""
+    with service(lemur_capture, monkeypatch) as (answering, _, _):
+        goal = a_goal(lemur_capture)
+        illegal = rclpy_implementation.RCLError("goal_handle attempted invalid transition")
+        goal.execute.side_effect = [illegal, None]
+        answering._accept(goal)
+    assert goal.execute.call_count == 2

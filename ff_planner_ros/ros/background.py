@@ -1,14 +1,16 @@
-"""Callbacks in a thread of their own."""
+"""Callbacks in a thread of their own, and questions asked from within it."""
 
 from __future__ import annotations
 
 import threading
 import traceback
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import Any
 
-from rclpy.executors import Executor, ExternalShutdownException
+from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedExecutor
 from rclpy.impl.rcutils_logger import RcutilsLogger
+from rclpy.task import Future as RosFuture
 
 
 def spin_in_background(executor: Executor, logger: RcutilsLogger) -> Callable[[], None]:
@@ -49,3 +51,35 @@ def spin_in_background(executor: Executor, logger: RcutilsLogger) -> Callable[[]
     thread = threading.Thread(target=spin, name="callbacks", daemon=True)
     thread.start()
     return stop
+
+
+def ask(executor: SingleThreadedExecutor, question: Callable[[], RosFuture]) -> Future[Any]:
+    """Ask an action server something, in the thread that takes the answers in.
+
+    From any other thread rclpy 7.1 may lose an answer: one that comes before the question has been
+    noted is ignored as unexpected (https://github.com/ros2/rclpy/issues/1123).
+
+    Args:
+        executor: Of the action's client, spinning in the background.
+        question: Sends it, for instance `handle.cancel_goal_async`.
+
+    Returns:
+        The answer, to be waited for in any thread but the executor's.
+    """
+    answer: Future[Any] = Future()
+
+    def pass_on(received: RosFuture) -> None:
+        error = received.exception()
+        if error is None:
+            answer.set_result(received.result())
+        else:
+            answer.set_exception(error)
+
+    def send() -> None:
+        try:
+            question().add_done_callback(pass_on)
+        except Exception as error:
+            answer.set_exception(error)
+
+    executor.create_task(send)
+    return answer

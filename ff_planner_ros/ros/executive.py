@@ -17,7 +17,7 @@ from ff_planner_msgs.msg import ChaserState
 from rclpy.action import ActionClient
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
-from rclpy.task import Future
+from rclpy.task import Future as RosFuture
 from scipy.spatial.transform import Rotation
 from trajectory_msgs.msg import JointTrajectory
 
@@ -26,7 +26,7 @@ from ff_planner_ros.planning.plan import Plan
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.state import SystemState
-from ff_planner_ros.ros.background import spin_in_background
+from ff_planner_ros.ros.background import ask, spin_in_background
 from ff_planner_ros.ros.from_messages import (
     NANOSECONDS,
     nanoseconds,
@@ -88,9 +88,9 @@ class MissionExecutive:
         self._planner = ActionClient(self._node, PlanTrajectory, "plan_trajectory_action")
         self._controller = self._node.create_publisher(JointTrajectory, CONTROLLER_TOPIC, 1)
         # A thread of its own and an event: spinning until a future is complete leaks in Jazzy.
-        executor = SingleThreadedExecutor()
-        executor.add_node(self._node)
-        self._stop = spin_in_background(executor, self._node.get_logger())
+        self._executor = SingleThreadedExecutor()
+        self._executor.add_node(self._node)
+        self._stop = spin_in_background(self._executor, self._node.get_logger())
 
     def close(self) -> None:
         """Leave ROS."""
@@ -196,22 +196,25 @@ class MissionExecutive:
         report: Callable[[PlanTrajectory.Feedback], None],
         deadline: float,
     ) -> PlanTrajectory.Result:
-        handle = self._done(
-            self._planner.send_goal_async(goal, lambda message: report(message.feedback)), deadline
+        handle = self._asked(
+            lambda: self._planner.send_goal_async(goal, lambda message: report(message.feedback)),
+            deadline,
         )
         if not handle.accepted:
             raise FfPlannerError(Status.BUSY, "the planner did not take the goal up")
         try:
-            return self._done(handle.get_result_async(), deadline).result
+            return self._asked(handle.get_result_async, deadline).result
         except BaseException:
-            handle.cancel_goal_async()  # nobody waits for the plan any more
+            ask(self._executor, handle.cancel_goal_async)  # nobody waits for the plan any more
             raise
 
-    def _done(self, future: Future, deadline: float) -> Any:
-        done = threading.Event()
-        future.add_done_callback(lambda _: done.set())
-        self._wait(done, deadline, "an answer of the planner")
-        return future.result()
+    def _asked(self, question: Callable[[], RosFuture], deadline: float) -> Any:
+        answer = ask(self._executor, question)
+        while True:
+            try:
+                return answer.result(_CHECK_INTERVAL)
+            except TimeoutError:
+                self._go_on_until(deadline, "an answer of the planner")
 
     def _wait(self, event: threading.Event, deadline: float, what: str) -> None:
         while not event.wait(_CHECK_INTERVAL):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import threading
 import time
 import traceback
 from collections.abc import Callable
@@ -15,6 +16,7 @@ from ff_planner_msgs.srv import PlanTrajectory
 from rclpy.action import ActionServer, CancelResponse
 from rclpy.action.server import ServerGoalHandle
 from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.service_introspection import ServiceIntrospectionState
@@ -83,6 +85,7 @@ class PlanningService:
         self._plan_ids = (f"{run_name}.{number}" for number in count(1))
         self._jobs = Jobs(worker.interrupt)
         self._goals: dict[bytes, Job] = {}
+        self._goals_lock = threading.Lock()
         self.last: Outcome | None = None
         self.solve_times = SolveTimes(_SOLVE_TIMES)
 
@@ -142,19 +145,22 @@ class PlanningService:
 
     def _accept(self, goal: ServerGoalHandle) -> None:
         """Take every goal: what is wrong with it is its result, with code and words."""
-        self._goals[bytes(goal.goal_id.uuid)] = self._job()
+        self._job_of(goal)
         self._events.goal_received(goal)
-        goal.execute()
+        try:
+            goal.execute()
+        except rclpy_implementation.RCLError:
+            # Cancelled between rclpy's look at the goal's state and its change: the second look
+            # finds that, and the goal is executed to be told so.
+            goal.execute()
 
     def _cancel(self, goal: ServerGoalHandle) -> CancelResponse:
-        job = self._goals.get(bytes(goal.goal_id.uuid))
         cause = FfPlannerError(Status.CANCELLED, "the client of the action cancelled it")
-        if job is not None and self._jobs.give_up(job, cause):
+        if self._jobs.give_up(self._job_of(goal), cause):
             return CancelResponse.ACCEPT
         return CancelResponse.REJECT
 
     def _execute(self, goal: ServerGoalHandle) -> PlanTrajectoryAction.Result:
-        key = bytes(goal.goal_id.uuid)
         begun = time.perf_counter()
 
         def tell(progress: Progress) -> None:
@@ -162,20 +168,28 @@ class PlanningService:
             goal.publish_feedback(PlanTrajectoryAction.Feedback(elapsed=elapsed, **vars(progress)))
 
         request = _same_fields(goal.request, PlanTrajectory.Request)
-        response = self._answer(request, self._goals[key], tell)
-        del self._goals[key]
+        response = self._answer(request, self._job_of(goal), tell)
         if response.status.code == Status.SOLVED:
             goal.succeed()
         elif response.status.code == Status.CANCELLED and _is_cancelling(goal):
             goal.canceled()
         else:
             goal.abort()
+        del self._goals[bytes(goal.goal_id.uuid)]  # it cannot be cancelled any more
         result = _same_fields(response, PlanTrajectoryAction.Result)
         self._events.result_sent(goal, result)
         return result
 
     def _job(self) -> Job:
         return Job(next(self._plan_ids))
+
+    def _job_of(self, goal: ServerGoalHandle) -> Job:
+        """Return the goal's job: a client may cancel before rclpy has handed the goal over."""
+        key = bytes(goal.goal_id.uuid)
+        with self._goals_lock:
+            if key not in self._goals:
+                self._goals[key] = self._job()
+            return self._goals[key]
 
     def _answer(
         self, request: PlanTrajectory.Request, job: Job, tell: Callable[[Progress], None]
