@@ -32,14 +32,14 @@ GOALS = "/plan_trajectory_action/_action/send_goal/_service_event"
 RESULTS = "/plan_trajectory_action/_action/get_result/_service_event"
 CANCELLATIONS = 200
 SEED = 20260101
+PATIENCE = 60.0  # [s] for a plan; a busy machine takes its time
 
 
 @pytest.fixture(scope="module")
 def planner(tmp_path_factory: pytest.TempPathFactory) -> Iterator[PlannerProcess]:
     with private_domain():
         directory = tmp_path_factory.mktemp("action")
-        # One test asks twice for the same moment; a busy machine takes its time in between.
-        patient = ("-p", "planning_allowance:=5.0", "-p", "state_max_age:=60.0")
+        patient = ("-p", f"planning_allowance:={PATIENCE}", "-p", "state_max_age:=60.0")
         with running_planner(directory, *patient) as planner:
             yield planner
 
@@ -52,8 +52,8 @@ def client(planner: PlannerProcess) -> Iterator[Client]:  # noqa: ARG001 (it mus
 
 
 @pytest.fixture
-def scene(lemur_capture: PlanningProblem) -> Scene:
-    return Scene(lemur_capture)
+def scene(resting_capture: PlanningProblem) -> Scene:
+    return Scene(resting_capture)
 
 
 def long(scene: Scene) -> PlanTrajectory.Request:
@@ -88,7 +88,7 @@ def test_a_goal_is_answered_like_a_request_with_feedback_on_the_way(
 ) -> None:
     request = scene.complete_request()
     request.start_state.header.stamp = client.node.get_clock().now().to_msg()
-    request.start_time.sec = request.start_state.header.stamp.sec + 8
+    request.start_time.sec = request.start_state.header.stamp.sec + round(PATIENCE)
     goal = client.send_goal(request)
     status, result = goal.result()
     assert (status, result.status.code) == (GoalStatus.STATUS_SUCCEEDED, Status.SOLVED)
@@ -165,7 +165,7 @@ def test_a_plan_that_is_ready_too_late_is_refused_as_such(client: Client, scene:
     status, result = client.send_goal(scene.complete_request()).result()
     assert (status, result.status.code) == (GoalStatus.STATUS_ABORTED, Status.TOO_LATE)
     assert "planning_allowance" in result.status.message
-    set_parameter(client, "planning_allowance", 5.0)
+    set_parameter(client, "planning_allowance", PATIENCE)
 
 
 def test_a_solver_that_is_killed_in_a_plan_is_the_goals_result(
