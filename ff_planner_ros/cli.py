@@ -18,7 +18,7 @@ from ff_planner_ros.baselines.artificial_potential_field import artificial_poten
 from ff_planner_ros.baselines.potential_field import load_parameters
 from ff_planner_ros.baselines.straight_line import straight_line
 from ff_planner_ros.errors import FfPlannerError, InvalidInput, NoPlanFound, Status
-from ff_planner_ros.planning.failures import failures
+from ff_planner_ros.planning.failures import Failure, failures, refusal
 from ff_planner_ros.planning.plan import Plan, Trajectory
 from ff_planner_ros.planning.planner import plan
 from ff_planner_ros.planning.problem import Objective, PlanningProblem
@@ -269,8 +269,8 @@ def _sound_baseline(method: str, problem: PlanningProblem, settings: PlannerSett
         answer = artificial_potential_field(problem, settings, parameters)
     found = list(failures(problem, answer, settings))
     if found:
-        causes = "; ".join([answer.solver.stop_reason, *(failure.finding for failure in found)])
-        raise NoPlanFound(found[0].status, f"{causes}. What may help: --method optimal", answer)
+        ending = Failure(found[0].status, answer.solver.stop_reason, ())
+        raise refusal(answer, [ending, *found], advice=["--method optimal"])
     return answer
 
 

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
-import numpy as np
 import pytest
 import robots
 
@@ -32,17 +29,6 @@ def robot(request: pytest.FixtureRequest) -> Robot:
 def lemur_capture() -> PlanningProblem:
     """The paper's capture."""
     return load_scenario(robots.LEMUR_SCENARIO)
-
-
-@pytest.fixture(scope="session")
-def resting_capture(lemur_capture: PlanningProblem) -> PlanningProblem:
-    """The same by a chaser that does not drift: to be planned for a time however far ahead."""
-    still = {
-        "linear_velocity_chaser_in_inertial": np.zeros(3),
-        "angular_velocity_chaser_in_inertial": np.zeros(3),
-        "joint_velocities": np.zeros(len(lemur_capture.start.joint_velocities)),
-    }
-    return replace(lemur_capture, start=replace(lemur_capture.start, **still))
 
 
 @pytest.fixture(scope="session")

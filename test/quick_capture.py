@@ -1,7 +1,8 @@
-"""A capture that is planned at once and flown in two seconds, for tests in real time."""
+"""The paper's capture made easy, for tests in real time: flown in two seconds, or from rest."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +10,7 @@ import numpy as np
 import yaml
 from robots import LEMUR_SCENARIO, LEMUR_URDF
 
+from ff_planner_ros.planning.problem import PlanningProblem
 from ff_planner_ros.planning.scenario import load_scenario
 from ff_planner_ros.ros.executive import end_effector
 
@@ -35,3 +37,16 @@ def quick_capture(directory: Path, **changes: Any) -> Path:
     file = directory / "quick_capture.yaml"
     file.write_text(yaml.safe_dump(scenario | changes), encoding="utf-8")
     return file
+
+
+def resting_capture() -> PlanningProblem:
+    """Return the paper's capture from a chaser at rest: whenever a plan begins, it is the same."""
+    problem = load_scenario(LEMUR_SCENARIO)
+    none, joints = np.zeros(3), np.zeros(problem.robot.joints)
+    start = replace(
+        problem.start,
+        linear_velocity_chaser_in_inertial=none,
+        angular_velocity_chaser_in_inertial=none,
+        joint_velocities=joints,
+    )
+    return replace(problem, start=start)

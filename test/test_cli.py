@@ -114,7 +114,10 @@ def test_a_baseline_that_fails_the_check_ends_with_3_and_every_cause(scenario, t
     answer, directory = tmp_path / "answer.json", tmp_path / "bag"
     straight = ["plan", str(CAPTURE), "--method", "straight", "--json", str(answer), "--bag"]
     assert main([*straight, str(directory)]) == 3
-    assert "inside obstacle c1" in capsys.readouterr().err
+    told = capsys.readouterr().err
+    assert "no plan found in the only attempt, straight line: xi = 0" in told
+    assert "inside obstacle c1" in told
+    assert told.rstrip().endswith("What may help: --method optimal")
     written = json.loads(answer.read_text(), parse_constant=no_constant)
     assert written["status"] == "collision"
     assert written["metrics"]["joint_path_length"] == pytest.approx(1.2196, abs=1e-4)

@@ -96,6 +96,9 @@ def test_the_number_of_attempts_is_told(sound: Plan) -> None:
     assert str(refusal(sound, [failure])) == (
         "no plan found in the only attempt, c1 is in the way. What may help: more points"
     )
+    assert str(refusal(sound, [failure], advice=["patience", "luck"])) == (
+        "no plan found in the only attempt, c1 is in the way. What may help: patience, luck"
+    )
 
 
 def test_a_constraint_that_is_not_met_at_the_goal_is_told_as_the_goals(

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ff_planner_ros.arrays import Array
-from ff_planner_ros.planning.joint_motion import JointMotion, joint_motion
+from ff_planner_ros.planning.joint_motion import JointMotion, joint_motion, steady_motion
 from ff_planner_ros.planning.plan import Plan
 
 TIME = np.array([0.5, 1.0, 2.5])
@@ -45,3 +45,15 @@ def test_a_plan_begins_when_the_caller_says(lemur_plan: Plan) -> None:
     assert rates == pytest.approx(motion.joint_velocities, abs=1e-11)
     assert accelerations == pytest.approx(motion.joint_accelerations, abs=1e-10)
     assert np.array_equal(joint_motion(motion).time, motion.time)
+
+
+def test_a_steady_motion_keeps_its_rates_however_short_it_is() -> None:
+    positions, rates = np.array([0.3, -1.0]), np.array([0.2, 0.05])
+    for end in (4.0, 4.0 + 1e-12, 4.5, 30.0):
+        motion = steady_motion(4.0, end, positions, rates)
+        assert motion.time[0] == 4.0
+        for time in (4.0, max(end, 4.7)):
+            found, speed, acceleration = motion.at(np.array([time]))
+            assert found[0] == pytest.approx(positions + (time - 4.0) * rates, abs=1e-12)
+            assert speed[0] == pytest.approx(rates, abs=1e-12)
+            assert acceleration[0] == pytest.approx([0.0, 0.0], abs=1e-12)

@@ -12,6 +12,7 @@ import pytest
 from action_msgs.msg import GoalStatus
 from ff_planner_msgs.action import PlanTrajectory as PlanTrajectoryAction
 from ff_planner_msgs.srv import PlanTrajectory
+from quick_capture import resting_capture
 from rclpy.parameter import Parameter
 from rclpy.parameter_client import AsyncParameterClient
 from ros_processes import (
@@ -26,7 +27,6 @@ from ros_processes import (
 )
 
 from ff_planner_ros.errors import Status
-from ff_planner_ros.planning.problem import PlanningProblem
 
 GOALS = "/plan_trajectory_action/_action/send_goal/_service_event"
 RESULTS = "/plan_trajectory_action/_action/get_result/_service_event"
@@ -52,8 +52,8 @@ def client(planner: PlannerProcess) -> Iterator[Client]:  # noqa: ARG001 (it mus
 
 
 @pytest.fixture
-def scene(resting_capture: PlanningProblem) -> Scene:
-    return Scene(resting_capture)
+def scene() -> Scene:
+    return Scene(resting_capture())
 
 
 def long(scene: Scene) -> PlanTrajectory.Request:

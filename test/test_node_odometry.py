@@ -55,7 +55,10 @@ def test_a_plan_starts_from_the_centre_of_mass_that_odometry_and_mounting_tell(
         request.use_obstacles, request.obstacles = True, scene.obstacles()
         testbed = _Testbed(client, lemur_capture, stamp_ns)
         missing = client.plan(request)
-        lost = testbed.plan(request, "base_link", {Status.NO_STATE})
+        testbed.joints_behind(1.0)
+        apart = testbed.plan(request, "imu", {Status.NO_STATE})
+        testbed.joints_behind(0.005)
+        lost = testbed.plan(request, "base_link", {Status.NO_STATE, Status.STATE_UNPAIRED})
         solved = testbed.plan(
             request, "imu", {Status.NO_STATE, Status.WRONG_FRAME, Status.STATE_UNPAIRED}
         )
@@ -65,6 +68,8 @@ def test_a_plan_starts_from_the_centre_of_mass_that_odometry_and_mounting_tell(
     assert lost.status.code == Status.WRONG_FRAME
     assert "odometry.child_frame_id is 'base_link': it must be 'imu'" in lost.status.message
 
+    assert apart.status.code == Status.STATE_UNPAIRED
+    assert "1.000 s apart" in apart.status.message
     assert solved.status.code == Status.SOLVED, solved.status.message
     first = solved.predicted_chaser_path.poses[0].pose
     twist = solved.predicted_chaser_twists[0]
@@ -112,10 +117,15 @@ class _Testbed:
             position=[0.0, *start.joint_positions.tolist()[::-1]],
             velocity=[0.0, *start.joint_velocities.tolist()[::-1]],
         )
-        self._joints.header.stamp = time_message(stamp_ns + 5_000_000)
+        self._stamp_ns = stamp_ns
+        self.joints_behind(0.005)
         create = client.node.create_publisher
         self._odometries = create(Odometry, "odometry", qos_profile_sensor_data)
         self._joint_states = create(JointState, "joint_states", qos_profile_sensor_data)
+
+    def joints_behind(self, seconds: float) -> None:
+        """Measure joint states so much later than odometry."""
+        self._joints.header.stamp = time_message(self._stamp_ns + round(seconds * 1e9))
 
     def plan(
         self, request: PlanTrajectory.Request, child_frame_id: str, not_yet: set[Status]

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from builtin_interfaces.msg import Time
 from ff_planner_msgs.srv import PlanTrajectory
+from managed_node import Manager
 from rclpy.publisher import Publisher
 from ros_processes import (
     Client,
@@ -74,6 +75,26 @@ def at(seconds: int, scene: Scene) -> PlanTrajectory.Request:
     request.start_state.header.stamp = Time(sec=seconds)
     request.duration = -1.0
     return request
+
+
+def test_another_clock_at_run_time_makes_it_forget_and_is_not_told_as_a_jump_of_minus_decades(
+    planner: PlannerProcess, lemur_capture: PlanningProblem
+) -> None:
+    scene = Scene(lemur_capture)
+    with connected_client() as client:
+        client.wait_for_planner()
+        client.publish_obstacles(scene.obstacles())
+        manager = Manager(client)
+        assert manager.set("use_sim_time", False).successful
+        client.publish_and_wait(scene.state(client.now_ns()))
+        assert client.plan(scene.request()).status.code != Status.NO_STATE
+        assert manager.set("use_sim_time", True).successful
+        forgotten = client.plan(scene.request())
+        assert forgotten.status.code == Status.NO_STATE
+        assert "since the clock has jumped back or changed" in forgotten.status.message
+    assert "the node's clock is the system's from now on: states and plans of" in planner.log
+    assert "the node's clock is the simulated one from now on: states and plans of" in planner.log
+    assert "jumped back by" not in planner.log
 
 
 def test_time_goes_on_and_jumps_back(

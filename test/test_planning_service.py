@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -19,7 +20,7 @@ from rclpy.parameter import Parameter
 from ros_processes import Scene, private_domain
 from unique_identifier_msgs.msg import UUID
 
-from ff_planner_ros.errors import NoPlanFound, Status
+from ff_planner_ros.errors import FfPlannerError, NoPlanFound, Status
 from ff_planner_ros.planning.problem import PlanningProblem
 from ff_planner_ros.ros.parameters import LiveParameters
 from ff_planner_ros.ros.plan_output import PlanOutput
@@ -139,3 +140,26 @@ def test_a_goal_that_is_cancelled_while_rclpy_begins_it_is_begun_all_the_same(
         goal.execute.side_effect = [illegal, None]
         answering._accept(goal)
     assert goal.execute.call_count == 2
+
+
+def test_a_refused_request_leaves_nothing_to_the_garbage_collector(
+    lemur_capture: PlanningProblem, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What hangs together in a circle stays until a full collection, huge arrays and all."""
+
+    def blocked(*_: object) -> None:
+        raise NoPlanFound(Status.COLLISION, "blocked")
+
+    sound, spoilt = (Scene(lemur_capture).complete_request() for _ in range(2))
+    spoilt.start_state.joint_names = []
+    with service(lemur_capture, monkeypatch) as (answering, worker, _):
+        worker.solve.side_effect = blocked
+        for request, status in ((sound, Status.COLLISION), (spoilt, Status.UNKNOWN_JOINT)):
+            gc.collect()
+            gc.set_debug(gc.DEBUG_SAVEALL)
+            assert answer(answering, request).status.code == status
+            gc.collect()
+            gc.set_debug(0)
+            left = [one for one in gc.garbage if isinstance(one, FfPlannerError)]
+            gc.garbage.clear()
+            assert left == []

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from robots import LEMUR_URDF, random_urdf
+from robots import CANADARM2_URDF, LEMUR_URDF, random_urdf
+from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.robot.model import robot_from_urdf_text
@@ -257,3 +259,31 @@ def test_the_urdf_checked_moves_like_the_urdf_given() -> None:
             e.get("name") for e in given.findall(tag)
         ]
     assert np.isclose(sum(float(e.get("value")) for e in checked.iter("mass")), 375.9)
+
+
+@pytest.mark.parametrize("file", [LEMUR_URDF, CANADARM2_URDF], ids=lambda file: file.stem)
+def test_the_shapes_of_a_shipped_robot_reach_from_joint_to_joint(file: Path) -> None:
+    robot = ElementTree.parse(file).getroot()
+    shapes = {link.get("name"): link.findall("visual") for link in robot.iter("link")}
+    for joint in robot.iter("joint"):
+        parent, origin = joint.find("parent").get("link"), joint.find("origin").get("xyz")
+        assert any(_holds(shape, _numbers(origin)) for shape in shapes[parent])
+        child = joint.find("child").get("link")
+        if child != "end_effector":  # a frame, where the last link ends
+            assert any(_holds(shape, np.zeros(3)) for shape in shapes[child]), child
+
+
+def _holds(visual: ElementTree.Element, point: np.ndarray) -> bool:
+    """Whether a point of the link's frame lies in a shape, surface included."""
+    origin, (shape,) = visual.find("origin"), visual.find("geometry")
+    place, turn = (_numbers(origin.get(key, "0 0 0")) for key in ("xyz", "rpy"))
+    x, y, z = Rotation.from_euler("xyz", turn).inv().apply(point - place)
+    if shape.tag == "box":
+        half = _numbers(shape.get("size")) / 2
+        return bool((np.abs([x, y, z]) <= half + 1e-9).all())
+    radius, length = float(shape.get("radius")), float(shape.get("length"))
+    return bool(np.hypot(x, y) <= radius + 1e-9 and abs(z) <= length / 2 + 1e-9)
+
+
+def _numbers(text: str) -> np.ndarray:
+    return np.array(text.split(), dtype=float)

@@ -39,16 +39,20 @@ class Failure:
     advice: tuple[str, ...]
 
 
-def refusal(plan: Plan, found: Sequence[Failure]) -> NoPlanFound:
+def refusal(
+    plan: Plan, found: Sequence[Failure], advice: Sequence[str] | None = None
+) -> NoPlanFound:
     """Return the error that tells an operator of all failures of the best attempt.
 
     Args:
         plan: The attempt.
         found: At least one failure; the first gives the status.
+        advice: What may help; None: what the failures advise.
     """
     starts = plan.solver.starts
     attempts = "the only attempt" if starts == 1 else f"{starts} attempts; in the best"
-    message = f"no plan found in {attempts}, {_findings(found)}. What may help: {_advice(found)}"
+    helps = ", ".join(_advice(found) if advice is None else advice)
+    message = f"no plan found in {attempts}, {_findings(found)}. What may help: {helps}"
     return NoPlanFound(found[0].status, message, plan)
 
 
@@ -76,8 +80,8 @@ def _findings(found: Sequence[Failure]) -> str:
     return "; ".join(failure.finding for failure in found)
 
 
-def _advice(found: Sequence[Failure]) -> str:
-    return ", ".join(dict.fromkeys(word for failure in found for word in failure.advice))
+def _advice(found: Sequence[Failure]) -> list[str]:
+    return list(dict.fromkeys(word for failure in found for word in failure.advice))
 
 
 def failures(problem: PlanningProblem, plan: Plan, settings: PlannerSettings) -> Iterator[Failure]:

@@ -11,7 +11,7 @@ import pinocchio as pin
 
 from ff_planner_ros.arrays import Array, finite_number
 from ff_planner_ros.errors import InvalidInput, Status
-from ff_planner_ros.planning.joint_motion import JointMotion
+from ff_planner_ros.planning.joint_motion import JointMotion, steady_motion
 from ff_planner_ros.planning.rollout import runge_kutta_step
 from ff_planner_ros.robot.configuration import configuration, system_state
 from ff_planner_ros.robot.dynamics import base_acceleration
@@ -110,12 +110,12 @@ def _phases(
     """Yield what the joints do before, in and after a motion that runs, and from when to when."""
     positions, rates = state.joint_positions, state.joint_velocities
     if running is None:
-        yield _steady(0.0, seconds, positions, rates), 0.0, seconds
+        yield steady_motion(0.0, seconds, positions, rates), 0.0, seconds
         return
     first, last = running.time[[0, -1]].tolist()
     if first > 0.0:
         end = min(first, seconds)
-        yield _steady(0.0, end, positions, rates), 0.0, end
+        yield steady_motion(0.0, end, positions, rates), 0.0, end
         positions = positions + end * rates
     begin, end = np.clip([0.0, seconds], first, last).tolist()
     if begin < end:
@@ -125,20 +125,7 @@ def _phases(
         positions = at_end + off
     if last < seconds:
         begin = max(last, 0.0)
-        yield _steady(begin, seconds, positions, np.zeros_like(rates)), begin, seconds
-
-
-def _steady(begin: float, end: float, positions: Array, rates: Array) -> JointMotion:
-    """Return the motion at constant rates from some positions on."""
-    # Quintics neither go far beyond their points nor have room between two at nearly one time.
-    span = max(end - begin, 1.0)
-    none = np.zeros((2, len(rates)))
-    return JointMotion(
-        np.array([begin, begin + span]),
-        np.array([positions, positions + span * rates]),
-        none + rates,
-        none,
-    )
+        yield steady_motion(begin, seconds, positions, np.zeros_like(rates)), begin, seconds
 
 
 def _steps(

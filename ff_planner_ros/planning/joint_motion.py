@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
 from scipy.interpolate import BPoly
 
 from ff_planner_ros.arrays import Array
@@ -54,4 +55,23 @@ def joint_motion(trajectory: Trajectory, start: float = 0.0) -> JointMotion:
         trajectory.joint_positions,
         trajectory.joint_velocities,
         trajectory.joint_accelerations,
+    )
+
+
+def steady_motion(begin: float, end: float, positions: Array, rates: Array) -> JointMotion:
+    """Return the motion at constant rates from some positions on.
+
+    Args:
+        begin: When it begins [s].
+        end: When it may end; it goes on for a second at least [s].
+        positions: At the begin. Shape (joints,) [rad].
+        rates: Shape (joints,) [rad/s].
+    """
+    # Quintics neither go far beyond their points nor have room between two at nearly one time.
+    span, none = max(end - begin, 1.0), np.zeros((2, len(rates)))
+    return JointMotion(
+        np.array([begin, begin + span]),
+        np.array([positions, positions + span * rates]),
+        none + rates,
+        none,
     )

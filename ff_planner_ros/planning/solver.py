@@ -76,7 +76,7 @@ class Linearisation:
     @property
     def violation(self) -> float:
         """By how much the worst constraint is violated; zero if none is."""
-        return float(max(0.0, -self.constraints.min(initial=0.0)))
+        return _violation(self.constraints)
 
 
 AtX = TypeVar("AtX", bound=Linearisation)
@@ -271,9 +271,12 @@ def _solve_quadratic_program(here: Linearisation, radius: float, price: float) -
     return _Step(
         dx=dx,
         objective=here.value + float(here.gradient @ dx + 0.5 * dx @ here.hessian @ dx) + peak,
-        violation=float(
-            max(0.0, -(here.constraints + here.constraints_jacobian @ dx).min(initial=0.0))
-        ),
+        violation=_violation(here.constraints + here.constraints_jacobian @ dx),
         pull=float(on_constraints.sum()),
         optimality=float(max(np.abs(lagrangian).max(), complementarity.max(initial=0.0))),
     )
+
+
+def _violation(constraints: Array) -> float:
+    """Return by how much the worst of them is below zero."""
+    return float(max(0.0, -constraints.min(initial=0.0)))

@@ -90,9 +90,13 @@ class PlanOutput:
             )
         ]
 
-    def describe_robot(self) -> None:
-        """Publish the robot's URDF; to be called when the node becomes active."""
-        self._description.publish(String(data=self._robot.urdf))
+    def describe_robot(self, urdf: str) -> None:
+        """Publish the robot's URDF; to be called when the node becomes active.
+
+        Args:
+            urdf: Its text as it is in the file, with the shapes that screens show.
+        """
+        self._description.publish(String(data=urdf))
 
     def publish(
         self, plan: Plan, response: PlanTrajectory.Response, for_controller: JointTrajectory

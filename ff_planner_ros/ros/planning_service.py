@@ -199,9 +199,7 @@ class PlanningService:
             with self._jobs.taken_up(job, preempt=self._parameters.current.when_busy == PREEMPT):
                 response = self._planned(request, job, tell, begun)
         except FfPlannerError as error:
-            cause = job.cause or error
-            self._logger.warning(f"{job.plan_id}: {cause.status.name}: {cause}")
-            response = response_from_error(cause, job.plan_id, time.perf_counter() - begun)
+            response = self._refused(job, job.cause or error, begun)
         except Exception as error:
             self._logger.error(f"{job.plan_id}: INTERNAL_ERROR\n{traceback.format_exc()}")
             unforeseen = f"{type(error).__name__}: {error}"
@@ -210,6 +208,12 @@ class PlanningService:
         status = Status(response.status.code)
         self.last = Outcome(job.plan_id, status, response.status.message)
         return response
+
+    def _refused(self, job: Job, cause: FfPlannerError, begun: float) -> PlanTrajectory.Response:
+        # Apart from `_answer`: a variable there would hold the error whose traceback holds the
+        # variable, and with both the request, until the next full garbage collection.
+        self._logger.warning(f"{job.plan_id}: {cause.status.name}: {cause}")
+        return response_from_error(cause, job.plan_id, time.perf_counter() - begun)
 
     def _planned(
         self,

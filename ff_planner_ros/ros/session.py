@@ -8,14 +8,14 @@ from pathlib import Path
 from diagnostic_msgs.msg import DiagnosticArray
 from ff_planner_msgs.msg import ObstacleSphereArray
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
-from rclpy.clock import Clock, JumpThreshold, TimeJump
+from rclpy.clock import Clock, ClockChange, JumpThreshold, TimeJump
 from rclpy.clock_type import ClockType
 from rclpy.duration import Duration
 from rclpy.lifecycle import LifecycleNode
 
 from ff_planner_ros.bag.writer import unique_directory
 from ff_planner_ros.errors import InvalidInput, Status
-from ff_planner_ros.robot.model import load_robot
+from ff_planner_ros.robot.model import read_urdf, robot_from_urdf_text
 from ff_planner_ros.ros.diagnostics import NodeHealth, diagnostics
 from ff_planner_ros.ros.from_messages import NANOSECONDS
 from ff_planner_ros.ros.parameters import LiveParameters
@@ -52,7 +52,8 @@ class Session:
         self._node, self._parameters = node, parameters
         now = parameters.current
         urdf = resolve_uri(now.robot.urdf, relative_to=Path.cwd())
-        robot = load_robot(urdf, now.robot.base_link, now.robot.tip_link)
+        self._description = read_urdf(urdf)
+        robot = robot_from_urdf_text(self._description, now.robot.base_link, now.robot.tip_link)
         self._states = StateInput(robot, now.inertial_frame, now.state_source, now.odometry)
         self._scenes = SceneInput(now.inertial_frame)
         self._bag = unique_directory(Path(now.bag.directory).resolve(), "ff_planner")
@@ -95,7 +96,7 @@ class Session:
 
     def activate(self) -> None:
         """Answer requests from now on."""
-        self._output.describe_robot()
+        self._output.describe_robot(self._description)
         self._service.activate()
         self._node.get_logger().info(f"ready; recording to {self._bag}")
 
@@ -123,11 +124,10 @@ class Session:
             stack.callback(self._node.destroy_subscription, subscription)
 
     def _forget(self, jump: TimeJump) -> None:
-        """Drop all that the clock's jump back has made meaningless."""
+        """Drop all that a clock that jumped back, or became another one, has made meaningless."""
         self._states.clear()
         self._output.forget()
-        back = -jump.delta.nanoseconds / NANOSECONDS
-        message = f"the node's clock has jumped back by {back:.3f} s: states and plans of before"
+        message = f"the node's clock {_what_happened(jump)}: states and plans of before"
         self._node.get_logger().warning(f"{message} are forgotten")
         self._service.give_up(Status.CLOCK_JUMPED, f"{message} are void; ask again")
 
@@ -177,3 +177,12 @@ class Session:
         )
         name = self._node.get_fully_qualified_name()
         self._diagnostics.publish(diagnostics(health, name, clock.to_msg()))
+
+
+def _what_happened(jump: TimeJump) -> str:
+    """Say what a clock has done, in words that follow it."""
+    if jump.clock_change == ClockChange.ROS_TIME_ACTIVATED:
+        return "is the simulated one from now on"
+    if jump.clock_change == ClockChange.ROS_TIME_DEACTIVATED:
+        return "is the system's from now on"
+    return f"has jumped back by {-jump.delta.nanoseconds / NANOSECONDS:.3f} s"

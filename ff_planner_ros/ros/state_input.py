@@ -100,7 +100,7 @@ class StateInput:
         )
 
     def clear(self) -> None:
-        """Forget everything; to be called when the clock has jumped back."""
+        """Forget everything; to be called when the clock has jumped back or changed."""
         for topic in (self._states, self._chasers, self._joints):
             topic.clear()
 
@@ -194,7 +194,7 @@ class _Topic(Generic[Part]):
         """Forget every message."""
         with self._lock:
             self._kept.clear()
-            self._refusal = self._missing("since the clock has jumped back")
+            self._refusal = self._missing("since the clock has jumped back or changed")
 
     def current(self, now_ns: int, max_age: float, max_lead: float) -> list[tuple[int, Part]]:
         """Return the sound messages that are neither too old nor too early, the last one last.

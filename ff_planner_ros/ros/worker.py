@@ -81,11 +81,16 @@ class Worker:
                     self._connection = None
             if self._interrupted:
                 raise Interrupted
-        if isinstance(answer, FfPlannerError):
-            raise answer
-        if isinstance(answer, str):
-            raise FfPlannerError(Status.INTERNAL_ERROR, f"the planner failed: {answer}")
-        return answer
+        try:
+            if isinstance(answer, FfPlannerError):
+                raise answer
+            if isinstance(answer, str):
+                raise FfPlannerError(Status.INTERNAL_ERROR, f"the planner failed: {answer}")
+            return answer
+        finally:
+            # The error's traceback holds this frame; a variable in it would hold the error, and
+            # both would stay, with the plan that was tried, until a full garbage collection.
+            del answer
 
     def interrupt(self) -> None:
         """End the plan that is being made, if there is one: its `solve` raises Interrupted."""

@@ -10,9 +10,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from ff_planner_ros.arrays import Array
 from ff_planner_ros.planning.forward import carried_forward, driven
-from ff_planner_ros.planning.joint_motion import JointMotion
+from ff_planner_ros.planning.joint_motion import JointMotion, steady_motion
 from ff_planner_ros.robot.configuration import configuration, system_state
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.momentum import total_momentum
@@ -38,7 +37,7 @@ class FreeFloatingSystem:
         self._q, v = configuration(robot, state)
         self._v = v
         self._momentum = total_momentum(robot, robot.model.createData(), self._q, v)
-        self._motions = [_steady(time, time, state.joint_positions, state.joint_velocities)]
+        self._motions = [steady_motion(time, time, state.joint_positions, state.joint_velocities)]
 
     @property
     def time(self) -> float:
@@ -57,7 +56,7 @@ class FreeFloatingSystem:
         begin = motion.time[0]
         kept = [told for told in self._motions if told.time[0] < begin]
         end, positions = motion.time[-1], motion.positions[-1]
-        held = _steady(end, end, positions, np.zeros(self._robot.joints))
+        held = steady_motion(end, end, positions, np.zeros(self._robot.joints))
         self._motions = [*kept, motion, held]
 
     def advance(self, time: float) -> SystemState:
@@ -111,18 +110,6 @@ def _reversed(state: SystemState) -> SystemState:
     )
 
 
-def _steady(begin: float, end: float, positions: Array, rates: Array) -> JointMotion:
-    """Return the motion at constant rates from some positions on."""
-    # Quintics have no room between two points at nearly one time.
-    span, none = max(end - begin, 1.0), np.zeros((2, len(rates)))
-    return JointMotion(
-        np.array([begin, begin + span]),
-        np.array([positions, positions + span * rates]),
-        none + rates,
-        none,
-    )
-
-
 def _between(motion: JointMotion, begin: float, end: float) -> JointMotion:
     """Return the part of a motion that matters from a time to another: interpolating is dear.
 
@@ -131,7 +118,7 @@ def _between(motion: JointMotion, begin: float, end: float) -> JointMotion:
     if begin >= motion.time[-1]:
         rates = motion.velocities[-1]
         passed = begin - motion.time[-1]
-        return _steady(begin, end, motion.positions[-1] + passed * rates, rates)
+        return steady_motion(begin, end, motion.positions[-1] + passed * rates, rates)
     last = len(motion.time) - 1
     first = min(max(int(np.searchsorted(motion.time, begin, side="right")) - 1, 0), last - 1)
     after = min(max(int(np.searchsorted(motion.time, end, side="left")), first + 1), last)
