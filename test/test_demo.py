@@ -80,8 +80,10 @@ def test_the_bag_it_names_holds_every_topic_and_both_answers(demo: tuple[Path, l
     directory, lines = demo
     (bag,) = (line.split(maxsplit=1)[1] for line in lines if line.startswith("bag "))
     messages = read_bag(directory / bag)
-    for topic in ("joint_trajectory", "predicted_chaser_path", "markers", "obstacles"):
+    for topic in ("joint_trajectory", "predicted_chaser_path", "markers"):
         assert len(messages[f"/{topic}"]) == 2, topic
+    # Of each testbed that was started: more than two where the machine needed longer.
+    assert len(messages["/obstacles"]) == len(rows(lines, "flying"))
     for topic in ("chaser_state", "predicted_chaser_pose", "tracking_error", "diagnostics"):
         assert len(messages[f"/{topic}"]) > 10, topic
     # The executive asks again where the state of the flight before is too old for the next.
@@ -161,11 +163,12 @@ def test_a_plan_that_is_not_found_ends_the_demonstration_with_its_cause(tmp_path
 
 
 def test_a_machine_that_is_too_slow_is_given_more_time(tmp_path: Path) -> None:
-    ended = run_with(quick_capture(tmp_path), before="demo._LEADS = (0, 8)")
+    ended = run_with(quick_capture(tmp_path), before="demo._LEADS = (0, 8, 40)")
     assert ended.returncode == 0, ended.stderr
     lines = ended.stdout.splitlines()
-    assert len(rows(lines, "flying")) == 4
-    assert len(rows(lines, "this machine needs longer")) == 2
+    longer = len(rows(lines, "this machine needs longer"))
+    assert longer >= 2
+    assert len(rows(lines, "flying")) == 2 + longer
     for row in rows(lines, "min("):
         assert float(row[-2]) < 0.1
 
