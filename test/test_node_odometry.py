@@ -22,12 +22,17 @@ from ros_processes import (
 from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import JointState
 
+from ff_planner_ros.bag.reader import open_bag
 from ff_planner_ros.errors import Status
 from ff_planner_ros.planning.problem import PlanningProblem
+from ff_planner_ros.ros.from_messages import nanoseconds
 from ff_planner_ros.ros.to_messages import time_message
+from ff_planner_ros.runs.recorded_run import recorded_run
+from ff_planner_ros.runs.replay import Verdict, replay
 
 SENSOR_POSITION, SENSOR_TO_CHASER = np.array([0.3, -0.2, 0.1]), [0.5, 0.5, 0.5, 0.5]
 LEAD_NS = 60_000_000_000
+JOINTS_LATER_NS = 5_000_000
 
 
 def test_a_plan_starts_from_the_centre_of_mass_that_odometry_and_mounting_tell(
@@ -83,6 +88,15 @@ def test_a_plan_starts_from_the_centre_of_mass_that_odometry_and_mounting_tell(
     assert bag["/odometry"]
     assert bag["/joint_states"]
 
+    assert nanoseconds(solved.state_stamp) == stamp_ns
+    assert nanoseconds(solved.joint_states_stamp) == stamp_ns + JOINTS_LATER_NS
+    with open_bag(planner.bag) as opened:
+        run = recorded_run(opened)
+    replayed = {one.name: replay(one) for one in run.requests}
+    for answer in (missing, lost, solved):
+        found = replayed[answer.plan_id]
+        assert found.verdict is Verdict.IDENTICAL, (found.words, *map(str, found.differences))
+
 
 class _Testbed:
     """Publishes what a sensor on the chaser and the joints' encoders measure."""
@@ -112,7 +126,7 @@ class _Testbed:
             position=[0.0, *start.joint_positions.tolist()[::-1]],
             velocity=[0.0, *start.joint_velocities.tolist()[::-1]],
         )
-        self._joints.header.stamp = time_message(stamp_ns + 5_000_000)
+        self._joints.header.stamp = time_message(stamp_ns + JOINTS_LATER_NS)
         create = client.node.create_publisher
         self._odometries = create(Odometry, "odometry", qos_profile_sensor_data)
         self._joint_states = create(JointState, "joint_states", qos_profile_sensor_data)
