@@ -42,7 +42,9 @@ setup(
         "pyyaml>=6,<7",
         "ros-jazzy-common-interfaces>=5.3,<5.4",
         "ros-jazzy-rclpy[fastrtps]>=7.1,<7.2",
+        "rosbags>=0.11.9,<0.12",
         "scipy>=1.11,<2",
+        "zstandard>=0.22,<1",
     ],
     extras_require={
         "simulation": SIMULATION,
@@ -55,7 +57,6 @@ setup(
             "mypy>=2.4,<3",
             "pytest>=9,<10",
             "pytest-cov>=7,<8",
-            "rosbags>=0.11.9,<0.12",
             "ruff>=0.17,<0.18",
             "types-PyYAML>=6,<7",
         ],

@@ -93,6 +93,8 @@ def _parser() -> argparse.ArgumentParser:
     demo.add_argument("--output", type=Path, default=Path("demo_output"), metavar="DIR")
     demo.set_defaults(command=_demo)
 
+    _add_bag_commands(commands)
+
     node = commands.add_parser(
         "node", help="run the planner node", epilog="Everything else goes to ROS (--ros-args ...)."
     )
@@ -108,6 +110,69 @@ def _parser() -> argparse.ArgumentParser:
         "--bag", type=Path, metavar="DIR", help="write question and answer as a new bag"
     )
     plan_command.set_defaults(command=_plan)
+
+    replay = commands.add_parser(
+        "replay",
+        help="plan the requests of a bag again and compare",
+        description="Plan every request of a bag again: the recorded state, obstacles, parameters "
+        "and robot, the same code, no ROS graph. Or ask what if, or play the bag into ROS.",
+        epilog="Exit code: 0 every answer came again, to the last bit or within tolerance, or is "
+        "no function of its problem (BUSY, CANCELLED, ...); 3 one did not, or its problem is not "
+        "all in the bag; 2 bad bag.",
+    )
+    replay.add_argument("bag", type=Path, metavar="BAG", help="a directory or .mcap file")
+    replay.add_argument(
+        "--with",
+        action="append",
+        dest="changes",
+        metavar="KEY=VALUE",
+        help="what if: plan with this changed and print both answers; may be given several times "
+        "(objective.chaser_attitude=1, planner.starts=5, limits.velocity=none, ...; an unknown "
+        "key gets the list)",
+    )
+    replay.add_argument(
+        "--publish", action="store_true", help="play the recorded messages into ROS instead"
+    )
+    replay.add_argument(
+        "--rate", type=float, metavar="R", help="with --publish: so many times as fast (default: 1)"
+    )
+    replay.add_argument(
+        "--topics",
+        nargs="+",
+        metavar="TOPIC",
+        help="with --publish: these, or `all` (default: the planner's inputs)",
+    )
+    replay.add_argument(
+        "--clock",
+        action="store_true",
+        help="with --publish: also /clock, the time of recording, for nodes with use_sim_time",
+    )
+    replay.set_defaults(command=_replay)
+
+    report = commands.add_parser(
+        "report",
+        help="tell of a run in one HTML file",
+        description="One HTML file that needs nothing else: every request with its answer, and of "
+        "the plans figures over time, a 3-D view that plays, and what was measured against what "
+        "was planned.",
+    )
+    report.add_argument(
+        "source",
+        type=Path,
+        metavar="BAG|JSON",
+        help="a bag (a directory or .mcap file) or an answer of `plan --json`",
+    )
+    report.add_argument(
+        "--output", type=Path, metavar="FILE.html", help="default: NAME_report.html, here"
+    )
+    report.add_argument(
+        "--plans",
+        type=int,
+        default=20,
+        metavar="N",
+        help="draw the last N plans, up to 1 MB each (default: 20); the tables tell of all",
+    )
+    report.set_defaults(command=_report)
 
     robot = commands.add_parser("robot", help="show what the planner makes of a URDF")
     robot.add_argument("urdf", type=Path, metavar="URDF")
@@ -137,6 +202,33 @@ def _parser() -> argparse.ArgumentParser:
     )
     verify.set_defaults(command=_verify)
     return parser
+
+
+def _add_bag_commands(commands: Any) -> None:
+    bag_help = "a directory or .mcap file"
+    export = commands.add_parser("export", help="write the plans of a bag for other tools")
+    export.add_argument("bag", type=Path, metavar="BAG", help=bag_help)
+    form = export.add_mutually_exclusive_group(required=True)
+    form.add_argument("--csv", type=Path, metavar="DIR", help="new directory, a table per plan")
+    form.add_argument("--npz", type=Path, metavar="FILE", help="new file of numpy")
+    export.set_defaults(command=_export)
+
+    info = commands.add_parser("info", help="show what is in a bag")
+    info.add_argument("bag", type=Path, metavar="BAG", help=bag_help)
+    info.set_defaults(command=_info)
+
+    recover = commands.add_parser(
+        "recover",
+        help="save what a damaged bag still holds",
+        description="Write everything that can be read of a truncated, killed or damaged bag into "
+        "a new one; the old one stays as it is.",
+        epilog="Exit code: 0 everything in it was saved, 3 a part of it, 1 nothing, 2 bad input.",
+    )
+    recover.add_argument("bag", type=Path, metavar="BAG", help=bag_help)
+    recover.add_argument(
+        "--output", type=Path, metavar="DIR", help="the new bag (default: BAG_recovered beside it)"
+    )
+    recover.set_defaults(command=_recover)
 
 
 def _how_to_plan() -> argparse.ArgumentParser:
@@ -187,6 +279,36 @@ def _compare(options: argparse.Namespace) -> int:
     return SOLVED if any_motion else NO_PLAN
 
 
+def _export(options: argparse.Namespace) -> int:
+    from ff_planner_ros.bag.export import export_csv, export_npz
+
+    if options.csv is not None:
+        notes = export_csv(options.bag, options.csv)
+    else:
+        notes = export_npz(options.bag, options.npz)
+    _print_notes(notes)
+    return SOLVED
+
+
+def _info(options: argparse.Namespace) -> int:
+    from ff_planner_ros.bag.info import info
+
+    for line in info(options.bag):
+        print(line)
+    return SOLVED
+
+
+def _recover(options: argparse.Namespace) -> int:
+    from ff_planner_ros.bag.recover import print_recovery
+
+    return print_recovery(options.bag, options.output)
+
+
+def _print_notes(notes: Sequence[str]) -> None:
+    for note in notes:
+        print(f"ff-planner: note: {note}", file=sys.stderr)
+
+
 # The commands that talk to ROS import it themselves: the others run where it is not installed.
 
 
@@ -218,13 +340,15 @@ def _plan(options: argparse.Namespace) -> int:
     solve_time = time.perf_counter() - begun
 
     if isinstance(answer, Plan):
-        _write_json(options.json, plan_dictionary(answer, problem.robot, solve_time))
+        _write_json(options.json, plan_dictionary(answer, problem, solve_time))
     else:
         _write_json(options.json, refusal_dictionary(answer, solve_time))
     if options.bag is not None:
         from ff_planner_ros.ros.offline_bag import record_answer
 
-        record_answer(options.bag, problem, settings, answer, solve_time)
+        record_answer(
+            options.bag, problem, settings, answer, solve_time, options.scenario, options.method
+        )
     if isinstance(answer, FfPlannerError):
         raise answer
     _print_table(plan_rows(answer, solve_time))
@@ -280,6 +404,49 @@ def _keep_going(budget: float | None) -> Callable[[], None]:
     return time_budget(finite_number("--time-budget", budget, above=0.0))
 
 
+def _replay(options: argparse.Namespace) -> int:
+    only_published = {"--rate": options.rate, "--topics": options.topics, "--clock": options.clock}
+    if options.publish:
+        if options.changes:
+            allowed = "a bag is published as it is: leave out --with or --publish"
+            raise InvalidInput(Status.OUT_OF_RANGE, "--with", options.changes[0], allowed)
+        from ff_planner_ros.runs.publish import publish_bag
+
+        rate = 1.0 if options.rate is None else finite_number("--rate", options.rate, above=0.0)
+        return publish_bag(options.bag, rate, options.topics or (), options.clock)
+    for name, value in only_published.items():
+        if value:
+            raise InvalidInput(Status.OUT_OF_RANGE, name, value, "it goes with --publish")
+    if options.changes:
+        from ff_planner_ros.runs.what_if import print_what_if
+
+        return print_what_if(options.bag, options.changes)
+    from ff_planner_ros.runs.replay import print_replay
+
+    return print_replay(options.bag)
+
+
+def _report(options: argparse.Namespace) -> int:
+    from ff_planner_ros.runs.report import report_of_answer
+    from ff_planner_ros.runs.report_of_bag import report_of_bag
+    from ff_planner_ros.runs.report_page import save_page
+
+    if options.plans < 0:
+        allowed = "it must not be negative; 0 draws none"
+        raise InvalidInput(Status.OUT_OF_RANGE, "--plans", options.plans, allowed)
+    source: Path = options.source
+    if source.suffix == ".json":
+        report = report_of_answer(source)
+    else:
+        report = report_of_bag(source, options.plans)
+    output = options.output or Path(f"{source.resolve().stem}_report.html")
+    save_page(report, output)
+    for note in report.notes:
+        print(f"ff-planner: note: {note}", file=sys.stderr)
+    print(f"{output}  {report.counts}, {output.stat().st_size / 1e6:.1f} MB")
+    return SOLVED
+
+
 def _robot(options: argparse.Namespace) -> int:
     text = read_urdf(options.urdf)
     base_link = options.base_link or root_link(text)
@@ -309,6 +476,7 @@ def _motions(source: Path, options: argparse.Namespace) -> Iterator[tuple[str, R
         from ff_planner_ros.ros.recorded_plans import recorded_plans
 
         recorded = recorded_plans(source)
+        _print_notes(recorded.notes)
         for plan_id, recorded_plan in recorded.plans.items():
             yield plan_id, recorded.robot, recorded_plan.trajectory
     else:

@@ -17,7 +17,7 @@ from ff_planner_ros.planning.problem import PlanningProblem
 @pytest.fixture
 def answer(lemur_capture: PlanningProblem, lemur_plan: Plan) -> dict[str, Any]:
     """What a file gives back."""
-    return json.loads(json.dumps(plan_dictionary(lemur_plan, lemur_capture.robot, 0.5)))
+    return json.loads(json.dumps(plan_dictionary(lemur_plan, lemur_capture, 0.5)))
 
 
 def test_robot_and_motion_come_back_to_the_last_bit(

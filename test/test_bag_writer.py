@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import random
 import subprocess
 import sys
 import threading
 import time
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from pathlib import Path
 
@@ -32,7 +33,9 @@ from rosbags.interfaces import (
 from std_msgs.msg import String
 
 from ff_planner_ros.bag.encoding import encode
-from ff_planner_ros.bag.writer import BagWriter, QualityOfService, unique_directory
+from ff_planner_ros.bag.recover import recover
+from ff_planner_ros.bag.rosbag2_metadata import QualityOfService
+from ff_planner_ros.bag.writer import BagWriter, unique_directory
 from ff_planner_ros.errors import BagError
 
 START = 1_760_000_000_000_000_000
@@ -321,6 +324,134 @@ def test_threads_write_without_losing_a_message(tmp_path: Path) -> None:
     ]
 
 
+def texts(path: Path) -> list[str]:
+    """The texts in a bag, or in one of its files alone."""
+    with AnyReader([path]) as reader:
+        return [reader.deserialize(data, one.msgtype).data for one, _, data in reader.messages()]
+
+
+def split_bag(
+    directory: Path, offsets: Iterable[int], size: int = 1, **limits: float
+) -> list[Path]:
+    """Write a text at each log time, and return the files."""
+    noise = random.Random(1)
+    with BagWriter(directory, 1000.0, **limits) as writer:
+        writer.attach("robot.urdf", "application/xml", b"<robot/>")
+        writer.add_record("origin", {"host": "moon"})
+        writer.add_topic("/text", "std_msgs/msg/String", [LATCHED])
+        writer.add_topic("/silent", "std_msgs/msg/String", [])
+        for offset in offsets:
+            text = f"{offset}:{noise.randbytes(size).hex()}"  # hardly to be compressed
+            writer.write("/text", encode(String(data=text)), START + offset, START)
+    return [directory / name for name in metadata_of(directory)["relative_file_paths"]]
+
+
+def test_a_file_ends_before_it_becomes_too_long(tmp_path: Path) -> None:
+    files = split_bag(tmp_path / "run", range(0, 1_000_000_001, 100_000_000), max_duration=0.4)
+    assert [file.name for file in files] == ["run_0.mcap", "run_1.mcap", "run_2.mcap"]
+    found = [[int(text.partition(":")[0]) // 100_000_000 for text in texts(file)] for file in files]
+    assert found == [[0, 1, 2, 3, 4], [5, 6, 7, 8, 9], [10]]
+    metadata = metadata_of(tmp_path / "run")
+    assert metadata["message_count"] == 11
+    assert metadata["duration"] == {"nanoseconds": 1_000_000_000}
+    assert metadata["files"] == [
+        {
+            "path": f"run_{number}.mcap",
+            "starting_time": {"nanoseconds_since_epoch": START + number * 500_000_000},
+            "duration": {"nanoseconds": duration},
+            "message_count": count,
+        }
+        for number, (duration, count) in enumerate([(400_000_000, 5), (400_000_000, 5), (0, 1)])
+    ]
+    with AnyReader([tmp_path / "run"]) as reader:
+        assert [stamp - START for _, stamp, _ in reader.messages()] == list(
+            range(0, 1_000_000_001, 100_000_000)
+        )
+
+
+def test_a_file_ends_before_it_becomes_too_large_its_index_not_counted(tmp_path: Path) -> None:
+    limit = 20_000
+    files = split_bag(tmp_path / "run", range(200), size=500, max_size=limit)
+    assert len(files) > 4
+    for number, file in enumerate(files):
+        with file.open("rb") as stream:
+            index = make_reader(stream).get_summary().chunk_indexes[-1]
+        end = index.chunk_start_offset + index.chunk_length
+        assert end <= limit
+        # And not much before: the next message would have taken half a kilobyte more.
+        assert end > limit - 2_500 or number == len(files) - 1
+    written = [text for file in files for text in texts(file)]
+    assert [int(text.partition(":")[0]) for text in written] == list(range(200))
+    assert texts(tmp_path / "run") == written
+
+
+def test_what_compresses_well_fills_a_file_all_the_same(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / "run", 1000.0, max_size=20_000) as writer:
+        writer.add_topic("/text", "std_msgs/msg/String", [])
+        for offset in range(300):
+            writer.write("/text", encode(String(data="again " * 100)), START + offset, START)
+    assert metadata_of(tmp_path / "run")["relative_file_paths"] == ["run_0.mcap"]
+
+
+def test_a_message_that_is_larger_than_a_file_gets_one_of_its_own(tmp_path: Path) -> None:
+    files = split_bag(tmp_path / "run", range(3), size=5_000, max_size=100)
+    assert [len(texts(file)) for file in files] == [1, 1, 1]
+
+
+def test_each_file_of_a_split_bag_explains_itself(tmp_path: Path) -> None:
+    files = split_bag(tmp_path / "run", [0, 10**9], max_duration=0.5)
+    assert len(files) == 2
+    for file in files:
+        with file.open("rb") as stream:
+            reader = make_reader(stream)
+            attachments = [(one.name, one.data) for one in reader.iter_attachments()]
+            records = {one.name: one.metadata for one in reader.iter_metadata()}
+            channels = {one.topic for one in reader.get_summary().channels.values()}
+        assert attachments == [("robot.urdf", b"<robot/>")]
+        assert records["origin"] == {"host": "moon"}
+        assert channels == {"/text", "/silent"}
+
+
+def test_metadata_lists_each_file_as_soon_as_it_is_begun(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / "run", 0.25) as writer:
+        writer.add_topic("/text", "std_msgs/msg/String", [])
+        for number in range(3):
+            writer.custom_data["dropped"] = str(number)
+            assert writer.split() == (
+                tmp_path / "run" / f"run_{number}.mcap",
+                tmp_path / "run" / f"run_{number + 1}.mcap",
+            )
+            metadata = metadata_of(tmp_path / "run")
+            assert metadata["relative_file_paths"] == [f"run_{n}.mcap" for n in range(number + 2)]
+            assert metadata["custom_data"] == {"dropped": str(number)}
+
+
+def test_a_disk_that_fails_while_a_file_is_begun_ends_the_bag(tmp_path: Path) -> None:
+    writer = BagWriter(tmp_path / "run", 0.25)
+    writer.add_topic("/text", "std_msgs/msg/String", [])
+    writer.write("/text", encode(String(data="kept")), START, START)
+    (tmp_path / "run" / "run_1.mcap").touch()
+    for use in (writer.split, writer.flush):
+        with pytest.raises(BagError, match=r"run cannot be written: .*File exists"):
+            use()
+    writer.close()
+    assert texts(tmp_path / "run" / "run_0.mcap") == ["kept"]
+
+
+def test_a_flush_reaches_the_disk_and_costs_nothing_twice(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    synced: list[int] = []
+    monkeypatch.setattr("os.fdatasync", synced.append)
+    with BagWriter(tmp_path / "run", 1000.0) as writer:
+        writer.add_topic("/text", "std_msgs/msg/String", [])
+        for _ in range(2):
+            writer.write("/text", encode(String()), START, START)
+            writer.flush()
+            writer.flush()
+    assert len(synced) == 2
+
+
 UNFINISHED = """
 import sys
 from pathlib import Path
@@ -419,3 +550,4 @@ def test_a_full_disk_ends_the_bag_and_says_so(tmp_path: Path) -> None:
     assert "File too large" in first
     kept = Counter(type(one) for one in streamed(file_of(tmp_path / "run")))[Message]
     assert kept > 80
+    assert recover(tmp_path / "run", tmp_path / "saved").saved == {"/noise": kept}

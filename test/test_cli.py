@@ -1,5 +1,6 @@
 """The command line, as a user types it: exit codes, messages, files."""
 
+import importlib.metadata
 import json
 import re
 import subprocess
@@ -9,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 
 from ff_planner_ros.cli import main
@@ -229,6 +231,12 @@ def test_the_bag_of_a_plan_holds_question_and_answer(tmp_path):
     assert answer.metrics.joint_path_length <= 1.115
     assert answer.metrics.peak_joint_torques.tolist() == written["metrics"]["peak_joint_torques"]
     assert [sphere.id for sphere in found["/obstacles"].spheres] == ["c1", "c2", "c3"]
+    with (directory / "bag_0.mcap").open("rb") as stream:
+        reader = make_reader(stream)
+        attached = {one.name: one.data for one in reader.iter_attachments()}
+        records = {one.name: one.metadata for one in reader.iter_metadata()}
+    assert attached["scenario.yaml"] == CAPTURE.read_bytes()
+    assert records["ff_planner_ros"]["piqp"] == importlib.metadata.version("piqp")
 
 
 def test_the_bag_of_a_refusal_holds_question_and_cause_and_no_trajectory(scenario, tmp_path):

@@ -11,6 +11,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from ff_planner_ros.errors import Status
 from ff_planner_ros.ros.diagnostics import NodeHealth, Outcome, SolveTimes, diagnostics
 from ff_planner_ros.ros.progress import TrackingError
+from ff_planner_ros.ros.recorder import RecorderHealth
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 PARTS = ("chaser state", "obstacles", "last request", "solve time", "recorder", "tracking")
@@ -23,6 +24,7 @@ def solve_times(*seconds: float, window: int = 100) -> SolveTimes:
     return times
 
 
+RECORDING = RecorderHealth("/data/bags/run", messages=12, dropped={}, paused=False, failure="")
 WELL = NodeHealth(
     state_age=0.012,
     state_max_age=0.5,
@@ -32,8 +34,7 @@ WELL = NodeHealth(
     obstacles_refusal="",
     last=Outcome("run.7", Status.SOLVED, "converged"),
     solve_times=solve_times(0.5, 0.25, 1.5),
-    bag="/data/bags/run",
-    recorder_failure="",
+    recorder=RECORDING,
     tracking=TrackingError(position=0.004, angle=0.01),
     tracking_max_position=0.02,
     tracking_max_angle=0.02,
@@ -91,7 +92,24 @@ def test_a_node_that_is_well_says_so_in_every_part() -> None:
         ),
         ("solve time", {"solve_times": solve_times()}, OK, "no answer yet"),
         ("solve time", {"solve_times": solve_times(2.0)}, OK, "median 2.00 s, 95 % within 2.00 s"),
-        ("recorder", {"recorder_failure": "disk full"}, ERROR, "planning goes on: disk full"),
+        (
+            "recorder",
+            {"recorder": replace(RECORDING, failure="disk full", paused=True)},
+            ERROR,
+            "recording has stopped, planning goes on: disk full",
+        ),
+        (
+            "recorder",
+            {"recorder": replace(RECORDING, paused=True, dropped={"/a": 1})},
+            WARN,
+            "paused: what arrives is left out until resume_recording is called",
+        ),
+        (
+            "recorder",
+            {"recorder": replace(RECORDING, dropped={"/a": 3, "/b": 20})},
+            WARN,
+            "but was too slow for 23 messages, 20 of them of /b",
+        ),
         ("tracking", {"tracking": None}, OK, "no plan runs"),
         ("tracking", {"tracking": TrackingError(0.02, 0.02)}, OK, "20.0 mm and 1.15 deg"),
         (
@@ -124,7 +142,22 @@ def test_the_figures_are_there_for_machines() -> None:
     assert part(WELL, "chaser state")[2] == {"age [s]": "0.012", "allowed age [s]": "0.5"}
     assert part(WELL, "obstacles")[2] == {"spheres": "3", "age [s]": "61.2"}
     assert part(WELL, "last request")[2] == {"plan id": "run.7", "code": "0", "status": "SOLVED"}
-    assert part(WELL, "recorder")[2] == {"bag": "/data/bags/run"}
+    assert part(WELL, "recorder")[2] == {
+        "bag": "/data/bags/run",
+        "messages": "12",
+        "paused": "false",
+        "dropped": "0",
+    }
+    failed = replace(RECORDING, dropped={"/b": 20, "/a": 3}, failure="disk full")
+    assert part(replace(WELL, recorder=failed), "recorder")[2] == {
+        "bag": "/data/bags/run",
+        "messages": "12",
+        "paused": "false",
+        "dropped": "23",
+        "dropped /a": "3",
+        "dropped /b": "20",
+        "failure": "disk full",
+    }
     assert part(WELL, "tracking")[2] == {
         "position [m]": "0.004000",
         "allowed position [m]": "0.02",

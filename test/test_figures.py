@@ -22,7 +22,6 @@ from ff_planner_ros.analysis.figures import (
     chaser_pose_figure,
     chaser_velocity_figure,
     clearance_figure,
-    closest_clearance,
     end_effector_figure,
     joint_angle_figure,
     save_figures,
@@ -37,6 +36,7 @@ from ff_planner_ros.analysis.methods import (
     ZERO_MOMENTUM,
     Method,
 )
+from ff_planner_ros.analysis.panels import closest_clearance
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.planning.plan import Plan, Trajectory
 from ff_planner_ros.planning.problem import PlanningProblem
@@ -104,7 +104,7 @@ def test_every_curve_is_an_array_of_its_methods_plan(
 LABELS = {
     "end effector": ["x [m]", "roll", "y [m]", "pitch", "z [m]", "yaw"],
     "chaser pose": ["x [m]", "roll", "y [m]", "pitch", "z [m]", "yaw"],
-    "chaser velocity": ["v_x", "omega_x", "v_y", "omega_y", "v_z", "omega_z"],
+    "chaser velocity": ["v_x", "ω_x", "v_y", "ω_y", "v_z", "ω_z"],
     "clearance": ["distance to closest obstacle [m]"],
     "joint angles": [f"joint_{k} [deg]" for k in range(1, 8)],
 }

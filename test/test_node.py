@@ -26,7 +26,6 @@ from ff_planner_ros.planning.problem import PlanningProblem
         (("-p", "points:=many"), ("points is 'many'", "whole number")),
         (("-p", "robot.urdf:=/nowhere/arm.urdf"), ("robot.urdf", "/nowhere/arm.urdf")),
         (("-p", "robot.tip_link:=finger"), ("finger",)),
-        (("-p", "bag.directory:=/dev/null/bags"), ("bag /dev/null/bags/",)),
         (("--params-file", "/nowhere/planner.yaml"), ("ROS arguments", "/nowhere/planner.yaml")),
         (("--no-such-argument",), ("ROS arguments", "--no-such-argument")),
     ],
@@ -53,7 +52,7 @@ def test_namespace_remapping_and_parameters_file_reach_planner_and_recorder(
     scene = Scene(lemur_capture)
     parameters = tmp_path / "mine.yaml"
     parameters.write_text(
-        "/**:\n  ros__parameters:\n    points: 20\n    state_max_age: 3600.0\n", encoding="utf-8"
+        "/**:\n  ros__parameters:\n    points: 20\n    planning_allowance: 8.0\n", encoding="utf-8"
     )
     arguments = (
         *("--params-file", str(parameters)),
@@ -81,8 +80,12 @@ def test_namespace_remapping_and_parameters_file_reach_planner_and_recorder(
         "/servicer/predicted_chaser_pose",
         "/servicer/tracking_error",
         "/servicer/markers",
+        "/servicer/planned_joint_states",
         "/servicer/robot_description",
+        "/servicer/planner/transition_event",
         "/diagnostics",
+        "/rosout",
+        "/parameter_events",
         "/servicer/plan_trajectory/_service_event",
         "/servicer/plan_trajectory_action/_action/send_goal/_service_event",
         "/servicer/plan_trajectory_action/_action/get_result/_service_event",

@@ -1,4 +1,4 @@
-"""The README's table of interfaces against the running node: name, type and quality of service."""
+"""The running node against the README's table of interfaces, and its topics against its bag."""
 
 from __future__ import annotations
 
@@ -11,15 +11,18 @@ import pytest
 from rclpy.action.graph import get_action_server_names_and_types_by_node
 from rclpy.node import Node
 from rclpy.topic_endpoint_info import TopicEndpointInfo
-from ros_processes import Client, connected_client, private_domain, running_planner
+from ros_processes import Client, connected_client, private_domain, read_bag, running_planner
 
 README = Path(__file__).resolve().parents[1] / "README.md"
 ROW = re.compile(
-    r"^\| (subscribes|publishes|service|action) \| `([\w/]+)` \| `([\w/]+)` \| ([\w, -]*) \|", re.M
+    r"^\| (subscribes|publishes|service|action) \| `([\w/~]+)` \| `([\w/]+)` \| ([\w, -]*) \|", re.M
 )
 DISCOVERY = 20.0  # [s] what the graph does not tell by then it never will
 # What every node has, and what every lifecycle node has.
-OF_ROS = re.compile(r"^/(rosout|parameter_events|clock)$|^/ff_planner/|/_")
+OF_ROS = re.compile(
+    r"^/(rosout|parameter_events|clock)$|/_"
+    r"|^/ff_planner/(change_state|transition_event|[gs]et_\w+|list_parameters|describe_parameters)$"
+)
 
 
 class Interface(NamedTuple):
@@ -77,19 +80,48 @@ def _seen(client: Client, wanted: set[Interface]) -> set[Interface]:
     return seen
 
 
-@pytest.mark.parametrize("source", ["chaser_state", "odometry"])
-def test_the_readme_lists_every_interface_of_the_node_and_no_other(
-    tmp_path: Path, source: str
+def _topics(client: Client) -> set[str]:
+    """Every topic that the planner publishes or subscribes to, as the graph tells it."""
+    node = client.node
+    return {
+        name
+        for names_and_types in (
+            node.get_publisher_names_and_types_by_node,
+            node.get_subscriber_names_and_types_by_node,
+        )
+        for name, _ in names_and_types("ff_planner", "/")
+    }
+
+
+@pytest.mark.parametrize(
+    ("source", "simulated_time"), [("chaser_state", "false"), ("odometry", "true")]
+)
+def test_the_readme_lists_every_interface_of_the_node_and_its_bag_has_every_topic(
+    tmp_path: Path, source: str, simulated_time: str
 ) -> None:
     rows = {Interface(*row) for row in ROW.findall(README.read_text(encoding="utf-8"))}
-    absolute = {row._replace(name=f"/{row.name.lstrip('/')}", qos=row.qos.strip()) for row in rows}
+    absolute = {
+        row._replace(
+            name=f"/{row.name.replace('~', 'ff_planner').lstrip('/')}", qos=row.qos.strip()
+        )
+        for row in rows
+    }
     inputs = {
         "chaser_state": {"/chaser_state"},
         "odometry": {"/odometry", "/joint_states"},
     }
     other = "odometry" if source == "chaser_state" else "chaser_state"
     expected = {row for row in absolute if row.name not in inputs[other]}
-    arguments = ("-p", f"state_source:={source}")
-    with private_domain(), running_planner(tmp_path, *arguments), connected_client() as client:
+    arguments = ("-p", f"state_source:={source}", "-p", f"use_sim_time:={simulated_time}")
+    with (
+        private_domain(),
+        running_planner(tmp_path, *arguments) as planner,
+        connected_client() as client,
+    ):
         found = _seen(client, expected)
+        topics = _topics(client)
+        assert planner.stop() == 0
     assert found == expected
+    recorded = set(read_bag(planner.bag))
+    assert topics == recorded
+    assert ("/clock" in recorded) == (simulated_time == "true")

@@ -22,12 +22,17 @@ from ros_processes import (
 from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import JointState
 
+from ff_planner_ros.bag.reader import open_bag
 from ff_planner_ros.errors import Status
 from ff_planner_ros.planning.problem import PlanningProblem
+from ff_planner_ros.ros.from_messages import nanoseconds
 from ff_planner_ros.ros.to_messages import time_message
+from ff_planner_ros.runs.recorded_run import recorded_run
+from ff_planner_ros.runs.replay import Verdict, replay
 
 SENSOR_POSITION, SENSOR_TO_CHASER = np.array([0.3, -0.2, 0.1]), [0.5, 0.5, 0.5, 0.5]
 LEAD_NS = 60_000_000_000
+JOINTS_LATER_NS = 5_000_000
 
 
 def test_a_plan_starts_from_the_centre_of_mass_that_odometry_and_mounting_tell(
@@ -55,9 +60,9 @@ def test_a_plan_starts_from_the_centre_of_mass_that_odometry_and_mounting_tell(
         request.use_obstacles, request.obstacles = True, scene.obstacles()
         testbed = _Testbed(client, lemur_capture, stamp_ns)
         missing = client.plan(request)
-        testbed.joints_behind(1.0)
+        testbed.joints_behind(1_000_000_000)
         apart = testbed.plan(request, "imu", {Status.NO_STATE})
-        testbed.joints_behind(0.005)
+        testbed.joints_behind(JOINTS_LATER_NS)
         lost = testbed.plan(request, "base_link", {Status.NO_STATE, Status.STATE_UNPAIRED})
         solved = testbed.plan(
             request, "imu", {Status.NO_STATE, Status.WRONG_FRAME, Status.STATE_UNPAIRED}
@@ -87,6 +92,15 @@ def test_a_plan_starts_from_the_centre_of_mass_that_odometry_and_mounting_tell(
     bag = read_bag(planner.bag)
     assert bag["/odometry"]
     assert bag["/joint_states"]
+
+    assert nanoseconds(solved.state_stamp) == stamp_ns
+    assert nanoseconds(solved.joint_states_stamp) == stamp_ns + JOINTS_LATER_NS
+    with open_bag(planner.bag) as opened:
+        run = recorded_run(opened)
+    replayed = {one.name: replay(one) for one in run.requests}
+    for answer in (missing, apart, lost, solved):
+        found = replayed[answer.plan_id]
+        assert found.verdict is Verdict.IDENTICAL, (found.words, *map(str, found.differences))
 
 
 class _Testbed:
@@ -118,14 +132,14 @@ class _Testbed:
             velocity=[0.0, *start.joint_velocities.tolist()[::-1]],
         )
         self._stamp_ns = stamp_ns
-        self.joints_behind(0.005)
+        self.joints_behind(JOINTS_LATER_NS)
         create = client.node.create_publisher
         self._odometries = create(Odometry, "odometry", qos_profile_sensor_data)
         self._joint_states = create(JointState, "joint_states", qos_profile_sensor_data)
 
-    def joints_behind(self, seconds: float) -> None:
+    def joints_behind(self, later_ns: int) -> None:
         """Measure joint states so much later than odometry."""
-        self._joints.header.stamp = time_message(self._stamp_ns + round(seconds * 1e9))
+        self._joints.header.stamp = time_message(self._stamp_ns + later_ns)
 
     def plan(
         self, request: PlanTrajectory.Request, child_frame_id: str, not_yet: set[Status]

@@ -23,10 +23,18 @@ from ros_processes import (
     running_planner,
 )
 
+from ff_planner_ros.bag.reader import open_bag
 from ff_planner_ros.errors import Status
 from ff_planner_ros.planning.problem import PlanningProblem
+from ff_planner_ros.runs.recorded_run import recorded_run
+from ff_planner_ros.runs.replay import Replayed, Verdict, replay
 
 NAN = float("nan")
+# What an answer was made from is told, refusals included.
+SOURCES = (
+    *("taken_up", "state_stamp", "state_source", "joint_states_stamp"),
+    *("obstacles_stamp", "obstacles_source", "following"),
+)
 ARGUMENTS = ("-p", "state_max_age:=60.0", "-p", "planning_allowance:=5.0")
 
 
@@ -255,6 +263,7 @@ class Run:
     received: dict[str, list[Any]] = field(default_factory=dict)
     exit_code: int = -1
     bag: dict[str, list[Any]] = field(default_factory=dict)
+    replayed: dict[str, Replayed] = field(default_factory=dict)
 
 
 @pytest.fixture(scope="module")
@@ -300,6 +309,8 @@ def run(lemur_capture: PlanningProblem, tmp_path_factory: pytest.TempPathFactory
         run.received = client.received
         run.exit_code = planner.stop(signal.SIGTERM)
         run.bag = read_bag(planner.bag)
+        with open_bag(planner.bag) as bag:
+            run.replayed = {one.name: replay(one) for one in recorded_run(bag).requests}
     return run
 
 
@@ -343,7 +354,7 @@ def test_what_is_or_is_not_published_is_refused_with_its_cause(
         assert word in answer.message
 
 
-def test_a_refusal_is_empty_but_for_status_and_id_and_the_worth_of_the_best_attempt(
+def test_a_refusal_is_empty_but_for_its_cause_its_sources_and_the_worth_of_the_best_attempt(
     run: Run,
 ) -> None:
     attempted = run.refusals["a duration too short for the arm"]
@@ -353,6 +364,8 @@ def test_a_refusal_is_empty_but_for_status_and_id_and_the_worth_of_the_best_atte
     assert attempted.solver.solve_time > 0.0
     for name, answer in run.refusals.items():
         empty = PlanTrajectory.Response(status=answer.status, plan_id=answer.plan_id)
+        for told in SOURCES:
+            setattr(empty, told, getattr(answer, told))
         if answer is attempted:
             empty.metrics, empty.solver = answer.metrics, answer.solver
         assert answer == empty, name
@@ -366,6 +379,17 @@ def test_every_request_has_an_id_of_its_own(run: Run) -> None:
 
 def test_the_node_lives_on_and_answers_a_good_request(run: Run) -> None:
     assert Status(run.solved.status.code) is Status.SOLVED
+
+
+@pytest.mark.parametrize("name", ["no state", "no obstacles", *CASES])
+def test_a_refusal_comes_again_from_the_bag_in_the_same_words(run: Run, name: str) -> None:
+    found, refusal = run.replayed[run.refusals[name].plan_id], run.refusals[name].status
+    assert found.answer is not None
+    if refusal.code == Status.OUT_OF_TIME:
+        assert (found.verdict, found.answer.status.code) == (Verdict.WITHOUT_CLOCK, Status.SOLVED)
+    else:
+        assert found.verdict is Verdict.IDENTICAL, (found.words, *map(str, found.differences))
+        assert found.answer.status == refusal
 
 
 def test_nothing_is_published_for_a_refusal(run: Run) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import resource
 import select
 import signal
 import time
@@ -121,22 +120,6 @@ def test_a_node_that_is_killed_takes_its_solver_along(tmp_path: Path) -> None:
         ended, _, _ = select.select([worker], [], [], DEADLINE)
         os.close(worker)
         assert ended
-
-
-def test_a_bag_that_cannot_grow_is_told_once_and_planning_goes_on(
-    lemur_capture: PlanningProblem, tmp_path: Path
-) -> None:
-    scene = Scene(lemur_capture)
-    with private_domain(), running_planner(tmp_path, *ARGUMENTS) as planner:
-        with connected_client() as client:
-            _ready(client, scene)
-            (file,) = planner.bag.glob("*.mcap")
-            full = file.stat().st_size
-            resource.prlimit(planner.process.pid, resource.RLIMIT_FSIZE, (full, full))
-            for _ in range(2):
-                assert client.plan(scene.request()).status.code == Status.SOLVED
-        assert planner.stop() == 0
-        assert planner.log.count("recording has stopped, planning goes on") == 1
 
 
 def _ready(client: Client, scene: Scene) -> Any:

@@ -38,7 +38,8 @@ FLOORS = {
     "compare": 6,
     "verify": 6,
     "ros": 6,
-    "cli": 7,
+    "runs": 7,
+    "cli": 8,
 }
 SHARED_FLOOR, HIGHEST_FLOOR_WITHOUT_ROS = 0, 4
 ROOM_WITH_CLOCKS = "bench"

@@ -17,7 +17,7 @@ from ff_planner_ros.planning.plan import Plan
 from ff_planner_ros.planning.problem import PlanningProblem
 from ff_planner_ros.planning.tail import EndBehaviour
 from ff_planner_ros.ros.from_messages import NANOSECONDS
-from ff_planner_ros.ros.question import PublishedPlan, Question, question
+from ff_planner_ros.ros.question import PublishedPlan, Question, Sources, question
 from ff_planner_ros.ros.scene_input import SceneInput
 from ff_planner_ros.ros.state_input import Snapshot
 from ff_planner_ros.ros.to_messages import time_message
@@ -43,6 +43,7 @@ def asked(
     request: PlanTrajectory.Request,
     measured_ns: int = NOW,
     published: PublishedPlan | None = None,
+    sources: Sources | None = None,
     **parameters: Any,
 ) -> Question:
     used = SimpleNamespace(**PARAMETERS | parameters)
@@ -50,16 +51,29 @@ def asked(
     states.snapshot.return_value = Snapshot(problem.start, measured_ns, "chaser_state")
     scenes = SceneInput(FRAME)
     scenes.keep(Scene(problem).obstacles())
-    return question(request, problem.robot, used, states, scenes, published, NOW)
+    noted = sources or Sources()
+    return question(request, problem.robot, used, states, scenes, published, NOW, noted)
 
 
 def test_without_a_start_time_the_plan_starts_after_the_allowance(
     lemur_capture: PlanningProblem,
 ) -> None:
-    found = asked(lemur_capture, Scene(lemur_capture).request(), NOW - 300_000_000)
+    sources = Sources()
+    request = Scene(lemur_capture).request()
+    found = asked(lemur_capture, request, NOW - 300_000_000, sources=sources)
     assert found.start_ns == NOW + 2 * NANOSECONDS
     assert found.task.ahead == pytest.approx(2.3)
-    assert found.measured.source == "chaser_state"
+    assert sources == Sources(
+        taken_up_ns=NOW, state_stamp_ns=NOW - 300_000_000, state_source="chaser_state"
+    )
+
+
+def test_a_refusal_tells_its_sources_as_far_as_it_came(lemur_capture: PlanningProblem) -> None:
+    sources, request = Sources(), Scene(lemur_capture).complete_request()
+    request.obstacles.header.frame_id = "elsewhere"
+    with pytest.raises(InvalidInput, match=r"obstacles\.header\.frame_id"):
+        asked(lemur_capture, request, sources=sources)
+    assert sources == Sources(taken_up_ns=NOW, state_stamp_ns=NOW, state_source="start_state")
 
 
 @pytest.mark.parametrize(
@@ -117,8 +131,10 @@ def test_the_joints_follow_the_last_plan_if_that_is_where_they_are(
         lemur_capture,
         start=replace(lemur_capture.start, joint_positions=np.array(planned) + off * np.eye(7)[2]),
     )
-    published = PublishedPlan(motion, NOW - round(since * NANOSECONDS))
-    running = asked(problem, Scene(problem).request(), published=published).task.running
+    published = PublishedPlan("run.1", motion, NOW - round(since * NANOSECONDS))
+    request, sources = Scene(problem).request(), Sources()
+    running = asked(problem, request, published=published, sources=sources).task.running
     assert (running is not None) == follows
+    assert sources.following == ("run.1" if follows else "")
     if running is not None:
         assert running.time[0] == pytest.approx(-since)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Collection
 from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
@@ -29,7 +30,15 @@ def plans(lemur: Robot) -> dict[Method, Plan]:
 
 @pytest.fixture(scope="module")
 def figure(lemur_capture: PlanningProblem, plans: dict[Method, Plan]) -> go.Figure:
-    return scene_figure(lemur_capture, plans, {SHORTEST})
+    return scene(lemur_capture, plans, {SHORTEST})
+
+
+def scene(
+    problem: PlanningProblem, plans: dict[Method, Plan], shown: Collection[Method]
+) -> go.Figure:
+    motions = {method: plan.trajectory for method, plan in plans.items()}
+    goal = problem.target.position
+    return scene_figure(problem.robot, problem.obstacles, goal, motions, shown)
 
 
 def coordinates(trace: go.Scatter3d | go.Mesh3d) -> Array:
@@ -115,7 +124,7 @@ def test_the_chasers_box_has_the_chasers_inertia(
 ) -> None:
     """A uniform box has the second moments m a^2 / 3 about its centre, a its half edges."""
     plan = drawn_plan(robot, seed=5)
-    figure = scene_figure(replace_robot(lemur_capture, robot), {SHORTEST: plan}, {SHORTEST})
+    figure = scene(replace_robot(lemur_capture, robot), {SHORTEST: plan}, {SHORTEST})
     q, _ = from_trajectory(robot, plan.trajectory)
     data = robot.model.createData()
     for point in (0, POINTS - 1):
@@ -180,9 +189,7 @@ def test_a_long_plan_has_as_many_frames_as_the_eye_needs_from_start_to_end(
     }
     repeated["time"] = np.linspace(0.0, DURATION, 5 * POINTS)
     long = replace(plans[SHORTEST], trajectory=replace(trajectory, **repeated))
-    names = [
-        frame.name for frame in scene_figure(lemur_capture, {SHORTEST: long}, {SHORTEST}).frames
-    ]
+    names = [frame.name for frame in scene(lemur_capture, {SHORTEST: long}, {SHORTEST}).frames]
     assert len(names) == 50
     assert (names[0], names[-1]) == ("0.00", "10.00")
 
@@ -190,7 +197,7 @@ def test_a_long_plan_has_as_many_frames_as_the_eye_needs_from_start_to_end(
 def test_without_obstacles_there_is_a_scene(
     lemur_capture: PlanningProblem, plans: dict[Method, Plan]
 ) -> None:
-    figure = scene_figure(replace(lemur_capture, obstacles=()), plans, plans)
+    figure = scene(replace(lemur_capture, obstacles=()), plans, plans)
     assert not [trace for trace in figure.data if isinstance(trace, go.Mesh3d)]
 
 

@@ -6,6 +6,7 @@ because its legend shows and hides each method without any code of ours.
 
 from __future__ import annotations
 
+import html
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations, product
@@ -20,7 +21,7 @@ from ff_planner_ros.analysis.methods import Method
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.planning.clearance import arm_points
 from ff_planner_ros.planning.motion import from_trajectory
-from ff_planner_ros.planning.plan import Plan
+from ff_planner_ros.planning.plan import Plan, Trajectory
 from ff_planner_ros.planning.problem import PlanningProblem, Sphere
 from ff_planner_ros.robot.box import uniform_box
 from ff_planner_ros.robot.model import Robot
@@ -51,7 +52,9 @@ def save_scene(
         path: Replaced if it is there.
     """
     # The name of the scene's element is fixed: the same plans give the same file.
-    element = scene_figure(problem, plans, shown).to_html(
+    motions = {method: plan.trajectory for method, plan in plans.items()}
+    goal = problem.target.position
+    element = scene_figure(problem.robot, problem.obstacles, goal, motions, shown).to_html(
         full_html=False,
         include_plotlyjs=True,
         auto_play=False,
@@ -63,32 +66,38 @@ def save_scene(
 
 
 def scene_figure(
-    problem: PlanningProblem, plans: Mapping[Method, Plan], shown: Collection[Method]
+    robot: Robot,
+    obstacles: Sequence[Sphere],
+    goal: Array,
+    motions: Mapping[Method, Trajectory],
+    shown: Collection[Method],
 ) -> go.Figure:
     """Draw the scene: Fig. 2 of the paper, for several methods and all times.
 
     Args:
-        problem: What the plans answer.
-        plans: At least one.
+        robot: The robot.
+        obstacles: What it must stay out of.
+        goal: Where the end effector shall be in the end, in the inertial frame. Shape (3,) [m].
+        motions: At least one.
         shown: Methods that are shown from the start; a click in the legend shows the others.
     """
-    motions = [_motion(problem.robot, method, plan) for method, plan in plans.items()]
-    figure = go.Figure([*_obstacles(problem.obstacles), _goal(problem)])
+    drawn = [_motion(robot, method, trajectory) for method, trajectory in motions.items()]
+    figure = go.Figure([*_obstacles(obstacles), _goal(goal)])
     moving: list[int] = []
-    for motion in motions:
+    for motion in drawn:
         traces = [*_bodies(motion, 0), *_paths(motion)]
         moving += [len(figure.data), len(figure.data) + 1]
         for trace in traces:
             trace.visible = True if motion.method in shown else "legendonly"
         figure.add_traces(traces)
-    longest = max(motions, key=lambda motion: float(motion.time[-1])).time
+    longest = max(drawn, key=lambda motion: float(motion.time[-1])).time
     times = np.linspace(0.0, longest[-1], min(len(longest), _MOST_FRAMES))
     figure.frames = [
         go.Frame(
             name=f"{time:.2f}",
             data=[
                 {axis: getattr(trace, axis) for axis in "xyz"} | {"type": "scatter3d"}
-                for motion in motions
+                for motion in drawn
                 for trace in _bodies(motion, int(np.abs(motion.time - time).argmin()))
             ],
             traces=moving,
@@ -110,8 +119,7 @@ class _Motion:
     arm: Array  # joints and end effector; shape (points, joints + 1, 3)
 
 
-def _motion(robot: Robot, method: Method, plan: Plan) -> _Motion:
-    trajectory = plan.trajectory
+def _motion(robot: Robot, method: Method, trajectory: Trajectory) -> _Motion:
     q, _ = from_trajectory(robot, trajectory)
     turns = Rotation.from_quat(trajectory.chaser_quaternions_xyzw).as_matrix()
     corners = np.einsum("pij,cj->pci", turns, _box(robot))
@@ -198,7 +206,7 @@ def _obstacles(obstacles: Sequence[Sphere]) -> list[go.Mesh3d]:
             name="obstacles",
             legendgroup="obstacles",
             showlegend=number == 0,
-            hovertemplate=f"{sphere.id}, radius {sphere.radius:g} m<extra></extra>",
+            hovertemplate=f"{html.escape(sphere.id)}, radius {sphere.radius:g} m<extra></extra>",
         )
         for number, sphere in enumerate(obstacles)
     ]
@@ -221,8 +229,8 @@ def _unit_sphere() -> tuple[Array, Any]:
     return corners, np.concatenate([upper, lower])
 
 
-def _goal(problem: PlanningProblem) -> go.Scatter3d:
-    x, y, z = problem.target.position[:, None]
+def _goal(position: Array) -> go.Scatter3d:
+    x, y, z = position[:, None]
     return go.Scatter3d(
         x=x,
         y=y,

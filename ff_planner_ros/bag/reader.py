@@ -1,85 +1,247 @@
-"""Read a bag: messages as they were written, byte by byte, and the documents kept with them."""
+"""Read a bag: topics, documents and messages, byte by byte or decoded by the bag's definitions."""
 
 from __future__ import annotations
 
-import os
-from collections.abc import Mapping
-from dataclasses import dataclass
+import heapq
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import BinaryIO
+from types import MappingProxyType
+from typing import Any
 
-from mcap.reader import make_reader
+from mcap.records import Channel
 
-from ff_planner_ros.bag.definition import type_hash
+from ff_planner_ros.bag.decoding import ENCODINGS
+from ff_planner_ros.bag.files import open_files
+from ff_planner_ros.bag.mcap_file import Block, McapFile, RawMessage
 from ff_planner_ros.errors import BagError
-
-_MAGIC = b"\x89MCAP0\r\n"  # an MCAP file starts and ends with it
 
 
 @dataclass(frozen=True)
-class Recording:
-    """What was asked for of a bag.
+class Message:
+    """A message as it was written.
 
     Attributes:
-        messages: As CDR, in the order of recording.
-        attachments: Content of each attached document, by its file name.
+        topic: Its topic.
+        type_name: `package/msg/Name` or `package/srv/Name_Event`.
+        log_time_ns: When it was received, since the epoch.
+        publish_time_ns: When it was published, since the epoch.
+        cdr: The serialised message.
     """
 
-    messages: tuple[bytes, ...]
-    attachments: Mapping[str, bytes]
+    topic: str
+    type_name: str
+    log_time_ns: int
+    publish_time_ns: int
+    cdr: bytes
 
 
-def read_bag(bag: Path, type_name: str) -> Recording:
-    """Return a bag's attachments and its messages of one type, whatever their topic.
+@dataclass(frozen=True)
+class Topic:
+    """A topic of a bag.
+
+    Attributes:
+        name: Resolved, with its leading slash.
+        type_name: Of its messages.
+        message_count: In the whole bag.
+        type_hash: RIHS01; empty if the bag does not tell.
+        offered_qos_profiles: YAML, as rosbag2 has it in the channel.
+    """
+
+    name: str
+    type_name: str
+    message_count: int
+    type_hash: str
+    offered_qos_profiles: str
+
+
+class Bag:
+    """A bag open for reading; made by `open_bag`.
+
+    Attributes:
+        path: As it was asked for.
+        files: Its MCAP files, in order.
+        library: That wrote it.
+        attachments: Content of each attached document, by its file name.
+        metadata: Metadata records, by their name; of several, the last.
+        start_ns: Log time of the first message, since the epoch; zero without messages.
+        end_ns: Log time of the last message, since the epoch; zero without messages.
+        topics: By name.
+        message_count: Of all topics.
+    """
+
+    def __init__(self, path: Path, files: Sequence[McapFile], notes: Sequence[str]) -> None:
+        """Put together what the files hold.
+
+        Args:
+            path: As it was asked for.
+            files: In order, open; at least one.
+            notes: What is wrong with the whole.
+        """
+        self._mcap_files, self._notes = files, list(notes)
+        self.path = path
+        self.files = tuple(file.path for file in files)
+        self.library = files[0].library
+        self.attachments: Mapping[str, bytes] = MappingProxyType(
+            {one.name: one.data for file in files for one in file.attachments}
+        )
+        self.metadata: Mapping[str, Mapping[str, str]] = MappingProxyType(
+            {one.name: MappingProxyType(one.metadata) for file in files for one in file.metadata}
+        )
+        self.start_ns = min(
+            (file.start_ns for file in files if file.start_ns is not None), default=0
+        )
+        self.end_ns = max((file.end_ns for file in files if file.end_ns is not None), default=0)
+        self.topics = self._all_topics()
+        self.message_count = sum(topic.message_count for topic in self.topics.values())
+        for file in files:
+            if file.profile != "ros2":
+                file.note(f"its profile is {file.profile!a}, not ros2")
+            for schema in file.schemas.values():
+                if schema.encoding not in ENCODINGS:
+                    file.note(f"{schema.name} is defined in {schema.encoding!a}: it is not decoded")
+
+    @property
+    def size(self) -> int:
+        """Of all its files [bytes]."""
+        return sum(file.size for file in self._mcap_files)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What is wrong with the bag, in words, as far as was found until now."""
+        return (*self._notes, *(note for file in self._mcap_files for note in file.notes))
+
+    def note(self, text: str) -> None:
+        """Note what is wrong with the bag, once.
+
+        Args:
+            text: In words.
+        """
+        if text not in self._notes:
+            self._notes.append(text)
+
+    def messages(self, *types_or_topics: str) -> Iterator[Message]:
+        """Yield messages in the order of their log times, across the files.
+
+        What is damaged is left out, and makes a note.
+
+        Args:
+            *types_or_topics: Names of types or topics that are wanted; none: everything.
+
+        Raises:
+            BagError: The disk fails.
+        """
+        for file, raw in self._in_order(set(types_or_topics)):
+            channel = file.channels[raw.channel]
+            type_name = _type_name(file, channel)
+            yield Message(channel.topic, type_name, raw.log_time_ns, raw.publish_time_ns, raw.cdr)
+
+    def decoded(self, type_name: str) -> Iterator[tuple[Message, Any]]:
+        """Yield the messages of a type with what they say, by the bag's own definition.
+
+        What is damaged or does not fit its definition is left out, and makes a note.
+
+        Args:
+            type_name: `package/msg/Name` or `package/srv/Name_Event`.
+
+        Raises:
+            BagError: The disk fails.
+        """
+        for file, raw in self._in_order({type_name}):
+            channel = file.channels[raw.channel]
+            message = Message(
+                channel.topic, type_name, raw.log_time_ns, raw.publish_time_ns, raw.cdr
+            )
+            try:
+                content = file.decoder_of(channel)(raw.cdr)
+            except BagError as error:
+                file.note(f"{channel.topic} ({type_name}): {error}")
+            else:
+                yield message, content
+
+    def decode(self, message: Message) -> Any:
+        """Return what one message of this bag says, by the bag's own definition.
+
+        Args:
+            message: One of `messages`: whoever needs few of many need not decode all.
+
+        Raises:
+            BagError: Its definition cannot be read, or it does not fit it.
+        """
+        for file in self._mcap_files:
+            for channel in file.channels.values():
+                type_name = _type_name(file, channel)
+                if (channel.topic, type_name) == (message.topic, message.type_name):
+                    return file.decoder_of(channel)(message.cdr)
+        raise BagError(f"{message.topic} is no topic of {self.path}")
+
+    def _in_order(self, wanted: set[str]) -> Iterator[tuple[McapFile, RawMessage]]:
+        """Merge the blocks of all files; each is read when the first of its messages is due."""
+        heap: list[tuple[int, int, int, int, Block | RawMessage]] = []
+        channels = [_channels_of(file, wanted) if wanted else None for file in self._mcap_files]
+        for number, file in enumerate(self._mcap_files):
+            heap += (
+                (block.start_ns, number, block.offset, -1, block)
+                for block in file.blocks
+                if _may_hold(block, channels[number])
+            )
+        heapq.heapify(heap)
+        while heap:
+            _, number, offset, _, item = heapq.heappop(heap)
+            file = self._mcap_files[number]
+            if isinstance(item, RawMessage):
+                yield file, item
+                continue
+            for index, raw in enumerate(file.messages(item, channels[number])):
+                heapq.heappush(heap, (raw.log_time_ns, number, offset, index, raw))
+
+    def _all_topics(self) -> Mapping[str, Topic]:
+        topics: dict[str, Topic] = {}
+        for file in self._mcap_files:
+            for number, channel in file.channels.items():
+                count, type_name = file.counts[number], _type_name(file, channel)
+                known = topics.get(channel.topic)
+                if known is None:
+                    known = Topic(
+                        channel.topic,
+                        type_name,
+                        0,
+                        channel.metadata.get("topic_type_hash", ""),
+                        channel.metadata.get("offered_qos_profiles", ""),
+                    )
+                elif known.type_name != type_name:
+                    file.note(f"{channel.topic} is of {type_name}, and of {known.type_name}, too")
+                topics[channel.topic] = replace(known, message_count=known.message_count + count)
+        return MappingProxyType(topics)
+
+
+@contextmanager
+def open_bag(path: Path) -> Iterator[Bag]:
+    """Open a bag for reading; one without an index is read to its end for that.
 
     Args:
-        bag: The directory, or its MCAP file.
-        type_name: `package/msg/Name` or `package/srv/Name_Event`.
+        path: The directory, with one file or several, or one MCAP file.
 
     Raises:
-        BagError: The bag cannot be read, is not complete, is damaged, or was recorded with another
-            definition of the type than is installed.
+        BagError: There is no bag, or nothing of it can be read.
     """
-    file = _file_of(bag)
-    try:
-        with file.open("rb") as stream:
-            _require_complete(file, stream)
-            return _recording(file, stream, type_name)
-    except OSError as error:
-        raise BagError(f"bag {file} cannot be read: {error.strerror}") from None
+    with open_files(path) as (files, notes):
+        yield Bag(path, files, notes)
 
 
-def _file_of(bag: Path) -> Path:
-    if not bag.is_dir():
-        return bag
-    files = sorted(bag.glob("*.mcap"))
-    if len(files) != 1:
-        found = ", ".join(file.name for file in files) or "none"
-        raise BagError(f"bag {bag} must hold one .mcap file; found: {found}")
-    return files[0]
+def _channels_of(file: McapFile, wanted: set[str]) -> set[int]:
+    return {
+        number
+        for number, channel in file.channels.items()
+        if channel.topic in wanted or _type_name(file, channel) in wanted
+    }
 
 
-def _require_complete(file: Path, stream: BinaryIO) -> None:
-    if stream.read(len(_MAGIC)) != _MAGIC:
-        raise BagError(f"bag {file} is no MCAP file")
-    stream.seek(-len(_MAGIC), os.SEEK_END)
-    if stream.read() != _MAGIC:
-        raise BagError(f"bag {file} has no end: its recorder still writes, or was killed")
-    stream.seek(0)
+def _may_hold(block: Block, channels: set[int] | None) -> bool:
+    return block.channels is None or channels is None or not block.channels.isdisjoint(channels)
 
 
-def _recording(file: Path, stream: BinaryIO, type_name: str) -> Recording:
-    try:
-        reader = make_reader(stream, validate_crcs=True)
-        of_type = [
-            (channel.metadata.get("topic_type_hash"), message.data)
-            for schema, channel, message in reader.iter_messages()
-            if schema is not None and schema.name == type_name
-        ]
-        attachments = {item.name: item.data for item in reader.iter_attachments()}
-    except Exception as error:  # where bytes are damaged, the library trips over what they mean
-        reason = f"{type(error).__name__}: {error}"
-        raise BagError(f"bag {file} is damaged: {reason}") from None
-    if any(recorded_hash != type_hash(type_name) for recorded_hash, _ in of_type):
-        raise BagError(f"bag {file} holds another version of {type_name} than is installed here")
-    return Recording(tuple(data for _, data in of_type), attachments)
+def _type_name(file: McapFile, channel: Channel) -> str:
+    schema = file.schemas.get(channel.schema_id)
+    return schema.name if schema else ""

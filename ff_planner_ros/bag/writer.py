@@ -1,41 +1,34 @@
-"""Write a bag: a directory with one MCAP file and its metadata, as rosbag2 of Jazzy does."""
+"""Write a bag: a directory with MCAP files and their metadata, as rosbag2 of Jazzy does."""
 
 from __future__ import annotations
 
+import os
 import secrets
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from threading import RLock
 from types import TracebackType
-from typing import Any, Self
+from typing import Self
 
-import yaml
 from mcap.writer import LIBRARY_IDENTIFIER, CompressionType, Writer
 
-from ff_planner_ros.bag.definition import message_definition, type_hash
+from ff_planner_ros.bag.definition import Definition, message_definition, type_hash
+from ff_planner_ros.bag.rosbag2_metadata import (
+    INT64_MAX,
+    FileInfo,
+    QualityOfService,
+    TopicInfo,
+    as_yaml,
+    metadata,
+    profiles,
+)
 from ff_planner_ros.errors import BagError
 
-_INT64_MAX = 2**63 - 1  # rosbag2 holds times so, and gives it as start of a bag without messages
-
-
-@dataclass(frozen=True)
-class QualityOfService:
-    """What a publisher offers, in the words of rosbag2; everything else is at its default.
-
-    Attributes:
-        reliability: `reliable` or `best_effort`.
-        durability: `volatile` or `transient_local`.
-        history: `keep_last` or `keep_all`.
-        depth: Of the history.
-    """
-
-    reliability: str = "reliable"
-    durability: str = "volatile"
-    history: str = "keep_last"
-    depth: int = 10
+# What a message takes in a file beside its own bytes.
+_RECORD_OVERHEAD = 31
 
 
 def unique_directory(parent: Path, stem: str) -> Path:
@@ -56,40 +49,62 @@ class BagWriter:
     A message reaches the operating system at the latest when another one is written that is
     `flush_interval` later, or with `flush`: call that from a timer if messages may stay away.
     After a disk error the bag accepts nothing more; what was flushed before can be recovered.
+
+    Every file of a split bag can be read alone: definitions and documents are in each. Latched
+    messages are not repeated, as in rosbag2 of Jazzy: played back, a repeated trajectory would be
+    a command that nobody gave.
+
+    Attributes:
+        custom_data: Goes into the metadata whenever that is written.
     """
 
-    def __init__(self, directory: Path, flush_interval: float) -> None:
+    def __init__(
+        self,
+        directory: Path,
+        flush_interval: float,
+        max_size: int = 0,
+        max_duration: float = 0.0,
+    ) -> None:
         """Create the bag.
 
         Args:
             directory: Created, with its parents; must not exist.
             flush_interval: Log time that a crash can lose at most [s].
+            max_size: Before a file becomes larger, its index not counted, another one is begun
+                [bytes]; 0: never.
+            max_duration: Before a file becomes longer, another one is begun [s]; 0: never.
 
         Raises:
             BagError: The directory exists or cannot be written.
         """
         self._directory = directory
         self._flush_interval_ns = round(flush_interval * 1e9)
+        self._max_size, self._max_duration_ns = max_size, round(max_duration * 1e9)
         self._lock = RLock()
         self._refusal: str | None = None  # why nothing more can be written
-        self._schemas: dict[str, int] = {}
-        self._topics: dict[str, _Topic] = {}
-        self._start_ns = _INT64_MAX
-        self._end_ns = 0
+        self._attachments: list[_Attachment] = []
+        self._records: dict[str, Mapping[str, str]] = {}
+        self._definitions: dict[str, Definition] = {}
+        self._topics: dict[str, TopicInfo] = {}
+        self._files: list[FileInfo] = []
         self._unflushed_ns: int | None = None  # log time of the first message not yet flushed
+        self._unflushed_size = 0
+        self._is_on_disk = False
+        self.custom_data: dict[str, str] = {}
 
         try:
             directory.mkdir(parents=True)
-            self._file = (directory / self._file_name).open("xb")
         except FileExistsError:
             raise BagError(f"bag {directory} exists already, and is not overwritten") from None
         except OSError as error:
             raise BagError(f"bag {directory} cannot be written: {error}") from error
         with self._writing():
-            self._mcap = Writer(self._file, compression=CompressionType.ZSTD)
-            self._mcap.start(profile="ros2", library=f"ff_planner_ros {LIBRARY_IDENTIFIER}")
-            self._write_metadata()
-            self._mcap.flush()
+            self._begin_file()
+
+    @property
+    def message_count(self) -> int:
+        """Number of messages written so far; does not wait for one that is being written."""
+        return sum(file.message_count for file in self._files)
 
     def add_topic(self, topic: str, type_name: str, qos: Sequence[QualityOfService]) -> None:
         """Announce a topic.
@@ -104,22 +119,13 @@ class BagWriter:
                 or the disk failed.
         """
         definition = message_definition(type_name)
-        digest = type_hash(type_name)
-        profiles = [_profile(offered) for offered in qos]
+        info = TopicInfo(type_name, type_hash(type_name), tuple(qos))
         with self._writing():
             if topic in self._topics:
                 raise BagError(f"topic {topic} is in bag {self._directory} already")
-            if type_name not in self._schemas:
-                self._schemas[type_name] = self._mcap.register_schema(
-                    type_name, definition.encoding, definition.text.encode()
-                )
-            channel = self._mcap.register_channel(
-                topic,
-                "cdr",
-                self._schemas[type_name],
-                {"offered_qos_profiles": _as_yaml(profiles), "topic_type_hash": digest},
-            )
-            self._topics[topic] = _Topic(channel, type_name, digest, profiles)
+            self._definitions[type_name] = definition
+            self._topics[topic] = info
+            self._register(topic)
 
     def write(self, topic: str, cdr: bytes, log_time_ns: int, publish_time_ns: int) -> None:
         """Write one message.
@@ -141,21 +147,27 @@ class BagWriter:
                     f"it has {sorted(self._topics)}"
                 )
             for name, value in (("log", log_time_ns), ("publish", publish_time_ns)):
-                if not 0 <= value <= _INT64_MAX:
+                if not 0 <= value <= INT64_MAX:
                     raise BagError(
                         f"{name} time of a message on {topic} is {value}: "
                         "it must be nanoseconds from 0 to 2^63 - 1"
                     )
+            size = len(cdr) + _RECORD_OVERHEAD
+            if self._is_full(size, log_time_ns):
+                self._split()
             info = self._topics[topic]
-            self._mcap.add_message(info.channel, log_time_ns, cdr, publish_time_ns, info.count)
-            info.count += 1
-            self._start_ns = min(self._start_ns, log_time_ns)
-            self._end_ns = max(self._end_ns, log_time_ns)
+            self._mcap.add_message(
+                self._channels[topic], log_time_ns, cdr, publish_time_ns, info.message_count
+            )
+            info.message_count += 1
+            self._files[-1].count(log_time_ns)
+            self._is_on_disk = False
+            self._unflushed_size += size
             if self._unflushed_ns is None:
                 self._unflushed_ns = log_time_ns
             # A clock that was set back must not put the next flush off.
             elif not 0 <= log_time_ns - self._unflushed_ns < self._flush_interval_ns:
-                self.flush()
+                self._flush()
 
     def attach(self, name: str, media_type: str, data: bytes) -> None:
         """Keep a document with the messages, so that the bag explains itself.
@@ -169,18 +181,49 @@ class BagWriter:
             BagError: The bag is closed, or the disk failed.
         """
         with self._writing():
-            self._mcap.add_attachment(0, time.time_ns(), name, media_type, data)
+            self._attachments.append(_Attachment(time.time_ns(), name, media_type, data))
+            self._attachments[-1].write(self._mcap)
             self._mcap.flush()
 
-    def flush(self) -> None:
-        """Hand everything written so far to the operating system.
+    def add_record(self, name: str, data: Mapping[str, str]) -> None:
+        """Keep words with the messages, as a metadata record of MCAP.
+
+        Args:
+            name: Of the record.
+            data: Values by key.
 
         Raises:
             BagError: The bag is closed, or the disk failed.
         """
         with self._writing():
+            self._records[name] = dict(data)
+            self._mcap.add_metadata(name, dict(data))
             self._mcap.flush()
-            self._unflushed_ns = None
+
+    def flush(self) -> None:
+        """Bring everything written so far to the disk: not even a power cut loses it.
+
+        Raises:
+            BagError: The bag is closed, or the disk failed.
+        """
+        with self._writing():
+            if not self._is_on_disk:
+                self._flush()
+                os.fdatasync(self._file.fileno())
+                self._is_on_disk = True
+
+    def split(self) -> tuple[Path, Path]:
+        """Complete the file and go on in another one.
+
+        Returns:
+            The complete file, and the one that goes on.
+
+        Raises:
+            BagError: The bag is closed, or the disk failed.
+        """
+        with self._writing():
+            self._split()
+            return self._path(self._files[-2]), self._path(self._files[-1])
 
     def close(self) -> None:
         """Complete the bag; does nothing if it is closed or has failed.
@@ -191,10 +234,7 @@ class BagWriter:
         with self._lock:
             if self._refusal is None:
                 with self._writing():
-                    self._mcap.flush()
-                    self._write_metadata()
-                    self._mcap.finish()
-                    self._file.close()
+                    self._end_file()
                 self._refusal = f"bag {self._directory} is closed"
 
     def __enter__(self) -> Self:
@@ -210,10 +250,6 @@ class BagWriter:
         """Close the bag."""
         self.close()
 
-    @property
-    def _file_name(self) -> str:
-        return f"{self._directory.resolve().name}_0.mcap"
-
     @contextmanager
     def _writing(self) -> Iterator[None]:
         """Hold the lock, and turn a disk error into the end of this bag."""
@@ -225,79 +261,91 @@ class BagWriter:
             except OSError as error:
                 # Part of a record may be on the disk: another one behind it would not be found.
                 self._refusal = f"bag {self._directory} cannot be written: {error}"
-                with suppress(OSError):
+                with suppress(OSError, AttributeError):  # there may be no file yet
                     self._file.close()
                 raise BagError(self._refusal) from error
 
+    def _is_full(self, size: int, log_time_ns: int) -> bool:
+        """Whether the next message belongs into another file."""
+        file = self._files[-1]
+        if file.message_count == 0:  # one that is larger than a file must go somewhere
+            return False
+        if 0 < self._max_duration_ns < log_time_ns - file.start_ns:
+            return True
+        if self._max_size == 0 or self._file.tell() + self._unflushed_size + size <= self._max_size:
+            return False
+        self._flush()  # compressed, it may be much less
+        return self._file.tell() + size > self._max_size
+
+    def _split(self) -> None:
+        self._end_file()
+        self._begin_file()
+
+    def _begin_file(self) -> None:
+        """Open the next file, with everything in it that is needed to read it alone."""
+        name = f"{self._directory.resolve().name}_{len(self._files)}.mcap"
+        self._files.append(FileInfo(name))
+        self._file = self._path(self._files[-1]).open("xb")
+        self._mcap = Writer(self._file, compression=CompressionType.ZSTD)
+        self._mcap.start(profile="ros2", library=f"ff_planner_ros {LIBRARY_IDENTIFIER}")
+        for attachment in self._attachments:
+            attachment.write(self._mcap)
+        for record, data in self._records.items():
+            self._mcap.add_metadata(record, dict(data))
+        self._schemas: dict[str, int] = {}
+        self._channels: dict[str, int] = {}
+        for topic in self._topics:
+            self._register(topic)
+        self._write_metadata()
+        self._mcap.flush()
+
+    def _end_file(self) -> None:
+        self._flush()
+        self._write_metadata()
+        self._mcap.finish()
+        self._file.close()
+
+    def _register(self, topic: str) -> None:
+        """Announce a topic in the file, with the definition of its type."""
+        info = self._topics[topic]
+        if info.type_name not in self._schemas:
+            definition = self._definitions[info.type_name]
+            self._schemas[info.type_name] = self._mcap.register_schema(
+                info.type_name, definition.encoding, definition.text.encode()
+            )
+        self._channels[topic] = self._mcap.register_channel(
+            topic,
+            "cdr",
+            self._schemas[info.type_name],
+            {
+                "offered_qos_profiles": as_yaml(profiles(info.profiles)),
+                "topic_type_hash": info.type_hash,
+            },
+        )
+
+    def _flush(self) -> None:
+        self._mcap.flush()
+        self._unflushed_ns, self._unflushed_size = None, 0
+
     def _write_metadata(self) -> None:
-        """Write what rosbag2 reads first, beside the MCAP file and into it."""
-        metadata = self._metadata()
-        self._mcap.add_metadata("rosbag2", {"serialized_metadata": _as_yaml(metadata)})
+        """Write what rosbag2 reads first, beside the MCAP files and into the last of them."""
+        document = metadata(self._files, self._topics, self.custom_data)
+        self._mcap.add_metadata("rosbag2", {"serialized_metadata": as_yaml(document)})
         path = self._directory / "metadata.yaml"
         partial = path.with_suffix(".partial")
-        partial.write_text(_as_yaml({"rosbag2_bagfile_information": metadata}), encoding="utf-8")
+        partial.write_text(as_yaml({"rosbag2_bagfile_information": document}), encoding="utf-8")
         partial.replace(path)
 
-    def _metadata(self) -> dict[str, Any]:
-        return {
-            "version": 9,
-            "storage_identifier": "mcap",
-            **self._extent(),
-            "topics_with_message_count": [
-                {
-                    "topic_metadata": {
-                        "name": name,
-                        "type": topic.type_name,
-                        "serialization_format": "cdr",
-                        "offered_qos_profiles": topic.profiles,
-                        "type_description_hash": topic.type_hash,
-                    },
-                    "message_count": topic.count,
-                }
-                for name, topic in self._topics.items()
-            ],
-            "compression_format": "",  # of whole files or messages; the chunks are compressed
-            "compression_mode": "",
-            "relative_file_paths": [self._file_name],
-            "files": [{"path": self._file_name, **self._extent()}],
-            "custom_data": None,
-            "ros_distro": "jazzy",
-        }
-
-    def _extent(self) -> dict[str, Any]:
-        return {
-            "duration": {"nanoseconds": max(0, self._end_ns - self._start_ns)},
-            "starting_time": {"nanoseconds_since_epoch": self._start_ns},
-            "message_count": sum(topic.count for topic in self._topics.values()),
-        }
+    def _path(self, file: FileInfo) -> Path:
+        return self._directory / file.name
 
 
-@dataclass
-class _Topic:
-    channel: int
-    type_name: str
-    type_hash: str
-    profiles: list[dict[str, Any]]
-    count: int = 0
+@dataclass(frozen=True)
+class _Attachment:
+    time_ns: int
+    name: str
+    media_type: str
+    data: bytes
 
-
-def _profile(qos: QualityOfService) -> dict[str, Any]:
-    return {
-        "history": qos.history,
-        "depth": qos.depth,
-        "reliability": qos.reliability,
-        "durability": qos.durability,
-        "deadline": _infinite(),
-        "lifespan": _infinite(),
-        "liveliness": "automatic",
-        "liveliness_lease_duration": _infinite(),
-        "avoid_ros_namespace_conventions": False,
-    }
-
-
-def _infinite() -> dict[str, int]:
-    return {"sec": 9223372036, "nsec": 854775807}
-
-
-def _as_yaml(document: Any) -> str:
-    return str(yaml.safe_dump(document, sort_keys=False))
+    def write(self, mcap: Writer) -> None:
+        mcap.add_attachment(0, self.time_ns, self.name, self.media_type, self.data)

@@ -6,6 +6,7 @@ import math
 from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from operator import itemgetter
 
 import numpy as np
 from builtin_interfaces.msg import Time
@@ -14,6 +15,7 @@ from std_msgs.msg import Header
 
 from ff_planner_ros.errors import Status
 from ff_planner_ros.ros.progress import TrackingError
+from ff_planner_ros.ros.recorder import RecorderHealth
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 
@@ -83,8 +85,7 @@ class NodeHealth:
         obstacles_refusal: Why the scene cannot be used; empty if it can.
         last: Outcome of the last request; None before the first.
         solve_times: Of the last answers.
-        bag: Where everything is recorded.
-        recorder_failure: Why recording has stopped; empty while it goes on.
+        recorder: How recording goes.
         tracking: Predicted against measured chaser; None while no plan runs.
         tracking_max_position: More than this is a warning [m].
         tracking_max_angle: More than this is a warning [rad].
@@ -98,8 +99,7 @@ class NodeHealth:
     obstacles_refusal: str
     last: Outcome | None
     solve_times: SolveTimes
-    bag: str
-    recorder_failure: str
+    recorder: RecorderHealth
     tracking: TrackingError | None
     tracking_max_position: float
     tracking_max_angle: float
@@ -190,11 +190,28 @@ def _solve_time(health: NodeHealth) -> _Part:
 
 
 def _recorder(health: NodeHealth) -> _Part:
-    values = {"bag": health.bag}
-    if health.recorder_failure:
-        message = f"recording has stopped, planning goes on: {health.recorder_failure}"
-        return ERROR, message, values
-    return OK, f"recording to {health.bag}", values
+    recorder = health.recorder
+    dropped = sum(recorder.dropped.values())
+    values = {
+        "bag": recorder.bag,
+        "messages": str(recorder.messages),
+        "paused": str(recorder.paused).lower(),
+        "dropped": str(dropped),
+        **{f"dropped {topic}": str(n) for topic, n in sorted(recorder.dropped.items())},
+    }
+    if recorder.failure:
+        message = f"recording has stopped, planning goes on: {recorder.failure}"
+        return ERROR, message, values | {"failure": recorder.failure}
+    if recorder.paused:
+        return WARN, "paused: what arrives is left out until resume_recording is called", values
+    if dropped:
+        topic, most = max(recorder.dropped.items(), key=itemgetter(1))
+        message = (
+            f"recording to {recorder.bag}, but was too slow for {dropped} messages, {most} of them "
+            f"of {topic}"
+        )
+        return WARN, message, values
+    return OK, f"recording to {recorder.bag}", values
 
 
 def _tracking(health: NodeHealth) -> _Part:

@@ -16,8 +16,8 @@ from ff_planner_ros.ros.background import spin_in_background
 from ff_planner_ros.ros.planner_node import PlannerNode
 from ff_planner_ros.ros.worker import Worker
 
-# One plans, one waits for it to make room, one cancels, one listens.
-_THREADS = 4
+# One plans, one waits for it to make room, one cancels, one listens, one waits for the bag's disk.
+_THREADS = 5
 
 
 def main(arguments: list[str] | None = None) -> int:

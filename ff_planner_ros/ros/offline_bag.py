@@ -13,6 +13,7 @@ from rclpy.qos import QoSProfile
 from service_msgs.msg import ServiceEventInfo
 
 from ff_planner_ros.bag.encoding import encode
+from ff_planner_ros.bag.provenance import PROVENANCE, provenance
 from ff_planner_ros.bag.writer import BagWriter
 from ff_planner_ros.errors import FfPlannerError
 from ff_planner_ros.planning.plan import Plan
@@ -21,6 +22,7 @@ from ff_planner_ros.planning.scenario import SCENARIO_FRAME
 from ff_planner_ros.planning.settings import PlannerSettings
 from ff_planner_ros.ros.plan_output import LATCHED_QOS
 from ff_planner_ros.ros.planning_service import SERVICE_EVENT_QOS
+from ff_planner_ros.ros.question import Sources
 from ff_planner_ros.ros.recorder import offered_qos, type_name
 from ff_planner_ros.ros.testbed import STATE_QOS
 from ff_planner_ros.ros.to_messages import (
@@ -32,6 +34,9 @@ from ff_planner_ros.ros.to_messages import (
     time_message,
 )
 
+# What `ff-planner plan` plans with, if not with a baseline.
+OPTIMAL = "optimal"
+
 
 def record_answer(
     directory: Path,
@@ -39,6 +44,8 @@ def record_answer(
     settings: PlannerSettings,
     answer: Plan | FfPlannerError,
     solve_time: float,
+    scenario: Path | None = None,
+    method: str = OPTIMAL,
 ) -> None:
     """Write question and answer as the node would have recorded them.
 
@@ -48,6 +55,8 @@ def record_answer(
         settings: The planner's.
         answer: The plan, or why there is none.
         solve_time: Wall clock of the answer [s].
+        scenario: The file that the question is from, if it is from one.
+        method: That made the plan; only OPTIMAL is what a node answers with.
 
     Raises:
         BagError: The directory exists or cannot be written.
@@ -59,11 +68,15 @@ def record_answer(
     request = request_message(problem, SCENARIO_FRAME)
     request.use_start_state, request.start_state = True, state
     request.use_obstacles, request.obstacles = True, obstacles
+    request.start_time = state.header.stamp
     plan_id = directory.name
     if isinstance(answer, Plan):
         response = response_from_plan(answer, plan_id, now, SCENARIO_FRAME, solve_time)
     else:
         response = response_from_error(answer, plan_id, solve_time)
+    Sources(
+        taken_up_ns=now, state_stamp_ns=now, state_source="start_state", obstacles_stamp_ns=now
+    ).tell(response)
 
     with BagWriter(directory, flush_interval=0.0) as bag:
 
@@ -81,6 +94,9 @@ def record_answer(
         parameters = yaml.safe_dump({"/**": {"ros__parameters": used}})
         bag.attach("robot.urdf", "application/xml", robot.urdf.encode())
         bag.attach("parameters.yaml", "application/yaml", parameters.encode())
+        if scenario is not None:
+            bag.attach("scenario.yaml", "application/yaml", scenario.read_bytes())
+        bag.add_record(PROVENANCE, provenance(method=method))
         put("/chaser_state", STATE_QOS, state)
         put("/obstacles", LATCHED_QOS, obstacles)
         events = _events(request, response, now)

@@ -32,6 +32,8 @@ if TYPE_CHECKING:
 
 Group = TypeVar("Group", bound="DataclassInstance")
 
+# Definitions and documents alone take a fifth of it [bytes].
+_MIN_FILE_SIZE = 1_000_000
 # What a request may do that meets another one: parameter when_busy.
 REJECT, PREEMPT = "reject", "preempt"
 # What is loaded, recorded or connected when the node is configured.
@@ -67,12 +69,38 @@ class LimitParameters:
 
 @dataclass(frozen=True)
 class BagParameters:
-    """Where everything is recorded."""
+    """Where everything is recorded, and how.
+
+    Raises:
+        InvalidInput: A size in which hardly anything fits.
+    """
 
     directory: str = tunable("A new bag is made in here at every start")
     flush_interval: float = tunable(
-        "What a crash can lose at most", minimum=0.01, maximum=60.0, unit="s"
+        "What a crash or a power cut can lose at most", minimum=0.01, maximum=60.0, unit="s"
     )
+    max_size: int = tunable(
+        "Before a file of the bag becomes larger, its index not counted, another one is begun; "
+        f"0: never; else at least {_MIN_FILE_SIZE}",
+        minimum=0,
+        unit="bytes",
+    )
+    max_duration: float = tunable(
+        "Before a file of the bag becomes longer, another one is begun; 0: never",
+        minimum=0.0,
+        unit="s",
+    )
+
+    def __post_init__(self) -> None:
+        """Check the size."""
+        if 0 < self.max_size < _MIN_FILE_SIZE:
+            raise InvalidInput(
+                Status.OUT_OF_RANGE,
+                "bag.max_size",
+                self.max_size,
+                f"it must be 0, for never, or at least {_MIN_FILE_SIZE} [bytes]: each file "
+                "repeats the robot and all definitions",
+            )
 
 
 @dataclass(frozen=True)
@@ -228,13 +256,38 @@ class LiveParameters:
                     "unconfigured (lifecycle transitions deactivate and cleanup)",
                 )
         try:
-            _changed(self.current, changes)
+            changed(self.current, changes)
         except InvalidInput as error:
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
 
     def _take(self, changes: list[Parameter]) -> None:
-        self.current = _changed(self.current, changes)
+        self.current = changed(self.current, changes)
+
+
+def parameters_from_values(values: dict[str, Any]) -> NodeParameters:
+    """Return the parameters that a document holds.
+
+    Args:
+        values: Every one, those of a group as a dictionary.
+
+    Raises:
+        InvalidInput: A value that makes no sense.
+    """
+    return _of_values(NodeParameters, values)
+
+
+def _of_values(group: type[Group], values: dict[str, Any]) -> Group:
+    types = get_type_hints(group)
+    read: dict[str, Any] = {}
+    for item in fields(group):
+        kind: type[Any] = types[item.name]
+        value = values[item.name]
+        if is_dataclass(kind):
+            read[item.name] = _of_values(kind, value)
+        else:
+            read[item.name] = tuple(value) if isinstance(value, list) else value
+    return group(**read)
 
 
 def _declared(node: Node) -> NodeParameters:
@@ -270,24 +323,42 @@ def _declare(node: Node, group: type[Group], values: dict[str, Any], prefix: str
         except (InvalidParameterTypeException, InvalidParameterValueException):
             value = node._parameter_overrides[name].value  # noqa: SLF001
             raise InvalidInput(
-                Status.OUT_OF_RANGE, name, repr(value), _allowed(kind, **item.metadata)
+                Status.OUT_OF_RANGE, name, repr(value), allowed_words(kind, **item.metadata)
             ) from None
         declared[item.name] = _value(parameter)
     return group(**declared)
 
 
-def _changed(parameters: NodeParameters, changes: list[Parameter]) -> NodeParameters:
-    """Return the parameters with some values replaced; names that are not ours are left out."""
+def changed(parameters: NodeParameters, changes: list[Parameter]) -> NodeParameters:
+    """Return the parameters with some values replaced; names that are not ours are left out.
+
+    Args:
+        parameters: As they are.
+        changes: One after the other.
+
+    Raises:
+        InvalidInput: A value that makes no sense.
+    """
     for change in changes:
-        parameters = _replaced(parameters, change.name.split("."), _value(change))
+        parameters = replaced(parameters, change.name.split("."), _value(change))
     return parameters
 
 
-def _replaced(group: Group, path: list[str], value: Any) -> Group:
+def replaced(group: Group, path: list[str], value: Any) -> Group:
+    """Return a group of parameters with one value replaced; a name that is not ours is left out.
+
+    Args:
+        group: As it is.
+        path: Name of the value, group by group.
+        value: The new one.
+
+    Raises:
+        InvalidInput: A value that makes no sense.
+    """
     name, *rest = path
     if name not in {item.name for item in fields(group)}:
         return group
-    return replace(group, **{name: _replaced(getattr(group, name), rest, value) if rest else value})
+    return replace(group, **{name: replaced(getattr(group, name), rest, value) if rest else value})
 
 
 def _value(parameter: Parameter) -> Any:
@@ -328,10 +399,18 @@ def _descriptor(
     return descriptor
 
 
-def _allowed(
+def allowed_words(
     kind: type, description: str, minimum: float | None, maximum: float | None, unit: str
 ) -> str:
-    """Say in words what a parameter may be."""
+    """Say in words what a parameter may be.
+
+    Args:
+        kind: Its type.
+        description: As declared.
+        minimum: As declared.
+        maximum: As declared.
+        unit: As declared.
+    """
     words = {
         bool: "true or false",
         str: "text",

@@ -56,7 +56,6 @@ class PlanOutput:
         self._clock = node.get_clock()
         self.published: PublishedPlan | None = None
         self.tracking: progress.TrackingError | None = None
-        self._plan_id = ""
         self._preview: Iterator[JointState] = iter(())
         self._trajectory = node.create_lifecycle_publisher(
             JointTrajectory, "joint_trajectory", qos_profile(qos.joint_trajectory)
@@ -111,7 +110,7 @@ class PlanOutput:
         self._trajectory.publish(for_controller)
         self._path.publish(response.predicted_chaser_path)
         start_ns = nanoseconds(for_controller.header.stamp)
-        self.published, self._plan_id = PublishedPlan(plan.trajectory, start_ns), response.plan_id
+        self.published = PublishedPlan(response.plan_id, plan.trajectory, start_ns)
 
     def show(self, plan: Plan, obstacles: tuple[Sphere, ...]) -> None:
         """Publish what screens show, which nobody else waits for.
@@ -146,7 +145,7 @@ class PlanOutput:
             self._tracking_error.publish(
                 TrackingError(
                     header=Header(stamp=stamp, frame_id=self._frame),
-                    plan_id=self._plan_id,
+                    plan_id=running.plan_id,
                     position=error.position,
                     angle=error.angle,
                 )

@@ -31,10 +31,10 @@ from ff_planner_ros.ros.from_messages import NANOSECONDS
 from ff_planner_ros.ros.jobs import Job, Jobs
 from ff_planner_ros.ros.parameters import PREEMPT, LiveParameters
 from ff_planner_ros.ros.plan_output import PlanOutput
-from ff_planner_ros.ros.question import question
+from ff_planner_ros.ros.question import Sources, question
 from ff_planner_ros.ros.scene_input import SceneInput
 from ff_planner_ros.ros.state_input import StateInput
-from ff_planner_ros.ros.to_messages import response_from_error, response_from_plan, time_message
+from ff_planner_ros.ros.to_messages import response_from_error, response_from_plan
 from ff_planner_ros.ros.worker import Worker
 
 SERVICE, ACTION = "plan_trajectory", "plan_trajectory_action"
@@ -194,10 +194,10 @@ class PlanningService:
     def _answer(
         self, request: PlanTrajectory.Request, job: Job, tell: Callable[[Progress], None]
     ) -> PlanTrajectory.Response:
-        begun = time.perf_counter()
+        begun, sources = time.perf_counter(), Sources()
         try:
             with self._jobs.taken_up(job, preempt=self._parameters.current.when_busy == PREEMPT):
-                response = self._planned(request, job, tell, begun)
+                response = self._planned(request, job, tell, begun, sources)
         except FfPlannerError as error:
             response = self._refused(job, job.cause or error, begun)
         except Exception as error:
@@ -205,6 +205,7 @@ class PlanningService:
             unforeseen = f"{type(error).__name__}: {error}"
             cause = FfPlannerError(Status.INTERNAL_ERROR, unforeseen)
             response = response_from_error(cause, job.plan_id, time.perf_counter() - begun)
+        sources.tell(response)
         status = Status(response.status.code)
         self.last = Outcome(job.plan_id, status, response.status.message)
         return response
@@ -221,6 +222,7 @@ class PlanningService:
         job: Job,
         tell: Callable[[Progress], None],
         begun: float,
+        sources: Sources,
     ) -> PlanTrajectory.Response:
         parameters = self._parameters.current
         asked = question(
@@ -231,6 +233,7 @@ class PlanningService:
             self._scenes,
             self._output.published,
             self._clock.now().nanoseconds,
+            sources,
         )
 
         def report(progress: Progress) -> None:
@@ -253,10 +256,6 @@ class PlanningService:
             parameters.inertial_frame,
             time.perf_counter() - begun,
         )
-        response.state_stamp = time_message(asked.measured.stamp_ns)
-        response.state_source = asked.measured.source
-        response.obstacles_stamp = time_message(asked.scene.stamp_ns)
-        response.obstacles_source = asked.scene.source
         for_controller = controller_message(
             response.joint_trajectory,
             parameters.controller,
@@ -266,7 +265,7 @@ class PlanningService:
         job.seal()
         self._output.publish(plan, response, for_controller)
         executor: Any = self._node.executor
-        executor.create_task(partial(self._output.show, plan, asked.scene.spheres))
+        executor.create_task(partial(self._output.show, plan, asked.task.problem.obstacles))
         self._log_solved(response)
         return response
 

@@ -5,14 +5,13 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-import pinocchio as pin
 from geometry_msgs.msg import PoseStamped
-from scipy.interpolate import CubicHermiteSpline
 from scipy.spatial.transform import Rotation
 from std_msgs.msg import Header
 
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.planning.plan import Trajectory
+from ff_planner_ros.planning.pose_motion import poses_between
 from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.ros.from_messages import NANOSECONDS
 from ff_planner_ros.ros.to_messages import pose_message, time_message
@@ -145,21 +144,17 @@ def _interpolated(
     angular_velocities: Array,
     time: float,
 ) -> FramePose | None:
-    """Interpolate poses with their twists in the inertial frame.
-
-    Cubic Hermite polynomials between two neighbours, for the attitude on the rotation vector from
-    the first of them: a constant spin is met exactly, any other motion with an error that falls
-    with the fourth power of the time between the points.
-    """
+    """Return the pose at a time; None where the plan does not run."""
     if not times[0] <= time <= times[-1]:
         return None
     before = min(int(np.searchsorted(times, time, side="right")) - 1, len(times) - 2)
     pair = slice(before, before + 2)
-    first, second = Rotation.from_quat(quaternions_xyzw[pair])
-    turn = first.inv() * second
-    # In axes of the point before; a rotation vector's rate is Jlog3 times the body's own.
-    omega = angular_velocities[pair] @ first.as_matrix()
-    rates = [omega[0], pin.Jlog3(turn.as_matrix()) @ (omega[1] @ turn.as_matrix())]
-    position = CubicHermiteSpline(times[pair], positions[pair], linear_velocities[pair])
-    rotation_vector = CubicHermiteSpline(times[pair], [np.zeros(3), turn.as_rotvec()], rates)
-    return FramePose(position(time), first * Rotation.from_rotvec(rotation_vector(time)))
+    (position,), (rotation,) = poses_between(
+        times[pair],
+        positions[pair],
+        quaternions_xyzw[pair],
+        linear_velocities[pair],
+        angular_velocities[pair],
+        np.array([time]),
+    )
+    return FramePose(position, rotation)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from ff_planner_msgs.srv import PlanTrajectory
@@ -22,8 +22,9 @@ from ff_planner_ros.ros.from_messages import (
     state_from_message,
 )
 from ff_planner_ros.ros.parameters import NodeParameters
-from ff_planner_ros.ros.scene_input import Scene, SceneInput
+from ff_planner_ros.ros.scene_input import SceneInput
 from ff_planner_ros.ros.state_input import Snapshot, StateInput, require_current
+from ff_planner_ros.ros.to_messages import time_message
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,12 +32,51 @@ class PublishedPlan:
     """The last plan that went out.
 
     Attributes:
+        plan_id: Its name.
         trajectory: Its motion.
         start_ns: Time of its first point [ns].
     """
 
+    plan_id: str
     trajectory: Trajectory
     start_ns: int
+
+
+@dataclass
+class Sources:
+    """What an answer is made from, noted while its request is read: a refusal tells it, too.
+
+    Attributes:
+        taken_up_ns: The node's time when the request was read; zero: it was not [ns].
+        state_stamp_ns: Of the measured state [ns].
+        state_source: Topic or field that it came from; empty: no state is known.
+        joint_states_stamp_ns: Of the joint states that went with odometry; zero: none did [ns].
+        obstacles_stamp_ns: Of the obstacles [ns].
+        obstacles_source: Who says so.
+        following: Name of the plan that the joints follow until the start; empty: none.
+    """
+
+    taken_up_ns: int = 0
+    state_stamp_ns: int = 0
+    state_source: str = ""
+    joint_states_stamp_ns: int = 0
+    obstacles_stamp_ns: int = 0
+    obstacles_source: str = ""
+    following: str = ""
+
+    def tell(self, response: PlanTrajectory.Response) -> None:
+        """Write them into an answer.
+
+        Args:
+            response: The answer.
+        """
+        response.taken_up = time_message(self.taken_up_ns)
+        response.state_stamp = time_message(self.state_stamp_ns)
+        response.state_source = self.state_source
+        response.joint_states_stamp = time_message(self.joint_states_stamp_ns)
+        response.obstacles_stamp = time_message(self.obstacles_stamp_ns)
+        response.obstacles_source = self.obstacles_source
+        response.following = self.following
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,15 +87,11 @@ class Question:
         task: What to plan.
         budget: Wall clock for it [s].
         start_ns: Time of the plan's first point [ns].
-        measured: The state to plan from, as measured.
-        scene: The obstacles to plan around.
     """
 
     task: PlanningTask
     budget: float
     start_ns: int
-    measured: Snapshot
-    scene: Scene
 
 
 def question(
@@ -66,6 +102,7 @@ def question(
     scenes: SceneInput,
     published: PublishedPlan | None,
     now_ns: int,
+    sources: Sources,
 ) -> Question:
     """Read a request.
 
@@ -77,14 +114,18 @@ def question(
         scenes: Where the obstacles come from that the request does not bring.
         published: The last plan, which the arm may be following.
         now_ns: The time now [ns].
+        sources: Noted here as soon as they are known.
 
     Raises:
         InvalidInput: The first thing that cannot be used; the error names it.
     """
+    sources.taken_up_ns = now_ns
     budget = _time_budget(request, parameters)
     start_ns = _start_time(request, parameters, now_ns)
     end_behaviour = _end_behaviour(request, parameters)
     measured = _measured(request, robot, parameters, states, now_ns)
+    sources.state_stamp_ns, sources.state_source = measured.stamp_ns, measured.source
+    sources.joint_states_stamp_ns = measured.joint_states_stamp_ns
     # A state may be stamped a little ahead of now, where two computers' clocks differ.
     start_ns = start_ns if nanoseconds(request.start_time) else max(start_ns, measured.stamp_ns)
     if start_ns < measured.stamp_ns:
@@ -95,6 +136,7 @@ def question(
             "a plan starts from the state or later",
         )
     scene = scenes.scene(request.obstacles if request.use_obstacles else None)
+    sources.obstacles_stamp_ns, sources.obstacles_source = scene.stamp_ns, scene.source
     tail = 0.0 if end_behaviour is EndBehaviour.AS_PLANNED else parameters.tail_duration
     problem = problem_from_request(
         request,
@@ -106,14 +148,17 @@ def question(
         parameters.points,
         from_urdf("limits.velocity", parameters.limits.velocity),
     )
+    running = _running(published, measured, parameters.following_tolerance)
+    if published is not None and running is not None:
+        sources.following = published.plan_id
     task = PlanningTask(
         problem=problem,
         ahead=(start_ns - measured.stamp_ns) / NANOSECONDS,
-        running=_running(published, measured, parameters.following_tolerance),
+        running=running,
         end_behaviour=end_behaviour,
         tail=tail,
     )
-    return Question(task, budget, start_ns, measured, scene)
+    return Question(task, budget, start_ns)
 
 
 def _time_budget(request: PlanTrajectory.Request, parameters: NodeParameters) -> float:
@@ -191,7 +236,10 @@ def _running(
     if published is None:
         return None
     start = (published.start_ns - measured.stamp_ns) / NANOSECONDS
-    motion = joint_motion(published.trajectory, start)
+    # The controller was told whole nanoseconds, and so was the bag, which a replay starts from.
+    trajectory = published.trajectory
+    told = np.rint(trajectory.time * NANOSECONDS) / NANOSECONDS
+    motion = joint_motion(replace(trajectory, time=told), start)
     if not motion.time[0] <= 0.0 <= motion.time[-1]:
         return None
     (planned,), _, _ = motion.at(np.zeros(1))

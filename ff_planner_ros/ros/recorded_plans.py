@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 import yaml
 from ff_planner_msgs.srv import PlanTrajectory
-from rclpy.serialization import deserialize_message
 
-from ff_planner_ros.bag.reader import Recording, read_bag
+from ff_planner_ros.bag.decoding import as_installed
+from ff_planner_ros.bag.reader import open_bag
 from ff_planner_ros.errors import BagError, Status
 from ff_planner_ros.planning.plan import Plan
 from ff_planner_ros.robot.model import Robot, robot_from_urdf_text
 from ff_planner_ros.ros.action_events import GET_RESULT
 from ff_planner_ros.ros.from_messages import plan_from_response
 from ff_planner_ros.ros.recorder import type_name
+
+_EVENT, _RESULT_EVENT = type_name(PlanTrajectory.Event), type_name(GET_RESULT.Event)
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,10 +29,12 @@ class RecordedPlans:
         robot: That they are for.
         plans: By plan id, in the order of the answers; first those of the service, then those of
             the action.
+        notes: What is wrong with the bag.
     """
 
     robot: Robot
     plans: dict[str, Plan]
+    notes: tuple[str, ...]
 
 
 def recorded_plans(bag: Path) -> RecordedPlans:
@@ -42,12 +47,13 @@ def recorded_plans(bag: Path) -> RecordedPlans:
         BagError: The bag cannot be read, holds no plan, or lacks what is needed to understand it.
         InvalidInput: The URDF in it is refused.
     """
-    recording = read_bag(bag, type_name(PlanTrajectory.Event))
-    events = [deserialize_message(cdr, PlanTrajectory.Event) for cdr in recording.messages]
-    responses = [response for event in events for response in event.response]
-    of_action = read_bag(bag, type_name(GET_RESULT.Event)).messages
-    results = [deserialize_message(cdr, GET_RESULT.Event) for cdr in of_action]
-    responses += [response.result for event in results for response in event.response]
+    with open_bag(bag) as opened:
+        responses = [
+            *(r for _, event in opened.decoded(_EVENT) for r in event.response),
+            *(r.result for _, event in opened.decoded(_RESULT_EVENT) for r in event.response),
+        ]
+        documents, notes = dict(opened.attachments), opened.notes
+    responses = [as_installed(response, PlanTrajectory.Response) for response in responses]
     plans = {
         response.plan_id: plan_from_response(response)
         for response in responses
@@ -56,21 +62,30 @@ def recorded_plans(bag: Path) -> RecordedPlans:
     if not plans:
         refusals = "; ".join(f"{r.plan_id}: {r.status.message}" for r in responses)
         raise BagError(f"bag {bag} holds no plan; its answers: {refusals or 'none'}")
-    robot = _robot(bag, recording)
+    robot = attached_robot(bag, documents)
     for plan_id, plan in plans.items():
         if plan.joint_names != robot.joint_names:
             found, wanted = ", ".join(plan.joint_names), ", ".join(robot.joint_names)
             raise BagError(f"bag {bag}: {plan_id} moves {found}, but its robot has {wanted}")
-    return RecordedPlans(robot, plans)
+    return RecordedPlans(robot, plans, notes)
 
 
-def _robot(bag: Path, recording: Recording) -> Robot:
-    """Return the robot whose URDF and links are attached to a bag."""
+def attached_robot(bag: Path, attachments: Mapping[str, bytes]) -> Robot:
+    """Return the robot whose URDF and links are attached to a bag.
+
+    Args:
+        bag: Its name in errors.
+        attachments: Of the bag.
+
+    Raises:
+        BagError: One of the two is missing or damaged.
+        InvalidInput: The URDF is refused.
+    """
     documents = {}
     for name in ("robot.urdf", "parameters.yaml"):
-        if name not in recording.attachments:
+        if name not in attachments:
             raise BagError(f"bag {bag} has no {name} attached, which says what its plans are for")
-        documents[name] = recording.attachments[name].decode(errors="replace")
+        documents[name] = attachments[name].decode(errors="replace")
     try:
         links = yaml.safe_load(documents["parameters.yaml"])["/**"]["ros__parameters"]["robot"]
         base_link, tip_link = str(links["base_link"]), str(links["tip_link"])

@@ -2,68 +2,79 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import threading
+import time
+import traceback
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from operator import itemgetter
+from pathlib import Path
 
-from rclpy.clock import Clock
-from rclpy.clock_type import ClockType
-from rclpy.executors import SingleThreadedExecutor
+from rclpy.impl.rcutils_logger import RcutilsLogger
 from rclpy.node import Node
-from rclpy.qos import QoSProfile
+from rclpy.qos import DurabilityPolicy, QoSProfile
 
-from ff_planner_ros.bag.writer import BagWriter, QualityOfService
+from ff_planner_ros.bag.rosbag2_metadata import QualityOfService
+from ff_planner_ros.bag.writer import BagWriter
 from ff_planner_ros.errors import BagError
-from ff_planner_ros.ros.background import spin_in_background
-
-# A recorder keeps what others, after the newest only, may skip.
-_QUEUE = 1000
+from ff_planner_ros.ros.topic_queue import RecordedTopic, TopicQueue
 
 
 @dataclass(frozen=True)
-class RecordedTopic:
-    """A topic to record.
+class RecorderHealth:
+    """How recording goes.
 
     Attributes:
-        name: Resolved, with its leading slash.
-        message_type: Its message class.
-        qos: What its publishers offer; those that offer less are not heard.
+        bag: Where to.
+        messages: So many are in the bag.
+        dropped: So many of each topic are not, though they should; topics without any are left out.
+        paused: Whether an operator has paused it.
+        failure: Why it has stopped; empty while it goes on.
     """
 
-    name: str
-    message_type: type
-    qos: QoSProfile
+    bag: str
+    messages: int
+    dropped: Mapping[str, int]
+    paused: bool
+    failure: str
 
 
 class Recorder:
-    """Subscribes in a node and thread of its own until it is closed.
+    """Takes what has arrived, in a thread of its own, until it is closed.
 
-    Attributes:
-        failure: Why recording has stopped; empty while it goes on.
+    What arrives waits in the queues of DDS, which fills them in threads that Python does not hold
+    up. So a message costs the node nothing when it comes, and little when many are taken at once.
     """
 
     def __init__(
         self,
-        bag: BagWriter,
+        open_bag: Callable[[], BagWriter],
+        directory: Path,
         topics: Sequence[RecordedTopic],
         flush_interval: float,
         node_name: str,
         namespace: str,
+        logger: RcutilsLogger,
     ) -> None:
-        """Start to record.
+        """Start to record; a bag that cannot be opened is a failure that `health` tells.
 
         Args:
-            bag: Open; closed by `close`.
+            open_bag: Creates the bag, which `close` closes.
+            directory: Of the bag.
             topics: What to record.
             flush_interval: A crash loses at most this [s].
             node_name: Name of the recorder's node.
             namespace: Of the recorder's node.
-
-        Raises:
-            BagError: The bag cannot take the topics.
+            logger: Tells what goes wrong.
         """
-        self._bag = bag
-        self.failure = ""
+        self._directory, self._logger = directory, logger
+        self._lock = threading.RLock()
+        self._bag: BagWriter | None = None
+        self._failure = ""
+        self._dropped: Counter[str] = Counter()
+        self._pauses: list[_Pause] = []
+        self._queues: list[TopicQueue] = []
         # Names are resolved and the bag's clock is the host's: no argument of the process,
         # remapping and simulated time included, is meant for this node.
         self._node = Node(
@@ -73,52 +84,197 @@ class Recorder:
             enable_rosout=False,
             start_parameter_services=False,
         )
-        for topic in topics:
-            bag.add_topic(topic.name, type_name(topic.message_type), [offered_qos(topic.qos)])
-            write: Any = self._writer(topic.name)  # with raw=True rclpy's types do not fit
-            queued = QoSProfile(
-                depth=_QUEUE, reliability=topic.qos.reliability, durability=topic.qos.durability
-            )
-            self._node.create_subscription(topic.message_type, topic.name, write, queued, raw=True)
-        self._node.create_timer(
-            flush_interval, self._flush, clock=Clock(clock_type=ClockType.STEADY_TIME)
+        try:
+            self._bag = open_bag()
+            self._remember()
+            for topic in topics:
+                self._bag.add_topic(
+                    topic.name, type_name(topic.message_type), [offered_qos(topic.qos)]
+                )
+            self._queues = [
+                TopicQueue(self._node, topic) for topic in sorted(topics, key=_is_volatile)
+            ]
+        except BagError as error:
+            self._fail(str(error))
+        # Twice as often as promised, so that taking and writing may take time, too.
+        self._period = flush_interval / 2
+        self._stopped = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="recorder", daemon=True)
+        self._thread.start()
+
+    @property
+    def health(self) -> RecorderHealth:
+        """How recording goes; does not wait for the disk, so a batch may be half in it."""
+        return RecorderHealth(
+            bag=str(self._directory),
+            messages=self._bag.message_count if self._bag is not None else 0,
+            dropped=dict(self._dropped),
+            paused=self._is_paused,
+            failure=self._failure,
         )
-        executor = SingleThreadedExecutor()
-        executor.add_node(self._node)
-        self._stop = spin_in_background(executor, self._node.get_logger())
+
+    def pause(self) -> str:
+        """Leave out what arrives from now on, and tell so in words.
+
+        Raises:
+            BagError: Recording has stopped.
+        """
+        with self._lock:
+            self._take_all()
+            self._require_bag()
+            if not self._is_paused:
+                self._pauses.append(_Pause(time.time_ns()))
+                self._remember()
+                self._logger.warning(
+                    "recording is paused: what arrives is not in the bag until the service "
+                    "resume_recording is called"
+                )
+        return f"recording to {self._directory} is paused"
+
+    def resume(self) -> str:
+        """Record again, and tell in words what was left out.
+
+        Raises:
+            BagError: Recording has stopped.
+        """
+        with self._lock:
+            self._take_all()
+            self._require_bag()
+            if not self._is_paused:
+                return f"recording to {self._directory} was not paused"
+            pause = self._pauses[-1]
+            pause.end_ns = time.time_ns()
+            self._remember()
+            self._logger.info(f"recording goes on; {pause.words}")
+        return f"recording to {self._directory} goes on; {pause.words}"
+
+    def split(self) -> str:
+        """Complete the file with all that has arrived, go on in another one, and tell which.
+
+        Raises:
+            BagError: Recording has stopped.
+        """
+        with self._lock:
+            self._take_all()
+            bag = self._require_bag()
+            try:
+                complete, current = bag.split()
+            except BagError as error:
+                self._fail(str(error))
+                raise
+        message = f"{complete} is complete, recording goes on in {current.name}"
+        self._logger.info(message)
+        return message
 
     def close(self) -> None:
         """Record what has arrived by now, then close the bag."""
-        self._stop()
-        for subscription in self._node.subscriptions:
-            handle, message_type = subscription.handle, subscription.msg_type
-            with handle:
-                while (taken := handle.take_message(message_type, True)) is not None:
-                    subscription.callback(*taken)
-        self._try(self._bag.close)
+        self._stopped.set()
+        self._thread.join()
+        with self._lock:
+            self._take_all()
+            if self._is_paused:
+                self._pauses[-1].end_ns = time.time_ns()
+                self._remember()
+            if self._bag is not None:
+                try:
+                    self._bag.close()
+                except BagError as error:
+                    self._fail(str(error))
         self._node.destroy_node()
 
-    def _writer(self, topic: str) -> Callable[[bytes, dict[str, int]], None]:
-        def write(message: bytes, info: dict[str, int]) -> None:
-            received = info["received_timestamp"]
-            # A publisher of another vendor need not stamp its messages.
-            published = info["source_timestamp"] if info["source_timestamp"] > 0 else received
-            self._try(lambda: self._bag.write(topic, message, received, published))
+    def _run(self) -> None:
+        while not self._stopped.wait(self._period):
+            try:
+                self._take_all()
+            except Exception as error:
+                # Nobody looks at a thread that has ended.
+                self._logger.error(traceback.format_exc())
+                self._fail(f"{type(error).__name__}: {error}")
+                return
 
-        return write
+    @property
+    def _is_paused(self) -> bool:
+        return bool(self._pauses) and self._pauses[-1].end_ns is None
 
-    def _flush(self) -> None:
-        self._try(self._bag.flush)
+    def _require_bag(self) -> BagWriter:
+        if self._bag is None or self._failure:
+            raise BagError(f"recording has stopped: {self._failure}")
+        return self._bag
 
-    def _try(self, action: Callable[[], Any]) -> None:
-        """Do something to the bag; when it fails say so once, planning goes on."""
-        if self.failure:
+    def _take_all(self) -> None:
+        """Bring everything that has arrived to the disk."""
+        with self._lock:
+            arrived = {queue.topic: queue.take() for queue in self._queues}
+            self._drop({topic: missing for topic, (_, missing) in arrived.items() if missing})
+            messages = [
+                (info["received_timestamp"], topic, message, info["source_timestamp"])
+                for topic, (taken, _) in arrived.items()
+                for message, info in taken
+            ]
+            for received, topic, message, sent in sorted(messages, key=itemgetter(0)):
+                # A publisher of another vendor need not stamp its messages.
+                self._keep(topic, message, received, sent if sent > 0 else received)
+            if self._bag is not None and not self._failure:
+                try:
+                    self._bag.flush()
+                except BagError as error:
+                    self._fail(str(error))
+
+    def _drop(self, counts: Mapping[str, int]) -> None:
+        if self._is_paused:
+            self._pauses[-1].left_out += sum(counts.values())
             return
-        try:
-            action()
-        except BagError as error:
-            self.failure = str(error)
-            self._node.get_logger().error(f"recording has stopped, planning goes on: {error}")
+        self._dropped.update(counts)
+        if counts and not self._failure:
+            self._remember()
+            self._logger.error(
+                "the recorder was too slow, and messages are not in the bag: "
+                f"{_listed(counts)}; {self._dropped.total()} since the start"
+            )
+
+    def _keep(self, topic: str, message: bytes, received_ns: int, published_ns: int) -> None:
+        if self._bag is None or self._failure:
+            self._dropped[topic] += 1
+        elif self._is_paused:
+            self._pauses[-1].left_out += 1
+        else:
+            try:
+                self._bag.write(topic, message, received_ns, published_ns)
+            except BagError as error:
+                self._dropped[topic] += 1
+                self._fail(str(error))
+
+    def _fail(self, reason: str) -> None:
+        """Say once why recording has stopped; planning goes on."""
+        self._failure = reason
+        self._logger.error(
+            f"recording has stopped, planning goes on: {reason}. Once that is set right, clean up "
+            "and configure the node, or restart it: a new bag is begun"
+        )
+
+    def _remember(self) -> None:
+        """Put what is missing into the bag's metadata."""
+        if self._bag is None:
+            return
+        counts = {f"dropped {topic}": str(count) for topic, count in sorted(self._dropped.items())}
+        gaps = {f"pause {number}": pause.words for number, pause in enumerate(self._pauses, 1)}
+        self._bag.custom_data |= {"dropped": str(self._dropped.total()), **counts, **gaps}
+
+
+@dataclass
+class _Pause:
+    start_ns: int
+    end_ns: int | None = None
+    left_out: int = 0
+
+    @property
+    def words(self) -> str:
+        if self.end_ns is None:
+            return f"from {_utc(self.start_ns)}"
+        return (
+            f"from {_utc(self.start_ns)} to {_utc(self.end_ns)} {self.left_out} messages were "
+            "left out"
+        )
 
 
 def type_name(message_type: type) -> str:
@@ -134,3 +290,17 @@ def offered_qos(qos: QoSProfile) -> QualityOfService:
         reliability=qos.reliability.name.lower(),
         durability=qos.durability.name.lower(),
     )
+
+
+def _is_volatile(topic: RecordedTopic) -> bool:
+    return bool(topic.qos.durability != DurabilityPolicy.TRANSIENT_LOCAL)
+
+
+def _listed(counts: Mapping[str, int]) -> str:
+    return ", ".join(f"{count} of {topic}" for topic, count in sorted(counts.items()))
+
+
+def _utc(time_ns: int) -> str:
+    seconds, nanoseconds = divmod(time_ns, 10**9)
+    whole = time.strftime("%Y-%m-%dT%H:%M:%S", time.gmtime(seconds))
+    return f"{whole}.{nanoseconds // 10**6:03d}Z"

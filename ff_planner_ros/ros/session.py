@@ -23,6 +23,7 @@ from ff_planner_ros.ros.plan_output import STREAM_QOS, PlanOutput
 from ff_planner_ros.ros.planning_service import PlanningService
 from ff_planner_ros.ros.qos import qos_profile
 from ff_planner_ros.ros.recorded_topics import recording
+from ff_planner_ros.ros.recording_services import recording_services
 from ff_planner_ros.ros.scene_input import SceneInput
 from ff_planner_ros.ros.state_input import Snapshot, StateInput
 from ff_planner_ros.ros.worker import Worker
@@ -47,7 +48,6 @@ class Session:
 
         Raises:
             InvalidInput: The robot is refused.
-            BagError: The bag cannot be written.
         """
         self._node, self._parameters = node, parameters
         now = parameters.current
@@ -59,6 +59,7 @@ class Session:
         self._bag = unique_directory(Path(now.bag.directory).resolve(), "ff_planner")
         with ExitStack() as stack:
             self._recorder = stack.enter_context(recording(node, now, urdf, self._bag))
+            stack.enter_context(recording_services(node, self._recorder))
             self._output = stack.enter_context(closing(PlanOutput(node, robot, now)))
             # Apart from the lifecycle's services, whose transitions may wait for an answer.
             self._group = MutuallyExclusiveCallbackGroup()
@@ -98,7 +99,8 @@ class Session:
         """Answer requests from now on."""
         self._output.describe_robot(self._description)
         self._service.activate()
-        self._node.get_logger().info(f"ready; recording to {self._bag}")
+        recording = "not recording" if self._recorder.health.failure else "recording"
+        self._node.get_logger().info(f"ready; {recording} to {self._bag}")
 
     def stop_planning(self, status: Status, message: str) -> None:
         """Take up no more requests, and give up the one that is.
@@ -169,8 +171,7 @@ class Session:
             obstacles_refusal=obstacles_refusal,
             last=self._service.last,
             solve_times=self._service.solve_times,
-            bag=str(self._bag),
-            recorder_failure=self._recorder.failure,
+            recorder=self._recorder.health,
             tracking=self._output.tracking,
             tracking_max_position=now.tracking.max_position,
             tracking_max_angle=now.tracking.max_angle,

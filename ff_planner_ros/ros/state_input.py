@@ -50,11 +50,14 @@ class Snapshot:
         state: The state.
         stamp_ns: When it was measured [ns]; with odometry, when that was.
         source: The topic that told it, or the field of the request.
+        joint_states_stamp_ns: When the joints of odometry were; zero where one message told all
+            [ns].
     """
 
     state: SystemState
     stamp_ns: int
     source: str
+    joint_states_stamp_ns: int = 0
 
 
 class StateInput:
@@ -120,8 +123,9 @@ class StateInput:
             stamp_ns, state = self._states.current(*limits)[-1]
             return Snapshot(state, stamp_ns, self._source)
         chasers, joints = self._chasers.current(*limits), self._joints.current(*limits)
-        stamp_ns, chaser, arm = _newest_pair(chasers, joints, self._pairing_tolerance)
-        return Snapshot(SystemState(*chaser, *arm), stamp_ns, self._source)
+        pair = _newest_pair(chasers, joints, self._pairing_tolerance)
+        (stamp_ns, chaser), (joints_stamp_ns, arm) = pair
+        return Snapshot(SystemState(*chaser, *arm), stamp_ns, self._source, joints_stamp_ns)
 
     def _keep_joints(self, message: JointState) -> None:
         # Others, a gripper for one, may tell of their own joints here: no fault of the arm's.
@@ -222,7 +226,7 @@ class _Topic(Generic[Part]):
 
 def _newest_pair(
     chasers: list[tuple[int, ChaserPart]], joints: list[tuple[int, JointPart]], tolerance: float
-) -> tuple[int, ChaserPart, JointPart]:
+) -> tuple[tuple[int, ChaserPart], tuple[int, JointPart]]:
     """Return the chaser heard of last that has joints measured at its time, and the nearest ones.
 
     The order is that of hearing: stamps from before a step of the clock must not win for ever.
@@ -234,7 +238,7 @@ def _newest_pair(
         apart = np.abs(joint_stamps_ns - stamp_ns) / NANOSECONDS
         nearest = int(np.argmin(apart))
         if apart[nearest] <= tolerance + _ROUNDING:
-            return stamp_ns, chaser, joints[nearest][1]
+            return (stamp_ns, chaser), joints[nearest]
         smallest = min(smallest, apart[nearest])
     raise InvalidInput(
         Status.STATE_UNPAIRED,

@@ -8,6 +8,7 @@ from dataclasses import astuple, dataclass, replace
 import numpy as np
 
 from ff_planner_ros.planning.plan import Trajectory
+from ff_planner_ros.planning.sound_samples import require_sound_samples
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.simulation.engine import Engine
@@ -16,7 +17,6 @@ from ff_planner_ros.simulation.feed_forward import FeedForward, feed_forward, to
 from ff_planner_ros.simulation.verification import (
     Deviation,
     deviation,
-    require_executable,
     steps_per_point,
 )
 
@@ -63,7 +63,7 @@ def model_errors(robot: Robot, trajectory: Trajectory) -> tuple[ModelError, ...]
     Raises:
         InvalidInput: The samples cannot be executed, or MuJoCo refuses the robot's URDF.
     """
-    require_executable(robot, trajectory)
+    require_sound_samples(robot, trajectory)
     longest = np.diff(trajectory.time).max()
     steps = max(steps_per_point(trajectory), int(np.ceil(longest / LONGEST_STEP)))
     command, spline = feed_forward(robot, trajectory, steps), torque_spline(trajectory, steps)

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 
-from ff_planner_ros.arrays import Array, unit_quaternion
-from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.arrays import Array
 from ff_planner_ros.planning.plan import Trajectory
+from ff_planner_ros.planning.sound_samples import require_sound_samples
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.simulation.engine import Engine
 from ff_planner_ros.simulation.execution import Execution, execute, start_state
@@ -82,7 +82,7 @@ def verify(robot: Robot, trajectory: Trajectory) -> Verification:
     Raises:
         InvalidInput: The samples cannot be executed, or MuJoCo refuses the robot's URDF.
     """
-    require_executable(robot, trajectory)
+    require_sound_samples(robot, trajectory)
     command = feed_forward(robot, trajectory, steps_per_point(trajectory))
     execution = execute(Engine(robot), start_state(trajectory), command)
     change = np.linalg.norm(execution.momentum - execution.momentum[0], axis=1).max()
@@ -91,43 +91,6 @@ def verify(robot: Robot, trajectory: Trajectory) -> Verification:
     chaser_momentum = robot.model.inertias[1].mass * speed
     scale = max(np.linalg.norm(execution.momentum[0]), chaser_momentum, np.finfo(float).tiny)
     return Verification(execution, deviation(execution, trajectory), float(change / scale))
-
-
-def require_executable(robot: Robot, trajectory: Trajectory) -> None:
-    """Refuse samples that came from a file and are none of this robot's.
-
-    Args:
-        robot: The robot.
-        trajectory: The samples.
-
-    Raises:
-        InvalidInput: An array has the wrong shape, is not finite or no rotation, or time does not
-            increase.
-    """
-    points = len(trajectory.time) if trajectory.time.ndim == 1 else 0
-    if points < 2:
-        raise InvalidInput(
-            Status.WRONG_SIZE, "time", trajectory.time, "it must be two numbers or more"
-        )
-    for item in fields(trajectory):
-        values = getattr(trajectory, item.name)
-        columns = _columns(item.name, robot.joints)
-        if values.shape != (points, *columns):
-            raise InvalidInput(
-                Status.WRONG_SIZE,
-                item.name,
-                f"of shape {values.shape}",
-                f"it must be of shape {(points, *columns)}",
-            )
-        if not np.isfinite(values).all():
-            raise InvalidInput(Status.NOT_FINITE, item.name, "not finite", "every entry must be")
-        if columns == (4,):
-            for quaternion in values:
-                unit_quaternion(item.name, quaternion)
-    if not (np.diff(trajectory.time) > 0.0).all():
-        raise InvalidInput(
-            Status.OUT_OF_RANGE, "time", "not increasing", "each point must be later than the last"
-        )
 
 
 def steps_per_point(trajectory: Trajectory) -> int:
@@ -161,14 +124,6 @@ def deviation(execution: Execution, trajectory: Trajectory) -> Deviation:
         max_chaser_position_error=float(chaser.max()),
         max_chaser_orientation_error=float(chaser_turn.max()),
     )
-
-
-def _columns(name: str, joints: int) -> tuple[int, ...]:
-    if name == "time":
-        return ()
-    if name.startswith("joint_"):
-        return (joints,)
-    return (4,) if name.endswith("quaternions_xyzw") else (3,)
 
 
 def _angles(quaternions_xyzw: Array, others_xyzw: Array) -> Array:

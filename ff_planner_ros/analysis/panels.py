@@ -1,0 +1,194 @@
+"""What is drawn over time, whoever draws it: the paper's figures 3 to 6, and the joints."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from ff_planner_ros.analysis.methods import Method
+from ff_planner_ros.arrays import Array
+from ff_planner_ros.planning.clearance import arm_points, clearances, segments
+from ff_planner_ros.planning.motion import from_trajectory
+from ff_planner_ros.planning.plan import Trajectory
+from ff_planner_ros.planning.problem import Sphere
+from ff_planner_ros.robot.model import Robot
+from ff_planner_ros.robot.rotation import euler_from_rotation
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """Numbers that a motion has at every point; each is drawn in a panel of its own.
+
+    Attributes:
+        title: Of all its panels.
+        labels: Name and unit of each number; `$v_x$` is a symbol with its index.
+        of: Their values in a motion. Returns shape (points, labels).
+        turns: Whether they are angles that mean the same after a full turn.
+        levels: Limits of each number; shape (labels, 2), or empty.
+    """
+
+    title: str
+    labels: tuple[str, ...]
+    of: Callable[[Trajectory], Array]
+    turns: bool = False
+    levels: tuple[tuple[float, float], ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Panel:
+    """One number of several motions over time.
+
+    Attributes:
+        label: Its name and unit.
+        curves: Time and values, by method; each of shape (points,).
+        levels: Its limits, if it has any.
+    """
+
+    label: str
+    curves: Mapping[Method, tuple[Array, Array]]
+    levels: tuple[float, ...] = ()
+
+
+_XYZ = ("x", "y", "z")
+_POSITION = tuple(f"{axis} [m]" for axis in _XYZ)
+_EULER = ("roll $φ$ (x) [deg]", "pitch $θ$ (y) [deg]", "yaw $ψ$ (z) [deg]")
+
+# Fig. 3 of the paper.
+END_EFFECTOR_POSE = (
+    Quantity("end effector position", _POSITION, lambda motion: motion.ee_positions),
+    Quantity(
+        "end effector orientation, Euler ZYX",
+        _EULER,
+        lambda motion: _euler_deg(motion.ee_quaternions_xyzw),
+        turns=True,
+    ),
+)
+# Fig. 4.
+CHASER_POSE = (
+    Quantity("chaser position", _POSITION, lambda motion: motion.chaser_positions),
+    Quantity(
+        "chaser attitude, Euler ZYX",
+        _EULER,
+        lambda motion: _euler_deg(motion.chaser_quaternions_xyzw),
+        turns=True,
+    ),
+)
+# Fig. 5.
+CHASER_VELOCITY = (
+    Quantity(
+        "chaser linear velocity",
+        tuple(f"$v_{axis}$ [m/s]" for axis in _XYZ),
+        lambda motion: motion.chaser_linear_velocities,
+    ),
+    Quantity(
+        "chaser angular velocity",
+        tuple(f"$ω_{axis}$ [deg/s]" for axis in _XYZ),
+        lambda motion: np.rad2deg(motion.chaser_angular_velocities),
+    ),
+)
+
+
+def clearance(robot: Robot, obstacles: Sequence[Sphere]) -> Quantity:
+    """Return the distance of the arm's centre lines to the closest obstacle: Fig. 6.
+
+    Args:
+        robot: The robot.
+        obstacles: Without any, nothing is close: the values are NaN.
+    """
+
+    def of(motion: Trajectory) -> Array:
+        if not obstacles:
+            return np.full((len(motion.time), 1), np.nan)
+        return closest_clearance(robot, obstacles, motion)[:, None]
+
+    return Quantity("clearance", ("distance to closest obstacle [m]",), of)
+
+
+def joint_angles(robot: Robot) -> Quantity:
+    """Return every joint's angle with its limits.
+
+    Args:
+        robot: The robot that the motions are of.
+    """
+    limits = np.rad2deg([robot.lower_position_limits, robot.upper_position_limits]).T
+    return Quantity(
+        "joint angles",
+        tuple(f"{name} [deg]" for name in robot.joint_names),
+        lambda motion: np.rad2deg(motion.joint_positions),
+        levels=tuple((lower, upper) for lower, upper in limits.tolist()),
+    )
+
+
+def joint_rates(robot: Robot) -> Quantity:
+    """Return every joint's rate with its limits.
+
+    Args:
+        robot: The robot that the motions are of.
+    """
+    limits = np.rad2deg(robot.velocity_limits).tolist()
+    return Quantity(
+        "joint rates",
+        tuple(f"{name} [deg/s]" for name in robot.joint_names),
+        lambda motion: np.rad2deg(motion.joint_velocities),
+        levels=tuple((-limit, limit) for limit in limits),
+    )
+
+
+def panels(quantity: Quantity, motions: Mapping[Method, Trajectory]) -> list[Panel]:
+    """Return a panel for each number of a quantity.
+
+    Args:
+        quantity: What to draw.
+        motions: At least one; where angles turn, the others are drawn near the first.
+    """
+    values = {method: quantity.of(motion) for method, motion in motions.items()}
+    first, *others = motions
+    if quantity.turns:
+        for method in others:
+            time = motions[method].time[0]
+            near = [np.interp(time, motions[first].time, angle) for angle in values[first].T]
+            values[method] = values[method] - 360.0 * np.round((values[method][0] - near) / 360.0)
+    return [
+        Panel(
+            label,
+            {m: (motion.time, values[m][:, k]) for m, motion in motions.items()},
+            quantity.levels[k] if quantity.levels else (),
+        )
+        for k, label in enumerate(quantity.labels)
+    ]
+
+
+def closest_clearance(robot: Robot, obstacles: Sequence[Sphere], trajectory: Trajectory) -> Array:
+    """Return the distance between the arm's lines and the nearest sphere's surface.
+
+    Args:
+        robot: The robot.
+        obstacles: At least one sphere.
+        trajectory: The sampled motion.
+
+    Returns:
+        Shape (points,) [m].
+    """
+    q, _ = from_trajectory(robot, trajectory)
+    positions = arm_points(robot, q)
+    distance = clearances(positions, segments(positions), obstacles).distance
+    closest: Array = distance.min(axis=(1, 2))
+    return closest
+
+
+def _euler_deg(quaternions_xyzw: Array) -> Array:
+    """Return the paper's Euler angles [deg] without jumps, theta beyond 90 deg where it gets there.
+
+    Two triples describe each rotation, and full turns more; each point takes the one that is
+    nearest to the point before. Shape (points, 3).
+    """
+    angles = euler_from_rotation(Rotation.from_quat(quaternions_xyzw).as_matrix())
+    for before, now in pairwise(angles):
+        beyond = np.array([now[0] + np.pi, np.pi - now[1], now[2] + np.pi])
+        nearest = [before + np.angle(np.exp(1j * (angle - before))) for angle in (now, beyond)]
+        now[:] = min(nearest, key=lambda angle: float(np.abs(angle - before).sum()))
+    return np.rad2deg(angles)

@@ -1,0 +1,132 @@
+"""How far what was measured is from what was planned, at every time of a measurement."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from ff_planner_ros.analysis.methods import DEVIATION
+from ff_planner_ros.analysis.panels import Panel
+from ff_planner_ros.arrays import Array
+from ff_planner_ros.planning.joint_motion import joint_motion
+from ff_planner_ros.planning.motion import to_trajectory
+from ff_planner_ros.planning.plan import Trajectory
+from ff_planner_ros.planning.pose_motion import poses_between
+from ff_planner_ros.robot.configuration import configuration
+from ff_planner_ros.robot.model import Robot
+from ff_planner_ros.robot.state import SystemState
+
+
+@dataclass(frozen=True, eq=False)
+class Deviations:
+    """Measured minus planned, as sizes.
+
+    Attributes:
+        time: Of the measurements, from the start of the plan. Shape (times,) [s].
+        chaser_position: Distance of the centres of mass. Shape (times,) [m].
+        chaser_angle: Of the turn between the two attitudes. Shape (times,) [rad].
+        ee_position: Distance. Shape (times,) [m].
+        ee_angle: Of the turn between the two orientations. Shape (times,) [rad].
+        joint_position: Largest of all joints. Shape (times,) [rad].
+        joint_velocity: Largest of all joints. Shape (times,) [rad/s].
+    """
+
+    time: Array
+    chaser_position: Array
+    chaser_angle: Array
+    ee_position: Array
+    ee_angle: Array
+    joint_position: Array
+    joint_velocity: Array
+
+
+def measured_motion(robot: Robot, time: Array, states: list[SystemState]) -> Trajectory:
+    """Return measured states as a motion, with the end effector where the joints have it.
+
+    Args:
+        robot: The robot.
+        time: Of the states, from the start of the plan. Shape (times,) [s].
+        states: As many, at least one.
+
+    Returns:
+        The motion; its accelerations and torques are NaN, which nobody measured.
+    """
+    q, v = (np.array(rows) for rows in zip(*(configuration(robot, s) for s in states), strict=True))
+    return to_trajectory(robot, time, q, v, np.full(v.shape, np.nan))
+
+
+def deviations(planned: Trajectory, measured: Trajectory) -> Deviations:
+    """Return how far a measured motion is from the plan, between the points of the plan, too.
+
+    Args:
+        planned: The plan.
+        measured: Of the same robot, while the plan runs.
+    """
+    time = measured.time
+    chaser, chaser_attitude = poses_between(
+        planned.time,
+        planned.chaser_positions,
+        planned.chaser_quaternions_xyzw,
+        planned.chaser_linear_velocities,
+        planned.chaser_angular_velocities,
+        time,
+    )
+    ee, ee_orientation = poses_between(
+        planned.time,
+        planned.ee_positions,
+        planned.ee_quaternions_xyzw,
+        planned.ee_linear_velocities,
+        planned.ee_angular_velocities,
+        time,
+    )
+    positions, velocities, _ = joint_motion(planned).at(time)
+    return Deviations(
+        time=time,
+        chaser_position=np.linalg.norm(measured.chaser_positions - chaser, axis=1),
+        chaser_angle=_turn(chaser_attitude, measured.chaser_quaternions_xyzw),
+        ee_position=np.linalg.norm(measured.ee_positions - ee, axis=1),
+        ee_angle=_turn(ee_orientation, measured.ee_quaternions_xyzw),
+        joint_position=np.abs(measured.joint_positions - positions).max(axis=1),
+        joint_velocity=np.abs(measured.joint_velocities - velocities).max(axis=1),
+    )
+
+
+# Label, and the deviation in its unit.
+Shown: TypeAlias = tuple[str, Array]
+
+
+def in_shown_units(found: Deviations) -> list[Shown]:
+    """Return each deviation with name and unit, as people read it.
+
+    Args:
+        found: The deviations.
+    """
+    return [
+        ("chaser [mm]", 1e3 * found.chaser_position),
+        ("chaser [deg]", np.rad2deg(found.chaser_angle)),
+        ("end effector [mm]", 1e3 * found.ee_position),
+        ("end effector [deg]", np.rad2deg(found.ee_angle)),
+        ("worst joint [deg]", np.rad2deg(found.joint_position)),
+        ("worst joint [deg/s]", np.rad2deg(found.joint_velocity)),
+    ]
+
+
+def deviation_panels(found: Deviations, rows: slice | Array = slice(None)) -> list[Panel]:
+    """Return a panel for each deviation.
+
+    Args:
+        found: The deviations.
+        rows: Those to draw.
+    """
+    time = found.time[rows]
+    return [
+        Panel(label, {DEVIATION: (time, values[rows])}) for label, values in in_shown_units(found)
+    ]
+
+
+def _turn(planned: Rotation, measured_xyzw: Array) -> Array:
+    angle: Array = (planned.inv() * Rotation.from_quat(measured_xyzw)).magnitude()
+    return angle

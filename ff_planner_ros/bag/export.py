@@ -1,0 +1,128 @@
+"""The plans of a bag for other tools: a directory of CSV files, or one NPZ file of numpy."""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ff_planner_ros.bag.plans import RecordedPlan, recorded_plans
+from ff_planner_ros.bag.reader import open_bag
+from ff_planner_ros.errors import BagError
+
+ANSWERS = "answers"  # the table of all answers, beside the plans
+_LONGEST_NAME = 100  # [characters] of a file; a plan id from a damaged bag may be anything
+
+
+def export_csv(bag: Path, directory: Path) -> Sequence[str]:
+    """Write a table of all answers, and a table of every plan.
+
+    Args:
+        bag: The directory, or one of its MCAP files.
+        directory: Of the tables; must not exist.
+
+    Returns:
+        What is wrong with the bag, in words.
+
+    Raises:
+        BagError: Nothing of the bag can be read, it holds no answer, or the directory exists or
+            cannot be written.
+    """
+    plans, notes = _plans(bag)
+    try:
+        directory.mkdir(parents=True)
+        rows = [_answer(plan) for plan in plans]
+        names = list(dict.fromkeys(name for row in rows for name in row))
+        _write(
+            directory / f"{ANSWERS}.csv", names, [[row.get(n, "") for n in names] for row in rows]
+        )
+        for name, plan in _named(plans):
+            columns = plan.columns()
+            values = np.column_stack(list(columns.values())).tolist()
+            _write(directory / f"{name}.csv", list(columns), values)
+    except FileExistsError:
+        raise BagError(f"{directory} exists already, and is not overwritten") from None
+    except OSError as error:
+        raise BagError(f"{directory} cannot be written: {error}") from None
+    return notes
+
+
+def export_npz(bag: Path, file: Path) -> Sequence[str]:
+    """Write the arrays of every plan into one file, as `plan_id/array`.
+
+    Args:
+        bag: The directory, or one of its MCAP files.
+        file: Must not exist.
+
+    Returns:
+        What is wrong with the bag, in words.
+
+    Raises:
+        BagError: Nothing of the bag can be read, it holds no answer, or the file exists or cannot
+            be written.
+    """
+    plans, notes = _plans(bag)
+    arrays: dict[str, Any] = {}
+    for name, plan in _named(plans):
+        for item in fields(plan.trajectory):  # type: ignore[arg-type]
+            arrays[f"{name}/{item.name}"] = getattr(plan.trajectory, item.name)
+        arrays[f"{name}/joint_names"] = np.array(plan.joint_names)
+        arrays[f"{name}/start_ns"] = np.array(plan.start_ns)
+        arrays |= {f"{name}/metrics/{key}": np.array(value) for key, value in plan.metrics.items()}
+    try:
+        with file.open("xb") as stream:
+            np.savez_compressed(stream, **arrays)
+    except FileExistsError:
+        raise BagError(f"{file} exists already, and is not overwritten") from None
+    except OSError as error:
+        raise BagError(f"{file} cannot be written: {error}") from None
+    return notes
+
+
+def _plans(bag: Path) -> tuple[list[RecordedPlan], Sequence[str]]:
+    with open_bag(bag) as opened:
+        plans, notes = recorded_plans(opened), opened.notes
+    if not plans:
+        words = f" ({'; '.join(notes)})" if notes else ""
+        raise BagError(f"bag {bag} holds no answer of the planner{words}")
+    return plans, notes
+
+
+def _named(plans: Sequence[RecordedPlan]) -> Iterator[tuple[str, RecordedPlan]]:
+    """Yield those with a trajectory, with names that any file system takes, no two the same."""
+    taken = {ANSWERS}
+    for plan in plans:
+        if plan.trajectory is not None:
+            stem = (
+                re.sub(r"[^\w.-]|^\.", "_", plan.plan_id, flags=re.ASCII)[:_LONGEST_NAME] or "plan"
+            )
+            name, number = stem, 2
+            while name.lower() in taken:
+                name, number = f"{stem}_{number}", number + 1
+            taken.add(name.lower())
+            yield name, plan
+
+
+def _answer(plan: RecordedPlan) -> dict[str, Any]:
+    row: dict[str, Any] = {
+        name: getattr(plan, name)
+        for name in ("plan_id", "topic", "answered_ns", "status", "message", "start_ns")
+    }
+    for name, value in plan.metrics.items():
+        if isinstance(value, tuple):
+            row |= {f"{name}_{number}": one for number, one in enumerate(value, 1)}
+        else:
+            row[name] = value
+    return row
+
+
+def _write(file: Path, names: Sequence[str], rows: Sequence[Sequence[Any]]) -> None:
+    with file.open("x", newline="", encoding="utf-8") as stream:
+        writer = csv.writer(stream)
+        writer.writerow(names)
+        writer.writerows(rows)

@@ -1,0 +1,99 @@
+"""The files that a bag is of, opened."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+
+import yaml
+
+from ff_planner_ros.bag.mcap_file import McapFile
+from ff_planner_ros.bag.mcap_index import open_mcap
+from ff_planner_ros.bag.mcap_records import unreadable
+from ff_planner_ros.bag.progress_bar import progress_bar
+from ff_planner_ros.errors import BagError
+
+_COMPRESSED = "compressed by rosbag2: `ros2 bag convert` it to plain mcap first"
+_FOREIGN = {
+    ".db3": "is of the storage sqlite3: `ros2 bag convert` it to mcap first",
+    ".zstd": f"is {_COMPRESSED}",
+    ".bag": "is of ROS 1: convert it to a ROS 2 bag of the storage mcap first",
+}
+_DIGITS = re.compile(r"(\d+)")
+
+
+@contextmanager
+def open_files(path: Path) -> Iterator[tuple[list[McapFile], list[str]]]:
+    """Open the files of a bag; yield those that can be read, and what is wrong with the rest.
+
+    Args:
+        path: The directory, with one file or several, or one MCAP file.
+
+    Raises:
+        BagError: There is no bag, or nothing of it can be read.
+    """
+    with ExitStack() as stack:
+        files: list[McapFile] = []
+        refusals: list[BagError] = []
+        paths, notes = _mcap_files(path)
+        with progress_bar("reading", sum(map(_size, paths))) as progress:
+            for one in paths:
+                try:
+                    files.append(open_mcap(one, stack.enter_context(one.open("rb")), progress))
+                except OSError as error:
+                    refusals.append(unreadable(one, error))
+                except BagError as error:
+                    refusals.append(error)
+        if not files:
+            raise refusals[0]
+        yield files, [*notes, *map(str, refusals)]
+
+
+def _size(path: Path) -> int:
+    return path.stat().st_size if path.exists() else 0
+
+
+def _mcap_files(path: Path) -> tuple[list[Path], list[str]]:
+    """Return the MCAP files of a bag, in order, and notes of those that should be there."""
+    if not path.is_dir():
+        if path.suffix in _FOREIGN:
+            raise BagError(f"bag {path} {_FOREIGN[path.suffix]}")
+        return [path], []
+    try:
+        found = sorted(path.iterdir(), key=_natural)
+    except OSError as error:
+        raise unreadable(path, error) from None
+    files = [file for file in found if file.suffix == ".mcap"]
+    foreign = [file for file in found if file.suffix in _FOREIGN]
+    if not files and foreign:
+        raise BagError(f"bag {path}: {foreign[0].name} {_FOREIGN[foreign[0].suffix]}")
+    if not files:
+        names = ", ".join(file.name for file in found) or "nothing"
+        raise BagError(f"bag {path} must hold .mcap files; found: {names}")
+    return files, _missing(path, files)
+
+
+def _natural(file: Path) -> list[tuple[int, str]]:
+    """Return a key by which run_10 comes after run_9."""
+    return [
+        (int(part), "") if part.isdecimal() else (-1, part) for part in _DIGITS.split(file.name)
+    ]
+
+
+def _missing(directory: Path, files: list[Path]) -> list[str]:
+    """Return a note for each file that the bag's metadata lists and that is not there."""
+    path = directory / "metadata.yaml"
+    try:
+        content = yaml.safe_load(path.read_text(encoding="utf-8"))["rosbag2_bagfile_information"]
+        listed = [Path(str(name)).name for name in content["relative_file_paths"]]
+        compression = str(content.get("compression_mode", "")).lower()
+    except (OSError, ValueError, yaml.YAMLError, LookupError, TypeError, AttributeError):
+        return []  # it tells nothing that the files do not
+    if compression == "message":
+        raise BagError(f"bag {directory} holds messages that are {_COMPRESSED}")
+    there = {file.name for file in files}
+    return [
+        f"metadata.yaml lists {name}, which is not there" for name in listed if name not in there
+    ]

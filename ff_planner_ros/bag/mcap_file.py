@@ -1,0 +1,260 @@
+"""One MCAP file: where its messages are, how they are read, and what else it holds."""
+
+from __future__ import annotations
+
+import struct
+from collections import Counter
+from collections.abc import Container, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import BinaryIO, NamedTuple
+
+from mcap.opcode import Opcode
+from mcap.records import Attachment, Channel, Metadata, Schema
+from mcap.stream_reader import get_chunk_data_stream
+
+from ff_planner_ros.bag.decoding import Decoder, decoder
+from ff_planner_ros.bag.mcap_records import FRAME, chunk_of, in_words, parsed, printable, unreadable
+from ff_planner_ros.errors import BagError
+
+_MESSAGE = struct.Struct("<HIQQ")  # channel, sequence number, log time, publish time
+
+
+class RawMessage(NamedTuple):
+    """A message as it stands in a file."""
+
+    channel: int
+    log_time_ns: int
+    publish_time_ns: int
+    cdr: bytes
+
+
+@dataclass(frozen=True)
+class Block:
+    """A piece of a file that holds messages: a chunk, or a run of messages outside of chunks.
+
+    Attributes:
+        offset: Of its first record in the file.
+        length: Of all its records [bytes].
+        start_ns: Log time that no message of it comes before.
+        channels: That its messages are of; None: not known.
+        is_chunk: Whether it is a chunk.
+    """
+
+    offset: int
+    length: int
+    start_ns: int
+    channels: frozenset[int] | None
+    is_chunk: bool
+
+
+@dataclass
+class McapFile:
+    """What a file holds.
+
+    Attributes:
+        path: Of the file.
+        stream: The file, open.
+        size: Of the file [bytes].
+        profile: Of the file; `ros2`.
+        library: That wrote it.
+        schemas: By number.
+        channels: By number.
+        blocks: Where the messages are.
+        counts: Messages of each channel.
+        start_ns: Earliest log time; None without messages.
+        end_ns: Latest log time; None without messages.
+        attachments: In the order of the file.
+        metadata: In the order of the file.
+        damaged: Blocks that cannot be read, the one that is cut at the end included.
+        notes: What is wrong with the file.
+        is_lossy: Whether something that is or was in it cannot be read.
+    """
+
+    path: Path
+    stream: BinaryIO
+    size: int
+    profile: str = ""
+    library: str = ""
+    schemas: dict[int, Schema] = field(default_factory=dict)
+    channels: dict[int, Channel] = field(default_factory=dict)
+    blocks: list[Block] = field(default_factory=list)
+    counts: Counter[int] = field(default_factory=Counter)
+    start_ns: int | None = None
+    end_ns: int | None = None
+    attachments: list[Attachment] = field(default_factory=list)
+    metadata: list[Metadata] = field(default_factory=list)
+    damaged: list[Block] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+    is_lossy: bool = False
+    _decoders: dict[int, Decoder | BagError] = field(default_factory=dict)
+
+    def messages(self, block: Block, wanted: Container[int] | None) -> list[RawMessage]:
+        """Read a block; of a damaged one there are no messages, but a note.
+
+        Args:
+            block: Of this file.
+            wanted: Channels; None: all.
+
+        Raises:
+            BagError: The disk fails.
+        """
+        with self._left_out_if_damaged(block):
+            records = self._records(block)
+            return [
+                RawMessage(channel, log_time, publish_time, records[start:end])
+                for channel, log_time, publish_time, start, end in self.heads(records)
+                if wanted is None or channel in wanted
+            ]
+        return []
+
+    def times(self, block: Block) -> list[tuple[int, int]]:
+        """Return channel and log time of every message in a block; none if it is damaged.
+
+        Args:
+            block: Of this file.
+
+        Raises:
+            BagError: The disk fails.
+        """
+        with self._left_out_if_damaged(block):
+            return [(channel, time) for channel, time, *_ in self.heads(self._records(block))]
+        return []
+
+    @contextmanager
+    def _left_out_if_damaged(self, block: Block) -> Iterator[None]:
+        try:
+            yield
+        except OSError as error:
+            raise unreadable(self.path, error) from None
+        except Exception as error:  # where bytes are damaged, the library trips over their meaning
+            self.leave_out(block, f"is damaged: {in_words(error)}")
+
+    def heads(self, records: bytes) -> Iterator[tuple[int, int, int, int, int]]:
+        """Yield channel, log time, publish time, start and end of every message among records.
+
+        Channels and schemas among them are taken up.
+
+        Args:
+            records: One after the other.
+
+        Raises:
+            Exception: They are damaged; whatever the library trips over.
+        """
+        position, end = 0, len(records)
+        known = self.channels
+        while position < end:
+            opcode, length = FRAME.unpack_from(records, position)
+            start, position = position + FRAME.size, position + FRAME.size + length
+            if position > end:
+                raise ValueError("a record in it is longer than what is left")
+            if opcode == Opcode.MESSAGE:
+                if length < _MESSAGE.size:
+                    raise ValueError("a message in it is too short")
+                channel, _, log_time, publish_time = _MESSAGE.unpack_from(records, start)
+                if channel not in known:
+                    raise ValueError(f"channel {channel} of a message is described nowhere")
+                yield channel, log_time, publish_time, start + _MESSAGE.size, position
+            elif opcode in (Opcode.CHANNEL, Opcode.SCHEMA):
+                self.describe(opcode, records[start:position])
+
+    def describe(self, opcode: int, body: bytes) -> None:
+        """Take up a channel or a schema.
+
+        Args:
+            opcode: Which of the two.
+            body: Of the record.
+
+        Raises:
+            Exception: It is damaged; whatever the library trips over.
+        """
+        if opcode == Opcode.SCHEMA:
+            schema: Schema = parsed(Schema, body)
+            self.schemas.setdefault(schema.id, schema)
+            return
+        channel: Channel = parsed(Channel, body)
+        if channel.schema_id not in (0, *self.schemas):
+            raise ValueError(f"schema {channel.schema_id} of a channel is described nowhere")
+        self.channels.setdefault(channel.id, channel)
+
+    def decoder_of(self, channel: Channel) -> Decoder:
+        """Return what decodes the messages of a channel.
+
+        Args:
+            channel: Of this file.
+
+        Raises:
+            BagError: They cannot be decoded.
+        """
+        if channel.id not in self._decoders:
+            try:
+                if channel.message_encoding != "cdr":
+                    raise BagError(f"its messages are in {channel.message_encoding!a}, not in cdr")
+                if channel.schema_id not in self.schemas:
+                    raise BagError("the bag carries no definition of it")
+                schema = self.schemas[channel.schema_id]
+                self._decoders[channel.id] = decoder(schema.name, schema.encoding, schema.data)
+            except BagError as error:
+                self._decoders[channel.id] = error
+        found = self._decoders[channel.id]
+        if isinstance(found, BagError):
+            raise found
+        return found
+
+    def bytes_at(self, offset: int, length: int) -> bytes:
+        """Return bytes of the file.
+
+        Args:
+            offset: Of the first.
+            length: How many.
+
+        Raises:
+            ValueError: The file does not have them.
+        """
+        if offset + length <= self.size:
+            self.stream.seek(offset)
+            data = self.stream.read(length)
+            if len(data) == length:
+                return data
+        raise ValueError("the file ends before")
+
+    def leave_out(self, block: Block, reason: str) -> None:
+        """Note that a block is not read.
+
+        Args:
+            block: Of this file.
+            reason: What a note says of it.
+        """
+        if block not in self.damaged:
+            self.damaged.append(block)
+            kind = "chunk" if block.is_chunk else "message"
+            self.lose(f"the {kind} at byte {block.offset} {reason}")
+
+    def lose(self, text: str) -> None:
+        """Note that something cannot be read.
+
+        Args:
+            text: In words.
+        """
+        self.is_lossy = True
+        self.note(text)
+
+    def note(self, text: str) -> None:
+        """Note what is wrong, once.
+
+        Args:
+            text: In words.
+        """
+        note = printable(f"{self.path.name}: {text}")
+        if note not in self.notes:
+            self.notes.append(note)
+
+    def _records(self, block: Block) -> bytes:
+        """Return the records in a block; a chunk's are decompressed and their checksum holds."""
+        data = self.bytes_at(block.offset, block.length)
+        if not block.is_chunk:
+            return data
+        chunk, _ = chunk_of(data)
+        stream, length = get_chunk_data_stream(chunk, validate_crc=True)
+        return stream.read(length)

@@ -1,0 +1,219 @@
+"""The planner's answers in a bag, as plain arrays: neither ROS nor our messages are needed."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ff_planner_ros.arrays import Array
+from ff_planner_ros.bag.reader import Bag, Message, open_bag
+from ff_planner_ros.errors import Status
+from ff_planner_ros.planning.plan import Trajectory
+
+SERVICE_EVENT = "ff_planner_msgs/srv/PlanTrajectory_Event"
+GOAL_EVENT = "ff_planner_msgs/action/PlanTrajectory_SendGoal_Event"
+RESULT_EVENT = "ff_planner_msgs/action/PlanTrajectory_GetResult_Event"
+REQUEST_RECEIVED, RESPONSE_SENT = 1, 2  # of service_msgs/ServiceEventInfo; others are a client's
+
+_AXES, _QUATERNION = ("x", "y", "z"), ("qx", "qy", "qz", "qw")
+# Of a trajectory's field: what stands before its columns, their names, and behind them the unit.
+_COLUMNS: Mapping[str, tuple[str, tuple[str, ...], str]] = {
+    "chaser_positions": ("chaser_", _AXES, "_m"),
+    "chaser_quaternions_xyzw": ("chaser_", _QUATERNION, ""),
+    "chaser_linear_velocities": ("chaser_velocity_", _AXES, "_m_per_s"),
+    "chaser_angular_velocities": ("chaser_angular_velocity_", _AXES, "_rad_per_s"),
+    "ee_positions": ("ee_", _AXES, "_m"),
+    "ee_quaternions_xyzw": ("ee_", _QUATERNION, ""),
+    "ee_linear_velocities": ("ee_velocity_", _AXES, "_m_per_s"),
+    "ee_angular_velocities": ("ee_angular_velocity_", _AXES, "_rad_per_s"),
+}
+_JOINT_COLUMNS = {
+    "joint_positions": "position_rad",
+    "joint_velocities": "velocity_rad_per_s",
+    "joint_accelerations": "acceleration_rad_per_s2",
+    "joint_torques": "torque_Nm",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class RecordedPlan:
+    """An answer of the planner, and the plan in it if there is one.
+
+    Attributes:
+        plan_id: As the planner named it.
+        topic: That told of the answer: of the service, or of the action's results.
+        answered_ns: When the answer was recorded, since the epoch.
+        status: Name of the status (`SOLVED`), or its number where a later version gave it.
+        message: Why.
+        start_ns: Start of the plan, since the epoch; zero without a plan.
+        joint_names: In the order of the trajectory's columns.
+        trajectory: The plan, in the inertial frame; None: there is none. What an old bag does not
+            tell is NaN.
+        metrics: By name, as in `PlanMetrics.msg`; without a plan those of the best attempt, if
+            there was any.
+    """
+
+    plan_id: str
+    topic: str
+    answered_ns: int
+    status: str
+    message: str
+    start_ns: int
+    joint_names: tuple[str, ...]
+    trajectory: Trajectory | None
+    metrics: Mapping[str, float | tuple[float, ...]]
+
+    def columns(self) -> dict[str, Array]:
+        """Return the plan as columns of equal length with units in their names; pandas takes them.
+
+        Without a plan there are none.
+        """
+        motion = self.trajectory
+        if motion is None:
+            return {}
+        columns = {"time_s": motion.time}
+        for field, quantity in _JOINT_COLUMNS.items():
+            for number, joint in enumerate(self.joint_names):
+                columns[f"{joint}_{quantity}"] = getattr(motion, field)[:, number]
+        for field, (before, names, unit) in _COLUMNS.items():
+            for number, name in enumerate(names):
+                columns[f"{before}{name}{unit}"] = getattr(motion, field)[:, number]
+        return columns
+
+
+def read_plans(bag: Path | str) -> list[RecordedPlan]:
+    """Read every answer of the planner in a bag, in the order of the answers.
+
+    What is wrong with the bag is told as warnings.
+
+    Args:
+        bag: The directory, or one of its MCAP files.
+
+    Raises:
+        BagError: Nothing of the bag can be read.
+    """
+    with open_bag(Path(bag)) as opened:
+        plans = recorded_plans(opened)
+        for note in opened.notes:
+            warnings.warn(note, stacklevel=2)
+    return plans
+
+
+def recorded_plans(bag: Bag) -> list[RecordedPlan]:
+    """Return every answer of the planner, in the order of the answers.
+
+    Args:
+        bag: Open; notes what cannot be understood.
+
+    Raises:
+        BagError: The disk fails.
+    """
+    plans = []
+    for message, response in _answers(bag):
+        try:
+            plans.append(_recorded_plan(message, response))
+        except (AttributeError, TypeError, ValueError, LookupError, OverflowError) as error:
+            bag.note(f"an answer on {message.topic} cannot be understood: {error}")
+    return sorted(plans, key=lambda plan: plan.answered_ns)
+
+
+def _answers(bag: Bag) -> Iterator[tuple[Message, Any]]:
+    for message, event in bag.decoded(SERVICE_EVENT):
+        if is_event(event, RESPONSE_SENT):
+            yield from ((message, response) for response in getattr(event, "response", ()))
+    for message, event in bag.decoded(RESULT_EVENT):
+        if is_event(event, RESPONSE_SENT):
+            yield from (
+                (message, getattr(response, "result", None))
+                for response in getattr(event, "response", ())
+            )
+
+
+def is_event(event: Any, kind: int) -> bool:
+    """Whether a decoded service event is of a kind.
+
+    Args:
+        event: Decoded.
+        kind: As in `service_msgs/ServiceEventInfo`.
+    """
+    return getattr(getattr(event, "info", None), "event_type", None) == kind
+
+
+def _recorded_plan(message: Message, response: Any) -> RecordedPlan:
+    code = int(response.status.code)
+    is_solved = code == Status.SOLVED
+    joints = response.joint_trajectory
+    stamp = joints.header.stamp
+    return RecordedPlan(
+        plan_id=str(response.plan_id),
+        topic=message.topic,
+        answered_ns=message.log_time_ns,
+        status=Status(code).name if code in Status.__members__.values() else str(code),
+        message=str(response.status.message),
+        start_ns=stamp.sec * 10**9 + stamp.nanosec if is_solved else 0,
+        joint_names=tuple(map(str, joints.joint_names)),
+        trajectory=_trajectory(response) if is_solved else None,
+        metrics=_metrics(response.metrics) if is_solved or response.solver.rollouts else {},
+    )
+
+
+def _trajectory(response: Any) -> Trajectory:
+    joints = response.joint_trajectory
+    points, count = joints.points, len(joints.joint_names)
+    times = [point.time_from_start for point in points]
+    chaser = _poses(response.predicted_chaser_path, len(points))
+    chaser_twists = _twists(response.predicted_chaser_twists, len(points))
+    ee = _poses(response.end_effector_path, len(points))
+    ee_twists = _twists(response.end_effector_twists, len(points))
+    return Trajectory(
+        time=np.array([time.sec + time.nanosec * 1e-9 for time in times]),
+        joint_positions=_table([point.positions for point in points], len(points), count),
+        joint_velocities=_table([point.velocities for point in points], len(points), count),
+        joint_accelerations=_table([point.accelerations for point in points], len(points), count),
+        joint_torques=_table([point.effort for point in points], len(points), count),
+        chaser_positions=chaser[:, :3],
+        chaser_quaternions_xyzw=chaser[:, 3:],
+        chaser_linear_velocities=chaser_twists[:, :3],
+        chaser_angular_velocities=chaser_twists[:, 3:],
+        ee_positions=ee[:, :3],
+        ee_quaternions_xyzw=ee[:, 3:],
+        ee_linear_velocities=ee_twists[:, :3],
+        ee_angular_velocities=ee_twists[:, 3:],
+    )
+
+
+def _poses(path: Any, points: int) -> Array:
+    poses = [stamped.pose for stamped in path.poses]
+    rows = [[*_xyz(p.position), *_xyz(p.orientation), p.orientation.w] for p in poses]
+    return _table(rows, points, 7)
+
+
+def _twists(twists: Any, points: int) -> Array:
+    return _table([[*_xyz(twist.linear), *_xyz(twist.angular)] for twist in twists], points, 6)
+
+
+def _xyz(vector: Any) -> tuple[float, float, float]:
+    return vector.x, vector.y, vector.z
+
+
+def _table(rows: list[Any], points: int, width: int) -> Array:
+    """Return rows as an array of shape (points, width); NaN if the answer does not have them."""
+    if not any(len(row) for row in rows):
+        return np.full((points, width), np.nan)
+    table = np.array(rows, dtype=np.float64)
+    if table.shape != (points, width):
+        raise ValueError(f"an array of it is {table.shape}, and not {(points, width)}")
+    return table
+
+
+def _metrics(metrics: Any) -> dict[str, float | tuple[float, ...]]:
+    return {
+        name: tuple(value.tolist()) if isinstance(value, np.ndarray) else float(value)
+        for name, value in vars(metrics).items()
+        if not name.startswith("_")
+    }

@@ -1,0 +1,44 @@
+"""A bar that shows how far something is, if it takes long and somebody watches."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+_PATIENCE, _PERIOD = 2.0, 0.1  # [s] before it appears; between its pictures
+_WIDTH = 40  # [characters]
+
+
+@contextmanager
+def progress_bar(
+    doing: str, total: int, unit: str = "MB", per_unit: float = 1e6
+) -> Iterator[Callable[[int], None]]:
+    """Yield what is to be told of every bit that is done; the bar is on the standard error output.
+
+    Args:
+        doing: What is done.
+        total: How much there is to do, in bytes if not in something else.
+        unit: What the bar counts in.
+        per_unit: Of what is told, so much makes one of it.
+    """
+    done = 0
+    shown = False
+    due = time.monotonic() + _PATIENCE
+
+    def advance(more: int) -> None:
+        nonlocal done, shown, due
+        done += more
+        if sys.stderr.isatty() and time.monotonic() >= due:
+            shown, due = True, time.monotonic() + _PERIOD
+            filled = round(_WIDTH * min(1.0, done / max(total, 1)))
+            bar = "#" * filled + "." * (_WIDTH - filled)
+            words = f"{doing} [{bar}] {done / per_unit:.0f} of {total / per_unit:.0f} {unit}"
+            print(f"\r{words}", end="", file=sys.stderr, flush=True)
+
+    try:
+        yield advance
+    finally:
+        if shown:
+            print("\r\033[K", end="", file=sys.stderr, flush=True)

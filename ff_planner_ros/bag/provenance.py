@@ -1,0 +1,72 @@
+"""Where a bag comes from: versions, host and start, for whoever reads it years later."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import os
+import platform
+import subprocess
+from datetime import UTC, datetime
+from pathlib import Path
+
+import pinocchio
+
+# The metadata record of MCAP that holds it.
+PROVENANCE = "ff_planner_ros"
+# As a wheel calls a package, and as ROS installs it.
+_DISTRIBUTIONS = {
+    "ff_planner_ros": ("ff_planner_ros",),
+    "ff_planner_msgs": ("ff_planner_msgs",),
+    "numpy": ("numpy",),
+    "scipy": ("scipy",),
+    "piqp": ("piqp",),
+    "mcap": ("mcap",),
+    "rclpy": ("ros-jazzy-rclpy", "rclpy"),
+}
+_GIT_PATIENCE = 5.0  # [s]
+
+
+def provenance(**more: str) -> dict[str, str]:
+    """Return what is known of this process: versions by package, `host`, `platform`, `started`, ...
+
+    `git` is there only if the package runs from a checkout.
+
+    Args:
+        **more: What only the caller knows, such as `node` and `rmw`.
+    """
+    known = {
+        **{name: _version(names) for name, names in _DISTRIBUTIONS.items()},
+        # Where ROS installs it, it is no Python distribution.
+        "pin": str(pinocchio.__version__),
+        "python": platform.python_version(),
+        "platform": platform.platform(),
+        "host": platform.node(),
+        "ros_distro": os.environ.get("ROS_DISTRO", "jazzy"),
+        "started": datetime.now(UTC).isoformat(timespec="milliseconds"),
+        **more,
+    }
+    description = _git_description(Path(__file__).resolve().parents[2])
+    return known | ({"git": description} if description else {})
+
+
+def _version(names: tuple[str, ...]) -> str:
+    for name in names:
+        try:
+            return importlib.metadata.version(name)
+        except importlib.metadata.PackageNotFoundError:
+            pass
+    return "unknown"
+
+
+def _git_description(directory: Path) -> str:
+    """Return what git calls the state of a checkout; empty if the directory is not its top."""
+    if not (directory / ".git").exists():
+        return ""
+    command = ["git", "-C", str(directory), "describe", "--always", "--tags", "--dirty"]
+    try:
+        done = subprocess.run(
+            command, capture_output=True, text=True, timeout=_GIT_PATIENCE, check=False
+        )
+    except (OSError, subprocess.SubprocessError):
+        return ""
+    return done.stdout.strip()

@@ -1,0 +1,167 @@
+"""What rosbag2 of Jazzy reads first: `metadata.yaml`, version 9."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import yaml
+
+ROSBAG2 = "rosbag2"  # the metadata record of MCAP that holds the same
+INT64_MAX = 2**63 - 1  # rosbag2 holds times so, and gives it as start of a file without messages
+
+
+@dataclass(frozen=True)
+class QualityOfService:
+    """What a publisher offers, in the words of rosbag2; everything else is at its default.
+
+    Attributes:
+        reliability: `reliable` or `best_effort`.
+        durability: `volatile` or `transient_local`.
+        history: `keep_last` or `keep_all`.
+        depth: Of the history.
+    """
+
+    reliability: str = "reliable"
+    durability: str = "volatile"
+    history: str = "keep_last"
+    depth: int = 10
+
+
+@dataclass
+class TopicInfo:
+    """A topic of a bag.
+
+    Attributes:
+        type_name: `package/msg/Name`.
+        type_hash: RIHS01 of the type.
+        profiles: What each publisher offers.
+        message_count: In all files.
+    """
+
+    type_name: str
+    type_hash: str
+    profiles: Sequence[QualityOfService]
+    message_count: int = 0
+
+
+@dataclass
+class FileInfo:
+    """A file of a bag.
+
+    Attributes:
+        name: Without directory.
+        start_ns: Earliest log time [ns].
+        end_ns: Latest log time [ns].
+        message_count: Of all topics.
+    """
+
+    name: str
+    start_ns: int = INT64_MAX
+    end_ns: int = 0
+    message_count: int = 0
+
+    def count(self, log_time_ns: int) -> None:
+        """Take one more message into account.
+
+        Args:
+            log_time_ns: Of the message [ns].
+        """
+        self.start_ns = min(self.start_ns, log_time_ns)
+        self.end_ns = max(self.end_ns, log_time_ns)
+        self.message_count += 1
+
+
+def metadata(
+    files: Sequence[FileInfo], topics: Mapping[str, TopicInfo], custom_data: Mapping[str, str]
+) -> dict[str, Any]:
+    """Return what describes a bag, as rosbag2 stores it in `metadata.yaml` and in every file.
+
+    Args:
+        files: In the order of recording.
+        topics: By name.
+        custom_data: What rosbag2 keeps without looking at it.
+    """
+    return {
+        "version": 9,
+        "storage_identifier": "mcap",
+        **_extent(files),
+        "topics_with_message_count": [
+            {
+                "topic_metadata": {
+                    "name": name,
+                    "type": topic.type_name,
+                    "serialization_format": "cdr",
+                    "offered_qos_profiles": profiles(topic.profiles),
+                    "type_description_hash": topic.type_hash,
+                },
+                "message_count": topic.message_count,
+            }
+            for name, topic in topics.items()
+        ],
+        "compression_format": "",  # of whole files or messages; the chunks are compressed
+        "compression_mode": "",
+        "relative_file_paths": [file.name for file in files],
+        "files": [{"path": file.name, **_extent([file])} for file in files],
+        "custom_data": dict(custom_data),
+        "ros_distro": "jazzy",
+    }
+
+
+def custom_data(record: Mapping[str, str]) -> dict[str, str]:
+    """Return what rosbag2 keeps without looking at it; empty if that cannot be read.
+
+    Args:
+        record: The metadata record of MCAP.
+    """
+    try:
+        kept = yaml.safe_load(record["serialized_metadata"])["custom_data"] or {}
+        return {str(key): str(value) for key, value in kept.items()}
+    except (yaml.YAMLError, LookupError, TypeError, ValueError, AttributeError):
+        return {}
+
+
+def profiles(qos: Sequence[QualityOfService]) -> list[dict[str, Any]]:
+    """Return what publishers offer, as rosbag2 writes it down.
+
+    Args:
+        qos: Of each publisher.
+    """
+    return [
+        {
+            "history": offered.history,
+            "depth": offered.depth,
+            "reliability": offered.reliability,
+            "durability": offered.durability,
+            "deadline": _infinite(),
+            "lifespan": _infinite(),
+            "liveliness": "automatic",
+            "liveliness_lease_duration": _infinite(),
+            "avoid_ros_namespace_conventions": False,
+        }
+        for offered in qos
+    ]
+
+
+def as_yaml(document: Any) -> str:
+    """Return a document as YAML.
+
+    Args:
+        document: Plain lists, dictionaries, texts and numbers.
+    """
+    return str(yaml.safe_dump(document, sort_keys=False))
+
+
+def _extent(files: Sequence[FileInfo]) -> dict[str, Any]:
+    start_ns = min(file.start_ns for file in files)
+    end_ns = max(file.end_ns for file in files)
+    return {
+        "duration": {"nanoseconds": max(0, end_ns - start_ns)},
+        "starting_time": {"nanoseconds_since_epoch": start_ns},
+        "message_count": sum(file.message_count for file in files),
+    }
+
+
+def _infinite() -> dict[str, int]:
+    return {"sec": 9223372036, "nsec": 854775807}

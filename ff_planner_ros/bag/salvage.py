@@ -1,0 +1,65 @@
+"""What a chunk that breaks off still holds."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+
+import zstandard
+
+from ff_planner_ros.bag.mcap_file import Block, McapFile, RawMessage
+from ff_planner_ros.bag.mcap_records import chunk_of
+
+_PIECE = 4096  # [bytes] that are decompressed at once where it may break off
+_LARGEST_CHUNK = 1 << 30  # [bytes] nobody writes larger ones, but damage can look like it
+
+
+def salvaged(file: McapFile, block: Block) -> list[RawMessage]:
+    """Return the messages of a damaged chunk that come before it breaks off.
+
+    They are without a checksum: each must fit its definition, and what comes after one that does
+    not is left out. A chunk that does not break off and has a wrong checksum is left out whole:
+    nobody knows which of its messages is wrong.
+
+    Args:
+        file: Open; notes how many there are.
+        block: A damaged one of the file.
+    """
+    found: list[RawMessage] = []
+    with suppress(Exception):  # it ends where the bytes make no sense any more
+        records = _records_before_the_break(file, block)
+        for channel, log_time, publish_time, start, end in file.heads(records):
+            cdr = records[start:end]
+            file.decoder_of(file.channels[channel])(cdr)
+            found.append(RawMessage(channel, log_time, publish_time, cdr))
+    if found:
+        file.note(
+            f"of the chunk at byte {block.offset}, {len(found)} messages were saved, unchecked"
+        )
+    return found
+
+
+def _records_before_the_break(file: McapFile, block: Block) -> bytes:
+    if not block.is_chunk:
+        return b""
+    chunk, _ = chunk_of(file.bytes_at(block.offset, block.length))
+    size = min(chunk.uncompressed_size, _LARGEST_CHUNK)
+    records = b""
+    if chunk.compression == "":
+        records = chunk.data
+    elif chunk.compression == "zstd":
+        records = _decompressed(chunk.data, size)
+    return b"" if len(records) >= size else records
+
+
+def _decompressed(compressed: bytes, limit: int) -> bytes:
+    """Return what can be decompressed, to where it breaks off."""
+    pieces: list[bytes] = []
+    size = 0
+    machine = zstandard.ZstdDecompressor().decompressobj()
+    with suppress(zstandard.ZstdError):
+        for start in range(0, len(compressed), _PIECE):
+            pieces.append(machine.decompress(compressed[start : start + _PIECE]))
+            size += len(pieces[-1])
+            if size > limit or machine.eof:
+                break
+    return b"".join(pieces)[:limit]

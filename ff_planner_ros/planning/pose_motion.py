@@ -1,0 +1,54 @@
+"""The motion of chaser and end effector between the points of a trajectory."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+from scipy.interpolate import CubicHermiteSpline
+from scipy.spatial.transform import Rotation
+
+from ff_planner_ros.arrays import Array
+
+
+def poses_between(
+    times: Array,
+    positions: Array,
+    quaternions_xyzw: Array,
+    linear_velocities: Array,
+    angular_velocities: Array,
+    at: Array,
+) -> tuple[Array, Rotation]:
+    """Interpolate a frame's poses with their twists in the inertial frame.
+
+    Cubic Hermite polynomials between two neighbours, for the attitude on the rotation vector from
+    the first of them: a constant spin is met exactly, any other motion with an error that falls
+    with the fourth power of the time between the points.
+
+    Args:
+        times: Strictly increasing, two or more. Shape (points,) [s].
+        positions: Shape (points, 3) [m].
+        quaternions_xyzw: Axes of the frame to inertial axes. Shape (points, 4).
+        linear_velocities: Shape (points, 3) [m/s].
+        angular_velocities: Shape (points, 3) [rad/s].
+        at: Between the first and the last of `times`. Shape (times,) [s].
+
+    Returns:
+        Positions, shape (times, 3) [m], and as many rotations to inertial axes.
+    """
+    rotations = Rotation.from_quat(quaternions_xyzw)
+    matrices = rotations.as_matrix()
+    turns = rotations[:-1].inv() * rotations[1:]
+    # In axes of the point before; a rotation vector's rate is Jlog3 times the body's own.
+    rates_before = np.einsum("pi,pij->pj", angular_velocities[:-1], matrices[:-1])
+    body_rates = np.einsum("pi,pij->pj", angular_velocities[1:], matrices[1:])
+    rates_after = np.array(
+        [pin.Jlog3(turn) @ rate for turn, rate in zip(turns.as_matrix(), body_rates, strict=True)]
+    )
+    before = np.clip(np.searchsorted(times, at, side="right") - 1, 0, len(times) - 2)
+    step = np.diff(times)[before, None]
+    s = (at - times[before])[:, None] / step
+    rotation_vectors = s**2 * (3.0 - 2.0 * s) * turns.as_rotvec()[before] + step * (
+        s * (1.0 - s) ** 2 * rates_before[before] - s**2 * (1.0 - s) * rates_after[before]
+    )
+    spline = CubicHermiteSpline(times, positions, linear_velocities)
+    return spline(at), rotations[before] * Rotation.from_rotvec(rotation_vectors)

@@ -1,0 +1,178 @@
+"""By how much two answers to the same request differ, quantity by quantity."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, fields
+
+import numpy as np
+from ff_planner_msgs.srv import PlanTrajectory
+
+from ff_planner_ros.arrays import Array
+from ff_planner_ros.errors import Status
+from ff_planner_ros.planning.plan import Metrics, SolverReport
+from ff_planner_ros.ros.from_messages import plan_from_response
+
+# On one machine, a plan comes out the same to the last bit. Another processor has other kernels of
+# linear algebra, which round otherwise, and the search carries that on: as measured with the five
+# kernels of OpenBLAS for x86 on the paper's capture, up to 1.3e-7 rad and 5e-7 N m. A hundred times
+# that is tolerated, a hundredth of what the check of a plan allows.
+_RAD, _RAD_S, _RAD_S2, _METRE, _METRE_S, _TORQUE = 1e-5, 1e-5, 2e-5, 1e-5, 1e-5, 5e-5
+_XI = 1e-5  # coefficients of a polynomial [m/s^6 and so on]
+_ONE = 1e-5  # where there is no unit
+_ANY = math.inf  # tells how the search came to the plan, and no plan is worse for it
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """What is compared.
+
+    Attributes:
+        unit: Its unit.
+        tolerance: A larger difference is one.
+    """
+
+    unit: str
+    tolerance: float
+
+
+QUANTITIES = {
+    "time": Quantity("s", 0.0),
+    "joint_positions": Quantity("rad", _RAD),
+    "joint_velocities": Quantity("rad/s", _RAD_S),
+    "joint_accelerations": Quantity("rad/s2", _RAD_S2),
+    "joint_torques": Quantity("N m", _TORQUE),
+    "chaser_positions": Quantity("m", _METRE),
+    "chaser_quaternions_xyzw": Quantity("rad", _RAD),
+    "chaser_linear_velocities": Quantity("m/s", _METRE_S),
+    "chaser_angular_velocities": Quantity("rad/s", _RAD_S),
+    "ee_positions": Quantity("m", _METRE),
+    "ee_quaternions_xyzw": Quantity("rad", _RAD),
+    "ee_linear_velocities": Quantity("m/s", _METRE_S),
+    "ee_angular_velocities": Quantity("rad/s", _RAD_S),
+    "xi": Quantity("", _XI),
+    "metrics.joint_path_length": Quantity("rad", 10 * _RAD),
+    "metrics.max_chaser_euler": Quantity("rad", _RAD),
+    "metrics.min_clearance": Quantity("m", _METRE),
+    "metrics.min_joint_margin": Quantity("rad", _RAD),
+    "metrics.min_velocity_margin": Quantity("rad/s", _RAD_S),
+    "metrics.peak_joint_torques": Quantity("N m", _TORQUE),
+    "metrics.torque_error": Quantity("N m", _TORQUE),
+    "metrics.penalty": Quantity("", _ONE),
+    "metrics.final_position_error": Quantity("m", _METRE),
+    "metrics.final_orientation_error": Quantity("rad", _RAD),
+    "metrics.momentum_error": Quantity("", _ONE),
+    "metrics.min_singular_value": Quantity("", _ONE),
+    "metrics.start_velocity_jump": Quantity("rad/s", _RAD_S),
+    "solver.starts": Quantity("", _ANY),
+    "solver.iterations": Quantity("", _ANY),
+    "solver.rollouts": Quantity("", _ANY),
+    "solver.optimality": Quantity("", _ANY),
+}
+
+
+@dataclass(frozen=True)
+class Difference:
+    """A quantity that is not the same to the last bit.
+
+    Attributes:
+        quantity: One of `QUANTITIES`.
+        amount: The largest difference, in the quantity's unit; infinite where the two cannot be
+            compared.
+        where: The point and what else names the place, in words; may be empty.
+    """
+
+    quantity: str
+    amount: float
+    where: str
+
+    @property
+    def tolerances(self) -> float:
+        """So many times what is tolerated."""
+        tolerance = QUANTITIES[self.quantity].tolerance
+        if math.isinf(tolerance) or self.amount == 0.0:
+            return 0.0
+        return self.amount / tolerance if tolerance else math.inf
+
+    @property
+    def is_tolerable(self) -> bool:
+        """Whether another processor may well be the cause."""
+        return self.tolerances <= 1.0
+
+    def __str__(self) -> str:
+        """Say it in words."""
+        kind = QUANTITIES[self.quantity]
+        words = f"{self.quantity} by {self.amount:.3g} {kind.unit}".rstrip()
+        place = f" at {self.where}" if self.where else ""
+        return f"{words}{place} (tolerance {kind.tolerance:g})"
+
+
+def differences(
+    recorded: PlanTrajectory.Response, replayed: PlanTrajectory.Response
+) -> list[Difference]:
+    """Compare two answers of the same status; nothing found: they are the same to the last bit.
+
+    Wall clock and words are not compared.
+
+    Args:
+        recorded: One.
+        replayed: The other.
+    """
+    pairs = zip(_values(recorded), _values(replayed), strict=True)
+    return [
+        found
+        for (name, before), (_, now) in pairs
+        if (found := _difference(name, before, now)) is not None
+    ]
+
+
+def _values(response: PlanTrajectory.Response) -> Iterator[tuple[str, Array]]:
+    """Yield every quantity of an answer; of a refusal, those of its best attempt."""
+    if response.status.code == Status.SOLVED:
+        plan = plan_from_response(response)
+        for item in fields(plan.trajectory):
+            yield item.name, getattr(plan.trajectory, item.name)
+        yield "xi", plan.xi
+    for prefix, kind, message in (
+        ("metrics", Metrics, response.metrics),
+        ("solver", SolverReport, response.solver),
+    ):
+        for item in fields(kind):
+            if f"{prefix}.{item.name}" in QUANTITIES:
+                yield f"{prefix}.{item.name}", np.array(getattr(message, item.name), dtype=float)
+
+
+def _difference(name: str, before: Array, now: Array) -> Difference | None:
+    if before.shape != now.shape:
+        shapes = f"shapes {_shape(before)} before and {_shape(now)} now"
+        return Difference(name, math.inf, shapes)
+    if before.tobytes() == now.tobytes():
+        return None
+    apart = _angles(before, now) if name.endswith("quaternions_xyzw") else np.abs(now - before)
+    # Infinite in both, or a zero of another sign.
+    apart = np.where(before == now, 0.0, apart) if apart.shape == before.shape else apart
+    apart = np.nan_to_num(apart, nan=math.inf, posinf=math.inf)
+    place = np.unravel_index(int(apart.argmax()), apart.shape)
+    return Difference(name, float(apart[place]), _words(name, place))
+
+
+def _angles(before: Array, now: Array) -> Array:
+    """Return the angle between attitudes, of each point [rad]; exact where it is small."""
+    away = np.minimum(
+        np.linalg.norm(now - before, axis=1), np.linalg.norm(now + before, axis=1)
+    ).clip(max=2.0)
+    angles: Array = 4.0 * np.arcsin(away / 2.0)
+    return angles
+
+
+def _words(name: str, place: tuple[np.intp, ...]) -> str:
+    if name.startswith("joint_") and len(place) == 2:
+        return f"point {place[0]}, joint {place[1] + 1}"
+    if place and name not in ("xi", "metrics.peak_joint_torques"):
+        return f"point {place[0]}"
+    return f"entry {place[0]}" if place else ""
+
+
+def _shape(array: Array) -> str:
+    return " x ".join(map(str, array.shape)) or "1"

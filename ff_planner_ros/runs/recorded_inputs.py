@@ -1,0 +1,143 @@
+"""The states and obstacles in a bag, as the node had heard of them at some moments."""
+
+from __future__ import annotations
+
+import struct
+from collections import deque
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+from ff_planner_msgs.msg import ChaserState, ObstacleSphereArray
+from nav_msgs.msg import Odometry
+from sensor_msgs.msg import JointState
+
+from ff_planner_ros.bag.reader import Bag, Message
+from ff_planner_ros.errors import BagError
+from ff_planner_ros.ros.from_messages import NANOSECONDS
+from ff_planner_ros.ros.recorder import type_name
+
+INPUTS: Mapping[str, type] = {
+    "chaser_state": ChaserState,
+    "odometry": Odometry,
+    "joint_states": JointState,
+    "obstacles": ObstacleSphereArray,
+}
+# Of these types, but said by the planner.
+OUTPUTS = ("planned_joint_states",)
+# So many messages the node itself remembers to pair; of the others the last one counts.
+_MEMORY = {"odometry": 1000, "joint_states": 1000}
+
+
+@dataclass(frozen=True)
+class Moment:
+    """What is wanted of a moment.
+
+    Attributes:
+        logged_ns: When it was, by the recorder's clock [ns].
+        stamps_ns: Of the messages that an answer names, by input [ns]; of other inputs, all that
+            the node remembers is wanted.
+        inputs: Those that matter.
+    """
+
+    logged_ns: int
+    stamps_ns: Mapping[str, int]
+    inputs: Sequence[str]
+
+
+@dataclass(eq=False)
+class Heard:
+    """What the node had heard at a moment.
+
+    Attributes:
+        messages: By input, in the order of hearing.
+    """
+
+    messages: dict[str, list[Message]] = field(default_factory=dict)
+
+
+def input_topic(bag: Bag, name: str, namespace: str) -> str:
+    """Return the topic of an input: that of this name in the planner's namespace, or the only one.
+
+    Args:
+        bag: Open.
+        name: One of `INPUTS`.
+        namespace: Of the planner, without a slash at its end.
+
+    Raises:
+        BagError: There is none, or there are several and none has the name.
+    """
+    wanted, kind = f"{namespace}/{name}", type_name(INPUTS[name])
+    topics = [
+        topic.name
+        for topic in bag.topics.values()
+        if topic.type_name == kind and not topic.name.endswith(OUTPUTS)
+    ]
+    if wanted in topics:
+        return wanted
+    if len(topics) == 1:
+        return topics[0]
+    found = f"its topics of this type are {', '.join(topics)}" if topics else f"there is no {kind}"
+    raise BagError(f"{wanted} is not in the bag: {found}")
+
+
+def heard(bag: Bag, topics: Mapping[str, str], moments: Sequence[Moment]) -> list[Heard]:
+    """Return what the node had heard at each moment; what is not in the bag is left out.
+
+    Args:
+        bag: Open; read once, and only what is asked for is kept.
+        topics: By input; those that are not there are left out.
+        moments: In any order.
+
+    Raises:
+        BagError: The disk fails.
+    """
+    answers = [Heard() for _ in moments]
+    named = {topic: name for name, topic in topics.items()}
+    recent = {name: deque[Message](maxlen=_MEMORY.get(name, 1)) for name in topics}
+    wanted = {item for moment in moments for item in moment.stamps_ns.items()}
+    stamped: dict[tuple[str, int], list[Message]] = {}
+    waiting = sorted(range(len(moments)), key=lambda i: moments[i].logged_ns, reverse=True)
+    for message in bag.messages(*named) if named else ():
+        while waiting and moments[waiting[-1]].logged_ns < message.log_time_ns:
+            i = waiting.pop()
+            _take_recent(answers[i], moments[i], recent)
+        name = named[message.topic]
+        recent[name].append(message)
+        key = (name, header_stamp(message.cdr))
+        if key in wanted:
+            stamped.setdefault(key, []).append(message)
+    for i in waiting:
+        _take_recent(answers[i], moments[i], recent)
+    for moment, answer in zip(moments, answers, strict=True):
+        _take_stamped(answer, moment, stamped)
+    return answers
+
+
+def _take_recent(answer: Heard, moment: Moment, recent: Mapping[str, deque[Message]]) -> None:
+    for name in moment.inputs:
+        if name in recent and name not in moment.stamps_ns:
+            answer.messages[name] = list(recent[name])
+
+
+def _take_stamped(
+    answer: Heard, moment: Moment, stamped: Mapping[tuple[str, int], list[Message]]
+) -> None:
+    """Take those that an answer names: of several with one stamp, the last before the moment."""
+    for name, stamp_ns in moment.stamps_ns.items():
+        same = stamped.get((name, stamp_ns), [])
+        # A recorder may hear a message a little later than the node.
+        before = [one for one in same if one.log_time_ns <= moment.logged_ns]
+        if same:
+            answer.messages[name] = before[-1:] or same[:1]
+
+
+def header_stamp(cdr: bytes) -> int:
+    """Return the stamp of the header that every input begins with [ns]; -1 without one.
+
+    Args:
+        cdr: The message as it was recorded.
+    """
+    if len(cdr) < 12:
+        return -1
+    seconds, nanoseconds = struct.unpack_from("<iI" if cdr[1] & 1 else ">iI", cdr, 4)
+    return int(seconds) * NANOSECONDS + int(nanoseconds)

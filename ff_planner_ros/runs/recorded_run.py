@@ -1,0 +1,282 @@
+"""A bag as the requests that a planner got, each with all that the planner knew when it read it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from ff_planner_msgs.msg import ObstacleSphereArray
+from ff_planner_msgs.srv import PlanTrajectory
+
+from ff_planner_ros.bag.decoding import as_installed
+from ff_planner_ros.bag.provenance import PROVENANCE
+from ff_planner_ros.bag.reader import Bag, Message
+from ff_planner_ros.errors import BagError, Status
+from ff_planner_ros.robot.model import Robot
+from ff_planner_ros.ros.from_messages import NANOSECONDS, nanoseconds, plan_from_response
+from ff_planner_ros.ros.offline_bag import OPTIMAL
+from ff_planner_ros.ros.parameters import NodeParameters
+from ff_planner_ros.ros.question import PublishedPlan, Question, Sources, question
+from ff_planner_ros.ros.recorded_plans import attached_robot
+from ff_planner_ros.ros.scene_input import SceneInput
+from ff_planner_ros.ros.state_input import StateInput
+from ff_planner_ros.runs.exchanges import Exchange, exchanges
+from ff_planner_ros.runs.moments import moment
+from ff_planner_ros.runs.recorded_inputs import Heard, Moment, heard, input_topic
+from ff_planner_ros.runs.recorded_parameters import RecordedParameters
+
+
+@dataclass(frozen=True, eq=False)
+class Inputs:
+    """What the node knew beside the request.
+
+    Attributes:
+        robot: To plan for.
+        parameters: Of the node at that time.
+        states: What it had heard of the state.
+        scenes: What it had heard of obstacles.
+        published: The plan that the joints may have been following.
+        now_ns: The node's time [ns].
+    """
+
+    robot: Robot
+    parameters: NodeParameters
+    states: StateInput
+    scenes: SceneInput
+    published: PublishedPlan | None
+    now_ns: int
+
+
+@dataclass(frozen=True, eq=False)
+class RecordedRequest:
+    """A request with its answer.
+
+    Attributes:
+        name: The plan id of the answer, or else the number of the request.
+        door: `service` or `action`.
+        request: None where the bag holds the answer alone.
+        response: None where the bag holds no answer.
+        inputs: What the node knew; None where that cannot be rebuilt.
+        missing: Why not, in words.
+        by_time: Inputs that no stamp in the answer names: what was recorded last before the
+            request was read is taken to be what the node had heard.
+    """
+
+    name: str
+    door: str
+    request: PlanTrajectory.Request | None
+    response: PlanTrajectory.Response | None
+    inputs: Inputs | None
+    missing: str
+    by_time: tuple[str, ...]
+
+    @property
+    def status(self) -> Status | None:
+        """The recorded answer's; None without answer, or with one that is not known here."""
+        if self.response is None or self.response.status.code not in iter(Status):
+            return None
+        return Status(self.response.status.code)
+
+    def question(self) -> Question:
+        """Read the request again, as the node did.
+
+        Raises:
+            BagError: The bag does not hold all that the node knew.
+            InvalidInput: The request is refused.
+        """
+        if self.request is None or self.inputs is None:
+            raise BagError(self.missing)
+        knew = self.inputs
+        return question(
+            self.request,
+            knew.robot,
+            knew.parameters,
+            knew.states,
+            knew.scenes,
+            knew.published,
+            knew.now_ns,
+            Sources(),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class RecordedRun:
+    """What a bag says of planning.
+
+    Attributes:
+        robot: That was planned for.
+        requests: In the order in which they came.
+        provenance: What the bag says of where it was made; may be empty.
+        notes: What is wrong with the bag, and what had to be assumed.
+    """
+
+    robot: Robot
+    requests: tuple[RecordedRequest, ...]
+    provenance: Mapping[str, str]
+    notes: tuple[str, ...]
+
+
+def recorded_run(bag: Bag) -> RecordedRun:
+    """Rebuild every request in a bag.
+
+    Args:
+        bag: Open.
+
+    Raises:
+        BagError: It holds no request, or neither robot nor parameters.
+        InvalidInput: The URDF in it is refused.
+    """
+    found = exchanges(bag)
+    if not found:
+        raise BagError(
+            f"bag {bag.path} holds no request to a planner: no event of a service or an action "
+            "PlanTrajectory"
+        )
+    robot = attached_robot(bag.path, bag.attachments)
+    provenance = bag.metadata.get(PROVENANCE, {})
+    namespaces = list(dict.fromkeys(_namespace(exchange.name) for exchange in found))
+    node = provenance.get("node", f"{namespaces[0]}/ff_planner")
+    recorded = RecordedParameters(bag, node)
+
+    times_ns, moments = zip(*(moment(exchange, recorded) for exchange in found), strict=True)
+    topics, absent = _topics(bag, _namespace(node), moments)
+    of_another = _of_another(provenance, namespaces)
+    requests = []
+    for i, all_heard in enumerate(heard(bag, topics, moments)):
+        exchange, now_ns = found[i], times_ns[i]
+        inputs, missing = None, of_another.get(_namespace(exchange.name), "")
+        try:
+            if not missing:
+                _require_all(exchange, moments[i], all_heard, absent)
+                parameters = recorded.at(now_ns)
+                states = _states(bag, robot, parameters, all_heard)
+                scenes = _scenes(bag, parameters, all_heard)
+                published = _published(found[:i], exchange)
+                inputs = Inputs(robot, parameters, states, scenes, published, now_ns)
+        except BagError as error:
+            missing = str(error)
+        plan_id = exchange.response.plan_id if exchange.response is not None else ""
+        requests.append(
+            RecordedRequest(
+                name=plan_id or f"request {i + 1}",
+                door=exchange.door,
+                request=exchange.request,
+                response=exchange.response,
+                inputs=inputs,
+                missing=missing,
+                by_time=tuple(n for n in moments[i].inputs if n not in moments[i].stamps_ns),
+            )
+        )
+    notes = (*bag.notes, *recorded.notes, *_assumed(found))
+    return RecordedRun(robot, tuple(requests), provenance, notes)
+
+
+def _namespace(name: str) -> str:
+    return name.rpartition("/")[0]
+
+
+def _of_another(provenance: Mapping[str, str], namespaces: Sequence[str]) -> dict[str, str]:
+    """Return why requests to some planners cannot be rebuilt, by the planner's namespace."""
+    node, method = provenance.get("node"), provenance.get("method", OPTIMAL)
+    if method != OPTIMAL:
+        return dict.fromkeys(namespaces, f"it was planned by a baseline, --method {method}")
+    if len(namespaces) == 1:
+        return {}
+    planners = ", ".join(f"{namespace}/" for namespace in namespaces)
+    why = f"the bag holds requests to planners in {planners}, and parameters of one: "
+    if node is None:
+        return dict.fromkeys(namespaces, f"{why}it does not say of which")
+    return {one: f"{why}{node}" for one in namespaces if one != _namespace(node)}
+
+
+def _topics(
+    bag: Bag, namespace: str, moments: Sequence[Moment]
+) -> tuple[dict[str, str], dict[str, BagError]]:
+    """Return the topics of the inputs that matter, and why others have none."""
+    topics, absent = {}, {}
+    for name in dict.fromkeys(name for one in moments for name in one.inputs):
+        try:
+            topics[name] = input_topic(bag, name, namespace)
+        except BagError as error:
+            absent[name] = error
+    return topics, absent
+
+
+def _require_all(
+    exchange: Exchange, moment: Moment, found: Heard, absent: Mapping[str, BagError]
+) -> None:
+    """Refuse a request of which something is not in the bag."""
+    if exchange.request is None:
+        raise BagError("its answer is in the bag, but not the request itself")
+    if exchange.response is None:
+        raise BagError("it has no answer in the bag: recording ended before, or the planner did")
+    for name, stamp_ns in moment.stamps_ns.items():
+        if name not in found.messages:
+            stamp = f"{stamp_ns // NANOSECONDS}.{stamp_ns % NANOSECONDS:09d}"
+            why = absent.get(name, "recording was paused, the bag was cut, or it was dropped")
+            raise BagError(f"{name} stamped {stamp} is not in the bag: {why}")
+
+
+def _states(bag: Bag, robot: Robot, parameters: NodeParameters, found: Heard) -> StateInput:
+    frame, source = parameters.inertial_frame, parameters.state_source
+    states = StateInput(robot, frame, source, parameters.odometry)
+    for name, kind, keep in states.subscriptions():
+        for message in found.messages.get(name, ()):
+            keep(_installed(bag, message, kind))
+    return states
+
+
+def _scenes(bag: Bag, parameters: NodeParameters, found: Heard) -> SceneInput:
+    scenes = SceneInput(parameters.inertial_frame)
+    for message in found.messages.get("obstacles", ()):
+        scenes.keep(_installed(bag, message, ObstacleSphereArray))
+    return scenes
+
+
+def _installed(bag: Bag, message: Message, kind: type[Any]) -> Any:
+    return as_installed(bag.decode(message), kind)
+
+
+def _published(before: Sequence[Exchange], exchange: Exchange) -> PublishedPlan | None:
+    """Return the plan that the joints were following, or may have been."""
+    response = exchange.response
+    solved = [
+        one.response
+        for one in before
+        if one.response is not None and one.response.status.code == Status.SOLVED
+    ]
+    if response is not None and nanoseconds(response.taken_up):
+        followed = response.following
+        if not followed:
+            return None
+        solved = [one for one in solved if one.plan_id == followed]
+        if not solved:
+            raise BagError(f"plan {followed}, which the joints followed, is not in the bag")
+    if not solved:
+        return None
+    last = solved[-1]
+    start_ns = nanoseconds(last.joint_trajectory.header.stamp)
+    try:
+        trajectory = plan_from_response(last).trajectory
+    except (ValueError, IndexError) as error:
+        raise BagError(f"plan {last.plan_id}, which the joints followed, is damaged") from error
+    return PublishedPlan(last.plan_id, trajectory, start_ns)
+
+
+def _assumed(found: Sequence[Exchange]) -> list[str]:
+    """Say what answers of earlier versions leave open."""
+    early = sum(
+        one.response is not None
+        and one.response.status.code < Status.INTERNAL_ERROR
+        and not nanoseconds(one.response.taken_up)
+        for one in found
+    )
+    if not early:
+        return []
+    words = (
+        f"{early} answers do not tell when their requests were taken up (they are of an earlier "
+        "version): that time, the obstacles and the plan that ran are taken from the times at "
+        "which messages were recorded"
+    )
+    return [words]

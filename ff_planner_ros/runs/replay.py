@@ -1,0 +1,276 @@
+"""Plan every request of a bag again, by the same code, and compare."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from pathlib import Path
+
+from ff_planner_msgs.srv import PlanTrajectory
+
+from ff_planner_ros.bag.progress_bar import progress_bar
+from ff_planner_ros.bag.provenance import provenance
+from ff_planner_ros.bag.reader import open_bag
+from ff_planner_ros.errors import BagError, FfPlannerError, Status
+from ff_planner_ros.planning.task import perform
+from ff_planner_ros.ros.controller_message import controller_message
+from ff_planner_ros.ros.to_messages import response_from_error, response_from_plan
+from ff_planner_ros.runs.differences import Difference, differences
+from ff_planner_ros.runs.recorded_run import RecordedRequest, RecordedRun, recorded_run
+from ff_planner_ros.text_table import print_table
+
+ALL_SAME, DIFFERS = 0, 3
+
+# Answers that tell of the world around the planner: the same problem need not get them again.
+_NO_FUNCTIONS_OF_THE_PROBLEM = {
+    Status.BUSY: "another request was being planned",
+    Status.CANCELLED: "its client cancelled it",
+    Status.PREEMPTED: "a newer request took its place",
+    Status.NOT_ACTIVE: "the node was not active",
+    Status.SHUT_DOWN: "the node was shut down",
+    Status.SOLVER_DIED: "the solver process died",
+    Status.CLOCK_JUMPED: "the node's clock jumped back",
+}
+_FOR_LACK_OF_TIME = (Status.TOO_LATE, Status.OUT_OF_TIME)
+# Of the provenance: what cannot make a plan another one.
+_IRRELEVANT = ("host", "started")
+_WIDTH = 80  # of words in a table
+
+
+class Verdict(StrEnum):
+    """What became of a request's replay."""
+
+    IDENTICAL = "identical"
+    WITHIN_TOLERANCE = "within tolerance"
+    DIFFERENT = "DIFFERENT"
+    WITHOUT_CLOCK = "without a clock"
+    NOT_REPLAYABLE = "not replayable"
+    NOT_REBUILT = "NOT REBUILT"
+
+
+@dataclass(frozen=True, eq=False)
+class Replayed:
+    """A request that was planned again.
+
+    Attributes:
+        recorded: The request.
+        verdict: What came of it.
+        answer: The new one; None where there was no way to one.
+        words: More on the verdict; may be empty.
+        differences: From the recorded answer.
+        planning_time: Wall clock of the planning alone [s].
+    """
+
+    recorded: RecordedRequest
+    verdict: Verdict
+    answer: PlanTrajectory.Response | None
+    words: str
+    differences: tuple[Difference, ...]
+    planning_time: float
+
+
+def print_replay(bag: Path) -> int:
+    """Replay a bag and print what comes out.
+
+    Args:
+        bag: The directory, or one MCAP file.
+
+    Returns:
+        Exit code: ALL_SAME or DIFFERS.
+
+    Raises:
+        BagError: The bag cannot be read, or holds nothing to replay.
+        InvalidInput: The URDF in it is refused.
+    """
+    begun = time.perf_counter()
+    with open_bag(bag) as opened:
+        run = recorded_run(opened)
+    replayed = [replay(recorded) for recorded in one_by_one(run.requests)]
+    planning = sum(one.planning_time for one in replayed)
+    total = time.perf_counter() - begun
+    print_table(
+        f"Replay of {bag}", ("request", "door", "then", "now", "verdict"), map(_row, replayed)
+    )
+    for line in [
+        *_details(replayed),
+        *version_lines(run),
+        *(f"note: {note}" for note in run.notes),
+    ]:
+        print(line)
+    counts = ", ".join(
+        f"{number} {verdict}"
+        for verdict in Verdict
+        if (number := sum(one.verdict is verdict for one in replayed))
+    )
+    print(f"\n{counts}; planning took {planning:.2f} s of {total:.2f} s")
+    fatal = (Verdict.DIFFERENT, Verdict.NOT_REBUILT)
+    return DIFFERS if any(one.verdict in fatal for one in replayed) else ALL_SAME
+
+
+def replay(recorded: RecordedRequest) -> Replayed:
+    """Plan a request again, without a clock, and compare the answers.
+
+    Args:
+        recorded: The request.
+    """
+    then = recorded.status
+    if then in _NO_FUNCTIONS_OF_THE_PROBLEM and recorded.response is not None:
+        why = _NO_FUNCTIONS_OF_THE_PROBLEM[then]
+        return Replayed(recorded, Verdict.NOT_REPLAYABLE, None, why, (), 0.0)
+    try:
+        answer, planning_time = answer_again(recorded)
+    except BagError as error:
+        return Replayed(recorded, Verdict.NOT_REBUILT, None, str(error), (), 0.0)
+    before, found = recorded.response, list[Difference]()
+    if then in _FOR_LACK_OF_TIME:
+        verdict, words = Verdict.WITHOUT_CLOCK, _outcome(answer)
+    elif before is None or answer.status.code != before.status.code:
+        verdict, words = Verdict.DIFFERENT, f"{answer.status.message}{_doubt(recorded)}"
+    else:
+        words = ""
+        try:
+            found = differences(before, answer)
+            verdict = _verdict(found)
+        except (ValueError, IndexError) as error:  # a damaged answer, whose arrays do not fit
+            verdict, words = Verdict.DIFFERENT, f"the recorded answer is damaged: {error}"
+    return Replayed(recorded, verdict, answer, words, tuple(found), planning_time)
+
+
+def answer_again(recorded: RecordedRequest) -> tuple[PlanTrajectory.Response, float]:
+    """Answer a request as the node does, in the time that it takes.
+
+    Args:
+        recorded: The request.
+
+    Returns:
+        The answer, and the wall clock of the planning alone [s].
+
+    Raises:
+        BagError: The request cannot be rebuilt.
+    """
+    if recorded.inputs is None:
+        raise BagError(recorded.missing)
+    parameters, joint_names = recorded.inputs.parameters, recorded.inputs.robot.joint_names
+    begun, took = time.perf_counter(), 0.0
+    try:
+        asked = recorded.question()
+        begun = time.perf_counter()
+        try:
+            plan = perform(asked.task, parameters.planner, lambda: None, lambda _: None)
+        finally:
+            took = time.perf_counter() - begun
+        answer = response_from_plan(
+            plan, recorded.name, asked.start_ns, parameters.inertial_frame, took
+        )
+        controller_message(
+            answer.joint_trajectory, parameters.controller, joint_names, asked.start_ns
+        )
+    except BagError:
+        raise
+    except FfPlannerError as error:
+        answer = response_from_error(error, recorded.name, took)
+    except Exception as error:  # as the node answers what nobody foresaw
+        unforeseen = FfPlannerError(Status.INTERNAL_ERROR, f"{type(error).__name__}: {error}")
+        answer = response_from_error(unforeseen, recorded.name, took)
+    return answer, took
+
+
+def one_by_one(requests: Sequence[RecordedRequest]) -> Iterator[RecordedRequest]:
+    """Yield requests to plan, and show how far that is.
+
+    Args:
+        requests: All of them.
+    """
+    with progress_bar("planning", len(requests), "requests", per_unit=1) as progress:
+        for recorded in requests:
+            yield recorded
+            progress(1)
+
+
+def version_lines(run: RecordedRun) -> Iterator[str]:
+    """Yield what is of another version than when a bag was recorded, in words.
+
+    Args:
+        run: The bag.
+    """
+    if not run.provenance:
+        yield "note: the bag does not say with which versions it was recorded"
+        return
+    yield from _version_lines(run.provenance, provenance())
+
+
+def _version_lines(then: Mapping[str, str], now: Mapping[str, str]) -> Iterator[str]:
+    for name in now:
+        before = then.get(name, "unknown")
+        if name not in _IRRELEVANT and before != now[name]:
+            yield f"version: {name} was {before}, is {now[name]}"
+
+
+def _doubt(recorded: RecordedRequest) -> str:
+    """Return words on inputs that the answer does not name; empty if it names all."""
+    if not recorded.by_time:
+        return ""
+    names = " and ".join(recorded.by_time)
+    return f" (which {names} the node had heard is known from the times of recording only)"
+
+
+def _verdict(found: list[Difference]) -> Verdict:
+    if not found:
+        return Verdict.IDENTICAL
+    tolerable = all(one.is_tolerable for one in found)
+    return Verdict.WITHIN_TOLERANCE if tolerable else Verdict.DIFFERENT
+
+
+def _row(one: Replayed) -> tuple[str, ...]:
+    recorded, response = one.recorded, one.recorded.response
+    now = status_name(one.answer)
+    words = one.verdict.value
+    if one.differences:
+        worst = max(one.differences, key=lambda found: found.tolerances)
+        words += f": {worst}"
+    elif one.words:
+        words += f": {_shortened(one.words)}"
+    return recorded.name, recorded.door, status_name(response), now, words
+
+
+def status_name(response: PlanTrajectory.Response | None) -> str:
+    """Return the name of an answer's status, or its number where this version knows no name.
+
+    Args:
+        response: The answer; None: there is none.
+    """
+    if response is None:
+        return "-"
+    code = response.status.code
+    return Status(code).name if code in iter(Status) else f"code {code}"
+
+
+def _details(replayed: Sequence[Replayed]) -> Iterator[str]:
+    """Yield what does not fit a line of the table."""
+    for one in replayed:
+        is_different = one.verdict is Verdict.DIFFERENT
+        if len(one.words) > _WIDTH or (is_different and len(one.differences) > 1):
+            yield f"\n{one.recorded.name}: {one.words or one.verdict.value}"
+        if is_different and len(one.differences) > 1:
+            for found in sorted(one.differences, key=lambda found: -found.tolerances):
+                yield f"  {found}"
+    tolerated: dict[str, Difference] = {}
+    for one in replayed:
+        for found in one.differences if one.verdict is Verdict.WITHIN_TOLERANCE else ():
+            largest = tolerated.get(found.quantity, found)
+            tolerated[found.quantity] = max(largest, found, key=lambda found: found.amount)
+    if tolerated:
+        yield "\nwithin tolerance, the largest of all requests:"
+        yield from (f"  {found}" for found in tolerated.values())
+
+
+def _outcome(answer: PlanTrajectory.Response) -> str:
+    if answer.status.code == Status.SOLVED:
+        return f"a plan, in {answer.solver.solve_time:.2f} s on this machine"
+    return f"no plan: {answer.status.message}"
+
+
+def _shortened(words: str) -> str:
+    return words if len(words) <= _WIDTH else f"{words[:_WIDTH]}..."

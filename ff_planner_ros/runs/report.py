@@ -1,0 +1,205 @@
+"""What a report tells of a run: every request, and of the plans how they came true."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from ff_planner_ros.analysis.answer import planned_answer
+from ff_planner_ros.analysis.tracking import Deviations
+from ff_planner_ros.arrays import Array
+from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.planning.plan import Metrics, SolverReport, Trajectory
+from ff_planner_ros.planning.problem import Sphere
+from ff_planner_ros.robot.model import Robot
+from ff_planner_ros.ros.from_messages import NANOSECONDS
+
+
+@dataclass(frozen=True, eq=False)
+class ReportedPlan:
+    """A plan with all that is drawn of it.
+
+    Attributes:
+        robot: That it is for.
+        motion: As planned.
+        goal: Of the end effector, in the inertial frame. Shape (3,) [m].
+        obstacles: That it avoids; None: not known.
+        measured: What came of it while it ran; None: nobody measured.
+        deviations: Of the measured motion; None: nobody measured.
+        remarks: What a reader must know of all this.
+    """
+
+    robot: Robot
+    motion: Trajectory
+    goal: Array
+    obstacles: tuple[Sphere, ...] | None
+    measured: Trajectory | None = None
+    deviations: Deviations | None = None
+    remarks: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class ReportedRequest:
+    """A request with its answer; None is what nobody tells.
+
+    Attributes:
+        plan_id: Name of the request; empty if it has none.
+        door: Where it came in.
+        asked_ns: Times on the node's clock [ns]: of the request,
+        taken_up_ns: when it was read,
+        answered_ns: of the answer,
+        start_ns: and of the plan's first point.
+        code: Of the status; None: unanswered.
+        message: Of the status.
+        weights: Of joint path length and chaser attitude.
+        duration: That was asked for [s].
+        points: Of the plan.
+        metrics: Of the plan, or of the best attempt.
+        solver: Of the plan, or of the best attempt.
+        solve_time: Wall clock of the answer [s].
+        plan: What is drawn; None: no plan, or not drawn.
+    """
+
+    plan_id: str
+    door: str
+    asked_ns: int | None = None
+    taken_up_ns: int | None = None
+    answered_ns: int | None = None
+    start_ns: int | None = None
+    code: int | None = None
+    message: str = ""
+    weights: tuple[float, float] | None = None
+    duration: float | None = None
+    points: int | None = None
+    metrics: Metrics | None = None
+    solver: SolverReport | None = None
+    solve_time: float | None = None
+    plan: ReportedPlan | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Report:
+    """Everything that the page shows.
+
+    Attributes:
+        title: Name of the bag or file.
+        facts: Names and values.
+        notes: What is wrong with the bag, and what is left out.
+        requests: In order of time.
+    """
+
+    title: str
+    facts: tuple[tuple[str, str], ...]
+    notes: tuple[str, ...]
+    requests: tuple[ReportedRequest, ...]
+
+    @property
+    def counts(self) -> str:
+        """How many requests there are, and what became of them."""
+        codes = [request.code for request in self.requests]
+        solved, unanswered = codes.count(Status.SOLVED), codes.count(None)
+        refused = len(codes) - solved - unanswered
+        requests = "request" if len(codes) == 1 else "requests"
+        return (
+            f"{len(codes)} {requests}: {solved} solved, {refused} refused, {unanswered} unanswered"
+        )
+
+
+def report_of_answer(file: Path) -> Report:
+    """Tell of one plan, or one refusal, in an answer of `ff-planner plan --json`.
+
+    Args:
+        file: The answer.
+
+    Raises:
+        InvalidInput: It is no such answer.
+        OSError: It cannot be read.
+    """
+    try:
+        answer = json.loads(file.read_text(encoding="utf-8"))
+        if isinstance(answer, dict) and _refused(answer):
+            request = _refusal(answer)
+            return Report(file.name, (("file", str(file)),), (), (request,))
+        found = planned_answer(answer)
+    except InvalidInput as error:
+        field = f"{file}: {error.field}"
+        raise InvalidInput(error.status, field, error.value, error.allowed) from None
+    except ValueError as error:
+        raise InvalidInput(Status.UNSUPPORTED, str(file), "no JSON", str(error)) from None
+    motion = found.plan.trajectory
+    request = ReportedRequest(
+        plan_id=file.stem,
+        door="command line",
+        code=Status.SOLVED,
+        message=found.plan.solver.stop_reason,
+        weights=found.weights,
+        duration=float(motion.time[-1]),
+        points=len(motion.time),
+        metrics=found.plan.metrics,
+        solver=found.plan.solver,
+        solve_time=found.solve_time,
+        plan=(reported_plan(found.robot, motion, motion.ee_positions[-1], found.obstacles)),
+    )
+    facts = (("file", str(file)), *robot_facts(found.robot))
+    return Report(file.name, facts, (), (request,))
+
+
+def reported_plan(
+    robot: Robot, motion: Trajectory, goal: Array, obstacles: tuple[Sphere, ...] | None
+) -> ReportedPlan:
+    """Return a plan that nobody has measured yet.
+
+    Args:
+        robot: That it is for.
+        motion: As planned.
+        goal: Of the end effector, in the inertial frame. Shape (3,) [m].
+        obstacles: That it avoids; None: not known.
+    """
+    remarks = () if obstacles is not None else ("Which obstacles it avoids is not known.",)
+    return ReportedPlan(robot, motion, goal, obstacles, remarks=remarks)
+
+
+def robot_facts(robot: Robot) -> list[tuple[str, str]]:
+    """Return names and values of what a page tells of a robot.
+
+    Args:
+        robot: The robot.
+    """
+    mass = sum(inertia.mass for inertia in robot.model.inertias)
+    joints = f"{robot.joints} joints from {robot.base_link} to {robot.tip_link}"
+    return [("robot", f"{robot.model.name}: {joints}, {mass:.1f} kg in all")]
+
+
+def clock_time(time_ns: int, with_date: bool = True) -> str:
+    """Return a time for people.
+
+    Args:
+        time_ns: Since the epoch [ns].
+        with_date: Whether to tell the day, too.
+    """
+    try:
+        moment = datetime.fromtimestamp(time_ns // NANOSECONDS, UTC)
+    except (OverflowError, OSError, ValueError):
+        return f"{time_ns} ns"
+    day = f"{moment:%Y-%m-%d} " if with_date else ""
+    clock = f"{moment:%H:%M:%S}.{time_ns % NANOSECONDS // 1_000_000:03d}"
+    return f"{day}{clock} UTC" if with_date else clock
+
+
+def _refused(answer: Mapping[str, Any]) -> bool:
+    """Say whether a dictionary is a refusal's, as `refusal_dictionary` makes it."""
+    names = {status.name.lower() for status in Status if status is not Status.SOLVED}
+    return answer.get("status") in names and "message" in answer
+
+
+def _refusal(answer: Mapping[str, Any]) -> ReportedRequest:
+    return ReportedRequest(
+        plan_id="",
+        door="command line",
+        code=Status[str(answer["status"]).upper()],
+        message=str(answer["message"]),
+    )

@@ -1,0 +1,284 @@
+"""The report of a bag: its requests, and its plans beside what was measured while they ran."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import fields, replace
+from pathlib import Path
+
+import numpy as np
+from ff_planner_msgs.msg import ObstacleSphereArray
+from ff_planner_msgs.srv import PlanTrajectory
+
+from ff_planner_ros.analysis.tracking import deviations, measured_motion
+from ff_planner_ros.arrays import finite_vector
+from ff_planner_ros.bag.decoding import as_installed
+from ff_planner_ros.bag.provenance import PROVENANCE
+from ff_planner_ros.bag.reader import Bag, Message, open_bag
+from ff_planner_ros.errors import BagError, FfPlannerError, InvalidInput, Status
+from ff_planner_ros.planning.plan import Metrics, SolverReport
+from ff_planner_ros.planning.sound_samples import require_sound_samples
+from ff_planner_ros.robot.model import Robot
+from ff_planner_ros.ros.from_messages import (
+    NANOSECONDS,
+    nanoseconds,
+    plan_from_response,
+    spheres_from_message,
+    xyz,
+)
+from ff_planner_ros.ros.parameters import NodeParameters
+from ff_planner_ros.ros.recorded_plans import attached_robot
+from ff_planner_ros.runs.exchanges import Exchange, exchanges
+from ff_planner_ros.runs.measured import Window, measure
+from ff_planner_ros.runs.recorded_inputs import Moment, heard, input_topic
+from ff_planner_ros.runs.recorded_parameters import RecordedParameters
+from ff_planner_ros.runs.report import (
+    Report,
+    ReportedPlan,
+    ReportedRequest,
+    clock_time,
+    reported_plan,
+    robot_facts,
+)
+
+
+def report_of_bag(path: Path, most_plans: int) -> Report:
+    """Tell of everything that was asked in a run.
+
+    Args:
+        path: The bag.
+        most_plans: That are drawn, the last ones; all are in the tables.
+
+    Raises:
+        BagError: The bag cannot be read at all.
+    """
+    with open_bag(path) as bag:
+        return _report_of_bag(bag, most_plans)
+
+
+def _report_of_bag(bag: Bag, most_plans: int) -> Report:
+    notes: list[str] = []
+    parameters = _parameters(bag, notes)
+    robot = None
+    try:
+        robot = attached_robot(bag.path, bag.attachments)
+    except FfPlannerError as error:
+        notes.append(f"no plan is drawn: {error}")
+    found = exchanges(bag)
+    requests = [_request(exchange) for exchange in found]
+    solved = [k for k, request in enumerate(requests) if request.code == Status.SOLVED]
+    drawn = solved[max(len(solved) - most_plans, 0) :] if robot is not None else []
+    if robot is not None and len(drawn) < len(solved):
+        notes.append(
+            f"of {len(solved)} plans the last {len(drawn)} are drawn; --plans N draws more"
+        )
+    if robot is not None and drawn:
+        plans = _plans(bag, robot, parameters, found, drawn, notes)
+        requests = [replace(one, plan=plans.get(k)) for k, one in enumerate(requests)]
+    facts = (*_bag_facts(bag), *(robot_facts(robot) if robot else ()))
+    return Report(bag.path.name, facts, (*bag.notes, *notes), tuple(requests))
+
+
+def _plans(
+    bag: Bag,
+    robot: Robot,
+    parameters: NodeParameters | None,
+    found: Sequence[Exchange],
+    drawn: Sequence[int],
+    notes: list[str],
+) -> dict[int, ReportedPlan]:
+    """Return the plans to draw, by the number of their request; what cannot be makes a note."""
+    plans: dict[int, ReportedPlan] = {}
+    windows: dict[int, Window] = {}
+    scenes = _scenes(bag, found, drawn)
+    for k in drawn:
+        try:
+            scene = None
+            if k in scenes:
+                scene = as_installed(bag.decode(scenes[k]), ObstacleSphereArray)
+            plans[k] = _plan(found[k], robot, scene)
+            windows[k] = _window(found, k)
+        except (BagError, InvalidInput, LookupError, ValueError) as error:
+            response = found[k].response or PlanTrajectory.Response()
+            notes.append(f"{response.plan_id} is not drawn: {error}")
+    if parameters is not None:
+        measure(bag, robot, parameters, list(windows.values()))
+    return {k: _with_measured(plans[k], window, parameters) for k, window in windows.items()}
+
+
+def _parameters(bag: Bag, notes: list[str]) -> NodeParameters | None:
+    """Return the node's parameters; None: they are not in the bag, which makes a note."""
+    try:
+        node = bag.metadata.get(PROVENANCE, {}).get("node", "")
+        recorded = RecordedParameters(bag, node)
+    except BagError as error:
+        notes.append(str(error))
+        return None
+    notes += recorded.notes
+    return recorded.at(bag.end_ns)
+
+
+_UNANSWERED = "no answer is in the bag"
+
+
+def _request(exchange: Exchange) -> ReportedRequest:
+    """Return what a table tells of an exchange."""
+    request, response = exchange.request, exchange.response
+    found = ReportedRequest(
+        plan_id="",
+        door=exchange.door,
+        asked_ns=exchange.received_ns or None,
+        answered_ns=exchange.answered_ns or None,
+        message=_UNANSWERED,
+    )
+    if request is not None:
+        weights = (request.weight_joint_path_length, request.weight_chaser_attitude)
+        found = replace(found, weights=weights, duration=request.duration)
+    if response is None:
+        return found
+    found = replace(
+        found,
+        plan_id=response.plan_id,
+        taken_up_ns=nanoseconds(response.taken_up) or None,
+        code=response.status.code,
+        message=response.status.message,
+        solve_time=response.solver.solve_time or None,
+    )
+    # A refusal without an attempt has zeros in their place, which mean nothing.
+    if response.status.code == Status.SOLVED or response.solver.rollouts:
+        solver, metrics = response.solver, response.metrics
+        found = replace(
+            found,
+            metrics=Metrics(**{item.name: getattr(metrics, item.name) for item in fields(Metrics)}),
+            solver=SolverReport(
+                **{item.name: getattr(solver, item.name) for item in fields(SolverReport)}
+            ),
+        )
+    if response.joint_trajectory.points:
+        start_ns = nanoseconds(response.joint_trajectory.header.stamp)
+        found = replace(found, start_ns=start_ns, points=len(response.joint_trajectory.points))
+    return found
+
+
+def _scenes(bag: Bag, found: Sequence[Exchange], drawn: Sequence[int]) -> dict[int, Message]:
+    """Return the obstacles that were heard of, for the plans whose requests bring none."""
+    scenes: dict[int, Message] = {}
+    asked = {k: found[k] for k in drawn if not _brings_obstacles(found[k])}
+    for namespace in dict.fromkeys(map(_namespace, asked.values())):
+        here = {k: one for k, one in asked.items() if _namespace(one) == namespace}
+        try:
+            topics = {"obstacles": input_topic(bag, "obstacles", namespace)}
+        except BagError:
+            continue  # the plan says that its obstacles are not known
+        moments = [_moment(exchange) for exchange in here.values()]
+        for k, what in zip(here, heard(bag, topics, moments), strict=True):
+            for message in what.messages.get("obstacles", ()):
+                scenes[k] = message
+    return scenes
+
+
+def _moment(exchange: Exchange) -> Moment:
+    stamp_ns = nanoseconds(exchange.response.obstacles_stamp) if exchange.response else 0
+    return Moment(exchange.logged_ns, {"obstacles": stamp_ns} if stamp_ns else {}, ("obstacles",))
+
+
+def _brings_obstacles(exchange: Exchange) -> bool:
+    return exchange.request is not None and bool(exchange.request.use_obstacles)
+
+
+def _namespace(exchange: Exchange) -> str:
+    return exchange.name.rpartition("/")[0]
+
+
+def _plan(exchange: Exchange, robot: Robot, scene: ObstacleSphereArray | None) -> ReportedPlan:
+    """Return a plan with its scene.
+
+    Raises:
+        InvalidInput: Its samples are no motion of the robot.
+        LookupError: It has no samples.
+        ValueError: Its samples are no arrays.
+    """
+    plan = plan_from_response(exchange.response or PlanTrajectory.Response())
+    if plan.joint_names != robot.joint_names:
+        names, wanted = ", ".join(plan.joint_names), ", ".join(robot.joint_names)
+        allowed = f"the robot of the bag has {wanted}"
+        raise InvalidInput(Status.UNKNOWN_JOINT, "joint_trajectory.joint_names", names, allowed)
+    require_sound_samples(robot, plan.trajectory)
+    goal = plan.trajectory.ee_positions[-1]
+    if exchange.request is not None:
+        goal = finite_vector("target_pose", xyz(exchange.request.target_pose.pose.position), 3)
+        scene = exchange.request.obstacles if exchange.request.use_obstacles else scene
+    obstacles = None if scene is None else spheres_from_message(scene, scene.header.frame_id)
+    return reported_plan(robot, plan.trajectory, goal, obstacles)
+
+
+def _window(found: Sequence[Exchange], k: int) -> Window:
+    """Return the time of a plan, until the next one takes the arm over."""
+    namespace = _namespace(found[k])
+    (start_ns, end_ns), *later = (
+        _span(exchange.response)
+        for exchange in found[k:]
+        if _namespace(exchange) == namespace and _is_plan(exchange.response)
+    )
+    response = found[k].response or PlanTrajectory.Response()
+    frame = response.predicted_chaser_path.header.frame_id
+    return Window(namespace, frame, start_ns, min([end_ns, *(start for start, _ in later)]))
+
+
+def _is_plan(response: PlanTrajectory.Response | None) -> bool:
+    return (
+        response is not None
+        and response.status.code == Status.SOLVED
+        and bool(response.joint_trajectory.points)
+    )
+
+
+def _span(response: PlanTrajectory.Response) -> tuple[int, int]:
+    """Return the times of a plan's first and last point [ns]."""
+    start_ns = nanoseconds(response.joint_trajectory.header.stamp)
+    return start_ns, start_ns + nanoseconds(response.joint_trajectory.points[-1].time_from_start)
+
+
+def _with_measured(
+    plan: ReportedPlan, window: Window, parameters: NodeParameters | None
+) -> ReportedPlan:
+    remarks = list(plan.remarks)
+    if window.unusable:
+        remarks.append(
+            f"{len(window.unusable)} measurements could not be used; the first: "
+            f"{window.unusable[0]}"
+        )
+    if not window.states:
+        remarks.append("The bag holds no measured state while it ran.")
+        return replace(plan, remarks=tuple(remarks))
+    stamps = np.array(sorted(window.states))
+    time = (stamps - window.start_ns) / NANOSECONDS
+    # A plan's times are counted in nanoseconds, too: the last may be beyond its end by rounding.
+    time = np.clip(time, plan.motion.time[0], plan.motion.time[-1])
+    measured = measured_motion(plan.robot, time, [window.states[s] for s in stamps.tolist()])
+    found = deviations(plan.motion, measured)
+    worst = float(found.joint_position.max())
+    tolerance = parameters.following_tolerance if parameters is not None else np.inf
+    if worst > tolerance:
+        remarks.append(
+            f"A joint was {worst:.3g} rad off the plan, more than following_tolerance, "
+            f"{tolerance:g} rad: the plan was not executed, or not to its end."
+        )
+    return replace(plan, measured=measured, deviations=found, remarks=tuple(remarks))
+
+
+def _bag_facts(bag: Bag) -> list[tuple[str, str]]:
+    seconds = (bag.end_ns - bag.start_ns) / NANOSECONDS
+    size = sum(file.stat().st_size for file in bag.files)
+    facts = [
+        ("bag", str(bag.path)),
+        ("files", f"{len(bag.files)}, {size / 1e6:.2f} MB, written by {bag.library}"),
+        ("recorded", f"{clock_time(bag.start_ns)}, {seconds:.1f} s"),
+        ("messages", f"{bag.message_count} on {len(bag.topics)} topics"),
+    ]
+    known = dict(bag.metadata.get(PROVENANCE, {}))
+    facts += [(name, known.pop(name)) for name in ("node", "host", "started") if name in known]
+    if known:
+        facts.append(("versions", ", ".join(f"{name} {value}" for name, value in known.items())))
+    attached = [f"{name} ({len(data)} bytes)" for name, data in bag.attachments.items()]
+    return [*facts, ("attached", ", ".join(attached) or "nothing")]

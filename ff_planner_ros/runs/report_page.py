@@ -1,0 +1,325 @@
+"""A report as one HTML file that needs nothing else: neither server nor network.
+
+What comes from a bag is put in by the standard library's element tree, which escapes it, and the
+page forbids itself to load anything and to run any script but its own two.
+"""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+from xml.etree.ElementTree import Element, tostring
+
+import numpy as np
+import plotly.graph_objects as go
+from plotly.offline import get_plotlyjs
+
+from ff_planner_ros.analysis.tracking import Deviations, in_shown_units
+from ff_planner_ros.bag.progress_bar import progress_bar
+from ff_planner_ros.errors import Status
+from ff_planner_ros.planning.plan import Metrics
+from ff_planner_ros.ros.from_messages import NANOSECONDS
+from ff_planner_ros.runs.report import Report, ReportedPlan, ReportedRequest, clock_time
+from ff_planner_ros.runs.report_plots import plan_plots, solve_time_plot
+
+_NOTHING = "-"
+_STYLE = """
+:root { color-scheme: light; }
+body { font: 15px/1.45 system-ui, sans-serif; color: #222; background: #fff; margin: 0 auto;
+  max-width: 1250px; padding: 0 1.5rem 3rem; }
+h1 { font-size: 1.6rem; } h2 { font-size: 1.25rem; margin-top: 2rem; }
+h3 { font-size: 1rem; margin: 1.4rem 0 .3rem; }
+table { border-collapse: collapse; font-variant-numeric: tabular-nums; }
+th, td { padding: .25rem .6rem; text-align: left; vertical-align: top; }
+thead th { border-bottom: 2px solid #888; font-weight: 600; }
+tbody tr { border-top: 1px solid #ddd; }
+tr.reason { border-top: 0; } tr.reason td { padding-top: 0; color: #8a2000; max-width: 70rem; }
+.facts th { color: #555; font-weight: 600; white-space: nowrap; }
+.facts td { overflow-wrap: anywhere; }
+.wide { overflow-x: auto; font-size: .85rem; } .wide td { white-space: nowrap; }
+.wide th, .wide td { padding: .25rem .45rem; }
+.wide tr.reason td { white-space: normal; overflow-wrap: anywhere; }
+.notes, .remarks { background: #fff4d6; border-left: 4px solid #e0a100;
+  padding: .4rem 1rem .4rem 2rem; }
+.solved { color: #00633a; } .refused { color: #8a2000; }
+details { border: 1px solid #bbb; border-radius: 6px; margin: .8rem 0; padding: 0 1rem; }
+summary { cursor: pointer; font-weight: 600; padding: .6rem 0; overflow-wrap: anywhere; }
+.beside { display: flex; flex-wrap: wrap; gap: 0 3rem; }
+figure { margin: 0; break-inside: avoid; } figcaption { color: #555; font-size: .9rem; }
+@media print { body { max-width: none; padding: 0; font-size: 11px; }
+  .wide { overflow: visible; font-size: 8.5px; } .wide th, .wide td { padding: .15rem .2rem; }
+  .wide td { white-space: normal; } .wide td:first-child { overflow-wrap: anywhere; }
+  details { border: 0; padding: 0; } }
+"""
+# A plot is drawn when it is first seen: two hundred plans at once are more than a browser bears.
+_SCRIPT = """
+const draw = (part) => part.querySelectorAll(".plot").forEach((place) => {
+  if (place.dataset.drawn || place.closest("details:not([open])")) return;
+  place.dataset.drawn = "yes";
+  const figure = JSON.parse(document.getElementById(place.dataset.figure).textContent);
+  Plotly.newPlot(place, { ...figure, config: { displaylogo: false, responsive: true } });
+});
+const openTarget = () => {
+  const target = document.getElementById(decodeURIComponent(location.hash.slice(1)));
+  if (target instanceof HTMLDetailsElement) { target.open = true; target.scrollIntoView(); }
+};
+for (const part of document.querySelectorAll("details")) {
+  part.addEventListener("toggle", () => draw(part));
+}
+window.addEventListener("hashchange", openTarget);
+openTarget();
+draw(document);
+"""
+_COLUMNS = (
+    *("plan id", "door", "asked [UTC]", "status", "weights L, Θ", "duration [s]", "points"),
+    *("joint path [rad]", "attitude [deg]", "clearance [mm]", "solve time [s]", "iterations"),
+)
+_TIMING_COLUMNS = (
+    "plan id",
+    "asked",
+    "taken up after [s]",
+    "answered after [s]",
+    "start after [s]",
+)
+
+
+def save_page(report: Report, file: Path) -> None:
+    """Write a report.
+
+    Args:
+        report: What to tell.
+        file: Replaced if it is there.
+
+    Raises:
+        OSError: It cannot be written.
+    """
+    page = "<!doctype html>\n" + tostring(_page(report), encoding="unicode", method="html") + "\n"
+    # Half a surrogate, which JSON can bring in, is nothing that a file can hold.
+    file.write_bytes(page.encode("utf-8", errors="replace"))
+
+
+def _page(report: Report) -> Element:
+    library = get_plotlyjs()
+    allowed = " ".join(map(_hash, (library, _SCRIPT)))
+    policy = (
+        f"default-src 'none'; script-src {allowed}; style-src 'unsafe-inline'; "
+        "img-src data: blob:; base-uri 'none'; form-action 'none'"
+    )
+    head = _element(
+        "head",
+        _element("meta", charset="utf-8"),
+        _element("meta", {"http-equiv": "Content-Security-Policy", "content": policy}),
+        _element("meta", name="viewport", content="width=device-width"),
+        _element("title", f"{report.title}: report of ff-planner"),
+        _element("style", _STYLE),
+        _element("script", library),
+    )
+    figures: list[Element] = []
+    body = _element("body", *_sections(report, figures), *figures, _element("script", _SCRIPT))
+    return _element("html", head, body, lang="en")
+
+
+def _hash(script: str) -> str:
+    digest = hashlib.sha256(script.encode("utf-8")).digest()
+    return f"'sha256-{base64.b64encode(digest).decode()}'"
+
+
+def _sections(report: Report, figures: list[Element]) -> Iterator[Element]:
+    yield _element("h1", f"Report: {report.title}")
+    yield _pairs(report.facts)
+    if report.notes:
+        yield _list(report.notes, "notes")
+    yield _element("h2", "Requests")
+    attempts = any(r.metrics is not None and r.code != Status.SOLVED for r in report.requests)
+    explained = " Where there is a *, of the best attempt, which is no plan." if attempts else ""
+    yield _element("p", f"{report.counts}.{explained}")
+    yield _requests(report.requests)
+    yield from _timing(report.requests, figures)
+    drawn = [(k, r, r.plan) for k, r in enumerate(report.requests) if r.plan is not None]
+    if drawn:
+        yield _element("h2", "Plans")
+    with progress_bar("drawing", len(drawn), unit="plans", per_unit=1) as advance:
+        for place, (number, request, plan) in enumerate(drawn):
+            yield _plan(number, request, plan, place == 0, figures)
+            advance(1)
+
+
+def _requests(requests: Sequence[ReportedRequest]) -> Element:
+    rows: list[Element] = []
+    for number, request in enumerate(requests):
+        rows.append(_element("tr", *(_element("td", cell) for cell in _cells(number, request))))
+        if request.code != Status.SOLVED:
+            reason = _element("td", request.message, colspan=str(len(_COLUMNS)))
+            rows.append(_element("tr", reason, {"class": "reason"}))
+    return _table(_COLUMNS, rows)
+
+
+def _cells(number: int, request: ReportedRequest) -> Iterator[Element | str]:
+    name = request.plan_id or "(no id)"
+    yield name if request.plan is None else _element("a", name, href=f"#plan-{number}")
+    yield request.door
+    yield _NOTHING if request.asked_ns is None else clock_time(request.asked_ns, with_date=False)
+    yield _element("span", _status(request), {"class": _status_class(request)})
+    yield _NOTHING if request.weights is None else "{:g}, {:g}".format(*request.weights)
+    yield _NOTHING if request.duration is None else f"{request.duration:g}"
+    yield _NOTHING if request.points is None else str(request.points)
+    metrics, solver = request.metrics, request.solver
+    # Where there is no plan these are the best attempt's, which nobody should take for a plan's.
+    of_attempt = "" if request.code == Status.SOLVED else " *"
+    yield _NOTHING if metrics is None else f"{metrics.joint_path_length:.4f}{of_attempt}"
+    yield _NOTHING if metrics is None else f"{np.rad2deg(metrics.max_chaser_euler):.2f}{of_attempt}"
+    yield _NOTHING if metrics is None else f"{_clearance(metrics)}{of_attempt}"
+    yield _NOTHING if request.solve_time is None else f"{request.solve_time:.3f}"
+    yield _NOTHING if solver is None else str(solver.iterations)
+
+
+def _clearance(metrics: Metrics) -> str:
+    clear = metrics.min_clearance
+    return f"{1e3 * clear:.1f}" if np.isfinite(clear) else "no obstacles"
+
+
+def _status(request: ReportedRequest) -> str:
+    if request.code is None:
+        return "unanswered"
+    try:
+        return f"{request.code} {Status(request.code).name}"
+    except ValueError:
+        return f"{request.code} (unknown to this version)"
+
+
+def _status_class(request: ReportedRequest) -> str:
+    return "solved" if request.code == Status.SOLVED else "refused"
+
+
+def _timing(requests: Sequence[ReportedRequest], figures: list[Element]) -> Iterator[Element]:
+    timed = [request for request in requests if request.asked_ns is not None]
+    times = [request.solve_time for request in requests if request.solve_time is not None]
+    if not timed and len(times) < 2:
+        return
+    yield _element("h2", "Timing")
+    if timed:
+        yield _element("p", "By the node's clock, from the request on.")
+        cells = (
+            (
+                request.plan_id or "(no id)",
+                clock_time(request.asked_ns or 0, with_date=False),
+                _after(request, request.taken_up_ns),
+                _after(request, request.answered_ns),
+                _after(request, request.start_ns),
+            )
+            for request in timed
+        )
+        yield _table(
+            _TIMING_COLUMNS,
+            [_element("tr", *(_element("td", cell) for cell in row)) for row in cells],
+        )
+    if len(times) > 1:
+        yield _plot("solve-times", solve_time_plot(times), "Solve times of all answers.", figures)
+
+
+def _after(request: ReportedRequest, time_ns: int | None) -> str:
+    if time_ns is None or request.asked_ns is None:
+        return _NOTHING
+    return f"{(time_ns - request.asked_ns) / NANOSECONDS:.3f}"
+
+
+def _plan(
+    number: int, request: ReportedRequest, plan: ReportedPlan, opened: bool, figures: list[Element]
+) -> Element:
+    attributes = {"id": f"plan-{number}"} | ({"open": "open"} if opened else {})
+    parts = [_element("summary", request.plan_id)]
+    if plan.remarks:
+        parts.append(_list(plan.remarks, "remarks"))
+    tables = [_element("div", _element("h3", "As planned"), _pairs(_metrics(request)))]
+    if plan.deviations is not None:
+        tables.append(
+            _element(
+                "div",
+                _element("h3", "Measured against planned, at worst"),
+                _deviations(plan.deviations),
+            )
+        )
+    parts.append(_element("div", *tables, {"class": "beside"}))
+    parts += [
+        _plot(f"plan-{number}-{name}", figure, caption, figures)
+        for name, caption, figure in plan_plots(plan)
+    ]
+    return _element("details", *parts, attributes)
+
+
+def _metrics(request: ReportedRequest) -> Iterator[tuple[str, str]]:
+    metrics, solver = request.metrics, request.solver
+    if request.start_ns is not None:
+        yield "starts", clock_time(request.start_ns)
+    if metrics is not None:
+        yield "joint path", f"{metrics.joint_path_length:.4f} rad"
+        yield "largest chaser attitude", f"{np.rad2deg(metrics.max_chaser_euler):.2f} deg"
+        yield "clearance [mm]", _clearance(metrics)
+        yield "margin to joint limits", f"{np.rad2deg(metrics.min_joint_margin):.1f} deg"
+        yield "margin to rate limits", f"{np.rad2deg(metrics.min_velocity_margin):.2f} deg/s"
+        yield "final position error", f"{1e3 * metrics.final_position_error:.4f} mm"
+        yield "final orientation error", f"{np.rad2deg(metrics.final_orientation_error):.5f} deg"
+        yield "smallest singular value", f"{metrics.min_singular_value:.3g}"
+        yield "momentum error", f"{metrics.momentum_error:.1e} relative"
+    if solver is not None:
+        yield "solver", solver.stop_reason
+        yield "search", f"{solver.starts} starts, {solver.rollouts} rollouts"
+
+
+def _deviations(found: Deviations) -> Element:
+    rows = [
+        _element(
+            "tr",
+            _element("td", label),
+            _element("td", f"{values.max():.3g}"),
+            _element("td", f"{found.time[values.argmax()]:.3f}"),
+            _element("td", f"{values[-1]:.3g}"),
+        )
+        for label, values in in_shown_units(found)
+    ]
+    columns = (f"of {len(found.time)} states", "largest", "at t [s]", "at the last")
+    return _table(columns, rows)
+
+
+def _plot(name: str, figure: go.Figure, caption: str, figures: list[Element]) -> Element:
+    """Return the place of a plot; its data lie at the end of the page and hold up nothing."""
+    # Plotly writes "<" as an escape of JSON's: no name in it can end the script.
+    text = figure.to_json()
+    figures.append(_element("script", text, {"type": "application/json", "id": f"data-{name}"}))
+    place = {
+        "class": "plot",
+        "id": name,
+        "data-figure": f"data-{name}",
+        "style": f"height: {figure.layout.height}px",
+    }
+    return _element("figure", _element("div", place), _element("figcaption", caption))
+
+
+def _table(columns: Iterable[str], rows: Sequence[Element]) -> Element:
+    head = _element("thead", _element("tr", *(_element("th", column) for column in columns)))
+    table = _element("table", head, _element("tbody", *rows))
+    return _element("div", table, {"class": "wide"})
+
+
+def _pairs(pairs: Iterable[tuple[str, str]]) -> Element:
+    rows = (_element("tr", _element("th", name), _element("td", value)) for name, value in pairs)
+    return _element("table", _element("tbody", *rows), {"class": "facts"})
+
+
+def _list(entries: Iterable[str], kind: str) -> Element:
+    return _element("ul", *(_element("li", entry) for entry in entries), {"class": kind})
+
+
+def _element(tag: str, *content: Element | str | dict[str, str], **attributes: str) -> Element:
+    """Return an element of children, texts and, where Python has no name for one, attributes."""
+    made = Element(tag, attributes)
+    for item in content:
+        if isinstance(item, dict):
+            made.attrib.update(item)
+        elif isinstance(item, str):
+            made.text = (made.text or "") + item
+        else:
+            made.append(item)
+    return made

@@ -1,0 +1,107 @@
+"""The plots of a report: one plan as planned and as measured, and the solve times of a run."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import fields
+
+import numpy as np
+import plotly.graph_objects as go
+
+from ff_planner_ros.analysis.methods import MEASURED, PLANNED
+from ff_planner_ros.analysis.panels import (
+    CHASER_POSE,
+    CHASER_VELOCITY,
+    END_EFFECTOR_POSE,
+    joint_angles,
+    joint_rates,
+)
+from ff_planner_ros.analysis.plots import clearance_plot, joint_plot, panel_plot, two_column_plot
+from ff_planner_ros.analysis.scene import scene_figure
+from ff_planner_ros.analysis.tracking import Deviations, deviation_panels, in_shown_units
+from ff_planner_ros.planning.plan import Trajectory
+from ff_planner_ros.runs.report import ReportedPlan
+
+# More points of a curve than a screen has columns for make the file large and show nothing; the
+# numbers in the tables are of all states.
+_MOST_POINTS = 400
+# At most so many on the axis that counts answers, at whole numbers.
+_TICKS = 10
+_SCENE_HEIGHT, _SLIDER_LABELS = 640, 24  # [px]
+
+
+def plan_plots(plan: ReportedPlan) -> Iterator[tuple[str, str, go.Figure]]:
+    """Yield name, caption and plot of all that is drawn of a plan.
+
+    Args:
+        plan: The plan.
+    """
+    robot, obstacles = plan.robot, plan.obstacles or ()
+    motions = {PLANNED: plan.motion}
+    if plan.measured is not None and plan.deviations is not None:
+        motions[MEASURED] = _rows_of(plan.measured, shown_rows(plan.deviations))
+    scene = scene_figure(robot, obstacles, plan.goal, motions, motions)
+    scene.update_layout(height=_SCENE_HEIGHT, margin_b=_SLIDER_LABELS)
+    yield "scene", "Arm, chaser and obstacles (the paper's Fig. 2): drag to turn, ▶ to play.", scene
+    both = "planned" if len(motions) == 1 else "planned and measured"
+    yield (
+        "end-effector",
+        f"End effector, {both} (Fig. 3).",
+        two_column_plot(END_EFFECTOR_POSE, motions),
+    )
+    yield "chaser-pose", f"Chaser, {both} (Fig. 4).", two_column_plot(CHASER_POSE, motions)
+    yield (
+        "chaser-velocity",
+        f"Chaser's velocity, {both} (Fig. 5).",
+        two_column_plot(CHASER_VELOCITY, motions),
+    )
+    if plan.obstacles is not None:
+        yield (
+            "clearance",
+            f"Distance of the arm to the closest obstacle, {both} (Fig. 6).",
+            clearance_plot(robot, obstacles, motions),
+        )
+    limits = "a double click zooms out to the limits, which are dashed"
+    yield "joint-angles", f"Joints, {both}; {limits}.", joint_plot(joint_angles(robot), motions)
+    yield "joint-rates", f"Joint rates, {both}; {limits}.", joint_plot(joint_rates(robot), motions)
+    if plan.deviations is not None:
+        rows = shown_rows(plan.deviations)
+        yield (
+            "deviations",
+            "How far the measured states are from the plan.",
+            panel_plot(deviation_panels(plan.deviations, rows)),
+        )
+
+
+def solve_time_plot(times: Sequence[float]) -> go.Figure:
+    """Draw how often which solve time was needed.
+
+    Args:
+        times: Of the answers [s].
+    """
+    figure = go.Figure(go.Histogram(x=np.array(times), marker={"color": PLANNED.colour}))
+    figure.update_layout(
+        height=260,
+        margin={"l": 60, "r": 20, "t": 20, "b": 50},
+        xaxis={"title": {"text": "solve time [s]"}, "rangemode": "tozero"},
+        yaxis={"title": {"text": "answers"}, "dtick": -(-len(times) // _TICKS)},
+        bargap=0.05,
+        template="none",
+    )
+    return figure
+
+
+def shown_rows(found: Deviations) -> np.ndarray:
+    """Return which states are drawn: evenly many of them, and the worst of each kind.
+
+    Args:
+        found: Of all states.
+    """
+    count = len(found.time)
+    even = np.linspace(0, count - 1, min(count, _MOST_POINTS)).round().astype(int)
+    worst = [int(values.argmax()) for _, values in in_shown_units(found)]
+    return np.unique([*even, *worst])
+
+
+def _rows_of(motion: Trajectory, rows: np.ndarray) -> Trajectory:
+    return Trajectory(**{item.name: getattr(motion, item.name)[rows] for item in fields(motion)})

@@ -1,0 +1,206 @@
+"""What would the planner have answered, had it been asked or set up otherwise?"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from copy import deepcopy
+from dataclasses import dataclass, fields, is_dataclass, replace
+from pathlib import Path
+from typing import Any, get_type_hints
+
+import yaml
+from ff_planner_msgs.srv import PlanTrajectory
+
+from ff_planner_ros.bag.reader import open_bag
+from ff_planner_ros.errors import BagError, InvalidInput, Status
+from ff_planner_ros.planning.yaml_file import integer, number, text
+from ff_planner_ros.ros.parameters import NodeParameters, allowed_words, replaced
+from ff_planner_ros.runs.recorded_run import RecordedRequest, recorded_run
+from ff_planner_ros.runs.replay import answer_again, one_by_one, status_name
+from ff_planner_ros.text_table import print_table
+
+# Of a request, by the name that a scenario file has for it: field, and what reads a value.
+_OF_REQUEST: Mapping[str, tuple[str, Callable[[str, object], object]]] = {
+    "objective.joint_path_length": ("weight_joint_path_length", number),
+    "objective.chaser_attitude": ("weight_chaser_attitude", number),
+    "duration": ("duration", number),
+    "points": ("points", integer),
+    "end_behaviour": ("end_behaviour", text),
+}
+# Of the node's parameters: those that planning depends on. The others say where messages go, or
+# what a request is given that leaves open what `_OF_REQUEST` changes in every request.
+_OF_NODE = (
+    *("planner.", "limits.", "controller."),
+    *("tail_duration", "following_tolerance", "planning_allowance", "start_max_lead"),
+    *("state_max_age", "state_max_lead"),
+)
+_NONE = "-"
+
+
+@dataclass(frozen=True)
+class Change:
+    """One `key=value`.
+
+    Attributes:
+        key: Of `allowed_keys`.
+        value: Read as YAML, of the key's type.
+    """
+
+    key: str
+    value: Any
+
+
+def allowed_keys() -> list[str]:
+    """Return everything that may be changed."""
+    return [*_OF_REQUEST, *(name for name in _parameters() if name.startswith(_OF_NODE))]
+
+
+def parsed(setting: str) -> Change:
+    """Read a `key=value` of the command line.
+
+    Args:
+        setting: As given.
+
+    Raises:
+        InvalidInput: The key is unknown, or the value is not of its type or out of its range.
+    """
+    key, equals, written = setting.partition("=")
+    if not equals:
+        allowed = "it must read key=value, such as planner.starts=5"
+        raise InvalidInput(Status.OUT_OF_RANGE, "--with", setting, allowed)
+    if key not in allowed_keys():
+        allowed = f"allowed are {', '.join(allowed_keys())}"
+        raise InvalidInput(Status.OUT_OF_RANGE, f"--with {key}", "an unknown key", allowed)
+    try:
+        value = yaml.safe_load(written)
+    except yaml.YAMLError:
+        value = written
+    if key in _OF_REQUEST:
+        return Change(key, _OF_REQUEST[key][1](key, value))
+    kind, metadata = _parameters()[key]
+    if kind is str:
+        return Change(key, written)
+    if kind is float and isinstance(value, int) and not isinstance(value, bool):
+        value = float(value)
+    low, high = metadata["minimum"], metadata["maximum"]
+    in_range = (low is None or value >= low) and (high is None or value <= high)
+    if type(value) is not kind or not in_range:
+        raise InvalidInput(Status.OUT_OF_RANGE, key, repr(value), allowed_words(kind, **metadata))
+    return Change(key, value)
+
+
+def changed_request(recorded: RecordedRequest, changes: Sequence[Change]) -> RecordedRequest:
+    """Return a request as it would have been.
+
+    Args:
+        recorded: As it was.
+        changes: All at once.
+
+    Raises:
+        BagError: It cannot be rebuilt.
+        InvalidInput: A value that makes no sense.
+    """
+    if recorded.request is None or recorded.inputs is None:
+        raise BagError(recorded.missing)
+    request, parameters = deepcopy(recorded.request), recorded.inputs.parameters
+    for change in changes:
+        if change.key in _OF_REQUEST:
+            try:
+                setattr(request, _OF_REQUEST[change.key][0], change.value)
+            except (AssertionError, OverflowError):
+                allowed = "it does not fit a request"
+                raise InvalidInput(Status.OUT_OF_RANGE, change.key, change.value, allowed) from None
+        else:
+            parameters = replaced(parameters, change.key.split("."), change.value)
+    inputs = replace(recorded.inputs, parameters=parameters)
+    return replace(recorded, request=request, inputs=inputs)
+
+
+def print_what_if(bag: Path, settings: Sequence[str]) -> int:
+    """Plan the requests of a bag with changes, and print both answers side by side.
+
+    Args:
+        bag: The directory, or one MCAP file.
+        settings: Each a `key=value`.
+
+    Returns:
+        Exit code, always 0: another answer is what was asked for.
+
+    Raises:
+        BagError: The bag cannot be read, or holds no request.
+        InvalidInput: A setting is refused, or the URDF in the bag.
+    """
+    changes = [parsed(setting) for setting in settings]
+    with open_bag(bag) as opened:
+        run = recorded_run(opened)
+    rows, left_out = [], []
+    for recorded in one_by_one(run.requests):
+        try:
+            changed = changed_request(recorded, changes)
+        except BagError as error:
+            left_out.append(f"note: {recorded.name} is left out: {error}")
+            continue
+        answer, _ = answer_again(changed)
+        rows.append((recorded.name, *_compared(recorded.response, answer)))
+    words = ", ".join(f"{change.key}={change.value}" for change in changes)
+    header = (
+        "request",
+        "status",
+        "joint path [rad]",
+        "attitude [deg]",
+        "clearance [mm]",
+        "time [s]",
+    )
+    print_table(f"{bag} as recorded > with {words}", header, rows)
+    for line in [*left_out, *(f"note: {note}" for note in run.notes)]:
+        print(line)
+    return 0
+
+
+def _compared(
+    before: PlanTrajectory.Response | None, now: PlanTrajectory.Response
+) -> tuple[str, ...]:
+    """Return the cells of a table: as recorded > as changed."""
+    return tuple(
+        f"{_NONE if before is None else cell(before)} > {cell(now)}"
+        for cell in (status_name, _joint_path, _attitude, _clearance, _solve_time)
+    )
+
+
+def _joint_path(response: PlanTrajectory.Response) -> str:
+    return _number(response, response.metrics.joint_path_length, 4)
+
+
+def _attitude(response: PlanTrajectory.Response) -> str:
+    return _number(response, math.degrees(response.metrics.max_chaser_euler), 3)
+
+
+def _clearance(response: PlanTrajectory.Response) -> str:
+    return _number(response, response.metrics.min_clearance * 1e3, 2)
+
+
+def _solve_time(response: PlanTrajectory.Response) -> str:
+    return _number(response, response.solver.solve_time, 2)
+
+
+def _number(response: PlanTrajectory.Response, value: float, digits: int) -> str:
+    return f"{value:.{digits}f}" if response.solver.rollouts else _NONE
+
+
+def _parameters() -> dict[str, tuple[type, Mapping[str, Any]]]:
+    """Return type and declaration of every parameter of the node, by its name."""
+    return _declared(NodeParameters, "")
+
+
+def _declared(group: type[Any], prefix: str) -> dict[str, tuple[type, Mapping[str, Any]]]:
+    types = get_type_hints(group)
+    found: dict[str, tuple[type, Mapping[str, Any]]] = {}
+    for item in fields(group):
+        kind: type[Any] = types[item.name]
+        name = f"{prefix}{item.name}"
+        if is_dataclass(kind):
+            found |= _declared(kind, f"{name}.")
+        else:
+            found[name] = kind, item.metadata
+    return found

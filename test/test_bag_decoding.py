@@ -1,0 +1,125 @@
+"""Decoding: by the recorded definition, and from there into whatever is installed."""
+
+from __future__ import annotations
+
+import array
+from typing import Any
+
+import numpy as np
+import pytest
+from action_msgs.msg import GoalStatus, GoalStatusArray
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from ff_planner_msgs.action import PlanTrajectory as PlanTrajectoryAction
+from ff_planner_msgs.msg import ChaserState, ObstacleSphere, PlanMetrics
+from ff_planner_msgs.srv import PlanTrajectory
+from nav_msgs.msg import Odometry
+from rcl_interfaces.msg import Parameter, ParameterEvent
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+
+from ff_planner_ros.bag.decoding import as_installed, decoder
+from ff_planner_ros.bag.definition import message_definition
+from ff_planner_ros.bag.encoding import encode
+from ff_planner_ros.errors import BagError
+from ff_planner_ros.ros.action_events import GET_RESULT
+from ff_planner_ros.ros.recorder import type_name
+
+SPHERE = "ff_planner_msgs/msg/ObstacleSphere"
+
+
+def plan_event() -> PlanTrajectory.Event:
+    event = PlanTrajectory.Event(request=[PlanTrajectory.Request(duration=10.0, points=50)])
+    event.request[0].start_state = ChaserState(joint_names=["a"], joint_positions=[1.5])
+    event.info.client_gid = np.arange(16, dtype=np.uint8)
+    event.info.sequence_number = -3
+    return event
+
+
+def result_event() -> Any:
+    point = JointTrajectoryPoint(positions=[1.0, 2.0])
+    result = PlanTrajectoryAction.Result(
+        joint_trajectory=JointTrajectory(joint_names=["a", "b"], points=[point]),
+        metrics=PlanMetrics(peak_joint_torques=[0.5, 0.25]),
+    )
+    return GET_RESULT.Event(response=[GET_RESULT.Response(status=4, result=result)])
+
+
+def parameter_event() -> ParameterEvent:
+    parameter = Parameter(name="p")
+    parameter.value.byte_array_value = [b"\x00", b"\xff"]
+    parameter.value.bool_array_value = [True, False]
+    parameter.value.integer_array_value = array.array("q", [1, -2])
+    parameter.value.string_array_value = ["one", "zwölf"]
+    return ParameterEvent(node="/n", changed_parameters=[parameter])
+
+
+MESSAGES = [
+    String(data="hello"),
+    plan_event(),
+    result_event(),
+    parameter_event(),
+    Odometry(),
+    JointState(name=["a"], position=[0.5], effort=[-1.0]),
+    GoalStatusArray(status_list=[GoalStatus(status=5)]),
+    DiagnosticArray(
+        status=[DiagnosticStatus(level=b"\x02", values=[KeyValue(key="k", value="v")])]
+    ),
+]
+
+
+@pytest.mark.parametrize("message", MESSAGES, ids=lambda message: type(message).__name__)
+def test_a_message_comes_back_as_it_was(message: Any) -> None:
+    name = type_name(type(message))
+    definition = message_definition(name)
+    decode = decoder(name, definition.encoding, definition.text.encode())
+    assert as_installed(decode(encode(message)), type(message)) == message
+
+
+def recorded(definition: str, body: bytes) -> Any:
+    return decoder(SPHERE, "ros2msg", definition.encode())(b"\x00\x01\x00\x00" + body)
+
+
+def test_what_a_recording_lacks_has_its_default_and_what_is_unknown_is_dropped() -> None:
+    old = recorded("uint8 colour\nfloat64 radius\n", b"\x07" + bytes(7) + np.float64(2.5).tobytes())
+    assert old.colour == 7
+    assert as_installed(old, ObstacleSphere) == ObstacleSphere(radius=2.5)
+
+
+@pytest.mark.parametrize(
+    ("definition", "body"),
+    [
+        ("string radius\n", b"\x02\x00\x00\x00x\x00"),
+        ("float64[] id\n", bytes(4)),
+        ("float64[2] radius\n", bytes(16)),
+        ("float64 center\n", bytes(8)),
+    ],
+)
+def test_a_field_of_another_type_is_refused_by_name(definition: str, body: bytes) -> None:
+    field = definition.split()[-1]
+    with pytest.raises(BagError, match=rf"ObstacleSphere\.{field} was recorded as another type"):
+        as_installed(recorded(definition, body), ObstacleSphere)
+
+
+@pytest.mark.parametrize(
+    ("name", "encoding", "text", "reason"),
+    [
+        ("a/msg/B", "protobuf", b"", "its definition is in 'protobuf'; known are ros2msg and ros2"),
+        ("a/msg/B", "ros2msg", b"int32[ x", "its definition cannot be read"),
+        ("a/msg/B", "ros2idl", b"\xff\xfe", "its definition cannot be read"),
+        ("a/msg/B", "ros2idl", b"module a { };", "its definition cannot be read"),
+        ("a/msg/B\nimport os", "ros2msg", b"int32 x", "is no name of a message type"),
+    ],
+)
+def test_a_definition_that_is_none_is_refused(
+    name: str, encoding: str, text: bytes, reason: str
+) -> None:
+    with pytest.raises(BagError, match=reason):
+        decoder(name, encoding, text)
+
+
+@pytest.mark.parametrize("cdr", [b"", b"\x00\x01", b"\x00\x01\x00\x00\xff\xff\xff\xff", bytes(40)])
+def test_bytes_that_do_not_fit_are_refused(cdr: bytes) -> None:
+    decode = decoder("a/msg/B", "ros2msg", b"string[] x\n")
+    with pytest.raises(BagError, match="does not fit its definition"):
+        decode(cdr)

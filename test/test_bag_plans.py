@@ -1,0 +1,316 @@
+"""The planner's answers as arrays, against an independent decoder and answers made by hand."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from ff_planner_msgs.action import PlanTrajectory as PlanTrajectoryAction
+from ff_planner_msgs.srv import PlanTrajectory
+from geometry_msgs.msg import PoseStamped, Twist
+from mcap.reader import make_reader
+from mcap_ros2.decoder import DecoderFactory
+from rosbags.highlevel import AnyReader
+from trajectory_msgs.msg import JointTrajectoryPoint
+
+from ff_planner_ros.bag import read_plans
+from ff_planner_ros.bag.encoding import encode
+from ff_planner_ros.bag.export import export_csv, export_npz
+from ff_planner_ros.bag.info import info
+from ff_planner_ros.bag.plans import GOAL_EVENT, RESULT_EVENT, SERVICE_EVENT
+from ff_planner_ros.bag.writer import BagWriter
+from ff_planner_ros.cli import main
+from ff_planner_ros.errors import BagError, Status
+from ff_planner_ros.ros.action_events import GET_RESULT, SEND_GOAL
+
+NODE = Path(__file__).parent / "golden_bags" / "node"
+REQUEST_SENT, REQUEST_RECEIVED, RESPONSE_SENT, RESPONSE_RECEIVED = range(4)
+
+
+def response(plan_id: str, code: int = Status.SOLVED, joints: int = 2) -> PlanTrajectory.Response:
+    """An answer with a plan on three points, every number of it another."""
+    numbers = iter(np.arange(1.0, 1000.0) / 7)
+
+    def some(count: int) -> list[float]:
+        return [next(numbers) for _ in range(count)]
+
+    answer = PlanTrajectory.Response(plan_id=plan_id)
+    answer.status.code, answer.status.message = int(code), "because"
+    if code != Status.SOLVED:
+        return answer
+    answer.joint_trajectory.header.stamp.sec = 5
+    answer.joint_trajectory.joint_names = [f"j{number}" for number in range(joints)]
+    answer.metrics.peak_joint_torques = some(joints)
+    answer.metrics.joint_path_length = 1.5
+    for number in range(3):
+        point = JointTrajectoryPoint(
+            positions=some(joints),
+            velocities=some(joints),
+            accelerations=some(joints),
+            effort=some(joints),
+        )
+        point.time_from_start.nanosec = number * 250_000_000
+        answer.joint_trajectory.points.append(point)
+        for path, twists in (
+            (answer.predicted_chaser_path, answer.predicted_chaser_twists),
+            (answer.end_effector_path, answer.end_effector_twists),
+        ):
+            stamped, twist = PoseStamped(), Twist()
+            for vector in (stamped.pose.position, twist.linear, twist.angular):
+                vector.x, vector.y, vector.z = some(3)
+            turn = stamped.pose.orientation
+            turn.x, turn.y, turn.z, turn.w = some(4)
+            path.poses.append(stamped)
+            twists.append(twist)
+    return answer
+
+
+def event(kind: int, **content: Any) -> PlanTrajectory.Event:
+    told = PlanTrajectory.Event(**content)
+    told.info.event_type = kind
+    return told
+
+
+def answered(*answers: PlanTrajectory.Response) -> list[tuple[str, str, Any]]:
+    return [
+        ("/plan_trajectory/_service_event", SERVICE_EVENT, event(RESPONSE_SENT, response=[one]))
+        for one in answers
+    ]
+
+
+def write(directory: Path, events: Sequence[tuple[str, str, Any]]) -> Path:
+    with BagWriter(directory, flush_interval=0.0) as writer:
+        known = set()
+        for time, (topic, type_name, message) in enumerate(events):
+            if topic not in known:
+                writer.add_topic(topic, type_name, [])
+                known.add(topic)
+            writer.write(topic, encode(message), time, time)
+    return directory
+
+
+def test_plans_are_those_that_an_independent_decoder_finds_published() -> None:
+    with next(NODE.glob("*.mcap")).open("rb") as stream:
+        reader = make_reader(stream, decoder_factories=[DecoderFactory()])
+        topics = ("/joint_trajectory", "/predicted_chaser_path")
+        found = [(one[1].topic, one[3]) for one in reader.iter_decoded_messages(topics)]
+    trajectories, paths = ([one for topic, one in found if topic == wanted] for wanted in topics)
+    plans = [plan for plan in read_plans(NODE) if plan.trajectory is not None]
+    assert len(plans) == len(trajectories) == len(paths) == 2
+    for plan, trajectory, path in zip(plans, trajectories, paths, strict=True):
+        motion = plan.trajectory
+        published = [list(point.positions) for point in trajectory.points]
+        assert motion.joint_positions.tolist() == published
+        places = [stamped.pose.position for stamped in path.poses]
+        assert motion.chaser_positions.tolist() == [[p.x, p.y, p.z] for p in places]
+
+
+def test_arrays_are_what_the_messages_say() -> None:
+    with AnyReader([NODE]) as reader:
+        decoded = [
+            (connection.msgtype, reader.deserialize(data, connection.msgtype))
+            for connection, _, data in reader.messages()
+            if connection.msgtype in (SERVICE_EVENT, RESULT_EVENT)
+        ]
+    answers = [
+        one.result if name == RESULT_EVENT else one
+        for name, told in decoded
+        for one in told.response
+    ]
+    plans = read_plans(NODE)
+    assert [plan.plan_id for plan in plans] == [answer.plan_id for answer in answers]
+    solved = 0
+    for plan, answer in zip(plans, answers, strict=True):
+        assert plan.message == answer.status.message
+        if plan.trajectory is None:
+            continue
+        solved += 1
+        motion, points = plan.trajectory, answer.joint_trajectory.points
+        stamp = answer.joint_trajectory.header.stamp
+        assert plan.start_ns == stamp.sec * 10**9 + stamp.nanosec
+        assert plan.joint_names == tuple(answer.joint_trajectory.joint_names)
+        assert motion.time[-1] == pytest.approx(10.0, abs=1e-9)
+        for field, ours in (
+            ("positions", motion.joint_positions),
+            ("velocities", motion.joint_velocities),
+            ("accelerations", motion.joint_accelerations),
+            ("effort", motion.joint_torques),
+        ):
+            assert ours.tolist() == [getattr(point, field).tolist() for point in points]
+        for path, twists, who in (
+            (answer.predicted_chaser_path, answer.predicted_chaser_twists, "chaser"),
+            (answer.end_effector_path, answer.end_effector_twists, "ee"),
+        ):
+            poses = [stamped.pose for stamped in path.poses]
+            places = [[p.position.x, p.position.y, p.position.z] for p in poses]
+            turns = [[*(getattr(p.orientation, axis) for axis in "xyzw")] for p in poses]
+            linear = [[t.linear.x, t.linear.y, t.linear.z] for t in twists]
+            angular = [[t.angular.x, t.angular.y, t.angular.z] for t in twists]
+            assert getattr(motion, f"{who}_positions").tolist() == places
+            assert getattr(motion, f"{who}_quaternions_xyzw").tolist() == turns
+            assert getattr(motion, f"{who}_linear_velocities").tolist() == linear
+            assert getattr(motion, f"{who}_angular_velocities").tolist() == angular
+        assert plan.metrics["min_clearance"] == answer.metrics.min_clearance
+        assert plan.metrics["peak_joint_torques"] == tuple(answer.metrics.peak_joint_torques)
+    assert solved == 2
+
+
+def test_columns_are_one_dimensional_equally_long_and_named_with_their_unit(tmp_path: Path) -> None:
+    (plan,) = read_plans(write(tmp_path / "run", answered(response("a"))))
+    columns = plan.columns()
+    assert {column.shape for column in columns.values()} == {(3,)}
+    assert len(columns) == 1 + 4 * 2 + 2 * 13
+    assert columns["time_s"].tolist() == [0.0, 0.25, 0.5]
+    assert (
+        columns["j1_velocity_rad_per_s"].tolist() == plan.trajectory.joint_velocities[:, 1].tolist()
+    )
+    assert columns["chaser_qw"].tolist() == plan.trajectory.chaser_quaternions_xyzw[:, 3].tolist()
+    assert columns["ee_z_m"].tolist() == plan.trajectory.ee_positions[:, 2].tolist()
+    distinct = {tuple(column.tolist()) for column in columns.values()}
+    assert len(distinct) == len(columns)  # no two are of the same quantity
+
+
+def test_what_an_answer_lacks_is_nan(tmp_path: Path) -> None:
+    answer = response("a")
+    for point in answer.joint_trajectory.points:
+        point.effort = []
+    answer.end_effector_twists = []
+    (plan,) = read_plans(write(tmp_path / "run", answered(answer)))
+    assert np.isnan(plan.trajectory.joint_torques).all()
+    assert plan.trajectory.joint_torques.shape == (3, 2)
+    assert np.isnan(plan.trajectory.ee_linear_velocities).all()
+    assert np.isfinite(plan.trajectory.ee_positions).all()
+
+
+def test_an_answer_that_makes_no_sense_is_told_and_the_others_are_read(tmp_path: Path) -> None:
+    crooked = response("crooked")
+    crooked.end_effector_twists = crooked.end_effector_twists[:2]
+    bag = write(tmp_path / "run", answered(crooked, response("sound")))
+    with pytest.warns(UserWarning, match=r"cannot be understood: .*\(2, 6\), and not \(3, 6\)"):
+        (plan,) = read_plans(bag)
+    assert plan.plan_id == "sound"
+
+
+def test_each_answer_comes_once_though_clients_tell_of_it_too(tmp_path: Path) -> None:
+    events = [
+        ("/plan_trajectory/_service_event", SERVICE_EVENT, event(kind, response=[response("a")]))
+        for kind in (RESPONSE_SENT, RESPONSE_RECEIVED)
+    ]
+    assert len(read_plans(write(tmp_path / "run", events))) == 1
+
+
+def test_a_refusal_has_metrics_only_if_there_was_an_attempt(tmp_path: Path) -> None:
+    refused, tried = (response(name, Status.COLLISION) for name in ("refused", "tried"))
+    tried.solver.rollouts, tried.metrics.min_clearance = 7, -0.25
+    first, second = read_plans(write(tmp_path / "run", answered(refused, tried)))
+    assert (first.status, first.metrics, first.columns()) == ("COLLISION", {}, {})
+    assert second.metrics["min_clearance"] == -0.25
+    assert second.trajectory is None
+
+
+def test_a_status_of_a_later_version_is_given_as_its_number(tmp_path: Path) -> None:
+    (plan,) = read_plans(write(tmp_path / "run", answered(response("a", 999))))
+    assert plan.status == "999"
+
+
+def test_answers_of_service_and_action_come_in_the_order_of_time(tmp_path: Path) -> None:
+    sent = GET_RESULT.Event(response=[GET_RESULT.Response()])
+    sent.info.event_type, sent.response[0].result.plan_id = RESPONSE_SENT, "first"
+    sent.response[0].result.status.code = int(Status.BUSY)
+    events = [("/act/_service_event", RESULT_EVENT, sent), *answered(response("second"))]
+    assert [p.plan_id for p in read_plans(write(tmp_path / "run", events))] == ["first", "second"]
+
+
+def of_two_robots(directory: Path) -> Path:
+    result = response("/b/1", Status.BUSY)
+    fields = PlanTrajectoryAction.Result.get_fields_and_field_types()
+    copied = PlanTrajectoryAction.Result(**{name: getattr(result, name) for name in fields})
+    goal, sent = SEND_GOAL.Event(request=[SEND_GOAL.Request()]), GET_RESULT.Event()
+    goal.info.event_type, sent.info.event_type = REQUEST_RECEIVED, RESPONSE_SENT
+    sent.response = [GET_RESULT.Response(result=copied)]
+    asked = event(REQUEST_RECEIVED, request=[PlanTrajectory.Request()])
+    return write(
+        directory,
+        [
+            ("/a/plan_trajectory/_service_event", SERVICE_EVENT, asked),
+            *((f"/a{topic}", *rest) for topic, *rest in answered(response("/a/1"))),
+            ("/a/plan_trajectory/_service_event", SERVICE_EVENT, asked),
+            ("/b/plan_trajectory_action/_action/send_goal/_service_event", GOAL_EVENT, goal),
+            ("/b/plan_trajectory_action/_action/get_result/_service_event", RESULT_EVENT, sent),
+        ],
+    )
+
+
+def test_two_robots_in_one_bag_are_told_apart(tmp_path: Path) -> None:
+    bag = of_two_robots(tmp_path / "run")
+    assert [plan.topic.split("/")[1] for plan in read_plans(bag)] == ["a", "b"]
+    text = "\n".join(info(bag))
+    assert "requests  3: 1 SOLVED, 1 BUSY, 1 no answer" in text
+    assert "/a/plan_trajectory  SOLVED  /a/1  because" in text
+    assert "/b/plan_trajectory_action  BUSY  /b/1  because" in text
+    assert "note: it is of 2 planners, /a, /b: " in text
+
+
+def test_tables_hold_the_columns_to_the_last_bit(tmp_path: Path) -> None:
+    answers = answered(response("run.1"), response("run.2", Status.BUSY))
+    bag = write(tmp_path / "run", answers)
+    assert main(["export", str(bag), "--csv", str(tmp_path / "tables")]) == 0
+    assert {file.name for file in (tmp_path / "tables").iterdir()} == {"answers.csv", "run.1.csv"}
+    with (tmp_path / "tables" / "run.1.csv").open(newline="") as stream:
+        names, *rows = csv.reader(stream)
+    columns = read_plans(bag)[0].columns()
+    assert names == list(columns)
+    assert np.array(rows, dtype=float).tolist() == np.column_stack(list(columns.values())).tolist()
+    with (tmp_path / "tables" / "answers.csv").open(newline="") as stream:
+        first, second = csv.DictReader(stream)
+    assert (first["plan_id"], first["status"], first["joint_path_length"]) == (
+        "run.1",
+        "SOLVED",
+        "1.5",
+    )
+    assert (second["status"], second["joint_path_length"]) == ("BUSY", "")
+
+
+def test_an_npz_file_holds_the_arrays_to_the_last_bit(tmp_path: Path) -> None:
+    bag = write(tmp_path / "run", answered(response("run.1")))
+    assert main(["export", str(bag), "--npz", str(tmp_path / "plans.npz")]) == 0
+    (plan,) = read_plans(bag)
+    with np.load(tmp_path / "plans.npz") as arrays:
+        assert arrays["run.1/joint_names"].tolist() == ["j0", "j1"]
+        assert arrays["run.1/ee_positions"].tolist() == plan.trajectory.ee_positions.tolist()
+        assert arrays["run.1/metrics/joint_path_length"] == 1.5
+        assert arrays["run.1/start_ns"] == 5 * 10**9
+
+
+def test_strange_plan_ids_make_harmless_files_that_all_differ(tmp_path: Path) -> None:
+    ids = ["../../etc/x", "..", "", "a/b", "a\\b", "A_b", "answers", "ä" * 300]
+    bag = write(tmp_path / "run", answered(*map(response, ids)))
+    export_csv(bag, tmp_path / "deep" / "tables")
+    names = {file.name.lower() for file in (tmp_path / "deep" / "tables").iterdir()}
+    assert len(names) == 1 + len(ids)  # on any file system
+    assert {path.name for path in tmp_path.iterdir()} == {"run", "deep"}
+
+
+def test_nothing_is_overwritten(tmp_path: Path) -> None:
+    bag = write(tmp_path / "run", answered(response("a")))
+    (tmp_path / "there").mkdir()
+    with pytest.raises(BagError, match="there exists already"):
+        export_csv(bag, tmp_path / "there")
+    with pytest.raises(BagError, match="there exists already"):
+        export_npz(bag, tmp_path / "there")
+    with pytest.raises(BagError, match="cannot be written"):
+        export_npz(bag, tmp_path / "nowhere" / "plans.npz")
+    with pytest.raises(BagError, match="cannot be written"):
+        export_csv(bag, bag / "metadata.yaml" / "tables")
+
+
+def test_a_bag_without_answers_is_not_exported(tmp_path: Path) -> None:
+    bag = write(tmp_path / "run", [])
+    with pytest.raises(BagError, match="holds no answer of the planner"):
+        export_csv(bag, tmp_path / "tables")
+    assert not (tmp_path / "tables").exists()
+    assert read_plans(bag) == []

@@ -1,0 +1,95 @@
+"""Two answers side by side: nothing is missed, and rounding is told apart from another plan."""
+
+from __future__ import annotations
+
+import math
+from copy import deepcopy
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+from ff_planner_msgs.srv import PlanTrajectory
+from scipy.spatial.transform import Rotation
+
+from ff_planner_ros.errors import NoPlanFound, Status
+from ff_planner_ros.planning.plan import Metrics, Plan, Trajectory
+from ff_planner_ros.ros.to_messages import response_from_error, response_from_plan
+from ff_planner_ros.runs.differences import QUANTITIES, differences
+
+
+def answered(plan: Plan, solve_time: float = 0.1) -> PlanTrajectory.Response:
+    return response_from_plan(plan, "run.1", 10**18, "inertial", solve_time)
+
+
+def test_the_same_plan_does_not_differ_however_long_it_took(lemur_plan: Plan) -> None:
+    assert differences(answered(lemur_plan), answered(lemur_plan, 0.2)) == []
+
+
+@pytest.mark.parametrize("item", fields(Trajectory), ids=lambda item: item.name)
+def test_one_bit_of_any_sample_is_told_and_tolerated_and_a_thousandth_is_not(
+    lemur_plan: Plan, item: object
+) -> None:
+    name = item.name  # type: ignore[attr-defined]
+    before = answered(lemur_plan)
+    for change, is_tolerable in ((1e-15, True), (1e-3, False)):
+        samples = np.array(getattr(lemur_plan.trajectory, name))
+        # A message counts nanoseconds: there is no smaller change of time.
+        if name == "time" and is_tolerable:
+            continue
+        samples[20] = samples[20] * (1 + change) + change
+        changed = replace(lemur_plan, trajectory=replace(lemur_plan.trajectory, **{name: samples}))
+        (found,) = differences(before, answered(changed))
+        assert found.quantity == name
+        assert found.is_tolerable == is_tolerable
+        assert "point 20" in found.where
+
+
+def test_attitudes_differ_by_the_angle_of_the_turn_between_them(lemur_plan: Plan) -> None:
+    quaternions = np.array(lemur_plan.trajectory.chaser_quaternions_xyzw)
+    turn = Rotation.from_rotvec([0.0, 0.3, 0.0])
+    quaternions[5] = (turn * Rotation.from_quat(quaternions[5])).as_quat()
+    quaternions[9] *= -1.0  # the same attitude
+    trajectory = replace(lemur_plan.trajectory, chaser_quaternions_xyzw=quaternions)
+    (found,) = differences(
+        answered(lemur_plan), answered(replace(lemur_plan, trajectory=trajectory))
+    )
+    assert found.amount == pytest.approx(0.3, abs=1e-12)
+    assert str(found) == "chaser_quaternions_xyzw by 0.3 rad at point 5 (tolerance 1e-05)"
+
+
+def test_another_number_of_points_cannot_be_compared(lemur_plan: Plan) -> None:
+    fewer = answered(lemur_plan)
+    fewer.joint_trajectory.points = fewer.joint_trajectory.points[:-1]
+    found = {one.quantity: one for one in differences(answered(lemur_plan), fewer)}
+    assert math.isinf(found["joint_positions"].amount)
+    assert found["joint_positions"].where == "shapes 50 x 7 before and 49 x 7 now"
+    assert not found["time"].is_tolerable
+
+
+def test_of_a_refusal_the_best_attempt_is_compared(lemur_plan: Plan) -> None:
+    nearer = replace(lemur_plan, metrics=replace(lemur_plan.metrics, min_clearance=-0.25))
+    before, now = (
+        response_from_error(NoPlanFound(Status.COLLISION, "too near", attempt), "run.1", 0.1)
+        for attempt in (lemur_plan, nearer)
+    )
+    (found,) = differences(before, now)
+    assert found.quantity == "metrics.min_clearance"
+    assert found.amount == pytest.approx(lemur_plan.metrics.min_clearance + 0.25)
+
+
+def test_infinite_in_both_is_the_same_and_in_one_is_not(lemur_plan: Plan) -> None:
+    free = replace(lemur_plan, metrics=replace(lemur_plan.metrics, min_clearance=math.inf))
+    assert differences(answered(free), answered(deepcopy(free))) == []
+    (found,) = differences(answered(free), answered(lemur_plan))
+    assert math.isinf(found.amount)
+    assert not found.is_tolerable
+
+
+def test_how_the_search_came_there_is_told_and_is_no_fault(lemur_plan: Plan) -> None:
+    other = replace(lemur_plan, solver=replace(lemur_plan.solver, iterations=99))
+    (found,) = differences(answered(lemur_plan), answered(other))
+    assert (found.quantity, found.is_tolerable) == ("solver.iterations", True)
+
+
+def test_every_metric_is_compared() -> None:
+    assert {f"metrics.{item.name}" for item in fields(Metrics)} <= QUANTITIES.keys()

@@ -1,0 +1,92 @@
+"""Bags of earlier versions: their plans come again, on this machine and on others."""
+
+from __future__ import annotations
+
+import random
+from pathlib import Path
+from typing import NoReturn
+
+import pytest
+from mcap.reader import make_reader
+from mcap.writer import Writer
+
+from ff_planner_ros.bag.reader import open_bag
+from ff_planner_ros.cli import main
+from ff_planner_ros.errors import NoPlanFound, Status
+from ff_planner_ros.runs import replay as replaying
+from ff_planner_ros.runs.recorded_run import recorded_run
+from ff_planner_ros.runs.replay import Verdict, replay
+
+GOLDEN = Path(__file__).parent / "golden_bags"
+BAGS = sorted(path for path in GOLDEN.iterdir() if path.is_dir())
+# To the last bit on the machine that recorded them; others may round otherwise.
+SAME = (Verdict.IDENTICAL, Verdict.WITHIN_TOLERANCE)
+SEEDS = range(12)
+
+
+def test_there_are_golden_bags() -> None:
+    assert BAGS
+
+
+@pytest.mark.parametrize("path", BAGS, ids=lambda path: path.name)
+def test_every_answer_in_a_golden_bag_comes_again(path: Path) -> None:
+    with open_bag(path) as bag:
+        run = recorded_run(bag)
+    for recorded in run.requests:
+        found = replay(recorded)
+        assert found.verdict in SAME, (recorded.name, found.words, *map(str, found.differences))
+    statuses = [recorded.status for recorded in run.requests]
+    if path.name == "node":
+        assert any("do not tell when their requests were taken up" in note for note in run.notes)
+        assert [recorded.door for recorded in run.requests].count("action") == 2
+        assert statuses.count(Status.SOLVED) == 2
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_damaged_messages_and_documents_never_end_in_a_traceback(
+    seed: int,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """Of a bag whose checksums are right all the same: the worst that a reader lets through."""
+
+    def no_plan(*_: object) -> NoReturn:
+        raise NoPlanFound(Status.COLLISION, "not looked for")
+
+    monkeypatch.setattr(replaying, "perform", no_plan)
+    spoilt = tmp_path / "spoilt.mcap"
+    copy_spoilt(next((GOLDEN / "node").glob("*.mcap")), spoilt, random.Random(seed))
+    assert main(["replay", str(spoilt)]) in (2, 3)
+    assert main(["replay", str(spoilt), "--with", "points=20"]) in (0, 2)
+    capsys.readouterr()
+
+
+def copy_spoilt(source: Path, target: Path, rng: random.Random) -> None:
+    """Copy a file with its own definitions, replacing bytes in half of all that matters."""
+    with source.open("rb") as read, target.open("wb") as written:
+        reader, writer = make_reader(read), Writer(written)
+        writer.start("ros2")
+        channels: dict[str, int] = {}
+        for schema, channel, message in reader.iter_messages():
+            assert schema is not None
+            if channel.topic not in channels:
+                number = writer.register_schema(schema.name, schema.encoding, schema.data)
+                channels[channel.topic] = writer.register_channel(channel.topic, "cdr", number)
+            matters = channel.topic.endswith(("_service_event", "chaser_state", "obstacles"))
+            cdr = spoil(rng, message.data, first=4, share=0.5 if matters else 0.0)
+            writer.add_message(channels[channel.topic], message.log_time, cdr, message.publish_time)
+        for one in reader.iter_attachments():
+            content = spoil(rng, one.data, first=0, share=0.2)
+            writer.add_attachment(0, 0, one.name, one.media_type, content)
+        writer.finish()
+
+
+def spoil(rng: random.Random, content: bytes, first: int, share: float) -> bytes:
+    """Replace some bytes, in a share of all cases."""
+    changed = bytearray(content)
+    if rng.random() < share:
+        for _ in range(rng.choice([1, 3, 30])):
+            at = rng.randrange(first, len(changed))
+            changed[at] = rng.choice([0, 1, 255, rng.randrange(256)])
+    return bytes(changed)

@@ -1,0 +1,178 @@
+"""Recording as the operator of a planner process sees it: services, diagnostics, log and bag."""
+
+from __future__ import annotations
+
+import resource
+import threading
+import time
+from pathlib import Path
+from typing import Any
+
+import robots
+import yaml
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from mcap.reader import make_reader
+from rcl_interfaces.msg import Log
+from ros_processes import (
+    DEADLINE,
+    EVENT_TOPIC,
+    Client,
+    Scene,
+    connected_client,
+    private_domain,
+    read_bag,
+    running_planner,
+)
+from rosbag2_format import check_bag
+from std_srvs.srv import Trigger
+
+from ff_planner_ros.bag.recover import recover
+from ff_planner_ros.errors import Status
+from ff_planner_ros.planning.problem import PlanningProblem
+
+OFTEN = ("-p", "rates.diagnostics:=20.0", "-p", "planning_allowance:=8.0")
+
+
+class Operator:
+    """Reads diagnostics and calls the recorder's services."""
+
+    def __init__(self, client: Client) -> None:
+        self._client = client
+        self._heard = threading.Condition()
+        self._statuses: list[DiagnosticStatus] = []
+        client.node.create_subscription(DiagnosticArray, "/diagnostics", self._keep, 10)
+        self._services = {
+            name: client.node.create_client(Trigger, f"ff_planner/{name}")
+            for name in ("pause_recording", "resume_recording", "split_bag")
+        }
+
+    def call(self, name: str) -> Trigger.Response:
+        service = self._services[name]
+        assert service.wait_for_service(DEADLINE)
+        done = threading.Event()
+        future = service.call_async(Trigger.Request())
+        future.add_done_callback(lambda _: done.set())
+        assert done.wait(DEADLINE)
+        return future.result()
+
+    def next_status(self) -> DiagnosticStatus:
+        """Wait for what diagnostics say of the recorder from now on."""
+        with self._heard:
+            enough = len(self._statuses) + 2  # one on its way may be of before
+            assert self._heard.wait_for(lambda: len(self._statuses) >= enough, DEADLINE)
+            return self._statuses[-1]
+
+    def _keep(self, message: DiagnosticArray) -> None:
+        with self._heard:
+            self._statuses += [one for one in message.status if one.name == "/ff_planner: recorder"]
+            self._heard.notify_all()
+
+
+def _bag_metadata(bag: Path) -> dict[str, Any]:
+    return yaml.safe_load((bag / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
+
+
+def test_an_operator_pauses_resumes_and_splits(
+    lemur_capture: PlanningProblem, tmp_path: Path
+) -> None:
+    request = Scene(lemur_capture).complete_request()
+    with private_domain(), running_planner(tmp_path, *OFTEN) as planner:
+        with connected_client() as client:
+            operator = Operator(client)
+            client.wait_for_planner()
+            before = client.plan(request)
+            assert operator.call("pause_recording").success
+            status = operator.next_status()
+            assert status.level == DiagnosticStatus.WARN
+            assert "until resume_recording is called" in status.message
+            in_pause = client.plan(request)
+            resumed = operator.call("resume_recording")
+            assert resumed.success
+            assert "messages were left out" in resumed.message
+            assert operator.next_status().level == DiagnosticStatus.OK
+            split = operator.call("split_bag")
+            assert split.success
+            assert split.message == (
+                f"{planner.bag}/{planner.bag.name}_0.mcap is complete, recording goes on in "
+                f"{planner.bag.name}_1.mcap"
+            )
+            listed = _bag_metadata(planner.bag)["relative_file_paths"]
+            assert listed == [f"{planner.bag.name}_{number}.mcap" for number in (0, 1)]
+            after = client.plan(request)
+        assert planner.stop() == 0
+    for answer in (before, in_pause, after):
+        assert answer.status.code == Status.SOLVED
+    messages = read_bag(planner.bag)
+    answers = [event.response[0].plan_id for event in messages[EVENT_TOPIC] if event.response]
+    assert answers == [before.plan_id, after.plan_id]
+    log = [entry.msg for entry in messages["/rosout"] if entry.level >= Log.INFO]
+    assert any("recording goes on; from " in line for line in log)
+    gaps = _bag_metadata(planner.bag)["custom_data"]
+    assert gaps["dropped"] == "0"
+    assert resumed.message.endswith(gaps["pause 1"])
+    check_bag(planner.bag)
+    for file in sorted(planner.bag.glob("*.mcap")):
+        _explains_itself(file)
+
+
+def _explains_itself(file: Path) -> None:
+    with file.open("rb") as stream:
+        reader = make_reader(stream)
+        documents = {one.name: one.data.decode() for one in reader.iter_attachments()}
+        (origin,) = (one.metadata for one in reader.iter_metadata() if one.name == "ff_planner_ros")
+    assert documents["robot.urdf"] == robots.LEMUR_URDF.read_text()
+    used = yaml.safe_load(documents["parameters.yaml"])["/**"]["ros__parameters"]
+    assert used["rates"]["diagnostics"] == 20.0
+    assert origin["node"] == "/ff_planner"
+    assert origin["rmw"] == "rmw_fastrtps_cpp"
+    assert origin["use_sim_time"] == "false"
+
+
+def test_when_the_disk_is_full_planning_goes_on_and_everybody_is_told(
+    lemur_capture: PlanningProblem, tmp_path: Path
+) -> None:
+    request = Scene(lemur_capture).complete_request()
+    with private_domain(), running_planner(tmp_path, *OFTEN) as planner:
+        with connected_client() as client:
+            operator = Operator(client)
+            client.wait_for_planner()
+            before = client.plan(request)
+            assert operator.call("split_bag").success  # brings it to the disk
+            (file,) = planner.bag.glob("*_1.mcap")
+            full = file.stat().st_size
+            resource.prlimit(planner.process.pid, resource.RLIMIT_FSIZE, (full, full))
+            assert client.plan(request).status.code == Status.SOLVED
+            give_up = time.monotonic() + DEADLINE
+            while (status := operator.next_status()).level == DiagnosticStatus.OK:
+                assert time.monotonic() < give_up
+            assert status.level == DiagnosticStatus.ERROR
+            assert "recording has stopped, planning goes on: bag " in status.message
+            assert "File too large" in status.message
+            assert client.plan(request).status.code == Status.SOLVED
+        assert planner.stop() == 0
+    assert planner.log.count("recording has stopped, planning goes on") == 1
+    recover(planner.bag, tmp_path / "saved")
+    events = read_bag(tmp_path / "saved")[EVENT_TOPIC]
+    assert [event.response[0].plan_id for event in events if event.response] == [before.plan_id]
+
+
+def test_where_no_bag_can_be_written_planning_goes_on_and_everybody_is_told(
+    lemur_capture: PlanningProblem, tmp_path: Path
+) -> None:
+    arguments = (*OFTEN, "-p", "bag.directory:=/dev/null/bags")
+    with private_domain(), running_planner(tmp_path, *arguments) as planner:
+        with connected_client() as client:
+            operator = Operator(client)
+            client.wait_for_planner()
+            answer = client.plan(Scene(lemur_capture).complete_request())
+            assert answer.status.code == Status.SOLVED
+            status = operator.next_status()
+            assert status.level == DiagnosticStatus.ERROR
+            assert "planning goes on: bag /dev/null/bags/" in status.message
+            for name in ("pause_recording", "resume_recording", "split_bag"):
+                refused = operator.call(name)
+                assert not refused.success
+                assert "recording has stopped: bag /dev/null/bags/" in refused.message
+        assert planner.stop() == 0
+    assert planner.log.count("recording has stopped, planning goes on: bag /dev/null/bags/") == 1
+    assert "ready; not recording to /dev/null/bags/" in planner.log

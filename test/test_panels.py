@@ -1,0 +1,76 @@
+"""What is drawn over time: one branch of angles for all methods, limits where they belong."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from drawn_plans import POINTS, drawn_plan
+
+from ff_planner_ros.analysis.methods import MEASURED, PLANNED
+from ff_planner_ros.analysis.panels import CHASER_POSE, joint_angles, joint_rates, panels
+from ff_planner_ros.analysis.plots import clearance_plot, joint_plot
+from ff_planner_ros.arrays import frozen
+from ff_planner_ros.planning.plan import Trajectory
+from ff_planner_ros.planning.problem import PlanningProblem
+from ff_planner_ros.robot.model import Robot
+
+
+@pytest.mark.parametrize("first", [0, POINTS // 2])
+def test_what_was_measured_is_drawn_beside_what_was_planned_across_180_degrees(
+    first: int, lemur: Robot
+) -> None:
+    """Planned from 179 deg on, measured a little more: as angles from -180 on."""
+    planned = np.linspace([179.0, 0.0, 10.0], [560.0, 20.0, 60.0], POINTS)
+    motions = {
+        PLANNED: drawn_plan(lemur, 0, planned).trajectory,
+        MEASURED: rows_of(drawn_plan(lemur, 0, planned + 2.0).trajectory, slice(first, None)),
+    }
+    for k, panel in enumerate(panels(CHASER_POSE[1], motions)):
+        np.testing.assert_allclose(panel.curves[PLANNED][1], planned[:, k], atol=1e-6)
+        np.testing.assert_allclose(panel.curves[MEASURED][1], planned[first:, k] + 2, atol=1e-6)
+
+
+def rows_of(motion: Trajectory, rows: slice) -> Trajectory:
+    names = motion.__dataclass_fields__
+    return Trajectory(**{name: getattr(motion, name)[rows] for name in names})
+
+
+def test_joints_have_their_limits(lemur: Robot) -> None:
+    robot = replace(lemur, velocity_limits=frozen(np.arange(1.0, 8.0)))
+    motion = {PLANNED: drawn_plan(lemur, 1).trajectory}
+    for k, (angle, rate) in enumerate(
+        zip(panels(joint_angles(robot), motion), panels(joint_rates(robot), motion), strict=True)
+    ):
+        limits = [robot.lower_position_limits[k], robot.upper_position_limits[k]]
+        np.testing.assert_allclose(angle.levels, np.rad2deg(limits))
+        np.testing.assert_allclose(rate.levels, np.rad2deg([-(k + 1.0), k + 1.0]))
+
+
+def test_a_plot_of_joints_shows_the_curves_and_keeps_the_limits_for_zooming_out(
+    lemur: Robot,
+) -> None:
+    robot = replace(lemur, velocity_limits=frozen([np.inf, *[2.0] * 6]))
+    motion = drawn_plan(lemur, 1).trajectory
+    figure = joint_plot(joint_rates(robot), {PLANNED: motion})
+    lines = [(line.yref, line.y0, line.y1) for line in figure.layout.shapes]
+    limit = np.rad2deg(2.0)
+    assert lines == [(f"y{k}", y, y) for k in range(2, 8) for y in (-limit, limit)]
+    low, high = figure.layout.yaxis2.range
+    rates = np.rad2deg(motion.joint_velocities[:, 1])
+    assert -limit < low < rates.min() < rates.max() < high < limit
+    assert figure.layout.yaxis.range is None
+    assert figure.layout.yaxis7.title.text == "joint_7 [deg/s]"
+
+
+def test_a_plot_without_obstacles_says_so(lemur: Robot, lemur_capture: PlanningProblem) -> None:
+    motions = {PLANNED: drawn_plan(lemur, 2).trajectory}
+    free = clearance_plot(lemur, (), motions)
+    assert [note.text for note in free.layout.annotations] == ["no obstacles"]
+    assert not free.layout.shapes
+    among = clearance_plot(lemur, lemur_capture.obstacles, motions)
+    (inside,) = among.layout.shapes
+    assert inside.y1 == 0.0
+    bottom, top = among.layout.yaxis.range
+    assert inside.y0 < bottom < 0.0 < top

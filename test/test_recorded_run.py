@@ -1,0 +1,241 @@
+"""Bags that do not hold all of a run, or more than one: what can be rebuilt, and why not all."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from ff_planner_msgs.srv import PlanTrajectory
+from rcl_interfaces.msg import ParameterEvent
+from rclpy.parameter import Parameter
+from ros_processes import FRAME, Scene
+from service_msgs.msg import ServiceEventInfo
+
+from ff_planner_ros.bag.encoding import encode
+from ff_planner_ros.bag.provenance import PROVENANCE, provenance
+from ff_planner_ros.bag.reader import open_bag
+from ff_planner_ros.bag.writer import BagWriter
+from ff_planner_ros.cli import main
+from ff_planner_ros.errors import BagError, FfPlannerError, InvalidInput, Status
+from ff_planner_ros.planning.plan import Plan
+from ff_planner_ros.planning.problem import PlanningProblem
+from ff_planner_ros.ros.from_messages import NANOSECONDS
+from ff_planner_ros.ros.question import Sources
+from ff_planner_ros.ros.scene_input import SceneInput
+from ff_planner_ros.ros.to_messages import response_from_error, response_from_plan, time_message
+from ff_planner_ros.runs.recorded_run import RecordedRun, recorded_run
+from ff_planner_ros.runs.replay import Verdict, replay, version_lines
+
+START = 1_700_000_000 * NANOSECONDS
+EVENT = "ff_planner_msgs/srv/PlanTrajectory_Event"
+EVENTS = "/plan_trajectory/_service_event"
+LINKS = {"base_link": "chaser", "tip_link": "end_effector"}
+
+
+class World:
+    """Writes what a planner would have recorded."""
+
+    def __init__(self, problem: PlanningProblem, directory: Path) -> None:
+        self._scene, self._directory = Scene(problem), directory
+        self._messages: list[tuple[str, str, Any, int]] = []
+        self._count = 0
+        self.attachments = {"robot.urdf": problem.robot.urdf.encode()}
+        self.set_parameters({})
+
+    def set_parameters(self, values: dict[str, Any]) -> None:
+        document = {"/**": {"ros__parameters": {"robot": LINKS, **values}}}
+        self.attachments["parameters.yaml"] = yaml.safe_dump(document).encode()
+
+    def put(self, topic: str, type_name: str, message: Any, at_ns: int) -> None:
+        self._messages.append((topic, type_name, message, at_ns))
+
+    def ask(
+        self, at_ns: int, response: PlanTrajectory.Response | None, topic: str = EVENTS
+    ) -> PlanTrajectory.Request:
+        """Record a request that brings all with it, a state stamped when it was asked included."""
+        request = self._scene.complete_request()
+        request.start_state.header.stamp = time_message(at_ns)
+        self._count += 1
+        events = [(ServiceEventInfo.REQUEST_RECEIVED, {"request": [request]})]
+        if response is not None:
+            events.append((ServiceEventInfo.RESPONSE_SENT, {"response": [response]}))
+        for kind, content in events:
+            info = ServiceEventInfo(
+                event_type=kind, stamp=time_message(at_ns), sequence_number=self._count
+            )
+            self.put(topic, EVENT, PlanTrajectory.Event(info=info, **content), at_ns)
+        return request
+
+    def run(self, **record: str) -> RecordedRun:
+        with BagWriter(self._directory / "bag", flush_interval=0.0) as bag:
+            for name, content in self.attachments.items():
+                bag.attach(name, "text/plain", content)
+            if record:
+                bag.add_record(PROVENANCE, record)
+            for topic, kind in {topic: kind for topic, kind, *_ in self._messages}.items():
+                bag.add_topic(topic, kind, [])
+            for topic, _, message, at_ns in self._messages:
+                bag.write(topic, encode(message), at_ns, at_ns)
+        with open_bag(self._directory / "bag") as opened:
+            return recorded_run(opened)
+
+
+@pytest.fixture
+def world(lemur_capture: PlanningProblem, tmp_path: Path) -> World:
+    return World(lemur_capture, tmp_path)
+
+
+def refused(at_ns: int, plan_id: str = "run.1") -> PlanTrajectory.Response:
+    response = response_from_error(FfPlannerError(Status.NO_STATE, "none"), plan_id, 0.0)
+    Sources(taken_up_ns=at_ns).tell(response)
+    return response
+
+
+def test_a_bag_without_requests_is_refused(
+    world: World, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(BagError, match="holds no request to a planner"):
+        world.run()
+    assert main(["replay", str(tmp_path / "bag")]) == 2
+    assert "holds no request to a planner" in capsys.readouterr().err
+
+
+def test_a_bag_without_parameters_is_refused(world: World) -> None:
+    world.ask(START, refused(START))
+    del world.attachments["parameters.yaml"]
+    with pytest.raises(BagError, match=r"has no parameters\.yaml attached"):
+        world.run()
+
+
+def test_of_two_planners_only_that_whose_parameters_are_there_is_rebuilt(world: World) -> None:
+    world.ask(START, refused(START, "one"), "/one/plan_trajectory/_service_event")
+    world.ask(START + 1, refused(START + 1, "two"), "/two/plan_trajectory/_service_event")
+    run = world.run(node="/two/ff_planner")
+    one, two = run.requests
+    found = replay(one)
+    assert found.verdict is Verdict.NOT_REBUILT
+    assert "planners in /one/, /two/, and parameters of one: /two/ff_planner" in found.words
+    assert two.question().task.ahead == 0.0
+
+
+def test_of_two_planners_none_is_rebuilt_where_the_bag_does_not_say_whose_it_is(
+    world: World,
+) -> None:
+    for name in ("one", "two"):
+        world.ask(START, refused(START, name), f"/{name}/plan_trajectory/_service_event")
+    assert {replay(request).verdict for request in world.run().requests} == {Verdict.NOT_REBUILT}
+
+
+def test_a_request_without_answer_is_told(world: World) -> None:
+    world.ask(START, None)
+    (request,) = world.run().requests
+    assert (request.name, request.status) == ("request 1", None)
+    assert "no answer in the bag" in replay(request).words
+
+
+def test_an_answer_without_request_is_told(world: World) -> None:
+    info = ServiceEventInfo(event_type=ServiceEventInfo.RESPONSE_SENT)
+    event = PlanTrajectory.Event(info=info, response=[refused(START)])
+    world.put(EVENTS, EVENT, event, START)
+    (request,) = world.run().requests
+    assert replay(request).verdict is Verdict.NOT_REBUILT
+    assert "not the request itself" in replay(request).words
+
+
+def test_a_plan_that_was_followed_and_is_not_in_the_bag_is_named(world: World) -> None:
+    response = refused(START)
+    response.following = "run.7"
+    world.ask(START, response)
+    (request,) = world.run().requests
+    assert replay(request).words == "plan run.7, which the joints followed, is not in the bag"
+
+
+def test_parameters_are_those_of_the_moment_and_of_the_node(world: World) -> None:
+    world.set_parameters({"points": 40, "planner": {"starts": 3}, "once": {"upon": 1}})
+    changes = (("/ff_planner", 7, 10), ("/another", 9, 20), ("/ff_planner", 8, 30))
+    for node, starts, seconds in changes:
+        at_ns = START + seconds * NANOSECONDS
+        changed = [Parameter("planner.starts", value=starts).to_parameter_msg()]
+        event = ParameterEvent(stamp=time_message(at_ns), node=node, changed_parameters=changed)
+        world.put("/parameter_events", "rcl_interfaces/msg/ParameterEvent", event, at_ns)
+    for seconds in (5, 10, 25, 31):
+        at_ns = START + seconds * NANOSECONDS
+        world.ask(at_ns, refused(at_ns))
+    run = world.run(node="/ff_planner")
+    known = [one.inputs.parameters for one in run.requests if one.inputs is not None]
+    assert [one.planner.starts for one in known] == [3, 7, 7, 8]
+    assert {(one.points, one.inertial_frame) for one in known} == {(40, FRAME)}
+    assert "parameters that this version does not know are left out: once" in run.notes
+
+
+def test_a_parameter_that_makes_no_sense_is_named(world: World) -> None:
+    world.set_parameters({"planner": {"starts": 0}})
+    world.ask(START, refused(START))
+    with pytest.raises(BagError, match=r"parameters\.yaml: planner\.starts is 0"):
+        world.run()
+
+
+def test_of_several_messages_with_the_stamp_the_last_before_the_request_counts(
+    world: World, lemur_capture: PlanningProblem, lemur_plan: Plan
+) -> None:
+    """As with obstacles that nobody stamps, sent again while the first plan was made."""
+    scene = Scene(lemur_capture)
+    for at_ns, radius in ((START, 0.1), (START + 10, 0.2), (START + 30, 0.3)):
+        obstacles = scene.obstacles()
+        obstacles.header.stamp = time_message(START)
+        obstacles.spheres[0].radius = radius
+        world.put("/obstacles", "ff_planner_msgs/msg/ObstacleSphereArray", obstacles, at_ns)
+    response = response_from_plan(lemur_plan, "run.1", START + 20, FRAME, 0.1)
+    Sources(START + 20, START + 20, "start_state", obstacles_stamp_ns=START).tell(response)
+    world.ask(START + 20, response).use_obstacles = False
+    (request,) = world.run().requests
+    assert request.question().task.problem.obstacles[0].radius == 0.2
+
+
+def test_inputs_are_found_whatever_their_topics_are_called(
+    world: World, lemur_capture: PlanningProblem, lemur_plan: Plan
+) -> None:
+    state = Scene(lemur_capture).state(START)
+    world.put("/mocap/pose_of_the_chaser", "ff_planner_msgs/msg/ChaserState", state, START)
+    response = response_from_plan(lemur_plan, "run.1", START, FRAME, 0.1)
+    Sources(START, START, "chaser_state").tell(response)
+    world.ask(START, response).use_start_state = False
+    (request,) = world.run().requests
+    measured = request.question().task.problem.start.joint_positions
+    assert measured.tolist() == lemur_capture.start.joint_positions.tolist()
+
+
+def test_of_several_topics_that_might_be_the_input_none_is_guessed(
+    world: World, lemur_capture: PlanningProblem, lemur_plan: Plan
+) -> None:
+    for topic in ("/one", "/two"):
+        state = Scene(lemur_capture).state(START)
+        world.put(topic, "ff_planner_msgs/msg/ChaserState", state, START)
+    response = response_from_plan(lemur_plan, "run.1", START, FRAME, 0.1)
+    Sources(START, START, "chaser_state").tell(response)
+    world.ask(START, response).use_start_state = False
+    (request,) = world.run().requests
+    assert "its topics of this type are /one, /two" in replay(request).words
+
+
+def test_versions_that_are_others_now_are_named(world: World) -> None:
+    world.ask(START, refused(START))
+    now = provenance()
+    run = world.run(**now | {"numpy": "1.0.0", "host": "elsewhere", "started": "long ago"})
+    assert list(version_lines(run)) == [f"version: numpy was 1.0.0, is {now['numpy']}"]
+
+
+def test_a_refusal_for_what_was_not_heard_yet_comes_again_though_the_recorder_heard_it(
+    world: World, lemur_capture: PlanningProblem
+) -> None:
+    message = Scene(lemur_capture).obstacles()
+    world.put("/obstacles", "ff_planner_msgs/msg/ObstacleSphereArray", message, START - 1)
+    with pytest.raises(InvalidInput) as refusal:
+        SceneInput(FRAME).scene()
+    response = response_from_error(refusal.value, "run.1", 0.0)
+    Sources(START, START, "start_state").tell(response)
+    world.ask(START, response).use_obstacles = False
+    (request,) = world.run().requests
+    assert replay(request).verdict is Verdict.IDENTICAL

@@ -1,0 +1,274 @@
+"""A real planner's run, from its bag alone: every answer comes again, and what differs is found."""
+
+from __future__ import annotations
+
+import shutil
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+from ff_planner_msgs.msg import ChaserState
+from ff_planner_msgs.srv import PlanTrajectory
+from rcl_interfaces.srv import SetParameters
+from rclpy.parameter import Parameter
+from rclpy.serialization import deserialize_message
+from ros_processes import (
+    DEADLINE,
+    EVENT_TOPIC,
+    FRAME,
+    Client,
+    Scene,
+    connected_client,
+    private_domain,
+    running_planner,
+)
+from std_msgs.msg import Header
+
+from ff_planner_ros.bag.encoding import encode
+from ff_planner_ros.bag.reader import Message, open_bag
+from ff_planner_ros.bag.writer import BagWriter
+from ff_planner_ros.cli import main
+from ff_planner_ros.errors import Status
+from ff_planner_ros.planning.problem import PlanningProblem
+from ff_planner_ros.planning.tail import EndBehaviour
+from ff_planner_ros.ros.from_messages import nanoseconds
+from ff_planner_ros.ros.to_messages import time_message
+from ff_planner_ros.runs.recorded_run import RecordedRequest, RecordedRun, recorded_run
+from ff_planner_ros.runs.replay import Verdict, replay
+
+LEAD_NS = 60_000_000_000
+NO_PROBLEM = ("busy", "cancelled")
+
+
+@dataclass(frozen=True)
+class Run:
+    """A bag, and which plan id belongs to what was tried."""
+
+    bag: Path
+    plan_ids: dict[str, str]
+    recorded: RecordedRun
+
+    def request(self, name: str) -> RecordedRequest:
+        (found,) = (one for one in self.recorded.requests if one.name == self.plan_ids[name])
+        return found
+
+
+@pytest.fixture(scope="module")
+def run(lemur_capture: PlanningProblem, tmp_path_factory: pytest.TempPathFactory) -> Run:
+    scene, directory = Scene(lemur_capture), tmp_path_factory.mktemp("replay")
+    arguments = ("-p", "state_max_age:=60.0", "-p", "state_max_lead:=600.0")
+    with private_domain(), running_planner(directory, *arguments) as planner:
+        with connected_client() as client:
+            client.publish_obstacles(scene.obstacles())
+            client.wait_for_planner()
+            answers = _everything(client, scene)
+        assert planner.stop() == 0
+    with open_bag(planner.bag) as bag:
+        recorded = recorded_run(bag)
+    return Run(planner.bag, {name: one.plan_id for name, one in answers.items()}, recorded)
+
+
+def _everything(client: Client, scene: Scene) -> dict[str, Any]:
+    answers: dict[str, Any] = {}
+    stamp_ns = client.now_ns() + LEAD_NS
+    client.publish_and_wait(scene.state(stamp_ns))
+    asked = scene.request()
+    asked.start_time = time_message(stamp_ns)
+    answers["from topics"] = first = client.plan(asked)
+
+    # The arm is where that plan wants it to be: the next plan begins on it.
+    state = _on_the_way(first, point=10)
+    client.publish_state(state)
+    asked = scene.request()
+    asked.start_time = time_message(nanoseconds(state.header.stamp) + 500_000_000)
+    answers["following"] = client.plan_until(
+        asked, lambda answer: answer.state_stamp == state.header.stamp
+    )
+
+    complete = scene.complete_request()
+    complete.end_behaviour = "hold_end_effector"
+    answers["complete"] = client.plan(complete)
+    attitude = scene.complete_request()
+    attitude.weight_joint_path_length, attitude.weight_chaser_attitude = 0.5, 0.5
+    _, answers["action"] = client.send_goal(attitude).result()
+
+    negative = scene.complete_request()
+    negative.duration = -1.0
+    answers["negative"] = client.plan(negative)
+    blocked = scene.complete_request()
+    blocked.obstacles.spheres[0].radius = 10.0
+    answers["blocked"] = client.plan(blocked)
+    hasty = scene.complete_request()
+    hasty.time_budget = 0.001
+    answers["hasty"] = client.plan(hasty)
+
+    _set(client, "planner.clearance_margin", 0.01)
+    answers["margin"] = client.plan(scene.complete_request())
+    _set(client, "controller.allow_nonzero_velocity_at_trajectory_end", value=False)
+    answers["controller"] = client.plan(scene.complete_request())
+
+    long = scene.complete_request()
+    long.points = 5000
+    goal = client.send_goal(long)
+    assert goal.progress.wait(DEADLINE)
+    answers["busy"] = client.plan(scene.complete_request())
+    assert goal.cancel()
+    _, answers["cancelled"] = goal.result()
+    return answers
+
+
+def _on_the_way(answer: PlanTrajectory.Response, point: int) -> ChaserState:
+    """The state that a plan predicts for one of its points."""
+    pose = answer.predicted_chaser_path.poses[point]
+    joints = answer.joint_trajectory
+    return ChaserState(
+        header=Header(stamp=pose.header.stamp, frame_id=FRAME),
+        pose=pose.pose,
+        twist=answer.predicted_chaser_twists[point],
+        joint_names=joints.joint_names,
+        joint_positions=joints.points[point].positions,
+        joint_velocities=joints.points[point].velocities,
+    )
+
+
+def _set(client: Client, name: str, value: object) -> None:
+    service = client.node.create_client(SetParameters, "ff_planner/set_parameters")
+    assert service.wait_for_service(DEADLINE)
+    message = Parameter(name, value=value).to_parameter_msg()
+    done = threading.Event()
+    future = service.call_async(SetParameters.Request(parameters=[message]))
+    future.add_done_callback(lambda _: done.set())
+    assert done.wait(DEADLINE)
+    assert future.result().results[0].successful
+
+
+def copied(bag: Path, target: Path, change: Callable[[Message], bytes | None]) -> Path:
+    """Copy a bag; messages are changed, or left out where the change is None."""
+    with open_bag(bag) as source, BagWriter(target, flush_interval=0.0) as copy:
+        for name, content in source.attachments.items():
+            copy.attach(name, "text/plain", content)
+        for name, record in source.metadata.items():
+            if name != "rosbag2":
+                copy.add_record(name, record)
+        for topic in source.topics.values():
+            copy.add_topic(topic.name, topic.type_name, [])
+        for message in source.messages():
+            cdr = change(message)
+            if cdr is not None:
+                copy.write(message.topic, cdr, message.log_time_ns, message.publish_time_ns)
+    return target
+
+
+def test_the_run_had_everything_that_a_replay_must_cope_with(run: Run) -> None:
+    statuses = {name: run.request(name).status for name in run.plan_ids}
+    assert statuses == {
+        "from topics": Status.SOLVED,
+        "following": Status.SOLVED,
+        "complete": Status.SOLVED,
+        "action": Status.SOLVED,
+        "negative": Status.OUT_OF_RANGE,
+        "blocked": Status.START_IN_COLLISION,
+        "hasty": Status.OUT_OF_TIME,
+        "margin": Status.SOLVED,
+        "controller": Status.CONTROLLER_RULE,
+        "busy": Status.BUSY,
+        "cancelled": Status.CANCELLED,
+    }
+    assert {one.door for one in run.recorded.requests} == {"service", "action"}
+    assert run.recorded.requests[0].status is Status.NO_STATE
+
+
+def test_every_answer_tells_what_it_was_made_from(run: Run) -> None:
+    assert run.recorded.notes == ()
+    told = {name: run.request(name).response for name in run.plan_ids}
+    assert all(response is not None for response in told.values())
+    times = {name: nanoseconds(response.taken_up) for name, response in told.items()}  # type: ignore[union-attr]
+    assert times.pop("busy") == 0
+    assert list(times.values()) == sorted(set(times.values()))
+    assert times["from topics"] > 0
+    followed = {name: response.following for name, response in told.items() if response.following}  # type: ignore[union-attr]
+    assert followed == {"following": run.plan_ids["from topics"]}
+    sources = {name: response.state_source for name, response in told.items()}  # type: ignore[union-attr]
+    assert sources["from topics"] == sources["following"] == "chaser_state"
+    assert (sources["negative"], sources["blocked"]) == ("start_state", "start_state")
+
+
+def test_every_answer_comes_again_to_the_last_bit(run: Run) -> None:
+    replayed = {one.name: replay(one) for one in run.recorded.requests}
+    special = {run.plan_ids[name]: Verdict.NOT_REPLAYABLE for name in NO_PROBLEM}
+    special[run.plan_ids["hasty"]] = Verdict.WITHOUT_CLOCK
+    found = {name: (one.verdict, one.words) for name, one in replayed.items()}
+    for name, one in replayed.items():
+        assert one.verdict is special.get(name, Verdict.IDENTICAL), found[name]
+        if one.answer is not None and one.verdict is Verdict.IDENTICAL:
+            assert one.recorded.response is not None
+            assert one.answer.status == one.recorded.response.status  # the words, too
+    hasty = replayed[run.plan_ids["hasty"]]
+    assert hasty.answer is not None
+    assert hasty.answer.status.code == Status.SOLVED
+
+
+def test_the_problems_are_those_of_then(run: Run) -> None:
+    following = run.request("following").question().task
+    assert following.running is not None
+    assert following.ahead == pytest.approx(0.5)
+    assert run.request("from topics").question().task.running is None
+    complete = run.request("complete").question().task
+    assert (complete.end_behaviour, complete.tail) == (EndBehaviour.HOLD_END_EFFECTOR, 2.0)
+    margins = [
+        one.inputs.parameters.planner.clearance_margin
+        for one in map(run.request, ("action", "margin"))
+        if one.inputs is not None
+    ]
+    assert margins == [0.002, 0.01]
+
+
+def test_a_joint_position_that_was_another_one_is_found_with_its_amount(
+    run: Run, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    wanted = run.plan_ids["complete"]
+
+    def spoil(message: Message) -> bytes:
+        if message.topic == EVENT_TOPIC:
+            event = deserialize_message(message.cdr, PlanTrajectory.Event)
+            for response in event.response:
+                if response.plan_id == wanted:
+                    response.joint_trajectory.points[7].positions[2] += 0.00125
+                    return encode(event)
+        return message.cdr
+
+    spoilt = copied(run.bag, tmp_path / "spoilt", spoil)
+    assert main(["replay", str(spoilt)]) == 3
+    (row,) = (line for line in capsys.readouterr().out.splitlines() if wanted in line)
+    assert "DIFFERENT: joint_positions by 0.00125 rad at point 7, joint 3" in row
+
+
+def test_a_state_that_is_not_in_the_bag_is_named(run: Run, tmp_path: Path) -> None:
+    cut = copied(run.bag, tmp_path / "cut", lambda m: None if m.topic == "/chaser_state" else m.cdr)
+    with open_bag(cut) as bag:
+        rebuilt = {one.name: one for one in recorded_run(bag).requests}
+    found = replay(rebuilt[run.plan_ids["from topics"]])
+    response = run.request("from topics").response
+    assert response is not None
+    stamp = response.state_stamp
+    assert found.verdict is Verdict.NOT_REBUILT
+    assert f"chaser_state stamped {stamp.sec}.{stamp.nanosec:09d} is not in the bag" in found.words
+    assert replay(rebuilt[run.plan_ids["complete"]]).verdict is Verdict.IDENTICAL
+
+
+def test_the_command_prints_a_line_for_each_request_and_leaves_the_bag_alone(
+    run: Run, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    bag = tmp_path / "bag"
+    shutil.copytree(run.bag, bag)
+    before = {file: file.read_bytes() for file in bag.iterdir()}
+    assert main(["replay", str(bag)]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    for name, plan_id in run.plan_ids.items():
+        (row,) = (line for line in lines if line.startswith(f"{plan_id} "))
+        words = {"busy": "not replayable: another", "cancelled": "not replayable: its client"}
+        assert words.get(name, "without a clock: a plan" if name == "hasty" else "ident") in row
+    assert {file: file.read_bytes() for file in bag.iterdir()} == before

@@ -1,0 +1,103 @@
+"""Recorded problems with something changed: keys, values, and what comes of them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from robots import CONFIG
+
+from ff_planner_ros.cli import main
+from ff_planner_ros.errors import InvalidInput, NoPlanFound, Status
+from ff_planner_ros.planning.plan import Plan
+from ff_planner_ros.planning.planner import plan
+from ff_planner_ros.planning.problem import Objective, PlanningProblem
+from ff_planner_ros.planning.settings import load_settings
+from ff_planner_ros.ros.offline_bag import record_answer
+from ff_planner_ros.runs.what_if import allowed_keys, parsed
+
+SETTINGS = load_settings(CONFIG / "planner.yaml")
+
+
+@pytest.fixture(scope="module")
+def bag(
+    lemur_capture: PlanningProblem, lemur_plan: Plan, tmp_path_factory: pytest.TempPathFactory
+) -> Path:
+    directory = tmp_path_factory.mktemp("what_if") / "bag"
+    record_answer(directory, lemur_capture, SETTINGS, lemur_plan, 0.5)
+    return directory
+
+
+def test_the_answer_is_that_of_the_changed_problem(
+    bag: Path,
+    lemur_capture: PlanningProblem,
+    lemur_plan: Plan,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    changes = ("objective.joint_path_length=0", "objective.chaser_attitude=1", "points=30")
+    options = [word for change in changes for word in ("--with", change)]
+    assert main(["replay", str(bag), *options, "--with", "planner.joint_path_tie_break=0.01"]) == 0
+    changed = replace(lemur_capture, objective=Objective(0.0, 1.0), points=30)
+    wanted = plan(changed, replace(SETTINGS, joint_path_tie_break=0.01))
+    lengths = [one.metrics.joint_path_length for one in (lemur_plan, wanted)]
+    clearances = [one.metrics.min_clearance * 1e3 for one in (lemur_plan, wanted)]
+    (row,) = (line for line in capsys.readouterr().out.splitlines() if line.startswith("bag "))
+    assert "SOLVED > SOLVED" in row
+    assert f"{lengths[0]:.4f} > {lengths[1]:.4f}" in row
+    assert f"{clearances[0]:.2f} > {clearances[1]:.2f}" in row
+
+
+def test_limits_and_duration_are_changed_in_every_request(
+    bag: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    hurried = ["--with", "duration=1.5", "--with", "planner.starts=1"]
+    for limits, status in (("none", "SOLVED"), ("from_urdf", "COLLISION")):
+        options = [*hurried, "--with", f"limits.velocity={limits}"]
+        assert main(["replay", str(bag), *options]) == 0
+        assert f"SOLVED > {status}" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("setting", "words"),
+    [
+        ("planner.start=5", ("--with planner.start", "unknown", "planner.starts", "duration")),
+        ("robot.urdf=other.urdf", ("--with robot.urdf", "unknown")),
+        ("points", ("--with is points", "key=value")),
+        ("planner.starts=0", ("planner.starts is 0", "at least 1")),
+        ("planner.starts=2.5", ("planner.starts is 2.5", "whole number")),
+        ("points=many", ("points is 'many'", "whole number")),
+        ("duration=long", ("duration is 'long'", "number")),
+        ("tail_duration=yes", ("tail_duration is True", "number", "[s]")),
+    ],
+)
+def test_what_cannot_be_changed_so_is_refused_by_name(setting: str, words: tuple[str, ...]) -> None:
+    with pytest.raises(InvalidInput) as refusal:
+        parsed(setting)
+    for word in words:
+        assert word in str(refusal.value)
+
+
+def test_a_word_that_is_none_is_refused_before_anything_is_planned(
+    bag: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["replay", str(bag), "--with", "limits.velocity=no"]) == 2
+    assert "limits.velocity is no: it must be from_urdf or none" in capsys.readouterr().err
+
+
+def test_refused_attempts_have_numbers_and_others_have_none(
+    lemur_capture: PlanningProblem,
+    lemur_plan: Plan,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    attempt = NoPlanFound(Status.COLLISION, "too near", lemur_plan)
+    record_answer(tmp_path / "bag", lemur_capture, SETTINGS, attempt, 0.5)
+    far = ["--with", "planner.singular_value_threshold=0.9"]
+    assert main(["replay", str(tmp_path / "bag"), *far]) == 0
+    (row,) = (line for line in capsys.readouterr().out.splitlines() if line.startswith("bag "))
+    assert f"COLLISION > START_SINGULAR  {lemur_plan.metrics.joint_path_length:.4f} > -" in row
+
+
+def test_every_setting_of_the_planner_may_be_changed() -> None:
+    assert {f"planner.{name}" for name in vars(SETTINGS)} <= set(allowed_keys())
