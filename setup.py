@@ -57,6 +57,7 @@ setup(
             "mypy>=2.4,<3",
             "pytest>=9,<10",
             "pytest-cov>=7,<8",
+            "pytest-xdist>=3.8,<4",
             "ruff>=0.17,<0.18",
             "types-PyYAML>=6,<7",
         ],

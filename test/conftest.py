@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import groupby
+
 import pytest
 import robots
 
@@ -11,6 +13,15 @@ from ff_planner_ros.planning.problem import PlanningProblem
 from ff_planner_ros.planning.scenario import load_scenario
 from ff_planner_ros.planning.settings import load_settings
 from ff_planner_ros.robot.model import Robot, load_robot, robot_from_urdf_text
+
+
+@pytest.hookimpl(tryfirst=True)  # before pytest-xdist reads the groups
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Let files of tests run side by side, but never two that start processes of ROS."""
+    for path, of_file in groupby(items, key=lambda item: item.path):
+        group = "ros" if "ros_processes" in path.read_text("utf-8") else path.name
+        for item in of_file:
+            item.add_marker(pytest.mark.xdist_group(group))
 
 
 @pytest.fixture(scope="session")

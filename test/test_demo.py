@@ -12,7 +12,10 @@ import pytest
 from quick_capture import quick_capture
 from ros_processes import DEADLINE, read_bag
 
+from ff_planner_ros.bag.reader import open_bag
 from ff_planner_ros.errors import Status
+from ff_planner_ros.runs.recorded_run import recorded_run
+from ff_planner_ros.runs.replay import Verdict, replay
 
 DEMO = "import sys; from ff_planner_ros.ros.demo import run_demo; sys.exit(run_demo())"
 RESULTS = "/plan_trajectory_action/_action/get_result/_service_event"
@@ -91,6 +94,15 @@ def test_the_bag_it_names_holds_every_topic_and_both_answers(demo: tuple[Path, l
     assert set(codes) <= {Status.SOLVED, Status.STATE_TOO_OLD, Status.TOO_LATE}
     assert codes.count(Status.SOLVED) == 2
     assert codes[-1] == Status.SOLVED
+
+
+def test_its_bag_alone_gives_the_same_plans_again(demo: tuple[Path, list[str]]) -> None:
+    directory, lines = demo
+    (bag,) = (line.split(maxsplit=1)[1] for line in lines if line.startswith("bag "))
+    with open_bag(directory / bag) as opened:
+        replayed = [replay(one) for one in recorded_run(opened).requests]
+    verdicts = [one.verdict for one in replayed if one.recorded.status is Status.SOLVED]
+    assert verdicts == [Verdict.IDENTICAL] * 2
 
 
 def test_the_pictures_it_names_are_pictures(demo: tuple[Path, list[str]]) -> None:

@@ -26,7 +26,7 @@ from scipy.spatial.transform import Rotation
 from ff_planner_ros.errors import Status
 from ff_planner_ros.planning.problem import PlanningProblem
 
-RECORDED_TOPICS = {
+SPOKEN_ON = {
     "/chaser_state",
     "/obstacles",
     "/joint_trajectory",
@@ -35,12 +35,10 @@ RECORDED_TOPICS = {
     "/tracking_error",
     "/markers",
     "/robot_description",
+    "/planned_joint_states",
     "/diagnostics",
+    "/rosout",
     EVENT_TOPIC,
-}
-ACTION_TOPICS = {
-    f"/plan_trajectory_action/_action/{name}"
-    for name in ("send_goal/_service_event", "get_result/_service_event", "feedback", "status")
 }
 # State and plan are of this much ahead of the beginning [ns]: time for two plans on a busy machine.
 LEAD = 8_000_000_000
@@ -264,10 +262,9 @@ def test_the_node_ends_with_exit_code_zero_on_sigint(run: Run) -> None:
     assert run.exit_code == 0
 
 
-def test_the_bag_holds_every_topic(run: Run) -> None:
-    assert set(run.bag) == RECORDED_TOPICS | ACTION_TOPICS
+def test_the_bag_holds_what_was_said_on_every_topic(run: Run) -> None:
     counts = {topic: len(found) for topic, found in run.bag.items()}
-    assert all(counts[topic] for topic in RECORDED_TOPICS), counts
+    assert all(counts[topic] for topic in SPOKEN_ON), counts
 
 
 def test_the_bag_holds_every_answer_and_what_was_published(run: Run) -> None:

@@ -177,7 +177,7 @@ def test_every_plan_that_the_node_recorded_passes(
     assert shown.count("verdict: passed") == 2
 
 
-def test_the_bag_of_a_node_that_still_runs_is_refused(
+def test_a_bag_without_plans_is_refused_and_that_its_node_still_runs_is_told(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with private_domain(), running_planner(tmp_path) as planner:

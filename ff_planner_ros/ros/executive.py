@@ -47,6 +47,7 @@ _NOT_YET = frozenset(
     {Status.NO_STATE, Status.NO_OBSTACLES, Status.STATE_TOO_OLD, Status.STATE_UNPAIRED}
 )
 _CHECK_INTERVAL = 0.2  # [s] between looks at the caller's check while waiting
+_ASK_AGAIN = 0.5  # [s] after a refusal: every question is logged and recorded
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,6 +125,7 @@ class MissionExecutive:
                 return result
             if status not in _NOT_YET or time.monotonic() > deadline:
                 raise FfPlannerError(status, result.status.message)
+            time.sleep(_ASK_AGAIN)
             self._wait(self._new_state, deadline, "a chaser state")
 
     def commit(self, result: PlanTrajectory.Result) -> None:

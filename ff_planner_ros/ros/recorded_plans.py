@@ -61,7 +61,8 @@ def recorded_plans(bag: Path) -> RecordedPlans:
     }
     if not plans:
         refusals = "; ".join(f"{r.plan_id}: {r.status.message}" for r in responses)
-        raise BagError(f"bag {bag} holds no plan; its answers: {refusals or 'none'}")
+        reasons = "; ".join([f"its answers: {refusals or 'none'}", *notes])
+        raise BagError(f"bag {bag} holds no plan; {reasons}")
     robot = attached_robot(bag, documents)
     for plan_id, plan in plans.items():
         if plan.joint_names != robot.joint_names:
