@@ -45,7 +45,7 @@ demo: env
 	$(BIN)/ff-planner demo
 
 test: env
-	$(BIN)/python -m pytest --numprocesses 2 --dist loadgroup --cov --cov-report=term
+	$(BIN)/python -m pytest --numprocesses 2 --cov --cov-report=term
 
 lint: env
 	$(BIN)/ruff format --check

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from itertools import groupby
+from functools import cache
+from pathlib import Path
+from typing import Any
 
 import pytest
 import robots
@@ -15,13 +17,22 @@ from ff_planner_ros.planning.settings import load_settings
 from ff_planner_ros.robot.model import Robot, load_robot, robot_from_urdf_text
 
 
-@pytest.hookimpl(tryfirst=True)  # before pytest-xdist reads the groups
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+@pytest.hookimpl(optionalhook=True)  # of pytest-xdist
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
     """Let files of tests run side by side, but never two that start processes of ROS."""
-    for path, of_file in groupby(items, key=lambda item: item.path):
-        group = "ros" if "ros_processes" in path.read_text("utf-8") else path.name
-        for item in of_file:
-            item.add_marker(pytest.mark.xdist_group(group))
+    from xdist.scheduler import LoadScopeScheduling
+
+    class Scheduling(LoadScopeScheduling):
+        def _split_scope(self, nodeid: str) -> str:
+            file = nodeid.partition("::")[0]
+            return "ros" if _starts_processes_of_ros(config.rootpath / file) else file
+
+    return Scheduling(config, log)
+
+
+@cache
+def _starts_processes_of_ros(file: Path) -> bool:
+    return "ros_processes" in file.read_text("utf-8")
 
 
 @pytest.fixture(scope="session")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import shutil
 import threading
 from collections.abc import Callable
+from copy import deepcopy
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -84,9 +85,10 @@ def _everything(client: Client, scene: Scene) -> dict[str, Any]:
     client.publish_state(state)
     asked = scene.request()
     asked.start_time = time_message(nanoseconds(state.header.stamp) + 500_000_000)
-    answers["following"] = client.plan_until(
-        asked, lambda answer: answer.state_stamp == state.header.stamp
-    )
+    unreachable = deepcopy(asked)  # or else there is another plan while the state travels
+    unreachable.target_pose.pose.position.x = 10.0
+    client.plan_until(unreachable, lambda answer: answer.state_stamp == state.header.stamp)
+    answers["following"] = client.plan(asked)
 
     complete = scene.complete_request()
     complete.end_behaviour = "hold_end_effector"
