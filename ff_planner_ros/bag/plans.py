@@ -157,12 +157,20 @@ def _recorded_plan(message: Message, response: Any) -> RecordedPlan:
         message=str(response.status.message),
         start_ns=stamp.sec * 10**9 + stamp.nanosec if is_solved else 0,
         joint_names=tuple(map(str, joints.joint_names)),
-        trajectory=_trajectory(response) if is_solved else None,
+        trajectory=trajectory_in(response) if is_solved else None,
         metrics=_metrics(response.metrics) if is_solved or response.solver.rollouts else {},
     )
 
 
-def _trajectory(response: Any) -> Trajectory:
+def trajectory_in(response: Any) -> Trajectory:
+    """Return the motion that an answer tells of; NaN where it leaves something out.
+
+    Args:
+        response: Of `PlanTrajectory`, decoded by whatever definition, with a plan.
+
+    Raises:
+        ValueError: Its arrays do not fit each other.
+    """
     joints = response.joint_trajectory
     points, count = joints.points, len(joints.joint_names)
     times = [point.time_from_start for point in points]
@@ -171,7 +179,7 @@ def _trajectory(response: Any) -> Trajectory:
     ee = _poses(response.end_effector_path, len(points))
     ee_twists = _twists(response.end_effector_twists, len(points))
     return Trajectory(
-        time=np.array([time.sec + time.nanosec * 1e-9 for time in times]),
+        time=np.array([(time.sec * 10**9 + time.nanosec) / 1e9 for time in times]),
         joint_positions=_table([point.positions for point in points], len(points), count),
         joint_velocities=_table([point.velocities for point in points], len(points), count),
         joint_accelerations=_table([point.accelerations for point in points], len(points), count),

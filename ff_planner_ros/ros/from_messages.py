@@ -11,12 +11,12 @@ import numpy as np
 from builtin_interfaces.msg import Duration, Time
 from ff_planner_msgs.msg import ChaserState, ObstacleSphere, ObstacleSphereArray, PlanMetrics
 from ff_planner_msgs.srv import PlanTrajectory
-from geometry_msgs.msg import Point, Quaternion, Twist, Vector3
-from nav_msgs.msg import Path
+from geometry_msgs.msg import Point, Quaternion, Vector3
 
 from ff_planner_ros.arrays import Array, finite_vector
+from ff_planner_ros.bag.plans import trajectory_in
 from ff_planner_ros.errors import InvalidInput, Status
-from ff_planner_ros.planning.plan import Metrics, Plan, SolverReport, Trajectory
+from ff_planner_ros.planning.plan import Metrics, Plan, SolverReport
 from ff_planner_ros.planning.problem import Objective, PlanningProblem, Sphere, Target
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.state import SystemState
@@ -160,30 +160,11 @@ def plan_from_response(response: PlanTrajectory.Response) -> Plan:
         response: An answer whose status is SOLVED.
 
     Returns:
-        The plan, its times rounded to nanoseconds.
+        The plan, its times rounded to nanoseconds; NaN where the answer leaves something out.
     """
-    points = response.joint_trajectory.points
-    chaser = _poses(response.predicted_chaser_path)
-    chaser_twists = _twists(response.predicted_chaser_twists)
-    ee = _poses(response.end_effector_path)
-    ee_twists = _twists(response.end_effector_twists)
     return Plan(
         joint_names=tuple(response.joint_trajectory.joint_names),
-        trajectory=Trajectory(
-            time=np.array([nanoseconds(point.time_from_start) / NANOSECONDS for point in points]),
-            joint_positions=np.array([point.positions for point in points]),
-            joint_velocities=np.array([point.velocities for point in points]),
-            joint_accelerations=np.array([point.accelerations for point in points]),
-            joint_torques=np.array([point.effort for point in points]),
-            chaser_positions=chaser[:, :3],
-            chaser_quaternions_xyzw=chaser[:, 3:],
-            chaser_linear_velocities=chaser_twists[:, :3],
-            chaser_angular_velocities=chaser_twists[:, 3:],
-            ee_positions=ee[:, :3],
-            ee_quaternions_xyzw=ee[:, 3:],
-            ee_linear_velocities=ee_twists[:, :3],
-            ee_angular_velocities=ee_twists[:, 3:],
-        ),
+        trajectory=trajectory_in(response),
         xi=np.array(response.xi),
         orientation_reading=response.orientation_reading,
         metrics=_metrics(response.metrics),
@@ -270,7 +251,7 @@ def _listed(names: list[str]) -> str:
 
 
 def _sphere(field: str, message: ObstacleSphere) -> Sphere:
-    (twist,) = _twists([message.twist]).tolist()
+    twist = [*xyz(message.twist.linear).tolist(), *xyz(message.twist.angular).tolist()]
     if finite_vector(f"{field}.twist", twist, 6).any():
         raise InvalidInput(
             Status.UNSUPPORTED,
@@ -281,16 +262,6 @@ def _sphere(field: str, message: ObstacleSphere) -> Sphere:
     name = f"obstacles[{message.id}]"
     with _fields_named({f"{name}.{part}": f"{field}.{part}" for part in ("center", "radius")}):
         return Sphere(id=message.id, center=xyz(message.center), radius=message.radius)
-
-
-def _poses(path: Path) -> Array:
-    return np.array(
-        [[*xyz(item.pose.position), *xyzw(item.pose.orientation)] for item in path.poses]
-    )
-
-
-def _twists(twists: Sequence[Twist]) -> Array:
-    return np.array([[*xyz(twist.linear), *xyz(twist.angular)] for twist in twists])
 
 
 def xyz(message: Point | Vector3) -> Array:
