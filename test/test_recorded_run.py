@@ -194,6 +194,20 @@ def test_of_several_messages_with_the_stamp_the_last_before_the_request_counts(
     assert request.question().task.problem.obstacles[0].radius == 0.2
 
 
+def test_obstacles_that_the_recorder_heard_after_the_node_are_those_of_the_request(
+    world: World, lemur_capture: PlanningProblem, lemur_plan: Plan
+) -> None:
+    """Without a stamp that would tell; whoever publishes them is found by one after the other."""
+    obstacles = Scene(lemur_capture).obstacles()
+    obstacles.spheres[0].radius = 0.2
+    world.put("/obstacles", "ff_planner_msgs/msg/ObstacleSphereArray", obstacles, START + 10)
+    response = response_from_plan(lemur_plan, "run.1", START, FRAME, 0.1)
+    Sources(START, START, "start_state").tell(response)
+    world.ask(START, response).use_obstacles = False
+    (request,) = world.run().requests
+    assert request.question().task.problem.obstacles[0].radius == 0.2
+
+
 def test_inputs_are_found_whatever_their_topics_are_called(
     world: World, lemur_capture: PlanningProblem, lemur_plan: Plan
 ) -> None:

@@ -93,6 +93,7 @@ def heard(bag: Bag, topics: Mapping[str, str], moments: Sequence[Moment]) -> lis
     """
     answers = [Heard() for _ in moments]
     named = {topic: name for name, topic in topics.items()}
+    first: dict[str, Message] = {}
     recent = {name: deque[Message](maxlen=_MEMORY.get(name, 1)) for name in topics}
     wanted = {item for moment in moments for item in moment.stamps_ns.items()}
     stamped: dict[tuple[str, int], list[Message]] = {}
@@ -102,6 +103,7 @@ def heard(bag: Bag, topics: Mapping[str, str], moments: Sequence[Moment]) -> lis
             i = waiting.pop()
             _take_recent(answers[i], moments[i], recent)
         name = named[message.topic]
+        first.setdefault(name, message)
         recent[name].append(message)
         key = (name, header_stamp(message.cdr))
         if key in wanted:
@@ -110,6 +112,7 @@ def heard(bag: Bag, topics: Mapping[str, str], moments: Sequence[Moment]) -> lis
         _take_recent(answers[i], moments[i], recent)
     for moment, answer in zip(moments, answers, strict=True):
         _take_stamped(answer, moment, stamped)
+        _take_first(answer, moment, first)
     return answers
 
 
@@ -129,6 +132,13 @@ def _take_stamped(
         before = [one for one in same if one.log_time_ns <= moment.logged_ns]
         if same:
             answer.messages[name] = before[-1:] or same[:1]
+
+
+def _take_first(answer: Heard, moment: Moment, first: Mapping[str, Message]) -> None:
+    """Take the first of all where none was recorded before: the recorder may find it later."""
+    for name in moment.inputs:
+        if name in first and name not in moment.stamps_ns and not answer.messages.get(name):
+            answer.messages[name] = [first[name]]
 
 
 def header_stamp(cdr: bytes) -> int:
