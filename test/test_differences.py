@@ -60,6 +60,10 @@ def test_attitudes_differ_by_the_angle_of_the_turn_between_them(lemur_plan: Plan
 def test_another_number_of_points_cannot_be_compared(lemur_plan: Plan) -> None:
     fewer = answered(lemur_plan)
     fewer.joint_trajectory.points = fewer.joint_trajectory.points[:-1]
+    for path in (fewer.predicted_chaser_path, fewer.end_effector_path):
+        path.poses = path.poses[:-1]
+    fewer.predicted_chaser_twists = fewer.predicted_chaser_twists[:-1]
+    fewer.end_effector_twists = fewer.end_effector_twists[:-1]
     found = {one.quantity: one for one in differences(answered(lemur_plan), fewer)}
     assert math.isinf(found["joint_positions"].amount)
     assert found["joint_positions"].where == "shapes 50 x 7 before and 49 x 7 now"

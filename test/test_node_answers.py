@@ -42,7 +42,7 @@ SPOKEN_ON = {
 }
 # State and plan are of this much ahead of the beginning [ns]: time for two plans on a busy machine.
 LEAD = 8_000_000_000
-ALLOWANCE = 1_500_000_000
+ALLOWANCE = 5_000_000_000
 
 
 @dataclass(frozen=True)

@@ -46,7 +46,7 @@ def test_while_a_plan_is_made_every_state_is_taken_and_recorded(
         with connected_client() as client:
             first = _ready(client, scene)
             soon = scene.request()
-            soon.start_time = time_message(client.now_ns() + 1_500_000_000)
+            soon.start_time = time_message(client.now_ns() + 3_000_000_000)
             assert client.plan(soon).status.code == Status.SOLVED
             answer = _ask_frozen(client, planner, scene.request())
             published = []
