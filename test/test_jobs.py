@@ -27,29 +27,29 @@ def status_of(jobs: Jobs, job: Job, *, preempt: bool = False) -> Status:
 
 def test_before_it_is_opened_and_after_it_is_closed_nobody_is_taken_up() -> None:
     jobs = Jobs(Mock())
-    assert status_of(jobs, Job("a")) is Status.NOT_ACTIVE
+    assert status_of(jobs, Job("a", 1)) is Status.NOT_ACTIVE
     jobs.open()
-    with jobs.taken_up(Job("b"), preempt=False):
+    with jobs.taken_up(Job("b", 2), preempt=False):
         pass
     jobs.close(Status.SHUT_DOWN, "over")
-    assert status_of(jobs, Job("c")) is Status.SHUT_DOWN
+    assert status_of(jobs, Job("c", 3)) is Status.SHUT_DOWN
 
 
 def test_a_second_job_is_refused_while_the_first_is_planned_and_welcome_after() -> None:
     jobs, interrupt = opened()
-    with jobs.taken_up(Job("first"), preempt=False):
-        assert status_of(jobs, Job("second")) is Status.BUSY
-    with jobs.taken_up(Job("third"), preempt=False):
+    with jobs.taken_up(Job("first", 1), preempt=False):
+        assert status_of(jobs, Job("second", 2)) is Status.BUSY
+    with jobs.taken_up(Job("third", 3), preempt=False):
         pass
     interrupt.assert_not_called()
 
 
 def test_a_preempting_job_waits_until_the_other_has_made_way() -> None:
     jobs, interrupt = opened()
-    first, order = Job("first"), []
+    first, order = Job("first", 1), []
 
     def second() -> None:
-        with jobs.taken_up(Job("second"), preempt=True):
+        with jobs.taken_up(Job("second", 2), preempt=True):
             order.append("second")
 
     thread = threading.Thread(target=second)
@@ -68,14 +68,14 @@ def test_a_preempting_job_waits_until_the_other_has_made_way() -> None:
 
 def test_a_job_that_was_given_up_before_its_turn_is_not_taken_up() -> None:
     jobs, interrupt = opened()
-    job = Job("early")
+    job = Job("early", 1)
     assert jobs.give_up(job, FfPlannerError(Status.CANCELLED, "changed my mind"))
     assert status_of(jobs, job) is Status.CANCELLED
     interrupt.assert_not_called()
 
 
 def test_the_first_cause_counts() -> None:
-    job = Job("a")
+    job = Job("a", 1)
     assert job.give_up(FfPlannerError(Status.CANCELLED, "first"))
     assert job.give_up(FfPlannerError(Status.PREEMPTED, "second"))
     with pytest.raises(FfPlannerError, match="first"):
@@ -86,7 +86,7 @@ def test_the_first_cause_counts() -> None:
 
 def test_a_sealed_job_cannot_be_given_up() -> None:
     jobs, interrupt = opened()
-    job = Job("a")
+    job = Job("a", 1)
     with jobs.taken_up(job, preempt=False):
         job.seal()
         assert not jobs.give_up(job, FfPlannerError(Status.CANCELLED, "too late"))
@@ -96,10 +96,20 @@ def test_a_sealed_job_cannot_be_given_up() -> None:
 
 def test_giving_up_all_spares_those_that_come_after() -> None:
     jobs, _ = opened()
-    job = Job("a")
+    job = Job("a", 1)
     with jobs.taken_up(job, preempt=False):
         jobs.give_up_all(Status.CLOCK_JUMPED, "back")
     assert job.cause is not None
     assert job.cause.status is Status.CLOCK_JUMPED
-    with jobs.taken_up(Job("b"), preempt=False):
+    with jobs.taken_up(Job("b", 2), preempt=False):
         pass
+
+
+def test_a_job_that_came_before_the_one_that_is_planned_does_not_take_its_place() -> None:
+    """Threads may bring two requests in the wrong order."""
+    jobs = Jobs(Mock())
+    jobs.open()
+    newest = Job("newest", 2)
+    with jobs.taken_up(newest, preempt=True):
+        assert status_of(jobs, Job("older", 1), preempt=True) is Status.PREEMPTED
+        assert newest.cause is None

@@ -14,15 +14,17 @@ class Job:
 
     Attributes:
         plan_id: Its name in answers, logs and bags.
+        number: A later request has a higher one.
     """
 
-    def __init__(self, plan_id: str) -> None:
+    def __init__(self, plan_id: str, number: int) -> None:
         """Begin with nothing against it.
 
         Args:
             plan_id: Its name in answers, logs and bags.
+            number: A later request has a higher one.
         """
-        self.plan_id = plan_id
+        self.plan_id, self.number = plan_id, number
         self._lock = threading.Lock()
         self._cause: FfPlannerError | None = None
         self._sealed = False
@@ -167,10 +169,16 @@ class Jobs:
                 "another request is being planned: ask again when it is answered, or cancel it "
                 "(or set the parameter when_busy to preempt)",
             )
-        newer = FfPlannerError(Status.PREEMPTED, f"the newer request {job.plan_id} took its place")
-        for other in (self._current, self._waiting):
-            if other is not None:
-                self.give_up(other, newer)
+        others = [other for other in (self._current, self._waiting) if other is not None]
+        # Requests are taken up in threads, and not always in the order in which they came.
+        newest = max((job, *others), key=lambda one: one.number)
+        preempted = FfPlannerError(
+            Status.PREEMPTED, f"the newer request {newest.plan_id} took its place"
+        )
+        if newest is not job:
+            raise preempted
+        for other in others:
+            self.give_up(other, preempted)
         self._waiting = job
         try:
             while self._current is not None:

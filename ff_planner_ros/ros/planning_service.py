@@ -82,7 +82,7 @@ class PlanningService:
         self._node, self._parameters, self._robot, self._worker = node, parameters, robot, worker
         self._states, self._scenes, self._output = states, scenes, output
         self._clock, self._logger = node.get_clock(), node.get_logger()
-        self._plan_ids = (f"{run_name}.{number}" for number in count(1))
+        self._run_name, self._numbers = run_name, count(1)
         self._jobs = Jobs(worker.interrupt)
         self._goals: dict[bytes, Job] = {}
         self._goals_lock = threading.Lock()
@@ -181,7 +181,8 @@ class PlanningService:
         return result
 
     def _job(self) -> Job:
-        return Job(next(self._plan_ids))
+        number = next(self._numbers)
+        return Job(f"{self._run_name}.{number}", number)
 
     def _job_of(self, goal: ServerGoalHandle) -> Job:
         """Return the goal's job: a client may cancel before rclpy has handed the goal over."""
