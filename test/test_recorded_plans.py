@@ -72,6 +72,20 @@ def test_every_plan_of_a_run_is_found_and_refusals_are_left_out(
     assert list(recorded_plans(bag).plans) == ["run.1", "run.3"]
 
 
+def test_an_answer_whose_arrays_do_not_fit_each_other_is_refused_by_name(
+    lemur_capture: PlanningProblem, lemur_plan: Plan, tmp_path: Path
+) -> None:
+    response = response_from_plan(lemur_plan, "run.1", 10**18, "inertial", 0.1)
+    response.joint_trajectory.points = response.joint_trajectory.points[:-1]
+    attached = {
+        "robot.urdf": lemur_capture.robot.urdf.encode(),
+        "parameters.yaml": parameters(LINKS),
+    }
+    bag = write_bag(tmp_path / "bag", attached, response)
+    with pytest.raises(BagError, match=r"the answer run\.1 is damaged: .*\(50, 7\)"):
+        recorded_plans(bag)
+
+
 def test_a_bag_without_plans_tells_its_answers(
     lemur_capture: PlanningProblem, tmp_path: Path
 ) -> None:

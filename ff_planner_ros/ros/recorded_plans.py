@@ -55,7 +55,7 @@ def recorded_plans(bag: Path) -> RecordedPlans:
         documents, notes = dict(opened.attachments), opened.notes
     responses = [as_installed(response, PlanTrajectory.Response) for response in responses]
     plans = {
-        response.plan_id: plan_from_response(response)
+        response.plan_id: _plan(bag, response)
         for response in responses
         if response.status.code == Status.SOLVED
     }
@@ -69,6 +69,13 @@ def recorded_plans(bag: Path) -> RecordedPlans:
             found, wanted = ", ".join(plan.joint_names), ", ".join(robot.joint_names)
             raise BagError(f"bag {bag}: {plan_id} moves {found}, but its robot has {wanted}")
     return RecordedPlans(robot, plans, notes)
+
+
+def _plan(bag: Path, response: PlanTrajectory.Response) -> Plan:
+    try:
+        return plan_from_response(response)
+    except ValueError as error:
+        raise BagError(f"bag {bag}: the answer {response.plan_id} is damaged: {error}") from None
 
 
 def attached_robot(bag: Path, attachments: Mapping[str, bytes]) -> Robot:
