@@ -24,12 +24,12 @@ from builtin_interfaces.msg import Time
 from ff_planner_msgs.action import PlanTrajectory
 from rclpy.utilities import remove_ros_args
 
+from ff_planner_ros.demo.executive import FlownPlan, MissionExecutive
 from ff_planner_ros.errors import FfPlannerError, NoPlanFound, Status
 from ff_planner_ros.planning.problem import Objective
 from ff_planner_ros.planning.scenario import SCENARIO_FRAME, load_scenario
-from ff_planner_ros.ros.executive import MissionExecutive, Outcome
-from ff_planner_ros.ros.progress import FramePose
-from ff_planner_ros.ros.to_messages import goal_message
+from ff_planner_ros.ros.messages.to_messages import goal_message
+from ff_planner_ros.ros.outputs.prediction import FramePose
 
 OBJECTIVES = {"length": Objective(1.0, 0.0), "attitude": Objective(0.0, 1.0)}
 PATIENCE = 60.0  # [s] for the planner, the testbed and the answer
@@ -120,7 +120,7 @@ def _words(pose: FramePose) -> str:
     return f"{x:.4f} {y:.4f} {z:.4f} m, quaternion {qx:.4f} {qy:.4f} {qz:.4f} {qw:.4f}"
 
 
-def _report(answer: PlanTrajectory.Result, outcome: Outcome) -> dict[str, Any]:
+def _report(answer: PlanTrajectory.Result, outcome: FlownPlan) -> dict[str, Any]:
     return {
         "status": int(answer.status.code),
         "plan_id": answer.plan_id,

@@ -29,7 +29,6 @@ def finite_vector(field: str, values: ArrayLike, size: int) -> Array:
     Args:
         field: Name of the value in the error message.
         values: Shape (size,).
-        size: Required number of entries.
 
     Raises:
         InvalidInput: Not a list of numbers, wrong size, NaN or infinity.
@@ -52,7 +51,6 @@ def finite_number(field: str, value: float, *, above: float | None = None) -> fl
 
     Args:
         field: Name of the value in the error message.
-        value: A number.
         above: If given, the value must be greater than this.
 
     Raises:

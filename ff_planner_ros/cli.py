@@ -11,7 +11,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from ff_planner_ros.analysis.answer import plan_dictionary, planned_motion, refusal_dictionary
+from ff_planner_ros.analysis.plan_json import plan_dictionary, planned_motion, refusal_dictionary
 from ff_planner_ros.analysis.summary import plan_rows, robot_rows
 from ff_planner_ros.arrays import finite_number
 from ff_planner_ros.baselines.artificial_potential_field import artificial_potential_field
@@ -313,7 +313,7 @@ def _print_notes(notes: Sequence[str]) -> None:
 
 
 def _demo(options: argparse.Namespace) -> int:
-    from ff_planner_ros.ros.demo import run_demo
+    from ff_planner_ros.demo.run import run_demo
 
     return run_demo(options.output)
 
@@ -344,7 +344,7 @@ def _plan(options: argparse.Namespace) -> int:
     else:
         _write_json(options.json, refusal_dictionary(answer, solve_time))
     if options.bag is not None:
-        from ff_planner_ros.ros.offline_bag import record_answer
+        from ff_planner_ros.runs.offline_bag import record_answer
 
         record_answer(
             options.bag, problem, settings, answer, solve_time, options.scenario, options.method
@@ -473,7 +473,7 @@ def _motions(source: Path, options: argparse.Namespace) -> Iterator[tuple[str, R
     elif source.suffix == ".json":
         yield source.name, *_motion_in_json(source)
     elif source.is_dir() or source.suffix == ".mcap":
-        from ff_planner_ros.ros.recorded_plans import recorded_plans
+        from ff_planner_ros.runs.recorded_plans import recorded_plans
 
         recorded = recorded_plans(source)
         _print_notes(recorded.notes)

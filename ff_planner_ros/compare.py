@@ -32,7 +32,7 @@ from ff_planner_ros.analysis.methods import (
 )
 from ff_planner_ros.analysis.scene import save_scene
 from ff_planner_ros.baselines.artificial_potential_field import artificial_potential_field
-from ff_planner_ros.baselines.execution import fixed_base, zero_momentum
+from ff_planner_ros.baselines.beliefs import fixed_base, zero_momentum
 from ff_planner_ros.baselines.potential_field import PotentialFieldParameters
 from ff_planner_ros.baselines.straight_line import straight_line
 from ff_planner_ros.errors import FfPlannerError
@@ -62,8 +62,6 @@ def compare(
 
     Args:
         problem: The question; every method sets its own objective.
-        settings: The planner's tunables.
-        field: Of the artificial potential field.
         output: Directory for the pictures, made if it is not there.
         of_the_paper: Whether the problem is the paper's, and its ratios mean something.
 

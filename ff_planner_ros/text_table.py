@@ -6,13 +6,7 @@ from collections.abc import Iterable, Sequence
 
 
 def print_table(title: str, header: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
-    """Print aligned columns: words to the left, numbers to the right.
-
-    Args:
-        title: Above the table.
-        header: Of the columns.
-        rows: Below it.
-    """
+    """Print aligned columns: words to the left, numbers to the right."""
     table = [tuple(header), *rows]
     columns = list(zip(*table, strict=True))
     widths = [max(map(len, column)) for column in columns]

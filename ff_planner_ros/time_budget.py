@@ -12,7 +12,6 @@ def time_budget(seconds: float, begun: float | None = None) -> Callable[[], None
     """Return a function that raises OutOfTime once the budget is used up.
 
     Args:
-        seconds: The budget.
         begun: Since when it counts, as `time.monotonic()` of any process of this host tells;
             None: since now.
     """

@@ -28,9 +28,6 @@ def print_verdict(name: str, robot: Robot, trajectory: Trajectory, sensitivity: 
     """Execute a plan open loop, print how far it is from coming true, and the verdict.
 
     Args:
-        name: Of the plan.
-        robot: The robot.
-        trajectory: The plan's samples.
         sensitivity: Whether to execute it with errors in the model, too.
 
     Returns:

@@ -10,9 +10,9 @@ import numpy as np
 import yaml
 from robots import LEMUR_SCENARIO, LEMUR_URDF
 
+from ff_planner_ros.demo.executive import end_effector
 from ff_planner_ros.planning.problem import PlanningProblem
 from ff_planner_ros.planning.scenario import load_scenario
-from ff_planner_ros.ros.executive import end_effector
 
 DURATION = 2.0
 

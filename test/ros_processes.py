@@ -27,11 +27,15 @@ from rosbags.highlevel import AnyReader
 from trajectory_msgs.msg import JointTrajectory
 from visualization_msgs.msg import MarkerArray
 
+from ff_planner_ros.demo.domain import private_environment
 from ff_planner_ros.errors import Status
 from ff_planner_ros.planning.problem import PlanningProblem
 from ff_planner_ros.ros.background import ask, spin_in_background
-from ff_planner_ros.ros.domain import private_environment
-from ff_planner_ros.ros.to_messages import obstacles_message, request_message, state_message
+from ff_planner_ros.ros.messages.to_messages import (
+    obstacles_message,
+    request_message,
+    state_message,
+)
 
 FRAME = "inertial"
 DEADLINE = 60.0  # [s] a condition that is not met by then never will be
@@ -81,7 +85,7 @@ class PlannerProcess:
                 command = (entry / "cmdline").read_bytes()
             except OSError:  # ended meanwhile
                 continue
-            if parent == wanted and b"ff_planner_ros.ros.solver_process" in command:
+            if parent == wanted and b"ff_planner_ros.ros.requests.solver_process" in command:
                 return int(entry.name)
         raise LookupError(f"process {wanted} has no solver process\n{self.log}")
 

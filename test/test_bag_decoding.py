@@ -22,8 +22,8 @@ from ff_planner_ros.bag.decoding import as_installed, decoder
 from ff_planner_ros.bag.definition import message_definition
 from ff_planner_ros.bag.encoding import encode
 from ff_planner_ros.errors import BagError
-from ff_planner_ros.ros.action_events import GET_RESULT
-from ff_planner_ros.ros.recorder import type_name
+from ff_planner_ros.ros.recorder.recorder import type_name
+from ff_planner_ros.ros.requests.action_events import GET_RESULT
 
 SPHERE = "ff_planner_msgs/msg/ObstacleSphere"
 

@@ -25,7 +25,7 @@ from ff_planner_ros.bag.plans import GOAL_EVENT, RESULT_EVENT, SERVICE_EVENT
 from ff_planner_ros.bag.writer import BagWriter
 from ff_planner_ros.cli import main
 from ff_planner_ros.errors import BagError, Status
-from ff_planner_ros.ros.action_events import GET_RESULT, SEND_GOAL
+from ff_planner_ros.ros.requests.action_events import GET_RESULT, SEND_GOAL
 
 NODE = Path(__file__).parent / "golden_bags" / "node"
 REQUEST_SENT, REQUEST_RECEIVED, RESPONSE_SENT, RESPONSE_RECEIVED = range(4)

@@ -8,7 +8,7 @@ import pytest
 from robots import CONFIG
 
 from ff_planner_ros.bench import success
-from ff_planner_ros.bench.executions import BELIEFS
+from ff_planner_ros.bench.beliefs import BELIEFS
 from ff_planner_ros.bench.methods import _optimality, _program
 from ff_planner_ros.bench.report import print_success
 from ff_planner_ros.cli import main

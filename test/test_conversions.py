@@ -16,14 +16,14 @@ from scipy.spatial.transform import Rotation
 from ff_planner_ros.errors import InvalidInput, NoPlanFound, Status
 from ff_planner_ros.planning.plan import Metrics, Plan, SolverReport, Trajectory
 from ff_planner_ros.planning.problem import PlanningProblem
-from ff_planner_ros.ros.from_messages import (
+from ff_planner_ros.ros.messages.from_messages import (
     nanoseconds,
     plan_from_response,
     problem_from_request,
     spheres_from_message,
     state_from_message,
 )
-from ff_planner_ros.ros.to_messages import (
+from ff_planner_ros.ros.messages.to_messages import (
     obstacles_message,
     request_message,
     response_from_error,

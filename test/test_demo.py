@@ -17,7 +17,7 @@ from ff_planner_ros.errors import Status
 from ff_planner_ros.runs.recorded_run import recorded_run
 from ff_planner_ros.runs.replay import Verdict, replay
 
-DEMO = "import sys; from ff_planner_ros.ros.demo import run_demo; sys.exit(run_demo())"
+DEMO = "import sys; from ff_planner_ros.demo.run import run_demo; sys.exit(run_demo())"
 RESULTS = "/plan_trajectory_action/_action/get_result/_service_event"
 PNG = b"\x89PNG\r\n\x1a\n"
 
@@ -151,7 +151,7 @@ def run_with(scenario: Path, before: str = "") -> subprocess.CompletedProcess[st
     code = f"""
 import sys
 from pathlib import Path
-from ff_planner_ros.ros import demo
+from ff_planner_ros.demo import run as demo
 
 {before}
 sys.exit(demo.run_demo(scenario=Path({str(scenario)!r})))

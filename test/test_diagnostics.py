@@ -9,9 +9,9 @@ from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus
 
 from ff_planner_ros.errors import Status
-from ff_planner_ros.ros.diagnostics import NodeHealth, Outcome, SolveTimes, diagnostics
-from ff_planner_ros.ros.progress import TrackingError
-from ff_planner_ros.ros.recorder import RecorderHealth
+from ff_planner_ros.ros.outputs.diagnostics import LastRequest, NodeHealth, SolveTimes, diagnostics
+from ff_planner_ros.ros.outputs.prediction import TrackingError
+from ff_planner_ros.ros.recorder.recorder import RecorderHealth
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 PARTS = ("chaser state", "obstacles", "last request", "solve time", "recorder", "tracking")
@@ -32,7 +32,7 @@ WELL = NodeHealth(
     obstacles=3,
     obstacles_age=61.25,
     obstacles_refusal="",
-    last=Outcome("run.7", Status.SOLVED, "converged"),
+    last=LastRequest("run.7", Status.SOLVED, "converged"),
     solve_times=solve_times(0.5, 0.25, 1.5),
     recorder=RECORDING,
     tracking=TrackingError(position=0.004, angle=0.01),
@@ -74,19 +74,19 @@ def test_a_node_that_is_well_says_so_in_every_part() -> None:
         ("last request", {"last": None}, OK, "no request yet"),
         (
             "last request",
-            {"last": Outcome("run.8", Status.COLLISION, "c1 is in the way")},
+            {"last": LastRequest("run.8", Status.COLLISION, "c1 is in the way")},
             WARN,
             "run.8 got no plan, COLLISION: c1 is in the way",
         ),
         (
             "last request",
-            {"last": Outcome("run.8", Status.NO_STATE, "none")},
+            {"last": LastRequest("run.8", Status.NO_STATE, "none")},
             WARN,
             "run.8 got no plan, NO_STATE: none",
         ),
         (
             "last request",
-            {"last": Outcome("run.9", Status.INTERNAL_ERROR, "the solver died")},
+            {"last": LastRequest("run.9", Status.INTERNAL_ERROR, "the solver died")},
             ERROR,
             "run.9 got no plan, INTERNAL_ERROR: the solver died",
         ),

@@ -9,7 +9,7 @@ import sys
 import rclpy
 from ros_processes import DEADLINE
 
-from ff_planner_ros.ros.domain import private_environment
+from ff_planner_ros.demo.domain import private_environment
 
 PARTICIPANT = """
 import rclpy

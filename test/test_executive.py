@@ -23,16 +23,16 @@ from ros_processes import DEADLINE, FRAME, private_domain
 from scipy.spatial.transform import Rotation
 from trajectory_msgs.msg import JointTrajectory
 
+from ff_planner_ros.demo.executive import MissionExecutive, end_effector
+from ff_planner_ros.demo.testbed import CONTROLLER_TOPIC
 from ff_planner_ros.errors import FfPlannerError, Status
 from ff_planner_ros.planning.plan import Plan
 from ff_planner_ros.planning.problem import PlanningProblem
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.ros.background import spin_in_background
-from ff_planner_ros.ros.executive import MissionExecutive, end_effector
-from ff_planner_ros.ros.from_messages import NANOSECONDS, nanoseconds
-from ff_planner_ros.ros.testbed import CONTROLLER_TOPIC
-from ff_planner_ros.ros.to_messages import response_from_plan, state_message
+from ff_planner_ros.ros.messages.from_messages import NANOSECONDS, nanoseconds
+from ff_planner_ros.ros.messages.to_messages import response_from_plan, state_message
 
 
 @dataclass

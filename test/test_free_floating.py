@@ -10,7 +10,7 @@ import pytest
 from robots import CONFIG, random_state
 
 from ff_planner_ros.arrays import Array
-from ff_planner_ros.baselines.execution import executed
+from ff_planner_ros.baselines.beliefs import executed
 from ff_planner_ros.planning.joint_motion import JointMotion, joint_motion
 from ff_planner_ros.planning.plan import Plan
 from ff_planner_ros.planning.problem import PlanningProblem

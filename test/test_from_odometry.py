@@ -15,7 +15,7 @@ from sensor_msgs.msg import JointState
 
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.robot.model import Robot
-from ff_planner_ros.ros.from_odometry import (
+from ff_planner_ros.ros.messages.from_odometry import (
     OdometryParameters,
     chaser_from_odometry,
     joints_from_joint_state,

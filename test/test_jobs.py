@@ -9,7 +9,7 @@ import pytest
 from ros_processes import DEADLINE
 
 from ff_planner_ros.errors import FfPlannerError, Status
-from ff_planner_ros.ros.jobs import Job, Jobs
+from ff_planner_ros.ros.requests.jobs import Job, Jobs
 
 
 def opened() -> tuple[Jobs, Mock]:

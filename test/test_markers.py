@@ -14,7 +14,7 @@ from ff_planner_ros.arrays import Array
 from ff_planner_ros.planning.plan import Plan
 from ff_planner_ros.planning.problem import Sphere
 from ff_planner_ros.robot.model import Robot
-from ff_planner_ros.ros.markers import SNAPSHOTS, plan_markers
+from ff_planner_ros.ros.outputs.markers import SNAPSHOTS, plan_markers
 
 SPHERES = (
     Sphere("c1", np.array([1.2, 0.4, 0.54]), 0.20),

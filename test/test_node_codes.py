@@ -31,7 +31,7 @@ from ros_processes import (
 
 from ff_planner_ros.errors import Status
 from ff_planner_ros.planning.problem import PlanningProblem
-from ff_planner_ros.ros.to_messages import time_message
+from ff_planner_ros.ros.messages.to_messages import time_message
 
 # States and plans are of this much ahead of the request: nobody is ever too late or too old [ns].
 LEAD = 60_000_000_000

@@ -30,7 +30,7 @@ from ros_processes import (
 
 from ff_planner_ros.errors import Status
 from ff_planner_ros.planning.problem import PlanningProblem
-from ff_planner_ros.ros.to_messages import time_message
+from ff_planner_ros.ros.messages.to_messages import time_message
 
 ARGUMENTS = (
     *("-p", "state_max_age:=3600.0", "-p", "bag.flush_interval:=0.05"),

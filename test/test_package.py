@@ -39,7 +39,8 @@ FLOORS = {
     "verify": 6,
     "ros": 6,
     "runs": 7,
-    "cli": 8,
+    "demo": 8,
+    "cli": 9,
 }
 SHARED_FLOOR, HIGHEST_FLOOR_WITHOUT_ROS = 0, 4
 ROOM_WITH_CLOCKS = "bench"
@@ -229,9 +230,9 @@ def attributes(class_definition):
 
 
 @pytest.mark.parametrize("function", FUNCTIONS)
-def test_a_docstring_that_lists_arguments_lists_exactly_those_of_the_signature(function):
-    listed = section(function, "Args")
-    assert listed is None or listed == parameters(function)
+def test_a_docstring_lists_only_arguments_of_the_signature_in_its_order(function):
+    listed = section(function, "Args") or []
+    assert listed == [name for name in parameters(function) if name in listed]
 
 
 @pytest.mark.parametrize("class_definition", CLASSES)

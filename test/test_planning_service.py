@@ -22,12 +22,12 @@ from unique_identifier_msgs.msg import UUID
 
 from ff_planner_ros.errors import FfPlannerError, NoPlanFound, Status
 from ff_planner_ros.planning.problem import PlanningProblem
+from ff_planner_ros.ros.inputs.scene_input import SceneInput
+from ff_planner_ros.ros.inputs.state_input import StateInput
+from ff_planner_ros.ros.outputs.plan_output import PlanOutput
 from ff_planner_ros.ros.parameters import LiveParameters
-from ff_planner_ros.ros.plan_output import PlanOutput
-from ff_planner_ros.ros.planning_service import PlanningService
-from ff_planner_ros.ros.scene_input import SceneInput
-from ff_planner_ros.ros.state_input import StateInput
-from ff_planner_ros.ros.worker import Worker
+from ff_planner_ros.ros.requests.planning_service import PlanningService
+from ff_planner_ros.ros.requests.worker import Worker
 
 
 @contextmanager

@@ -11,7 +11,7 @@ from drawn_plans import POINTS, drawn_plan
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.planning.plan import Plan
 from ff_planner_ros.robot.model import Robot
-from ff_planner_ros.ros.preview import preview_joint_states
+from ff_planner_ros.ros.outputs.preview import preview_joint_states
 
 DURATION = 10.0
 

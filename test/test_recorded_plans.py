@@ -16,9 +16,9 @@ from ff_planner_ros.errors import BagError, InvalidInput, NoPlanFound, Status
 from ff_planner_ros.planning.plan import Plan
 from ff_planner_ros.planning.problem import PlanningProblem
 from ff_planner_ros.planning.settings import load_settings
-from ff_planner_ros.ros.offline_bag import record_answer
-from ff_planner_ros.ros.recorded_plans import recorded_plans
-from ff_planner_ros.ros.to_messages import response_from_error, response_from_plan
+from ff_planner_ros.ros.messages.to_messages import response_from_error, response_from_plan
+from ff_planner_ros.runs.offline_bag import record_answer
+from ff_planner_ros.runs.recorded_plans import recorded_plans
 
 EVENTS, EVENT = "/servicer/plan/_service_event", "ff_planner_msgs/srv/PlanTrajectory_Event"
 SETTINGS = load_settings(CONFIG / "planner.yaml")

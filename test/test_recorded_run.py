@@ -21,10 +21,14 @@ from ff_planner_ros.cli import main
 from ff_planner_ros.errors import BagError, FfPlannerError, InvalidInput, Status
 from ff_planner_ros.planning.plan import Plan
 from ff_planner_ros.planning.problem import PlanningProblem
-from ff_planner_ros.ros.from_messages import NANOSECONDS
-from ff_planner_ros.ros.question import Sources
-from ff_planner_ros.ros.scene_input import SceneInput
-from ff_planner_ros.ros.to_messages import response_from_error, response_from_plan, time_message
+from ff_planner_ros.ros.inputs.scene_input import SceneInput
+from ff_planner_ros.ros.messages.from_messages import NANOSECONDS
+from ff_planner_ros.ros.messages.to_messages import (
+    response_from_error,
+    response_from_plan,
+    time_message,
+)
+from ff_planner_ros.ros.requests.reading import Sources
 from ff_planner_ros.runs.recorded_run import RecordedRun, recorded_run
 from ff_planner_ros.runs.replay import Verdict, replay, version_lines
 
@@ -117,7 +121,7 @@ def test_of_two_planners_only_that_whose_parameters_are_there_is_rebuilt(world: 
     found = replay(one)
     assert found.verdict is Verdict.NOT_REBUILT
     assert "planners in /one/, /two/, and parameters of one: /two/ff_planner" in found.words
-    assert two.question().task.ahead == 0.0
+    assert two.read_request().task.ahead == 0.0
 
 
 def test_of_two_planners_none_is_rebuilt_where_the_bag_does_not_say_whose_it_is(
@@ -191,7 +195,7 @@ def test_of_several_messages_with_the_stamp_the_last_before_the_request_counts(
     Sources(START + 20, START + 20, "start_state", obstacles_stamp_ns=START).tell(response)
     world.ask(START + 20, response).use_obstacles = False
     (request,) = world.run().requests
-    assert request.question().task.problem.obstacles[0].radius == 0.2
+    assert request.read_request().task.problem.obstacles[0].radius == 0.2
 
 
 def test_obstacles_that_the_recorder_heard_after_the_node_are_those_of_the_request(
@@ -205,7 +209,7 @@ def test_obstacles_that_the_recorder_heard_after_the_node_are_those_of_the_reque
     Sources(START, START, "start_state").tell(response)
     world.ask(START, response).use_obstacles = False
     (request,) = world.run().requests
-    assert request.question().task.problem.obstacles[0].radius == 0.2
+    assert request.read_request().task.problem.obstacles[0].radius == 0.2
 
 
 def test_inputs_are_found_whatever_their_topics_are_called(
@@ -217,7 +221,7 @@ def test_inputs_are_found_whatever_their_topics_are_called(
     Sources(START, START, "chaser_state").tell(response)
     world.ask(START, response).use_start_state = False
     (request,) = world.run().requests
-    measured = request.question().task.problem.start.joint_positions
+    measured = request.read_request().task.problem.start.joint_positions
     assert measured.tolist() == lemur_capture.start.joint_positions.tolist()
 
 

@@ -22,9 +22,9 @@ from std_msgs.msg import String
 
 from ff_planner_ros.bag.writer import BagWriter
 from ff_planner_ros.errors import BagError
-from ff_planner_ros.ros import topic_queue
-from ff_planner_ros.ros.recorder import Recorder
-from ff_planner_ros.ros.topic_queue import RecordedTopic
+from ff_planner_ros.ros.recorder import topic_queue
+from ff_planner_ros.ros.recorder.recorder import Recorder
+from ff_planner_ros.ros.recorder.topic_queue import RecordedTopic
 
 STATE = RecordedTopic("/chaser_state", ChaserState, QoSProfile(depth=1))
 EVENT = RecordedTopic("/plan/_service_event", PlanTrajectory.Event, QoSProfile(depth=1))

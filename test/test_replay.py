@@ -35,8 +35,8 @@ from ff_planner_ros.cli import main
 from ff_planner_ros.errors import Status
 from ff_planner_ros.planning.problem import PlanningProblem
 from ff_planner_ros.planning.tail import EndBehaviour
-from ff_planner_ros.ros.from_messages import nanoseconds
-from ff_planner_ros.ros.to_messages import time_message
+from ff_planner_ros.ros.messages.from_messages import nanoseconds
+from ff_planner_ros.ros.messages.to_messages import time_message
 from ff_planner_ros.runs.recorded_run import RecordedRequest, RecordedRun, recorded_run
 from ff_planner_ros.runs.replay import Verdict, replay
 
@@ -214,11 +214,11 @@ def test_every_answer_comes_again_to_the_last_bit(run: Run) -> None:
 
 
 def test_the_problems_are_those_of_then(run: Run) -> None:
-    following = run.request("following").question().task
+    following = run.request("following").read_request().task
     assert following.running is not None
     assert following.ahead == pytest.approx(0.5)
-    assert run.request("from topics").question().task.running is None
-    complete = run.request("complete").question().task
+    assert run.request("from topics").read_request().task.running is None
+    complete = run.request("complete").read_request().task
     assert (complete.end_behaviour, complete.tail) == (EndBehaviour.HOLD_END_EFFECTOR, 2.0)
     margins = [
         one.inputs.parameters.planner.clearance_margin

@@ -24,7 +24,7 @@ from sensor_msgs.msg import JointState
 from service_msgs.msg import ServiceEventInfo
 from std_msgs.msg import Header
 
-from ff_planner_ros.analysis.answer import plan_dictionary, refusal_dictionary
+from ff_planner_ros.analysis.plan_json import plan_dictionary, refusal_dictionary
 from ff_planner_ros.analysis.tracking import Deviations
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.bag.encoding import encode
@@ -38,9 +38,7 @@ from ff_planner_ros.planning.problem import PlanningProblem
 from ff_planner_ros.planning.settings import load_settings
 from ff_planner_ros.robot.model import robot_from_urdf_text
 from ff_planner_ros.robot.state import SystemState
-from ff_planner_ros.ros.action_events import GET_RESULT, SEND_GOAL, goal_topic, result_topic
-from ff_planner_ros.ros.recorder import type_name
-from ff_planner_ros.ros.to_messages import (
+from ff_planner_ros.ros.messages.to_messages import (
     goal_message,
     obstacles_message,
     pose_message,
@@ -49,6 +47,13 @@ from ff_planner_ros.ros.to_messages import (
     response_from_plan,
     state_message,
     time_message,
+)
+from ff_planner_ros.ros.recorder.recorder import type_name
+from ff_planner_ros.ros.requests.action_events import (
+    GET_RESULT,
+    SEND_GOAL,
+    goal_topic,
+    result_topic,
 )
 from ff_planner_ros.runs.report import Report, report_of_answer
 from ff_planner_ros.runs.report_of_bag import report_of_bag

@@ -6,7 +6,7 @@ import pytest
 from ff_planner_msgs.msg import ObstacleSphere, ObstacleSphereArray
 
 from ff_planner_ros.errors import InvalidInput, Status
-from ff_planner_ros.ros.scene_input import SceneInput
+from ff_planner_ros.ros.inputs.scene_input import SceneInput
 
 FRAME = "inertial"
 

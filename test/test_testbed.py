@@ -19,25 +19,25 @@ from ros_processes import DEADLINE, FRAME, private_domain
 from scipy.spatial.transform import Rotation
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
+from ff_planner_ros.demo.testbed import (
+    CONTROLLER_TOPIC,
+    STATE_QOS,
+    Imperfections,
+    SimulatedTestbed,
+    motion_from_message,
+    with_sensor_noise,
+)
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.problem import PlanningProblem
 from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.ros.background import spin_in_background
-from ff_planner_ros.ros.from_messages import (
+from ff_planner_ros.ros.messages.from_messages import (
     NANOSECONDS,
     nanoseconds,
     spheres_from_message,
     state_from_message,
 )
-from ff_planner_ros.ros.testbed import (
-    CONTROLLER_TOPIC,
-    STATE_QOS,
-    Imperfections,
-    SimulatedTestbed,
-    measured,
-    motion_from_message,
-)
-from ff_planner_ros.ros.to_messages import time_message
+from ff_planner_ros.ros.messages.to_messages import time_message
 from ff_planner_ros.simulation.free_floating import carried_back
 
 PERFECT = Imperfections()
@@ -106,7 +106,7 @@ def test_a_trajectory_that_cannot_be_followed_is_refused_by_name(
 
 def test_a_perfect_sensor_measures_the_truth(lemur_capture: PlanningProblem) -> None:
     state = lemur_capture.start
-    found = measured(state, PERFECT, np.random.default_rng(1))
+    found = with_sensor_noise(state, PERFECT, np.random.default_rng(1))
     for name in SystemState.__dataclass_fields__:
         np.testing.assert_allclose(getattr(found, name), getattr(state, name), atol=1e-15)
 
@@ -118,7 +118,7 @@ def test_noise_has_the_standard_deviation_that_was_asked_for(
     noisy = Imperfections(
         position_noise=0.01, angle_noise=0.02, velocity_noise=0.03, rate_noise=0.04
     )
-    found = [measured(state, noisy, random) for _ in range(3000)]
+    found = [with_sensor_noise(state, noisy, random) for _ in range(3000)]
     expected = {
         "position_chaser_in_inertial": 0.01,
         "linear_velocity_chaser_in_inertial": 0.03,

@@ -14,7 +14,7 @@ from ff_planner_ros.planning.plan import Plan
 from ff_planner_ros.planning.planner import plan
 from ff_planner_ros.planning.problem import Objective, PlanningProblem
 from ff_planner_ros.planning.settings import load_settings
-from ff_planner_ros.ros.offline_bag import record_answer
+from ff_planner_ros.runs.offline_bag import record_answer
 from ff_planner_ros.runs.what_if import allowed_keys, parsed
 
 SETTINGS = load_settings(CONFIG / "planner.yaml")

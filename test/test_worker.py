@@ -23,7 +23,7 @@ from ff_planner_ros.planning.search import Progress
 from ff_planner_ros.planning.settings import PlannerSettings, load_settings
 from ff_planner_ros.planning.tail import EndBehaviour
 from ff_planner_ros.planning.task import PlanningTask
-from ff_planner_ros.ros.worker import Worker
+from ff_planner_ros.ros.requests.worker import Worker
 from ff_planner_ros.share import share_directory
 
 

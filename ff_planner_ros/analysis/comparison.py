@@ -72,13 +72,7 @@ _PAPERS_RATIOS = (
 def comparison_rows(
     problem: PlanningProblem, settings: PlannerSettings, answers: Mapping[Method, Answer]
 ) -> Iterator[tuple[str, ...]]:
-    """Yield the cells of `COLUMNS`, a row per method.
-
-    Args:
-        problem: The question.
-        settings: The tolerances of the check.
-        answers: Of the methods.
-    """
+    """Yield the cells of `COLUMNS`, a row per method."""
     for method, answer in answers.items():
         seconds = f"{answer.seconds:.2f}"
         if isinstance(answer.plan, FfPlannerError):
@@ -105,13 +99,7 @@ def comparison_rows(
 def findings(
     problem: PlanningProblem, settings: PlannerSettings, answers: Mapping[Method, Answer]
 ) -> Iterator[str]:
-    """Yield in words what is wrong with each answer: which constraint, where, by how much.
-
-    Args:
-        problem: The question.
-        settings: The tolerances of the check.
-        answers: Of the methods.
-    """
+    """Yield in words what is wrong with each answer: which constraint, where, by how much."""
     for method, answer in answers.items():
         if isinstance(answer.plan, FfPlannerError):
             yield f"{method.name}: {answer.plan}"
@@ -122,11 +110,7 @@ def findings(
 
 
 def ratio_rows(answers: Mapping[Method, Answer]) -> Iterator[tuple[str, ...]]:
-    """Yield the cells of `RATIO_COLUMNS`; they mean something for the paper's own scenario.
-
-    Args:
-        answers: Of the methods.
-    """
+    """Yield the cells of `RATIO_COLUMNS`; they mean something for the paper's own scenario."""
     for ratio in _PAPERS_RATIOS:
         above, below = (answers[method].plan for method in (ratio.above, ratio.below))
         here = _NOTHING

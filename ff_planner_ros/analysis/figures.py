@@ -35,7 +35,6 @@ def save_figures(
     """Draw plans side by side, each figure as PDF and PNG.
 
     Args:
-        problem: What they answer.
         plans: At least one; drawn in this order.
         directory: Made if it is not there; figures of the same name in it are replaced.
 
@@ -88,7 +87,6 @@ def clearance_figure(problem: PlanningProblem, plans: Mapping[Method, Plan]) -> 
     """Draw the distance of the arm's centre lines to the closest obstacle: Fig. 6 of the paper.
 
     Args:
-        problem: With the obstacles.
         plans: At least one.
     """
     figure = Figure(figsize=(8.0, 4.8), layout="constrained")

@@ -96,7 +96,6 @@ def clearance(robot: Robot, obstacles: Sequence[Sphere]) -> Quantity:
     """Return the distance of the arm's centre lines to the closest obstacle: Fig. 6.
 
     Args:
-        robot: The robot.
         obstacles: Without any, nothing is close: the values are NaN.
     """
 
@@ -142,7 +141,6 @@ def panels(quantity: Quantity, motions: Mapping[Method, Trajectory]) -> list[Pan
     """Return a panel for each number of a quantity.
 
     Args:
-        quantity: What to draw.
         motions: At least one; where angles turn, the others are drawn near the first.
     """
     values = {method: quantity.of(motion) for method, motion in motions.items()}
@@ -166,9 +164,7 @@ def closest_clearance(robot: Robot, obstacles: Sequence[Sphere], trajectory: Tra
     """Return the distance between the arm's lines and the nearest sphere's surface.
 
     Args:
-        robot: The robot.
         obstacles: At least one sphere.
-        trajectory: The sampled motion.
 
     Returns:
         Shape (points,) [m].

@@ -33,7 +33,6 @@ def two_column_plot(
     """Draw two quantities side by side, a row for each of their numbers.
 
     Args:
-        quantities: Of as many numbers each.
         motions: At least one.
     """
     left, right = (panels(quantity, motions) for quantity in quantities)
@@ -57,7 +56,6 @@ def clearance_plot(
     """Draw the distance of the arm's centre lines to the closest obstacle: Fig. 6 of the paper.
 
     Args:
-        robot: The robot.
         obstacles: Where there are none, the plot says so.
         motions: At least one.
     """
@@ -93,7 +91,6 @@ def panel_plot(
 
     Args:
         drawn: At least one.
-        columns: In a row.
         titles: Of the columns, if they have any.
         rows_high: How much higher a panel is than usual.
     """

@@ -46,10 +46,8 @@ def save_scene(
     """Write the scene as one HTML file that needs nothing else.
 
     Args:
-        problem: What the plans answer.
         plans: At least one.
         shown: Methods that are shown from the start; a click in the legend shows the others.
-        path: Replaced if it is there.
     """
     # The name of the scene's element is fixed: the same plans give the same file.
     motions = {method: plan.trajectory for method, plan in plans.items()}
@@ -75,7 +73,6 @@ def scene_figure(
     """Draw the scene: Fig. 2 of the paper, for several methods and all times.
 
     Args:
-        robot: The robot.
         obstacles: What it must stay out of.
         goal: Where the end effector shall be in the end, in the inertial frame. Shape (3,) [m].
         motions: At least one.

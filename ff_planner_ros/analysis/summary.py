@@ -15,7 +15,6 @@ def plan_rows(answer: Plan, solve_time: float) -> list[tuple[str, str]]:
     """Return name and value of what a user wants to know first of a plan.
 
     Args:
-        answer: The plan.
         solve_time: Wall clock that it took [s].
     """
     metrics, solver = answer.metrics, answer.solver
@@ -43,11 +42,7 @@ def _peak_torque(answer: Plan) -> str:
 
 
 def robot_rows(robot: Robot) -> list[tuple[str, str]]:
-    """Return name and value of what the planner makes of a URDF.
-
-    Args:
-        robot: The robot.
-    """
+    """Return name and value of what the planner makes of a URDF."""
     chaser = robot.model.inertias[1]
     moments = np.linalg.eigvalsh(chaser.inertia)
     rows = [

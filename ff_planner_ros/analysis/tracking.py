@@ -47,7 +47,6 @@ def measured_motion(robot: Robot, time: Array, states: list[SystemState]) -> Tra
     """Return measured states as a motion, with the end effector where the joints have it.
 
     Args:
-        robot: The robot.
         time: Of the states, from the start of the plan. Shape (times,) [s].
         states: As many, at least one.
 
@@ -62,7 +61,6 @@ def deviations(planned: Trajectory, measured: Trajectory) -> Deviations:
     """Return how far a measured motion is from the plan, between the points of the plan, too.
 
     Args:
-        planned: The plan.
         measured: Of the same robot, while the plan runs.
     """
     time = measured.time
@@ -99,11 +97,7 @@ Shown: TypeAlias = tuple[str, Array]
 
 
 def in_shown_units(found: Deviations) -> list[Shown]:
-    """Return each deviation with name and unit, as people read it.
-
-    Args:
-        found: The deviations.
-    """
+    """Return each deviation with name and unit, as people read it."""
     return [
         ("chaser [mm]", 1e3 * found.chaser_position),
         ("chaser [deg]", np.rad2deg(found.chaser_angle)),
@@ -115,12 +109,7 @@ def in_shown_units(found: Deviations) -> list[Shown]:
 
 
 def deviation_panels(found: Deviations, rows: slice | Array = slice(None)) -> list[Panel]:
-    """Return a panel for each deviation.
-
-    Args:
-        found: The deviations.
-        rows: Those to draw.
-    """
+    """Return a panel for each deviation."""
     time = found.time[rows]
     return [
         Panel(label, {DEVIATION: (time, values[rows])}) for label, values in in_shown_units(found)

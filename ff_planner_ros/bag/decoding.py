@@ -30,11 +30,6 @@ _IDL_CONSTANTS = re.compile(r"module \w+_Constants \{\n.*?\n\s*\};\n", re.DOTALL
 def decoder(name: str, encoding: str, definition: bytes) -> Decoder:
     """Return what turns CDR into plain objects with the fields of the recorded definition.
 
-    Args:
-        name: Of the type.
-        encoding: Of its definition.
-        definition: Complete, as in the bag.
-
     Raises:
         BagError: The definition cannot be understood. The decoder itself raises it where the
             bytes do not fit the definition.
@@ -81,7 +76,6 @@ def as_installed(decoded: Any, message_class: type[T]) -> T:
     Fields that the recording lacks keep their default; those that are not known here are dropped.
 
     Args:
-        decoded: As decoded from a bag.
         message_class: Of rosidl: a message, or the request, response or event of a service.
 
     Raises:

@@ -57,7 +57,6 @@ def export_npz(bag: Path, file: Path) -> Sequence[str]:
 
     Args:
         bag: The directory, or one of its MCAP files.
-        file: Must not exist.
 
     Returns:
         What is wrong with the bag, in words.

@@ -94,7 +94,6 @@ class McapFile:
         """Read a block; of a damaged one there are no messages, but a note.
 
         Args:
-            block: Of this file.
             wanted: Channels; None: all.
 
         Raises:
@@ -111,9 +110,6 @@ class McapFile:
 
     def times(self, block: Block) -> list[tuple[int, int]]:
         """Return channel and log time of every message in a block; none if it is damaged.
-
-        Args:
-            block: Of this file.
 
         Raises:
             BagError: The disk fails.
@@ -135,9 +131,6 @@ class McapFile:
         """Yield channel, log time, publish time, start and end of every message among records.
 
         Channels and schemas among them are taken up.
-
-        Args:
-            records: One after the other.
 
         Raises:
             Exception: They are damaged; whatever the library trips over.
@@ -162,10 +155,6 @@ class McapFile:
     def describe(self, opcode: int, body: bytes) -> None:
         """Take up a channel or a schema.
 
-        Args:
-            opcode: Which of the two.
-            body: Of the record.
-
         Raises:
             Exception: It is damaged; whatever the library trips over.
         """
@@ -180,9 +169,6 @@ class McapFile:
 
     def decoder_of(self, channel: Channel) -> Decoder:
         """Return what decodes the messages of a channel.
-
-        Args:
-            channel: Of this file.
 
         Raises:
             BagError: They cannot be decoded.
@@ -205,10 +191,6 @@ class McapFile:
     def bytes_at(self, offset: int, length: int) -> bytes:
         """Return bytes of the file.
 
-        Args:
-            offset: Of the first.
-            length: How many.
-
         Raises:
             ValueError: The file does not have them.
         """
@@ -223,7 +205,6 @@ class McapFile:
         """Note that a block is not read.
 
         Args:
-            block: Of this file.
             reason: What a note says of it.
         """
         if block not in self.damaged:
@@ -232,20 +213,12 @@ class McapFile:
             self.lose(f"the {kind} at byte {block.offset} {reason}")
 
     def lose(self, text: str) -> None:
-        """Note that something cannot be read.
-
-        Args:
-            text: In words.
-        """
+        """Note that something cannot be read."""
         self.is_lossy = True
         self.note(text)
 
     def note(self, text: str) -> None:
-        """Note what is wrong, once.
-
-        Args:
-            text: In words.
-        """
+        """Note what is wrong, once."""
         note = printable(f"{self.path.name}: {text}")
         if note not in self.notes:
             self.notes.append(note)

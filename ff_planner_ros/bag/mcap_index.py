@@ -52,7 +52,6 @@ def open_mcap(path: Path, stream: BinaryIO, progress: Progress) -> McapFile:
     """Find out what a file holds.
 
     Args:
-        path: Of the file.
         stream: The file, open; must stay so as long as blocks are read.
         progress: Is told of a file that must be read to its end for that.
 

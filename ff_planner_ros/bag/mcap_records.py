@@ -49,7 +49,6 @@ def parsed(record_type: Any, body: bytes) -> Any:
     """Return a record of the library from its bytes.
 
     Args:
-        record_type: Class of the record.
         body: The record without opcode and length.
 
     Raises:
@@ -59,30 +58,16 @@ def parsed(record_type: Any, body: bytes) -> Any:
 
 
 def unreadable(path: Path, error: OSError) -> BagError:
-    """Return the error for a file that the system does not let us read.
-
-    Args:
-        path: Of the file.
-        error: The system's.
-    """
+    """Return the error for a file that the system does not let us read."""
     return BagError(f"bag {path} cannot be read: {error.strerror or error}")
 
 
 def in_words(error: Exception) -> str:
-    """Return what a library says of damaged bytes.
-
-    Args:
-        error: The library's.
-    """
+    """Return what a library says of damaged bytes."""
     return printable(f"{type(error).__name__}: {error}".removesuffix(": "), _LONGEST_REASON)
 
 
 def printable(text: str, longest: int = _LONGEST_NOTE) -> str:
-    """Return a text of a bag on one line, without control characters.
-
-    Args:
-        text: Any.
-        longest: Number of characters.
-    """
+    """Return a text of a bag on one line, without control characters."""
     shown = "".join(character if character.isprintable() else "?" for character in text)
     return shown if len(shown) <= longest else f"{shown[:longest]}..."

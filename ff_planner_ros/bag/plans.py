@@ -138,7 +138,6 @@ def is_event(event: Any, kind: int) -> bool:
     """Whether a decoded service event is of a kind.
 
     Args:
-        event: Decoded.
         kind: As in `service_msgs/ServiceEventInfo`.
     """
     return getattr(getattr(event, "info", None), "event_type", None) == kind

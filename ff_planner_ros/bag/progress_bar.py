@@ -18,9 +18,7 @@ def progress_bar(
     """Yield what is to be told of every bit that is done; the bar is on the standard error output.
 
     Args:
-        doing: What is done.
         total: How much there is to do, in bytes if not in something else.
-        unit: What the bar counts in.
         per_unit: Of what is told, so much makes one of it.
     """
     done = 0

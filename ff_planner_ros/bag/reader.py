@@ -75,7 +75,6 @@ class Bag:
         """Put together what the files hold.
 
         Args:
-            path: As it was asked for.
             files: In order, open; at least one.
             notes: What is wrong with the whole.
         """
@@ -113,11 +112,7 @@ class Bag:
         return (*self._notes, *(note for file in self._mcap_files for note in file.notes))
 
     def note(self, text: str) -> None:
-        """Note what is wrong with the bag, once.
-
-        Args:
-            text: In words.
-        """
+        """Note what is wrong with the bag, once."""
         if text not in self._notes:
             self._notes.append(text)
 

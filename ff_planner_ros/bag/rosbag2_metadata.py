@@ -80,7 +80,6 @@ def metadata(
 
     Args:
         files: In the order of recording.
-        topics: By name.
         custom_data: What rosbag2 keeps without looking at it.
     """
     return {
@@ -110,11 +109,7 @@ def metadata(
 
 
 def custom_data(record: Mapping[str, str]) -> dict[str, str]:
-    """Return what rosbag2 keeps without looking at it; empty if that cannot be read.
-
-    Args:
-        record: The metadata record of MCAP.
-    """
+    """Return what rosbag2 keeps without looking at it; empty if that cannot be read."""
     try:
         kept = yaml.safe_load(record["serialized_metadata"])["custom_data"] or {}
         return {str(key): str(value) for key, value in kept.items()}
@@ -123,11 +118,7 @@ def custom_data(record: Mapping[str, str]) -> dict[str, str]:
 
 
 def profiles(qos: Sequence[QualityOfService]) -> list[dict[str, Any]]:
-    """Return what publishers offer, as rosbag2 writes it down.
-
-    Args:
-        qos: Of each publisher.
-    """
+    """Return what publishers offer, as rosbag2 writes it down."""
     return [
         {
             "history": offered.history,

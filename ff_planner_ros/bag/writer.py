@@ -32,12 +32,7 @@ _RECORD_OVERHEAD = 31
 
 
 def unique_directory(parent: Path, stem: str) -> Path:
-    """Return a directory name that no other bag has: stem, UTC time and a random token.
-
-    Args:
-        parent: Directory of all bags.
-        stem: What the bag is of.
-    """
+    """Return a directory name that no other bag has: stem, UTC time and a random token."""
     # Time and process number can be the same in two containers that share a disk.
     stamp = time.strftime("%Y%m%d_%H%M%S", time.gmtime())
     return parent / f"{stem}_{stamp}_{secrets.token_hex(4)}"
@@ -131,7 +126,6 @@ class BagWriter:
         """Write one message.
 
         Args:
-            topic: A topic that was added.
             cdr: The serialised message, of exact length (see `encode`).
             log_time_ns: When it was received, since the epoch [ns].
             publish_time_ns: When it was published, since the epoch [ns].
@@ -175,7 +169,6 @@ class BagWriter:
         Args:
             name: File name (`robot.urdf`).
             media_type: MIME type (`application/xml`).
-            data: The document.
 
         Raises:
             BagError: The bag is closed, or the disk failed.
@@ -187,10 +180,6 @@ class BagWriter:
 
     def add_record(self, name: str, data: Mapping[str, str]) -> None:
         """Keep words with the messages, as a metadata record of MCAP.
-
-        Args:
-            name: Of the record.
-            data: Values by key.
 
         Raises:
             BagError: The bag is closed, or the disk failed.

@@ -38,9 +38,7 @@ def artificial_potential_field(
     """Return the motion that the field leads to, wherever that is.
 
     Args:
-        problem: What is asked.
         settings: The planner's tunables, for its tolerances.
-        parameters: Of the field.
 
     Returns:
         Measured and not judged: `solver.stop_reason` says how it ended, and `require_sound` tells

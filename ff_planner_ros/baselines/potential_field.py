@@ -87,7 +87,6 @@ def attraction(offset: Array, parameters: PotentialFieldParameters) -> Array:
 
     Args:
         offset: Goal less end effector: position [m], rotation vector [rad]. Shape (6,).
-        parameters: Of the field.
     """
     stiffness = parameters.damping**2 / 4
     magnitudes = (parameters.attraction, parameters.angular_attraction)
@@ -107,8 +106,6 @@ def repulsion(
     effector follows from virtual work in the motion of Eq. (31) at zero momentum.
 
     Args:
-        problem: Gives robot and obstacles.
-        parameters: Of the field.
         q: Configuration. Shape (7 + joints,).
         v_by_twist: Derivative of the tangent velocity with respect to the end effector's twist,
             inertial axes. Shape (6 + joints, 6).

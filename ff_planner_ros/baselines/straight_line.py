@@ -15,10 +15,6 @@ from ff_planner_ros.planning.settings import PlannerSettings
 def straight_line(problem: PlanningProblem, settings: PlannerSettings) -> Plan:
     """Return the motion along the path without free terms, Sec. 4.1 of the paper.
 
-    Args:
-        problem: What is asked.
-        settings: The planner's tunables.
-
     Returns:
         Measured and not judged: `require_sound` tells what is wrong with it.
 

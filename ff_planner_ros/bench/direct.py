@@ -28,7 +28,7 @@ _WALL = (1e3, 1e3, -1e3)
 
 
 @dataclass(frozen=True, eq=False)
-class Answer:
+class Stop:
     """Where another method stopped.
 
     Attributes:
@@ -44,13 +44,11 @@ class Answer:
 
 def solve_directly(
     problem: PlanningProblem, settings: PlannerSettings, max_iterations: int
-) -> Answer:
+) -> Stop:
     """Solve by SLSQP with finite differences.
 
     Args:
-        problem: What is asked.
         settings: For the penalty's g1 and g2.
-        max_iterations: Of SLSQP.
     """
     functions = _Functions(problem, settings, path_model(problem, problem.points))
     result = minimize(
@@ -63,7 +61,7 @@ def solve_directly(
         ],
         options={"maxiter": max_iterations, "ftol": 1e-6},
     )
-    return Answer(result.x.reshape(COMPONENTS, FREE_TERMS), len(functions.known), result.message)
+    return Stop(result.x.reshape(COMPONENTS, FREE_TERMS), len(functions.known), result.message)
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.optimize import minimize
 
 from ff_planner_ros.arrays import Array
-from ff_planner_ros.bench.direct import Answer
+from ff_planner_ros.bench.direct import Stop
 from ff_planner_ros.errors import NoPlanFound
 from ff_planner_ros.planning.polynomial import COMPONENTS, FREE_TERMS, PARAMETERS
 from ff_planner_ros.planning.program import PathProgram
@@ -24,13 +24,8 @@ _FAR = 10.0
 TOLERANCE = 1e-6
 
 
-def solve_by_slsqp(program: PathProgram, max_iterations: int) -> Answer:
-    """Solve by SciPy's SLSQP with exact gradients, from the straight path.
-
-    Args:
-        program: Objective and constraints.
-        max_iterations: Of SLSQP.
-    """
+def solve_by_slsqp(program: PathProgram, max_iterations: int) -> Stop:
+    """Solve by SciPy's SLSQP with exact gradients, from the straight path."""
     functions = ExactFunctions(program)
     result = minimize(
         functions.objective,
@@ -81,9 +76,9 @@ class ExactFunctions:
         """Return the Jacobian of `constraints`."""
         return self._rows(z)[1]
 
-    def answer(self, z: Array, message: str) -> Answer:
+    def answer(self, z: Array, message: str) -> Stop:
         """Return where the solver stopped."""
-        return Answer(z[:PARAMETERS].reshape(COMPONENTS, FREE_TERMS), self.rollouts, message)
+        return Stop(z[:PARAMETERS].reshape(COMPONENTS, FREE_TERMS), self.rollouts, message)
 
     def _rows(self, z: Array) -> tuple[Array, Array]:
         here = self._at(z)

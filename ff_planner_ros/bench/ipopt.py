@@ -9,17 +9,13 @@ from typing import Any
 import numpy as np
 
 from ff_planner_ros.arrays import Array
-from ff_planner_ros.bench.direct import Answer
+from ff_planner_ros.bench.direct import Stop
 from ff_planner_ros.bench.exact import TOLERANCE, ExactFunctions
 from ff_planner_ros.planning.program import PathProgram
 
 
-def solve_by_ipopt(program: PathProgram, max_iterations: int) -> Answer | None:
+def solve_by_ipopt(program: PathProgram, max_iterations: int) -> Stop | None:
     """Solve by IPOPT with exact gradients and its own approximation of the Hessian.
-
-    Args:
-        program: Objective and constraints.
-        max_iterations: Of IPOPT.
 
     Returns:
         None where `casadi`, which brings IPOPT along, is not installed.

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.optimize import nnls
 
 from ff_planner_ros.arrays import Array
-from ff_planner_ros.bench.direct import Answer, solve_directly
+from ff_planner_ros.bench.direct import Stop, solve_directly
 from ff_planner_ros.bench.exact import solve_by_slsqp
 from ff_planner_ros.bench.ipopt import solve_by_ipopt
 from ff_planner_ros.bench.paths import clearance_along, path_model, roll_out
@@ -59,29 +59,27 @@ class Result:
     message: str
 
 
-def compare(
+def method_results(
     problem: PlanningProblem, settings: PlannerSettings, runs: int, max_iterations: int
 ) -> Iterator[Result]:
     """Yield the results of every method for every objective, ours first.
 
     Args:
         problem: What is asked; its objective does not matter.
-        settings: The planner's tunables.
         runs: Of our own planner, after one to warm up; the others, far slower, run once.
-        max_iterations: Of the others.
     """
     for name, objective in OBJECTIVES.items():
         asked = replace(problem, objective=objective)
         yield _ours(name, asked, settings, runs)
         program = _program(asked, settings)
 
-        def directly(asked: PlanningProblem = asked) -> Answer:
+        def directly(asked: PlanningProblem = asked) -> Stop:
             return solve_directly(asked, settings, max_iterations)
 
-        def by_slsqp(program: PathProgram = program) -> Answer:
+        def by_slsqp(program: PathProgram = program) -> Stop:
             return solve_by_slsqp(program, max_iterations)
 
-        def by_ipopt(program: PathProgram = program) -> Answer | None:
+        def by_ipopt(program: PathProgram = program) -> Stop | None:
             return solve_by_ipopt(program, max_iterations)
 
         for method, solve in (
@@ -100,8 +98,6 @@ def timed_plan(
     """Return a plan and the median time that it takes, after one run to warm up.
 
     Args:
-        problem: What is asked.
-        settings: The planner's tunables.
         runs: At least one.
 
     Raises:
@@ -135,7 +131,7 @@ def _other(
     method: str,
     problem: PlanningProblem,
     program: PathProgram,
-    solve: Callable[[], Answer | None],
+    solve: Callable[[], Stop | None],
 ) -> Result | None:
     begun = time.perf_counter()
     answer = solve()

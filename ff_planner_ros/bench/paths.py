@@ -22,21 +22,12 @@ STRAIGHT = np.zeros((COMPONENTS, FREE_TERMS))
 
 
 def paths_of(problem: PlanningProblem) -> EndEffectorPolynomial:
-    """Return the end-effector paths among which the planner seeks.
-
-    Args:
-        problem: Gives start, target and duration.
-    """
+    """Return the end-effector paths among which the planner seeks."""
     return end_effector_paths(problem, *configuration(problem.robot, problem.start))
 
 
 def path_model(problem: PlanningProblem, points: int) -> RolloutModel:
-    """Return what rolls out these paths.
-
-    Args:
-        problem: Gives start, target and duration.
-        points: On the path.
-    """
+    """Return what rolls out these paths."""
     robot = problem.robot
     q, v = configuration(robot, problem.start)
     momentum = total_momentum(robot, robot.model.createData(), q, v)
@@ -47,7 +38,6 @@ def roll_out(problem: PlanningProblem, coefficients: Array, points: int | None =
     """Return the motion of a path.
 
     Args:
-        problem: Gives start, target and duration.
         coefficients: Of the path's free terms. Shape (6, 3).
         points: On the path; None: as many as the problem asks for.
 
@@ -66,7 +56,6 @@ def within_limits(
     """Tell whether a path keeps joint limits and stays away from singularities.
 
     Args:
-        problem: Gives start, target and duration.
         coefficients: Of the path's free terms. Shape (6, 3).
         singular_value_bound: Least singular value of the generalised Jacobian.
         points: Where to look; None: as many as the problem asks for.
@@ -89,7 +78,6 @@ def clearance_along(problem: PlanningProblem, coefficients: Array) -> float:
     """Return a lower bound of a path's clearance, between the points too.
 
     Args:
-        problem: With its obstacles.
         coefficients: Of the path's free terms. Shape (6, 3).
     """
     rollout = roll_out(problem, coefficients)
@@ -101,7 +89,6 @@ def sweep_of(problem: PlanningProblem, coefficients: Array) -> Array:
     """Return the arm's points at the points of a path and half-way between.
 
     Args:
-        problem: Gives start, target and duration.
         coefficients: Of the path's free terms. Shape (6, 3).
 
     Returns:
@@ -119,7 +106,6 @@ def clearance_of(sweep: Array, spheres: Sequence[Sphere]) -> Array:
 
     Args:
         sweep: Of `sweep_of`.
-        spheres: The obstacles.
 
     Returns:
         Shape (spheres,) [m].

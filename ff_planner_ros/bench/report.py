@@ -19,8 +19,8 @@ from typing import Any
 
 import numpy as np
 
-from ff_planner_ros.bench.executions import BELIEFS, Execution, executions
-from ff_planner_ros.bench.methods import OURS, compare
+from ff_planner_ros.bench.beliefs import BELIEFS, BeliefResult, belief_results
+from ff_planner_ros.bench.methods import OURS, method_results
 from ff_planner_ros.bench.robots import ROBOTS
 from ff_planner_ros.bench.scaling import Growth, with_joints, with_points, with_spheres
 from ff_planner_ros.bench.scenarios import KINDS
@@ -57,7 +57,6 @@ def main(quick: bool, scenarios: int, json_file: str) -> None:
 
     Args:
         quick: Whether to measure with smaller sizes and to stop the other methods early.
-        scenarios: Of each class.
         json_file: Where to write all figures; empty: nowhere.
     """
     os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
@@ -99,12 +98,10 @@ def print_methods(
     """Compare methods, and return the figures.
 
     Args:
-        problem: The paper's capture.
-        settings: The planner's tunables.
         quick: Whether to stop the others early.
     """
     runs, iterations = (1, 2) if quick else (7, 200)
-    results = list(compare(problem, settings, runs, iterations))
+    results = list(method_results(problem, settings, runs, iterations))
     ours = {result.objective: result for result in results if result.method == OURS}
     print_table(
         "The paper's capture, 50 points",
@@ -132,8 +129,6 @@ def print_scaling(
     """Show how time grows, and return the figures.
 
     Args:
-        problem: The paper's capture.
-        settings: The planner's tunables.
         quick: Whether to leave out the large sizes.
     """
     runs, count = (1, 1) if quick else (5, 20)
@@ -169,12 +164,7 @@ def print_scaling(
 
 
 def print_success(count: int, settings: PlannerSettings) -> list[dict[str, Any]]:
-    """Plan the scenarios, and return the figures.
-
-    Args:
-        count: Scenarios of each class.
-        settings: The planner's tunables.
-    """
+    """Plan the scenarios, and return the figures."""
     tried = [attempt for kind in KINDS for attempt in attempts(kind, count, settings)]
     groups: list[tuple[str, Callable[[Attempt], bool]]] = [("all", lambda _: True)]
     groups += [(robot, lambda a, robot=robot: a.robot == robot) for robot in ROBOTS]  # type: ignore[misc]
@@ -197,13 +187,8 @@ def print_success(count: int, settings: PlannerSettings) -> list[dict[str, Any]]
 
 
 def print_executions(count: int, settings: PlannerSettings) -> list[dict[str, Any]]:
-    """Execute plans that misjudge the chaser on the true system, and return the figures.
-
-    Args:
-        count: Scenarios of each class.
-        settings: The planner's tunables.
-    """
-    done = [each for kind in KINDS for each in executions(kind, count, settings)]
+    """Execute plans that misjudge the chaser on the true system, and return the figures."""
+    done = [each for kind in KINDS for each in belief_results(kind, count, settings)]
     print_table(
         "Plans executed on the true free-floating system",
         (
@@ -222,7 +207,7 @@ def print_executions(count: int, settings: PlannerSettings) -> list[dict[str, An
     return [asdict(each) | {"status": each.status.name} for each in done]
 
 
-def _outcome(group: Sequence[Execution]) -> tuple[str, ...]:
+def _outcome(group: Sequence[BeliefResult]) -> tuple[str, ...]:
     planned = [each for each in group if each.status is Status.SOLVED]
     if not planned:
         return f"{len(group)}", "0", *"-----"

@@ -45,10 +45,7 @@ def with_spheres(
     """Yield the times with more and more spheres that leave the answer as it is.
 
     Args:
-        problem: What is asked.
-        settings: The planner's tunables.
         sizes: Numbers of spheres, not fewer than the problem has.
-        runs: For each.
     """
     q, _ = from_trajectory(problem.robot, plan(problem, settings).trajectory)
     positions = arm_points(problem.robot, q)
@@ -66,14 +63,7 @@ def with_spheres(
 def with_points(
     problem: PlanningProblem, settings: PlannerSettings, sizes: Sequence[int], runs: int
 ) -> Iterator[Growth]:
-    """Yield the times with more and more points.
-
-    Args:
-        problem: What is asked.
-        settings: The planner's tunables.
-        sizes: Numbers of points.
-        runs: For each.
-    """
+    """Yield the times with more and more points."""
     for size in sizes:
         yield _growth("points", size, replace(problem, points=size), settings, runs)
 
@@ -82,8 +72,6 @@ def with_joints(settings: PlannerSettings, sizes: Sequence[int], count: int) -> 
     """Yield the times of arms with more and more joints on ordinary scenarios.
 
     Args:
-        settings: The planner's tunables.
-        sizes: Numbers of joints.
         count: Scenarios for each; those that are not solved do not count.
     """
     for size in sizes:

@@ -100,7 +100,6 @@ def scenario(kind: str, robot: str, number: int, *, turned: bool) -> Scenario:
     Args:
         kind: Key of `KINDS`.
         robot: Name for `bench_robot`.
-        number: Any from zero.
         turned: Whether to return the twin, with the inertial frame turned and shifted.
     """
     return _twins(kind, robot, number)[turned]

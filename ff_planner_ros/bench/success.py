@@ -45,13 +45,7 @@ class Attempt:
 
 
 def attempts(kind: str, count: int, settings: PlannerSettings) -> Iterator[Attempt]:
-    """Plan scenarios of a class: the robots in turn, each one as drawn and turned.
-
-    Args:
-        kind: The class.
-        count: Number of scenarios.
-        settings: The planner's tunables.
-    """
+    """Plan scenarios of a class: the robots in turn, each one as drawn and turned."""
     for index in range(count):
         pair, turned = divmod(index, 2)
         number, robot = divmod(pair, len(ROBOTS))
@@ -62,11 +56,7 @@ def attempt(kind: str, robot: str, number: int, turned: bool, settings: PlannerS
     """Plan one scenario.
 
     Args:
-        kind: Its class.
-        robot: Its robot.
-        number: Its number.
         turned: Whether its inertial frame is turned.
-        settings: The planner's tunables.
     """
     problem = scenario(kind, robot, number, turned=turned).problem
     begun = time.perf_counter()

@@ -34,7 +34,6 @@ def measure(problem: PlanningProblem, trajectory: Trajectory, settings: PlannerS
     """Return the metrics of a trajectory, computed from its samples alone.
 
     Args:
-        problem: What was asked.
         trajectory: The answer; what comes after the problem's duration is its tail.
         settings: For the penalty's g1 and g2.
     """
@@ -87,9 +86,7 @@ def require_sound(problem: PlanningProblem, plan: Plan, settings: PlannerSetting
     """Refuse a plan that fails the check.
 
     Args:
-        problem: What was asked.
         plan: With metrics of `measure`.
-        settings: The tolerances.
 
     Raises:
         NoPlanFound: Names every failure, where it is and by how much; carries the plan.
@@ -110,11 +107,9 @@ def certified_clearance(
     halved. The bound is within `_CERTIFICATE_GAP` of the truth.
 
     Args:
-        robot: The robot.
         q: Configurations. Shape (points, 7 + joints).
         v: Tangent velocities. Shape (points, 6 + joints).
         step: Time from each point to the next, shape (points - 1,), or the same for all [s].
-        spheres: The obstacles.
 
     Returns:
         Clearance [m]; infinite without spheres.

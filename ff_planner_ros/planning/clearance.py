@@ -43,7 +43,6 @@ def arm_points(robot: Robot, q: Array) -> Array:
     """Return joint origins and end effector in the inertial frame.
 
     Args:
-        robot: The robot.
         q: Configurations. Shape (points, 7 + joints).
 
     Returns:
@@ -58,7 +57,6 @@ def arm_points_with_derivatives(
     """Return `arm_points` and their derivatives.
 
     Args:
-        robot: The robot.
         q: Configurations. Shape (points, 7 + joints).
         q_sensitivity: Derivatives of q in its tangent space. Shape (points, 6 + joints, columns).
 
@@ -92,7 +90,6 @@ def near_box(positions: Array, spheres: Sequence[Sphere], distance: float) -> tu
 
     Args:
         positions: Of `arm_points`. Shape (points, joints + 1, 3).
-        spheres: The obstacles.
         distance: From a sphere's surface to the box [m].
     """
     low, high = positions.min(axis=(0, 1)), positions.max(axis=(0, 1))
@@ -111,7 +108,6 @@ def clearances(positions: Array, starts: Indices, spheres: Sequence[Sphere]) -> 
     Args:
         positions: Of `arm_points`. Shape (points, joints + 1, 3).
         starts: Of `segments`. Shape (segments,).
-        spheres: The obstacles.
     """
     centers = np.array([sphere.center for sphere in spheres]).reshape(-1, 3)
     radii = np.array([sphere.radius for sphere in spheres])

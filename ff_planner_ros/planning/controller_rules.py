@@ -74,11 +74,6 @@ class Command:
 def require_acceptable(controller: Controller, command: Command, now_ns: int) -> None:
     """Refuse a trajectory that the controller would not take, or would not execute as it is.
 
-    Args:
-        controller: Its set-up.
-        command: The trajectory.
-        now_ns: The time.
-
     Raises:
         NoPlanFound: Names the rule that is broken, and where; TOO_LATE where it is the time's.
     """

@@ -28,10 +28,6 @@ _SPREAD_POSITION, _SPREAD_ANGLE = 0.3, 0.4
 def first_guesses(program: PathProgram, count: int) -> Iterator[Array]:
     """Yield coefficients to start from, always the same for the same problem.
 
-    Args:
-        program: The problem.
-        count: How many.
-
     Yields:
         Flattened coefficients. Shape (18,).
     """

@@ -45,7 +45,6 @@ def refusal(
     """Return the error that tells an operator of all failures of the best attempt.
 
     Args:
-        plan: The attempt.
         found: At least one failure; the first gives the status.
         advice: What may help; None: what the failures advise.
     """
@@ -62,9 +61,7 @@ def out_of_time(
     """Return the error that tells an operator how far a search came that was ended.
 
     Args:
-        end: Who ended it.
         plan: The best attempt; None if there is none.
-        found: Its failures.
     """
     message = f"{end}; whether there is a plan is not known: give it more time or fewer points"
     if plan is not None:
@@ -88,9 +85,7 @@ def failures(problem: PlanningProblem, plan: Plan, settings: PlannerSettings) ->
     """Yield every constraint that a plan does not meet, what can do most harm first.
 
     Args:
-        problem: What was asked.
         plan: With metrics of `measure`.
-        settings: The tolerances.
     """
     metrics = plan.metrics
     if not metrics.min_clearance >= 0.0:
@@ -222,21 +217,11 @@ def _when(problem: PlanningProblem, plan: Plan, point: np.intp) -> str:
 
 
 def goal_index(problem: PlanningProblem, trajectory: Trajectory) -> int:
-    """Return the point at which a trajectory is at its goal; those after it are its tail.
-
-    Args:
-        problem: What was asked.
-        trajectory: The answer.
-    """
+    """Return the point at which a trajectory is at its goal; those after it are its tail."""
     return int(np.abs(trajectory.time - problem.duration).argmin())
 
 
 def link_name(robot: Robot, start: int) -> str:
-    """Return words for the arm's segment that starts at a joint.
-
-    Args:
-        robot: The robot.
-        start: Index of the joint.
-    """
+    """Return words for the arm's segment that starts at a joint."""
     ends = (*robot.joint_names, robot.tip_link)
     return f"the link from {ends[start]} to {ends[start + 1]}"

@@ -36,8 +36,6 @@ def carried_forward(
     are held there.
 
     Args:
-        robot: The robot.
-        state: As measured.
         seconds: How far, not negative; effort grows with it.
         joints: The motion that a controller runs, its time counted from the state's; None where
             none runs.
@@ -65,10 +63,8 @@ def driven(
     """Return the motion of a system whose joints are driven and that nothing pushes.
 
     Args:
-        robot: The robot.
         q_start: Configuration at the first time; its joints are replaced. Shape (7 + joints,).
         momentum: Total P and L about the inertial origin. Shape (6,).
-        joints: What the joints do.
         time: Of the points; from each to the next it takes one step of Runge-Kutta, of order four
             where no point of `joints` lies between. Shape (points,) [s].
 

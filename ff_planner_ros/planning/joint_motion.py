@@ -47,7 +47,6 @@ def joint_motion(trajectory: Trajectory, start: float = 0.0) -> JointMotion:
     """Return the motion that a controller makes of a trajectory.
 
     Args:
-        trajectory: Of a plan.
         start: When it begins, on the caller's clock [s].
     """
     return JointMotion(

@@ -19,7 +19,6 @@ def to_trajectory(
     """Return chaser, joints with their torques, and end effector of a motion.
 
     Args:
-        robot: The robot.
         time: Shape (points,) [s].
         q: Configurations. Shape (points, 7 + joints).
         v: Tangent velocities. Shape (points, 6 + joints).
@@ -53,10 +52,6 @@ def to_trajectory(
 
 def from_trajectory(robot: Robot, trajectory: Trajectory) -> tuple[Array, Array]:
     """Return configurations and tangent velocities of a trajectory's points.
-
-    Args:
-        robot: The robot.
-        trajectory: Of this robot.
 
     Returns:
         Shapes (points, 7 + joints) and (points, 6 + joints).

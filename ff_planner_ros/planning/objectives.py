@@ -48,7 +48,6 @@ def chaser_euler(robot: Robot, q: Array) -> Array:
     """Return the chaser's Euler angles phi, theta, psi.
 
     Args:
-        robot: The robot.
         q: Configurations. Shape (points, 7 + joints).
 
     Returns:
@@ -61,7 +60,6 @@ def chaser_euler_derivative(robot: Robot, q: Array, q_sensitivity: Array) -> Arr
     """Return the derivative of `chaser_euler`.
 
     Args:
-        robot: The robot.
         q: Configurations. Shape (points, 7 + joints).
         q_sensitivity: Derivatives of q in its tangent space. Shape (points, 6 + joints, columns).
 

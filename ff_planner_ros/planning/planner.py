@@ -49,8 +49,6 @@ def plan(
     there is an answer, never which.
 
     Args:
-        problem: What is asked.
-        settings: The planner's tunables.
         keep_going: Called before every iteration of the search; raises OutOfTime to end it.
         report: Told how far it has come, after every iteration and before a path is checked.
 
@@ -112,10 +110,6 @@ def plan(
 def sound_start(problem: PlanningProblem, settings: PlannerSettings) -> tuple[Array, Array, Array]:
     """Return where every motion begins, once the question may have an answer.
 
-    Args:
-        problem: What is asked.
-        settings: The planner's tunables.
-
     Returns:
         Configuration, shape (7 + joints,), tangent velocity, (6 + joints,), and the momentum that
         stays constant, (6,): P and L about the inertial origin.
@@ -143,12 +137,8 @@ def plan_of_path(
     """Return the motion along one end-effector path, measured and not yet judged.
 
     Args:
-        problem: What is asked.
-        settings: The planner's tunables.
-        polynomial: The end-effector paths.
         rollout: Of one of them, on as many points as it may be.
         acceleration: dv/dt at these points. Shape (points, 6 + joints).
-        solver: How it was found.
     """
     motion = plan_of_motion(problem, settings, rollout.q, rollout.v, acceleration, solver)
     return replace(
@@ -169,12 +159,9 @@ def plan_of_motion(
     """Return a motion that need not follow a polynomial path, measured and not yet judged.
 
     Args:
-        problem: What is asked.
-        settings: The planner's tunables.
         q: Configurations at equal steps of time. Shape (points, 7 + joints).
         v: Tangent velocities. Shape (points, 6 + joints).
         acceleration: dv/dt. Shape (points, 6 + joints).
-        solver: How the motion was found.
     """
     time = np.linspace(0.0, 1.0, len(q)) * problem.duration
     trajectory = to_trajectory(problem.robot, time, q, v, acceleration)
@@ -194,7 +181,6 @@ def end_effector_paths(
     """Return all end-effector paths from the start state to the target.
 
     Args:
-        problem: The question.
         q_start: Configuration at its start. Shape (7 + joints,).
         v_start: Tangent velocity at its start. Shape (6 + joints,).
     """

@@ -22,7 +22,6 @@ def require_sound_start(
     Joint rates count where the problem limits them.
 
     Args:
-        problem: The question.
         q_start: Configuration at its start. Shape (7 + joints,).
         singular_value_threshold: Least allowed singular value of the generalised Jacobian.
 
@@ -87,7 +86,6 @@ def require_reachable_goal(problem: PlanningProblem, q_start: Array, momentum: A
     joint and the centre of mass.
 
     Args:
-        problem: The question.
         q_start: Configuration at its start. Shape (7 + joints,).
         momentum: Total P and L about the inertial origin. Shape (6,).
 

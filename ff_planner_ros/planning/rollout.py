@@ -86,10 +86,8 @@ class RolloutModel:
         """Fix everything but the coefficients.
 
         Args:
-            robot: The robot.
             q_start: Configuration at the first point. Shape (7 + joints,).
             momentum: Constant total P and L about the inertial origin. Shape (6,).
-            polynomial: The end-effector paths.
             points: Number of points, at least 2.
             damping: Of the velocity map; a damped rollout leaves its path near a singularity
                 instead of ending there.
@@ -211,7 +209,6 @@ def runge_kutta_step(
     """Return one step of order four on the configuration manifold, stage by stage.
 
     Args:
-        model: The robot's.
         q: Configuration at the step's beginning. Shape (7 + joints,).
         step: Its length [s].
         velocity: Returns the tangent velocity, shape (6 + joints,), of a stage from its number and
@@ -246,7 +243,6 @@ def regular_velocity(
     """Return the solution of the velocity map where the arm can follow it.
 
     Args:
-        velocity_map: Of the robot.
         q: Configuration. Shape (7 + joints,).
         momentum: Total P and L about the inertial origin. Shape (6,).
         twist: Wanted of the end effector, inertial axes. Shape (6,).

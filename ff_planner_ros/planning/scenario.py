@@ -76,10 +76,6 @@ def load_scenario(path: Path) -> PlanningProblem:
 def from_urdf(field: str, source: object) -> bool:
     """Return whether limits are kept: those `from_urdf`, or `none`.
 
-    Args:
-        field: Dotted name of the value.
-        source: The value.
-
     Raises:
         InvalidInput: It is neither.
     """

@@ -95,8 +95,6 @@ class Search:
         Args:
             program: Gives the optimisation problem for a number of points, a clearance margin [m]
                 and a damping of the velocity map.
-            points: Of the plan.
-            settings: The planner's tunables.
             report: Told of every path that is looked at.
         """
         self._settings = settings
@@ -134,7 +132,6 @@ class Search:
         """Tell how far the search has come.
 
         Args:
-            phase: That it is in.
             at_x: Of the path last looked at.
         """
         return Progress(phase, self.starts, self._looks, at_x.objective, at_x.violation)
@@ -223,10 +220,6 @@ def _is_promising(rough: PathSolution) -> bool:
 
 
 def rank(solution: PathSolution) -> tuple[bool, float]:
-    """Return a key to sort by: feasible before infeasible, then by objective or by violation.
-
-    Args:
-        solution: On whatever points.
-    """
+    """Return a key to sort by: feasible before infeasible, then by objective or by violation."""
     at_x = solution.at_x
     return not solution.feasible, at_x.objective if solution.feasible else at_x.violation

@@ -17,7 +17,6 @@ def tunable(
     """Declare a tunable once, as a dataclass field.
 
     Args:
-        description: Its meaning.
         minimum: Smallest value allowed; None: no bound.
         maximum: Largest value allowed; None: no bound.
         unit: Its unit, empty if it has none.

@@ -15,10 +15,6 @@ from ff_planner_ros.robot.model import Robot
 def require_sound_samples(robot: Robot, trajectory: Trajectory) -> None:
     """Refuse samples that came from a file and are none of this robot's.
 
-    Args:
-        robot: The robot.
-        trajectory: The samples.
-
     Raises:
         InvalidInput: An array has the wrong shape, is not finite or no rotation, or time does not
             increase.

@@ -54,11 +54,7 @@ def with_tail(
     The points of a tail are equally far apart, never further than the plan's.
 
     Args:
-        problem: What was asked.
-        plan: Sound, without a tail.
-        end_behaviour: What the arm shall do.
         seconds: How long; does not matter for `as_planned`.
-        settings: The planner's tunables.
 
     Returns:
         Its metrics are those of the whole motion, but for what refers to the goal (`Metrics`).

@@ -44,8 +44,6 @@ def perform(
     """Plan from where the system will be to the end of the tail.
 
     Args:
-        task: What is asked.
-        settings: The planner's tunables.
         keep_going: As for `plan`.
         report: As for `plan`.
 

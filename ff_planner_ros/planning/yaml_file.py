@@ -17,9 +17,6 @@ from ff_planner_ros.errors import InvalidInput, Status
 def read_yaml(path: Path) -> Any:
     """Return the document in a YAML file.
 
-    Args:
-        path: The file.
-
     Raises:
         InvalidInput: The file cannot be read or is not YAML.
     """
@@ -40,9 +37,7 @@ def mapping(
 
     Args:
         field: Dotted name of the value; empty for the whole file.
-        value: What the file holds there.
         required: Keys that must be there.
-        optional: Keys that may be there.
 
     Raises:
         InvalidInput: Not a mapping, a key unknown or missing.
@@ -68,10 +63,6 @@ def mapping(
 def sequence(field: str, value: object) -> list[Any]:
     """Return `value` if it is a list.
 
-    Args:
-        field: Dotted name of the value.
-        value: What the file holds there.
-
     Raises:
         InvalidInput: Not a list.
     """
@@ -82,10 +73,6 @@ def sequence(field: str, value: object) -> list[Any]:
 
 def numbers(field: str, value: object) -> Array:
     """Return `value` if it is a list of numbers.
-
-    Args:
-        field: Dotted name of the value.
-        value: What the file holds there.
 
     Returns:
         Shape (entries,).
@@ -99,10 +86,6 @@ def numbers(field: str, value: object) -> Array:
 
 def number(field: str, value: object) -> float:
     """Return `value` if it is a number.
-
-    Args:
-        field: Dotted name of the value.
-        value: What the file holds there.
 
     Raises:
         InvalidInput: Not a number.
@@ -118,10 +101,6 @@ def number(field: str, value: object) -> float:
 def integer(field: str, value: object) -> int:
     """Return `value` if it is a whole number.
 
-    Args:
-        field: Dotted name of the value.
-        value: What the file holds there.
-
     Raises:
         InvalidInput: Not a whole number.
     """
@@ -133,10 +112,6 @@ def integer(field: str, value: object) -> int:
 
 def text(field: str, value: object) -> str:
     """Return `value` if it is text.
-
-    Args:
-        field: Dotted name of the value.
-        value: What the file holds there.
 
     Raises:
         InvalidInput: Not text, or empty.

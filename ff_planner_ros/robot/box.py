@@ -23,11 +23,7 @@ class Box(NamedTuple):
 
 
 def uniform_box(robot: Robot) -> Box:
-    """Return the uniform box with the chaser's mass and inertia.
-
-    Args:
-        robot: The robot.
-    """
+    """Return the uniform box with the chaser's mass and inertia."""
     chaser = robot.model.inertias[1]
     inertia = robot.rotation_chaser_to_base.T @ chaser.inertia @ robot.rotation_chaser_to_base
     moments, axes = np.linalg.eigh(inertia)

@@ -18,7 +18,6 @@ def configuration(robot: Robot, state: SystemState) -> tuple[Array, Array]:
     """Return the Pinocchio configuration and tangent velocity of a state.
 
     Args:
-        robot: The robot.
         state: Chaser and joints, inertial frame.
 
     Returns:
@@ -53,7 +52,6 @@ def system_state(robot: Robot, q: Array, v: Array) -> SystemState:
     """Return the state of a Pinocchio configuration and tangent velocity.
 
     Args:
-        robot: The robot.
         q: Shape (7 + joints,), see `configuration`.
         v: Shape (6 + joints,), see `configuration`.
     """

@@ -15,7 +15,6 @@ def inverse_dynamics(
     """Return the generalised forces Q = M dv/dt + C v of Eq. (20).
 
     Args:
-        robot: The robot.
         data: Scratch space of the robot's model.
         q: Configuration. Shape (7 + joints,).
         v: Tangent velocity. Shape (6 + joints,).
@@ -33,7 +32,6 @@ def joint_torques(robot: Robot, q: Array, v: Array, joint_accelerations: Array) 
     """Return the torques that accelerate the joints while nothing pushes the base.
 
     Args:
-        robot: The robot.
         q: Configurations. Shape (points, 7 + joints).
         v: Tangent velocities. Shape (points, 6 + joints).
         joint_accelerations: Shape (points, joints) [rad/s2].
@@ -58,7 +56,6 @@ def base_acceleration(
     It solves the first six rows of Eq. (20) with zero on their right-hand side.
 
     Args:
-        robot: The robot.
         data: Scratch space of the robot's model.
         q: Configuration. Shape (7 + joints,).
         v: Tangent velocity. Shape (6 + joints,).

@@ -24,7 +24,6 @@ def joint_rates_with_ee_at_rest(robot: Robot, state: SystemState) -> Array:
     the momentum, which depends on theta_dot, is needed.
 
     Args:
-        robot: The robot.
         state: Chaser pose and twist, joint positions; its joint rates do not matter.
 
     Returns:

@@ -33,7 +33,6 @@ def arm_kinematics(robot: Robot, q: Array) -> ArmKinematics:
     """Follow the chain from the base to the end effector.
 
     Args:
-        robot: The robot.
         q: Configurations. Shape (configurations, 7 + joints).
     """
     model, tip = robot.model, robot.model.frames[robot.tip_frame_id]

@@ -60,7 +60,6 @@ def load_robot(urdf: Path, base_link: str, tip_link: str) -> Robot:
     """Load a robot from a URDF file.
 
     Args:
-        urdf: The file.
         base_link: Link that carries the arm; it is the root or fixed to it.
         tip_link: Link whose frame is the end effector.
 
@@ -72,9 +71,6 @@ def load_robot(urdf: Path, base_link: str, tip_link: str) -> Robot:
 
 def read_urdf(urdf: Path) -> str:
     """Return the text of a URDF file.
-
-    Args:
-        urdf: The file.
 
     Raises:
         InvalidInput: The file cannot be read.

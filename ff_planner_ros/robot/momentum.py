@@ -13,7 +13,6 @@ def total_momentum(robot: Robot, data: pin.Data, q: Array, v: Array) -> Array:
     """Return linear and angular momentum of the whole system, Eq. (24).
 
     Args:
-        robot: The robot.
         data: Scratch space of the robot's model.
         q: Configuration. Shape (7 + joints,).
         v: Tangent velocity. Shape (6 + joints,).
@@ -30,7 +29,6 @@ def generalised_jacobian(robot: Robot, data: pin.Data, q: Array) -> Array:
     """Return J_D of Eq. (32): end-effector twist per joint rate at zero momentum.
 
     Args:
-        robot: The robot.
         data: Scratch space of the robot's model.
         q: Configuration. Shape (7 + joints,).
 
@@ -52,7 +50,6 @@ def base_twist(
     """Return the base's twist at given momentum and joint rates, Eq. (27).
 
     Args:
-        robot: The robot.
         data: Scratch space of the robot's model.
         q: Configuration. Shape (7 + joints,).
         momentum: Total P and L about the inertial origin, inertial axes. Shape (6,).
@@ -72,7 +69,6 @@ def smallest_singular_values(robot: Robot, q: Array) -> Array:
     """Return the smallest singular value of J_D, zero in a dynamic singularity.
 
     Args:
-        robot: The robot.
         q: Configurations. Shape (points, 7 + joints).
 
     Returns:

@@ -25,8 +25,6 @@ def checked_urdf(text: str, base_link: str, tip_link: str) -> str:
     """Return the URDF without shapes, transmissions and simulator tags, checked.
 
     Args:
-        text: The URDF's XML.
-        base_link: Link that carries the arm.
         tip_link: Link whose frame is the end effector.
 
     Returns:
@@ -49,9 +47,6 @@ def checked_urdf(text: str, base_link: str, tip_link: str) -> str:
 def root_link(text: str) -> str:
     """Return the link that hangs on no other.
 
-    Args:
-        text: The URDF's XML.
-
     Raises:
         InvalidInput: Not a URDF.
     """
@@ -61,9 +56,6 @@ def root_link(text: str) -> str:
 
 def only_leaf_link(text: str) -> str:
     """Return the one link that carries no other.
-
-    Args:
-        text: The URDF's XML.
 
     Raises:
         InvalidInput: Not a URDF, or several links carry no other.

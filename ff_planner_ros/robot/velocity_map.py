@@ -57,7 +57,6 @@ class VelocityMap:
         """Make the scratch space of a robot.
 
         Args:
-            robot: The robot.
             damping: Singular values of the generalised Jacobian that are not much greater are
                 damped: the joint rates stay bounded and the end effector lags behind. Zero for
                 Eq. (31) itself.

@@ -1,1 +1,1 @@
-"""The ROS 2 node: messages to planning objects and back, clocks, queues, threads."""
+"""The ROS 2 node: clocks, queues and threads around the planner."""

@@ -19,10 +19,6 @@ def spin_in_background(executor: Executor, logger: RcutilsLogger) -> Callable[[]
     A callback that raises is logged and the others go on: rclpy would end the thread, and the
     node would be there but deaf.
 
-    Args:
-        executor: With all its nodes added.
-        logger: Where errors go.
-
     Returns:
         A function that shuts the executor down and waits until every callback that has begun is
         done, the answers of services sent included.

@@ -14,7 +14,7 @@ from rclpy.signals import SignalHandlerOptions
 from ff_planner_ros.errors import FfPlannerError, InvalidInput, Status
 from ff_planner_ros.ros.background import spin_in_background
 from ff_planner_ros.ros.planner_node import PlannerNode
-from ff_planner_ros.ros.worker import Worker
+from ff_planner_ros.ros.requests.worker import Worker
 
 # One plans, one waits for it to make room, one cancels, one listens, one waits for the bag's disk.
 _THREADS = 5

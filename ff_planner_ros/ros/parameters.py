@@ -21,10 +21,10 @@ from ff_planner_ros.planning.scenario import from_urdf
 from ff_planner_ros.planning.settings import PlannerSettings, tunable
 from ff_planner_ros.planning.tail import EndBehaviour
 from ff_planner_ros.planning.yaml_file import read_yaml
-from ff_planner_ros.ros.controller_message import ControllerParameters
-from ff_planner_ros.ros.from_odometry import OdometryParameters
+from ff_planner_ros.ros.inputs.state_input import STATE_SOURCES
+from ff_planner_ros.ros.messages.controller_message import ControllerParameters
+from ff_planner_ros.ros.messages.from_odometry import OdometryParameters
 from ff_planner_ros.ros.qos import QosParameters
-from ff_planner_ros.ros.state_input import STATE_SOURCES
 from ff_planner_ros.share import share_directory
 
 if TYPE_CHECKING:
@@ -332,10 +332,6 @@ def _declare(node: Node, group: type[Group], values: dict[str, Any], prefix: str
 def changed(parameters: NodeParameters, changes: list[Parameter]) -> NodeParameters:
     """Return the parameters with some values replaced; names that are not ours are left out.
 
-    Args:
-        parameters: As they are.
-        changes: One after the other.
-
     Raises:
         InvalidInput: A value that makes no sense.
     """
@@ -348,9 +344,7 @@ def replaced(group: Group, path: list[str], value: Any) -> Group:
     """Return a group of parameters with one value replaced; a name that is not ours is left out.
 
     Args:
-        group: As it is.
         path: Name of the value, group by group.
-        value: The new one.
 
     Raises:
         InvalidInput: A value that makes no sense.
@@ -402,15 +396,7 @@ def _descriptor(
 def allowed_words(
     kind: type, description: str, minimum: float | None, maximum: float | None, unit: str
 ) -> str:
-    """Say in words what a parameter may be.
-
-    Args:
-        kind: Its type.
-        description: As declared.
-        minimum: As declared.
-        maximum: As declared.
-        unit: As declared.
-    """
+    """Say in words what a parameter may be."""
     words = {
         bool: "true or false",
         str: "text",

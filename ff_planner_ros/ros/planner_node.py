@@ -11,8 +11,8 @@ from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackRet
 
 from ff_planner_ros.errors import FfPlannerError, Status
 from ff_planner_ros.ros.parameters import LiveParameters
+from ff_planner_ros.ros.requests.worker import Worker
 from ff_planner_ros.ros.session import Session
-from ff_planner_ros.ros.worker import Worker
 
 
 class PlannerNode(LifecycleNode):
@@ -49,11 +49,7 @@ class PlannerNode(LifecycleNode):
         return self._attempt(configure)
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Publish, and answer requests.
-
-        Args:
-            state: The one before.
-        """
+        """Publish, and answer requests."""
 
         def activate() -> None:
             super(PlannerNode, self).on_activate(state)  # opens the publishers
@@ -63,11 +59,7 @@ class PlannerNode(LifecycleNode):
         return self._attempt(activate)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Give up what is being planned, and publish no more.
-
-        Args:
-            state: The one before.
-        """
+        """Give up what is being planned, and publish no more."""
 
         def deactivate() -> None:
             self.stop_planning(Status.NOT_ACTIVE, "the planner is not active any more")
@@ -88,12 +80,7 @@ class PlannerNode(LifecycleNode):
         return self._attempt(self._clean_up)
 
     def stop_planning(self, status: Status, message: str) -> None:
-        """Take up no more requests, and give up the one that is.
-
-        Args:
-            status: What they are answered with.
-            message: The same in words.
-        """
+        """Take up no more requests, and give up the one that is."""
         if self._session is not None:
             self._session.stop_planning(status, message)
 

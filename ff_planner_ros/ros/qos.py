@@ -20,6 +20,12 @@ _DURABILITY = {
 }
 _MAX_DEPTH = 10_000
 
+# Whoever comes late still gets the last one.
+LATCHED_QOS = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+STREAM_QOS = QoSProfile(depth=10)
+STATE_QOS = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
+EVENT_QOS = QoSProfile(depth=100)
+
 
 @dataclass(frozen=True)
 class SubscriptionQos:

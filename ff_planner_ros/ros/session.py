@@ -16,17 +16,17 @@ from rclpy.lifecycle import LifecycleNode
 from ff_planner_ros.bag.writer import unique_directory
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.robot.model import read_urdf, robot_from_urdf_text
-from ff_planner_ros.ros.diagnostics import NodeHealth, diagnostics
-from ff_planner_ros.ros.from_messages import NANOSECONDS
+from ff_planner_ros.ros.inputs.scene_input import SceneInput
+from ff_planner_ros.ros.inputs.state_input import Snapshot, StateInput
+from ff_planner_ros.ros.messages.from_messages import NANOSECONDS
+from ff_planner_ros.ros.outputs.diagnostics import NodeHealth, diagnostics
+from ff_planner_ros.ros.outputs.plan_output import PlanOutput
 from ff_planner_ros.ros.parameters import LiveParameters
-from ff_planner_ros.ros.plan_output import STREAM_QOS, PlanOutput
-from ff_planner_ros.ros.planning_service import PlanningService
-from ff_planner_ros.ros.qos import qos_profile
-from ff_planner_ros.ros.recorded_topics import recording
-from ff_planner_ros.ros.recording_services import recording_services
-from ff_planner_ros.ros.scene_input import SceneInput
-from ff_planner_ros.ros.state_input import Snapshot, StateInput
-from ff_planner_ros.ros.worker import Worker
+from ff_planner_ros.ros.qos import STREAM_QOS, qos_profile
+from ff_planner_ros.ros.recorder.recorded_topics import recording
+from ff_planner_ros.ros.recorder.recording_services import recording_services
+from ff_planner_ros.ros.requests.planning_service import PlanningService
+from ff_planner_ros.ros.requests.worker import Worker
 from ff_planner_ros.share import resolve_uri
 
 # A request that was given up is answered by then [s].
@@ -40,11 +40,6 @@ class Session:
 
     def __init__(self, node: LifecycleNode, parameters: LiveParameters, worker: Worker) -> None:
         """Load the robot, start to record, and connect.
-
-        Args:
-            node: The node.
-            parameters: Of the node.
-            worker: Where to plan.
 
         Raises:
             InvalidInput: The robot is refused.
@@ -103,12 +98,7 @@ class Session:
         self._node.get_logger().info(f"ready; {recording} to {self._bag}")
 
     def stop_planning(self, status: Status, message: str) -> None:
-        """Take up no more requests, and give up the one that is.
-
-        Args:
-            status: What they are answered with.
-            message: The same in words.
-        """
+        """Take up no more requests, and give up the one that is."""
         self._service.deactivate(status, message, _LAST_ANSWER)
 
     def close(self) -> None:

@@ -1,1 +1,1 @@
-"""What is done with a recorded run: replay it, ask what if, play it back."""
+"""Recorded runs: read, replayed, asked what if, reported, played back."""

@@ -12,7 +12,7 @@ from ff_planner_msgs.srv import PlanTrajectory
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.errors import Status
 from ff_planner_ros.planning.plan import Metrics, SolverReport
-from ff_planner_ros.ros.from_messages import plan_from_response
+from ff_planner_ros.ros.messages.from_messages import plan_from_response
 
 # On one machine, a plan comes out the same to the last bit. Another processor has other kernels of
 # linear algebra, which round otherwise, and the search carries that on: as measured with the five
@@ -114,10 +114,6 @@ def differences(
     """Compare two answers of the same status; nothing found: they are the same to the last bit.
 
     Wall clock and words are not compared.
-
-    Args:
-        recorded: One.
-        replayed: The other.
     """
     pairs = zip(_values(recorded), _values(replayed), strict=True)
     return [

@@ -10,9 +10,14 @@ from service_msgs.msg import ServiceEventInfo
 
 from ff_planner_ros.bag.decoding import as_installed
 from ff_planner_ros.bag.reader import Bag
-from ff_planner_ros.ros.action_events import GET_RESULT, SEND_GOAL, goal_topic, result_topic
-from ff_planner_ros.ros.from_messages import NANOSECONDS
-from ff_planner_ros.ros.recorder import type_name
+from ff_planner_ros.ros.messages.from_messages import NANOSECONDS
+from ff_planner_ros.ros.recorder.recorder import type_name
+from ff_planner_ros.ros.requests.action_events import (
+    GET_RESULT,
+    SEND_GOAL,
+    goal_topic,
+    result_topic,
+)
 
 SERVICE_DOOR, ACTION_DOOR = "service", "action"
 
@@ -44,9 +49,6 @@ class Exchange:
 
 def exchanges(bag: Bag) -> list[Exchange]:
     """Return every request in a bag with its answer, in the order in which they came.
-
-    Args:
-        bag: Open.
 
     Raises:
         BagError: A field was recorded as another type than is installed here.

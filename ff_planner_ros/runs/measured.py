@@ -12,8 +12,8 @@ from ff_planner_ros.bag.reader import Bag
 from ff_planner_ros.errors import BagError, InvalidInput
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.state import SystemState
-from ff_planner_ros.ros.from_messages import NANOSECONDS, nanoseconds, state_from_message
-from ff_planner_ros.ros.from_odometry import (
+from ff_planner_ros.ros.messages.from_messages import NANOSECONDS, nanoseconds, state_from_message
+from ff_planner_ros.ros.messages.from_odometry import (
     OdometryParameters,
     chaser_from_odometry,
     joints_from_joint_state,
@@ -43,14 +43,13 @@ class Window:
     unusable: list[str] = field(default_factory=list)
 
 
-def measure(bag: Bag, robot: Robot, parameters: NodeParameters, windows: Sequence[Window]) -> None:
+def fill_windows(
+    bag: Bag, robot: Robot, parameters: NodeParameters, windows: Sequence[Window]
+) -> None:
     """Put the states that a bag holds into the windows that they belong to.
 
     Args:
-        bag: The bag.
-        robot: That the plans are for.
         parameters: Of the node: whether states came from odometry, and how to read that.
-        windows: Are told.
 
     Raises:
         BagError: The disk fails.

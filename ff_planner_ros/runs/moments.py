@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ff_planner_ros.errors import Status
-from ff_planner_ros.ros.from_messages import NANOSECONDS, nanoseconds
+from ff_planner_ros.ros.messages.from_messages import NANOSECONDS, nanoseconds
 from ff_planner_ros.ros.parameters import NodeParameters
 from ff_planner_ros.runs.exchanges import Exchange
 from ff_planner_ros.runs.recorded_inputs import Moment
@@ -16,7 +16,6 @@ def moment(exchange: Exchange, recorded: RecordedParameters) -> tuple[int, Momen
     """Return when the node read a request, by its own clock [ns] and by the recorder's.
 
     Args:
-        exchange: The request and its answer.
         recorded: The node's parameters at any time.
     """
     now_ns = _taken_up(exchange, recorded)

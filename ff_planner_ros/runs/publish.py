@@ -27,8 +27,8 @@ from rosgraph_msgs.msg import Clock
 from ff_planner_ros.bag.definition import message_definition
 from ff_planner_ros.bag.reader import Bag, Topic, open_bag
 from ff_planner_ros.errors import BagError
-from ff_planner_ros.ros.recorder import type_name
-from ff_planner_ros.ros.to_messages import time_message
+from ff_planner_ros.ros.messages.to_messages import time_message
+from ff_planner_ros.ros.recorder.recorder import type_name
 from ff_planner_ros.runs.recorded_inputs import INPUTS, OUTPUTS
 
 ALL = "all"

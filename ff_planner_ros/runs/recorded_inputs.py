@@ -13,8 +13,8 @@ from sensor_msgs.msg import JointState
 
 from ff_planner_ros.bag.reader import Bag, Message
 from ff_planner_ros.errors import BagError
-from ff_planner_ros.ros.from_messages import NANOSECONDS
-from ff_planner_ros.ros.recorder import type_name
+from ff_planner_ros.ros.messages.from_messages import NANOSECONDS
+from ff_planner_ros.ros.recorder.recorder import type_name
 
 INPUTS: Mapping[str, type] = {
     "chaser_state": ChaserState,
@@ -59,7 +59,6 @@ def input_topic(bag: Bag, name: str, namespace: str) -> str:
     """Return the topic of an input: that of this name in the planner's namespace, or the only one.
 
     Args:
-        bag: Open.
         name: One of `INPUTS`.
         namespace: Of the planner, without a slash at its end.
 

@@ -13,9 +13,9 @@ from ff_planner_ros.bag.decoding import as_installed
 from ff_planner_ros.bag.reader import Bag
 from ff_planner_ros.errors import BagError, InvalidInput
 from ff_planner_ros.planning.yaml_file import read_yaml
-from ff_planner_ros.ros.from_messages import nanoseconds
+from ff_planner_ros.ros.messages.from_messages import nanoseconds
 from ff_planner_ros.ros.parameters import NodeParameters, changed, parameters_from_values
-from ff_planner_ros.ros.recorder import type_name
+from ff_planner_ros.ros.recorder.recorder import type_name
 from ff_planner_ros.share import share_directory
 
 _ATTACHED = "parameters.yaml"
@@ -32,7 +32,6 @@ class RecordedParameters:
         """Read them.
 
         Args:
-            bag: Open.
             node: Full name of the node whose parameters are wanted.
 
         Raises:

@@ -14,17 +14,18 @@ from ff_planner_ros.bag.provenance import PROVENANCE
 from ff_planner_ros.bag.reader import Bag, Message
 from ff_planner_ros.errors import BagError, Status
 from ff_planner_ros.robot.model import Robot
-from ff_planner_ros.ros.from_messages import NANOSECONDS, nanoseconds, plan_from_response
-from ff_planner_ros.ros.offline_bag import OPTIMAL
+from ff_planner_ros.ros.inputs.scene_input import SceneInput
+from ff_planner_ros.ros.inputs.state_input import StateInput
+from ff_planner_ros.ros.messages.from_messages import NANOSECONDS, nanoseconds, plan_from_response
+from ff_planner_ros.ros.outputs.plan_output import PublishedPlan
 from ff_planner_ros.ros.parameters import NodeParameters
-from ff_planner_ros.ros.question import PublishedPlan, Question, Sources, question
-from ff_planner_ros.ros.recorded_plans import attached_robot
-from ff_planner_ros.ros.scene_input import SceneInput
-from ff_planner_ros.ros.state_input import StateInput
+from ff_planner_ros.ros.requests.reading import ReadRequest, Sources, read_request
 from ff_planner_ros.runs.exchanges import Exchange, exchanges
 from ff_planner_ros.runs.moments import moment
+from ff_planner_ros.runs.offline_bag import OPTIMAL
 from ff_planner_ros.runs.recorded_inputs import Heard, Moment, heard, input_topic
 from ff_planner_ros.runs.recorded_parameters import RecordedParameters
+from ff_planner_ros.runs.recorded_plans import attached_robot
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +79,7 @@ class RecordedRequest:
             return None
         return Status(self.response.status.code)
 
-    def question(self) -> Question:
+    def read_request(self) -> ReadRequest:
         """Read the request again, as the node did.
 
         Raises:
@@ -88,7 +89,7 @@ class RecordedRequest:
         if self.request is None or self.inputs is None:
             raise BagError(self.missing)
         knew = self.inputs
-        return question(
+        return read_request(
             self.request,
             knew.robot,
             knew.parameters,
@@ -119,9 +120,6 @@ class RecordedRun:
 
 def recorded_run(bag: Bag) -> RecordedRun:
     """Rebuild every request in a bag.
-
-    Args:
-        bag: Open.
 
     Raises:
         BagError: It holds no request, or neither robot nor parameters.

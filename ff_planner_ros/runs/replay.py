@@ -15,8 +15,8 @@ from ff_planner_ros.bag.provenance import provenance
 from ff_planner_ros.bag.reader import open_bag
 from ff_planner_ros.errors import BagError, FfPlannerError, Status
 from ff_planner_ros.planning.task import perform
-from ff_planner_ros.ros.controller_message import controller_message
-from ff_planner_ros.ros.to_messages import response_from_error, response_from_plan
+from ff_planner_ros.ros.messages.controller_message import controller_message
+from ff_planner_ros.ros.messages.to_messages import response_from_error, response_from_plan
 from ff_planner_ros.runs.differences import Difference, differences
 from ff_planner_ros.runs.recorded_run import RecordedRequest, RecordedRun, recorded_run
 from ff_planner_ros.text_table import print_table
@@ -110,11 +110,7 @@ def print_replay(bag: Path) -> int:
 
 
 def replay(recorded: RecordedRequest) -> Replayed:
-    """Plan a request again, without a clock, and compare the answers.
-
-    Args:
-        recorded: The request.
-    """
+    """Plan a request again, without a clock, and compare the answers."""
     then = recorded.status
     if then in _NO_FUNCTIONS_OF_THE_PROBLEM and recorded.response is not None:
         why = _NO_FUNCTIONS_OF_THE_PROBLEM[then]
@@ -141,9 +137,6 @@ def replay(recorded: RecordedRequest) -> Replayed:
 def answer_again(recorded: RecordedRequest) -> tuple[PlanTrajectory.Response, float]:
     """Answer a request as the node does, in the time that it takes.
 
-    Args:
-        recorded: The request.
-
     Returns:
         The answer, and the wall clock of the planning alone [s].
 
@@ -155,7 +148,7 @@ def answer_again(recorded: RecordedRequest) -> tuple[PlanTrajectory.Response, fl
     parameters, joint_names = recorded.inputs.parameters, recorded.inputs.robot.joint_names
     begun, took = time.perf_counter(), 0.0
     try:
-        asked = recorded.question()
+        asked = recorded.read_request()
         begun = time.perf_counter()
         try:
             plan = perform(asked.task, parameters.planner, lambda: None, lambda _: None)
@@ -178,11 +171,7 @@ def answer_again(recorded: RecordedRequest) -> tuple[PlanTrajectory.Response, fl
 
 
 def one_by_one(requests: Sequence[RecordedRequest]) -> Iterator[RecordedRequest]:
-    """Yield requests to plan, and show how far that is.
-
-    Args:
-        requests: All of them.
-    """
+    """Yield requests to plan, and show how far that is."""
     with progress_bar("planning", len(requests), "requests", per_unit=1) as progress:
         for recorded in requests:
             yield recorded
@@ -190,11 +179,7 @@ def one_by_one(requests: Sequence[RecordedRequest]) -> Iterator[RecordedRequest]
 
 
 def version_lines(run: RecordedRun) -> Iterator[str]:
-    """Yield what is of another version than when a bag was recorded, in words.
-
-    Args:
-        run: The bag.
-    """
+    """Yield what is of another version than when a bag was recorded, in words."""
     if not run.provenance:
         yield "note: the bag does not say with which versions it was recorded"
         return

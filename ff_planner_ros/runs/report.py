@@ -9,14 +9,14 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from ff_planner_ros.analysis.answer import planned_answer
+from ff_planner_ros.analysis.plan_json import plan_document
 from ff_planner_ros.analysis.tracking import Deviations
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.plan import Metrics, SolverReport, Trajectory
 from ff_planner_ros.planning.problem import Sphere
 from ff_planner_ros.robot.model import Robot
-from ff_planner_ros.ros.from_messages import NANOSECONDS
+from ff_planner_ros.ros.messages.from_messages import NANOSECONDS
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,9 +112,6 @@ class Report:
 def report_of_answer(file: Path) -> Report:
     """Tell of one plan, or one refusal, in an answer of `ff-planner plan --json`.
 
-    Args:
-        file: The answer.
-
     Raises:
         InvalidInput: It is no such answer.
         OSError: It cannot be read.
@@ -124,7 +121,7 @@ def report_of_answer(file: Path) -> Report:
         if isinstance(answer, dict) and _refused(answer):
             request = _refusal(answer)
             return Report(file.name, (("file", str(file)),), (), (request,))
-        found = planned_answer(answer)
+        found = plan_document(answer)
     except InvalidInput as error:
         field = f"{file}: {error.field}"
         raise InvalidInput(error.status, field, error.value, error.allowed) from None
@@ -154,8 +151,6 @@ def reported_plan(
     """Return a plan that nobody has measured yet.
 
     Args:
-        robot: That it is for.
-        motion: As planned.
         goal: Of the end effector, in the inertial frame. Shape (3,) [m].
         obstacles: That it avoids; None: not known.
     """
@@ -164,11 +159,7 @@ def reported_plan(
 
 
 def robot_facts(robot: Robot) -> list[tuple[str, str]]:
-    """Return names and values of what a page tells of a robot.
-
-    Args:
-        robot: The robot.
-    """
+    """Return names and values of what a page tells of a robot."""
     mass = sum(inertia.mass for inertia in robot.model.inertias)
     joints = f"{robot.joints} joints from {robot.base_link} to {robot.tip_link}"
     return [("robot", f"{robot.model.name}: {joints}, {mass:.1f} kg in all")]

@@ -19,7 +19,7 @@ from ff_planner_ros.errors import BagError, FfPlannerError, InvalidInput, Status
 from ff_planner_ros.planning.plan import Metrics, SolverReport
 from ff_planner_ros.planning.sound_samples import require_sound_samples
 from ff_planner_ros.robot.model import Robot
-from ff_planner_ros.ros.from_messages import (
+from ff_planner_ros.ros.messages.from_messages import (
     NANOSECONDS,
     nanoseconds,
     plan_from_response,
@@ -27,11 +27,11 @@ from ff_planner_ros.ros.from_messages import (
     xyz,
 )
 from ff_planner_ros.ros.parameters import NodeParameters
-from ff_planner_ros.ros.recorded_plans import attached_robot
 from ff_planner_ros.runs.exchanges import Exchange, exchanges
-from ff_planner_ros.runs.measured import Window, measure
+from ff_planner_ros.runs.measured import Window, fill_windows
 from ff_planner_ros.runs.recorded_inputs import Moment, heard, input_topic
 from ff_planner_ros.runs.recorded_parameters import RecordedParameters
+from ff_planner_ros.runs.recorded_plans import attached_robot
 from ff_planner_ros.runs.report import (
     Report,
     ReportedPlan,
@@ -46,7 +46,6 @@ def report_of_bag(path: Path, most_plans: int) -> Report:
     """Tell of everything that was asked in a run.
 
     Args:
-        path: The bag.
         most_plans: That are drawn, the last ones; all are in the tables.
 
     Raises:
@@ -102,7 +101,7 @@ def _plans(
             response = found[k].response or PlanTrajectory.Response()
             notes.append(f"{response.plan_id} is not drawn: {error}")
     if parameters is not None:
-        measure(bag, robot, parameters, list(windows.values()))
+        fill_windows(bag, robot, parameters, list(windows.values()))
     return {k: _with_measured(plans[k], window, parameters) for k, window in windows.items()}
 
 

@@ -20,7 +20,7 @@ from ff_planner_ros.analysis.tracking import Deviations, in_shown_units
 from ff_planner_ros.bag.progress_bar import progress_bar
 from ff_planner_ros.errors import Status
 from ff_planner_ros.planning.plan import Metrics
-from ff_planner_ros.ros.from_messages import NANOSECONDS
+from ff_planner_ros.ros.messages.from_messages import NANOSECONDS
 from ff_planner_ros.runs.report import Report, ReportedPlan, ReportedRequest, clock_time
 from ff_planner_ros.runs.report_plots import plan_plots, solve_time_plot
 
@@ -87,10 +87,6 @@ _TIMING_COLUMNS = (
 
 def save_page(report: Report, file: Path) -> None:
     """Write a report.
-
-    Args:
-        report: What to tell.
-        file: Replaced if it is there.
 
     Raises:
         OSError: It cannot be written.

@@ -31,11 +31,7 @@ _SCENE_HEIGHT, _SLIDER_LABELS = 640, 24  # [px]
 
 
 def plan_plots(plan: ReportedPlan) -> Iterator[tuple[str, str, go.Figure]]:
-    """Yield name, caption and plot of all that is drawn of a plan.
-
-    Args:
-        plan: The plan.
-    """
+    """Yield name, caption and plot of all that is drawn of a plan."""
     robot, obstacles = plan.robot, plan.obstacles or ()
     motions = {PLANNED: plan.motion}
     if plan.measured is not None and plan.deviations is not None:
@@ -92,11 +88,7 @@ def solve_time_plot(times: Sequence[float]) -> go.Figure:
 
 
 def shown_rows(found: Deviations) -> np.ndarray:
-    """Return which states are drawn: evenly many of them, and the worst of each kind.
-
-    Args:
-        found: Of all states.
-    """
+    """Return which states are drawn: evenly many of them, and the worst of each kind."""
     count = len(found.time)
     even = np.linspace(0, count - 1, min(count, _MOST_POINTS)).round().astype(int)
     worst = [int(values.argmax()) for _, values in in_shown_units(found)]

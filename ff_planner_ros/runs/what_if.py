@@ -59,9 +59,6 @@ def allowed_keys() -> list[str]:
 def parsed(setting: str) -> Change:
     """Read a `key=value` of the command line.
 
-    Args:
-        setting: As given.
-
     Raises:
         InvalidInput: The key is unknown, or the value is not of its type or out of its range.
     """
@@ -92,10 +89,6 @@ def parsed(setting: str) -> Change:
 
 def changed_request(recorded: RecordedRequest, changes: Sequence[Change]) -> RecordedRequest:
     """Return a request as it would have been.
-
-    Args:
-        recorded: As it was.
-        changes: All at once.
 
     Raises:
         BagError: It cannot be rebuilt.

@@ -110,7 +110,6 @@ class Engine:
         """Return the rate of change of a state under joint torques: forward dynamics.
 
         Args:
-            state: The state vector.
             joint_torques: Shape (joints,) [N m].
         """
         data = self._data
@@ -127,11 +126,7 @@ class Engine:
         return rate
 
     def observe(self, state: Array) -> Observation:
-        """Return poses and momentum of a state.
-
-        Args:
-            state: The state vector.
-        """
+        """Return poses and momentum of a state."""
         data = self._data
         self._forward(state)
         mujoco.mj_subtreeVel(self.model, data)
@@ -146,11 +141,7 @@ class Engine:
         )
 
     def joints(self, state: Array) -> tuple[Array, Array]:
-        """Return joint positions and rates of a state.
-
-        Args:
-            state: The state vector.
-        """
+        """Return joint positions and rates of a state."""
         return state[self._joints], state[self.model.nq :][self._rates]
 
     def scale_inertias(self, bodies: NDArray[np.int64], masses: Array, inertias: Array) -> None:

@@ -51,11 +51,6 @@ def execute(engine: Engine, start: SystemState, command: FeedForward) -> Executi
     MuJoCo's own steps hold the torques, and compose the turn of a free body from the mean of its
     rates: they are of second order. Here the quaternion is integrated as the four numbers that it
     is, and the method keeps its fourth order.
-
-    Args:
-        engine: The robot.
-        start: State at the first point.
-        command: The torques.
     """
     state = engine.state(start)
     states = [state]
@@ -85,11 +80,7 @@ def _step(engine: Engine, state: Array, time: Array, torques: Array) -> Array:
 
 
 def start_state(trajectory: Trajectory) -> SystemState:
-    """Return the state at the first point of a plan.
-
-    Args:
-        trajectory: The plan's samples.
-    """
+    """Return the state at the first point of a plan."""
     return SystemState(
         position_chaser_in_inertial=trajectory.chaser_positions[0],
         quaternion_chaser_to_inertial_xyzw=trajectory.chaser_quaternions_xyzw[0],

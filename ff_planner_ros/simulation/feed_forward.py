@@ -43,11 +43,6 @@ def feed_forward(robot: Robot, trajectory: Trajectory, steps_per_point: int) -> 
 
     At the points the torques are the plan's own: where it differs there from what its motion needs,
     the difference is added in between, too, linearly. For a sound plan that is rounding.
-
-    Args:
-        robot: The robot.
-        trajectory: The plan's samples.
-        steps_per_point: Steps between two points.
     """
     time = _half_steps(trajectory, steps_per_point)
     torques = _torques_of_motion(robot, trajectory, time)
@@ -57,12 +52,7 @@ def feed_forward(robot: Robot, trajectory: Trajectory, steps_per_point: int) -> 
 
 
 def torque_spline(trajectory: Trajectory, steps_per_point: int) -> FeedForward:
-    """Return the cubic spline through the torques at the points of a plan.
-
-    Args:
-        trajectory: The plan's samples.
-        steps_per_point: Steps between two points.
-    """
+    """Return the cubic spline through the torques at the points of a plan."""
     time = _half_steps(trajectory, steps_per_point)
     torques = CubicSpline(trajectory.time, trajectory.joint_torques)(time)
     return FeedForward(time, torques, steps_per_point)

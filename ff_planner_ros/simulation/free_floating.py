@@ -28,7 +28,6 @@ class FreeFloatingSystem:
         """Let it go.
 
         Args:
-            robot: The robot.
             state: At the first moment; until they are told otherwise the joints keep its rates.
             time: That moment [s].
         """
@@ -88,11 +87,6 @@ class FreeFloatingSystem:
 
 def carried_back(robot: Robot, state: SystemState, seconds: float) -> SystemState:
     """Return where a system was whose joints have kept their rates since.
-
-    Args:
-        robot: The robot.
-        state: Where it is.
-        seconds: How long ago, not negative.
 
     Raises:
         InvalidInput: `seconds` is negative or not finite.

@@ -55,7 +55,6 @@ def model_errors(robot: Robot, trajectory: Trajectory) -> tuple[ModelError, ...]
 
     Args:
         robot: The robot as the plan knows it.
-        trajectory: The plan's samples.
 
     Returns:
         The first row with nothing wrong.

@@ -76,7 +76,6 @@ def verify(robot: Robot, trajectory: Trajectory) -> Verification:
     """Execute a plan open loop in MuJoCo and compare what happens with what it says.
 
     Args:
-        robot: The robot.
         trajectory: The plan's samples, its torques among them.
 
     Raises:
@@ -94,11 +93,7 @@ def verify(robot: Robot, trajectory: Trajectory) -> Verification:
 
 
 def steps_per_point(trajectory: Trajectory) -> int:
-    """Return into how many steps the time between two points is cut.
-
-    Args:
-        trajectory: The plan's samples.
-    """
+    """Return into how many steps the time between two points is cut."""
     fastest = max(
         np.abs(trajectory.joint_velocities).max(),
         np.linalg.norm(trajectory.chaser_angular_velocities, axis=1).max(),
@@ -108,12 +103,7 @@ def steps_per_point(trajectory: Trajectory) -> int:
 
 
 def deviation(execution: Execution, trajectory: Trajectory) -> Deviation:
-    """Return how far an execution is from a plan.
-
-    Args:
-        execution: What the system did.
-        trajectory: The plan's samples.
-    """
+    """Return how far an execution is from a plan."""
     chaser = np.linalg.norm(execution.chaser_positions - trajectory.chaser_positions, axis=1)
     chaser_turn = _angles(execution.chaser_quaternions_xyzw, trajectory.chaser_quaternions_xyzw)
     final = np.linalg.norm(execution.ee_positions[-1] - trajectory.ee_positions[-1])

@@ -1,0 +1,189 @@
+"""An answer of the planner as a dictionary that JSON can hold, and back."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict, astuple, dataclass, fields
+from typing import Any
+
+from ff_planner_ros.arrays import Array, finite_number, frozen
+from ff_planner_ros.errors import FfPlannerError, InvalidInput, NoPlanFound, Status
+from ff_planner_ros.planning.plan import Metrics, Plan, SolverReport, Trajectory
+from ff_planner_ros.planning.problem import Objective, PlanningProblem, Sphere
+from ff_planner_ros.planning.sound_samples import require_sound_samples
+from ff_planner_ros.robot.model import Robot, robot_from_urdf_text
+
+_ROBOT = ("urdf", "base_link", "tip_link")
+
+
+@dataclass(frozen=True, eq=False)
+class PlanDocument:
+    """A plan as its dictionary tells of it.
+
+    Attributes:
+        robot: That it is for.
+        plan: The plan.
+        solve_time: Wall clock of the answer [s].
+        weights: Of joint path length and chaser attitude; None: the dictionary does not tell.
+        obstacles: What was planned around; None: the dictionary does not tell.
+    """
+
+    robot: Robot
+    plan: Plan
+    solve_time: float
+    weights: tuple[float, float] | None
+    obstacles: tuple[Sphere, ...] | None
+
+
+def plan_dictionary(plan: Plan, problem: PlanningProblem, solve_time: float) -> dict[str, Any]:
+    """Return a plan, the robot it is for and what it avoids: SI units, radians, a row per point.
+
+    Args:
+        solve_time: Wall clock of the answer [s].
+    """
+    motion = plan.trajectory
+    return {
+        "status": Status.SOLVED.name.lower(),
+        "message": plan.solver.stop_reason,
+        "robot": {name: getattr(problem.robot, name) for name in _ROBOT},
+        "objective": asdict(problem.objective),
+        "obstacles": [
+            {"id": sphere.id, "center": sphere.center.tolist(), "radius": sphere.radius}
+            for sphere in problem.obstacles
+        ],
+        "joint_names": list(plan.joint_names),
+        **{item.name: getattr(motion, item.name).tolist() for item in fields(motion)},
+        "xi": plan.xi.tolist(),
+        "orientation_reading": plan.orientation_reading,
+        **_how_good(plan, solve_time),
+    }
+
+
+def refusal_dictionary(error: FfPlannerError, solve_time: float) -> dict[str, Any]:
+    """Return a refusal: its cause, and how near the best attempt came; never a trajectory.
+
+    Args:
+        solve_time: Wall clock of the answer [s].
+    """
+    refusal = {"status": error.status.name.lower(), "message": str(error)}
+    if isinstance(error, NoPlanFound) and isinstance(error.attempt, Plan):
+        refusal |= _how_good(error.attempt, solve_time)
+    return refusal
+
+
+def planned_motion(answer: object) -> tuple[Robot, Trajectory]:
+    """Read robot and motion back out of a plan's dictionary.
+
+    Args:
+        answer: Of `plan_dictionary`, as JSON gives it back.
+
+    Returns:
+        The robot, and arrays of whatever shape they have in the dictionary.
+
+    Raises:
+        InvalidInput: It is no plan, or lacks something.
+    """
+    status = _entry(answer, "status")
+    if status != Status.SOLVED.name.lower():
+        found = f"{status} ({_entry(answer, 'message')})"
+        raise InvalidInput(Status.UNSUPPORTED, "status", found, "only a plan has a motion")
+    described = _entry(answer, "robot")
+    urdf, base_link, tip_link = (str(_entry(described, name, "robot.")) for name in _ROBOT)
+    robot = robot_from_urdf_text(urdf, base_link, tip_link)
+    names = _entry(answer, "joint_names")
+    if names != list(robot.joint_names):
+        allowed = f"they must be those of the robot, {', '.join(robot.joint_names)}"
+        raise InvalidInput(Status.UNKNOWN_JOINT, "joint_names", names, allowed)
+    samples = {item.name: _entry(answer, item.name) for item in fields(Trajectory)}
+    return robot, Trajectory(**{name: _numbers(name, rows) for name, rows in samples.items()})
+
+
+def plan_document(answer: object) -> PlanDocument:
+    """Read a plan back out of its dictionary.
+
+    Args:
+        answer: Of `plan_dictionary`, as JSON gives it back; objective and obstacles may be missing.
+
+    Raises:
+        InvalidInput: It is no plan, lacks something, or its motion is none of its robot.
+    """
+    robot, trajectory = planned_motion(answer)
+    require_sound_samples(robot, trajectory)
+    metrics, solver = _entry(answer, "metrics"), _entry(answer, "solver")
+    found = {item.name: _entry(metrics, item.name, "metrics.") for item in fields(Metrics)}
+    peaks = tuple(_numbers("metrics.peak_joint_torques", found.pop("peak_joint_torques")).tolist())
+    numbers = {name: _number(f"metrics.{name}", value) for name, value in found.items()}
+    counts = {
+        name: int(finite_number(f"solver.{name}", _entry(solver, name, "solver.")))
+        for name in ("starts", "iterations", "rollouts")
+    }
+    plan = Plan(
+        joint_names=robot.joint_names,
+        trajectory=trajectory,
+        xi=_numbers("xi", _entry(answer, "xi")),
+        orientation_reading=str(_entry(answer, "orientation_reading")),
+        metrics=Metrics(peak_joint_torques=peaks, **numbers),
+        solver=SolverReport(
+            **counts,
+            optimality=_number("solver.optimality", _entry(solver, "optimality", "solver.")),
+            stop_reason=str(_entry(solver, "stop_reason", "solver.")),
+        ),
+    )
+    solve_time = _number("solver.solve_time", _entry(solver, "solve_time", "solver."))
+    return PlanDocument(robot, plan, solve_time, *_question(answer))
+
+
+def _question(
+    answer: object,
+) -> tuple[tuple[float, float] | None, tuple[Sphere, ...] | None]:
+    """Return what was minimised and what was avoided; older dictionaries tell neither."""
+    told = answer if isinstance(answer, dict) else {}
+    objective, obstacles = told.get("objective"), told.get("obstacles")
+    try:
+        return (
+            None if objective is None else astuple(Objective(**objective)),
+            None if obstacles is None else tuple(Sphere(**sphere) for sphere in obstacles),
+        )
+    except TypeError:
+        allowed = "`ff-planner plan --json` writes them"
+        raise InvalidInput(
+            Status.WRONG_SIZE, "objective or obstacles", "something else", allowed
+        ) from None
+
+
+def _number(name: str, value: Any) -> float:
+    """Return a number; null stands for infinity, which JSON does not know."""
+    number = _numbers(name, math.inf if value is None else value)
+    if number.ndim:
+        raise InvalidInput(Status.WRONG_SIZE, name, "a list", "it must be one number")
+    return float(number)
+
+
+def _entry(dictionary: object, name: str, prefix: str = "") -> Any:
+    if not isinstance(dictionary, dict) or name not in dictionary:
+        allowed = "`ff-planner plan --json` writes it"
+        raise InvalidInput(Status.WRONG_SIZE, f"{prefix}{name}", "missing", allowed)
+    return dictionary[name]
+
+
+def _numbers(name: str, rows: Any) -> Array:
+    try:
+        return frozen(rows)
+    except (TypeError, ValueError):
+        allowed = "it must be numbers, as many in each row"
+        raise InvalidInput(Status.WRONG_SIZE, name, "no array", allowed) from None
+
+
+def _how_good(plan: Plan, solve_time: float) -> dict[str, Any]:
+    solver = {"solve_time": solve_time, **asdict(plan.solver)}
+    return {
+        "metrics": {name: _finite(value) for name, value in asdict(plan.metrics).items()},
+        "solver": {name: _finite(value) for name, value in solver.items()},
+    }
+
+
+def _finite(value: Any) -> Any:
+    """JSON knows no infinity: without obstacles, say, there is no clearance to tell."""
+    if isinstance(value, tuple):
+        return [_finite(entry) for entry in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value

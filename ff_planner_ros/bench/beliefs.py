@@ -1,0 +1,95 @@
+"""What becomes of plans that misjudge how the chaser moves, once the true system executes them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+from ff_planner_ros.baselines.beliefs import (
+    executed,
+    fixed_base,
+    with_zero_momentum,
+    zero_momentum,
+)
+from ff_planner_ros.bench.robots import ROBOTS
+from ff_planner_ros.bench.scenarios import scenario
+from ff_planner_ros.errors import FfPlannerError, Status
+from ff_planner_ros.planning.plan import Plan
+from ff_planner_ros.planning.planner import plan
+from ff_planner_ros.planning.problem import PlanningProblem
+from ff_planner_ros.planning.settings import PlannerSettings
+
+
+@dataclass(frozen=True)
+class BeliefResult:
+    """What became of one plan.
+
+    Attributes:
+        kind: The scenario's class.
+        robot: Its robot.
+        number: Its number.
+        belief: What the planner held the chaser for, and what it was; a key of `BELIEFS`.
+        status: Of the plan; solved does not say that it is any good.
+        position_miss: Of the end effector at the end [m]; None without a plan.
+        orientation_miss: Of the end effector at the end [rad]; likewise.
+        collides: Whether the arm is inside an obstacle at a point of the motion.
+    """
+
+    kind: str
+    robot: str
+    number: int
+    belief: str
+    status: Status
+    position_miss: float | None
+    orientation_miss: float | None
+    collides: bool
+
+
+def _free_floating(problem: PlanningProblem, settings: PlannerSettings) -> Plan:
+    return executed(problem, plan(problem, settings), settings)
+
+
+def _fixed_base_without_drift(problem: PlanningProblem, settings: PlannerSettings) -> Plan:
+    return fixed_base(with_zero_momentum(problem), settings)
+
+
+# The last is what others have checked: the true system has zero momentum, its chaser only reacts.
+BELIEFS: dict[str, Callable[[PlanningProblem, PlannerSettings], Plan]] = {
+    "the true momentum": _free_floating,
+    "zero momentum": zero_momentum,
+    "fixed base": fixed_base,
+    "fixed base, no drift": _fixed_base_without_drift,
+}
+
+
+def belief_results(kind: str, count: int, settings: PlannerSettings) -> Iterator[BeliefResult]:
+    """Plan scenarios of a class under every belief and execute the plans, the robots in turn."""
+    for index in range(count):
+        number, robot = divmod(index, len(ROBOTS))
+        for belief in BELIEFS:
+            yield belief_result(kind, ROBOTS[robot], number, belief, settings)
+
+
+def belief_result(
+    kind: str, robot: str, number: int, belief: str, settings: PlannerSettings
+) -> BeliefResult:
+    """Plan one scenario under one belief and execute the plan.
+
+    Args:
+        belief: Key of `BELIEFS`.
+    """
+    problem = scenario(kind, robot, number, turned=False).problem
+    try:
+        metrics = BELIEFS[belief](problem, settings).metrics
+    except FfPlannerError as error:
+        return BeliefResult(kind, robot, number, belief, error.status, None, None, False)
+    return BeliefResult(
+        kind,
+        robot,
+        number,
+        belief,
+        Status.SOLVED,
+        metrics.final_position_error,
+        metrics.final_orientation_error,
+        metrics.penalty > 0.0,
+    )

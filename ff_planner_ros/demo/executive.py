@@ -1,0 +1,248 @@
+"""A mission executive reduced to its way with a plan: ask, check, commit, watch."""
+
+from __future__ import annotations
+
+import copy
+import threading
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import rclpy
+from ff_planner_msgs.action import PlanTrajectory
+from ff_planner_msgs.msg import ChaserState
+from rclpy.action import ActionClient
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.signals import SignalHandlerOptions
+from rclpy.task import Future as RosFuture
+from scipy.spatial.transform import Rotation
+from trajectory_msgs.msg import JointTrajectory
+
+from ff_planner_ros.demo.testbed import CONTROLLER_TOPIC
+from ff_planner_ros.errors import FfPlannerError, Status
+from ff_planner_ros.planning.plan import Plan
+from ff_planner_ros.robot.configuration import configuration
+from ff_planner_ros.robot.model import Robot
+from ff_planner_ros.robot.state import SystemState
+from ff_planner_ros.ros.background import ask, spin_in_background
+from ff_planner_ros.ros.messages.from_messages import (
+    NANOSECONDS,
+    nanoseconds,
+    plan_from_response,
+    state_from_message,
+)
+from ff_planner_ros.ros.outputs.prediction import (
+    FramePose,
+    TrackingError,
+    difference,
+    predicted_end_effector,
+    tracking_error,
+)
+from ff_planner_ros.ros.qos import STATE_QOS
+
+# Refusals that pass by themselves while the system starts: worth another try at the next state.
+_NOT_YET = frozenset(
+    {Status.NO_STATE, Status.NO_OBSTACLES, Status.STATE_TOO_OLD, Status.STATE_UNPAIRED}
+)
+_CHECK_INTERVAL = 0.2  # [s] between looks at the caller's check while waiting
+_ASK_AGAIN = 0.5  # [s] after a refusal: every question is logged and recorded
+
+
+@dataclass(frozen=True, eq=False)
+class FlownPlan:
+    """What became of a plan.
+
+    Attributes:
+        predicted: End effector at the last measurement before the end of the plan.
+        reached: What was measured then.
+        error: Between the two.
+        worst: Largest difference of the chaser from its prediction on the way, of each kind.
+    """
+
+    predicted: FramePose
+    reached: FramePose
+    error: TrackingError
+    worst: TrackingError
+
+
+class MissionExecutive:
+    """A client of the planner that has its plans executed."""
+
+    def __init__(
+        self, check: Callable[[], None], patience: float, ros_arguments: Sequence[str] = ()
+    ) -> None:
+        """Join ROS.
+
+        Args:
+            check: Called again and again while waiting; raises when waiting makes no sense.
+            patience: Longest wait for anything that the planner or the testbed has to do [s].
+            ros_arguments: Of the command line, for instance `--ros-args -r __ns:=/chaser_1`.
+        """
+        self._check, self._patience = check, patience
+        self._states: list[ChaserState] = []
+        self._new_state = threading.Event()
+        rclpy.init(args=list(ros_arguments), signal_handler_options=SignalHandlerOptions.NO)
+        self._node = rclpy.create_node("mission_executive")
+        self._node.create_subscription(ChaserState, "chaser_state", self._keep, STATE_QOS)
+        self._planner = ActionClient(self._node, PlanTrajectory, "plan_trajectory_action")
+        self._controller = self._node.create_publisher(JointTrajectory, CONTROLLER_TOPIC, 1)
+        # A thread of its own and an event: spinning until a future is complete leaks in Jazzy.
+        self._executor = SingleThreadedExecutor()
+        self._executor.add_node(self._node)
+        self._stop = spin_in_background(self._executor, self._node.get_logger())
+
+    def close(self) -> None:
+        """Leave ROS."""
+        self._stop()
+        self._planner.destroy()
+        rclpy.shutdown()
+
+    def plan(
+        self, goal: PlanTrajectory.Goal, report: Callable[[PlanTrajectory.Feedback], None]
+    ) -> PlanTrajectory.Result:
+        """Ask the planner, as soon as it is there and has heard of the chaser.
+
+        Returns:
+            An answer whose status is SOLVED.
+
+        Raises:
+            FfPlannerError: The planner's refusal, or no answer in time.
+        """
+        deadline = time.monotonic() + self._patience
+        while not self._planner.wait_for_server(timeout_sec=_CHECK_INTERVAL):
+            self._go_on_until(deadline, "the action plan_trajectory_action")
+        while True:
+            self._new_state.clear()
+            result = self._answer(goal, report, deadline)
+            status = Status(result.status.code)
+            if status is Status.SOLVED:
+                return result
+            if status not in _NOT_YET or time.monotonic() > deadline:
+                raise FfPlannerError(status, result.status.message)
+            time.sleep(_ASK_AGAIN)
+            self._wait(self._new_state, deadline, "a chaser state")
+
+    def commit(self, result: PlanTrajectory.Result) -> None:
+        """Hand a plan to the arm's controller while there is still time.
+
+        Args:
+            result: An answer whose status is SOLVED.
+
+        Raises:
+            FfPlannerError: The plan's start is over, or no controller listens.
+        """
+        deadline = time.monotonic() + self._patience
+        while self._controller.get_subscription_count() == 0:
+            self._go_on_until(deadline, f"a controller that listens to {CONTROLLER_TOPIC}")
+            time.sleep(_CHECK_INTERVAL)
+        trajectory = copy.deepcopy(result.joint_trajectory)
+        ahead_ns = nanoseconds(trajectory.header.stamp) - self._node.get_clock().now().nanoseconds
+        if ahead_ns < 0:
+            raise FfPlannerError(
+                Status.TOO_LATE,
+                f"{result.plan_id} should have begun {-ahead_ns / NANOSECONDS:.3f} s ago: the "
+                "chaser is elsewhere by now; ask again, with a later start_time",
+            )
+        # Torques are for controllers with an effort interface; others refuse a message with any.
+        for point in trajectory.points:
+            point.effort = []
+        self._states.clear()
+        self._controller.publish(trajectory)
+
+    def watch(self, result: PlanTrajectory.Result, duration: float, robot: Robot) -> FlownPlan:
+        """Wait until a plan that was committed is over, and compare it with what was measured.
+
+        Args:
+            duration: From its start to the moment that counts, that of the capture [s].
+
+        Raises:
+            FfPlannerError: The states fail to come.
+            InvalidInput: A state cannot be used.
+        """
+        start_ns = nanoseconds(result.joint_trajectory.header.stamp)
+        end_ns = start_ns + round(duration * NANOSECONDS)
+        now_ns = self._node.get_clock().now().nanoseconds
+        deadline = time.monotonic() + (end_ns - now_ns) / NANOSECONDS + self._patience
+        while not self._states or nanoseconds(self._states[-1].header.stamp) < end_ns:
+            # States that keep coming must not make it deaf.
+            self._go_on_until(deadline, "the end of the plan")
+            self._new_state.wait(_CHECK_INTERVAL)
+            self._new_state.clear()
+        frame = result.predicted_chaser_path.header.frame_id
+        measured = [
+            (nanoseconds(m.header.stamp), state_from_message(m, "chaser_state", robot, frame))
+            for m in self._states
+            if start_ns <= nanoseconds(m.header.stamp) <= end_ns
+        ]
+        if not measured:
+            raise FfPlannerError(
+                Status.NO_STATE, f"no chaser state was measured while {result.plan_id} ran"
+            )
+        return _flown_plan(plan_from_response(result), start_ns, measured, robot)
+
+    def _keep(self, message: ChaserState) -> None:
+        self._states.append(message)
+        self._new_state.set()
+
+    def _answer(
+        self,
+        goal: PlanTrajectory.Goal,
+        report: Callable[[PlanTrajectory.Feedback], None],
+        deadline: float,
+    ) -> PlanTrajectory.Result:
+        handle = self._asked(
+            lambda: self._planner.send_goal_async(goal, lambda message: report(message.feedback)),
+            deadline,
+        )
+        if not handle.accepted:
+            raise FfPlannerError(Status.BUSY, "the planner did not take the goal up")
+        try:
+            return self._asked(handle.get_result_async, deadline).result
+        except BaseException:
+            ask(self._executor, handle.cancel_goal_async)  # nobody waits for the plan any more
+            raise
+
+    def _asked(self, question: Callable[[], RosFuture], deadline: float) -> Any:
+        answer = ask(self._executor, question)
+        while True:
+            try:
+                return answer.result(_CHECK_INTERVAL)
+            except TimeoutError:
+                self._go_on_until(deadline, "an answer of the planner")
+
+    def _wait(self, event: threading.Event, deadline: float, what: str) -> None:
+        while not event.wait(_CHECK_INTERVAL):
+            self._go_on_until(deadline, what)
+
+    def _go_on_until(self, deadline: float, what: str) -> None:
+        self._check()
+        if time.monotonic() > deadline:
+            raise FfPlannerError(
+                Status.INTERNAL_ERROR, f"{what} did not come within {self._patience:g} s"
+            )
+
+
+def _flown_plan(
+    plan: Plan, start_ns: int, measured: list[tuple[int, SystemState]], robot: Robot
+) -> FlownPlan:
+    errors = [tracking_error(plan.trajectory, start_ns, state, at_ns) for at_ns, state in measured]
+    positions, angles = zip(*(error for error in errors if error is not None), strict=True)
+    last_ns, last = measured[-1]
+    time_in_plan = min((last_ns - start_ns) / NANOSECONDS, float(plan.trajectory.time[-1]))
+    predicted = predicted_end_effector(plan.trajectory, time_in_plan)
+    if predicted is None:
+        raise FfPlannerError(Status.INTERNAL_ERROR, f"no prediction at {time_in_plan} s")
+    reached = end_effector(robot, last)
+    worst = TrackingError(max(positions), max(angles))
+    return FlownPlan(predicted, reached, difference(predicted, reached), worst)
+
+
+def end_effector(robot: Robot, state: SystemState) -> FramePose:
+    """Return where a measured state has the end effector."""
+    data = robot.model.createData()
+    pin.forwardKinematics(robot.model, data, configuration(robot, state)[0])
+    pose = pin.updateFramePlacement(robot.model, data, robot.tip_frame_id)
+    return FramePose(np.array(pose.translation), Rotation.from_matrix(pose.rotation))

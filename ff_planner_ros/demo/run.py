@@ -1,0 +1,220 @@
+"""The demonstration: the paper's capture, planned and flown by processes that talk over ROS."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack, contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from ff_planner_ros.analysis.figures import save_figures
+from ff_planner_ros.analysis.methods import SHORTEST, STEADIEST, Method
+from ff_planner_ros.analysis.scene import save_scene
+from ff_planner_ros.bag.writer import unique_directory
+from ff_planner_ros.demo.domain import private_environment
+from ff_planner_ros.errors import FfPlannerError, Status
+from ff_planner_ros.planning.plan import Plan
+from ff_planner_ros.planning.scenario import load_scenario
+from ff_planner_ros.robot.rotation import euler_from_rotation
+from ff_planner_ros.runs.recorded_plans import recorded_plans
+from ff_planner_ros.share import share_directory
+from ff_planner_ros.text_table import print_table
+
+# The executive's name of each objective.
+_OBJECTIVES: Mapping[Method, str] = {SHORTEST: "length", STEADIEST: "attitude"}
+# From the start of the testbed until the chaser passes through the scenario's start [s]: time to
+# find each other and to plan. A machine that needs longer is given it.
+_LEADS = (7, 20, 60)
+_GRACE = 20.0  # [s] for a process to end after it was asked to
+_LOOK_INTERVAL = 0.1  # [s] between looks at the processes
+
+
+def run_demo(output: Path = Path("demo_output"), scenario: Path | None = None) -> int:
+    """Plan and fly a capture for both objectives and show the result.
+
+    Args:
+        output: Every run makes a new directory in here.
+        scenario: What to fly; None: the paper's capture.
+
+    Returns:
+        Exit code: 0 both flown, 2 something could not run, 3 a plan was not found,
+        130 interrupted.
+    """
+    # Only noted: an exception out of nowhere could be lost, or leave a process without its owner.
+    stop = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: stop.set())
+    scenario = scenario or share_directory() / "config" / "scenarios" / "lemur_capture.yaml"
+    directory = unique_directory(output.resolve(), "demo")
+    try:
+        directory.mkdir(parents=True)
+        _demonstrate(directory, scenario.resolve(), stop)
+    except KeyboardInterrupt:
+        print("ff-planner demo: interrupted", file=sys.stderr)
+        return 130
+    except OSError as error:
+        print(f"ff-planner demo: {error}", file=sys.stderr)
+        return 2
+    except FfPlannerError as error:
+        print(f"ff-planner demo: {error}\nlogs are in {_shown(directory)}", file=sys.stderr)
+        return 3 if Status.GOAL_OUT_OF_REACH <= error.status < Status.INTERNAL_ERROR else 2
+    return 0
+
+
+def _demonstrate(directory: Path, scenario: Path, stop: threading.Event) -> None:
+    problem = load_scenario(scenario)
+    print(
+        f"The paper's capture ({_shown(scenario)}): {problem.robot.joints} joints, "
+        f"{len(problem.obstacles)} obstacles, {problem.duration:g} s, {problem.points} points.\n"
+        "Three processes talk over ROS 2: planner node, simulated testbed, mission executive. The\n"
+        "chaser drifts while the planner plans ahead, and passes through the published start when\n"
+        f"the plan begins. Both objectives are flown in real time, {problem.duration:g} s each.",
+        flush=True,
+    )
+    os.environ.update(private_environment())
+    flown: dict[Method, dict[str, Any]] = {}
+    with _running(_node(directory), directory / "node.log") as node:
+        for method in _OBJECTIVES:
+            flown[method] = _fly(method, scenario, directory, node, stop)
+    (bag,) = (metadata.parent for metadata in directory.glob("*/metadata.yaml"))
+    plans = {method: _recorded(bag, flown[method]["plan_id"]) for method in flown}
+
+    print_table(
+        "Planned, and off by how much in the end",
+        (
+            *("objective", "joint path [rad]", "attitude [deg]", "clearance [mm]"),
+            *("solve time [s]", "off by [mm]", "off by [deg]"),
+        ),
+        [_figures(method.name, plans[method], report) for method, report in flown.items()],
+    )
+    print_table(
+        "End effector when the plan is over",
+        ("", "objective", "x [m]", "y [m]", "z [m]", "phi [deg]", "theta [deg]", "psi [deg]"),
+        [
+            (which, method.name, *_pose(report[which]))
+            for method, report in flown.items()
+            for which in ("predicted", "reached")
+        ],
+    )
+    print(f"\nbag      {_shown(bag)}", flush=True)
+    if stop.is_set():
+        raise KeyboardInterrupt
+    for picture in save_figures(problem, plans, directory):
+        print(f"picture  {_shown(picture)}")
+    scene = directory / "scene.html"
+    save_scene(problem, plans, plans, scene)
+    print(f"scene    {_shown(scene)}")
+
+
+def _fly(
+    method: Method,
+    scenario: Path,
+    directory: Path,
+    node: subprocess.Popen[bytes],
+    stop: threading.Event,
+) -> dict[str, Any]:
+    """Start testbed and executive, wait until the executive is done, and return its report."""
+    name = _OBJECTIVES[method]
+    report = directory / f"{name}.json"
+    for lead in _LEADS:
+        epoch = math.ceil(time.time()) + lead
+        print(f"\nflying {method.name}: the plan begins in {lead} s", flush=True)
+        testbed = [*_example("simulated_testbed"), str(scenario), "--epoch", str(epoch)]
+        executive = [*_example("mission_executive"), str(scenario), "--objective", name]
+        executive += ["--start", str(epoch), "--json", str(report)]
+        with ExitStack() as stack:
+            logs = {word: directory / f"{name}_{word}.log" for word in ("testbed", "executive")}
+            needed = {
+                directory / "node.log": node,
+                logs["testbed"]: stack.enter_context(_running(testbed, logs["testbed"])),
+            }
+            flying = stack.enter_context(_running(executive, logs["executive"]))
+            while flying.poll() is None:
+                _check(needed, stop)
+                with suppress(subprocess.TimeoutExpired):
+                    flying.wait(_LOOK_INTERVAL)
+        if not report.is_file():
+            _check(needed={logs["executive"]: flying}, stop=stop)
+        told: dict[str, Any] = json.loads(report.read_text(encoding="utf-8"))
+        status = Status(told["status"])
+        if status is Status.SOLVED:
+            return told
+        if status not in (Status.TOO_LATE, Status.START_IN_PAST) or lead == _LEADS[-1]:
+            raise FfPlannerError(status, told["message"])
+        print(f"this machine needs longer: {told['message']}")
+    raise FfPlannerError(Status.INTERNAL_ERROR, "no lead to try")
+
+
+def _node(directory: Path) -> list[str]:
+    # Quoted: ROS reads the value as YAML.
+    bag = f"bag.directory:={json.dumps(str(directory))}"
+    return [sys.executable, "-m", "ff_planner_ros.ros.node", "--ros-args", "-p", bag]
+
+
+def _example(name: str) -> list[str]:
+    return [sys.executable, str(share_directory() / "examples" / f"{name}.py")]
+
+
+def _check(needed: Mapping[Path, subprocess.Popen[bytes]], stop: threading.Event) -> None:
+    """Raise when there is nothing more to wait for."""
+    if stop.is_set():
+        raise KeyboardInterrupt
+    for log, process in needed.items():
+        if process.poll() is not None:
+            raise FfPlannerError(
+                Status.INTERNAL_ERROR, f"{log.stem} ended too early:\n{log.read_text()}"
+            )
+
+
+@contextmanager
+def _running(command: list[str], log: Path) -> Iterator[subprocess.Popen[bytes]]:
+    """Run a process and stop it cleanly at the end."""
+    with log.open("wb") as output:
+        process = subprocess.Popen(
+            command, stdin=subprocess.DEVNULL, stdout=output, stderr=subprocess.STDOUT
+        )
+    try:
+        yield process
+    finally:
+        process.send_signal(signal.SIGINT)
+        with suppress(subprocess.TimeoutExpired):
+            process.wait(_GRACE)
+        process.kill()
+        process.wait()
+
+
+def _recorded(bag: Path, plan_id: str) -> Plan:
+    return recorded_plans(bag).plans[plan_id]
+
+
+def _figures(name: str, plan: Plan, report: Mapping[str, Any]) -> tuple[str, ...]:
+    return (
+        name,
+        f"{plan.metrics.joint_path_length:.4f}",
+        f"{math.degrees(plan.metrics.max_chaser_euler):.2f}",
+        f"{plan.metrics.min_clearance * 1e3:.1f}",
+        f"{report['solve_time']:.2f}",
+        f"{report['error']['position'] * 1e3:.3f}",
+        f"{math.degrees(report['error']['angle']):.4f}",
+    )
+
+
+def _pose(pose: Mapping[str, list[float]]) -> tuple[str, ...]:
+    turn = Rotation.from_quat(pose["quaternion_xyzw"]).as_matrix()
+    angles = np.rad2deg(euler_from_rotation(np.asarray(turn)))
+    return (*(f"{x:.4f}" for x in pose["position"]), *(f"{angle:.2f}" for angle in angles))
+
+
+def _shown(path: Path) -> Path:
+    return path.relative_to(Path.cwd()) if path.is_relative_to(Path.cwd()) else path

@@ -1,0 +1,180 @@
+"""A simulated chaser on ROS: publishes its state and follows trajectories, in real time."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from ff_planner_msgs.msg import ChaserState, ObstacleSphereArray
+from rclpy.node import Node
+from scipy.spatial.transform import Rotation
+from trajectory_msgs.msg import JointTrajectory
+
+from ff_planner_ros.arrays import Array
+from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.planning.joint_motion import JointMotion
+from ff_planner_ros.planning.problem import PlanningProblem
+from ff_planner_ros.planning.scenario import SCENARIO_FRAME
+from ff_planner_ros.robot.state import SystemState
+from ff_planner_ros.ros.messages.from_messages import NANOSECONDS, joint_order, nanoseconds
+from ff_planner_ros.ros.messages.to_messages import obstacles_message, state_message
+from ff_planner_ros.ros.qos import LATCHED_QOS, STATE_QOS
+from ff_planner_ros.simulation.free_floating import FreeFloatingSystem, carried_back
+
+# Where an arm's trajectory controller listens.
+CONTROLLER_TOPIC = "arm_controller/joint_trajectory"
+
+
+@dataclass(frozen=True)
+class Imperfections:
+    """What a testbed has and a model has not: standard deviations of what is measured, and delays.
+
+    Attributes:
+        position_noise: Of the chaser's position [m].
+        angle_noise: Of the chaser's attitude about each axis, and of each joint [rad].
+        velocity_noise: Of the chaser's velocity [m/s].
+        rate_noise: Of the chaser's angular velocity and each joint's rate [rad/s].
+        state_delay: From measuring a state to publishing it [s].
+        command_delay: By which the joints are behind a trajectory [s].
+        seed: Of the noise.
+    """
+
+    position_noise: float = 0.0
+    angle_noise: float = 0.0
+    velocity_noise: float = 0.0
+    rate_noise: float = 0.0
+    state_delay: float = 0.0
+    command_delay: float = 0.0
+    seed: int = 0
+
+
+class SimulatedTestbed:
+    """A scenario that lives: obstacles, and a chaser that drifts and does as it is told."""
+
+    def __init__(
+        self,
+        node: Node,
+        scenario: PlanningProblem,
+        epoch_ns: int,
+        state_rate: float,
+        imperfections: Imperfections,
+    ) -> None:
+        """Publish the obstacles once and the state from a timer on, and listen for trajectories.
+
+        Args:
+            node: Its clock is the testbed's, simulated time included.
+            epoch_ns: When the chaser passes through the start state [ns]. Before and after, until a
+                trajectory begins, it drifts and its joints keep their rates.
+            state_rate: Of the states [Hz].
+            imperfections: What is not as in the model.
+        """
+        self._scenario, self._imperfections = scenario, imperfections
+        self._epoch_ns, self._period_ns = epoch_ns, round(NANOSECONDS / state_rate)
+        self._clock, self._logger = node.get_clock(), node.get_logger()
+        self._random = np.random.default_rng(imperfections.seed)
+        self._waiting: deque[ChaserState] = deque()
+
+        now = self._seconds(self._clock.now().nanoseconds)
+        robot, start = scenario.robot, scenario.start
+        first = carried_back(robot, start, -now) if now < 0.0 else start
+        self._system = FreeFloatingSystem(robot, first, min(now, 0.0))
+
+        obstacles = node.create_publisher(ObstacleSphereArray, "obstacles", LATCHED_QOS)
+        stamp_ns = self._clock.now().nanoseconds
+        obstacles.publish(obstacles_message(scenario.obstacles, stamp_ns, SCENARIO_FRAME))
+        self._states = node.create_publisher(ChaserState, "chaser_state", STATE_QOS)
+        node.create_timer(1.0 / state_rate, self._publish_state)
+        node.create_subscription(JointTrajectory, CONTROLLER_TOPIC, self._follow, 10)
+
+    def _seconds(self, time_ns: int) -> float:
+        """Return a time on the testbed's clock, which keeps more digits than ROS's in seconds."""
+        return (time_ns - self._epoch_ns) / NANOSECONDS
+
+    def _publish_state(self) -> None:
+        now_ns = self._clock.now().nanoseconds
+        # Measured at round times, as a sensor with a clock of its own does it.
+        stamp_ns = now_ns - now_ns % self._period_ns
+        if self._seconds(stamp_ns) > self._system.time:
+            state = with_sensor_noise(
+                self._system.advance(self._seconds(stamp_ns)), self._imperfections, self._random
+            )
+            names = self._scenario.robot.joint_names
+            self._waiting.append(state_message(state, names, stamp_ns, SCENARIO_FRAME))
+        due_ns = now_ns - round(self._imperfections.state_delay * NANOSECONDS)
+        while self._waiting and nanoseconds(self._waiting[0].header.stamp) <= due_ns:
+            self._states.publish(self._waiting.popleft())
+
+    def _follow(self, message: JointTrajectory) -> None:
+        try:
+            motion = motion_from_message(message, self._scenario.robot.joint_names)
+        except InvalidInput as error:
+            self._logger.error(f"trajectory refused: {error}")
+            return
+        begin = self._seconds(nanoseconds(message.header.stamp))
+        now = max(self._seconds(self._clock.now().nanoseconds), self._system.time)
+        if nanoseconds(message.header.stamp) == 0:
+            begin = now
+        elif begin < now:
+            # To jump to where the joints should be by now would be no free-floating motion.
+            self._logger.warning(f"the trajectory came {now - begin:.3f} s late and begins now")
+        begin = max(begin + self._imperfections.command_delay, now)
+        self._system.follow(replace(motion, time=begin + motion.time))
+        self._logger.info(
+            f"following {len(motion.time)} points, from {begin - now:.3f} s from now on, "
+            f"for {motion.time[-1]:g} s"
+        )
+
+
+def motion_from_message(message: JointTrajectory, joint_names: Sequence[str]) -> JointMotion:
+    """Read what the joints shall do.
+
+    Args:
+        message: Positions, velocities and accelerations of all joints, in any order.
+
+    Returns:
+        Its times are those from the start of the trajectory.
+
+    Raises:
+        InvalidInput: A joint is missing or unknown, or the points cannot be followed.
+    """
+    order = joint_order("joint_names", message.joint_names, joint_names)
+    times = np.array([nanoseconds(point.time_from_start) for point in message.points]) / NANOSECONDS
+    if len(times) < 2 or not (np.diff(times) > 0.0).all():
+        allowed = "it must have two points or more, at times that increase"
+        raise InvalidInput(Status.CONTROLLER_RULE, "points", f"at {times.tolist()} s", allowed)
+    columns: list[Array] = []
+    for name in ("positions", "velocities", "accelerations"):
+        rows = [getattr(point, name) for point in message.points]
+        sizes = {len(row) for row in rows}
+        if sizes != {len(order)} or not np.isfinite(rows).all():
+            allowed = f"it must be {len(order)} finite numbers in every point"
+            found = f"of {', '.join(map(str, sorted(sizes)))} numbers"
+            raise InvalidInput(Status.CONTROLLER_RULE, f"points[].{name}", found, allowed)
+        columns.append(np.array(rows)[:, order])
+    return JointMotion(times, *columns)
+
+
+def with_sensor_noise(
+    state: SystemState, imperfections: Imperfections, random: np.random.Generator
+) -> SystemState:
+    """Return a state as the testbed's sensors measure it."""
+
+    def noise(sigma: float, like: Array) -> Array:
+        return random.normal(scale=sigma, size=like.shape)
+
+    off = imperfections
+    turn = Rotation.from_rotvec(noise(off.angle_noise, np.zeros(3)))
+    attitude = Rotation.from_quat(state.quaternion_chaser_to_inertial_xyzw)
+    position, velocity = state.position_chaser_in_inertial, state.linear_velocity_chaser_in_inertial
+    omega = state.angular_velocity_chaser_in_inertial
+    joints, rates = state.joint_positions, state.joint_velocities
+    return SystemState(
+        position_chaser_in_inertial=position + noise(off.position_noise, position),
+        quaternion_chaser_to_inertial_xyzw=(turn * attitude).as_quat(),
+        linear_velocity_chaser_in_inertial=velocity + noise(off.velocity_noise, velocity),
+        angular_velocity_chaser_in_inertial=omega + noise(off.rate_noise, omega),
+        joint_positions=joints + noise(off.angle_noise, joints),
+        joint_velocities=rates + noise(off.rate_noise, rates),
+    )

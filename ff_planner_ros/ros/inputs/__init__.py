@@ -1,0 +1,1 @@
+"""What the node hears: the newest state and the newest scene."""

@@ -1,0 +1,66 @@
+"""The obstacles to plan around, from their topic or from a request."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ff_planner_msgs.msg import ObstacleSphereArray
+
+from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.planning.problem import Sphere
+from ff_planner_ros.ros.messages.from_messages import nanoseconds, spheres_from_message
+
+
+@dataclass(frozen=True)
+class Scene:
+    """The obstacles, and where they come from.
+
+    Attributes:
+        spheres: To stay out of.
+        stamp_ns: When they were seen, zero if nobody says [ns].
+        source: Who says so; empty if nobody says.
+    """
+
+    spheres: tuple[Sphere, ...]
+    stamp_ns: int
+    source: str
+
+
+class SceneInput:
+    """The last obstacles heard of."""
+
+    def __init__(self, inertial_frame: str) -> None:
+        """Begin with nothing heard.
+
+        Args:
+            inertial_frame: The only frame that obstacles may be given in.
+        """
+        self._inertial_frame = inertial_frame
+        # Kept as it comes: to judge thousands of spheres ten times a second would hold up the node.
+        # Kept when the clock jumps back, too: who publishes a scene once does not do so again.
+        self._message: ObstacleSphereArray | None = None
+
+    def keep(self, message: ObstacleSphereArray) -> None:
+        """Take the next message: it replaces the one before, sound or not."""
+        self._message = message
+
+    def scene(self, own: ObstacleSphereArray | None = None) -> Scene:
+        """Return the obstacles.
+
+        Args:
+            own: Those of a request that brings its own, in place of those heard of.
+
+        Raises:
+            InvalidInput: There are none, or they cannot be used.
+        """
+        message = self._message if own is None else own
+        if message is None:
+            raise InvalidInput(
+                Status.NO_OBSTACLES,
+                "obstacles",
+                "missing",
+                "none were received yet; publish an empty array if the scene is free, "
+                "or give the request its obstacles",
+            )
+        spheres = spheres_from_message(message, self._inertial_frame)
+        return Scene(spheres, nanoseconds(message.header.stamp), message.source)

@@ -1,0 +1,1 @@
+"""Messages to planning objects and back: pure functions, no clock."""

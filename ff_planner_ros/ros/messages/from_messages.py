@@ -1,0 +1,269 @@
+"""Messages to planning objects: pure functions, no clock; errors name the message's field."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import fields
+
+import numpy as np
+from builtin_interfaces.msg import Duration, Time
+from ff_planner_msgs.msg import ChaserState, ObstacleSphere, ObstacleSphereArray, PlanMetrics
+from ff_planner_msgs.srv import PlanTrajectory
+from geometry_msgs.msg import Point, Quaternion, Vector3
+
+from ff_planner_ros.arrays import Array, finite_vector
+from ff_planner_ros.bag.plans import trajectory_in
+from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.planning.plan import Metrics, Plan, SolverReport
+from ff_planner_ros.planning.problem import Objective, PlanningProblem, Sphere, Target
+from ff_planner_ros.robot.model import Robot
+from ff_planner_ros.robot.state import SystemState
+
+NANOSECONDS = 1_000_000_000
+
+# builtin_interfaces/Time counts seconds in an int32.
+_MAX_MESSAGE_SECONDS = 2**31 - 1
+# Of joints at fault: more than any arm has would bury the message.
+_NAMES_SHOWN = 20
+
+
+def problem_from_request(
+    request: PlanTrajectory.Request,
+    robot: Robot,
+    start: SystemState,
+    start_ns: int,
+    obstacles: tuple[Sphere, ...],
+    inertial_frame: str,
+    default_points: int,
+    limit_joint_velocities: bool,
+) -> PlanningProblem:
+    """Build the question that a service request asks.
+
+    Args:
+        request: The service request; its start state and obstacles are not looked at.
+        start: State at the first point of the plan.
+        start_ns: Time of that state [ns].
+        inertial_frame: The only frame that the target may be given in.
+        default_points: Number of points where the request says zero.
+        limit_joint_velocities: Whether to keep the URDF's velocity limits.
+
+    Raises:
+        InvalidInput: A field of the request cannot be used; the error names it.
+    """
+    target_frame = request.target_pose.header.frame_id
+    require_frame("target_pose.header.frame_id", target_frame, inertial_frame)
+    named_as = {
+        "target.position": "target_pose.pose.position",
+        "target.quaternion_xyzw": "target_pose.pose.orientation",
+        "target.linear_velocity": "target_twist.linear",
+        "target.angular_velocity": "target_twist.angular",
+        "objective.joint_path_length": "weight_joint_path_length",
+        "objective.chaser_attitude": "weight_chaser_attitude",
+        "objective": "weight_joint_path_length and weight_chaser_attitude",
+    }
+    with _fields_named(named_as):
+        problem = PlanningProblem(
+            robot=robot,
+            start=start,
+            target=Target(
+                position=xyz(request.target_pose.pose.position),
+                quaternion_xyzw=xyzw(request.target_pose.pose.orientation),
+                linear_velocity=xyz(request.target_twist.linear),
+                angular_velocity=xyz(request.target_twist.angular),
+            ),
+            duration=request.duration,
+            points=request.points or default_points,
+            obstacles=obstacles,
+            objective=Objective(
+                joint_path_length=request.weight_joint_path_length,
+                chaser_attitude=request.weight_chaser_attitude,
+            ),
+            limit_joint_velocities=limit_joint_velocities,
+        )
+    if start_ns / NANOSECONDS + problem.duration > _MAX_MESSAGE_SECONDS:
+        raise InvalidInput(
+            Status.OUT_OF_RANGE, "duration", problem.duration, "the plan must end before 2038"
+        )
+    return problem
+
+
+def state_from_message(
+    message: ChaserState, source: str, robot: Robot, inertial_frame: str
+) -> SystemState:
+    """Read a chaser state.
+
+    Args:
+        message: The state; its joints may come in any order.
+        source: Where the message came from, for errors: `chaser_state` or `start_state`.
+        robot: The robot that names the joints.
+        inertial_frame: The only frame that the state may be given in.
+
+    Raises:
+        InvalidInput: A field of the message cannot be used; the error names it.
+    """
+    require_frame(f"{source}.header.frame_id", message.header.frame_id, inertial_frame)
+    order = joint_order(f"{source}.joint_names", message.joint_names, robot.joint_names)
+    named_as = {
+        "chaser.position": f"{source}.pose.position",
+        "chaser.quaternion_xyzw": f"{source}.pose.orientation",
+        "chaser.linear_velocity": f"{source}.twist.linear",
+        "chaser.angular_velocity": f"{source}.twist.angular",
+    }
+    positions = finite_vector(
+        f"{source}.joint_positions", list(message.joint_positions), robot.joints
+    )
+    velocities = finite_vector(
+        f"{source}.joint_velocities", list(message.joint_velocities), robot.joints
+    )
+    with _fields_named(named_as):
+        return SystemState(
+            position_chaser_in_inertial=xyz(message.pose.position),
+            quaternion_chaser_to_inertial_xyzw=xyzw(message.pose.orientation),
+            linear_velocity_chaser_in_inertial=xyz(message.twist.linear),
+            angular_velocity_chaser_in_inertial=xyz(message.twist.angular),
+            joint_positions=positions[order],
+            joint_velocities=velocities[order],
+        )
+
+
+def spheres_from_message(message: ObstacleSphereArray, inertial_frame: str) -> tuple[Sphere, ...]:
+    """Read the scene.
+
+    Args:
+        inertial_frame: The only frame that the array may be given in.
+
+    Raises:
+        InvalidInput: A field of the message cannot be used, two spheres share an id, or one moves.
+    """
+    require_frame("obstacles.header.frame_id", message.header.frame_id, inertial_frame)
+    first: dict[str, int] = {}
+    for i, sphere in enumerate(message.spheres):
+        if first.setdefault(sphere.id, i) != i:
+            raise InvalidInput(
+                Status.OUT_OF_RANGE,
+                f"obstacles.spheres[{i}].id",
+                repr(sphere.id),
+                f"every id must be given once, and spheres[{first[sphere.id]}] has it already",
+            )
+    return tuple(_sphere(f"obstacles.spheres[{i}]", s) for i, s in enumerate(message.spheres))
+
+
+def plan_from_response(response: PlanTrajectory.Response) -> Plan:
+    """Read the plan back out of an answer.
+
+    Args:
+        response: An answer whose status is SOLVED.
+
+    Returns:
+        The plan, its times rounded to nanoseconds; NaN where the answer leaves something out.
+    """
+    return Plan(
+        joint_names=tuple(response.joint_trajectory.joint_names),
+        trajectory=trajectory_in(response),
+        xi=np.array(response.xi),
+        orientation_reading=response.orientation_reading,
+        metrics=_metrics(response.metrics),
+        solver=SolverReport(
+            **{item.name: getattr(response.solver, item.name) for item in fields(SolverReport)}
+        ),
+    )
+
+
+def _metrics(message: PlanMetrics) -> Metrics:
+    values = {item.name: getattr(message, item.name) for item in fields(Metrics)}
+    return Metrics(**values | {"peak_joint_torques": tuple(message.peak_joint_torques)})
+
+
+def nanoseconds(stamp: Time | Duration) -> int:
+    """Return a message's time as integer nanoseconds."""
+    return int(stamp.sec) * NANOSECONDS + int(stamp.nanosec)
+
+
+@contextmanager
+def _fields_named(named_as: Mapping[str, str]) -> Iterator[None]:
+    """Make errors name the message's fields instead of the planning objects' ones."""
+    try:
+        yield
+    except InvalidInput as error:
+        field = named_as.get(error.field, error.field)
+        raise InvalidInput(error.status, field, error.value, error.allowed) from None
+
+
+def require_frame(field: str, frame_id: str, allowed: str) -> None:
+    """Refuse a frame that is not the one allowed.
+
+    Args:
+        field: Name of the value in the error message.
+        frame_id: The frame found.
+        allowed: The frame that it must be.
+
+    Raises:
+        InvalidInput: It is another one.
+    """
+    if frame_id != allowed:
+        raise InvalidInput(Status.WRONG_FRAME, field, repr(frame_id), f"it must be '{allowed}'")
+
+
+def joint_order(
+    field: str, found: Sequence[str], wanted: Sequence[str], others_allowed: bool = False
+) -> list[int]:
+    """Return where each wanted joint stands among those found.
+
+    Args:
+        field: Name of the list of joints in the error message.
+        others_allowed: Whether there may be joints that the robot does not have.
+
+    Raises:
+        InvalidInput: A joint is unknown, missing or named twice.
+    """
+    known = set(wanted)
+    counts = Counter(name for name in found if name in known) if others_allowed else Counter(found)
+    faults = [
+        f"{fault}: {_listed(names)}"
+        for fault, names in (
+            ("unknown", sorted(counts.keys() - known)),
+            ("missing", sorted(known - counts.keys())),
+            ("more than once", sorted(name for name, times in counts.items() if times > 1)),
+        )
+        if names
+    ]
+    if faults:
+        raise InvalidInput(
+            Status.UNKNOWN_JOINT,
+            field,
+            list(found),
+            f"it must name each of {', '.join(wanted)} once ({'; '.join(faults)})",
+        )
+    return [found.index(name) for name in wanted]
+
+
+def _listed(names: list[str]) -> str:
+    shown = ", ".join(names[:_NAMES_SHOWN])
+    rest = len(names) - _NAMES_SHOWN
+    return f"{shown} and {rest} more" if rest > 0 else shown
+
+
+def _sphere(field: str, message: ObstacleSphere) -> Sphere:
+    twist = [*xyz(message.twist.linear).tolist(), *xyz(message.twist.angular).tolist()]
+    if finite_vector(f"{field}.twist", twist, 6).any():
+        raise InvalidInput(
+            Status.UNSUPPORTED,
+            f"{field}.twist",
+            twist,
+            "it must be zero, obstacles cannot move yet",
+        )
+    name = f"obstacles[{message.id}]"
+    with _fields_named({f"{name}.{part}": f"{field}.{part}" for part in ("center", "radius")}):
+        return Sphere(id=message.id, center=xyz(message.center), radius=message.radius)
+
+
+def xyz(message: Point | Vector3) -> Array:
+    """Return a message's three numbers. Shape (3,)."""
+    return np.array([message.x, message.y, message.z])
+
+
+def xyzw(message: Quaternion) -> Array:
+    """Return a message's quaternion. Shape (4,)."""
+    return np.array([message.x, message.y, message.z, message.w])

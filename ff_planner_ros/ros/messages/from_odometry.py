@@ -1,0 +1,130 @@
+"""A testbed's own messages to a state: odometry of a sensor on the chaser, and joint states."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+from nav_msgs.msg import Odometry
+from scipy.spatial.transform import Rotation
+from sensor_msgs.msg import JointState
+
+from ff_planner_ros.arrays import Array, finite_vector, unit_quaternion
+from ff_planner_ros.planning.settings import tunable
+from ff_planner_ros.robot.model import Robot
+from ff_planner_ros.ros.messages.from_messages import joint_order, require_frame, xyz, xyzw
+
+# Position, quaternion, linear and angular velocity; positions and velocities: see SystemState.
+ChaserPart: TypeAlias = tuple[Array, Array, Array, Array]
+JointPart: TypeAlias = tuple[Array, Array]
+
+
+@dataclass(frozen=True)
+class OdometryParameters:
+    """The sensor that odometry tells of, and how its messages meet the joints'; `odometry.*`.
+
+    Raises:
+        InvalidInput: A position or a quaternion that is none.
+    """
+
+    child_frame_id: str = tunable(
+        "child_frame_id that odometry must carry: the frame of a sensor fixed to the chaser"
+    )
+    sensor_position_in_chaser: tuple[float, ...] = tunable(
+        "Origin of that frame from the chaser's centre of mass (of the base link and all fixed "
+        "to it, without the arm), in axes of the base link",
+        unit="m",
+    )
+    sensor_quaternion_in_chaser_xyzw: tuple[float, ...] = tunable(
+        "Turns vectors from axes of that frame to axes of the base link; "
+        "[0.0, 0.0, 0.0, 1.0] where the two are parallel"
+    )
+    pairing_tolerance: float = tunable(
+        "odometry and joint_states with stamps further apart than this make no state",
+        minimum=0.0,
+        maximum=1.0,
+        unit="s",
+    )
+
+    def __post_init__(self) -> None:
+        """Check the arrays, which no range of a parameter describes."""
+        position = finite_vector(
+            "odometry.sensor_position_in_chaser", self.sensor_position_in_chaser, 3
+        )
+        quaternion = unit_quaternion(
+            "odometry.sensor_quaternion_in_chaser_xyzw", self.sensor_quaternion_in_chaser_xyzw
+        )
+        object.__setattr__(self, "sensor_position_in_chaser", tuple(position.tolist()))
+        object.__setattr__(self, "sensor_quaternion_in_chaser_xyzw", tuple(quaternion.tolist()))
+
+
+def chaser_from_odometry(
+    message: Odometry, inertial_frame: str, parameters: OdometryParameters
+) -> ChaserPart:
+    """Read the motion of the chaser's centre of mass from that of a sensor fixed to the chaser.
+
+    With r the sensor's position in the chaser frame, turned to inertial axes, and omega the
+    angular velocity of the one rigid body that both belong to:
+    p_chaser = p_sensor - r, v_chaser = v_sensor - omega x r.
+
+    Args:
+        message: Pose of the sensor in the inertial frame; its twist in axes of the sensor, as
+            nav_msgs/Odometry defines it. The covariances are not looked at.
+        inertial_frame: The only frame that the pose may be given in.
+        parameters: The sensor's frame and where it is on the chaser.
+
+    Returns:
+        Position, quaternion, linear and angular velocity of the chaser in the inertial frame.
+
+    Raises:
+        InvalidInput: A field of the message cannot be used; the error names it.
+    """
+    require_frame("odometry.header.frame_id", message.header.frame_id, inertial_frame)
+    require_frame("odometry.child_frame_id", message.child_frame_id, parameters.child_frame_id)
+    pose, twist = message.pose.pose, message.twist.twist
+    position_sensor = finite_vector("odometry.pose.pose.position", xyz(pose.position), 3)
+    quaternion = unit_quaternion("odometry.pose.pose.orientation", xyzw(pose.orientation))
+    linear = finite_vector("odometry.twist.twist.linear", xyz(twist.linear), 3)
+    angular = finite_vector("odometry.twist.twist.angular", xyz(twist.angular), 3)
+
+    sensor_to_inertial = Rotation.from_quat(quaternion)
+    sensor_to_chaser = Rotation.from_quat(parameters.sensor_quaternion_in_chaser_xyzw)
+    chaser_to_inertial = sensor_to_inertial * sensor_to_chaser.inv()
+    omega = sensor_to_inertial.as_matrix() @ angular
+    r = chaser_to_inertial.as_matrix() @ np.array(parameters.sensor_position_in_chaser)
+    return (
+        position_sensor - r,
+        chaser_to_inertial.as_quat(),
+        sensor_to_inertial.as_matrix() @ linear - np.cross(omega, r),
+        omega,
+    )
+
+
+def joints_from_joint_state(message: JointState, robot: Robot) -> JointPart:
+    """Read the arm's joints.
+
+    Args:
+        message: Joints in any order; those that the arm does not have are not looked at.
+        robot: The robot that names the joints.
+
+    Returns:
+        Positions and velocities in the robot's order.
+
+    Raises:
+        InvalidInput: A field of the message cannot be used; the error names it.
+    """
+    order = joint_order("joint_states.name", message.name, robot.joint_names, others_allowed=True)
+    positions, velocities = (
+        _of_joints(f"joint_states.{field}", values, order, len(message.name))
+        for field, values in (("position", message.position), ("velocity", message.velocity))
+    )
+    return positions, velocities
+
+
+def _of_joints(field: str, values: object, order: list[int], size: int) -> Array:
+    """Return the arm's values; the others may even be NaN."""
+    vector = np.array(values)
+    if vector.size != size:
+        return finite_vector(field, vector.tolist(), size)  # says what is wrong
+    return finite_vector(field, vector[order].tolist(), len(order))

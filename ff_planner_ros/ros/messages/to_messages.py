@@ -1,0 +1,235 @@
+"""Planning objects to messages: pure functions, no clock."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict
+
+import numpy as np
+from builtin_interfaces.msg import Duration, Time
+from ff_planner_msgs.action import PlanTrajectory as PlanTrajectoryAction
+from ff_planner_msgs.msg import (
+    ChaserState,
+    ObstacleSphere,
+    ObstacleSphereArray,
+    PlanMetrics,
+    PlanStatus,
+    SolverReport,
+)
+from ff_planner_msgs.srv import PlanTrajectory
+from geometry_msgs.msg import Point, Pose, PoseStamped, Quaternion, Twist, Vector3
+from nav_msgs.msg import Path
+from std_msgs.msg import Header
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+
+from ff_planner_ros.arrays import Array
+from ff_planner_ros.errors import FfPlannerError, NoPlanFound, Status
+from ff_planner_ros.planning.plan import Plan
+from ff_planner_ros.planning.problem import PlanningProblem, Sphere
+from ff_planner_ros.robot.state import SystemState
+from ff_planner_ros.ros.messages.from_messages import NANOSECONDS
+
+
+def request_message(problem: PlanningProblem, inertial_frame: str) -> PlanTrajectory.Request:
+    """Write a question as a request that starts from the latest published state and obstacles.
+
+    Args:
+        problem: The question; its start and obstacles are left out.
+        inertial_frame: Frame of the target.
+    """
+    target = problem.target
+    return PlanTrajectory.Request(
+        target_pose=PoseStamped(
+            header=Header(frame_id=inertial_frame),
+            pose=pose_message(target.position.tolist(), target.quaternion_xyzw.tolist()),
+        ),
+        target_twist=_twist(target.linear_velocity.tolist(), target.angular_velocity.tolist()),
+        duration=problem.duration,
+        weight_joint_path_length=problem.objective.joint_path_length,
+        weight_chaser_attitude=problem.objective.chaser_attitude,
+        points=problem.points,
+    )
+
+
+def goal_message(problem: PlanningProblem, inertial_frame: str) -> PlanTrajectoryAction.Goal:
+    """Write a question as a goal of the action, as `request_message` does for the service.
+
+    Args:
+        problem: The question; its start and obstacles are left out.
+        inertial_frame: Frame of the target.
+    """
+    request = request_message(problem, inertial_frame)
+    names = PlanTrajectoryAction.Goal.get_fields_and_field_types()
+    return PlanTrajectoryAction.Goal(**{name: getattr(request, name) for name in names})
+
+
+def state_message(
+    state: SystemState, joint_names: Sequence[str], stamp_ns: int, inertial_frame: str
+) -> ChaserState:
+    """Write a state as a message.
+
+    Args:
+        stamp_ns: Time of the state [ns].
+        inertial_frame: Its frame.
+    """
+    return ChaserState(
+        header=Header(stamp=time_message(stamp_ns), frame_id=inertial_frame),
+        pose=pose_message(
+            state.position_chaser_in_inertial.tolist(),
+            state.quaternion_chaser_to_inertial_xyzw.tolist(),
+        ),
+        twist=_twist(
+            state.linear_velocity_chaser_in_inertial.tolist(),
+            state.angular_velocity_chaser_in_inertial.tolist(),
+        ),
+        joint_names=list(joint_names),
+        joint_positions=state.joint_positions.tolist(),
+        joint_velocities=state.joint_velocities.tolist(),
+    )
+
+
+def obstacles_message(
+    spheres: Sequence[Sphere], stamp_ns: int, inertial_frame: str
+) -> ObstacleSphereArray:
+    """Write a scene as a message.
+
+    Args:
+        stamp_ns: Time of the scene [ns].
+        inertial_frame: Its frame.
+    """
+    return ObstacleSphereArray(
+        header=Header(stamp=time_message(stamp_ns), frame_id=inertial_frame),
+        spheres=[
+            ObstacleSphere(id=s.id, center=point_message(s.center.tolist()), radius=s.radius)
+            for s in spheres
+        ],
+    )
+
+
+def response_from_plan(
+    plan: Plan, plan_id: str, start_ns: int, inertial_frame: str, solve_time: float
+) -> PlanTrajectory.Response:
+    """Build the answer of a plan that was found.
+
+    Args:
+        plan_id: Its name in logs and bags.
+        start_ns: Time of its first point [ns].
+        inertial_frame: Frame of every pose and twist.
+        solve_time: Wall clock of the whole answer [s].
+    """
+    motion = plan.trajectory
+    offsets_ns = np.rint(motion.time * NANOSECONDS).astype(np.int64).tolist()
+    headers = [
+        Header(stamp=time_message(start_ns + t), frame_id=inertial_frame) for t in offsets_ns
+    ]
+    joint_trajectory = JointTrajectory(
+        header=headers[0],
+        joint_names=list(plan.joint_names),
+        points=[
+            JointTrajectoryPoint(
+                positions=positions,
+                velocities=velocities,
+                accelerations=accelerations,
+                effort=torques,
+                time_from_start=Duration(sec=t // NANOSECONDS, nanosec=t % NANOSECONDS),
+            )
+            for t, positions, velocities, accelerations, torques in zip(
+                offsets_ns,
+                motion.joint_positions.tolist(),
+                motion.joint_velocities.tolist(),
+                motion.joint_accelerations.tolist(),
+                motion.joint_torques.tolist(),
+                strict=True,
+            )
+        ],
+    )
+    return PlanTrajectory.Response(
+        status=PlanStatus(code=int(Status.SOLVED), message=plan.solver.stop_reason),
+        plan_id=plan_id,
+        joint_trajectory=joint_trajectory,
+        predicted_chaser_path=_path(
+            headers, motion.chaser_positions, motion.chaser_quaternions_xyzw
+        ),
+        predicted_chaser_twists=_twists(
+            motion.chaser_linear_velocities, motion.chaser_angular_velocities
+        ),
+        end_effector_path=_path(headers, motion.ee_positions, motion.ee_quaternions_xyzw),
+        end_effector_twists=_twists(motion.ee_linear_velocities, motion.ee_angular_velocities),
+        xi=plan.xi.tolist(),
+        orientation_reading=plan.orientation_reading,
+        metrics=PlanMetrics(**asdict(plan.metrics)),
+        solver=SolverReport(solve_time=solve_time, **asdict(plan.solver)),
+    )
+
+
+def response_from_error(
+    error: FfPlannerError, plan_id: str, solve_time: float
+) -> PlanTrajectory.Response:
+    """Build the answer of a request that got no plan: its cause, in code and words.
+
+    The best attempt's metrics go with it, so that one sees what was missing; its motion does not.
+
+    Args:
+        plan_id: Name of the request in logs and bags.
+        solve_time: Wall clock of the whole answer [s].
+    """
+    status = PlanStatus(code=int(error.status), message=str(error))
+    response = PlanTrajectory.Response(status=status, plan_id=plan_id)
+    if isinstance(error, NoPlanFound) and isinstance(error.attempt, Plan):
+        response.metrics = PlanMetrics(**asdict(error.attempt.metrics))
+        response.solver = SolverReport(solve_time=solve_time, **asdict(error.attempt.solver))
+    return response
+
+
+def time_message(time_ns: int) -> Time:
+    """Return integer nanoseconds as a message's time."""
+    return Time(sec=time_ns // NANOSECONDS, nanosec=time_ns % NANOSECONDS)
+
+
+def pose_message(position: Sequence[float], quaternion_xyzw: Sequence[float]) -> Pose:
+    """Return numbers as a message's pose.
+
+    Args:
+        position: Shape (3,) [m].
+        quaternion_xyzw: Shape (4,).
+    """
+    x, y, z, w = quaternion_xyzw
+    return Pose(position=point_message(position), orientation=Quaternion(x=x, y=y, z=z, w=w))
+
+
+def point_message(position: Sequence[float]) -> Point:
+    """Return numbers as a message's point.
+
+    Args:
+        position: Shape (3,) [m].
+    """
+    x, y, z = position
+    return Point(x=x, y=y, z=z)
+
+
+def _path(headers: Sequence[Header], positions: Array, quaternions_xyzw: Array) -> Path:
+    poses = [
+        PoseStamped(header=header, pose=pose_message(position, quaternion))
+        for header, position, quaternion in zip(
+            headers, positions.tolist(), quaternions_xyzw.tolist(), strict=True
+        )
+    ]
+    return Path(header=headers[0], poses=poses)
+
+
+def _twists(linear_velocities: Array, angular_velocities: Array) -> list[Twist]:
+    return [
+        _twist(linear, angular)
+        for linear, angular in zip(
+            linear_velocities.tolist(), angular_velocities.tolist(), strict=True
+        )
+    ]
+
+
+def _twist(linear_velocity: Sequence[float], angular_velocity: Sequence[float]) -> Twist:
+    return Twist(linear=_vector(linear_velocity), angular=_vector(angular_velocity))
+
+
+def _vector(vector: Sequence[float]) -> Vector3:
+    x, y, z = vector
+    return Vector3(x=x, y=y, z=z)

@@ -1,0 +1,234 @@
+"""How the node is, for `/diagnostics`: plain facts in, a message with words for an operator out."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from operator import itemgetter
+
+import numpy as np
+from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from std_msgs.msg import Header
+
+from ff_planner_ros.errors import Status
+from ff_planner_ros.ros.outputs.prediction import TrackingError
+from ff_planner_ros.ros.recorder.recorder import RecorderHealth
+
+OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
+
+
+@dataclass(frozen=True)
+class LastRequest:
+    """What became of the last request.
+
+    Attributes:
+        plan_id: Its name in logs and bags.
+        status: Of the answer.
+        message: Of the answer.
+    """
+
+    plan_id: str
+    status: Status
+    message: str
+
+
+class SolveTimes:
+    """How long the last answers took."""
+
+    def __init__(self, window: int) -> None:
+        """Remember nothing yet.
+
+        Args:
+            window: Number of answers to look back at.
+        """
+        self._times: deque[float] = deque(maxlen=window)
+
+    def add(self, seconds: float) -> None:
+        """Remember the time of an answer, and forget the oldest one once the window is full.
+
+        Args:
+            seconds: Wall clock from request to answer [s].
+        """
+        self._times.append(seconds)
+
+    def percentiles(self, ranks: Sequence[float]) -> list[float]:
+        """Return the times that so many percent of the answers did not exceed.
+
+        Args:
+            ranks: From 0 to 100 [%].
+
+        Returns:
+            One for each rank, interpolated between neighbours [s]; empty without answers.
+        """
+        if not self._times:
+            return []
+        return [float(value) for value in np.percentile(list(self._times), ranks)]
+
+    def __len__(self) -> int:
+        """Return the number of answers in the window."""
+        return len(self._times)
+
+
+@dataclass(frozen=True)
+class NodeHealth:
+    """What the diagnostics are made of.
+
+    Attributes:
+        state_age: Of the newest chaser state [s]; negative if stamped ahead; None without any.
+        state_max_age: An older one cannot be planned from [s].
+        state_refusal: Why the newest one cannot be used; empty if it can.
+        obstacles: Spheres in the scene; None if none was received.
+        obstacles_age: Of the scene [s].
+        obstacles_refusal: Why the scene cannot be used; empty if it can.
+        last: LastRequest of the last request; None before the first.
+        solve_times: Of the last answers.
+        recorder: How recording goes.
+        tracking: Predicted against measured chaser; None while no plan runs.
+        tracking_max_position: More than this is a warning [m].
+        tracking_max_angle: More than this is a warning [rad].
+    """
+
+    state_age: float | None
+    state_max_age: float
+    state_refusal: str
+    obstacles: int | None
+    obstacles_age: float
+    obstacles_refusal: str
+    last: LastRequest | None
+    solve_times: SolveTimes
+    recorder: RecorderHealth
+    tracking: TrackingError | None
+    tracking_max_position: float
+    tracking_max_angle: float
+
+
+def diagnostics(health: NodeHealth, node: str, stamp: Time) -> DiagnosticArray:
+    """Write how the node is: one status for each of its parts, always the same ones in one order.
+
+    Args:
+        node: Name of the node; stands in front of each part's.
+    """
+    parts = {
+        "chaser state": _state(health),
+        "obstacles": _obstacles(health),
+        "last request": _last(health),
+        "solve time": _solve_time(health),
+        "recorder": _recorder(health),
+        "tracking": _tracking(health),
+    }
+    return DiagnosticArray(
+        header=Header(stamp=stamp),
+        status=[
+            DiagnosticStatus(
+                level=level,
+                name=f"{node}: {part}",
+                message=message,
+                values=[KeyValue(key=key, value=value) for key, value in values.items()],
+            )
+            for part, (level, message, values) in parts.items()
+        ],
+    )
+
+
+# Level, sentence, and the figures in it for machines.
+_Part = tuple[bytes, str, Mapping[str, str]]
+
+
+def _state(health: NodeHealth) -> _Part:
+    age, limit = health.state_age, health.state_max_age
+    if age is None:
+        return ERROR, "no chaser state received yet: is its publisher running?", {}
+    values = {"age [s]": f"{age:.3f}", "allowed age [s]": f"{limit:g}"}
+    if health.state_refusal:
+        return ERROR, f"cannot be planned from: {health.state_refusal}", values
+    if age > limit:
+        message = f"the newest is {age:.1f} s old, allowed are {limit:g} s: has its publisher died?"
+        return ERROR, message, values
+    return OK, f"the newest is {age:.3f} s old", values
+
+
+def _obstacles(health: NodeHealth) -> _Part:
+    if health.obstacles is None:
+        message = "none received yet: publish them, or an empty array if the scene is free"
+        return ERROR, message, {}
+    values = {"spheres": str(health.obstacles), "age [s]": f"{health.obstacles_age:.1f}"}
+    if health.obstacles_refusal:
+        return ERROR, f"cannot be planned around: {health.obstacles_refusal}", values
+    spheres = f"{health.obstacles} sphere{'' if health.obstacles == 1 else 's'}"
+    return OK, f"{spheres}, {health.obstacles_age:.1f} s old", values
+
+
+def _last(health: NodeHealth) -> _Part:
+    last = health.last
+    if last is None:
+        return OK, "no request yet", {}
+    values = {"plan id": last.plan_id, "code": str(int(last.status)), "status": last.status.name}
+    if last.status is Status.SOLVED:
+        return OK, f"{last.plan_id} solved", values
+    level = ERROR if last.status >= Status.INTERNAL_ERROR else WARN
+    return level, f"{last.plan_id} got no plan, {last.status.name}: {last.message}", values
+
+
+def _solve_time(health: NodeHealth) -> _Part:
+    answers = len(health.solve_times)
+    if answers == 0:
+        return OK, "no answer yet", {}
+    median, most, worst = health.solve_times.percentiles((50, 95, 100))
+    values = {
+        "median [s]": f"{median:.3f}",
+        "95 % [s]": f"{most:.3f}",
+        "worst [s]": f"{worst:.3f}",
+        "answers": str(answers),
+    }
+    of = f"the last {answers} answers" if answers > 1 else "the only answer"
+    return OK, f"median {median:.2f} s, 95 % within {most:.2f} s, of {of}", values
+
+
+def _recorder(health: NodeHealth) -> _Part:
+    recorder = health.recorder
+    dropped = sum(recorder.dropped.values())
+    values = {
+        "bag": recorder.bag,
+        "messages": str(recorder.messages),
+        "paused": str(recorder.paused).lower(),
+        "dropped": str(dropped),
+        **{f"dropped {topic}": str(n) for topic, n in sorted(recorder.dropped.items())},
+    }
+    if recorder.failure:
+        message = f"recording has stopped, planning goes on: {recorder.failure}"
+        return ERROR, message, values | {"failure": recorder.failure}
+    if recorder.paused:
+        return WARN, "paused: what arrives is left out until resume_recording is called", values
+    if dropped:
+        topic, most = max(recorder.dropped.items(), key=itemgetter(1))
+        message = (
+            f"recording to {recorder.bag}, but was too slow for {dropped} messages, {most} of them "
+            f"of {topic}"
+        )
+        return WARN, message, values
+    return OK, f"recording to {recorder.bag}", values
+
+
+def _tracking(health: NodeHealth) -> _Part:
+    error = health.tracking
+    if error is None:
+        return OK, "no plan runs", {}
+    furthest, widest = health.tracking_max_position, health.tracking_max_angle
+    values = {
+        "position [m]": f"{error.position:.6f}",
+        "allowed position [m]": f"{furthest:g}",
+        "angle [rad]": f"{error.angle:.6f}",
+        "allowed angle [rad]": f"{widest:g}",
+    }
+    found = (
+        f"{error.position * 1e3:.1f} mm and {math.degrees(error.angle):.2f} deg "
+        "from where the plan predicts it"
+    )
+    # Not greater, instead of less: what is no number is nothing that anybody allows.
+    if error.position <= furthest and error.angle <= widest:
+        return OK, f"the chaser is {found}", values
+    allowed = f"{furthest * 1e3:g} mm and {math.degrees(widest):.2g} deg"
+    return WARN, f"the chaser leaves the plan: {found}, allowed are {allowed}", values

@@ -1,0 +1,102 @@
+"""A plan and its scene as markers, for RViz, Foxglove and whatever else draws them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+from std_msgs.msg import ColorRGBA, Header
+from visualization_msgs.msg import Marker, MarkerArray
+
+from ff_planner_ros.arrays import Array
+from ff_planner_ros.planning.clearance import arm_points
+from ff_planner_ros.planning.motion import from_trajectory
+from ff_planner_ros.planning.plan import Plan
+from ff_planner_ros.planning.problem import Sphere
+from ff_planner_ros.robot.box import uniform_box
+from ff_planner_ros.robot.model import Robot
+from ff_planner_ros.ros.messages.to_messages import point_message, pose_message
+
+# Arm and chaser are shown at so many times, evenly spaced, more solid the later.
+SNAPSHOTS = 5
+_FAINT, _SOLID = 0.2, 0.9  # opacity of the first and the last of them
+_ARM_WIDTH, _PATH_WIDTH = 0.04, 0.015  # [m] seen well beside a chaser of one metre
+# Okabe and Ito's colours, which colour-blind readers tell apart: red, green, blue, opacity.
+_OBSTACLE = (0.84, 0.37, 0.0, 0.5)
+_EE_PATH = (0.0, 0.45, 0.70, 1.0)
+_CHASER_PATH = (0.0, 0.62, 0.45, 1.0)
+_ARM, _CHASER = _EE_PATH[:3], _CHASER_PATH[:3]
+
+
+def plan_markers(
+    robot: Robot, plan: Plan, obstacles: Sequence[Sphere], inertial_frame: str
+) -> MarkerArray:
+    """Draw a plan and the obstacles that it was planned around.
+
+    The first marker deletes all that were drawn before. Namespaces: `obstacles`,
+    `end_effector_path`, `chaser_path`, `arm` and `chaser`; ids count from 0 in each, in the order
+    of the spheres and of time.
+
+    Args:
+        obstacles: In the inertial frame.
+        inertial_frame: Frame of every marker.
+    """
+    motion = plan.trajectory
+    shown = np.linspace(0, len(motion.time) - 1, SNAPSHOTS).round().astype(int)
+    opacities = np.linspace(_FAINT, _SOLID, SNAPSHOTS).tolist()
+    q, _ = from_trajectory(robot, motion)
+    arms = arm_points(robot, q[shown])
+    box = uniform_box(robot)
+    attitudes = Rotation.from_quat(motion.chaser_quaternions_xyzw[shown])
+    turns = (attitudes * Rotation.from_matrix(box.rotation_box_to_chaser)).as_quat()
+    chasers = zip(motion.chaser_positions[shown].tolist(), turns.tolist(), strict=True)
+    markers = [
+        Marker(action=Marker.DELETEALL),
+        *(
+            _solid("obstacles", Marker.SPHERE, s.center.tolist(), [2 * s.radius] * 3, _OBSTACLE)
+            for s in obstacles
+        ),
+        _line("end_effector_path", motion.ee_positions, _PATH_WIDTH, _EE_PATH),
+        _line("chaser_path", motion.chaser_positions, _PATH_WIDTH, _CHASER_PATH),
+        *(
+            _line("arm", points, _ARM_WIDTH, (*_ARM, opacity))
+            for points, opacity in zip(arms, opacities, strict=True)
+        ),
+        *(
+            _solid("chaser", Marker.CUBE, position, box.edges, (*_CHASER, opacity), turn)
+            for (position, turn), opacity in zip(chasers, opacities, strict=True)
+        ),
+    ]
+    ids: dict[str, int] = {}
+    for marker in markers:
+        # Stamp zero: to be drawn whatever time it is.
+        marker.header = Header(frame_id=inertial_frame)
+        marker.id = ids[marker.ns] = ids.get(marker.ns, -1) + 1
+    return MarkerArray(markers=markers)
+
+
+def _solid(
+    namespace: str,
+    kind: int,
+    position: Sequence[float],
+    edges: Sequence[float] | Array,
+    colour: Sequence[float],
+    quaternion_xyzw: Sequence[float] = (0.0, 0.0, 0.0, 1.0),
+) -> Marker:
+    marker = Marker(ns=namespace, type=kind, color=_colour(colour))
+    marker.pose = pose_message(position, quaternion_xyzw)
+    marker.scale.x, marker.scale.y, marker.scale.z = (float(edge) for edge in edges)
+    return marker
+
+
+def _line(namespace: str, points: Array, width: float, colour: Sequence[float]) -> Marker:
+    marker = Marker(ns=namespace, type=Marker.LINE_STRIP, color=_colour(colour))
+    marker.scale.x = width
+    marker.points = [point_message(point) for point in points.tolist()]
+    return marker
+
+
+def _colour(colour: Sequence[float]) -> ColorRGBA:
+    red, green, blue, opacity = colour
+    return ColorRGBA(r=red, g=green, b=blue, a=opacity)

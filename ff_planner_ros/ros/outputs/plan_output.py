@@ -1,0 +1,166 @@
+"""Everything that the node publishes of a plan: for controllers, for screens, while it runs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import cycle
+
+from ff_planner_msgs.msg import TrackingError
+from ff_planner_msgs.srv import PlanTrajectory
+from geometry_msgs.msg import PoseStamped
+from nav_msgs.msg import Path
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
+from rclpy.lifecycle import LifecycleNode
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Header, String
+from trajectory_msgs.msg import JointTrajectory
+from visualization_msgs.msg import MarkerArray
+
+from ff_planner_ros.planning.plan import Plan, Trajectory
+from ff_planner_ros.planning.problem import Sphere
+from ff_planner_ros.robot.model import Robot
+from ff_planner_ros.ros.inputs.state_input import Snapshot
+from ff_planner_ros.ros.messages.from_messages import nanoseconds
+from ff_planner_ros.ros.messages.to_messages import time_message
+from ff_planner_ros.ros.outputs import prediction
+from ff_planner_ros.ros.outputs.markers import plan_markers
+from ff_planner_ros.ros.outputs.preview import preview_joint_states
+from ff_planner_ros.ros.parameters import NodeParameters
+from ff_planner_ros.ros.qos import LATCHED_QOS, STREAM_QOS, qos_profile
+
+
+@dataclass(frozen=True, eq=False)
+class PublishedPlan:
+    """The last plan that went out.
+
+    Attributes:
+        plan_id: Its name.
+        trajectory: Its motion.
+        start_ns: Time of its first point [ns].
+    """
+
+    plan_id: str
+    trajectory: Trajectory
+    start_ns: int
+
+
+class PlanOutput:
+    """Publishes while the node is active, and remembers the last plan.
+
+    Attributes:
+        published: The last plan that went out; None before the first.
+        tracking: The last comparison with the measured chaser; None while no plan runs.
+    """
+
+    def __init__(self, node: LifecycleNode, robot: Robot, parameters: NodeParameters) -> None:
+        """Create the publishers, which are silent until the node is active."""
+        self._robot, self._frame = robot, parameters.inertial_frame
+        self._rates, qos = parameters.rates, parameters.qos
+        self._clock = node.get_clock()
+        self.published: PublishedPlan | None = None
+        self.tracking: prediction.TrackingError | None = None
+        self._preview: Iterator[JointState] = iter(())
+        self._trajectory = node.create_lifecycle_publisher(
+            JointTrajectory, "joint_trajectory", qos_profile(qos.joint_trajectory)
+        )
+        self._path = node.create_lifecycle_publisher(
+            Path, "predicted_chaser_path", qos_profile(qos.predicted_chaser_path)
+        )
+        self._pose = node.create_lifecycle_publisher(
+            PoseStamped, "predicted_chaser_pose", qos_profile(qos.predicted_chaser_pose)
+        )
+        self._tracking_error = node.create_lifecycle_publisher(
+            TrackingError, "tracking_error", STREAM_QOS
+        )
+        self._markers = node.create_lifecycle_publisher(MarkerArray, "markers", LATCHED_QOS)
+        self._joint_states = node.create_lifecycle_publisher(
+            JointState, "planned_joint_states", STREAM_QOS
+        )
+        self._description = node.create_lifecycle_publisher(
+            String, "robot_description", LATCHED_QOS
+        )
+        self._publishers = (
+            *(self._trajectory, self._path, self._pose, self._tracking_error),
+            *(self._markers, self._joint_states, self._description),
+        )
+        self._node = node
+        self._timers = [
+            node.create_timer(
+                1.0 / self._rates.preview,
+                self._play_preview,
+                callback_group=MutuallyExclusiveCallbackGroup(),
+            )
+        ]
+
+    def describe_robot(self, urdf: str) -> None:
+        """Publish the robot's URDF; to be called when the node becomes active.
+
+        Args:
+            urdf: Its text as it is in the file, with the shapes that screens show.
+        """
+        self._description.publish(String(data=urdf))
+
+    def publish(
+        self, plan: Plan, response: PlanTrajectory.Response, for_controller: JointTrajectory
+    ) -> None:
+        """Publish what controllers and executives wait for.
+
+        Args:
+            for_controller: The same as the controller takes it.
+        """
+        self._trajectory.publish(for_controller)
+        self._path.publish(response.predicted_chaser_path)
+        start_ns = nanoseconds(for_controller.header.stamp)
+        self.published = PublishedPlan(response.plan_id, plan.trajectory, start_ns)
+
+    def show(self, plan: Plan, obstacles: tuple[Sphere, ...]) -> None:
+        """Publish what screens show, which nobody else waits for."""
+        self._markers.publish(plan_markers(self._robot, plan, obstacles, self._frame))
+        self._preview = cycle(preview_joint_states(plan, self._rates.preview))
+
+    def stream(self, measured: Snapshot | None) -> None:
+        """Publish where the chaser should be by now, and how far from there it was measured.
+
+        Args:
+            measured: The newest state; None if there is none that can be used.
+        """
+        running, self.tracking = self.published, None
+        if running is None:
+            return
+        motion, start_ns = running.trajectory, running.start_ns
+        now_ns = self._clock.now().nanoseconds
+        pose = prediction.predicted_chaser_pose(motion, start_ns, now_ns, self._frame)
+        if pose is not None:
+            self._pose.publish(pose)
+        if measured is None:
+            return
+        error = prediction.tracking_error(motion, start_ns, measured.state, measured.stamp_ns)
+        self.tracking = error
+        if error is not None:
+            stamp = time_message(measured.stamp_ns)
+            self._tracking_error.publish(
+                TrackingError(
+                    header=Header(stamp=stamp, frame_id=self._frame),
+                    plan_id=running.plan_id,
+                    position=error.position,
+                    angle=error.angle,
+                )
+            )
+
+    def forget(self) -> None:
+        """Forget the last plan: its time is no longer the clock's."""
+        self.published = self.tracking = None
+
+    def close(self) -> None:
+        """Take everything off the node."""
+        for timer in self._timers:
+            self._node.destroy_timer(timer)
+        for publisher in self._publishers:
+            self._node.destroy_lifecycle_publisher(publisher)
+
+    def _play_preview(self) -> None:
+        state = next(self._preview, None)
+        if state is not None:
+            state.header.stamp = self._clock.now().to_msg()
+            self._joint_states.publish(state)

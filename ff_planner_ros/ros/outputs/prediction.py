@@ -1,0 +1,150 @@
+"""Where a plan says that chaser and end effector are at a time, and how far they are from there."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from geometry_msgs.msg import PoseStamped
+from scipy.spatial.transform import Rotation
+from std_msgs.msg import Header
+
+from ff_planner_ros.arrays import Array
+from ff_planner_ros.planning.plan import Trajectory
+from ff_planner_ros.planning.pose_motion import poses_between
+from ff_planner_ros.robot.state import SystemState
+from ff_planner_ros.ros.messages.from_messages import NANOSECONDS
+from ff_planner_ros.ros.messages.to_messages import pose_message, time_message
+
+
+class FramePose(NamedTuple):
+    """A frame in the inertial frame.
+
+    Attributes:
+        position: Of its origin. Shape (3,) [m].
+        rotation: Its axes to inertial axes.
+    """
+
+    position: Array
+    rotation: Rotation
+
+
+class TrackingError(NamedTuple):
+    """How far a frame is from where it was predicted.
+
+    Attributes:
+        position: Distance of the origins [m].
+        angle: Of the turn between the two attitudes [rad].
+    """
+
+    position: float
+    angle: float
+
+
+def predicted_chaser(trajectory: Trajectory, time: float) -> FramePose | None:
+    """Return the predicted pose of the chaser, between the points of a plan, too.
+
+    Args:
+        time: From the start of the plan [s].
+
+    Returns:
+        The pose; None before the first and after the last point.
+    """
+    return _interpolated(
+        trajectory.time,
+        trajectory.chaser_positions,
+        trajectory.chaser_quaternions_xyzw,
+        trajectory.chaser_linear_velocities,
+        trajectory.chaser_angular_velocities,
+        time,
+    )
+
+
+def predicted_end_effector(trajectory: Trajectory, time: float) -> FramePose | None:
+    """Return the predicted pose of the end effector, between the points of a plan, too.
+
+    Args:
+        time: From the start of the plan [s].
+
+    Returns:
+        The pose; None before the first and after the last point.
+    """
+    return _interpolated(
+        trajectory.time,
+        trajectory.ee_positions,
+        trajectory.ee_quaternions_xyzw,
+        trajectory.ee_linear_velocities,
+        trajectory.ee_angular_velocities,
+        time,
+    )
+
+
+def predicted_chaser_pose(
+    trajectory: Trajectory, start_ns: int, time_ns: int, inertial_frame: str
+) -> PoseStamped | None:
+    """Return the predicted pose at a time as a message.
+
+    Args:
+        start_ns: Time of its first point [ns].
+        time_ns: The time [ns]; becomes the stamp.
+        inertial_frame: Frame of the plan.
+
+    Returns:
+        The pose; None while the plan does not run.
+    """
+    pose = predicted_chaser(trajectory, (time_ns - start_ns) / NANOSECONDS)
+    if pose is None:
+        return None
+    return PoseStamped(
+        header=Header(stamp=time_message(time_ns), frame_id=inertial_frame),
+        pose=pose_message(pose.position.tolist(), pose.rotation.as_quat().tolist()),
+    )
+
+
+def tracking_error(
+    trajectory: Trajectory, start_ns: int, measured: SystemState, measured_ns: int
+) -> TrackingError | None:
+    """Return how far the chaser is from where the plan predicts it at the time of measurement.
+
+    Args:
+        start_ns: Time of its first point [ns].
+        measured_ns: Its time [ns].
+
+    Returns:
+        The error; None where the state was measured before or after the plan.
+    """
+    predicted = predicted_chaser(trajectory, (measured_ns - start_ns) / NANOSECONDS)
+    if predicted is None:
+        return None
+    attitude = Rotation.from_quat(measured.quaternion_chaser_to_inertial_xyzw)
+    return difference(predicted, FramePose(measured.position_chaser_in_inertial, attitude))
+
+
+def difference(predicted: FramePose, found: FramePose) -> TrackingError:
+    """Return how far a frame is from where it was predicted."""
+    distance = float(np.linalg.norm(found.position - predicted.position))
+    return TrackingError(distance, float((predicted.rotation.inv() * found.rotation).magnitude()))
+
+
+def _interpolated(
+    times: Array,
+    positions: Array,
+    quaternions_xyzw: Array,
+    linear_velocities: Array,
+    angular_velocities: Array,
+    time: float,
+) -> FramePose | None:
+    """Return the pose at a time; None where the plan does not run."""
+    if not times[0] <= time <= times[-1]:
+        return None
+    before = min(int(np.searchsorted(times, time, side="right")) - 1, len(times) - 2)
+    pair = slice(before, before + 2)
+    (position,), (rotation,) = poses_between(
+        times[pair],
+        positions[pair],
+        quaternions_xyzw[pair],
+        linear_velocities[pair],
+        angular_velocities[pair],
+        np.array([time]),
+    )
+    return FramePose(position, rotation)

@@ -1,0 +1,28 @@
+"""The planned joint motion, to be played again and again for a robot model on a screen."""
+
+from __future__ import annotations
+
+import numpy as np
+from sensor_msgs.msg import JointState
+
+from ff_planner_ros.planning.joint_motion import joint_motion
+from ff_planner_ros.planning.plan import Plan
+
+
+def preview_joint_states(plan: Plan, rate: float) -> list[JointState]:
+    """Return one pass through a plan in real time, first and last point included.
+
+    Args:
+        rate: At which the states are to be published [Hz].
+
+    Returns:
+        States without stamp, which whoever publishes one sets to now.
+    """
+    duration = float(plan.trajectory.time[-1])
+    # The last step is the shorter one, where the duration is no multiple of the period.
+    times = np.append(np.arange(0.0, duration, 1.0 / rate), duration)
+    positions, velocities, _ = joint_motion(plan.trajectory).at(times)
+    return [
+        JointState(name=list(plan.joint_names), position=position, velocity=velocity)
+        for position, velocity in zip(positions.tolist(), velocities.tolist(), strict=True)
+    ]

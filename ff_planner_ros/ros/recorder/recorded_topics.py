@@ -1,0 +1,139 @@
+"""What the node records: all that it hears and says, with what is needed to understand it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
+from dataclasses import asdict
+from pathlib import Path
+
+import yaml
+from action_msgs.msg import GoalStatusArray
+from diagnostic_msgs.msg import DiagnosticArray
+from ff_planner_msgs.action import PlanTrajectory as PlanTrajectoryAction
+from ff_planner_msgs.msg import ChaserState, ObstacleSphereArray, TrackingError
+from ff_planner_msgs.srv import PlanTrajectory
+from geometry_msgs.msg import PoseStamped
+from lifecycle_msgs.msg import TransitionEvent
+from nav_msgs.msg import Odometry
+from nav_msgs.msg import Path as PathMsg
+from rcl_interfaces.msg import Log, ParameterEvent
+from rclpy.node import Node
+from rclpy.qos import (
+    DurabilityPolicy,
+    QoSProfile,
+    ReliabilityPolicy,
+    qos_profile_parameter_events,
+)
+from rclpy.utilities import get_rmw_implementation_identifier
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
+from trajectory_msgs.msg import JointTrajectory
+from visualization_msgs.msg import MarkerArray
+
+from ff_planner_ros.bag.provenance import PROVENANCE, provenance
+from ff_planner_ros.bag.writer import BagWriter
+from ff_planner_ros.ros.parameters import NodeParameters
+from ff_planner_ros.ros.qos import EVENT_QOS, LATCHED_QOS, STREAM_QOS, qos_profile
+from ff_planner_ros.ros.recorder.recorder import Recorder
+from ff_planner_ros.ros.recorder.topic_queue import RecordedTopic
+from ff_planner_ros.ros.requests.action_events import (
+    GET_RESULT,
+    SEND_GOAL,
+    goal_topic,
+    result_topic,
+)
+from ff_planner_ros.ros.requests.planning_service import ACTION, SERVICE
+
+# As rcl publishes the log, so that what was said before the recorder listened is heard, too.
+_ROSOUT_QOS = QoSProfile(depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+# Simulators may offer best effort only.
+_CLOCK_QOS = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
+_INPUTS = {
+    "chaser_state": (("chaser_state", ChaserState),),
+    "odometry": (("odometry", Odometry), ("joint_states", JointState)),
+}
+
+
+@contextmanager
+def recording(
+    node: Node, parameters: NodeParameters, urdf: Path, bag_directory: Path
+) -> Iterator[Recorder]:
+    """Record as long as the context lasts; a bag that cannot be written is no error here.
+
+    Args:
+        node: Whose topics; a node beside it does the work.
+        urdf: The robot's file, which is attached.
+    """
+    settings = parameters.bag
+    used = json.loads(json.dumps(asdict(parameters)))  # YAML's safe dumper knows no tuples
+    document = yaml.safe_dump({"/**": {"ros__parameters": used}})
+    simulated_time = node.get_parameter("use_sim_time").value
+
+    def open_bag() -> BagWriter:
+        bag = BagWriter(
+            bag_directory, settings.flush_interval, settings.max_size, settings.max_duration
+        )
+        bag.attach("robot.urdf", "application/xml", urdf.read_bytes())
+        bag.attach("parameters.yaml", "application/yaml", document.encode())
+        bag.add_record(
+            PROVENANCE,
+            provenance(
+                node=node.get_fully_qualified_name(),
+                rmw=get_rmw_implementation_identifier(),
+                use_sim_time=str(simulated_time).lower(),
+            ),
+        )
+        return bag
+
+    with closing(
+        Recorder(
+            open_bag,
+            bag_directory,
+            _topics(node, parameters),
+            settings.flush_interval,
+            f"{node.get_name()}_recorder",
+            node.get_namespace(),
+            node.get_logger(),
+        )
+    ) as recorder:
+        yield recorder
+
+
+def _topics(node: Node, parameters: NodeParameters) -> list[RecordedTopic]:
+    qos = parameters.qos
+    inputs = (*_INPUTS[parameters.state_source], ("obstacles", ObstacleSphereArray))
+    topics: list[tuple[str, type, QoSProfile]] = [
+        (topic, message_type, qos_profile(getattr(qos, topic))) for topic, message_type in inputs
+    ]
+    topics += [
+        ("joint_trajectory", JointTrajectory, qos_profile(qos.joint_trajectory)),
+        ("predicted_chaser_path", PathMsg, qos_profile(qos.predicted_chaser_path)),
+        ("predicted_chaser_pose", PoseStamped, qos_profile(qos.predicted_chaser_pose)),
+        ("tracking_error", TrackingError, STREAM_QOS),
+        ("markers", MarkerArray, LATCHED_QOS),
+        ("planned_joint_states", JointState, STREAM_QOS),
+        ("robot_description", String, LATCHED_QOS),
+        ("~/transition_event", TransitionEvent, STREAM_QOS),
+        ("/diagnostics", DiagnosticArray, STREAM_QOS),
+        ("/rosout", Log, _ROSOUT_QOS),
+        ("/parameter_events", ParameterEvent, qos_profile_parameter_events),
+    ]
+    if node.get_parameter("use_sim_time").value:
+        topics.append(("/clock", Clock, _CLOCK_QOS))
+    recorded = [
+        RecordedTopic(node.resolve_topic_name(name), message_type, topic_qos)
+        for name, message_type, topic_qos in topics
+    ]
+    service, action = (node.resolve_service_name(name) for name in (SERVICE, ACTION))
+    feedback = PlanTrajectoryAction.Impl.FeedbackMessage
+    return [
+        *recorded,
+        RecordedTopic(f"{service}/_service_event", PlanTrajectory.Event, EVENT_QOS),
+        RecordedTopic(goal_topic(action), SEND_GOAL.Event, EVENT_QOS),
+        RecordedTopic(result_topic(action), GET_RESULT.Event, EVENT_QOS),
+        RecordedTopic(f"{action}/_action/feedback", feedback, STREAM_QOS),
+        RecordedTopic(f"{action}/_action/status", GoalStatusArray, LATCHED_QOS),
+    ]

@@ -1,0 +1,303 @@
+"""Record topics to a bag as they come, byte by byte, undisturbed by what the node is doing."""
+
+from __future__ import annotations
+
+import threading
+import time
+import traceback
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from operator import itemgetter
+from pathlib import Path
+
+from rclpy.impl.rcutils_logger import RcutilsLogger
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile
+
+from ff_planner_ros.bag.rosbag2_metadata import QualityOfService
+from ff_planner_ros.bag.writer import BagWriter
+from ff_planner_ros.errors import BagError
+from ff_planner_ros.ros.recorder.topic_queue import RecordedTopic, TopicQueue
+
+
+@dataclass(frozen=True)
+class RecorderHealth:
+    """How recording goes.
+
+    Attributes:
+        bag: Where to.
+        messages: So many are in the bag.
+        dropped: So many of each topic are not, though they should; topics without any are left out.
+        paused: Whether an operator has paused it.
+        failure: Why it has stopped; empty while it goes on.
+    """
+
+    bag: str
+    messages: int
+    dropped: Mapping[str, int]
+    paused: bool
+    failure: str
+
+
+class Recorder:
+    """Takes what has arrived, in a thread of its own, until it is closed.
+
+    What arrives waits in the queues of DDS, which fills them in threads that Python does not hold
+    up. So a message costs the node nothing when it comes, and little when many are taken at once.
+    """
+
+    def __init__(
+        self,
+        open_bag: Callable[[], BagWriter],
+        directory: Path,
+        topics: Sequence[RecordedTopic],
+        flush_interval: float,
+        node_name: str,
+        namespace: str,
+        logger: RcutilsLogger,
+    ) -> None:
+        """Start to record; a bag that cannot be opened is a failure that `health` tells.
+
+        Args:
+            open_bag: Creates the bag, which `close` closes.
+            flush_interval: A crash loses at most this [s].
+            node_name: Name of the recorder's node.
+            namespace: Of the recorder's node.
+        """
+        self._directory, self._logger = directory, logger
+        self._lock = threading.RLock()
+        self._bag: BagWriter | None = None
+        self._failure = ""
+        self._dropped: Counter[str] = Counter()
+        self._pauses: list[_Pause] = []
+        self._queues: list[TopicQueue] = []
+        # Names are resolved and the bag's clock is the host's: no argument of the process,
+        # remapping and simulated time included, is meant for this node.
+        self._node = Node(
+            node_name,
+            namespace=namespace,
+            use_global_arguments=False,
+            enable_rosout=False,
+            start_parameter_services=False,
+        )
+        try:
+            self._bag = open_bag()
+            self._remember()
+            for topic in topics:
+                self._bag.add_topic(
+                    topic.name, type_name(topic.message_type), [offered_qos(topic.qos)]
+                )
+            self._queues = [
+                TopicQueue(self._node, topic) for topic in sorted(topics, key=_is_volatile)
+            ]
+        except BagError as error:
+            self._fail(str(error))
+        # Twice as often as promised, so that taking and writing may take time, too.
+        self._period = flush_interval / 2
+        self._stopped = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="recorder", daemon=True)
+        self._thread.start()
+
+    @property
+    def health(self) -> RecorderHealth:
+        """How recording goes; does not wait for the disk, so a batch may be half in it."""
+        return RecorderHealth(
+            bag=str(self._directory),
+            messages=self._bag.message_count if self._bag is not None else 0,
+            dropped=dict(self._dropped),
+            paused=self._is_paused,
+            failure=self._failure,
+        )
+
+    def pause(self) -> str:
+        """Leave out what arrives from now on, and tell so in words.
+
+        Raises:
+            BagError: Recording has stopped.
+        """
+        with self._lock:
+            self._take_all()
+            self._require_bag()
+            if not self._is_paused:
+                self._pauses.append(_Pause(time.time_ns()))
+                self._remember()
+                self._logger.warning(
+                    "recording is paused: what arrives is not in the bag until the service "
+                    "resume_recording is called"
+                )
+        return f"recording to {self._directory} is paused"
+
+    def resume(self) -> str:
+        """Record again, and tell in words what was left out.
+
+        Raises:
+            BagError: Recording has stopped.
+        """
+        with self._lock:
+            self._take_all()
+            self._require_bag()
+            if not self._is_paused:
+                return f"recording to {self._directory} was not paused"
+            pause = self._pauses[-1]
+            pause.end_ns = time.time_ns()
+            self._remember()
+            self._logger.info(f"recording goes on; {pause.words}")
+        return f"recording to {self._directory} goes on; {pause.words}"
+
+    def split(self) -> str:
+        """Complete the file with all that has arrived, go on in another one, and tell which.
+
+        Raises:
+            BagError: Recording has stopped.
+        """
+        with self._lock:
+            self._take_all()
+            bag = self._require_bag()
+            try:
+                complete, current = bag.split()
+            except BagError as error:
+                self._fail(str(error))
+                raise
+        message = f"{complete} is complete, recording goes on in {current.name}"
+        self._logger.info(message)
+        return message
+
+    def close(self) -> None:
+        """Record what has arrived by now, then close the bag."""
+        self._stopped.set()
+        self._thread.join()
+        with self._lock:
+            self._take_all()
+            if self._is_paused:
+                self._pauses[-1].end_ns = time.time_ns()
+                self._remember()
+            if self._bag is not None:
+                try:
+                    self._bag.close()
+                except BagError as error:
+                    self._fail(str(error))
+        self._node.destroy_node()
+
+    def _run(self) -> None:
+        while not self._stopped.wait(self._period):
+            try:
+                self._take_all()
+            except Exception as error:
+                # Nobody looks at a thread that has ended.
+                self._logger.error(traceback.format_exc())
+                self._fail(f"{type(error).__name__}: {error}")
+                return
+
+    @property
+    def _is_paused(self) -> bool:
+        return bool(self._pauses) and self._pauses[-1].end_ns is None
+
+    def _require_bag(self) -> BagWriter:
+        if self._bag is None or self._failure:
+            raise BagError(f"recording has stopped: {self._failure}")
+        return self._bag
+
+    def _take_all(self) -> None:
+        """Bring everything that has arrived to the disk."""
+        with self._lock:
+            arrived = {queue.topic: queue.take() for queue in self._queues}
+            self._drop({topic: missing for topic, (_, missing) in arrived.items() if missing})
+            messages = [
+                (info["received_timestamp"], topic, message, info["source_timestamp"])
+                for topic, (taken, _) in arrived.items()
+                for message, info in taken
+            ]
+            for received, topic, message, sent in sorted(messages, key=itemgetter(0)):
+                # A publisher of another vendor need not stamp its messages.
+                self._keep(topic, message, received, sent if sent > 0 else received)
+            if self._bag is not None and not self._failure:
+                try:
+                    self._bag.flush()
+                except BagError as error:
+                    self._fail(str(error))
+
+    def _drop(self, counts: Mapping[str, int]) -> None:
+        if self._is_paused:
+            self._pauses[-1].left_out += sum(counts.values())
+            return
+        self._dropped.update(counts)
+        if counts and not self._failure:
+            self._remember()
+            self._logger.error(
+                "the recorder was too slow, and messages are not in the bag: "
+                f"{_listed(counts)}; {self._dropped.total()} since the start"
+            )
+
+    def _keep(self, topic: str, message: bytes, received_ns: int, published_ns: int) -> None:
+        if self._bag is None or self._failure:
+            self._dropped[topic] += 1
+        elif self._is_paused:
+            self._pauses[-1].left_out += 1
+        else:
+            try:
+                self._bag.write(topic, message, received_ns, published_ns)
+            except BagError as error:
+                self._dropped[topic] += 1
+                self._fail(str(error))
+
+    def _fail(self, reason: str) -> None:
+        """Say once why recording has stopped; planning goes on."""
+        self._failure = reason
+        self._logger.error(
+            f"recording has stopped, planning goes on: {reason}. Once that is set right, clean up "
+            "and configure the node, or restart it: a new bag is begun"
+        )
+
+    def _remember(self) -> None:
+        """Put what is missing into the bag's metadata."""
+        if self._bag is None:
+            return
+        counts = {f"dropped {topic}": str(count) for topic, count in sorted(self._dropped.items())}
+        gaps = {f"pause {number}": pause.words for number, pause in enumerate(self._pauses, 1)}
+        self._bag.custom_data |= {"dropped": str(self._dropped.total()), **counts, **gaps}
+
+
+@dataclass
+class _Pause:
+    start_ns: int
+    end_ns: int | None = None
+    left_out: int = 0
+
+    @property
+    def words(self) -> str:
+        if self.end_ns is None:
+            return f"from {_utc(self.start_ns)}"
+        return (
+            f"from {_utc(self.start_ns)} to {_utc(self.end_ns)} {self.left_out} messages were "
+            "left out"
+        )
+
+
+def type_name(message_type: type) -> str:
+    """Return the name of a message class as a bag writes it, `package/msg/Name`."""
+    package, kind = message_type.__module__.split(".")[:2]
+    return f"{package}/{kind}/{message_type.__name__}"
+
+
+def offered_qos(qos: QoSProfile) -> QualityOfService:
+    """Return a quality of service in the words of rosbag2."""
+    return QualityOfService(
+        depth=qos.depth,
+        reliability=qos.reliability.name.lower(),
+        durability=qos.durability.name.lower(),
+    )
+
+
+def _is_volatile(topic: RecordedTopic) -> bool:
+    return bool(topic.qos.durability != DurabilityPolicy.TRANSIENT_LOCAL)
+
+
+def _listed(counts: Mapping[str, int]) -> str:
+    return ", ".join(f"{count} of {topic}" for topic, count in sorted(counts.items()))
+
+
+def _utc(time_ns: int) -> str:
+    seconds, nanoseconds = divmod(time_ns, 10**9)
+    whole = time.strftime("%Y-%m-%dT%H:%M:%S", time.gmtime(seconds))
+    return f"{whole}.{nanoseconds // 10**6:03d}Z"

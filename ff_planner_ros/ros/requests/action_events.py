@@ -1,0 +1,60 @@
+"""An action's goals and results as service events, as introspection would tell them.
+
+In Jazzy an action's services cannot be introspected; a bag holds goals and results all the same.
+"""
+
+from __future__ import annotations
+
+from itertools import count
+
+from ff_planner_msgs.action import PlanTrajectory
+from rclpy.action.server import ServerGoalHandle
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+from service_msgs.msg import ServiceEventInfo
+
+SEND_GOAL, GET_RESULT = PlanTrajectory.Impl.SendGoalService, PlanTrajectory.Impl.GetResultService
+
+
+def goal_topic(action: str) -> str:
+    """Return the topic of goals."""
+    return f"{action}/_action/send_goal/_service_event"
+
+
+def result_topic(action: str) -> str:
+    """Return the topic of results."""
+    return f"{action}/_action/get_result/_service_event"
+
+
+class ActionEvents:
+    """Tells of the goals and results of one action server."""
+
+    def __init__(self, node: Node, action: str, qos: QoSProfile) -> None:
+        """Create the publishers."""
+        self._node, self._numbers = node, count(1)
+        self._goals = node.create_publisher(SEND_GOAL.Event, goal_topic(action), qos)
+        self._results = node.create_publisher(GET_RESULT.Event, result_topic(action), qos)
+
+    def goal_received(self, goal: ServerGoalHandle) -> None:
+        """Tell of a goal."""
+        request = SEND_GOAL.Request(goal_id=goal.goal_id, goal=goal.request)
+        info = self._info(ServiceEventInfo.REQUEST_RECEIVED)
+        self._goals.publish(SEND_GOAL.Event(info=info, request=[request]))
+
+    def result_sent(self, goal: ServerGoalHandle, result: PlanTrajectory.Result) -> None:
+        """Tell of a result."""
+        asked = GET_RESULT.Request(goal_id=goal.goal_id)
+        response = GET_RESULT.Response(status=goal.status, result=result)
+        info = self._info(ServiceEventInfo.RESPONSE_SENT)
+        self._results.publish(GET_RESULT.Event(info=info, request=[asked], response=[response]))
+
+    def destroy(self) -> None:
+        """Take the publishers off the node."""
+        for publisher in (self._goals, self._results):
+            self._node.destroy_publisher(publisher)
+
+    def _info(self, event_type: int) -> ServiceEventInfo:
+        stamp = self._node.get_clock().now().to_msg()
+        return ServiceEventInfo(
+            event_type=event_type, stamp=stamp, sequence_number=next(self._numbers)
+        )

@@ -1,0 +1,174 @@
+"""Requests, from the door to their answers: one is planned at a time, and any may be given up."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+from ff_planner_ros.errors import FfPlannerError, Status
+
+
+class Job:
+    """A request until it is answered.
+
+    Attributes:
+        plan_id: Its name in answers, logs and bags.
+        number: A later request has a higher one.
+    """
+
+    def __init__(self, plan_id: str, number: int) -> None:
+        """Begin with nothing against it.
+
+        Args:
+            plan_id: Its name in answers, logs and bags.
+            number: A later request has a higher one.
+        """
+        self.plan_id, self.number = plan_id, number
+        self._lock = threading.Lock()
+        self._cause: FfPlannerError | None = None
+        self._sealed = False
+
+    @property
+    def cause(self) -> FfPlannerError | None:
+        """Why it was given up; None if it was not."""
+        with self._lock:
+            return self._cause
+
+    def give_up(self, cause: FfPlannerError) -> bool:
+        """Answer it with a cause instead of a plan; False if its answer stands already."""
+        with self._lock:
+            if self._sealed:
+                return False
+            self._cause = self._cause or cause
+            return True
+
+    def check(self) -> None:
+        """Raise the cause for which it was given up, if it was.
+
+        Raises:
+            FfPlannerError: The cause.
+        """
+        if self.cause is not None:
+            raise self.cause
+
+    def seal(self) -> None:
+        """Let its plan be its answer: from now on it cannot be given up.
+
+        Raises:
+            FfPlannerError: The cause for which it was given up before.
+        """
+        with self._lock:
+            if self._cause is not None:
+                raise self._cause
+            self._sealed = True
+
+
+class Jobs:
+    """Who is planned for now, and who may be."""
+
+    def __init__(self, interrupt: Callable[[], None]) -> None:
+        """Begin closed.
+
+        Args:
+            interrupt: Ends the plan that is being made, if one is.
+        """
+        self._interrupt = interrupt
+        self._change = threading.Condition()
+        self._current: Job | None = None
+        self._waiting: Job | None = None
+        self._refusal: FfPlannerError | None = None
+        self.close(Status.NOT_ACTIVE, "the planner is not active yet")
+
+    def open(self) -> None:
+        """Take up requests from now on."""
+        with self._change:
+            self._refusal = None
+
+    def close(self, status: Status, message: str) -> None:
+        """Take up no more requests, and give up those that are.
+
+        Args:
+            status: What all of them are answered with.
+        """
+        with self._change:
+            self._refusal = FfPlannerError(status, message)
+        self.give_up_all(status, message)
+
+    def give_up_all(self, status: Status, message: str) -> None:
+        """Give up whatever is being planned."""
+        with self._change:
+            for job in (self._current, self._waiting):
+                if job is not None:
+                    self.give_up(job, FfPlannerError(status, message))
+
+    def give_up(self, job: Job, cause: FfPlannerError) -> bool:
+        """Give up one job; False if its answer stands already."""
+        given_up = job.give_up(cause)
+        with self._change:
+            if given_up and job is self._current:
+                self._interrupt()
+            self._change.notify_all()
+        return given_up
+
+    def wait_until_idle(self, patience: float) -> None:
+        """Wait until nobody is planned for.
+
+        Args:
+            patience: At most so long [s].
+        """
+        with self._change:
+            self._change.wait_for(lambda: self._current is self._waiting is None, patience)
+
+    @contextmanager
+    def taken_up(self, job: Job, *, preempt: bool) -> Iterator[None]:
+        """Plan for a job and for nobody else.
+
+        Args:
+            preempt: Whether it takes the place of another one, which is refused otherwise.
+
+        Raises:
+            FfPlannerError: Why it is not taken up (NOT_ACTIVE, SHUT_DOWN, BUSY), or was given up
+                while it waited for the other one to make room.
+        """
+        with self._change:
+            self._make_way(job, preempt)
+            self._current = job
+        try:
+            yield
+        finally:
+            with self._change:
+                self._current = None
+                self._change.notify_all()
+
+    def _make_way(self, job: Job, preempt: bool) -> None:
+        job.check()
+        if self._refusal is not None:
+            raise FfPlannerError(self._refusal.status, str(self._refusal))
+        if self._current is None and self._waiting is None:
+            return
+        if not preempt:
+            raise FfPlannerError(
+                Status.BUSY,
+                "another request is being planned: ask again when it is answered, or cancel it "
+                "(or set the parameter when_busy to preempt)",
+            )
+        others = [other for other in (self._current, self._waiting) if other is not None]
+        # Requests are taken up in threads, and not always in the order in which they came.
+        newest = max((job, *others), key=lambda one: one.number)
+        preempted = FfPlannerError(
+            Status.PREEMPTED, f"the newer request {newest.plan_id} took its place"
+        )
+        if newest is not job:
+            raise preempted
+        for other in others:
+            self.give_up(other, preempted)
+        self._waiting = job
+        try:
+            while self._current is not None:
+                job.check()
+                self._change.wait()
+            job.check()
+        finally:
+            if self._waiting is job:
+                self._waiting = None

@@ -1,0 +1,288 @@
+"""The service `plan_trajectory` and the action `plan_trajectory_action`: two doors, one path."""
+
+from __future__ import annotations
+
+import math
+import threading
+import time
+import traceback
+from collections.abc import Callable
+from functools import partial
+from itertools import count
+from typing import Any
+
+from ff_planner_msgs.action import PlanTrajectory as PlanTrajectoryAction
+from ff_planner_msgs.srv import PlanTrajectory
+from rclpy.action import ActionServer, CancelResponse
+from rclpy.action.server import ServerGoalHandle
+from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.impl.implementation_singleton import rclpy_implementation
+from rclpy.node import Node
+from rclpy.service_introspection import ServiceIntrospectionState
+
+from ff_planner_ros.errors import FfPlannerError, Interrupted, NoPlanFound, Status
+from ff_planner_ros.planning.search import Progress
+from ff_planner_ros.robot.model import Robot
+from ff_planner_ros.ros.inputs.scene_input import SceneInput
+from ff_planner_ros.ros.inputs.state_input import StateInput
+from ff_planner_ros.ros.messages.controller_message import controller_message
+from ff_planner_ros.ros.messages.from_messages import NANOSECONDS
+from ff_planner_ros.ros.messages.to_messages import response_from_error, response_from_plan
+from ff_planner_ros.ros.outputs.diagnostics import LastRequest, SolveTimes
+from ff_planner_ros.ros.outputs.plan_output import PlanOutput
+from ff_planner_ros.ros.parameters import PREEMPT, LiveParameters
+from ff_planner_ros.ros.qos import EVENT_QOS
+from ff_planner_ros.ros.requests.action_events import ActionEvents
+from ff_planner_ros.ros.requests.jobs import Job, Jobs
+from ff_planner_ros.ros.requests.reading import Sources, read_request
+from ff_planner_ros.ros.requests.worker import Worker
+
+SERVICE, ACTION = "plan_trajectory", "plan_trajectory_action"
+# Who asks for the result of an action later than this [s] gets none.
+_RESULT_TIMEOUT = 60
+# rclpy tells a goal of its cancellation right after the callback that accepts it [s].
+_CANCEL_PATIENCE, _CANCEL_POLL = 1.0, 0.001
+# Percentiles are those of so many plans.
+_SOLVE_TIMES = 200
+
+
+class PlanningService:
+    """Answers planning requests; a problem of a request is an answer and never ends the node.
+
+    Attributes:
+        last: LastRequest of the last request; None before the first.
+        solve_times: Of the last requests that were searched for.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        parameters: LiveParameters,
+        robot: Robot,
+        worker: Worker,
+        states: StateInput,
+        scenes: SceneInput,
+        output: PlanOutput,
+        run_name: str,
+    ) -> None:
+        """Open both doors; requests are answered with NOT_ACTIVE until `activate`.
+
+        Args:
+            node: The node; its executor needs four threads: one plans, one waits for it to make
+                room, one cancels, one listens.
+            run_name: Stands in front of the number in every plan id.
+        """
+        self._node, self._parameters, self._robot, self._worker = node, parameters, robot, worker
+        self._states, self._scenes, self._output = states, scenes, output
+        self._clock, self._logger = node.get_clock(), node.get_logger()
+        self._run_name, self._numbers = run_name, count(1)
+        self._jobs = Jobs(worker.interrupt)
+        self._goals: dict[bytes, Job] = {}
+        self._goals_lock = threading.Lock()
+        self.last: LastRequest | None = None
+        self.solve_times = SolveTimes(_SOLVE_TIMES)
+
+        group = ReentrantCallbackGroup()
+        self._service = node.create_service(
+            PlanTrajectory, SERVICE, self._serve, callback_group=group
+        )
+        self._service.configure_introspection(
+            self._clock, EVENT_QOS, ServiceIntrospectionState.CONTENTS
+        )
+        self._action = ActionServer(
+            node,
+            PlanTrajectoryAction,
+            ACTION,
+            self._execute,
+            callback_group=group,
+            handle_accepted_callback=self._accept,
+            cancel_callback=self._cancel,
+            result_timeout=_RESULT_TIMEOUT,
+        )
+        self._events = ActionEvents(node, ACTION, EVENT_QOS)
+
+    def activate(self) -> None:
+        """Take up requests from now on."""
+        self._jobs.open()
+
+    def deactivate(self, status: Status, message: str, patience: float) -> None:
+        """Take up no more requests, give up the one that is, and wait for its answer.
+
+        Args:
+            patience: Longest wait [s].
+        """
+        self._jobs.close(status, message)
+        self._jobs.wait_until_idle(patience)
+
+    def give_up(self, status: Status, message: str) -> None:
+        """Give up the request that is being planned, if there is one."""
+        self._jobs.give_up_all(status, message)
+
+    def close(self) -> None:
+        """Close both doors."""
+        self._action.destroy()
+        self._node.destroy_service(self._service)
+        self._events.destroy()
+
+    def _serve(
+        self, request: PlanTrajectory.Request, _: PlanTrajectory.Response
+    ) -> PlanTrajectory.Response:
+        return self._answer(request, self._job(), lambda _: None)
+
+    def _accept(self, goal: ServerGoalHandle) -> None:
+        """Take every goal: what is wrong with it is its result, with code and words."""
+        self._job_of(goal)
+        self._events.goal_received(goal)
+        try:
+            goal.execute()
+        except rclpy_implementation.RCLError:
+            # Cancelled between rclpy's look at the goal's state and its change: the second look
+            # finds that, and the goal is executed to be told so.
+            goal.execute()
+
+    def _cancel(self, goal: ServerGoalHandle) -> CancelResponse:
+        cause = FfPlannerError(Status.CANCELLED, "the client of the action cancelled it")
+        if self._jobs.give_up(self._job_of(goal), cause):
+            return CancelResponse.ACCEPT
+        return CancelResponse.REJECT
+
+    def _execute(self, goal: ServerGoalHandle) -> PlanTrajectoryAction.Result:
+        begun = time.perf_counter()
+
+        def tell(progress: Progress) -> None:
+            elapsed = time.perf_counter() - begun
+            goal.publish_feedback(PlanTrajectoryAction.Feedback(elapsed=elapsed, **vars(progress)))
+
+        request = _same_fields(goal.request, PlanTrajectory.Request)
+        response = self._answer(request, self._job_of(goal), tell)
+        if response.status.code == Status.SOLVED:
+            goal.succeed()
+        elif response.status.code == Status.CANCELLED and _is_cancelling(goal):
+            goal.canceled()
+        else:
+            goal.abort()
+        del self._goals[bytes(goal.goal_id.uuid)]  # it cannot be cancelled any more
+        result = _same_fields(response, PlanTrajectoryAction.Result)
+        self._events.result_sent(goal, result)
+        return result
+
+    def _job(self) -> Job:
+        number = next(self._numbers)
+        return Job(f"{self._run_name}.{number}", number)
+
+    def _job_of(self, goal: ServerGoalHandle) -> Job:
+        """Return the goal's job: a client may cancel before rclpy has handed the goal over."""
+        key = bytes(goal.goal_id.uuid)
+        with self._goals_lock:
+            if key not in self._goals:
+                self._goals[key] = self._job()
+            return self._goals[key]
+
+    def _answer(
+        self, request: PlanTrajectory.Request, job: Job, tell: Callable[[Progress], None]
+    ) -> PlanTrajectory.Response:
+        begun, sources = time.perf_counter(), Sources()
+        try:
+            with self._jobs.taken_up(job, preempt=self._parameters.current.when_busy == PREEMPT):
+                response = self._planned(request, job, tell, begun, sources)
+        except FfPlannerError as error:
+            response = self._refused(job, job.cause or error, begun)
+        except Exception as error:
+            self._logger.error(f"{job.plan_id}: INTERNAL_ERROR\n{traceback.format_exc()}")
+            unforeseen = f"{type(error).__name__}: {error}"
+            cause = FfPlannerError(Status.INTERNAL_ERROR, unforeseen)
+            response = response_from_error(cause, job.plan_id, time.perf_counter() - begun)
+        sources.tell(response)
+        status = Status(response.status.code)
+        self.last = LastRequest(job.plan_id, status, response.status.message)
+        return response
+
+    def _refused(self, job: Job, cause: FfPlannerError, begun: float) -> PlanTrajectory.Response:
+        # Apart from `_answer`: a variable there would hold the error whose traceback holds the
+        # variable, and with both the request, until the next full garbage collection.
+        self._logger.warning(f"{job.plan_id}: {cause.status.name}: {cause}")
+        return response_from_error(cause, job.plan_id, time.perf_counter() - begun)
+
+    def _planned(
+        self,
+        request: PlanTrajectory.Request,
+        job: Job,
+        tell: Callable[[Progress], None],
+        begun: float,
+        sources: Sources,
+    ) -> PlanTrajectory.Response:
+        parameters = self._parameters.current
+        asked = read_request(
+            request,
+            self._robot,
+            parameters,
+            self._states,
+            self._scenes,
+            self._output.published,
+            self._clock.now().nanoseconds,
+            sources,
+        )
+
+        def report(progress: Progress) -> None:
+            self._require_in_time(asked.start_ns)
+            tell(progress)
+
+        try:
+            plan = self._worker.solve(
+                asked.task, parameters.planner, asked.budget, job.check, report
+            )
+        except Interrupted:
+            job.check()
+            raise FfPlannerError(Status.SHUT_DOWN, "the planner was shut down") from None
+        finally:
+            self.solve_times.add(time.perf_counter() - begun)
+        response = response_from_plan(
+            plan,
+            job.plan_id,
+            asked.start_ns,
+            parameters.inertial_frame,
+            time.perf_counter() - begun,
+        )
+        for_controller = controller_message(
+            response.joint_trajectory,
+            parameters.controller,
+            self._robot.joint_names,
+            self._clock.now().nanoseconds,
+        )
+        job.seal()
+        self._output.publish(plan, response, for_controller)
+        executor: Any = self._node.executor
+        executor.create_task(partial(self._output.show, plan, asked.task.problem.obstacles))
+        self._log_solved(response)
+        return response
+
+    def _require_in_time(self, start_ns: int) -> None:
+        late = (self._clock.now().nanoseconds - start_ns) / NANOSECONDS
+        if late > 0.0:
+            raise NoPlanFound(
+                Status.TOO_LATE,
+                f"the plan's start time was over {late:.3f} s before there was a plan: ask for a "
+                "later start_time, or raise the parameter planning_allowance",
+            )
+
+    def _log_solved(self, response: PlanTrajectory.Response) -> None:
+        metrics, solver = response.metrics, response.solver
+        self._logger.info(
+            f"{response.plan_id}: SOLVED: joint path {metrics.joint_path_length:.4f} rad, "
+            f"largest attitude {math.degrees(metrics.max_chaser_euler):.2f} deg, "
+            f"clearance {metrics.min_clearance * 1e3:.1f} mm, "
+            f"{solver.iterations} iterations, {solver.solve_time:.2f} s"
+        )
+
+
+def _same_fields(message: Any, kind: Any) -> Any:
+    """Return a message of another type that has the same fields."""
+    return kind(**{name: getattr(message, name) for name in kind.get_fields_and_field_types()})
+
+
+def _is_cancelling(goal: ServerGoalHandle) -> bool:
+    """Wait until rclpy has noted the cancellation that its callback accepted."""
+    give_up = time.monotonic() + _CANCEL_PATIENCE
+    while not goal.is_cancel_requested and time.monotonic() < give_up:
+        time.sleep(_CANCEL_POLL)
+    return bool(goal.is_cancel_requested)

@@ -1,0 +1,70 @@
+"""The answer in JSON: what is read back is what was planned, and what is missing is named."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import fields
+from typing import Any
+
+import pytest
+
+from ff_planner_ros.analysis.plan_json import plan_dictionary, planned_motion, refusal_dictionary
+from ff_planner_ros.errors import InvalidInput, NoPlanFound, Status
+from ff_planner_ros.planning.plan import Plan
+from ff_planner_ros.planning.problem import PlanningProblem
+
+
+@pytest.fixture
+def answer(lemur_capture: PlanningProblem, lemur_plan: Plan) -> dict[str, Any]:
+    """What a file gives back."""
+    return json.loads(json.dumps(plan_dictionary(lemur_plan, lemur_capture, 0.5)))
+
+
+def test_robot_and_motion_come_back_to_the_last_bit(
+    answer: dict[str, Any], lemur_capture: PlanningProblem, lemur_plan: Plan
+) -> None:
+    robot, motion = planned_motion(answer)
+    assert robot.urdf == lemur_capture.robot.urdf
+    assert (robot.base_link, robot.tip_link) == ("chaser", "end_effector")
+    for item in fields(motion):
+        wanted = getattr(lemur_plan.trajectory, item.name)
+        assert getattr(motion, item.name).tolist() == wanted.tolist()
+
+
+def test_a_refusal_has_no_motion_and_tells_its_cause() -> None:
+    refusal = refusal_dictionary(NoPlanFound(Status.COLLISION, "c1 is in the way"), 0.1)
+    with pytest.raises(InvalidInput, match=r"status is collision \(c1 is in the way\)"):
+        planned_motion(refusal)
+
+
+@pytest.mark.parametrize("name", ["status", "robot", "joint_names", "joint_torques", "time"])
+def test_what_is_missing_is_named(answer: dict[str, Any], name: str) -> None:
+    del answer[name]
+    with pytest.raises(InvalidInput, match=f"^{name} is missing"):
+        planned_motion(answer)
+
+
+@pytest.mark.parametrize("name", ["urdf", "base_link", "tip_link"])
+def test_what_is_missing_of_the_robot_is_named(answer: dict[str, Any], name: str) -> None:
+    del answer["robot"][name]
+    with pytest.raises(InvalidInput, match=rf"^robot\.{name} is missing"):
+        planned_motion(answer)
+
+
+@pytest.mark.parametrize("other", [[], "solved", 3, None])
+def test_other_json_is_no_answer(other: object) -> None:
+    with pytest.raises(InvalidInput, match="status is missing"):
+        planned_motion(other)
+
+
+@pytest.mark.parametrize("rows", [[[1.0], [1.0, 2.0]], "many", [{}]])
+def test_rows_that_are_no_array_are_named(answer: dict[str, Any], rows: object) -> None:
+    answer["joint_torques"] = rows
+    with pytest.raises(InvalidInput, match="joint_torques is no array"):
+        planned_motion(answer)
+
+
+def test_joints_of_another_robot_are_refused(answer: dict[str, Any]) -> None:
+    answer["joint_names"].reverse()
+    with pytest.raises(InvalidInput, match=r"joint_names is .*joint_1, joint_2"):
+        planned_motion(answer)

@@ -1,0 +1,141 @@
+"""From a request to what is to be planned: times, sources, and what the arm does meanwhile."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+from unittest.mock import Mock
+
+import numpy as np
+import pytest
+from ff_planner_msgs.srv import PlanTrajectory
+from ros_processes import FRAME, Scene
+
+from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.planning.plan import Plan
+from ff_planner_ros.planning.problem import PlanningProblem
+from ff_planner_ros.planning.tail import EndBehaviour
+from ff_planner_ros.ros.inputs.scene_input import SceneInput
+from ff_planner_ros.ros.inputs.state_input import Snapshot
+from ff_planner_ros.ros.messages.from_messages import NANOSECONDS
+from ff_planner_ros.ros.messages.to_messages import time_message
+from ff_planner_ros.ros.outputs.plan_output import PublishedPlan
+from ff_planner_ros.ros.requests.reading import ReadRequest, Sources, read_request
+
+NOW = 1_000 * NANOSECONDS
+PARAMETERS = {
+    "inertial_frame": FRAME,
+    "points": 50,
+    "time_budget": 30.0,
+    "planning_allowance": 2.0,
+    "start_max_lead": 600.0,
+    "following_tolerance": 0.02,
+    "end_behaviour": "as_planned",
+    "tail_duration": 1.5,
+    "state_max_age": 0.5,
+    "state_max_lead": 0.05,
+    "limits": SimpleNamespace(velocity="from_urdf"),
+}
+
+
+def asked(
+    problem: PlanningProblem,
+    request: PlanTrajectory.Request,
+    measured_ns: int = NOW,
+    published: PublishedPlan | None = None,
+    sources: Sources | None = None,
+    **parameters: Any,
+) -> ReadRequest:
+    used = SimpleNamespace(**PARAMETERS | parameters)
+    states = Mock()
+    states.snapshot.return_value = Snapshot(problem.start, measured_ns, "chaser_state")
+    scenes = SceneInput(FRAME)
+    scenes.keep(Scene(problem).obstacles())
+    noted = sources or Sources()
+    return read_request(request, problem.robot, used, states, scenes, published, NOW, noted)
+
+
+def test_without_a_start_time_the_plan_starts_after_the_allowance(
+    lemur_capture: PlanningProblem,
+) -> None:
+    sources = Sources()
+    request = Scene(lemur_capture).request()
+    found = asked(lemur_capture, request, NOW - 300_000_000, sources=sources)
+    assert found.start_ns == NOW + 2 * NANOSECONDS
+    assert found.task.ahead == pytest.approx(2.3)
+    assert sources == Sources(
+        taken_up_ns=NOW, state_stamp_ns=NOW - 300_000_000, state_source="chaser_state"
+    )
+
+
+def test_a_refusal_tells_its_sources_as_far_as_it_came(lemur_capture: PlanningProblem) -> None:
+    sources, request = Sources(), Scene(lemur_capture).complete_request()
+    request.obstacles.header.frame_id = "elsewhere"
+    with pytest.raises(InvalidInput, match=r"obstacles\.header\.frame_id"):
+        asked(lemur_capture, request, sources=sources)
+    assert sources == Sources(taken_up_ns=NOW, state_stamp_ns=NOW, state_source="start_state")
+
+
+@pytest.mark.parametrize(
+    ("lead", "status", "words"),
+    [
+        (-0.5, Status.START_IN_PAST, ("start_time", "0.500 s ago")),
+        (601.0, Status.OUT_OF_RANGE, ("start_time", "601.000 s ahead", "600")),
+    ],
+)
+def test_a_start_time_that_is_over_or_far_ahead_is_refused(
+    lemur_capture: PlanningProblem, lead: float, status: Status, words: tuple[str, ...]
+) -> None:
+    request = Scene(lemur_capture).request()
+    request.start_time = time_message(NOW + round(lead * 1e9))
+    with pytest.raises(InvalidInput) as refusal:
+        asked(lemur_capture, request)
+    assert refusal.value.status is status
+    for word in words:
+        assert word in str(refusal.value)
+
+
+def test_a_start_time_before_the_state_is_refused_and_the_allowance_waits_for_it(
+    lemur_capture: PlanningProblem,
+) -> None:
+    ahead = NOW + 40_000_000
+    request = Scene(lemur_capture).request()
+    assert asked(lemur_capture, request, ahead, planning_allowance=0.0).task.ahead == 0.0
+    request.start_time = time_message(NOW + 10_000_000)
+    with pytest.raises(InvalidInput, match=r"start_time is 0\.030 s before the start state"):
+        asked(lemur_capture, request, ahead)
+
+
+def test_the_requests_end_behaviour_goes_before_the_parameters(
+    lemur_capture: PlanningProblem,
+) -> None:
+    request = Scene(lemur_capture).request()
+    by_parameter = asked(lemur_capture, request, end_behaviour="hold_end_effector").task
+    assert (by_parameter.end_behaviour, by_parameter.tail) == (EndBehaviour.HOLD_END_EFFECTOR, 1.5)
+    request.end_behaviour = "stop_joints"
+    by_request = asked(lemur_capture, request).task
+    assert (by_request.end_behaviour, by_request.tail) == (EndBehaviour.STOP_JOINTS, 1.5)
+
+
+@pytest.mark.parametrize(
+    ("since", "off", "follows"),
+    [(4.0, 0.0, True), (4.0, 0.019, True), (4.0, 0.021, False), (-0.1, 0.0, False), (11, 0, False)],
+)
+def test_the_joints_follow_the_last_plan_if_that_is_where_they_are(
+    lemur_capture: PlanningProblem, lemur_plan: Plan, since: float, off: float, follows: bool
+) -> None:
+    """A plan of 10 s that began `since` seconds before the state was measured."""
+    motion = lemur_plan.trajectory
+    planned = [np.interp(since, motion.time, column) for column in motion.joint_positions.T]
+    problem = replace(
+        lemur_capture,
+        start=replace(lemur_capture.start, joint_positions=np.array(planned) + off * np.eye(7)[2]),
+    )
+    published = PublishedPlan("run.1", motion, NOW - round(since * NANOSECONDS))
+    request, sources = Scene(problem).request(), Sources()
+    running = asked(problem, request, published=published, sources=sources).task.running
+    assert (running is not None) == follows
+    assert sources.following == ("run.1" if follows else "")
+    if running is not None:
+        assert running.time[0] == pytest.approx(-since)
