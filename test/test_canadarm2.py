@@ -13,7 +13,7 @@ from ff_planner_ros.errors import NoPlanFound, Status
 from ff_planner_ros.planning.check import require_sound
 from ff_planner_ros.planning.clearance import arm_points, clearances, segments
 from ff_planner_ros.planning.planner import end_effector_paths, plan
-from ff_planner_ros.planning.problem import Objective, PlanningProblem
+from ff_planner_ros.planning.problem import Limits, Objective, PlanningProblem
 from ff_planner_ros.planning.rollout import RolloutModel
 from ff_planner_ros.planning.scenario import load_scenario
 from ff_planner_ros.planning.settings import PlannerSettings, load_settings
@@ -106,12 +106,12 @@ def test_the_system_has_momentum_and_the_straight_path_hits_two_obstacles(
 def test_both_objectives_are_planned_and_each_is_best_at_its_own(
     capture: PlanningProblem, settings: PlannerSettings, limit_joint_velocities: bool
 ) -> None:
-    asked = replace(capture, limit_joint_velocities=limit_joint_velocities)
+    asked = replace(capture, limits=Limits(joint_velocities=limit_joint_velocities))
     answers = []
     for objective in (Objective(1.0, 0.0), Objective(0.0, 1.0)):
         problem = replace(asked, objective=objective)
         answer = plan(problem, settings)
-        require_sound(replace(problem, limit_joint_velocities=True), answer, settings)
+        require_sound(replace(problem, limits=Limits(joint_velocities=True)), answer, settings)
         assert answer.solver.stop_reason.startswith("converged")
         answers.append(answer.metrics)
     shortest, steadiest = answers
@@ -127,7 +127,7 @@ def test_both_objectives_are_planned_and_each_is_best_at_its_own(
 def test_a_hurried_capture_is_refused_for_the_torque_that_it_needs(
     capture: PlanningProblem, settings: PlannerSettings
 ) -> None:
-    hurried = replace(capture, duration=12.0, limit_joint_velocities=False)
+    hurried = replace(capture, duration=12.0, limits=Limits())
     message = r"joint joint_3 needs -?\d+ N m, \d+ N m more than its effort limit of 2332 N m"
     with pytest.raises(NoPlanFound, match=message) as refusal:
         plan(hurried, replace(settings, starts=2))
@@ -137,7 +137,7 @@ def test_a_hurried_capture_is_refused_for_the_torque_that_it_needs(
 def test_where_the_first_path_needs_too_much_torque_another_is_found(
     capture: PlanningProblem, settings: PlannerSettings
 ) -> None:
-    hurried = replace(capture, duration=14.0, limit_joint_velocities=False)
+    hurried = replace(capture, duration=14.0, limits=Limits())
     with pytest.raises(NoPlanFound, match="more than its effort limit"):
         plan(hurried, replace(settings, starts=1))
     answer = plan(hurried, settings)

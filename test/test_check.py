@@ -11,7 +11,7 @@ from ff_planner_ros.planning.check import certified_clearance, measure, require_
 from ff_planner_ros.planning.clearance import arm_points, clearances, segments
 from ff_planner_ros.planning.motion import from_trajectory, to_trajectory
 from ff_planner_ros.planning.planner import end_effector_paths, plan
-from ff_planner_ros.planning.problem import Objective, Sphere
+from ff_planner_ros.planning.problem import Limits, Objective, Sphere
 from ff_planner_ros.planning.rollout import RolloutModel
 from ff_planner_ros.planning.scenario import load_scenario
 from ff_planner_ros.planning.settings import load_settings
@@ -146,7 +146,7 @@ def test_a_joint_beyond_its_velocity_limit_is_found_by_name_time_and_amount(prob
     answer = replace(sound, metrics=measure(slow, sound.trajectory, SETTINGS))
     assert answer.metrics.min_velocity_margin == pytest.approx(-0.03, abs=1e-12)
     require_sound(slow, answer, SETTINGS)  # nobody asked to keep the rates
-    error = refusal_of(replace(slow, limit_joint_velocities=True), answer)
+    error = refusal_of(replace(slow, limits=Limits(joint_velocities=True)), answer)
     assert error.status is Status.LIMIT_VIOLATED
     turning = f"joint joint_{joint + 1} turns at {sign * rates[point, joint]:.4f} rad/s"
     assert f"{turning}, 0.03 rad/s faster than its limit of {limits[joint]:.4f}" in str(error)
@@ -158,7 +158,7 @@ def test_a_rate_beyond_its_limit_by_rounding_is_not_refused(problem, sound):
     fastest = np.abs(sound.trajectory.joint_velocities).max(axis=0)
     for beyond, refused in ((5e-7, False), (2e-6, True)):
         robot = replace(problem.robot, velocity_limits=fastest - beyond)
-        slow = replace(problem, robot=robot, limit_joint_velocities=True)
+        slow = replace(problem, robot=robot, limits=Limits(joint_velocities=True))
         answer = replace(sound, metrics=measure(slow, sound.trajectory, SETTINGS))
         if refused:
             assert refusal_of(slow, answer).status is Status.LIMIT_VIOLATED

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.errors import InvalidInput, NoPlanFound, Status
 from ff_planner_ros.planning.plan import Metrics, Plan, SolverReport, Trajectory
-from ff_planner_ros.planning.problem import PlanningProblem
+from ff_planner_ros.planning.problem import Limits, PlanningProblem
 from ff_planner_ros.ros.messages.from_messages import (
     nanoseconds,
     plan_from_response,
@@ -202,14 +202,14 @@ def test_state_obstacles_and_request_come_back_out_of_their_messages(
     ]
     request = request_message(problem, FRAME)
     back = problem_from_request(
-        request, robot, state, STAMP_NS, spheres, FRAME, 9, limit_joint_velocities=True
+        request, robot, state, STAMP_NS, spheres, FRAME, 9, limits=Limits(joint_velocities=True)
     )
     for item in fields(problem.target):
         expected = getattr(problem.target, item.name)
         np.testing.assert_allclose(getattr(back.target, item.name), expected, atol=1e-15)
     assert (back.duration, back.points) == (problem.duration, problem.points)
     assert back.objective == problem.objective
-    assert back.limit_joint_velocities
+    assert back.limits.joint_velocities
 
 
 def test_joints_are_put_in_the_robots_order(lemur_capture: PlanningProblem) -> None:
@@ -258,5 +258,5 @@ def test_a_time_comes_back_out_of_its_message(time_ns: int) -> None:
 
 def _problem(problem: PlanningProblem, request: PlanTrajectory.Request) -> PlanningProblem:
     return problem_from_request(
-        request, problem.robot, problem.start, STAMP_NS, (), FRAME, 9, limit_joint_velocities=False
+        request, problem.robot, problem.start, STAMP_NS, (), FRAME, 9, limits=Limits()
     )

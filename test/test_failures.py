@@ -15,7 +15,7 @@ from ff_planner_ros.planning.failures import Failure, failures, refusal
 from ff_planner_ros.planning.motion import from_trajectory
 from ff_planner_ros.planning.plan import Plan
 from ff_planner_ros.planning.planner import plan
-from ff_planner_ros.planning.problem import PlanningProblem, Sphere
+from ff_planner_ros.planning.problem import Limits, PlanningProblem, Sphere
 from ff_planner_ros.planning.settings import PlannerSettings, load_settings
 from ff_planner_ros.share import share_directory
 
@@ -57,7 +57,7 @@ def test_every_constraint_is_told_and_the_first_gives_the_status(
             effort_limits=robot.effort_limits / 100.0,
         ),
         obstacles=(Sphere("bolt", sound.trajectory.ee_positions[25], 0.05),),
-        limit_joint_velocities=True,
+        limits=Limits(joint_velocities=True),
     )
     inaccurate = {
         "min_singular_value": 0.001,

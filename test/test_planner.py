@@ -9,7 +9,7 @@ import pytest
 
 from ff_planner_ros.errors import InvalidInput, NoPlanFound, OutOfTime, Status
 from ff_planner_ros.planning.planner import plan
-from ff_planner_ros.planning.problem import Objective, Sphere
+from ff_planner_ros.planning.problem import Limits, Objective, Sphere
 from ff_planner_ros.planning.scenario import load_scenario
 from ff_planner_ros.planning.settings import load_settings
 from ff_planner_ros.robot.state import SystemState
@@ -177,14 +177,14 @@ def test_a_start_faster_than_a_joint_may_be_is_refused_by_joint_where_rates_are_
     rates = capture.start.joint_velocities.copy()
     rates[2] = -0.6
     start = replace(capture.start, joint_velocities=rates)
-    fast = replace(capture, start=start, limit_joint_velocities=True)
+    fast = replace(capture, start=start, limits=Limits(joint_velocities=True))
     with pytest.raises(
         InvalidInput, match=r"joints\.velocity\[joint_3\] is -0\.6.*0\.5"
     ) as refusal:
         plan(fast, settings)
     assert refusal.value.status is Status.START_OUTSIDE_LIMITS
     with pytest.raises(NoPlanFound, match="start_velocity_jump"):
-        plan(replace(fast, limit_joint_velocities=False, obstacles=()), settings)
+        plan(replace(fast, limits=Limits(joint_velocities=False), obstacles=()), settings)
 
 
 def test_joint_rates_are_kept_within_their_limits_where_they_are_limited(
@@ -193,7 +193,7 @@ def test_joint_rates_are_kept_within_their_limits_where_they_are_limited(
     """A limit of nine tenths of the fastest rate makes the path a little longer."""
     limit = 0.9 * np.abs(shortest.trajectory.joint_velocities).max()
     robot = replace(capture.robot, velocity_limits=np.full(7, limit))
-    slow = replace(capture, robot=robot, objective=LENGTH, limit_joint_velocities=True)
+    slow = replace(capture, robot=robot, objective=LENGTH, limits=Limits(joint_velocities=True))
     answer = plan(slow, replace(settings, starts=1))
     rates = np.abs(answer.trajectory.joint_velocities)
     assert rates.max() == pytest.approx(limit, abs=1e-5)
@@ -215,7 +215,7 @@ def test_a_duration_too_short_for_the_velocity_limits_is_refused_and_a_longer_on
         objective=LENGTH,
         obstacles=(),
         target=replace(capture.target, quaternion_xyzw=pin.Quaternion(turned_goal).coeffs()),
-        limit_joint_velocities=True,
+        limits=Limits(joint_velocities=True),
     )
     hurried = replace(settings, starts=1, max_iterations=10)
     with pytest.raises(

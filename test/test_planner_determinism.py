@@ -19,7 +19,8 @@ config = share_directory() / "config"
 settings = replace(load_settings(config / "planner.yaml"), starts=3)
 capture = load_scenario(config / "scenarios" / "lemur_capture.yaml")
 for objective in (Objective(1.0, 0.0), Objective(0.2, 0.8)):
-    asked = replace(capture, objective=objective, duration=5.0, limit_joint_velocities=True)
+    limits = Limits(joint_velocities=True)
+    asked = replace(capture, objective=objective, duration=5.0, limits=limits)
     answer = plan(asked, settings)
     for item in fields(answer.trajectory):
         print(item.name, getattr(answer.trajectory, item.name).tobytes().hex())

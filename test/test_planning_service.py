@@ -107,7 +107,7 @@ def test_joint_rates_are_limited_unless_the_parameter_says_otherwise(
         worker.solve.side_effect = NoPlanFound(Status.COLLISION, "blocked")
         answer(answering, Scene(lemur_capture).complete_request())
         (task, *_) = worker.solve.call_args.args
-    assert task.problem.limit_joint_velocities is limited
+    assert task.problem.limits.joint_velocities is limited
 
 
 def a_goal(problem: PlanningProblem) -> Mock:

@@ -13,7 +13,7 @@ from ff_planner_ros.errors import InvalidInput, NoPlanFound, Status
 from ff_planner_ros.planning.check import measure, require_sound
 from ff_planner_ros.planning.plan import Plan
 from ff_planner_ros.planning.planner import plan, sound_start
-from ff_planner_ros.planning.problem import PlanningProblem
+from ff_planner_ros.planning.problem import Limits, PlanningProblem
 from ff_planner_ros.planning.settings import PlannerSettings, load_settings
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.momentum import smallest_singular_values
@@ -24,7 +24,9 @@ ROUNDING, MORE = 9e-7, 1.1e-6
 
 def with_limits(problem: PlanningProblem, **limits: Array) -> PlanningProblem:
     robot = replace(problem.robot, **limits)
-    return replace(problem, robot=robot, limit_joint_velocities="velocity_limits" in limits)
+    return replace(
+        problem, robot=robot, limits=Limits(joint_velocities="velocity_limits" in limits)
+    )
 
 
 def start_beyond(problem: PlanningProblem, limit: str, excess: float) -> PlanningProblem:

@@ -103,7 +103,7 @@ def test_every_value_of_a_file_arrives(directory: Path) -> None:
     assert (problem.duration, problem.points) == (12.5, 40)
     assert problem.objective.joint_path_length == 0.5
     assert problem.objective.chaser_attitude == 2.0
-    assert problem.limit_joint_velocities
+    assert problem.limits.joint_velocities
 
 
 def test_a_target_that_names_no_twist_is_at_rest(directory: Path) -> None:
@@ -249,7 +249,7 @@ def test_a_value_that_cannot_be_planned_with_is_refused_by_its_dotted_name(
 def test_joint_rates_are_limited_only_where_the_file_says_so(
     directory: Path, name: str, value: object
 ) -> None:
-    assert not load_scenario(saved(directory, name, value)).limit_joint_velocities
+    assert not load_scenario(saved(directory, name, value)).limits.joint_velocities
 
 
 def test_euler_angles_of_two_entries_are_refused(directory: Path) -> None:

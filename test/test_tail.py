@@ -16,7 +16,7 @@ from ff_planner_ros.planning.check import certified_clearance, measure, require_
 from ff_planner_ros.planning.motion import from_trajectory
 from ff_planner_ros.planning.plan import Plan
 from ff_planner_ros.planning.planner import plan
-from ff_planner_ros.planning.problem import PlanningProblem, Sphere
+from ff_planner_ros.planning.problem import Limits, PlanningProblem, Sphere
 from ff_planner_ros.planning.settings import load_settings
 from ff_planner_ros.planning.tail import EndBehaviour, with_tail
 from ff_planner_ros.robot.momentum import total_momentum
@@ -242,7 +242,7 @@ def test_a_rate_limit_that_a_ramp_exceeds_is_found(
     motion = moving_plan.trajectory
     limits = np.abs(motion.joint_velocities).max(axis=0) + 1e-4
     robot = replace(moving_target.robot, velocity_limits=limits)
-    problem = replace(moving_target, robot=robot, limit_joint_velocities=True)
+    problem = replace(moving_target, robot=robot, limits=Limits(joint_velocities=True))
     faster = motion.joint_accelerations.copy()
     faster[-1] = 0.1 * np.sign(motion.joint_velocities[-1])
     end = replace(moving_plan, trajectory=replace(motion, joint_accelerations=faster))

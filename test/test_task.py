@@ -12,10 +12,10 @@ from ff_planner_ros.arrays import Array
 from ff_planner_ros.errors import OutOfTime
 from ff_planner_ros.planning.plan import Plan
 from ff_planner_ros.planning.problem import PlanningProblem
-from ff_planner_ros.planning.search import Progress
 from ff_planner_ros.planning.settings import PlannerSettings, load_settings
 from ff_planner_ros.planning.tail import EndBehaviour
 from ff_planner_ros.planning.task import PlanningTask, perform
+from ff_planner_ros.planning.watch import Progress
 from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.simulation.engine import Engine
 from ff_planner_ros.simulation.execution import execute

@@ -19,10 +19,10 @@ from ff_planner_ros.errors import FfPlannerError, Interrupted, InvalidInput, NoP
 from ff_planner_ros.planning.plan import Plan
 from ff_planner_ros.planning.planner import plan
 from ff_planner_ros.planning.problem import PlanningProblem, Target
-from ff_planner_ros.planning.search import Progress
 from ff_planner_ros.planning.settings import PlannerSettings, load_settings
 from ff_planner_ros.planning.tail import EndBehaviour
 from ff_planner_ros.planning.task import PlanningTask
+from ff_planner_ros.planning.watch import Progress
 from ff_planner_ros.ros.requests.worker import Worker
 from ff_planner_ros.share import share_directory
 

@@ -166,7 +166,7 @@ def _program(problem: PlanningProblem, settings: PlannerSettings) -> PathProgram
         spheres=problem.obstacles,
         objective=objective,
         clearance_margin=settings.clearance_margin,
-        limit_joint_velocities=problem.limit_joint_velocities,
+        limit_joint_velocities=problem.limits.joint_velocities,
         keep_going=lambda: None,
     )
 

@@ -31,7 +31,7 @@ from ff_planner_ros.bench.twin import same_path, seen_back, seen_from
 from ff_planner_ros.errors import InvalidInput, NoPlanFound
 from ff_planner_ros.planning.clearance import arm_points, segments
 from ff_planner_ros.planning.polynomial import COMPONENTS, FREE_TERMS
-from ff_planner_ros.planning.problem import Objective, PlanningProblem, Sphere, Target
+from ff_planner_ros.planning.problem import Limits, Objective, PlanningProblem, Sphere, Target
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.ee_at_rest import joint_rates_with_ee_at_rest
 from ff_planner_ros.robot.model import Robot
@@ -178,7 +178,7 @@ def _draw_motion(robot: Robot, reach: float, rng: np.random.Generator) -> Planni
         points=_POINTS,
         obstacles=(),
         objective=Objective(1.0, 0.0),
-        limit_joint_velocities=True,
+        limits=Limits(joint_velocities=True),
     )
 
 

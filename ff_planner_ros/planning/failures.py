@@ -92,7 +92,7 @@ def failures(problem: PlanningProblem, plan: Plan, settings: PlannerSettings) ->
         yield _collision(problem, plan, settings)
     if not metrics.min_joint_margin >= -LIMIT_TOLERANCE:
         yield _position_limit(problem, plan)
-    if problem.limit_joint_velocities and not metrics.min_velocity_margin >= -LIMIT_TOLERANCE:
+    if problem.limits.joint_velocities and not metrics.min_velocity_margin >= -LIMIT_TOLERANCE:
         yield _velocity_limit(problem, plan)
     if not metrics.min_singular_value >= settings.singular_value_threshold - LIMIT_TOLERANCE:
         yield _singularity(problem, plan, settings)

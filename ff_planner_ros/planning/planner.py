@@ -23,8 +23,9 @@ from ff_planner_ros.planning.preconditions import require_reachable_goal, requir
 from ff_planner_ros.planning.problem import Objective, PlanningProblem
 from ff_planner_ros.planning.program import PathProgram
 from ff_planner_ros.planning.rollout import Rollout, RolloutModel
-from ff_planner_ros.planning.search import CHECKING, PathSolution, Progress, Search, rank
+from ff_planner_ros.planning.search import PathSolution, Search, rank
 from ff_planner_ros.planning.settings import PlannerSettings
+from ff_planner_ros.planning.watch import CHECKING, Progress
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.momentum import total_momentum
 
@@ -69,7 +70,7 @@ def plan(
             spheres=problem.obstacles,
             objective=_with_tie_break(problem.objective, settings),
             clearance_margin=clearance_margin,
-            limit_joint_velocities=problem.limit_joint_velocities,
+            limit_joint_velocities=problem.limits.joint_velocities,
             keep_going=keep_going,
         )
 

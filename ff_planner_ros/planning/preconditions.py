@@ -43,7 +43,7 @@ def require_sound_start(
                 f"{position:.6f} rad",
                 f"it must be within the joint's limits [{lower:.6f}, {upper:.6f}] rad",
             )
-    if problem.limit_joint_velocities:
+    if problem.limits.joint_velocities:
         for name, rate, limit in zip(
             robot.joint_names, problem.start.joint_velocities, robot.velocity_limits, strict=True
         ):

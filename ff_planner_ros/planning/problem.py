@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -102,6 +103,32 @@ class Objective:
             )
 
 
+@dataclass(frozen=True)
+class Limits:
+    """What to keep beside the joints' position limits, which are always kept.
+
+    Attributes:
+        joint_velocities: Whether to keep the velocity limits of the URDF.
+        chaser_attitude: Largest Euler angle of the chaser, Eq. (45) [rad]; infinite: any.
+
+    Raises:
+        InvalidInput: An angle that is not positive.
+    """
+
+    joint_velocities: bool = False
+    chaser_attitude: float = math.inf
+
+    def __post_init__(self) -> None:
+        """Check the angle."""
+        if not self.chaser_attitude > 0.0:
+            raise InvalidInput(
+                Status.OUT_OF_RANGE,
+                "limits.chaser_attitude",
+                self.chaser_attitude,
+                "it must be greater than 0 rad, or none",
+            )
+
+
 @dataclass(frozen=True, eq=False)
 class PlanningProblem:
     """One question to the planner.
@@ -114,8 +141,7 @@ class PlanningProblem:
         points: Number of points of the plan, n_p in the paper.
         obstacles: Spheres at rest in the inertial frame.
         objective: What to minimise.
-        limit_joint_velocities: Whether to keep the velocity limits of the URDF, at the points;
-            its position limits are always kept.
+        limits: What to keep beside the joints' position limits.
 
     Raises:
         InvalidInput: A duration that is not positive, a number of points out of range, or a
@@ -129,7 +155,7 @@ class PlanningProblem:
     points: int
     obstacles: tuple[Sphere, ...]
     objective: Objective
-    limit_joint_velocities: bool = False
+    limits: Limits = Limits()
 
     def __post_init__(self) -> None:
         """Check what the parts cannot check by themselves."""

@@ -10,7 +10,7 @@ import pinocchio as pin
 
 from ff_planner_ros.arrays import Array, finite_vector
 from ff_planner_ros.errors import InvalidInput, Status
-from ff_planner_ros.planning.problem import Objective, PlanningProblem, Sphere, Target
+from ff_planner_ros.planning.problem import Limits, Objective, PlanningProblem, Sphere, Target
 from ff_planner_ros.planning.yaml_file import (
     integer,
     mapping,
@@ -69,7 +69,9 @@ def load_scenario(path: Path) -> PlanningProblem:
         points=integer("points", scenario["points"]),
         obstacles=_obstacles(scenario["obstacles"]),
         objective=_objective(scenario["objective"]),
-        limit_joint_velocities=from_urdf("limits.velocity", limits.get("velocity", "none")),
+        limits=Limits(
+            joint_velocities=from_urdf("limits.velocity", limits.get("velocity", "none"))
+        ),
     )
 
 

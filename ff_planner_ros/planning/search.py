@@ -13,30 +13,9 @@ from ff_planner_ros.planning.detours import first_guesses
 from ff_planner_ros.planning.program import PathLinearisation, PathProgram
 from ff_planner_ros.planning.settings import PlannerSettings
 from ff_planner_ros.planning.solver import Solution, minimise
+from ff_planner_ros.planning.watch import REFINING, SEARCHING, Progress
 
 PathSolution: TypeAlias = Solution[PathLinearisation]
-
-
-SEARCHING, REFINING, CHECKING = "searching", "refining", "checking"
-
-
-@dataclass(frozen=True)
-class Progress:
-    """How far a search has come.
-
-    Attributes:
-        phase: SEARCHING on few points, REFINING on all of them, CHECKING what was found.
-        starts: First guesses tried.
-        iterations: Paths looked at with their derivatives, over all starts.
-        objective: Of the path last looked at.
-        violation: By how much it violates its worst constraint [m, rad or rad/s].
-    """
-
-    phase: str
-    starts: int
-    iterations: int
-    objective: float
-    violation: float
 
 
 @dataclass(frozen=True)

@@ -10,9 +10,9 @@ from ff_planner_ros.planning.joint_motion import JointMotion
 from ff_planner_ros.planning.plan import Plan
 from ff_planner_ros.planning.planner import plan
 from ff_planner_ros.planning.problem import PlanningProblem
-from ff_planner_ros.planning.search import Progress
 from ff_planner_ros.planning.settings import PlannerSettings
 from ff_planner_ros.planning.tail import EndBehaviour, with_tail
+from ff_planner_ros.planning.watch import Progress
 
 
 @dataclass(frozen=True, eq=False)

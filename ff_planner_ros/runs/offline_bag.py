@@ -84,7 +84,7 @@ def record_answer(
         robot = problem.robot
         used = {
             "robot": {"base_link": robot.base_link, "tip_link": robot.tip_link},
-            "limits": {"velocity": "from_urdf" if problem.limit_joint_velocities else "none"},
+            "limits": {"velocity": "from_urdf" if problem.limits.joint_velocities else "none"},
             "planner": asdict(settings),
         }
         parameters = yaml.safe_dump({"/**": {"ros__parameters": used}})

@@ -17,7 +17,7 @@ from ff_planner_ros.arrays import Array, finite_vector
 from ff_planner_ros.bag.plans import trajectory_in
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.plan import Metrics, Plan, SolverReport
-from ff_planner_ros.planning.problem import Objective, PlanningProblem, Sphere, Target
+from ff_planner_ros.planning.problem import Limits, Objective, PlanningProblem, Sphere, Target
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.state import SystemState
 
@@ -37,7 +37,7 @@ def problem_from_request(
     obstacles: tuple[Sphere, ...],
     inertial_frame: str,
     default_points: int,
-    limit_joint_velocities: bool,
+    limits: Limits,
 ) -> PlanningProblem:
     """Build the question that a service request asks.
 
@@ -47,7 +47,7 @@ def problem_from_request(
         start_ns: Time of that state [ns].
         inertial_frame: The only frame that the target may be given in.
         default_points: Number of points where the request says zero.
-        limit_joint_velocities: Whether to keep the URDF's velocity limits.
+        limits: What to keep.
 
     Raises:
         InvalidInput: A field of the request cannot be used; the error names it.
@@ -80,7 +80,7 @@ def problem_from_request(
                 joint_path_length=request.weight_joint_path_length,
                 chaser_attitude=request.weight_chaser_attitude,
             ),
-            limit_joint_velocities=limit_joint_velocities,
+            limits=limits,
         )
     if start_ns / NANOSECONDS + problem.duration > _MAX_MESSAGE_SECONDS:
         raise InvalidInput(

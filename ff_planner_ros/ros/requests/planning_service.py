@@ -21,7 +21,7 @@ from rclpy.node import Node
 from rclpy.service_introspection import ServiceIntrospectionState
 
 from ff_planner_ros.errors import FfPlannerError, Interrupted, NoPlanFound, Status
-from ff_planner_ros.planning.search import Progress
+from ff_planner_ros.planning.watch import Progress
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.ros.inputs.scene_input import SceneInput
 from ff_planner_ros.ros.inputs.state_input import StateInput

@@ -10,6 +10,7 @@ from ff_planner_msgs.srv import PlanTrajectory
 from ff_planner_ros.arrays import finite_number
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.joint_motion import JointMotion, joint_motion
+from ff_planner_ros.planning.problem import Limits
 from ff_planner_ros.planning.scenario import from_urdf
 from ff_planner_ros.planning.tail import EndBehaviour
 from ff_planner_ros.planning.task import PlanningTask
@@ -126,7 +127,7 @@ def read_request(
         scene.spheres,
         parameters.inertial_frame,
         parameters.points,
-        from_urdf("limits.velocity", parameters.limits.velocity),
+        Limits(joint_velocities=from_urdf("limits.velocity", parameters.limits.velocity)),
     )
     running = _running(published, measured, parameters.following_tolerance)
     if published is not None and running is not None:

@@ -19,9 +19,9 @@ from typing import BinaryIO, cast
 
 from ff_planner_ros.errors import FfPlannerError
 from ff_planner_ros.planning.plan import Plan
-from ff_planner_ros.planning.search import Progress
 from ff_planner_ros.planning.settings import PlannerSettings
 from ff_planner_ros.planning.task import PlanningTask, perform
+from ff_planner_ros.planning.watch import Progress
 from ff_planner_ros.time_budget import time_budget
 
 # What the planner says to the server, and the server says first of all.

@@ -16,9 +16,9 @@ from contextlib import suppress
 
 from ff_planner_ros.errors import FfPlannerError, Interrupted, NoPlanFound, Status
 from ff_planner_ros.planning.plan import Plan
-from ff_planner_ros.planning.search import Progress
 from ff_planner_ros.planning.settings import PlannerSettings
 from ff_planner_ros.planning.task import PlanningTask
+from ff_planner_ros.planning.watch import Progress
 from ff_planner_ros.ros.requests import solver_process
 from ff_planner_ros.ros.requests.solver_process import KILL, LOADED, PLAN
 

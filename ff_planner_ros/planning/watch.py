@@ -1,0 +1,36 @@
+"""What a search tells on its way, and what may end it: for whoever waits for a plan."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+SEARCHING, REFINING, CHECKING = "searching", "refining", "checking"
+
+
+@dataclass(frozen=True)
+class Progress:
+    """How far a search has come.
+
+    Attributes:
+        phase: SEARCHING on few points, REFINING on all of them, CHECKING what was found.
+        starts: First guesses tried.
+        iterations: Paths looked at with their derivatives, over all starts.
+        objective: Of the path last looked at.
+        violation: By how much it violates its worst constraint [m, rad or rad/s].
+    """
+
+    phase: str
+    starts: int
+    iterations: int
+    objective: float
+    violation: float
+
+
+class Watch:
+    """Looks on while a plan is made. This one lets it take its time and tells nobody."""
+
+    def require_time(self) -> None:
+        """Called before every iteration of a search; raises OutOfTime to end it."""
+
+    def report(self, progress: Progress) -> None:
+        """Called after every iteration, and before a path is checked."""
