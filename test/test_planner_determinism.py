@@ -10,7 +10,7 @@ import sys
 PLAN = """
 from dataclasses import fields, replace
 from ff_planner_ros.planning.planner import plan
-from ff_planner_ros.planning.problem import Objective
+from ff_planner_ros.planning.problem import Limits, Objective
 from ff_planner_ros.planning.scenario import load_scenario
 from ff_planner_ros.planning.settings import load_settings
 from ff_planner_ros.share import share_directory
