@@ -473,12 +473,12 @@ def _motions(source: Path, options: argparse.Namespace) -> Iterator[tuple[str, R
     elif source.suffix == ".json":
         yield source.name, *_motion_in_json(source)
     elif source.is_dir() or source.suffix == ".mcap":
-        from ff_planner_ros.runs.recorded_plans import recorded_plans
+        from ff_planner_ros.bag.robot_plans import robot_plans
 
-        recorded = recorded_plans(source)
+        recorded = robot_plans(source)
         _print_notes(recorded.notes)
-        for plan_id, recorded_plan in recorded.plans.items():
-            yield plan_id, recorded.robot, recorded_plan.trajectory
+        for plan_id, motion in recorded.motions.items():
+            yield plan_id, recorded.robot, motion
     else:
         allowed = "it must be a scenario (.yaml), an answer (.json) or a bag (directory or .mcap)"
         raise InvalidInput(Status.UNSUPPORTED, "what to verify", source, allowed)

@@ -119,10 +119,11 @@ def _pictures(
     problem: PlanningProblem, plans: Mapping[Method, Plan], output: Path
 ) -> Iterator[Path]:
     """Write the pictures; more methods than the paper's would crowd the figures."""
-    of_the_paper = {method: plan for method, plan in plans.items() if method in PAPERS_METHODS}
+    motions = {method: plan.trajectory for method, plan in plans.items()}
+    of_the_paper = {method: motions[method] for method in plans if method in PAPERS_METHODS}
     if of_the_paper:
         yield from save_figures(problem, of_the_paper, output)
-    if plans:
+    if motions:
         scene = output / "scene.html"
-        save_scene(problem, plans, {STRAIGHT_LINE, SHORTEST} & plans.keys() or plans, scene)
+        save_scene(problem, motions, {STRAIGHT_LINE, SHORTEST} & motions.keys() or motions, scene)
         yield scene

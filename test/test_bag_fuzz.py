@@ -15,9 +15,9 @@ import pytest
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 
+from ff_planner_ros.bag.exchanges import SERVICE_EVENT
 from ff_planner_ros.bag.export import export_csv
 from ff_planner_ros.bag.info import info
-from ff_planner_ros.bag.plans import SERVICE_EVENT
 from ff_planner_ros.bag.reader import open_bag
 from ff_planner_ros.bag.recover import recover
 from ff_planner_ros.errors import BagError

@@ -19,13 +19,13 @@ from trajectory_msgs.msg import JointTrajectoryPoint
 
 from ff_planner_ros.bag import read_plans
 from ff_planner_ros.bag.encoding import encode
+from ff_planner_ros.bag.exchanges import GOAL_EVENT, RESULT_EVENT, SERVICE_EVENT
 from ff_planner_ros.bag.export import export_csv, export_npz
 from ff_planner_ros.bag.info import info
-from ff_planner_ros.bag.plans import GOAL_EVENT, RESULT_EVENT, SERVICE_EVENT
 from ff_planner_ros.bag.writer import BagWriter
 from ff_planner_ros.cli import main
 from ff_planner_ros.errors import BagError, Status
-from ff_planner_ros.ros.requests.action_events import GET_RESULT, SEND_GOAL
+from ff_planner_ros.ros.messages.interfaces import GET_RESULT, SEND_GOAL
 
 NODE = Path(__file__).parent / "golden_bags" / "node"
 REQUEST_SENT, REQUEST_RECEIVED, RESPONSE_SENT, RESPONSE_RECEIVED = range(4)

@@ -19,12 +19,10 @@ from matplotlib.lines import Line2D
 from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.analysis.figures import (
-    chaser_pose_figure,
-    chaser_velocity_figure,
     clearance_figure,
-    end_effector_figure,
     joint_angle_figure,
     save_figures,
+    two_column_figure,
 )
 from ff_planner_ros.analysis.methods import (
     FIXED_BASE,
@@ -36,7 +34,12 @@ from ff_planner_ros.analysis.methods import (
     ZERO_MOMENTUM,
     Method,
 )
-from ff_planner_ros.analysis.panels import closest_clearance
+from ff_planner_ros.analysis.panels import (
+    CHASER_POSE,
+    CHASER_VELOCITY,
+    END_EFFECTOR_POSE,
+    closest_clearance,
+)
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.planning.plan import Plan, Trajectory
 from ff_planner_ros.planning.problem import PlanningProblem
@@ -51,14 +54,18 @@ def plans(lemur: Robot) -> dict[Method, Plan]:
     return {method: drawn_plan(lemur, seed) for seed, method in enumerate(PAPERS_METHODS)}
 
 
+def motions_of(plans: dict[Method, Plan]) -> dict[Method, Trajectory]:
+    return {method: plan.trajectory for method, plan in plans.items()}
+
+
 @pytest.fixture(scope="module")
 def figures(lemur_capture: PlanningProblem, plans: dict[Method, Plan]) -> dict[str, Figure]:
     return {
-        "end effector": end_effector_figure(plans),
-        "chaser pose": chaser_pose_figure(plans),
-        "chaser velocity": chaser_velocity_figure(plans),
-        "clearance": clearance_figure(lemur_capture, plans),
-        "joint angles": joint_angle_figure(lemur_capture.robot, plans),
+        "end effector": two_column_figure(END_EFFECTOR_POSE, motions_of(plans)),
+        "chaser pose": two_column_figure(CHASER_POSE, motions_of(plans)),
+        "chaser velocity": two_column_figure(CHASER_VELOCITY, motions_of(plans)),
+        "clearance": clearance_figure(lemur_capture, motions_of(plans)),
+        "joint angles": joint_angle_figure(lemur_capture.robot, motions_of(plans)),
     }
 
 
@@ -160,14 +167,15 @@ def test_orientation_that_passes_the_angles_singularity_is_drawn_without_a_jump(
     truth = np.linspace([-45.0, 55.0, -65.0], [-30.0, 145.0, -130.0], POINTS)
     plan = drawn_plan(lemur, 0)
     turned = replace(plan.trajectory, ee_quaternions_xyzw=quaternions(truth))
-    panels = end_effector_figure({SHORTEST: replace(plan, trajectory=turned)}).axes[1::2]
+    panels = two_column_figure(END_EFFECTOR_POSE, {SHORTEST: turned}).axes[1::2]
     drawn = np.stack([curves(axes)["min(L)"] for axes in panels], axis=1)
     np.testing.assert_allclose(drawn, truth, atol=1e-6)
 
 
 def test_attitude_is_drawn_without_a_jump_where_its_angles_pass_180_degrees(lemur: Robot) -> None:
     truth = np.linspace([0.0, 0.0, 0.0], [250.0, 20.0, -300.0], POINTS)
-    panels = chaser_pose_figure({SHORTEST: drawn_plan(lemur, 0, truth)}).axes[1::2]
+    motions = motions_of({SHORTEST: drawn_plan(lemur, 0, truth)})
+    panels = two_column_figure(CHASER_POSE, motions).axes[1::2]
     drawn = np.stack([curves(axes)["min(L)"] for axes in panels], axis=1)
     np.testing.assert_allclose(drawn, truth, atol=1e-6)
 
@@ -196,7 +204,7 @@ def test_zero_clearance_is_marked_with_the_inside_of_obstacles_below_it(
     problem = replace(lemur_capture, obstacles=obstacles)
     signs = np.sign(closest_clearance(problem.robot, obstacles, plans[SHORTEST].trajectory))
     assert set(signs) == {1.0 if radius < 1.0 else -1.0}
-    (axes,) = clearance_figure(problem, plans).axes
+    (axes,) = clearance_figure(problem, motions_of(plans)).axes
     bottom, top = axes.get_ylim()
     assert bottom < 0.0 < top
     (inside,) = axes.patches
@@ -208,7 +216,7 @@ def test_zero_clearance_is_marked_with_the_inside_of_obstacles_below_it(
 def test_without_obstacles_the_figure_says_so(
     lemur_capture: PlanningProblem, plans: dict[Method, Plan]
 ) -> None:
-    figure = clearance_figure(replace(lemur_capture, obstacles=()), plans)
+    figure = clearance_figure(replace(lemur_capture, obstacles=()), motions_of(plans))
     assert [text.get_text() for text in figure.axes[0].texts] == ["no obstacles"]
     assert len(figure.legends[0].get_texts()) == len(plans)
 
@@ -216,7 +224,7 @@ def test_without_obstacles_the_figure_says_so(
 def test_each_joint_is_drawn_with_its_own_limits(lemur: Robot, plans: dict[Method, Plan]) -> None:
     lower = np.deg2rad(np.arange(-170.0, -163.0))
     robot = replace(lemur, lower_position_limits=lower)
-    figure = joint_angle_figure(robot, plans)
+    figure = joint_angle_figure(robot, motions_of(plans))
     for axes, limit in zip(figure.axes, np.rad2deg(lower), strict=False):
         levels = [line.get_ydata()[0] for line in axes.lines if len(line.get_ydata()) == 2]
         np.testing.assert_allclose(levels, [limit, 180.0])
@@ -227,7 +235,7 @@ def test_every_figure_is_written_as_png_and_dateless_pdf_into_a_new_directory(
     lemur_capture: PlanningProblem, plans: dict[Method, Plan], tmp_path: Path
 ) -> None:
     directory = tmp_path / "new" / "figures"
-    written = save_figures(lemur_capture, plans, directory)
+    written = save_figures(lemur_capture, motions_of(plans), directory)
     names = ("end_effector", "chaser_pose", "chaser_velocity", "clearance", "joint_angles")
     assert written == [directory / f"{name}.png" for name in names]
     for path in written:

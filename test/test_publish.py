@@ -27,7 +27,7 @@ from ff_planner_ros.cli import main
 from ff_planner_ros.errors import Status
 from ff_planner_ros.planning.problem import PlanningProblem
 from ff_planner_ros.ros.messages.from_messages import nanoseconds
-from ff_planner_ros.ros.recorder.recorder import type_name
+from ff_planner_ros.ros.messages.interfaces import type_name
 from ff_planner_ros.runs import publish
 
 STATES, SCENE, LOG = "/robot/chaser_state", "/robot/obstacles", "/said"

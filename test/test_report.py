@@ -28,6 +28,7 @@ from ff_planner_ros.analysis.plan_json import plan_dictionary, refusal_dictionar
 from ff_planner_ros.analysis.tracking import Deviations
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.bag.encoding import encode
+from ff_planner_ros.bag.exchanges import GOAL_EVENTS, RESULT_EVENTS
 from ff_planner_ros.bag.provenance import PROVENANCE
 from ff_planner_ros.bag.writer import BagWriter
 from ff_planner_ros.cli import main
@@ -38,6 +39,7 @@ from ff_planner_ros.planning.problem import PlanningProblem
 from ff_planner_ros.planning.settings import load_settings
 from ff_planner_ros.robot.model import robot_from_urdf_text
 from ff_planner_ros.robot.state import SystemState
+from ff_planner_ros.ros.messages.interfaces import GET_RESULT, SEND_GOAL, type_name
 from ff_planner_ros.ros.messages.to_messages import (
     goal_message,
     obstacles_message,
@@ -47,13 +49,6 @@ from ff_planner_ros.ros.messages.to_messages import (
     response_from_plan,
     state_message,
     time_message,
-)
-from ff_planner_ros.ros.recorder.recorder import type_name
-from ff_planner_ros.ros.requests.action_events import (
-    GET_RESULT,
-    SEND_GOAL,
-    goal_topic,
-    result_topic,
 )
 from ff_planner_ros.runs.report import Report, report_of_answer
 from ff_planner_ros.runs.report_of_bag import report_of_bag
@@ -69,6 +64,9 @@ PLOTS = (
     *("scene", "end-effector", "chaser-pose", "chaser-velocity", "clearance"),
     *("joint-angles", "joint-rates"),
 )
+
+
+REQUEST_RECEIVED, RESPONSE_SENT = 1, 2  # of service_msgs/ServiceEventInfo
 
 
 class Run:
@@ -105,9 +103,7 @@ class Run:
             self._event("/plan_trajectory/_service_event", answered_ns, response=[response])
 
     def _event(self, topic: str, time_ns: int, **content: Any) -> None:
-        kind = (
-            ServiceEventInfo.REQUEST_RECEIVED if "request" in content else 2  # RESPONSE_SENT
-        )
+        kind = REQUEST_RECEIVED if "request" in content else RESPONSE_SENT
         info = ServiceEventInfo(
             event_type=kind, stamp=time_message(time_ns), sequence_number=self._number
         )
@@ -120,9 +116,9 @@ class Run:
         for name in result.get_fields_and_field_types():
             setattr(result, name, getattr(response, name))
         for topic, message, time_ns in (
-            (goal_topic("/act"), SEND_GOAL.Event(request=[asked]), asked_ns),
+            (f"/act{GOAL_EVENTS}", SEND_GOAL.Event(request=[asked]), asked_ns),
             (
-                result_topic("/act"),
+                f"/act{RESULT_EVENTS}",
                 GET_RESULT.Event(
                     request=[GET_RESULT.Request(goal_id=asked.goal_id)],
                     response=[GET_RESULT.Response(result=result)],
@@ -131,6 +127,8 @@ class Run:
             ),
         ):
             message.info.stamp = time_message(time_ns)
+            is_result = time_ns > asked_ns
+            message.info.event_type = RESPONSE_SENT if is_result else REQUEST_RECEIVED
             self.put(topic, message, time_ns)
 
     def states(self, motion: Trajectory, start_ns: int) -> None:

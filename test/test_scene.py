@@ -229,7 +229,8 @@ def page(
     tmp_path_factory: pytest.TempPathFactory,
 ) -> str:
     path = tmp_path_factory.mktemp("scene") / "scene.html"
-    save_scene(lemur_capture, plans, {SHORTEST}, path)
+    motions = {method: plan.trajectory for method, plan in plans.items()}
+    save_scene(lemur_capture, motions, {SHORTEST}, path)
     return path.read_text(encoding="utf-8")
 
 
@@ -255,5 +256,6 @@ def test_the_same_plans_give_the_same_page(
 ) -> None:
     again = tmp_path / "again.html"
     again.write_text("what was there before")
-    save_scene(lemur_capture, plans, {SHORTEST}, again)
+    motions = {method: plan.trajectory for method, plan in plans.items()}
+    save_scene(lemur_capture, motions, {SHORTEST}, again)
     assert again.read_text(encoding="utf-8") == page

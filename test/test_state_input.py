@@ -15,7 +15,9 @@ from sensor_msgs.msg import JointState
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.problem import PlanningProblem
 from ff_planner_ros.robot.model import Robot
-from ff_planner_ros.ros.inputs.state_input import StateInput
+from ff_planner_ros.ros.inputs.input_topics import INPUT_TOPICS, heard_with
+from ff_planner_ros.ros.inputs.scene_input import SceneInput
+from ff_planner_ros.ros.inputs.state_input import STATE_SOURCES, StateInput
 from ff_planner_ros.ros.messages.from_odometry import OdometryParameters
 from ff_planner_ros.ros.messages.to_messages import state_message, time_message
 
@@ -36,8 +38,11 @@ class Fed:
 
     def __init__(self, robot: Robot, source: str) -> None:
         self.input = StateInput(robot, FRAME, source, PARAMETERS)
+        callbacks = self.input.callbacks()
         self.keep: dict[str, Callable[[Any], None]] = {
-            topic: callback for topic, _, callback in self.input.subscriptions()
+            topic.name: callbacks[topic.name]
+            for topic in heard_with(source)
+            if topic.name in callbacks
         }
 
     def ask(self, now_ns: int = NOW_NS) -> Any:
@@ -91,6 +96,14 @@ def test_the_state_heard_last_is_the_snapshot(states: Fed, lemur_capture: Planni
 def test_each_source_subscribes_to_its_own_topics(states: Fed, testbed: Fed) -> None:
     assert list(states.keep) == ["chaser_state"]
     assert list(testbed.keep) == ["odometry", "joint_states"]
+
+
+@pytest.mark.parametrize("source", STATE_SOURCES)
+def test_the_node_subscribes_only_to_what_an_input_takes(source: str, states: Fed) -> None:
+    taken = states.input.callbacks() | SceneInput(FRAME).callbacks()
+    heard = [topic.name for topic in heard_with(source)]
+    assert heard[-1] == "obstacles"
+    assert set(heard) <= taken.keys() == INPUT_TOPICS.keys()
 
 
 def test_what_was_not_received_is_named(states: Fed, testbed: Fed, lemur: Robot) -> None:

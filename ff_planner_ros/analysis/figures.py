@@ -20,7 +20,7 @@ from ff_planner_ros.analysis.panels import (
     joint_angles,
     panels,
 )
-from ff_planner_ros.planning.plan import Plan
+from ff_planner_ros.planning.plan import Trajectory
 from ff_planner_ros.planning.problem import PlanningProblem
 from ff_planner_ros.robot.model import Robot
 
@@ -30,12 +30,12 @@ _DOTS_PER_INCH = 150
 
 
 def save_figures(
-    problem: PlanningProblem, plans: Mapping[Method, Plan], directory: Path
+    problem: PlanningProblem, motions: Mapping[Method, Trajectory], directory: Path
 ) -> list[Path]:
-    """Draw plans side by side, each figure as PDF and PNG.
+    """Draw the motions of several plans in each figure, as PDF and PNG.
 
     Args:
-        plans: At least one; drawn in this order.
+        motions: At least one; drawn in this order.
         directory: Made if it is not there; figures of the same name in it are replaced.
 
     Returns:
@@ -43,11 +43,11 @@ def save_figures(
     """
     directory.mkdir(parents=True, exist_ok=True)
     figures = {
-        "end_effector": end_effector_figure(plans),
-        "chaser_pose": chaser_pose_figure(plans),
-        "chaser_velocity": chaser_velocity_figure(plans),
-        "clearance": clearance_figure(problem, plans),
-        "joint_angles": joint_angle_figure(problem.robot, plans),
+        "end_effector": two_column_figure(END_EFFECTOR_POSE, motions),
+        "chaser_pose": two_column_figure(CHASER_POSE, motions),
+        "chaser_velocity": two_column_figure(CHASER_VELOCITY, motions),
+        "clearance": clearance_figure(problem, motions),
+        "joint_angles": joint_angle_figure(problem.robot, motions),
     }
     for name, figure in figures.items():
         figure.savefig(directory / f"{name}.png", dpi=_DOTS_PER_INCH)
@@ -56,42 +56,31 @@ def save_figures(
     return [directory / f"{name}.png" for name in figures]
 
 
-def end_effector_figure(plans: Mapping[Method, Plan]) -> Figure:
-    """Draw position and orientation of the end effector: Fig. 3 of the paper.
+def two_column_figure(
+    quantities: tuple[Quantity, Quantity], motions: Mapping[Method, Trajectory]
+) -> Figure:
+    """Draw two quantities side by side, a row for each of their numbers: Figs. 3 to 5 of the paper.
 
     Args:
-        plans: At least one.
+        motions: At least one.
     """
-    return _two_columns(END_EFFECTOR_POSE, plans)
+    figure = Figure(figsize=(8.0, 6.4), layout="constrained")
+    grid = figure.subplots(3, 2, sharex=True)
+    for column, quantity in zip(grid.T, quantities, strict=True):
+        column[0].set_title(quantity.title, fontsize=11)
+        _draw(column, quantity, motions)
+    return _with_legend(figure)
 
 
-def chaser_pose_figure(plans: Mapping[Method, Plan]) -> Figure:
-    """Draw position and attitude of the chaser: Fig. 4 of the paper.
-
-    Args:
-        plans: At least one.
-    """
-    return _two_columns(CHASER_POSE, plans)
-
-
-def chaser_velocity_figure(plans: Mapping[Method, Plan]) -> Figure:
-    """Draw linear and angular velocity of the chaser: Fig. 5 of the paper.
-
-    Args:
-        plans: At least one.
-    """
-    return _two_columns(CHASER_VELOCITY, plans)
-
-
-def clearance_figure(problem: PlanningProblem, plans: Mapping[Method, Plan]) -> Figure:
+def clearance_figure(problem: PlanningProblem, motions: Mapping[Method, Trajectory]) -> Figure:
     """Draw the distance of the arm's centre lines to the closest obstacle: Fig. 6 of the paper.
 
     Args:
-        plans: At least one.
+        motions: At least one.
     """
     figure = Figure(figsize=(8.0, 4.8), layout="constrained")
     axes = figure.add_subplot()
-    _draw([axes], clearance(problem.robot, problem.obstacles), plans)
+    _draw([axes], clearance(problem.robot, problem.obstacles), motions)
     if problem.obstacles:
         bottom, top = axes.get_ylim()
         bottom, top = min(bottom, -0.05 * top), max(top, -0.05 * bottom)
@@ -103,18 +92,17 @@ def clearance_figure(problem: PlanningProblem, plans: Mapping[Method, Plan]) -> 
     return _with_legend(figure)
 
 
-def joint_angle_figure(robot: Robot, plans: Mapping[Method, Plan]) -> Figure:
+def joint_angle_figure(robot: Robot, motions: Mapping[Method, Trajectory]) -> Figure:
     """Draw every joint in a panel of its own, with its limits.
 
     Args:
-        robot: The robot that the plans were made for.
-        plans: At least one.
+        motions: At least one.
     """
     rows = -(-robot.joints // 2)
     figure = Figure(figsize=(8.0, 1.0 + 1.5 * rows), layout="constrained")
     grid = figure.subplots(rows, 2, squeeze=False).ravel().tolist()
     drawn, spare = grid[: robot.joints], grid[robot.joints :]
-    _draw(drawn, joint_angles(robot), plans)
+    _draw(drawn, joint_angles(robot), motions)
     for axes in drawn:
         axes.set_xlabel("")
     for axes in spare:
@@ -123,17 +111,7 @@ def joint_angle_figure(robot: Robot, plans: Mapping[Method, Plan]) -> Figure:
     return _with_legend(figure)
 
 
-def _two_columns(quantities: tuple[Quantity, Quantity], plans: Mapping[Method, Plan]) -> Figure:
-    figure = Figure(figsize=(8.0, 6.4), layout="constrained")
-    grid = figure.subplots(3, 2, sharex=True)
-    for column, quantity in zip(grid.T, quantities, strict=True):
-        column[0].set_title(quantity.title, fontsize=11)
-        _draw(column, quantity, plans)
-    return _with_legend(figure)
-
-
-def _draw(grid: Sequence[Axes], quantity: Quantity, plans: Mapping[Method, Plan]) -> None:
-    motions = {method: plan.trajectory for method, plan in plans.items()}
+def _draw(grid: Sequence[Axes], quantity: Quantity, motions: Mapping[Method, Trajectory]) -> None:
     for axes, panel in zip(grid, panels(quantity, motions), strict=True):
         _draw_panel(axes, panel)
     grid[-1].set_xlabel("time [s]")

@@ -21,7 +21,7 @@ from ff_planner_ros.analysis.methods import Method
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.planning.clearance import arm_points
 from ff_planner_ros.planning.motion import from_trajectory
-from ff_planner_ros.planning.plan import Plan, Trajectory
+from ff_planner_ros.planning.plan import Trajectory
 from ff_planner_ros.planning.problem import PlanningProblem, Sphere
 from ff_planner_ros.robot.box import uniform_box
 from ff_planner_ros.robot.model import Robot
@@ -41,16 +41,18 @@ _CAMERA = {"eye": {"x": -0.9, "y": -1.75, "z": 0.8}, "center": {"x": 0.0, "y": 0
 
 
 def save_scene(
-    problem: PlanningProblem, plans: Mapping[Method, Plan], shown: Collection[Method], path: Path
+    problem: PlanningProblem,
+    motions: Mapping[Method, Trajectory],
+    shown: Collection[Method],
+    path: Path,
 ) -> None:
     """Write the scene as one HTML file that needs nothing else.
 
     Args:
-        plans: At least one.
+        motions: At least one.
         shown: Methods that are shown from the start; a click in the legend shows the others.
     """
-    # The name of the scene's element is fixed: the same plans give the same file.
-    motions = {method: plan.trajectory for method, plan in plans.items()}
+    # The name of the scene's element is fixed: the same motions give the same file.
     goal = problem.target.position
     element = scene_figure(problem.robot, problem.obstacles, goal, motions, shown).to_html(
         full_html=False,
@@ -60,7 +62,9 @@ def save_scene(
         div_id="scene",
         config={"displaylogo": False},
     )
-    path.write_text(_PAGE.format(title=", ".join(m.label for m in plans), element=element), "utf-8")
+    path.write_text(
+        _PAGE.format(title=", ".join(m.label for m in motions), element=element), "utf-8"
+    )
 
 
 def scene_figure(

@@ -8,14 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from ff_planner_ros.bag.mcap_records import printable
-from ff_planner_ros.bag.plans import (
-    GOAL_EVENT,
-    REQUEST_RECEIVED,
-    SERVICE_EVENT,
-    RecordedPlan,
-    is_event,
-    recorded_plans,
-)
+from ff_planner_ros.bag.plans import planning_exchanges
 from ff_planner_ros.bag.reader import Bag, open_bag
 from ff_planner_ros.bag.rosbag2_metadata import ROSBAG2, custom_data
 
@@ -63,52 +56,28 @@ def _topics(bag: Bag) -> Iterator[str]:
 
 
 def _requests(bag: Bag) -> Iterator[str]:
-    plans = recorded_plans(bag)
-    asked = _asked(bag)
-    planners = sorted({_planner(plan.topic) for plan in plans} | set(asked))
-    if len(planners) > 1:
-        robots = {planner.rpartition("/")[0] for planner in planners}
-        if len(robots) > 1:
-            bag.note(
-                f"it is of {len(robots)} planners, {', '.join(sorted(robots))}: the robot.urdf "
-                "attached is of one of them"
-            )
-    outcomes = Counter(plan.status for plan in plans)
-    unanswered = sum(asked.values()) - len(plans)
+    found = planning_exchanges(bag)
+    namespaces = sorted({exchange.namespace for exchange in found})
+    if len(namespaces) > 1:
+        bag.note(
+            f"it is of {len(namespaces)} planners, {', '.join(namespaces)}: the robot.urdf "
+            "attached is of one of them"
+        )
+    answered = [(one.name, one.response) for one in found if one.response is not None]
+    answered.sort(key=lambda pair: pair[1].answered_ns)
+    counts = Counter(plan.status for _, plan in answered)
+    # Some recorders do not tell to which request an answer is.
+    unanswered = sum(one.request is not None for one in found) - len(answered)
     if unanswered > 0:
-        outcomes["no answer"] = unanswered
-    listed = ", ".join(f"{count} {status}" for status, count in outcomes.most_common())
-    yield f"requests  {sum(outcomes.values())}{': ' if listed else ''}{listed}"
-    for plan in plans[:_MOST_REQUESTS]:
-        yield _request(bag, plan)
-    if len(plans) > _MOST_REQUESTS:
-        yield f"  ... and {len(plans) - _MOST_REQUESTS} more: ff-planner export has them all"
-
-
-def _asked(bag: Bag) -> Counter[str]:
-    """Return the number of requests and goals that each service and action received."""
-    return Counter(
-        _planner(message.topic)
-        for type_name in (SERVICE_EVENT, GOAL_EVENT)
-        for message, event in bag.decoded(type_name)
-        if is_event(event, REQUEST_RECEIVED)
-    )
-
-
-def _planner(topic: str) -> str:
-    """Return the service or action that an event is of."""
-    for ending in ("/_action/send_goal", "/_action/get_result", ""):
-        name = topic.removesuffix(f"{ending}/_service_event")
-        if name != topic:
-            return name
-    return topic
-
-
-def _request(bag: Bag, plan: RecordedPlan) -> str:
-    seconds = (plan.answered_ns - bag.start_ns) * 1e-9
-    asked = _planner(plan.topic)
-    name, message = _short(plan.plan_id), _short(plan.message)
-    return f"  {seconds:9.3f} s  {_short(asked)}  {plan.status}  {name}  {message}"
+        counts["no answer"] = unanswered
+    listed = ", ".join(f"{count} {status}" for status, count in counts.most_common())
+    yield f"requests  {counts.total()}{': ' if listed else ''}{listed}"
+    for name, plan in answered[:_MOST_REQUESTS]:
+        seconds = (plan.answered_ns - bag.start_ns) * 1e-9
+        plan_id, message = _short(plan.plan_id), _short(plan.message)
+        yield f"  {seconds:9.3f} s  {_short(name)}  {plan.status}  {plan_id}  {message}"
+    if len(answered) > _MOST_REQUESTS:
+        yield f"  ... and {len(answered) - _MOST_REQUESTS} more: ff-planner export has them all"
 
 
 def _documents(bag: Bag) -> Iterator[str]:

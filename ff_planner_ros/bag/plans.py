@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,14 +11,10 @@ from typing import Any
 import numpy as np
 
 from ff_planner_ros.arrays import Array
+from ff_planner_ros.bag.exchanges import Exchange, exchanges
 from ff_planner_ros.bag.reader import Bag, Message, open_bag
-from ff_planner_ros.errors import Status
+from ff_planner_ros.errors import BagError, Status
 from ff_planner_ros.planning.plan import Trajectory
-
-SERVICE_EVENT = "ff_planner_msgs/srv/PlanTrajectory_Event"
-GOAL_EVENT = "ff_planner_msgs/action/PlanTrajectory_SendGoal_Event"
-RESULT_EVENT = "ff_planner_msgs/action/PlanTrajectory_GetResult_Event"
-REQUEST_RECEIVED, RESPONSE_SENT = 1, 2  # of service_msgs/ServiceEventInfo; others are a client's
 
 _AXES, _QUATERNION = ("x", "y", "z"), ("qx", "qy", "qz", "qw")
 # Of a trajectory's field: what stands before its columns, their names, and behind them the unit.
@@ -113,34 +109,45 @@ def recorded_plans(bag: Bag) -> list[RecordedPlan]:
     Raises:
         BagError: The disk fails.
     """
-    plans = []
-    for message, response in _answers(bag):
-        try:
-            plans.append(_recorded_plan(message, response))
-        except (AttributeError, TypeError, ValueError, LookupError, OverflowError) as error:
-            bag.note(f"an answer on {message.topic} cannot be understood: {error}")
+    plans = [one.response for one in planning_exchanges(bag) if one.response is not None]
     return sorted(plans, key=lambda plan: plan.answered_ns)
 
 
-def _answers(bag: Bag) -> Iterator[tuple[Message, Any]]:
-    for message, event in bag.decoded(SERVICE_EVENT):
-        if is_event(event, RESPONSE_SENT):
-            yield from ((message, response) for response in getattr(event, "response", ()))
-    for message, event in bag.decoded(RESULT_EVENT):
-        if is_event(event, RESPONSE_SENT):
-            yield from (
-                (message, getattr(response, "result", None))
-                for response in getattr(event, "response", ())
-            )
-
-
-def is_event(event: Any, kind: int) -> bool:
-    """Whether a decoded service event is of a kind.
+def planning_exchanges(bag: Bag) -> list[Exchange[bool, RecordedPlan]]:
+    """Return every request, of which nothing is read, with the answer to it.
 
     Args:
-        kind: As in `service_msgs/ServiceEventInfo`.
+        bag: Open; notes what cannot be understood.
+
+    Raises:
+        BagError: The disk fails.
     """
-    return getattr(getattr(event, "info", None), "event_type", None) == kind
+
+    def read_response(message: Message, response: Any) -> RecordedPlan | None:
+        try:
+            return recorded_plan(message, response)
+        except BagError as error:
+            bag.note(str(error))
+            return None
+
+    return exchanges(bag, lambda _: True, read_response)
+
+
+def recorded_plan(message: Message, response: Any) -> RecordedPlan:
+    """Return an answer as plain arrays.
+
+    Args:
+        message: The event that told of it.
+        response: Of `PlanTrajectory`, decoded by whatever definition.
+
+    Raises:
+        BagError: It cannot be understood, or its arrays do not fit each other.
+    """
+    try:
+        return _recorded_plan(message, response)
+    except (AttributeError, TypeError, ValueError, LookupError, OverflowError) as error:
+        name = getattr(response, "plan_id", "") or "an answer"
+        raise BagError(f"{name} on {message.topic} cannot be understood: {error}") from None
 
 
 def _recorded_plan(message: Message, response: Any) -> RecordedPlan:

@@ -132,19 +132,20 @@ class Bag:
             type_name = _type_name(file, channel)
             yield Message(channel.topic, type_name, raw.log_time_ns, raw.publish_time_ns, raw.cdr)
 
-    def decoded(self, type_name: str) -> Iterator[tuple[Message, Any]]:
-        """Yield the messages of a type with what they say, by the bag's own definition.
+    def decoded(self, *type_names: str) -> Iterator[tuple[Message, Any]]:
+        """Yield the messages of some types with what they say, by the bag's own definitions.
 
         What is damaged or does not fit its definition is left out, and makes a note.
 
         Args:
-            type_name: `package/msg/Name` or `package/srv/Name_Event`.
+            *type_names: Each `package/msg/Name` or `package/srv/Name_Event`.
 
         Raises:
             BagError: The disk fails.
         """
-        for file, raw in self._in_order({type_name}):
+        for file, raw in self._in_order(set(type_names)):
             channel = file.channels[raw.channel]
+            type_name = _type_name(file, channel)
             message = Message(
                 channel.topic, type_name, raw.log_time_ns, raw.publish_time_ns, raw.cdr
             )

@@ -21,13 +21,12 @@ from scipy.spatial.transform import Rotation
 from ff_planner_ros.analysis.figures import save_figures
 from ff_planner_ros.analysis.methods import SHORTEST, STEADIEST, Method
 from ff_planner_ros.analysis.scene import save_scene
+from ff_planner_ros.bag.robot_plans import robot_plans
 from ff_planner_ros.bag.writer import unique_directory
 from ff_planner_ros.demo.domain import private_environment
 from ff_planner_ros.errors import FfPlannerError, Status
-from ff_planner_ros.planning.plan import Plan
 from ff_planner_ros.planning.scenario import load_scenario
 from ff_planner_ros.robot.rotation import euler_from_rotation
-from ff_planner_ros.runs.recorded_plans import recorded_plans
 from ff_planner_ros.share import share_directory
 from ff_planner_ros.text_table import print_table
 
@@ -88,7 +87,9 @@ def _demonstrate(directory: Path, scenario: Path, stop: threading.Event) -> None
         for method in _OBJECTIVES:
             flown[method] = _fly(method, scenario, directory, node, stop)
     (bag,) = (metadata.parent for metadata in directory.glob("*/metadata.yaml"))
-    plans = {method: _recorded(bag, flown[method]["plan_id"]) for method in flown}
+    recorded = robot_plans(bag)
+    ids = {method: report["plan_id"] for method, report in flown.items()}
+    motions = {method: recorded.motions[plan_id] for method, plan_id in ids.items()}
 
     print_table(
         "Planned, and off by how much in the end",
@@ -96,7 +97,10 @@ def _demonstrate(directory: Path, scenario: Path, stop: threading.Event) -> None
             *("objective", "joint path [rad]", "attitude [deg]", "clearance [mm]"),
             *("solve time [s]", "off by [mm]", "off by [deg]"),
         ),
-        [_figures(method.name, plans[method], report) for method, report in flown.items()],
+        [
+            _figures(method.name, recorded.metrics[ids[method]], report)
+            for method, report in flown.items()
+        ],
     )
     print_table(
         "End effector when the plan is over",
@@ -110,10 +114,10 @@ def _demonstrate(directory: Path, scenario: Path, stop: threading.Event) -> None
     print(f"\nbag      {_shown(bag)}", flush=True)
     if stop.is_set():
         raise KeyboardInterrupt
-    for picture in save_figures(problem, plans, directory):
+    for picture in save_figures(problem, motions, directory):
         print(f"picture  {_shown(picture)}")
     scene = directory / "scene.html"
-    save_scene(problem, plans, plans, scene)
+    save_scene(problem, motions, motions, scene)
     print(f"scene    {_shown(scene)}")
 
 
@@ -194,16 +198,12 @@ def _running(command: list[str], log: Path) -> Iterator[subprocess.Popen[bytes]]
         process.wait()
 
 
-def _recorded(bag: Path, plan_id: str) -> Plan:
-    return recorded_plans(bag).plans[plan_id]
-
-
-def _figures(name: str, plan: Plan, report: Mapping[str, Any]) -> tuple[str, ...]:
+def _figures(name: str, metrics: Mapping[str, Any], report: Mapping[str, Any]) -> tuple[str, ...]:
     return (
         name,
-        f"{plan.metrics.joint_path_length:.4f}",
-        f"{math.degrees(plan.metrics.max_chaser_euler):.2f}",
-        f"{plan.metrics.min_clearance * 1e3:.1f}",
+        f"{metrics['joint_path_length']:.4f}",
+        f"{math.degrees(metrics['max_chaser_euler']):.2f}",
+        f"{metrics['min_clearance'] * 1e3:.1f}",
         f"{report['solve_time']:.2f}",
         f"{report['error']['position'] * 1e3:.3f}",
         f"{math.degrees(report['error']['angle']):.4f}",

@@ -6,7 +6,6 @@ from contextlib import ExitStack, closing
 from pathlib import Path
 
 from diagnostic_msgs.msg import DiagnosticArray
-from ff_planner_msgs.msg import ObstacleSphereArray
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.clock import Clock, ClockChange, JumpThreshold, TimeJump
 from rclpy.clock_type import ClockType
@@ -16,6 +15,7 @@ from rclpy.lifecycle import LifecycleNode
 from ff_planner_ros.bag.writer import unique_directory
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.robot.model import read_urdf, robot_from_urdf_text
+from ff_planner_ros.ros.inputs.input_topics import heard_with
 from ff_planner_ros.ros.inputs.scene_input import SceneInput
 from ff_planner_ros.ros.inputs.state_input import Snapshot, StateInput
 from ff_planner_ros.ros.messages.from_messages import NANOSECONDS
@@ -107,11 +107,14 @@ class Session:
 
     def _subscribe(self, stack: ExitStack) -> None:
         qos = self._parameters.current.qos
-        scene = ("obstacles", ObstacleSphereArray, self._scenes.keep)
-        for topic, message_type, keep in (*self._states.subscriptions(), scene):
-            profile = qos_profile(getattr(qos, topic))
+        keep = self._states.callbacks() | self._scenes.callbacks()
+        for topic in heard_with(self._parameters.current.state_source):
             subscription = self._node.create_subscription(
-                message_type, topic, keep, profile, callback_group=self._group
+                topic.message_type,
+                topic.name,
+                keep[topic.name],
+                qos_profile(getattr(qos, topic.name)),
+                callback_group=self._group,
             )
             stack.callback(self._node.destroy_subscription, subscription)
 

@@ -11,7 +11,7 @@ from ff_planner_msgs.srv import PlanTrajectory
 
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.errors import Status
-from ff_planner_ros.planning.plan import Metrics, SolverReport
+from ff_planner_ros.planning.metrics import METRICS
 from ff_planner_ros.ros.messages.from_messages import plan_from_response
 
 # On one machine, a plan comes out the same to the last bit. Another processor has other kernels of
@@ -20,7 +20,6 @@ from ff_planner_ros.ros.messages.from_messages import plan_from_response
 # that is tolerated, a hundredth of what the check of a plan allows.
 _RAD, _RAD_S, _RAD_S2, _METRE, _METRE_S, _TORQUE = 1e-5, 1e-5, 2e-5, 1e-5, 1e-5, 5e-5
 _XI = 1e-5  # coefficients of a polynomial [m/s^6 and so on]
-_ONE = 1e-5  # where there is no unit
 _ANY = math.inf  # tells how the search came to the plan, and no plan is worse for it
 
 
@@ -52,19 +51,7 @@ QUANTITIES = {
     "ee_linear_velocities": Quantity("m/s", _METRE_S),
     "ee_angular_velocities": Quantity("rad/s", _RAD_S),
     "xi": Quantity("", _XI),
-    "metrics.joint_path_length": Quantity("rad", 10 * _RAD),
-    "metrics.max_chaser_euler": Quantity("rad", _RAD),
-    "metrics.min_clearance": Quantity("m", _METRE),
-    "metrics.min_joint_margin": Quantity("rad", _RAD),
-    "metrics.min_velocity_margin": Quantity("rad/s", _RAD_S),
-    "metrics.peak_joint_torques": Quantity("N m", _TORQUE),
-    "metrics.torque_error": Quantity("N m", _TORQUE),
-    "metrics.penalty": Quantity("", _ONE),
-    "metrics.final_position_error": Quantity("m", _METRE),
-    "metrics.final_orientation_error": Quantity("rad", _RAD),
-    "metrics.momentum_error": Quantity("", _ONE),
-    "metrics.min_singular_value": Quantity("", _ONE),
-    "metrics.start_velocity_jump": Quantity("rad/s", _RAD_S),
+    **{f"metrics.{metric.name}": Quantity(metric.unit, metric.tolerance) for metric in METRICS},
     "solver.starts": Quantity("", _ANY),
     "solver.iterations": Quantity("", _ANY),
     "solver.rollouts": Quantity("", _ANY),
@@ -130,13 +117,10 @@ def _values(response: PlanTrajectory.Response) -> Iterator[tuple[str, Array]]:
         for item in fields(plan.trajectory):
             yield item.name, getattr(plan.trajectory, item.name)
         yield "xi", plan.xi
-    for prefix, kind, message in (
-        ("metrics", Metrics, response.metrics),
-        ("solver", SolverReport, response.solver),
-    ):
-        for item in fields(kind):
-            if f"{prefix}.{item.name}" in QUANTITIES:
-                yield f"{prefix}.{item.name}", np.array(getattr(message, item.name), dtype=float)
+    for name in QUANTITIES:
+        group, _, field = name.partition(".")
+        if field:
+            yield name, np.array(getattr(getattr(response, group), field), dtype=float)
 
 
 def _difference(name: str, before: Array, now: Array) -> Difference | None:

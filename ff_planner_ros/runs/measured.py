@@ -2,24 +2,31 @@
 
 from __future__ import annotations
 
-from bisect import bisect_left
+from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from ff_planner_ros.bag.decoding import as_installed
 from ff_planner_ros.bag.reader import Bag
 from ff_planner_ros.errors import BagError, InvalidInput
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.state import SystemState
-from ff_planner_ros.ros.messages.from_messages import NANOSECONDS, nanoseconds, state_from_message
+from ff_planner_ros.ros.inputs.input_topics import (
+    CHASER_STATE,
+    JOINT_STATES,
+    ODOMETRY,
+    InputTopic,
+)
+from ff_planner_ros.ros.inputs.state_input import is_pair, pairs
+from ff_planner_ros.ros.messages.from_messages import nanoseconds, state_from_message
 from ff_planner_ros.ros.messages.from_odometry import (
     OdometryParameters,
     chaser_from_odometry,
     joints_from_joint_state,
 )
 from ff_planner_ros.ros.parameters import NodeParameters
-from ff_planner_ros.runs.recorded_inputs import INPUTS, header_stamp, input_topic
+from ff_planner_ros.runs.installed import as_installed
+from ff_planner_ros.runs.recorded_inputs import header_stamp, input_topic
 
 
 @dataclass(eq=False)
@@ -57,9 +64,9 @@ def fill_windows(
     if parameters.state_source == "odometry":
         _measure_apart(bag, robot, parameters.odometry, windows)
         return
-    for window, message in _wanted(bag, "chaser_state", windows):
+    for window, message in _wanted(bag, CHASER_STATE, windows):
         try:
-            state = state_from_message(message, "chaser_state", robot, window.frame)
+            state = state_from_message(message, CHASER_STATE.name, robot, window.frame)
         except InvalidInput as error:
             window.unusable.append(str(error))
         else:
@@ -70,47 +77,46 @@ def _measure_apart(
     bag: Bag, robot: Robot, sensor: OdometryParameters, windows: Sequence[Window]
 ) -> None:
     """Pair odometry with the joint states nearest in time."""
-    arms: dict[int, dict[int, Any]] = {id(window): {} for window in windows}
-    for window, message in _wanted(bag, "joint_states", windows):
-        arms[id(window)][nanoseconds(message.header.stamp)] = message
-    stamps = {key: sorted(messages) for key, messages in arms.items()}
-    for window, message in _wanted(bag, "odometry", windows):
-        stamp_ns = nanoseconds(message.header.stamp)
-        paired_ns = _nearest(stamps[id(window)], stamp_ns)
-        if paired_ns is None or abs(paired_ns - stamp_ns) > sensor.pairing_tolerance * NANOSECONDS:
-            window.unusable.append("no joint_states are near enough to pair with odometry")
-            continue
-        try:
-            chaser = chaser_from_odometry(message, window.frame, sensor)
-            arm = joints_from_joint_state(arms[id(window)][paired_ns], robot)
-        except InvalidInput as error:
-            window.unusable.append(str(error))
-        else:
-            window.states[stamp_ns] = SystemState(*chaser, *arm)
+    heard: dict[tuple[int, str], list[tuple[int, Any]]] = defaultdict(list)
+    for topic in (ODOMETRY, JOINT_STATES):
+        for window, message in _wanted(bag, topic, windows):
+            stamped = (nanoseconds(message.header.stamp), message)
+            heard[id(window), topic.name].append(stamped)
+    for window in windows:
+        chasers, joints = (heard[id(window), topic.name] for topic in (ODOMETRY, JOINT_STATES))
+        paired = [
+            (stamp_ns, chaser, arm)
+            for apart, (stamp_ns, chaser), (_, arm) in pairs(chasers, joints)
+            if is_pair(apart, sensor.pairing_tolerance)
+        ]
+        unpaired = len(chasers) - len(paired)
+        window.unusable += ["no joint_states are near enough to pair with odometry"] * unpaired
+        for stamp_ns, odometry, joint_state in reversed(paired):
+            try:
+                chaser = chaser_from_odometry(odometry, window.frame, sensor)
+                arm = joints_from_joint_state(joint_state, robot)
+            except InvalidInput as error:
+                window.unusable.append(str(error))
+            else:
+                window.states[stamp_ns] = SystemState(*chaser, *arm)
 
 
-def _nearest(stamps: list[int], stamp_ns: int) -> int | None:
-    place = bisect_left(stamps, stamp_ns)
-    beside = stamps[max(place - 1, 0) : place + 1]
-    return min(beside, key=lambda other: abs(other - stamp_ns), default=None)
-
-
-def _wanted(bag: Bag, name: str, windows: Sequence[Window]) -> Iterator[tuple[Window, Any]]:
+def _wanted(bag: Bag, topic: InputTopic, windows: Sequence[Window]) -> Iterator[tuple[Window, Any]]:
     """Yield each message with each window that its stamp is in."""
     heard: list[tuple[Window, str]] = []
     for window in windows:
         try:
-            heard.append((window, input_topic(bag, name, window.namespace)))
+            heard.append((window, input_topic(bag, topic.name, window.namespace)))
         except BagError as error:
             window.unusable.append(str(error))
     if not heard:
         return
-    for message in bag.messages(*{topic for _, topic in heard}):
+    for message in bag.messages(*{name for _, name in heard}):
         # Decoding is what takes time, and most of a long run is between the plans.
         stamp_ns = header_stamp(message.cdr)
-        for window, topic in heard:
-            if topic == message.topic and window.start_ns <= stamp_ns <= window.end_ns:
+        for window, name in heard:
+            if name == message.topic and window.start_ns <= stamp_ns <= window.end_ns:
                 try:
-                    yield window, as_installed(bag.decode(message), INPUTS[name])
+                    yield window, as_installed(bag.decode(message), topic.message_type)
                 except BagError as error:
                     window.unusable.append(str(error))

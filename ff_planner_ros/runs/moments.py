@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from ff_planner_ros.errors import Status
+from ff_planner_ros.ros.inputs.input_topics import heard_with
 from ff_planner_ros.ros.messages.from_messages import NANOSECONDS, nanoseconds
 from ff_planner_ros.ros.parameters import NodeParameters
-from ff_planner_ros.runs.exchanges import Exchange
+from ff_planner_ros.runs.installed import PlanExchange
 from ff_planner_ros.runs.recorded_inputs import Moment
 from ff_planner_ros.runs.recorded_parameters import RecordedParameters
 
-_STATE_INPUTS = {"chaser_state": ("chaser_state",), "odometry": ("odometry", "joint_states")}
 
-
-def moment(exchange: Exchange, recorded: RecordedParameters) -> tuple[int, Moment]:
+def moment(exchange: PlanExchange, recorded: RecordedParameters) -> tuple[int, Moment]:
     """Return when the node read a request, by its own clock [ns] and by the recorder's.
 
     Args:
@@ -27,7 +26,7 @@ def moment(exchange: Exchange, recorded: RecordedParameters) -> tuple[int, Momen
     return now_ns, Moment(exchange.logged_ns + waited_ns, named, tuple(stamps_ns))
 
 
-def _taken_up(exchange: Exchange, recorded: RecordedParameters) -> int:
+def _taken_up(exchange: PlanExchange, recorded: RecordedParameters) -> int:
     request, response = exchange.request, exchange.response
     if response is not None and nanoseconds(response.taken_up):
         return nanoseconds(response.taken_up)
@@ -43,18 +42,16 @@ def _taken_up(exchange: Exchange, recorded: RecordedParameters) -> int:
     return received_ns
 
 
-def _stamps(exchange: Exchange, parameters: NodeParameters) -> dict[str, int]:
+def _stamps(exchange: PlanExchange, parameters: NodeParameters) -> dict[str, int]:
     """Return the stamp of every input that matters, zero where the answer does not tell it."""
     request, response = exchange.request, exchange.response
-    stamps_ns: dict[str, int] = {}
     if request is None or response is None:
-        return stamps_ns
-    if not request.use_start_state:
-        told = (response.state_stamp, response.joint_states_stamp)
-        names = _STATE_INPUTS[parameters.state_source]
-        stamps_ns |= zip(names, map(nanoseconds, told), strict=False)
-    if not request.use_obstacles:
-        stamps_ns["obstacles"] = nanoseconds(response.obstacles_stamp)
+        return {}
+    stamps_ns = {
+        topic.name: nanoseconds(getattr(response, topic.stamp))
+        for topic in heard_with(parameters.state_source)
+        if not getattr(request, topic.brought_by)
+    }
     # What the node had not heard yet, the recorder may have: they hear at nearly the same time.
     said = response.status.message
     return {

@@ -20,6 +20,7 @@ from ff_planner_ros.planning.plan import Plan
 from ff_planner_ros.planning.problem import PlanningProblem
 from ff_planner_ros.planning.scenario import SCENARIO_FRAME
 from ff_planner_ros.planning.settings import PlannerSettings
+from ff_planner_ros.ros.messages.interfaces import type_name
 from ff_planner_ros.ros.messages.to_messages import (
     obstacles_message,
     request_message,
@@ -29,7 +30,7 @@ from ff_planner_ros.ros.messages.to_messages import (
     time_message,
 )
 from ff_planner_ros.ros.qos import EVENT_QOS, LATCHED_QOS, STATE_QOS
-from ff_planner_ros.ros.recorder.recorder import offered_qos, type_name
+from ff_planner_ros.ros.recorder.recorder import offered_qos
 from ff_planner_ros.ros.requests.reading import Sources
 
 # What `ff-planner plan` plans with, if not with a baseline.

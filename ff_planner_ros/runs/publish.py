@@ -27,9 +27,9 @@ from rosgraph_msgs.msg import Clock
 from ff_planner_ros.bag.definition import message_definition
 from ff_planner_ros.bag.reader import Bag, Topic, open_bag
 from ff_planner_ros.errors import BagError
+from ff_planner_ros.ros.inputs.input_topics import INPUT_TOPICS, OUTPUTS_OF_THESE_TYPES
+from ff_planner_ros.ros.messages.interfaces import type_name
 from ff_planner_ros.ros.messages.to_messages import time_message
-from ff_planner_ros.ros.recorder.recorder import type_name
-from ff_planner_ros.runs.recorded_inputs import INPUTS, OUTPUTS
 
 ALL = "all"
 
@@ -157,11 +157,11 @@ def _chosen(bag: Bag, names: Collection[str]) -> list[Topic]:
                 found = ", ".join(bag.topics) or "none"
                 raise BagError(f"bag {bag.path} has no topic {name}; it has {found}")
         return [bag.topics[name] for name in wanted]
-    types = {type_name(kind) for kind in INPUTS.values()}
+    types = {type_name(topic.message_type) for topic in INPUT_TOPICS.values()}
     inputs = [
         topic
         for topic in bag.topics.values()
-        if topic.type_name in types and not topic.name.endswith(OUTPUTS)
+        if topic.type_name in types and not topic.name.endswith(OUTPUTS_OF_THESE_TYPES)
     ]
     if not inputs:
         raise BagError(

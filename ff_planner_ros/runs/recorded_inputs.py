@@ -5,27 +5,14 @@ from __future__ import annotations
 import struct
 from collections import deque
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-
-from ff_planner_msgs.msg import ChaserState, ObstacleSphereArray
-from nav_msgs.msg import Odometry
-from sensor_msgs.msg import JointState
+from dataclasses import dataclass
+from typing import TypeAlias
 
 from ff_planner_ros.bag.reader import Bag, Message
 from ff_planner_ros.errors import BagError
+from ff_planner_ros.ros.inputs.input_topics import INPUT_TOPICS, OUTPUTS_OF_THESE_TYPES
 from ff_planner_ros.ros.messages.from_messages import NANOSECONDS
-from ff_planner_ros.ros.recorder.recorder import type_name
-
-INPUTS: Mapping[str, type] = {
-    "chaser_state": ChaserState,
-    "odometry": Odometry,
-    "joint_states": JointState,
-    "obstacles": ObstacleSphereArray,
-}
-# Of these types, but said by the planner.
-OUTPUTS = ("planned_joint_states",)
-# So many messages the node itself remembers to pair; of the others the last one counts.
-_MEMORY = {"odometry": 1000, "joint_states": 1000}
+from ff_planner_ros.ros.messages.interfaces import type_name
 
 
 @dataclass(frozen=True)
@@ -44,32 +31,25 @@ class Moment:
     inputs: Sequence[str]
 
 
-@dataclass(eq=False)
-class Heard:
-    """What the node had heard at a moment.
-
-    Attributes:
-        messages: By input, in the order of hearing.
-    """
-
-    messages: dict[str, list[Message]] = field(default_factory=dict)
+# What the node had heard at a moment: messages by input, in the order of hearing.
+Heard: TypeAlias = dict[str, list[Message]]
 
 
 def input_topic(bag: Bag, name: str, namespace: str) -> str:
     """Return the topic of an input: that of this name in the planner's namespace, or the only one.
 
     Args:
-        name: One of `INPUTS`.
+        name: One of `INPUT_TOPICS`.
         namespace: Of the planner, without a slash at its end.
 
     Raises:
         BagError: There is none, or there are several and none has the name.
     """
-    wanted, kind = f"{namespace}/{name}", type_name(INPUTS[name])
+    wanted, kind = f"{namespace}/{name}", type_name(INPUT_TOPICS[name].message_type)
     topics = [
         topic.name
         for topic in bag.topics.values()
-        if topic.type_name == kind and not topic.name.endswith(OUTPUTS)
+        if topic.type_name == kind and not topic.name.endswith(OUTPUTS_OF_THESE_TYPES)
     ]
     if wanted in topics:
         return wanted
@@ -90,10 +70,10 @@ def heard(bag: Bag, topics: Mapping[str, str], moments: Sequence[Moment]) -> lis
     Raises:
         BagError: The disk fails.
     """
-    answers = [Heard() for _ in moments]
+    answers: list[Heard] = [{} for _ in moments]
     named = {topic: name for name, topic in topics.items()}
     first: dict[str, Message] = {}
-    recent = {name: deque[Message](maxlen=_MEMORY.get(name, 1)) for name in topics}
+    recent = {name: deque[Message](maxlen=INPUT_TOPICS[name].memory) for name in topics}
     wanted = {item for moment in moments for item in moment.stamps_ns.items()}
     stamped: dict[tuple[str, int], list[Message]] = {}
     waiting = sorted(range(len(moments)), key=lambda i: moments[i].logged_ns, reverse=True)
@@ -118,7 +98,7 @@ def heard(bag: Bag, topics: Mapping[str, str], moments: Sequence[Moment]) -> lis
 def _take_recent(answer: Heard, moment: Moment, recent: Mapping[str, deque[Message]]) -> None:
     for name in moment.inputs:
         if name in recent and name not in moment.stamps_ns:
-            answer.messages[name] = list(recent[name])
+            answer[name] = list(recent[name])
 
 
 def _take_stamped(
@@ -130,14 +110,14 @@ def _take_stamped(
         # A recorder may hear a message a little later than the node.
         before = [one for one in same if one.log_time_ns <= moment.logged_ns]
         if same:
-            answer.messages[name] = before[-1:] or same[:1]
+            answer[name] = before[-1:] or same[:1]
 
 
 def _take_first(answer: Heard, moment: Moment, first: Mapping[str, Message]) -> None:
     """Take the first of all where none was recorded before: the recorder may find it later."""
     for name in moment.inputs:
-        if name in first and name not in moment.stamps_ns and not answer.messages.get(name):
-            answer.messages[name] = [first[name]]
+        if name in first and name not in moment.stamps_ns and not answer.get(name):
+            answer[name] = [first[name]]
 
 
 def header_stamp(cdr: bytes) -> int:

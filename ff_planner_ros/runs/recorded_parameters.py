@@ -9,13 +9,13 @@ import yaml
 from rcl_interfaces.msg import ParameterEvent
 from rclpy.parameter import Parameter
 
-from ff_planner_ros.bag.decoding import as_installed
 from ff_planner_ros.bag.reader import Bag
 from ff_planner_ros.errors import BagError, InvalidInput
 from ff_planner_ros.planning.yaml_file import read_yaml
 from ff_planner_ros.ros.messages.from_messages import nanoseconds
+from ff_planner_ros.ros.messages.interfaces import type_name
 from ff_planner_ros.ros.parameters import NodeParameters, changed, parameters_from_values
-from ff_planner_ros.ros.recorder.recorder import type_name
+from ff_planner_ros.runs.installed import as_installed
 from ff_planner_ros.share import share_directory
 
 _ATTACHED = "parameters.yaml"

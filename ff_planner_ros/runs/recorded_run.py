@@ -4,28 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
-from ff_planner_msgs.msg import ObstacleSphereArray
 from ff_planner_msgs.srv import PlanTrajectory
 
-from ff_planner_ros.bag.decoding import as_installed
 from ff_planner_ros.bag.provenance import PROVENANCE
-from ff_planner_ros.bag.reader import Bag, Message
+from ff_planner_ros.bag.reader import Bag
+from ff_planner_ros.bag.robot_plans import attached_robot
 from ff_planner_ros.errors import BagError, Status
 from ff_planner_ros.robot.model import Robot
+from ff_planner_ros.ros.inputs.input_topics import INPUT_TOPICS
 from ff_planner_ros.ros.inputs.scene_input import SceneInput
 from ff_planner_ros.ros.inputs.state_input import StateInput
 from ff_planner_ros.ros.messages.from_messages import NANOSECONDS, nanoseconds, plan_from_response
 from ff_planner_ros.ros.outputs.plan_output import PublishedPlan
 from ff_planner_ros.ros.parameters import NodeParameters
 from ff_planner_ros.ros.requests.reading import ReadRequest, Sources, read_request
-from ff_planner_ros.runs.exchanges import Exchange, exchanges
+from ff_planner_ros.runs.installed import PlanExchange, as_installed, installed_exchanges
 from ff_planner_ros.runs.moments import moment
 from ff_planner_ros.runs.offline_bag import OPTIMAL
 from ff_planner_ros.runs.recorded_inputs import Heard, Moment, heard, input_topic
 from ff_planner_ros.runs.recorded_parameters import RecordedParameters
-from ff_planner_ros.runs.recorded_plans import attached_robot
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,7 +123,7 @@ def recorded_run(bag: Bag) -> RecordedRun:
         BagError: It holds no request, or neither robot nor parameters.
         InvalidInput: The URDF in it is refused.
     """
-    found = exchanges(bag)
+    found = installed_exchanges(bag)
     if not found:
         raise BagError(
             f"bag {bag.path} holds no request to a planner: no event of a service or an action "
@@ -133,7 +131,7 @@ def recorded_run(bag: Bag) -> RecordedRun:
         )
     robot = attached_robot(bag.path, bag.attachments)
     provenance = bag.metadata.get(PROVENANCE, {})
-    namespaces = list(dict.fromkeys(_namespace(exchange.name) for exchange in found))
+    namespaces = list(dict.fromkeys(exchange.namespace for exchange in found))
     node = provenance.get("node", f"{namespaces[0]}/ff_planner")
     recorded = RecordedParameters(bag, node)
 
@@ -143,13 +141,19 @@ def recorded_run(bag: Bag) -> RecordedRun:
     requests = []
     for i, all_heard in enumerate(heard(bag, topics, moments)):
         exchange, now_ns = found[i], times_ns[i]
-        inputs, missing = None, of_another.get(_namespace(exchange.name), "")
+        inputs, missing = None, of_another.get(exchange.namespace, "")
         try:
             if not missing:
                 _require_all(exchange, moments[i], all_heard, absent)
                 parameters = recorded.at(now_ns)
-                states = _states(bag, robot, parameters, all_heard)
-                scenes = _scenes(bag, parameters, all_heard)
+                frame, source = parameters.inertial_frame, parameters.state_source
+                states = StateInput(robot, frame, source, parameters.odometry)
+                scenes = SceneInput(frame)
+                keep = states.callbacks() | scenes.callbacks()
+                for name, messages in all_heard.items():
+                    for message in messages:
+                        kind = INPUT_TOPICS[name].message_type
+                        keep[name](as_installed(bag.decode(message), kind))
                 published = _published(found[:i], exchange)
                 inputs = Inputs(robot, parameters, states, scenes, published, now_ns)
         except BagError as error:
@@ -202,7 +206,7 @@ def _topics(
 
 
 def _require_all(
-    exchange: Exchange, moment: Moment, found: Heard, absent: Mapping[str, BagError]
+    exchange: PlanExchange, moment: Moment, found: Heard, absent: Mapping[str, BagError]
 ) -> None:
     """Refuse a request of which something is not in the bag."""
     if exchange.request is None:
@@ -210,33 +214,13 @@ def _require_all(
     if exchange.response is None:
         raise BagError("it has no answer in the bag: recording ended before, or the planner did")
     for name, stamp_ns in moment.stamps_ns.items():
-        if name not in found.messages:
+        if name not in found:
             stamp = f"{stamp_ns // NANOSECONDS}.{stamp_ns % NANOSECONDS:09d}"
             why = absent.get(name, "recording was paused, the bag was cut, or it was dropped")
             raise BagError(f"{name} stamped {stamp} is not in the bag: {why}")
 
 
-def _states(bag: Bag, robot: Robot, parameters: NodeParameters, found: Heard) -> StateInput:
-    frame, source = parameters.inertial_frame, parameters.state_source
-    states = StateInput(robot, frame, source, parameters.odometry)
-    for name, kind, keep in states.subscriptions():
-        for message in found.messages.get(name, ()):
-            keep(_installed(bag, message, kind))
-    return states
-
-
-def _scenes(bag: Bag, parameters: NodeParameters, found: Heard) -> SceneInput:
-    scenes = SceneInput(parameters.inertial_frame)
-    for message in found.messages.get("obstacles", ()):
-        scenes.keep(_installed(bag, message, ObstacleSphereArray))
-    return scenes
-
-
-def _installed(bag: Bag, message: Message, kind: type[Any]) -> Any:
-    return as_installed(bag.decode(message), kind)
-
-
-def _published(before: Sequence[Exchange], exchange: Exchange) -> PublishedPlan | None:
+def _published(before: Sequence[PlanExchange], exchange: PlanExchange) -> PublishedPlan | None:
     """Return the plan that the joints were following, or may have been."""
     response = exchange.response
     solved = [
@@ -262,7 +246,7 @@ def _published(before: Sequence[Exchange], exchange: Exchange) -> PublishedPlan 
     return PublishedPlan(last.plan_id, trajectory, start_ns)
 
 
-def _assumed(found: Sequence[Exchange]) -> list[str]:
+def _assumed(found: Sequence[PlanExchange]) -> list[str]:
     """Say what answers of earlier versions leave open."""
     early = sum(
         one.response is not None

@@ -12,9 +12,9 @@ from ff_planner_msgs.srv import PlanTrajectory
 
 from ff_planner_ros.analysis.tracking import deviations, measured_motion
 from ff_planner_ros.arrays import finite_vector
-from ff_planner_ros.bag.decoding import as_installed
 from ff_planner_ros.bag.provenance import PROVENANCE
 from ff_planner_ros.bag.reader import Bag, Message, open_bag
+from ff_planner_ros.bag.robot_plans import attached_robot
 from ff_planner_ros.errors import BagError, FfPlannerError, InvalidInput, Status
 from ff_planner_ros.planning.plan import Metrics, SolverReport
 from ff_planner_ros.planning.sound_samples import require_sound_samples
@@ -27,11 +27,10 @@ from ff_planner_ros.ros.messages.from_messages import (
     xyz,
 )
 from ff_planner_ros.ros.parameters import NodeParameters
-from ff_planner_ros.runs.exchanges import Exchange, exchanges
+from ff_planner_ros.runs.installed import PlanExchange, as_installed, installed_exchanges
 from ff_planner_ros.runs.measured import Window, fill_windows
 from ff_planner_ros.runs.recorded_inputs import Moment, heard, input_topic
 from ff_planner_ros.runs.recorded_parameters import RecordedParameters
-from ff_planner_ros.runs.recorded_plans import attached_robot
 from ff_planner_ros.runs.report import (
     Report,
     ReportedPlan,
@@ -63,7 +62,7 @@ def _report_of_bag(bag: Bag, most_plans: int) -> Report:
         robot = attached_robot(bag.path, bag.attachments)
     except FfPlannerError as error:
         notes.append(f"no plan is drawn: {error}")
-    found = exchanges(bag)
+    found = installed_exchanges(bag)
     requests = [_request(exchange) for exchange in found]
     solved = [k for k, request in enumerate(requests) if request.code == Status.SOLVED]
     drawn = solved[max(len(solved) - most_plans, 0) :] if robot is not None else []
@@ -82,7 +81,7 @@ def _plans(
     bag: Bag,
     robot: Robot,
     parameters: NodeParameters | None,
-    found: Sequence[Exchange],
+    found: Sequence[PlanExchange],
     drawn: Sequence[int],
     notes: list[str],
 ) -> dict[int, ReportedPlan]:
@@ -120,7 +119,7 @@ def _parameters(bag: Bag, notes: list[str]) -> NodeParameters | None:
 _UNANSWERED = "no answer is in the bag"
 
 
-def _request(exchange: Exchange) -> ReportedRequest:
+def _request(exchange: PlanExchange) -> ReportedRequest:
     """Return what a table tells of an exchange."""
     request, response = exchange.request, exchange.response
     found = ReportedRequest(
@@ -159,37 +158,33 @@ def _request(exchange: Exchange) -> ReportedRequest:
     return found
 
 
-def _scenes(bag: Bag, found: Sequence[Exchange], drawn: Sequence[int]) -> dict[int, Message]:
+def _scenes(bag: Bag, found: Sequence[PlanExchange], drawn: Sequence[int]) -> dict[int, Message]:
     """Return the obstacles that were heard of, for the plans whose requests bring none."""
     scenes: dict[int, Message] = {}
     asked = {k: found[k] for k in drawn if not _brings_obstacles(found[k])}
-    for namespace in dict.fromkeys(map(_namespace, asked.values())):
-        here = {k: one for k, one in asked.items() if _namespace(one) == namespace}
+    for namespace in dict.fromkeys(one.namespace for one in asked.values()):
+        here = {k: one for k, one in asked.items() if one.namespace == namespace}
         try:
             topics = {"obstacles": input_topic(bag, "obstacles", namespace)}
         except BagError:
             continue  # the plan says that its obstacles are not known
         moments = [_moment(exchange) for exchange in here.values()]
         for k, what in zip(here, heard(bag, topics, moments), strict=True):
-            for message in what.messages.get("obstacles", ()):
+            for message in what.get("obstacles", ()):
                 scenes[k] = message
     return scenes
 
 
-def _moment(exchange: Exchange) -> Moment:
+def _moment(exchange: PlanExchange) -> Moment:
     stamp_ns = nanoseconds(exchange.response.obstacles_stamp) if exchange.response else 0
     return Moment(exchange.logged_ns, {"obstacles": stamp_ns} if stamp_ns else {}, ("obstacles",))
 
 
-def _brings_obstacles(exchange: Exchange) -> bool:
+def _brings_obstacles(exchange: PlanExchange) -> bool:
     return exchange.request is not None and bool(exchange.request.use_obstacles)
 
 
-def _namespace(exchange: Exchange) -> str:
-    return exchange.name.rpartition("/")[0]
-
-
-def _plan(exchange: Exchange, robot: Robot, scene: ObstacleSphereArray | None) -> ReportedPlan:
+def _plan(exchange: PlanExchange, robot: Robot, scene: ObstacleSphereArray | None) -> ReportedPlan:
     """Return a plan with its scene.
 
     Raises:
@@ -211,13 +206,13 @@ def _plan(exchange: Exchange, robot: Robot, scene: ObstacleSphereArray | None) -
     return reported_plan(robot, plan.trajectory, goal, obstacles)
 
 
-def _window(found: Sequence[Exchange], k: int) -> Window:
+def _window(found: Sequence[PlanExchange], k: int) -> Window:
     """Return the time of a plan, until the next one takes the arm over."""
-    namespace = _namespace(found[k])
+    namespace = found[k].namespace
     (start_ns, end_ns), *later = (
         _span(exchange.response)
         for exchange in found[k:]
-        if _namespace(exchange) == namespace and _is_plan(exchange.response)
+        if exchange.namespace == namespace and _is_plan(exchange.response)
     )
     response = found[k].response or PlanTrajectory.Response()
     frame = response.predicted_chaser_path.header.frame_id

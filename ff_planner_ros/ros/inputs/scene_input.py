@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 from ff_planner_msgs.msg import ObstacleSphereArray
 
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.problem import Sphere
+from ff_planner_ros.ros.inputs.input_topics import OBSTACLES
 from ff_planner_ros.ros.messages.from_messages import nanoseconds, spheres_from_message
 
 
@@ -39,6 +42,10 @@ class SceneInput:
         # Kept as it comes: to judge thousands of spheres ten times a second would hold up the node.
         # Kept when the clock jumps back, too: who publishes a scene once does not do so again.
         self._message: ObstacleSphereArray | None = None
+
+    def callbacks(self) -> dict[str, Callable[[Any], None]]:
+        """Return what takes the next message of a topic, by the topic's name."""
+        return {OBSTACLES.name: self.keep}
 
     def keep(self, message: ObstacleSphereArray) -> None:
         """Take the next message: it replaces the one before, sound or not."""

@@ -9,18 +9,22 @@ from __future__ import annotations
 import copy
 import threading
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, Generic, TypeAlias, TypeVar
+from typing import Any, Generic, TypeVar
 
 import numpy as np
-from ff_planner_msgs.msg import ChaserState
-from nav_msgs.msg import Odometry
 from sensor_msgs.msg import JointState
 
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.state import SystemState
+from ff_planner_ros.ros.inputs.input_topics import (
+    CHASER_STATE,
+    JOINT_STATES,
+    ODOMETRY,
+    InputTopic,
+)
 from ff_planner_ros.ros.messages.from_messages import NANOSECONDS, nanoseconds, state_from_message
 from ff_planner_ros.ros.messages.from_odometry import (
     ChaserPart,
@@ -30,16 +34,14 @@ from ff_planner_ros.ros.messages.from_odometry import (
     joints_from_joint_state,
 )
 
-STATE_SOURCES = ("chaser_state", "odometry")
+STATE_SOURCES = (CHASER_STATE.name, ODOMETRY.name)
 
-# A second of a topic at 1 kHz: no partner should travel that much longer than the other.
-_MEMORY = 1000
 # A time this little beyond a limit is within it [s].
 _ROUNDING = 1e-6
 
 Part = TypeVar("Part")
-# Topic, message type, callback.
-Subscription: TypeAlias = tuple[str, type[Any], Callable[[Any], None]]
+Chaser = TypeVar("Chaser")
+Joints = TypeVar("Joints")
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,29 +80,23 @@ class StateInput:
         self._pairing_tolerance = odometry.pairing_tolerance
         self._arm = frozenset(robot.joint_names)
         self._states: _Topic[SystemState] = _Topic(
-            "chaser_state",
-            lambda message: state_from_message(message, "chaser_state", robot, inertial_frame),
-            memory=1,
+            CHASER_STATE,
+            lambda message: state_from_message(message, CHASER_STATE.name, robot, inertial_frame),
         )
         self._chasers: _Topic[ChaserPart] = _Topic(
-            "odometry",
-            lambda message: chaser_from_odometry(message, inertial_frame, odometry),
-            memory=_MEMORY,
+            ODOMETRY, lambda message: chaser_from_odometry(message, inertial_frame, odometry)
         )
         self._joints: _Topic[JointPart] = _Topic(
-            "joint_states",
-            lambda message: joints_from_joint_state(message, robot),
-            memory=_MEMORY,
+            JOINT_STATES, lambda message: joints_from_joint_state(message, robot)
         )
 
-    def subscriptions(self) -> tuple[Subscription, ...]:
-        """Return everything to subscribe to."""
-        if self._source == "chaser_state":
-            return (("chaser_state", ChaserState, self._states.keep),)
-        return (
-            ("odometry", Odometry, self._chasers.keep),
-            ("joint_states", JointState, self._keep_joints),
-        )
+    def callbacks(self) -> dict[str, Callable[[Any], None]]:
+        """Return what takes the next message of a topic, by the topic's name."""
+        return {
+            CHASER_STATE.name: self._states.keep,
+            ODOMETRY.name: self._chasers.keep,
+            JOINT_STATES.name: self._keep_joints,
+        }
 
     def clear(self) -> None:
         """Forget everything; to be called when the clock has jumped back or changed."""
@@ -119,13 +115,22 @@ class StateInput:
             InvalidInput: Nothing was heard, what was heard last cannot be used, or nothing pairs.
         """
         limits = (now_ns, max_age, max_lead)
-        if self._source == "chaser_state":
+        if self._source == CHASER_STATE.name:
             stamp_ns, state = self._states.current(*limits)[-1]
             return Snapshot(state, stamp_ns, self._source)
         chasers, joints = self._chasers.current(*limits), self._joints.current(*limits)
-        pair = _newest_pair(chasers, joints, self._pairing_tolerance)
-        (stamp_ns, chaser), (joints_stamp_ns, arm) = pair
-        return Snapshot(SystemState(*chaser, *arm), stamp_ns, self._source, joints_stamp_ns)
+        smallest = np.inf
+        for apart, (stamp_ns, chaser), (joints_stamp_ns, arm) in pairs(chasers, joints):
+            if is_pair(apart, self._pairing_tolerance):
+                return Snapshot(SystemState(*chaser, *arm), stamp_ns, self._source, joints_stamp_ns)
+            smallest = min(smallest, apart)
+        raise InvalidInput(
+            Status.STATE_UNPAIRED,
+            "odometry and joint_states",
+            f"{smallest:.3f} s apart",
+            f"their stamps must be within {self._pairing_tolerance:g} s (parameter "
+            "odometry.pairing_tolerance); do both computers have the same time?",
+        )
 
     def _keep_joints(self, message: JointState) -> None:
         # Others, a gripper for one, may tell of their own joints here: no fault of the arm's.
@@ -169,11 +174,11 @@ def require_current(
 class _Topic(Generic[Part]):
     """A topic's last sound messages with their stamps, and what is wrong with the very last one."""
 
-    def __init__(self, name: str, read: Callable[[Any], Part], memory: int) -> None:
-        self._name = name
+    def __init__(self, topic: InputTopic, read: Callable[[Any], Part]) -> None:
+        self._name = topic.name
         self._read = read
         self._lock = threading.Lock()
-        self._kept: deque[tuple[int, Part]] = deque(maxlen=memory)
+        self._kept: deque[tuple[int, Part]] = deque(maxlen=topic.memory)
         self._refusal: InvalidInput | None = self._missing("yet")
 
     @property
@@ -224,26 +229,30 @@ class _Topic(Generic[Part]):
         )
 
 
-def _newest_pair(
-    chasers: list[tuple[int, ChaserPart]], joints: list[tuple[int, JointPart]], tolerance: float
-) -> tuple[tuple[int, ChaserPart], tuple[int, JointPart]]:
-    """Return the chaser heard of last that has joints measured at its time, and the nearest ones.
+def pairs(
+    chasers: Sequence[tuple[int, Chaser]], joints: Sequence[tuple[int, Joints]]
+) -> Iterator[tuple[float, tuple[int, Chaser], tuple[int, Joints]]]:
+    """Yield each chaser with the joints nearest to it in time, and how far apart they are [s].
 
-    The order is that of hearing: stamps from before a step of the clock must not win for ever.
+    The chaser heard last comes first, whatever its stamp: stamps from before a step of the clock
+    must not win for ever. Of joints equally near, those heard last are taken.
+
+    Args:
+        chasers: With their stamps [ns], in the order of hearing.
+        joints: With their stamps [ns], in the order of hearing; without any, nothing is yielded.
     """
-    joints = joints[::-1]
-    joint_stamps_ns = np.array([stamp_ns for stamp_ns, _ in joints])
-    smallest = np.inf
-    for stamp_ns, chaser in reversed(chasers):
-        apart = np.abs(joint_stamps_ns - stamp_ns) / NANOSECONDS
+    last_first = joints[::-1]
+    stamps_ns = np.array([stamp_ns for stamp_ns, _ in last_first])
+    for chaser in reversed(chasers) if joints else ():
+        apart = np.abs(stamps_ns - chaser[0]) / NANOSECONDS
         nearest = int(np.argmin(apart))
-        if apart[nearest] <= tolerance + _ROUNDING:
-            return (stamp_ns, chaser), joints[nearest]
-        smallest = min(smallest, apart[nearest])
-    raise InvalidInput(
-        Status.STATE_UNPAIRED,
-        "odometry and joint_states",
-        f"{smallest:.3f} s apart",
-        f"their stamps must be within {tolerance:g} s (parameter odometry.pairing_tolerance); "
-        "do both computers have the same time?",
-    )
+        yield float(apart[nearest]), chaser, last_first[nearest]
+
+
+def is_pair(apart: float, tolerance: float) -> bool:
+    """Whether a chaser and joints so far apart in time [s] make a state.
+
+    Args:
+        tolerance: Parameter odometry.pairing_tolerance [s].
+    """
+    return apart <= tolerance + _ROUNDING

@@ -12,11 +12,10 @@ import yaml
 from action_msgs.msg import GoalStatusArray
 from diagnostic_msgs.msg import DiagnosticArray
 from ff_planner_msgs.action import PlanTrajectory as PlanTrajectoryAction
-from ff_planner_msgs.msg import ChaserState, ObstacleSphereArray, TrackingError
+from ff_planner_msgs.msg import TrackingError
 from ff_planner_msgs.srv import PlanTrajectory
 from geometry_msgs.msg import PoseStamped
 from lifecycle_msgs.msg import TransitionEvent
-from nav_msgs.msg import Odometry
 from nav_msgs.msg import Path as PathMsg
 from rcl_interfaces.msg import Log, ParameterEvent
 from rclpy.node import Node
@@ -33,28 +32,20 @@ from std_msgs.msg import String
 from trajectory_msgs.msg import JointTrajectory
 from visualization_msgs.msg import MarkerArray
 
+from ff_planner_ros.bag.exchanges import GOAL_EVENTS, RESULT_EVENTS, SERVICE_EVENTS
 from ff_planner_ros.bag.provenance import PROVENANCE, provenance
 from ff_planner_ros.bag.writer import BagWriter
+from ff_planner_ros.ros.inputs.input_topics import heard_with
+from ff_planner_ros.ros.messages.interfaces import ACTION, GET_RESULT, SEND_GOAL, SERVICE
 from ff_planner_ros.ros.parameters import NodeParameters
 from ff_planner_ros.ros.qos import EVENT_QOS, LATCHED_QOS, STREAM_QOS, qos_profile
 from ff_planner_ros.ros.recorder.recorder import Recorder
 from ff_planner_ros.ros.recorder.topic_queue import RecordedTopic
-from ff_planner_ros.ros.requests.action_events import (
-    GET_RESULT,
-    SEND_GOAL,
-    goal_topic,
-    result_topic,
-)
-from ff_planner_ros.ros.requests.planning_service import ACTION, SERVICE
 
 # As rcl publishes the log, so that what was said before the recorder listened is heard, too.
 _ROSOUT_QOS = QoSProfile(depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 # Simulators may offer best effort only.
 _CLOCK_QOS = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
-_INPUTS = {
-    "chaser_state": (("chaser_state", ChaserState),),
-    "odometry": (("odometry", Odometry), ("joint_states", JointState)),
-}
 
 
 @contextmanager
@@ -104,9 +95,9 @@ def recording(
 
 def _topics(node: Node, parameters: NodeParameters) -> list[RecordedTopic]:
     qos = parameters.qos
-    inputs = (*_INPUTS[parameters.state_source], ("obstacles", ObstacleSphereArray))
     topics: list[tuple[str, type, QoSProfile]] = [
-        (topic, message_type, qos_profile(getattr(qos, topic))) for topic, message_type in inputs
+        (topic.name, topic.message_type, qos_profile(getattr(qos, topic.name)))
+        for topic in heard_with(parameters.state_source)
     ]
     topics += [
         ("joint_trajectory", JointTrajectory, qos_profile(qos.joint_trajectory)),
@@ -131,9 +122,9 @@ def _topics(node: Node, parameters: NodeParameters) -> list[RecordedTopic]:
     feedback = PlanTrajectoryAction.Impl.FeedbackMessage
     return [
         *recorded,
-        RecordedTopic(f"{service}/_service_event", PlanTrajectory.Event, EVENT_QOS),
-        RecordedTopic(goal_topic(action), SEND_GOAL.Event, EVENT_QOS),
-        RecordedTopic(result_topic(action), GET_RESULT.Event, EVENT_QOS),
+        RecordedTopic(f"{service}{SERVICE_EVENTS}", PlanTrajectory.Event, EVENT_QOS),
+        RecordedTopic(f"{action}{GOAL_EVENTS}", SEND_GOAL.Event, EVENT_QOS),
+        RecordedTopic(f"{action}{RESULT_EVENTS}", GET_RESULT.Event, EVENT_QOS),
         RecordedTopic(f"{action}/_action/feedback", feedback, STREAM_QOS),
         RecordedTopic(f"{action}/_action/status", GoalStatusArray, LATCHED_QOS),
     ]

@@ -18,6 +18,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from ff_planner_ros.bag.rosbag2_metadata import QualityOfService
 from ff_planner_ros.bag.writer import BagWriter
 from ff_planner_ros.errors import BagError
+from ff_planner_ros.ros.messages.interfaces import type_name
 from ff_planner_ros.ros.recorder.topic_queue import RecordedTopic, TopicQueue
 
 
@@ -272,12 +273,6 @@ class _Pause:
             f"from {_utc(self.start_ns)} to {_utc(self.end_ns)} {self.left_out} messages were "
             "left out"
         )
-
-
-def type_name(message_type: type) -> str:
-    """Return the name of a message class as a bag writes it, `package/msg/Name`."""
-    package, kind = message_type.__module__.split(".")[:2]
-    return f"{package}/{kind}/{message_type.__name__}"
 
 
 def offered_qos(qos: QoSProfile) -> QualityOfService:

@@ -13,17 +13,8 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from service_msgs.msg import ServiceEventInfo
 
-SEND_GOAL, GET_RESULT = PlanTrajectory.Impl.SendGoalService, PlanTrajectory.Impl.GetResultService
-
-
-def goal_topic(action: str) -> str:
-    """Return the topic of goals."""
-    return f"{action}/_action/send_goal/_service_event"
-
-
-def result_topic(action: str) -> str:
-    """Return the topic of results."""
-    return f"{action}/_action/get_result/_service_event"
+from ff_planner_ros.bag.exchanges import GOAL_EVENTS, RESULT_EVENTS
+from ff_planner_ros.ros.messages.interfaces import GET_RESULT, SEND_GOAL
 
 
 class ActionEvents:
@@ -32,8 +23,8 @@ class ActionEvents:
     def __init__(self, node: Node, action: str, qos: QoSProfile) -> None:
         """Create the publishers."""
         self._node, self._numbers = node, count(1)
-        self._goals = node.create_publisher(SEND_GOAL.Event, goal_topic(action), qos)
-        self._results = node.create_publisher(GET_RESULT.Event, result_topic(action), qos)
+        self._goals = node.create_publisher(SEND_GOAL.Event, f"{action}{GOAL_EVENTS}", qos)
+        self._results = node.create_publisher(GET_RESULT.Event, f"{action}{RESULT_EVENTS}", qos)
 
     def goal_received(self, goal: ServerGoalHandle) -> None:
         """Tell of a goal."""

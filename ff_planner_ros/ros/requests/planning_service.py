@@ -27,6 +27,7 @@ from ff_planner_ros.ros.inputs.scene_input import SceneInput
 from ff_planner_ros.ros.inputs.state_input import StateInput
 from ff_planner_ros.ros.messages.controller_message import controller_message
 from ff_planner_ros.ros.messages.from_messages import NANOSECONDS
+from ff_planner_ros.ros.messages.interfaces import ACTION, SERVICE
 from ff_planner_ros.ros.messages.to_messages import response_from_error, response_from_plan
 from ff_planner_ros.ros.outputs.diagnostics import LastRequest, SolveTimes
 from ff_planner_ros.ros.outputs.plan_output import PlanOutput
@@ -37,7 +38,6 @@ from ff_planner_ros.ros.requests.jobs import Job, Jobs
 from ff_planner_ros.ros.requests.reading import Sources, read_request
 from ff_planner_ros.ros.requests.worker import Worker
 
-SERVICE, ACTION = "plan_trajectory", "plan_trajectory_action"
 # Who asks for the result of an action later than this [s] gets none.
 _RESULT_TIMEOUT = 60
 # rclpy tells a goal of its cancellation right after the callback that accepts it [s].

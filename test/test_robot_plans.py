@@ -9,8 +9,10 @@ import pytest
 import yaml
 from ff_planner_msgs.srv import PlanTrajectory
 from robots import CONFIG
+from service_msgs.msg import ServiceEventInfo
 
 from ff_planner_ros.bag.encoding import encode
+from ff_planner_ros.bag.robot_plans import robot_plans
 from ff_planner_ros.bag.writer import BagWriter
 from ff_planner_ros.errors import BagError, InvalidInput, NoPlanFound, Status
 from ff_planner_ros.planning.plan import Plan
@@ -18,7 +20,6 @@ from ff_planner_ros.planning.problem import PlanningProblem
 from ff_planner_ros.planning.settings import load_settings
 from ff_planner_ros.ros.messages.to_messages import response_from_error, response_from_plan
 from ff_planner_ros.runs.offline_bag import record_answer
-from ff_planner_ros.runs.recorded_plans import recorded_plans
 
 EVENTS, EVENT = "/servicer/plan/_service_event", "ff_planner_msgs/srv/PlanTrajectory_Event"
 SETTINGS = load_settings(CONFIG / "planner.yaml")
@@ -38,7 +39,9 @@ def write_bag(
         bag.add_topic(EVENTS, EVENT, [])
         bag.write(EVENTS, encode(PlanTrajectory.Event(request=[PlanTrajectory.Request()])), 0, 0)
         for time, response in enumerate(responses):
-            bag.write(EVENTS, encode(PlanTrajectory.Event(response=[response])), time, time)
+            event = PlanTrajectory.Event(response=[response])
+            event.info.event_type = ServiceEventInfo.RESPONSE_SENT
+            bag.write(EVENTS, encode(event), time, time)
     return directory
 
 
@@ -46,14 +49,14 @@ def test_robot_and_plan_come_back_as_they_were(
     lemur_capture: PlanningProblem, lemur_plan: Plan, tmp_path: Path
 ) -> None:
     record_answer(tmp_path / "bag", lemur_capture, SETTINGS, lemur_plan, 0.5)
-    recorded = recorded_plans(tmp_path / "bag")
+    recorded = robot_plans(tmp_path / "bag")
     assert recorded.robot.urdf == lemur_capture.robot.urdf
     assert recorded.robot.tip_link == "end_effector"
-    (found,) = recorded.plans.values()
+    (found,) = recorded.motions.values()
     for item in fields(lemur_plan.trajectory):
         tolerance = 1e-9 if item.name == "time" else 0.0  # a message counts nanoseconds
         wanted = getattr(lemur_plan.trajectory, item.name)
-        assert getattr(found.trajectory, item.name) == pytest.approx(wanted, abs=tolerance, rel=0)
+        assert getattr(found, item.name) == pytest.approx(wanted, abs=tolerance, rel=0)
 
 
 def test_every_plan_of_a_run_is_found_and_refusals_are_left_out(
@@ -69,7 +72,7 @@ def test_every_plan_of_a_run_is_found_and_refusals_are_left_out(
         "parameters.yaml": parameters(LINKS),
     }
     bag = write_bag(tmp_path / "bag", attached, first, second, third)
-    assert list(recorded_plans(bag).plans) == ["run.1", "run.3"]
+    assert list(robot_plans(bag).motions) == ["run.1", "run.3"]
 
 
 def test_an_answer_whose_arrays_do_not_fit_each_other_is_refused_by_name(
@@ -82,8 +85,8 @@ def test_an_answer_whose_arrays_do_not_fit_each_other_is_refused_by_name(
         "parameters.yaml": parameters(LINKS),
     }
     bag = write_bag(tmp_path / "bag", attached, response)
-    with pytest.raises(BagError, match=r"the answer run\.1 is damaged: .*\(50, 7\)"):
-        recorded_plans(bag)
+    with pytest.raises(BagError, match=r"run\.1 on .* cannot be understood: .*\(50, 7\)"):
+        robot_plans(bag)
 
 
 def test_a_bag_without_plans_tells_its_answers(
@@ -92,10 +95,10 @@ def test_a_bag_without_plans_tells_its_answers(
     refusal = NoPlanFound(Status.COLLISION, "obstacle c1 is in the way")
     record_answer(tmp_path / "bag", lemur_capture, SETTINGS, refusal, 0.5)
     with pytest.raises(BagError, match=r"bag holds no plan.*obstacle c1 is in the way"):
-        recorded_plans(tmp_path / "bag")
+        robot_plans(tmp_path / "bag")
     silent = write_bag(tmp_path / "silent", {})
     with pytest.raises(BagError, match="silent holds no plan; its answers: none"):
-        recorded_plans(silent)
+        robot_plans(silent)
 
 
 @pytest.mark.parametrize(
@@ -117,14 +120,14 @@ def test_a_bag_that_does_not_say_what_its_plans_are_for_is_refused(
     response = response_from_plan(lemur_plan, "run.1", 10**18, "inertial", 0.1)
     bag = write_bag(tmp_path / "bag", attached, response)
     with pytest.raises(BagError, match=message):
-        recorded_plans(bag)
+        robot_plans(bag)
 
 
 def test_an_attached_urdf_that_is_none_is_refused(lemur_plan: Plan, tmp_path: Path) -> None:
     response = response_from_plan(lemur_plan, "run.1", 10**18, "inertial", 0.1)
     attached = {"robot.urdf": b"\xff\xfe", "parameters.yaml": parameters(LINKS)}
     with pytest.raises(InvalidInput, match=r"robot\.urdf is not XML"):
-        recorded_plans(write_bag(tmp_path / "bag", attached, response))
+        robot_plans(write_bag(tmp_path / "bag", attached, response))
 
 
 def test_a_plan_for_other_joints_is_refused(
@@ -137,4 +140,4 @@ def test_a_plan_for_other_joints_is_refused(
         "parameters.yaml": parameters(LINKS),
     }
     with pytest.raises(BagError, match=r"run\.1 moves other_0.*its robot has joint_1"):
-        recorded_plans(write_bag(tmp_path / "bag", attached, response))
+        robot_plans(write_bag(tmp_path / "bag", attached, response))

@@ -1,0 +1,118 @@
+"""The requests in a bag with their responses: the one reader of the events that hold them."""
+
+from __future__ import annotations
+
+from collections import defaultdict, deque
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from typing import Any, Generic, TypeVar
+
+from ff_planner_ros.bag.reader import Bag, Message
+
+SERVICE_EVENT = "ff_planner_msgs/srv/PlanTrajectory_Event"
+GOAL_EVENT = "ff_planner_msgs/action/PlanTrajectory_SendGoal_Event"
+RESULT_EVENT = "ff_planner_msgs/action/PlanTrajectory_GetResult_Event"
+SERVICE, ACTION = "service", "action"  # where a request comes in
+SERVICE_EVENTS = "/_service_event"  # topics, behind the name of the service or action
+GOAL_EVENTS = "/_action/send_goal/_service_event"
+RESULT_EVENTS = "/_action/get_result/_service_event"
+
+# Of service_msgs/ServiceEventInfo; the other kinds are told by clients.
+_REQUEST_RECEIVED, _RESPONSE_SENT = 1, 2
+
+Request = TypeVar("Request")
+Response = TypeVar("Response")
+
+
+@dataclass(frozen=True, eq=False)
+class Exchange(Generic[Request, Response]):
+    """A request and its response.
+
+    Attributes:
+        door: SERVICE or ACTION.
+        name: Of the service or action, resolved.
+        logged_ns: When the request was recorded, or else its response, by the recorder's clock.
+        received_ns: When the request came, by the node's clock; zero without a request.
+        request: None where the bag holds the response alone.
+        response: None where the bag holds no response.
+        answered_ns: When the response went out, by the node's clock; zero without a response.
+    """
+
+    door: str
+    name: str
+    logged_ns: int
+    received_ns: int = 0
+    request: Request | None = None
+    response: Response | None = None
+    answered_ns: int = 0
+
+    @property
+    def namespace(self) -> str:
+        """Of the planner, without a slash at its end."""
+        return self.name.rpartition("/")[0]
+
+
+def exchanges(
+    bag: Bag,
+    read_request: Callable[[Any], Request],
+    read_response: Callable[[Message, Any], Response | None],
+) -> list[Exchange[Request, Response]]:
+    """Return every request with its response, in the order in which the requests were recorded.
+
+    Args:
+        bag: Open; notes the events that cannot be understood.
+        read_request: Called with each request as the bag's own definition decodes it.
+        read_response: Called with the event's message and the decoded response; may return None.
+
+    Raises:
+        BagError: The disk fails.
+    """
+    asked: dict[object, deque[Exchange[Request, Response]]] = defaultdict(deque)
+    answered: list[tuple[object, Exchange[Request, Response]]] = []
+    for message, event in bag.decoded(SERVICE_EVENT, GOAL_EVENT, RESULT_EVENT):
+        try:
+            stamp_ns = event.info.stamp.sec * 10**9 + event.info.stamp.nanosec
+            parts = list(_parts(message, event))
+        except (AttributeError, TypeError, ValueError, LookupError, OverflowError) as error:
+            bag.note(f"an event on {message.topic} cannot be understood: {error}")
+            continue
+        for door, name, key, request, response in parts:
+            at = (door, name, message.log_time_ns)
+            if request is not None:
+                asked[key].append(Exchange(*at, stamp_ns, read_request(request)))
+            elif (read := read_response(message, response)) is not None:
+                answered.append((key, Exchange(*at, response=read, answered_ns=stamp_ns)))
+    found = [_joined(asked[key], alone) for key, alone in answered]
+    found += [exchange for waiting in asked.values() for exchange in waiting]
+    return sorted(found, key=lambda exchange: exchange.logged_ns)
+
+
+def _parts(message: Message, event: Any) -> Iterator[tuple[str, str, object, Any, Any]]:
+    """Yield door, name, key, and either the request or the response, of all that an event holds."""
+    kind, topic = event.info.event_type, message.topic
+    if message.type_name == SERVICE_EVENT:
+        name = topic.removesuffix(SERVICE_EVENTS)
+        key = (name, bytes(event.info.client_gid), int(event.info.sequence_number))
+        if kind == _REQUEST_RECEIVED:
+            yield from ((SERVICE, name, key, request, None) for request in event.request)
+        elif kind == _RESPONSE_SENT:
+            yield from ((SERVICE, name, key, None, response) for response in event.response)
+    elif message.type_name == GOAL_EVENT and kind == _REQUEST_RECEIVED:
+        name = topic.removesuffix(GOAL_EVENTS)
+        for one in event.request:
+            yield ACTION, name, (name, bytes(one.goal_id.uuid)), one.goal, None
+    elif message.type_name == RESULT_EVENT and kind == _RESPONSE_SENT:
+        name = topic.removesuffix(RESULT_EVENTS)
+        goals = [bytes(one.goal_id.uuid) for one in event.request]
+        for number, one in enumerate(event.response):
+            goal = goals[number] if number < len(goals) else None
+            yield ACTION, name, (name, goal), None, one.result
+
+
+def _joined(
+    waiting: deque[Exchange[Request, Response]], alone: Exchange[Request, Response]
+) -> Exchange[Request, Response]:
+    """Return a response with the request that it is to; by itself where the bag has none."""
+    if not waiting:
+        return alone
+    return replace(waiting.popleft(), response=alone.response, answered_ns=alone.answered_ns)

@@ -1,0 +1,82 @@
+"""The robot that is attached to a bag, and the plans for it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import yaml
+
+from ff_planner_ros.bag.exchanges import exchanges
+from ff_planner_ros.bag.plans import RecordedPlan, recorded_plan
+from ff_planner_ros.bag.reader import open_bag
+from ff_planner_ros.errors import BagError
+from ff_planner_ros.planning.plan import Trajectory
+from ff_planner_ros.robot.model import Robot, robot_from_urdf_text
+
+
+@dataclass(frozen=True, eq=False)
+class RobotPlans:
+    """The plans of a bag, whether the node recorded it or `ff-planner plan --bag` wrote it.
+
+    Attributes:
+        robot: That they are for.
+        motions: By plan id, in the order of the requests.
+        metrics: By plan id, as in `PlanMetrics.msg`.
+        notes: What is wrong with the bag.
+    """
+
+    robot: Robot
+    motions: Mapping[str, Trajectory]
+    metrics: Mapping[str, Mapping[str, float | tuple[float, ...]]]
+    notes: tuple[str, ...]
+
+
+def robot_plans(bag: Path) -> RobotPlans:
+    """Read every plan that was answered with, and the robot.
+
+    Args:
+        bag: The directory, or its MCAP file.
+
+    Raises:
+        BagError: The bag cannot be read, holds no plan, or lacks what is needed to understand it.
+        InvalidInput: The URDF in it is refused.
+    """
+    with open_bag(bag) as opened:
+        found = exchanges(opened, lambda _: True, recorded_plan)
+        attachments, notes = opened.attachments, opened.notes
+    answers: list[RecordedPlan] = [one.response for one in found if one.response is not None]
+    motions = {one.plan_id: one.trajectory for one in answers if one.trajectory is not None}
+    if not motions:
+        refusals = "; ".join(f"{one.plan_id}: {one.message}" for one in answers)
+        reasons = "; ".join([f"its answers: {refusals or 'none'}", *notes])
+        raise BagError(f"bag {bag} holds no plan; {reasons}")
+    robot = attached_robot(bag, attachments)
+    for one in answers:
+        if one.plan_id in motions and one.joint_names != robot.joint_names:
+            moved, wanted = ", ".join(one.joint_names), ", ".join(robot.joint_names)
+            raise BagError(f"bag {bag}: {one.plan_id} moves {moved}, but its robot has {wanted}")
+    return RobotPlans(robot, motions, {one.plan_id: one.metrics for one in answers}, notes)
+
+
+def attached_robot(bag: Path, attachments: Mapping[str, bytes]) -> Robot:
+    """Return the robot whose URDF and links are attached to a bag.
+
+    Raises:
+        BagError: One of the two is missing or damaged.
+        InvalidInput: The URDF is refused.
+    """
+    documents = {}
+    for name in ("robot.urdf", "parameters.yaml"):
+        if name not in attachments:
+            raise BagError(f"bag {bag} has no {name} attached, which says what its plans are for")
+        documents[name] = attachments[name].decode(errors="replace")
+    try:
+        links = yaml.safe_load(documents["parameters.yaml"])["/**"]["ros__parameters"]["robot"]
+        base_link, tip_link = str(links["base_link"]), str(links["tip_link"])
+    except (yaml.YAMLError, LookupError, TypeError):
+        raise BagError(
+            f"bag {bag}: its parameters.yaml does not name robot.base_link and robot.tip_link"
+        ) from None
+    return robot_from_urdf_text(documents["robot.urdf"], base_link, tip_link)

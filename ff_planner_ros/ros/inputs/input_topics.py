@@ -1,0 +1,57 @@
+"""The topics that the node plans from: one row each, for the node, its recorder and a replay."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from ff_planner_msgs.msg import ChaserState, ObstacleSphereArray
+from nav_msgs.msg import Odometry
+from sensor_msgs.msg import JointState
+
+
+@dataclass(frozen=True)
+class InputTopic:
+    """A topic that the node subscribes to, records, and that a replay feeds again.
+
+    Attributes:
+        name: Of the topic; its quality of service is the parameter `qos.NAME`.
+        message_type: Its message class.
+        memory: Number of messages that the node remembers.
+        state_source: The topic is heard where the parameter state_source has this value; empty:
+            always.
+        brought_by: Field of a request; true: the request brings what this topic tells.
+        stamp: Field of a response, with the stamp of the message that the plan is made from.
+    """
+
+    name: str
+    message_type: type[Any]
+    memory: int
+    state_source: str
+    brought_by: str
+    stamp: str
+
+
+# A second of a topic at 1 kHz: no partner should travel that much longer than the other.
+_TO_PAIR = 1000
+_START, _SCENE = "use_start_state", "use_obstacles"
+
+CHASER_STATE = InputTopic("chaser_state", ChaserState, 1, "chaser_state", _START, "state_stamp")
+ODOMETRY = InputTopic("odometry", Odometry, _TO_PAIR, "odometry", _START, "state_stamp")
+JOINT_STATES = InputTopic(
+    "joint_states", JointState, _TO_PAIR, "odometry", _START, "joint_states_stamp"
+)
+OBSTACLES = InputTopic("obstacles", ObstacleSphereArray, 1, "", _SCENE, "obstacles_stamp")
+
+INPUT_TOPICS = {topic.name: topic for topic in (CHASER_STATE, ODOMETRY, JOINT_STATES, OBSTACLES)}
+# The planner's own topics whose types are those of inputs.
+OUTPUTS_OF_THESE_TYPES = ("planned_joint_states",)
+
+
+def heard_with(state_source: str) -> list[InputTopic]:
+    """Return the topics that the node subscribes to.
+
+    Args:
+        state_source: Value of the parameter.
+    """
+    return [one for one in INPUT_TOPICS.values() if one.state_source in (state_source, "")]
