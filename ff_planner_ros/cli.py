@@ -428,7 +428,6 @@ def _replay(options: argparse.Namespace) -> int:
 
 def _report(options: argparse.Namespace) -> int:
     from ff_planner_ros.runs.report import report_of_answer
-    from ff_planner_ros.runs.report_of_bag import report_of_bag
     from ff_planner_ros.runs.report_page import save_page
 
     if options.plans < 0:
@@ -438,6 +437,8 @@ def _report(options: argparse.Namespace) -> int:
     if source.suffix == ".json":
         report = report_of_answer(source)
     else:
+        from ff_planner_ros.runs.report_of_bag import report_of_bag
+
         report = report_of_bag(source, options.plans)
     output = options.output or Path(f"{source.resolve().stem}_report.html")
     save_page(report, output)

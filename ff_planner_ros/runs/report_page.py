@@ -9,6 +9,7 @@ from __future__ import annotations
 import base64
 import hashlib
 from collections.abc import Iterable, Iterator, Sequence
+from importlib.resources import files
 from pathlib import Path
 from xml.etree.ElementTree import Element, tostring
 
@@ -25,53 +26,6 @@ from ff_planner_ros.runs.report import Report, ReportedPlan, ReportedRequest, cl
 from ff_planner_ros.runs.report_plots import plan_plots, solve_time_plot
 
 _NOTHING = "-"
-_STYLE = """
-:root { color-scheme: light; }
-body { font: 15px/1.45 system-ui, sans-serif; color: #222; background: #fff; margin: 0 auto;
-  max-width: 1250px; padding: 0 1.5rem 3rem; }
-h1 { font-size: 1.6rem; } h2 { font-size: 1.25rem; margin-top: 2rem; }
-h3 { font-size: 1rem; margin: 1.4rem 0 .3rem; }
-table { border-collapse: collapse; font-variant-numeric: tabular-nums; }
-th, td { padding: .25rem .6rem; text-align: left; vertical-align: top; }
-thead th { border-bottom: 2px solid #888; font-weight: 600; }
-tbody tr { border-top: 1px solid #ddd; }
-tr.reason { border-top: 0; } tr.reason td { padding-top: 0; color: #8a2000; max-width: 70rem; }
-.facts th { color: #555; font-weight: 600; white-space: nowrap; }
-.facts td { overflow-wrap: anywhere; }
-.wide { overflow-x: auto; font-size: .85rem; } .wide td { white-space: nowrap; }
-.wide th, .wide td { padding: .25rem .45rem; }
-.wide tr.reason td { white-space: normal; overflow-wrap: anywhere; }
-.notes, .remarks { background: #fff4d6; border-left: 4px solid #e0a100;
-  padding: .4rem 1rem .4rem 2rem; }
-.solved { color: #00633a; } .refused { color: #8a2000; }
-details { border: 1px solid #bbb; border-radius: 6px; margin: .8rem 0; padding: 0 1rem; }
-summary { cursor: pointer; font-weight: 600; padding: .6rem 0; overflow-wrap: anywhere; }
-.beside { display: flex; flex-wrap: wrap; gap: 0 3rem; }
-figure { margin: 0; break-inside: avoid; } figcaption { color: #555; font-size: .9rem; }
-@media print { body { max-width: none; padding: 0; font-size: 11px; }
-  .wide { overflow: visible; font-size: 8.5px; } .wide th, .wide td { padding: .15rem .2rem; }
-  .wide td { white-space: normal; } .wide td:first-child { overflow-wrap: anywhere; }
-  details { border: 0; padding: 0; } }
-"""
-# A plot is drawn when it is first seen: two hundred plans at once are more than a browser bears.
-_SCRIPT = """
-const draw = (part) => part.querySelectorAll(".plot").forEach((place) => {
-  if (place.dataset.drawn || place.closest("details:not([open])")) return;
-  place.dataset.drawn = "yes";
-  const figure = JSON.parse(document.getElementById(place.dataset.figure).textContent);
-  Plotly.newPlot(place, { ...figure, config: { displaylogo: false, responsive: true } });
-});
-const openTarget = () => {
-  const target = document.getElementById(decodeURIComponent(location.hash.slice(1)));
-  if (target instanceof HTMLDetailsElement) { target.open = true; target.scrollIntoView(); }
-};
-for (const part of document.querySelectorAll("details")) {
-  part.addEventListener("toggle", () => draw(part));
-}
-window.addEventListener("hashchange", openTarget);
-openTarget();
-draw(document);
-"""
 _COLUMNS = (
     *("plan id", "door", "asked [UTC]", "status", "weights L, Θ", "duration [s]", "points"),
     *("joint path [rad]", "attitude [deg]", "clearance [mm]", "solve time [s]", "iterations"),
@@ -97,8 +51,8 @@ def save_page(report: Report, file: Path) -> None:
 
 
 def _page(report: Report) -> Element:
-    library = get_plotlyjs()
-    allowed = " ".join(map(_hash, (library, _SCRIPT)))
+    library, script, style = get_plotlyjs(), _resource("report.js"), _resource("report.css")
+    allowed = " ".join(map(_hash, (library, script)))
     policy = (
         f"default-src 'none'; script-src {allowed}; style-src 'unsafe-inline'; "
         "img-src data: blob:; base-uri 'none'; form-action 'none'"
@@ -109,12 +63,16 @@ def _page(report: Report) -> Element:
         _element("meta", {"http-equiv": "Content-Security-Policy", "content": policy}),
         _element("meta", name="viewport", content="width=device-width"),
         _element("title", f"{report.title}: report of ff-planner"),
-        _element("style", _STYLE),
+        _element("style", style),
         _element("script", library),
     )
     figures: list[Element] = []
-    body = _element("body", *_sections(report, figures), *figures, _element("script", _SCRIPT))
+    body = _element("body", *_sections(report, figures), *figures, _element("script", script))
     return _element("html", head, body, lang="en")
+
+
+def _resource(name: str) -> str:
+    return files(__package__).joinpath(name).read_text(encoding="utf-8")
 
 
 def _hash(script: str) -> str:

@@ -6,12 +6,9 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import fields
+from typing import TYPE_CHECKING
 
 import numpy as np
-from builtin_interfaces.msg import Duration, Time
-from ff_planner_msgs.msg import ChaserState, ObstacleSphere, ObstacleSphereArray, PlanMetrics
-from ff_planner_msgs.srv import PlanTrajectory
-from geometry_msgs.msg import Point, Quaternion, Vector3
 
 from ff_planner_ros.arrays import Array, finite_vector
 from ff_planner_ros.bag.plans import trajectory_in
@@ -20,6 +17,12 @@ from ff_planner_ros.planning.plan import Metrics, Plan, SolverReport
 from ff_planner_ros.planning.problem import Limits, Objective, PlanningProblem, Sphere, Target
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.state import SystemState
+
+if TYPE_CHECKING:  # what is read may also be a message decoded where ROS is not installed
+    from builtin_interfaces.msg import Duration, Time
+    from ff_planner_msgs.msg import ChaserState, ObstacleSphere, ObstacleSphereArray, PlanMetrics
+    from ff_planner_msgs.srv import PlanTrajectory
+    from geometry_msgs.msg import Point, Quaternion, Vector3
 
 NANOSECONDS = 1_000_000_000
 

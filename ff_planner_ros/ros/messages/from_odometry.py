@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
-from nav_msgs.msg import Odometry
 from scipy.spatial.transform import Rotation
-from sensor_msgs.msg import JointState
 
 from ff_planner_ros.arrays import Array, finite_vector, unit_quaternion
 from ff_planner_ros.planning.settings import tunable
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.ros.messages.from_messages import joint_order, require_frame, xyz, xyzw
+
+if TYPE_CHECKING:
+    from nav_msgs.msg import Odometry
+    from sensor_msgs.msg import JointState
 
 # Position, quaternion, linear and angular velocity; positions and velocities: see SystemState.
 ChaserPart: TypeAlias = tuple[Array, Array, Array, Array]
