@@ -59,11 +59,7 @@ def save_figures(
 def two_column_figure(
     quantities: tuple[Quantity, Quantity], motions: Mapping[Method, Trajectory]
 ) -> Figure:
-    """Draw two quantities side by side, a row for each of their numbers: Figs. 3 to 5 of the paper.
-
-    Args:
-        motions: At least one.
-    """
+    """Draw two quantities side by side, a row for each of their numbers: Figs. 3 to 5."""
     figure = Figure(figsize=(8.0, 6.4), layout="constrained")
     grid = figure.subplots(3, 2, sharex=True)
     for column, quantity in zip(grid.T, quantities, strict=True):
@@ -73,11 +69,7 @@ def two_column_figure(
 
 
 def clearance_figure(problem: PlanningProblem, motions: Mapping[Method, Trajectory]) -> Figure:
-    """Draw the distance of the arm's centre lines to the closest obstacle: Fig. 6 of the paper.
-
-    Args:
-        motions: At least one.
-    """
+    """Draw the distance of the arm's centre lines to the closest obstacle: Fig. 6 of the paper."""
     figure = Figure(figsize=(8.0, 4.8), layout="constrained")
     axes = figure.add_subplot()
     _draw([axes], clearance(problem.robot, problem.obstacles), motions)
@@ -93,11 +85,7 @@ def clearance_figure(problem: PlanningProblem, motions: Mapping[Method, Trajecto
 
 
 def joint_angle_figure(robot: Robot, motions: Mapping[Method, Trajectory]) -> Figure:
-    """Draw every joint in a panel of its own, with its limits.
-
-    Args:
-        motions: At least one.
-    """
+    """Draw every joint in a panel of its own, with its limits."""
     rows = -(-robot.joints // 2)
     figure = Figure(figsize=(8.0, 1.0 + 1.5 * rows), layout="constrained")
     grid = figure.subplots(rows, 2, squeeze=False).ravel().tolist()

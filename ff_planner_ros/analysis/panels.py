@@ -108,11 +108,7 @@ def clearance(robot: Robot, obstacles: Sequence[Sphere]) -> Quantity:
 
 
 def joint_angles(robot: Robot) -> Quantity:
-    """Return every joint's angle with its limits.
-
-    Args:
-        robot: The robot that the motions are of.
-    """
+    """Return every joint's angle with its limits."""
     limits = np.rad2deg([robot.lower_position_limits, robot.upper_position_limits]).T
     return Quantity(
         "joint angles",
@@ -123,11 +119,7 @@ def joint_angles(robot: Robot) -> Quantity:
 
 
 def joint_rates(robot: Robot) -> Quantity:
-    """Return every joint's rate with its limits.
-
-    Args:
-        robot: The robot that the motions are of.
-    """
+    """Return every joint's rate with its limits."""
     limits = np.rad2deg(robot.velocity_limits).tolist()
     return Quantity(
         "joint rates",
@@ -162,9 +154,6 @@ def panels(quantity: Quantity, motions: Mapping[Method, Trajectory]) -> list[Pan
 
 def closest_clearance(robot: Robot, obstacles: Sequence[Sphere], trajectory: Trajectory) -> Array:
     """Return the distance between the arm's lines and the nearest sphere's surface.
-
-    Args:
-        obstacles: At least one sphere.
 
     Returns:
         Shape (points,) [m].

@@ -30,35 +30,21 @@ _FLAT = 1e-3
 def two_column_plot(
     quantities: tuple[Quantity, Quantity], motions: Mapping[Method, Trajectory]
 ) -> go.Figure:
-    """Draw two quantities side by side, a row for each of their numbers.
-
-    Args:
-        motions: At least one.
-    """
+    """Draw two quantities side by side, a row for each of their numbers."""
     left, right = (panels(quantity, motions) for quantity in quantities)
     in_rows = [panel for pair in zip(left, right, strict=True) for panel in pair]
     return panel_plot(in_rows, titles=[quantity.title for quantity in quantities])
 
 
 def joint_plot(quantity: Quantity, motions: Mapping[Method, Trajectory]) -> go.Figure:
-    """Draw a quantity of the joints, two in a row.
-
-    Args:
-        quantity: With a number for each joint.
-        motions: At least one.
-    """
+    """Draw a quantity of the joints, two in a row."""
     return panel_plot(panels(quantity, motions))
 
 
 def clearance_plot(
     robot: Robot, obstacles: Sequence[Sphere], motions: Mapping[Method, Trajectory]
 ) -> go.Figure:
-    """Draw the distance of the arm's centre lines to the closest obstacle: Fig. 6 of the paper.
-
-    Args:
-        obstacles: Where there are none, the plot says so.
-        motions: At least one.
-    """
+    """Draw the distance of the arm's centre lines to the closest obstacle: Fig. 6 of the paper."""
     (panel,) = panels(clearance(robot, obstacles), motions)
     figure = panel_plot([panel], columns=1, rows_high=2)
     if not obstacles:
@@ -90,8 +76,6 @@ def panel_plot(
     """Draw panels row by row, with one legend for all.
 
     Args:
-        drawn: At least one.
-        titles: Of the columns, if they have any.
         rows_high: How much higher a panel is than usual.
     """
     rows = -(-len(drawn) // columns)

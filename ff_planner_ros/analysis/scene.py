@@ -49,7 +49,6 @@ def save_scene(
     """Write the scene as one HTML file that needs nothing else.
 
     Args:
-        motions: At least one.
         shown: Methods that are shown from the start; a click in the legend shows the others.
     """
     # The name of the scene's element is fixed: the same motions give the same file.
@@ -79,7 +78,6 @@ def scene_figure(
     Args:
         obstacles: What it must stay out of.
         goal: Where the end effector shall be in the end, in the inertial frame. Shape (3,) [m].
-        motions: At least one.
         shown: Methods that are shown from the start; a click in the legend shows the others.
     """
     drawn = [_motion(robot, method, trajectory) for method, trajectory in motions.items()]

@@ -48,7 +48,6 @@ def measured_motion(robot: Robot, time: Array, states: list[SystemState]) -> Tra
 
     Args:
         time: Of the states, from the start of the plan. Shape (times,) [s].
-        states: As many, at least one.
 
     Returns:
         The motion; its accelerations and torques are NaN, which nobody measured.
@@ -58,11 +57,7 @@ def measured_motion(robot: Robot, time: Array, states: list[SystemState]) -> Tra
 
 
 def deviations(planned: Trajectory, measured: Trajectory) -> Deviations:
-    """Return how far a measured motion is from the plan, between the points of the plan, too.
-
-    Args:
-        measured: Of the same robot, while the plan runs.
-    """
+    """Return how far a measured motion is from the plan, between the points of the plan, too."""
     time = measured.time
     chaser, chaser_attitude = poses_between(
         planned.time,

@@ -23,7 +23,6 @@ def export_csv(bag: Path, directory: Path) -> Sequence[str]:
     """Write a table of all answers, and a table of every plan.
 
     Args:
-        bag: The directory, or one of its MCAP files.
         directory: Of the tables; must not exist.
 
     Returns:
@@ -54,9 +53,6 @@ def export_csv(bag: Path, directory: Path) -> Sequence[str]:
 
 def export_npz(bag: Path, file: Path) -> Sequence[str]:
     """Write the arrays of every plan into one file, as `plan_id/array`.
-
-    Args:
-        bag: The directory, or one of its MCAP files.
 
     Returns:
         What is wrong with the bag, in words.

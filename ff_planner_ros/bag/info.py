@@ -19,9 +19,6 @@ _LONGEST = 100  # [characters] of a text on a line
 def info(path: Path) -> Iterator[str]:
     """Yield what is in a bag, line by line, and at the end what is wrong with it.
 
-    Args:
-        path: The directory, or one of its MCAP files.
-
     Raises:
         BagError: Nothing of the bag can be read.
     """

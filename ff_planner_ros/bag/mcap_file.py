@@ -202,11 +202,7 @@ class McapFile:
         raise ValueError("the file ends before")
 
     def leave_out(self, block: Block, reason: str) -> None:
-        """Note that a block is not read.
-
-        Args:
-            reason: What a note says of it.
-        """
+        """Note that a block is not read."""
         if block not in self.damaged:
             self.damaged.append(block)
             kind = "chunk" if block.is_chunk else "message"

@@ -25,9 +25,6 @@ def chunk_of(record: bytes) -> tuple[Chunk, int]:
 
     The library's reader copies them twice more, and does not see that they are cut.
 
-    Args:
-        record: The chunk with opcode and length; may be cut.
-
     Raises:
         Exception: It is damaged, or cut before its records.
     """

@@ -103,9 +103,6 @@ def read_plans(bag: Path | str) -> list[RecordedPlan]:
 def recorded_plans(bag: Bag) -> list[RecordedPlan]:
     """Return every answer of the planner, in the order of the answers.
 
-    Args:
-        bag: Open; notes what cannot be understood.
-
     Raises:
         BagError: The disk fails.
     """
@@ -115,9 +112,6 @@ def recorded_plans(bag: Bag) -> list[RecordedPlan]:
 
 def planning_exchanges(bag: Bag) -> list[Exchange[bool, RecordedPlan]]:
     """Return every request, of which nothing is read, with the answer to it.
-
-    Args:
-        bag: Open; notes what cannot be understood.
 
     Raises:
         BagError: The disk fails.
@@ -137,7 +131,6 @@ def recorded_plan(message: Message, response: Any) -> RecordedPlan:
     """Return an answer as plain arrays.
 
     Args:
-        message: The event that told of it.
         response: Of `PlanTrajectory`, decoded by whatever definition.
 
     Raises:

@@ -76,7 +76,6 @@ class Bag:
 
         Args:
             files: In order, open; at least one.
-            notes: What is wrong with the whole.
         """
         self._mcap_files, self._notes = files, list(notes)
         self.path = path

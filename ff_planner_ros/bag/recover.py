@@ -55,7 +55,6 @@ def print_recovery(bag: Path, output: Path | None) -> int:
     """Recover a bag and say what was saved, and what was lost.
 
     Args:
-        bag: A directory, or one MCAP file.
         output: The new bag; None: beside the old one.
 
     Returns:
@@ -87,7 +86,6 @@ def recover(bag: Path, output: Path) -> Recovery:
     """Write everything that can be read of a bag into a new one, file by file.
 
     Args:
-        bag: A directory, or one MCAP file.
         output: The new bag, a directory; not made if there is no message to save.
 
     Raises:

@@ -36,9 +36,6 @@ class RobotPlans:
 def robot_plans(bag: Path) -> RobotPlans:
     """Read every plan that was answered with, and the robot.
 
-    Args:
-        bag: The directory, or its MCAP file.
-
     Raises:
         BagError: The bag cannot be read, holds no plan, or lacks what is needed to understand it.
         InvalidInput: The URDF in it is refused.

@@ -136,11 +136,7 @@ def profiles(qos: Sequence[QualityOfService]) -> list[dict[str, Any]]:
 
 
 def as_yaml(document: Any) -> str:
-    """Return a document as YAML.
-
-    Args:
-        document: Plain lists, dictionaries, texts and numbers.
-    """
+    """Return a document as YAML."""
     return str(yaml.safe_dump(document, sort_keys=False))
 
 

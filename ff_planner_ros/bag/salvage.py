@@ -19,10 +19,6 @@ def salvaged(file: McapFile, block: Block) -> list[RawMessage]:
     They are without a checksum: each must fit its definition, and what comes after one that does
     not is left out. A chunk that does not break off and has a wrong checksum is left out whole:
     nobody knows which of its messages is wrong.
-
-    Args:
-        file: Open; notes how many there are.
-        block: A damaged one of the file.
     """
     found: list[RawMessage] = []
     with suppress(Exception):  # it ends where the bytes make no sense any more

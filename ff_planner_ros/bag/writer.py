@@ -105,7 +105,6 @@ class BagWriter:
         """Announce a topic.
 
         Args:
-            topic: Resolved name, with its leading slash.
             type_name: `package/msg/Name` or `package/srv/Name_Event`.
             qos: What each publisher of the topic offers; may be empty.
 

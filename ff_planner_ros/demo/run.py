@@ -43,7 +43,6 @@ def run_demo(output: Path = Path("demo_output"), scenario: Path | None = None) -
     """Plan and fly a capture for both objectives and show the result.
 
     Args:
-        output: Every run makes a new directory in here.
         scenario: What to fly; None: the paper's capture.
 
     Returns:

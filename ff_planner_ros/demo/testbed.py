@@ -68,7 +68,6 @@ class SimulatedTestbed:
             epoch_ns: When the chaser passes through the start state [ns]. Before and after, until a
                 trajectory begins, it drifts and its joints keep their rates.
             state_rate: Of the states [Hz].
-            imperfections: What is not as in the model.
         """
         self._scenario, self._imperfections = scenario, imperfections
         self._epoch_ns, self._period_ns = epoch_ns, round(NANOSECONDS / state_rate)

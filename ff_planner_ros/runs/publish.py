@@ -77,7 +77,6 @@ def publish_bag(path: Path, rate: float, topics: Collection[str], clock: bool) -
     obstacles has them when the first state comes. All others keep their distances in time.
 
     Args:
-        path: The directory, or one MCAP file.
         rate: So many times as fast as it was recorded.
         topics: Names of topics, or `ALL`; none: the planner's inputs.
         clock: Whether to publish /clock: the stamps in the messages are those of then, and only

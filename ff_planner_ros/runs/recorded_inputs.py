@@ -121,11 +121,7 @@ def _take_first(answer: Heard, moment: Moment, first: Mapping[str, Message]) -> 
 
 
 def header_stamp(cdr: bytes) -> int:
-    """Return the stamp of the header that every input begins with [ns]; -1 without one.
-
-    Args:
-        cdr: The message as it was recorded.
-    """
+    """Return the stamp of the header that every input begins with [ns]; -1 without one."""
     if len(cdr) < 12:
         return -1
     seconds, nanoseconds = struct.unpack_from("<iI" if cdr[1] & 1 else ">iI", cdr, 4)

@@ -28,16 +28,7 @@ from ff_planner_ros.runs.recorded_parameters import RecordedParameters
 
 @dataclass(frozen=True, eq=False)
 class Inputs:
-    """What the node knew beside the request.
-
-    Attributes:
-        robot: To plan for.
-        parameters: Of the node at that time.
-        states: What it had heard of the state.
-        scenes: What it had heard of obstacles.
-        published: The plan that the joints may have been following.
-        now_ns: The node's time [ns].
-    """
+    """What the node knew beside the request."""
 
     robot: Robot
     parameters: NodeParameters

@@ -170,7 +170,6 @@ def clock_time(time_ns: int, with_date: bool = True) -> str:
 
     Args:
         time_ns: Since the epoch [ns].
-        with_date: Whether to tell the day, too.
     """
     try:
         moment = datetime.fromtimestamp(time_ns // NANOSECONDS, UTC)

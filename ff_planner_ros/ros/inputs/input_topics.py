@@ -49,9 +49,5 @@ OUTPUTS_OF_THESE_TYPES = ("planned_joint_states",)
 
 
 def heard_with(state_source: str) -> list[InputTopic]:
-    """Return the topics that the node subscribes to.
-
-    Args:
-        state_source: Value of the parameter.
-    """
+    """Return the topics that the node subscribes to."""
     return [one for one in INPUT_TOPICS.values() if one.state_source in (state_source, "")]

@@ -33,11 +33,7 @@ class SceneInput:
     """The last obstacles heard of."""
 
     def __init__(self, inertial_frame: str) -> None:
-        """Begin with nothing heard.
-
-        Args:
-            inertial_frame: The only frame that obstacles may be given in.
-        """
+        """Begin with nothing heard."""
         self._inertial_frame = inertial_frame
         # Kept as it comes: to judge thousands of spheres ten times a second would hold up the node.
         # Kept when the clock jumps back, too: who publishes a scene once does not do so again.

@@ -71,10 +71,7 @@ class StateInput:
         """Begin with nothing heard.
 
         Args:
-            robot: The robot that names the joints.
-            inertial_frame: The only frame that states may be given in.
             source: One of `STATE_SOURCES`.
-            odometry: How to read odometry, where that is the source.
         """
         self._source = source
         self._pairing_tolerance = odometry.pairing_tolerance
@@ -144,7 +141,6 @@ def require_current(
     """Refuse a stamp that is too old or too far ahead of now.
 
     Args:
-        field: Name of the stamp in the error message.
         stamp_ns: The stamp [ns].
         now_ns: The time now [ns].
         max_age: Parameter state_max_age [s].

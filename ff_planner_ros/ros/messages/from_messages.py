@@ -100,7 +100,6 @@ def state_from_message(
     Args:
         message: The state; its joints may come in any order.
         source: Where the message came from, for errors: `chaser_state` or `start_state`.
-        robot: The robot that names the joints.
         inertial_frame: The only frame that the state may be given in.
 
     Raises:
@@ -198,8 +197,6 @@ def require_frame(field: str, frame_id: str, allowed: str) -> None:
     """Refuse a frame that is not the one allowed.
 
     Args:
-        field: Name of the value in the error message.
-        frame_id: The frame found.
         allowed: The frame that it must be.
 
     Raises:

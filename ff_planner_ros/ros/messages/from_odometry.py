@@ -108,7 +108,6 @@ def joints_from_joint_state(message: JointState, robot: Robot) -> JointPart:
 
     Args:
         message: Joints in any order; those that the arm does not have are not looked at.
-        robot: The robot that names the joints.
 
     Returns:
         Positions and velocities in the robot's order.

@@ -31,12 +31,7 @@ from ff_planner_ros.ros.messages.from_messages import NANOSECONDS
 
 
 def request_message(problem: PlanningProblem, inertial_frame: str) -> PlanTrajectory.Request:
-    """Write a question as a request that starts from the latest published state and obstacles.
-
-    Args:
-        problem: The question; its start and obstacles are left out.
-        inertial_frame: Frame of the target.
-    """
+    """Write a question as a request that starts from the latest published state and obstacles."""
     target = problem.target
     return PlanTrajectory.Request(
         target_pose=PoseStamped(
@@ -52,12 +47,7 @@ def request_message(problem: PlanningProblem, inertial_frame: str) -> PlanTrajec
 
 
 def goal_message(problem: PlanningProblem, inertial_frame: str) -> PlanTrajectoryAction.Goal:
-    """Write a question as a goal of the action, as `request_message` does for the service.
-
-    Args:
-        problem: The question; its start and obstacles are left out.
-        inertial_frame: Frame of the target.
-    """
+    """Write a question as a goal of the action, as `request_message` does for the service."""
     request = request_message(problem, inertial_frame)
     names = PlanTrajectoryAction.Goal.get_fields_and_field_types()
     return PlanTrajectoryAction.Goal(**{name: getattr(request, name) for name in names})
@@ -70,7 +60,6 @@ def state_message(
 
     Args:
         stamp_ns: Time of the state [ns].
-        inertial_frame: Its frame.
     """
     return ChaserState(
         header=Header(stamp=time_message(stamp_ns), frame_id=inertial_frame),
@@ -95,7 +84,6 @@ def obstacles_message(
 
     Args:
         stamp_ns: Time of the scene [ns].
-        inertial_frame: Its frame.
     """
     return ObstacleSphereArray(
         header=Header(stamp=time_message(stamp_ns), frame_id=inertial_frame),
@@ -112,9 +100,7 @@ def response_from_plan(
     """Build the answer of a plan that was found.
 
     Args:
-        plan_id: Its name in logs and bags.
         start_ns: Time of its first point [ns].
-        inertial_frame: Frame of every pose and twist.
         solve_time: Wall clock of the whole answer [s].
     """
     motion = plan.trajectory
@@ -170,7 +156,6 @@ def response_from_error(
     The best attempt's metrics go with it, so that one sees what was missing; its motion does not.
 
     Args:
-        plan_id: Name of the request in logs and bags.
         solve_time: Wall clock of the whole answer [s].
     """
     status = PlanStatus(code=int(error.status), message=str(error))

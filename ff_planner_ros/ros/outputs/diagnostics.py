@@ -22,13 +22,7 @@ OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.E
 
 @dataclass(frozen=True)
 class LastRequest:
-    """What became of the last request.
-
-    Attributes:
-        plan_id: Its name in logs and bags.
-        status: Of the answer.
-        message: Of the answer.
-    """
+    """What became of the last request."""
 
     plan_id: str
     status: Status
@@ -39,11 +33,7 @@ class SolveTimes:
     """How long the last answers took."""
 
     def __init__(self, window: int) -> None:
-        """Remember nothing yet.
-
-        Args:
-            window: Number of answers to look back at.
-        """
+        """Remember nothing yet."""
         self._times: deque[float] = deque(maxlen=window)
 
     def add(self, seconds: float) -> None:

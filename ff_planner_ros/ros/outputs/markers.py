@@ -40,7 +40,6 @@ def plan_markers(
 
     Args:
         obstacles: In the inertial frame.
-        inertial_frame: Frame of every marker.
     """
     motion = plan.trajectory
     shown = np.linspace(0, len(motion.time) - 1, SNAPSHOTS).round().astype(int)

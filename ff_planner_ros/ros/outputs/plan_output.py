@@ -32,13 +32,7 @@ from ff_planner_ros.ros.qos import LATCHED_QOS, STREAM_QOS, qos_profile
 
 @dataclass(frozen=True, eq=False)
 class PublishedPlan:
-    """The last plan that went out.
-
-    Attributes:
-        plan_id: Its name.
-        trajectory: Its motion.
-        start_ns: Time of its first point [ns].
-    """
+    """The last plan that went out."""
 
     plan_id: str
     trajectory: Trajectory

@@ -87,7 +87,6 @@ def predicted_chaser_pose(
     Args:
         start_ns: Time of its first point [ns].
         time_ns: The time [ns]; becomes the stamp.
-        inertial_frame: Frame of the plan.
 
     Returns:
         The pose; None while the plan does not run.

@@ -52,12 +52,7 @@ _CLOCK_QOS = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
 def recording(
     node: Node, parameters: NodeParameters, urdf: Path, bag_directory: Path
 ) -> Iterator[Recorder]:
-    """Record as long as the context lasts; a bag that cannot be written is no error here.
-
-    Args:
-        node: Whose topics; a node beside it does the work.
-        urdf: The robot's file, which is attached.
-    """
+    """Record as long as the context lasts; a bag that cannot be written is no error here."""
     settings = parameters.bag
     used = json.loads(json.dumps(asdict(parameters)))  # YAML's safe dumper knows no tuples
     document = yaml.safe_dump({"/**": {"ros__parameters": used}})

@@ -18,13 +18,7 @@ _PUBLISHERS = 64
 
 @dataclass(frozen=True)
 class RecordedTopic:
-    """A topic to record.
-
-    Attributes:
-        name: Resolved, with its leading slash.
-        message_type: Its message class.
-        qos: What its publishers offer; those that offer less are not heard.
-    """
+    """A topic to record."""
 
     name: str
     message_type: type
@@ -32,11 +26,7 @@ class RecordedTopic:
 
 
 class TopicQueue:
-    """A queue of DDS, which fills it in threads that Python does not hold up.
-
-    Attributes:
-        topic: Name of the topic.
-    """
+    """A queue of DDS, which fills it in threads that Python does not hold up."""
 
     def __init__(self, node: Node, topic: RecordedTopic) -> None:
         """Listen from now on.
