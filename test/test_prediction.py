@@ -18,8 +18,8 @@ from ff_planner_ros.planning.settings import load_settings
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.ros.messages.from_messages import nanoseconds
 from ff_planner_ros.ros.outputs.prediction import (
-    predicted_chaser,
     predicted_chaser_pose,
+    predicted_pose,
     tracking_error,
 )
 
@@ -53,7 +53,7 @@ def spinning(robot: Robot) -> Trajectory:
 def test_a_constant_spin_and_drift_is_met_exactly_everywhere(lemur: Robot) -> None:
     motion = spinning(lemur)
     for time in BETWEEN:
-        pose = predicted_chaser(motion, time)
+        pose = predicted_pose(motion, "chaser", time)
         assert pose is not None
         np.testing.assert_allclose(pose.position, START + time * VELOCITY, atol=1e-14)
         assert (
@@ -66,7 +66,7 @@ def test_at_the_points_it_is_the_points_own_pose(lemur: Robot) -> None:
     for time, position, quaternion in zip(
         motion.time, motion.chaser_positions, motion.chaser_quaternions_xyzw, strict=True
     ):
-        pose = predicted_chaser(motion, time)
+        pose = predicted_pose(motion, "chaser", time)
         assert pose is not None
         np.testing.assert_allclose(pose.position, position, atol=1e-15)
         assert (pose.rotation.inv() * Rotation.from_quat(quaternion)).magnitude() < 1e-14
@@ -97,7 +97,7 @@ def test_where_the_spin_changes_the_error_falls_with_the_fourth_power() -> None:
             **drawn,
         )
         between = np.linspace(0.0, 4.0, 301)
-        poses = [predicted_chaser(motion, time) for time in between]
+        poses = [predicted_pose(motion, "chaser", time) for time in between]
         assert None not in poses
         angles = [
             (pose.rotation.inv() * true).magnitude()
@@ -120,7 +120,7 @@ def test_a_planned_chaser_is_met_within_a_few_micrometres(
     for time, position, quaternion in zip(
         fine.time, fine.chaser_positions, fine.chaser_quaternions_xyzw, strict=True
     ):
-        pose = predicted_chaser(lemur_plan.trajectory, time)
+        pose = predicted_pose(lemur_plan.trajectory, "chaser", time)
         assert pose is not None
         assert np.linalg.norm(pose.position - position) < 5e-6
         assert (pose.rotation.inv() * Rotation.from_quat(quaternion)).magnitude() < 2e-5
@@ -128,7 +128,7 @@ def test_a_planned_chaser_is_met_within_a_few_micrometres(
 
 @pytest.mark.parametrize("time", [-1e-9, 10.0 + 1e-9, float("inf"), float("nan")])
 def test_there_is_no_pose_outside_the_plan(lemur: Robot, time: float) -> None:
-    assert predicted_chaser(spinning(lemur), time) is None
+    assert predicted_pose(spinning(lemur), "chaser", time) is None
 
 
 def test_the_message_carries_the_pose_of_its_stamp_in_the_inertial_frame(lemur: Robot) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import Literal, TypeAlias
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -59,22 +59,8 @@ def measured_motion(robot: Robot, time: Array, states: list[SystemState]) -> Tra
 def deviations(planned: Trajectory, measured: Trajectory) -> Deviations:
     """Return how far a measured motion is from the plan, between the points of the plan, too."""
     time = measured.time
-    chaser, chaser_attitude = poses_between(
-        planned.time,
-        planned.chaser_positions,
-        planned.chaser_quaternions_xyzw,
-        planned.chaser_linear_velocities,
-        planned.chaser_angular_velocities,
-        time,
-    )
-    ee, ee_orientation = poses_between(
-        planned.time,
-        planned.ee_positions,
-        planned.ee_quaternions_xyzw,
-        planned.ee_linear_velocities,
-        planned.ee_angular_velocities,
-        time,
-    )
+    chaser, chaser_attitude = planned_poses(planned, "chaser", time)
+    ee, ee_orientation = planned_poses(planned, "ee", time)
     positions, velocities, _ = joint_motion(planned).at(time)
     return Deviations(
         time=time,
@@ -85,6 +71,26 @@ def deviations(planned: Trajectory, measured: Trajectory) -> Deviations:
         joint_position=np.abs(measured.joint_positions - positions).max(axis=1),
         joint_velocity=np.abs(measured.joint_velocities - velocities).max(axis=1),
     )
+
+
+def planned_poses(
+    planned: Trajectory,
+    frame: Literal["chaser", "ee"],
+    at: Array,
+    points: slice = slice(None),
+) -> tuple[Array, Rotation]:
+    """Return the poses of a frame at some times, also between the points of the plan.
+
+    Args:
+        at: From the start of the plan, while it runs. Shape (times,) [s].
+        points: Of the plan; those that are needed for these times.
+
+    Returns:
+        Positions, shape (times, 3) [m], and as many rotations to inertial axes.
+    """
+    parts = ("positions", "quaternions_xyzw", "linear_velocities", "angular_velocities")
+    x, q, v, omega = (getattr(planned, f"{frame}_{part}")[points] for part in parts)
+    return poses_between(planned.time[points], x, q, v, omega, at)
 
 
 # Label, and the deviation in its unit.

@@ -148,7 +148,6 @@ class _Copy:
         self.saved: Counter[str] = Counter()
         self.known: Counter[str] = Counter()
         self._directory, self._name = directory, name
-        self._profiles: dict[str, Any] = {}
         self._files: list[FileInfo] = []
         self._custom_data: dict[str, str] = {}
 
@@ -221,15 +220,12 @@ class _Copy:
         self.known[channel.topic] += file.counts[number]
         if channel.topic not in self.topics:
             digest = channel.metadata.get("topic_type_hash", "")
-            self.topics[channel.topic] = TopicInfo(schema.name if schema else "", digest, ())
-            self._profiles[channel.topic] = _parsed_profiles(channel)
+            self.topics[channel.topic] = TopicInfo(
+                schema.name if schema else "", digest, _parsed_profiles(channel)
+            )
 
     def _document(self) -> dict[str, Any]:
-        document = metadata(self._files, self.topics, self._custom_data)
-        for entry in document["topics_with_message_count"]:
-            topic = entry["topic_metadata"]
-            topic["offered_qos_profiles"] = self._profiles[topic["name"]]
-        return document
+        return metadata(self._files, self.topics, self._custom_data)
 
 
 def _parsed_profiles(channel: Channel) -> Any:

@@ -36,13 +36,13 @@ class TopicInfo:
     Attributes:
         type_name: `package/msg/Name`.
         type_hash: RIHS01 of the type.
-        profiles: What each publisher offers.
+        profiles: What each publisher offers, as rosbag2 writes it down.
         message_count: In all files.
     """
 
     type_name: str
     type_hash: str
-    profiles: Sequence[QualityOfService]
+    profiles: Any
     message_count: int = 0
 
 
@@ -92,7 +92,7 @@ def metadata(
                     "name": name,
                     "type": topic.type_name,
                     "serialization_format": "cdr",
-                    "offered_qos_profiles": profiles(topic.profiles),
+                    "offered_qos_profiles": topic.profiles,
                     "type_description_hash": topic.type_hash,
                 },
                 "message_count": topic.message_count,

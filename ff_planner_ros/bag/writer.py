@@ -113,7 +113,7 @@ class BagWriter:
                 or the disk failed.
         """
         definition = message_definition(type_name)
-        info = TopicInfo(type_name, type_hash(type_name), tuple(qos))
+        info = TopicInfo(type_name, type_hash(type_name), profiles(qos))
         with self._writing():
             if topic in self._topics:
                 raise BagError(f"topic {topic} is in bag {self._directory} already")
@@ -306,7 +306,7 @@ class BagWriter:
             "cdr",
             self._schemas[info.type_name],
             {
-                "offered_qos_profiles": as_yaml(profiles(info.profiles)),
+                "offered_qos_profiles": as_yaml(info.profiles),
                 "topic_type_hash": info.type_hash,
             },
         )

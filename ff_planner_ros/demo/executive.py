@@ -38,7 +38,7 @@ from ff_planner_ros.ros.outputs.prediction import (
     FramePose,
     TrackingError,
     difference,
-    predicted_end_effector,
+    predicted_pose,
     tracking_error,
 )
 from ff_planner_ros.ros.qos import STATE_QOS
@@ -232,7 +232,7 @@ def _flown_plan(
     positions, angles = zip(*(error for error in errors if error is not None), strict=True)
     last_ns, last = measured[-1]
     time_in_plan = min((last_ns - start_ns) / NANOSECONDS, float(plan.trajectory.time[-1]))
-    predicted = predicted_end_effector(plan.trajectory, time_in_plan)
+    predicted = predicted_pose(plan.trajectory, "ee", time_in_plan)
     if predicted is None:
         raise FfPlannerError(Status.INTERNAL_ERROR, f"no prediction at {time_in_plan} s")
     reached = end_effector(robot, last)

@@ -20,7 +20,7 @@ from plotly.offline import get_plotlyjs
 from ff_planner_ros.analysis.tracking import Deviations, in_shown_units
 from ff_planner_ros.bag.progress_bar import progress_bar
 from ff_planner_ros.errors import Status
-from ff_planner_ros.planning.plan import Metrics
+from ff_planner_ros.planning.metrics import METRICS, Metrics
 from ff_planner_ros.ros.messages.from_messages import NANOSECONDS
 from ff_planner_ros.runs.report import Report, ReportedPlan, ReportedRequest, clock_time
 from ff_planner_ros.runs.report_plots import plan_plots, solve_time_plot
@@ -208,15 +208,8 @@ def _metrics(request: ReportedRequest) -> Iterator[tuple[str, str]]:
     if request.start_ns is not None:
         yield "starts", clock_time(request.start_ns)
     if metrics is not None:
-        yield "joint path", f"{metrics.joint_path_length:.4f} rad"
-        yield "largest chaser attitude", f"{np.rad2deg(metrics.max_chaser_euler):.2f} deg"
-        yield "clearance [mm]", _clearance(metrics)
-        yield "margin to joint limits", f"{np.rad2deg(metrics.min_joint_margin):.1f} deg"
-        yield "margin to rate limits", f"{np.rad2deg(metrics.min_velocity_margin):.2f} deg/s"
-        yield "final position error", f"{1e3 * metrics.final_position_error:.4f} mm"
-        yield "final orientation error", f"{np.rad2deg(metrics.final_orientation_error):.5f} deg"
-        yield "smallest singular value", f"{metrics.min_singular_value:.3g}"
-        yield "momentum error", f"{metrics.momentum_error:.1e} relative"
+        for metric in METRICS:
+            yield metric.label, metric.text(getattr(metrics, metric.name))
     if solver is not None:
         yield "solver", solver.stop_reason
         yield "search", f"{solver.starts} starts, {solver.rollouts} rollouts"

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from geometry_msgs.msg import PoseStamped
 from scipy.spatial.transform import Rotation
 from std_msgs.msg import Header
 
+from ff_planner_ros.analysis.tracking import planned_poses
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.planning.plan import Trajectory
-from ff_planner_ros.planning.pose_motion import poses_between
 from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.ros.messages.from_messages import NANOSECONDS
 from ff_planner_ros.ros.messages.to_messages import pose_message, time_message
@@ -41,8 +41,10 @@ class TrackingError(NamedTuple):
     angle: float
 
 
-def predicted_chaser(trajectory: Trajectory, time: float) -> FramePose | None:
-    """Return the predicted pose of the chaser, between the points of a plan, too.
+def predicted_pose(
+    trajectory: Trajectory, frame: Literal["chaser", "ee"], time: float
+) -> FramePose | None:
+    """Return the predicted pose of a frame, between the points of a plan, too.
 
     Args:
         time: From the start of the plan [s].
@@ -50,33 +52,14 @@ def predicted_chaser(trajectory: Trajectory, time: float) -> FramePose | None:
     Returns:
         The pose; None before the first and after the last point.
     """
-    return _interpolated(
-        trajectory.time,
-        trajectory.chaser_positions,
-        trajectory.chaser_quaternions_xyzw,
-        trajectory.chaser_linear_velocities,
-        trajectory.chaser_angular_velocities,
-        time,
+    times = trajectory.time
+    if not times[0] <= time <= times[-1]:
+        return None
+    before = min(int(np.searchsorted(times, time, side="right")) - 1, len(times) - 2)
+    (position,), (rotation,) = planned_poses(
+        trajectory, frame, np.array([time]), slice(before, before + 2)
     )
-
-
-def predicted_end_effector(trajectory: Trajectory, time: float) -> FramePose | None:
-    """Return the predicted pose of the end effector, between the points of a plan, too.
-
-    Args:
-        time: From the start of the plan [s].
-
-    Returns:
-        The pose; None before the first and after the last point.
-    """
-    return _interpolated(
-        trajectory.time,
-        trajectory.ee_positions,
-        trajectory.ee_quaternions_xyzw,
-        trajectory.ee_linear_velocities,
-        trajectory.ee_angular_velocities,
-        time,
-    )
+    return FramePose(position, rotation)
 
 
 def predicted_chaser_pose(
@@ -91,7 +74,7 @@ def predicted_chaser_pose(
     Returns:
         The pose; None while the plan does not run.
     """
-    pose = predicted_chaser(trajectory, (time_ns - start_ns) / NANOSECONDS)
+    pose = predicted_pose(trajectory, "chaser", (time_ns - start_ns) / NANOSECONDS)
     if pose is None:
         return None
     return PoseStamped(
@@ -112,7 +95,7 @@ def tracking_error(
     Returns:
         The error; None where the state was measured before or after the plan.
     """
-    predicted = predicted_chaser(trajectory, (measured_ns - start_ns) / NANOSECONDS)
+    predicted = predicted_pose(trajectory, "chaser", (measured_ns - start_ns) / NANOSECONDS)
     if predicted is None:
         return None
     attitude = Rotation.from_quat(measured.quaternion_chaser_to_inertial_xyzw)
@@ -123,27 +106,3 @@ def difference(predicted: FramePose, found: FramePose) -> TrackingError:
     """Return how far a frame is from where it was predicted."""
     distance = float(np.linalg.norm(found.position - predicted.position))
     return TrackingError(distance, float((predicted.rotation.inv() * found.rotation).magnitude()))
-
-
-def _interpolated(
-    times: Array,
-    positions: Array,
-    quaternions_xyzw: Array,
-    linear_velocities: Array,
-    angular_velocities: Array,
-    time: float,
-) -> FramePose | None:
-    """Return the pose at a time; None where the plan does not run."""
-    if not times[0] <= time <= times[-1]:
-        return None
-    before = min(int(np.searchsorted(times, time, side="right")) - 1, len(times) - 2)
-    pair = slice(before, before + 2)
-    (position,), (rotation,) = poses_between(
-        times[pair],
-        positions[pair],
-        quaternions_xyzw[pair],
-        linear_velocities[pair],
-        angular_velocities[pair],
-        np.array([time]),
-    )
-    return FramePose(position, rotation)
