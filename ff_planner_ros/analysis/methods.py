@@ -9,17 +9,11 @@ from ff_planner_ros.planning.problem import Objective
 
 @dataclass(frozen=True)
 class Method:
-    """A way to plan; the same name, colour and dash in every table and picture.
+    """A way to plan; the same name, colour and dash in every table and picture."""
 
-    Attributes:
-        name: In tables.
-        colour: One of Okabe and Ito's, which colour-blind readers tell apart.
-        dash: Line style of matplotlib; tells methods apart in grey print too.
-    """
-
-    name: str
-    colour: str
-    dash: str
+    name: str  # in tables
+    colour: str  # one of Okabe and Ito's, which colour-blind readers tell apart
+    dash: str  # line style of matplotlib; tells methods apart in grey print too
 
     @property
     def label(self) -> str:

@@ -21,36 +21,24 @@ from ff_planner_ros.robot.rotation import euler_from_rotation
 
 @dataclass(frozen=True)
 class Quantity:
-    """Numbers that a motion has at every point; each is drawn in a panel of its own.
+    """Numbers that a motion has at every point; each is drawn in a panel of its own."""
 
-    Attributes:
-        title: Of all its panels.
-        labels: Name and unit of each number; `$v_x$` is a symbol with its index.
-        of: Their values in a motion. Returns shape (points, labels).
-        turns: Whether they are angles that mean the same after a full turn.
-        levels: Limits of each number; shape (labels, 2), or empty.
-    """
-
-    title: str
-    labels: tuple[str, ...]
-    of: Callable[[Trajectory], Array]
-    turns: bool = False
+    title: str  # of all its panels
+    labels: tuple[str, ...]  # name and unit of each number; `$v_x$` is a symbol with its index
+    of: Callable[[Trajectory], Array]  # their values in a motion. Returns shape (points, labels)
+    turns: bool = False  # whether they are angles that mean the same after a full turn
+    # Limits of each number; shape (labels, 2), or empty
     levels: tuple[tuple[float, float], ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
 class Panel:
-    """One number of several motions over time.
+    """One number of several motions over time."""
 
-    Attributes:
-        label: Its name and unit.
-        curves: Time and values, by method; each of shape (points,).
-        levels: Its limits, if it has any.
-    """
-
-    label: str
+    label: str  # name and unit
+    # Time and values, by method; each of shape (points,)
     curves: Mapping[Method, tuple[Array, Array]]
-    levels: tuple[float, ...] = ()
+    levels: tuple[float, ...] = ()  # limits, if there are any
 
 
 _XYZ = ("x", "y", "z")

@@ -22,25 +22,15 @@ from ff_planner_ros.robot.state import SystemState
 
 @dataclass(frozen=True, eq=False)
 class Deviations:
-    """Measured minus planned, as sizes.
+    """Measured minus planned, as sizes."""
 
-    Attributes:
-        time: Of the measurements, from the start of the plan. Shape (times,) [s].
-        chaser_position: Distance of the centres of mass. Shape (times,) [m].
-        chaser_angle: Of the turn between the two attitudes. Shape (times,) [rad].
-        ee_position: Distance. Shape (times,) [m].
-        ee_angle: Of the turn between the two orientations. Shape (times,) [rad].
-        joint_position: Largest of all joints. Shape (times,) [rad].
-        joint_velocity: Largest of all joints. Shape (times,) [rad/s].
-    """
-
-    time: Array
-    chaser_position: Array
-    chaser_angle: Array
-    ee_position: Array
-    ee_angle: Array
-    joint_position: Array
-    joint_velocity: Array
+    time: Array  # of the measurements, from the start of the plan. Shape (times,) [s]
+    chaser_position: Array  # distance of the centres of mass. Shape (times,) [m]
+    chaser_angle: Array  # of the turn between the two attitudes. Shape (times,) [rad]
+    ee_position: Array  # distance. Shape (times,) [m]
+    ee_angle: Array  # of the turn between the two orientations. Shape (times,) [rad]
+    joint_position: Array  # largest of all joints. Shape (times,) [rad]
+    joint_velocity: Array  # largest of all joints. Shape (times,) [rad/s]
 
 
 def measured_motion(robot: Robot, time: Array, states: list[SystemState]) -> Trajectory:

@@ -23,15 +23,10 @@ _SEPARATOR = "=" * 80
 
 @dataclass(frozen=True)
 class Definition:
-    """The complete definition of a message type: its own text and that of all types it holds.
+    """The complete definition of a message type: its own text and that of all types it holds."""
 
-    Attributes:
-        encoding: `ros2msg` or `ros2idl`, as in an MCAP schema.
-        text: The definitions, concatenated as in rosbag2's `message_definition_encoding.md`.
-    """
-
-    encoding: str
-    text: str
+    encoding: str  # `ros2msg` or `ros2idl`, as in an MCAP schema
+    text: str  # the definitions, concatenated as in rosbag2's `message_definition_encoding.md`
 
 
 def message_definition(type_name: str) -> Definition:

@@ -26,25 +26,15 @@ Response = TypeVar("Response")
 
 @dataclass(frozen=True, eq=False)
 class Exchange(Generic[Request, Response]):
-    """A request and its response.
+    """A request and its response."""
 
-    Attributes:
-        door: SERVICE or ACTION.
-        name: Of the service or action, resolved.
-        logged_ns: When the request was recorded, or else its response, by the recorder's clock.
-        received_ns: When the request came, by the node's clock; zero without a request.
-        request: None where the bag holds the response alone.
-        response: None where the bag holds no response.
-        answered_ns: When the response went out, by the node's clock; zero without a response.
-    """
-
-    door: str
-    name: str
-    logged_ns: int
-    received_ns: int = 0
-    request: Request | None = None
-    response: Response | None = None
-    answered_ns: int = 0
+    door: str  # SERVICE or ACTION
+    name: str  # of the service or action, resolved
+    logged_ns: int  # when the request was recorded, or else its response, by the recorder's clock
+    received_ns: int = 0  # when the request came, by the node's clock; zero without a request
+    request: Request | None = None  # None where the bag holds the response alone
+    response: Response | None = None  # None where the bag holds no response
+    answered_ns: int = 0  # when the response went out, by the node's clock; zero without a response
 
     @property
     def namespace(self) -> str:

@@ -32,62 +32,36 @@ class RawMessage(NamedTuple):
 
 @dataclass(frozen=True)
 class Block:
-    """A piece of a file that holds messages: a chunk, or a run of messages outside of chunks.
+    """A piece of a file that holds messages: a chunk, or a run of messages outside of chunks."""
 
-    Attributes:
-        offset: Of its first record in the file.
-        length: Of all its records [bytes].
-        start_ns: Log time that no message of it comes before.
-        channels: That its messages are of; None: not known.
-        is_chunk: Whether it is a chunk.
-    """
-
-    offset: int
-    length: int
-    start_ns: int
-    channels: frozenset[int] | None
+    offset: int  # of its first record in the file
+    length: int  # of all its records [bytes]
+    start_ns: int  # no message in it has an earlier log time
+    channels: frozenset[int] | None  # of its messages; None: not known
     is_chunk: bool
 
 
 @dataclass
 class McapFile:
-    """What a file holds.
-
-    Attributes:
-        path: Of the file.
-        stream: The file, open.
-        size: Of the file [bytes].
-        profile: Of the file; `ros2`.
-        library: That wrote it.
-        schemas: By number.
-        channels: By number.
-        blocks: Where the messages are.
-        counts: Messages of each channel.
-        start_ns: Earliest log time; None without messages.
-        end_ns: Latest log time; None without messages.
-        attachments: In the order of the file.
-        metadata: In the order of the file.
-        damaged: Blocks that cannot be read, the one that is cut at the end included.
-        notes: What is wrong with the file.
-        is_lossy: Whether something that is or was in it cannot be read.
-    """
+    """What a file holds."""
 
     path: Path
-    stream: BinaryIO
-    size: int
-    profile: str = ""
-    library: str = ""
-    schemas: dict[int, Schema] = field(default_factory=dict)
-    channels: dict[int, Channel] = field(default_factory=dict)
-    blocks: list[Block] = field(default_factory=list)
-    counts: Counter[int] = field(default_factory=Counter)
-    start_ns: int | None = None
-    end_ns: int | None = None
-    attachments: list[Attachment] = field(default_factory=list)
-    metadata: list[Metadata] = field(default_factory=list)
+    stream: BinaryIO  # open
+    size: int  # of the file [bytes]
+    profile: str = ""  # of the file; `ros2`
+    library: str = ""  # that wrote the file
+    schemas: dict[int, Schema] = field(default_factory=dict)  # by number
+    channels: dict[int, Channel] = field(default_factory=dict)  # by number
+    blocks: list[Block] = field(default_factory=list)  # where the messages are
+    counts: Counter[int] = field(default_factory=Counter)  # messages of each channel
+    start_ns: int | None = None  # earliest log time; None without messages
+    end_ns: int | None = None  # latest log time; None without messages
+    attachments: list[Attachment] = field(default_factory=list)  # in the order of the file
+    metadata: list[Metadata] = field(default_factory=list)  # in the order of the file
+    # Blocks that cannot be read, the one that is cut at the end included
     damaged: list[Block] = field(default_factory=list)
-    notes: list[str] = field(default_factory=list)
-    is_lossy: bool = False
+    notes: list[str] = field(default_factory=list)  # what is wrong with the file
+    is_lossy: bool = False  # whether something that is or was in it cannot be read
     _decoders: dict[int, Decoder | BagError] = field(default_factory=dict)
 
     def messages(self, block: Block, wanted: Container[int] | None) -> list[RawMessage]:

@@ -20,40 +20,24 @@ from ff_planner_ros.errors import BagError
 
 @dataclass(frozen=True)
 class Message:
-    """A message as it was written.
-
-    Attributes:
-        topic: Its topic.
-        type_name: `package/msg/Name` or `package/srv/Name_Event`.
-        log_time_ns: When it was received, since the epoch.
-        publish_time_ns: When it was published, since the epoch.
-        cdr: The serialised message.
-    """
+    """A message as it was written."""
 
     topic: str
-    type_name: str
-    log_time_ns: int
-    publish_time_ns: int
+    type_name: str  # `package/msg/Name` or `package/srv/Name_Event`
+    log_time_ns: int  # when it was received, since the epoch
+    publish_time_ns: int  # when it was published, since the epoch
     cdr: bytes
 
 
 @dataclass(frozen=True)
 class Topic:
-    """A topic of a bag.
+    """A topic of a bag."""
 
-    Attributes:
-        name: Resolved, with its leading slash.
-        type_name: Of its messages.
-        message_count: In the whole bag.
-        type_hash: RIHS01; empty if the bag does not tell.
-        offered_qos_profiles: YAML, as rosbag2 has it in the channel.
-    """
-
-    name: str
-    type_name: str
-    message_count: int
-    type_hash: str
-    offered_qos_profiles: str
+    name: str  # resolved, with its leading slash
+    type_name: str  # of its messages
+    message_count: int  # in the whole bag
+    type_hash: str  # RIHS01; empty if the bag does not tell
+    offered_qos_profiles: str  # YAML, as rosbag2 has it in the channel
 
 
 class Bag:

@@ -36,19 +36,13 @@ RECORD = "ff_planner_ros_recovery"  # metadata of the new bag: where it is from,
 
 @dataclass(frozen=True)
 class Recovery:
-    """What was saved.
+    """What was saved."""
 
-    Attributes:
-        saved: Number of messages, by topic; topics without any are in it.
-        lost: Number of messages that the index knows of and that are gone, by topic.
-        is_whole: Whether everything that the files hold was saved.
-        notes: What was wrong, and what became of it.
-    """
-
-    saved: Mapping[str, int]
+    saved: Mapping[str, int]  # number of messages, by topic; topics without any are in it
+    # Number of messages that the index knows of and that are gone, by topic
     lost: Mapping[str, int]
-    is_whole: bool
-    notes: Sequence[str]
+    is_whole: bool  # whether everything that the files hold was saved
+    notes: Sequence[str]  # what was wrong, and what became of it
 
 
 def print_recovery(bag: Path, output: Path | None) -> int:

@@ -18,19 +18,13 @@ from ff_planner_ros.robot.model import Robot, robot_from_urdf_text
 
 @dataclass(frozen=True, eq=False)
 class RobotPlans:
-    """The plans of a bag, whether the node recorded it or `ff-planner plan --bag` wrote it.
-
-    Attributes:
-        robot: That they are for.
-        motions: By plan id, in the order of the requests.
-        metrics: By plan id, as in `PlanMetrics.msg`.
-        notes: What is wrong with the bag.
-    """
+    """The plans of a bag, whether the node recorded it or `ff-planner plan --bag` wrote it."""
 
     robot: Robot
-    motions: Mapping[str, Trajectory]
+    motions: Mapping[str, Trajectory]  # by plan id, in the order of the requests
+    # By plan id, as in `PlanMetrics.msg`
     metrics: Mapping[str, Mapping[str, float | tuple[float, ...]]]
-    notes: tuple[str, ...]
+    notes: tuple[str, ...]  # what is wrong with the bag
 
 
 def robot_plans(bag: Path) -> RobotPlans:

@@ -14,53 +14,32 @@ INT64_MAX = 2**63 - 1  # rosbag2 holds times so, and gives it as start of a file
 
 @dataclass(frozen=True)
 class QualityOfService:
-    """What a publisher offers, in the words of rosbag2; everything else is at its default.
+    """What a publisher offers, in the words of rosbag2; everything else is at its default."""
 
-    Attributes:
-        reliability: `reliable` or `best_effort`.
-        durability: `volatile` or `transient_local`.
-        history: `keep_last` or `keep_all`.
-        depth: Of the history.
-    """
-
-    reliability: str = "reliable"
-    durability: str = "volatile"
-    history: str = "keep_last"
-    depth: int = 10
+    reliability: str = "reliable"  # `reliable` or `best_effort`
+    durability: str = "volatile"  # `volatile` or `transient_local`
+    history: str = "keep_last"  # `keep_last` or `keep_all`
+    depth: int = 10  # of the history
 
 
 @dataclass
 class TopicInfo:
-    """A topic of a bag.
+    """A topic of a bag."""
 
-    Attributes:
-        type_name: `package/msg/Name`.
-        type_hash: RIHS01 of the type.
-        profiles: What each publisher offers, as rosbag2 writes it down.
-        message_count: In all files.
-    """
-
-    type_name: str
-    type_hash: str
-    profiles: Any
-    message_count: int = 0
+    type_name: str  # `package/msg/Name`
+    type_hash: str  # RIHS01 of the type
+    profiles: Any  # what each publisher offers, as rosbag2 writes it down
+    message_count: int = 0  # in all files
 
 
 @dataclass
 class FileInfo:
-    """A file of a bag.
+    """A file of a bag."""
 
-    Attributes:
-        name: Without directory.
-        start_ns: Earliest log time [ns].
-        end_ns: Latest log time [ns].
-        message_count: Of all topics.
-    """
-
-    name: str
-    start_ns: int = INT64_MAX
-    end_ns: int = 0
-    message_count: int = 0
+    name: str  # without directory
+    start_ns: int = INT64_MAX  # earliest log time [ns]
+    end_ns: int = 0  # latest log time [ns]
+    message_count: int = 0  # of all topics
 
     def count(self, log_time_ns: int) -> None:
         """Take one more message into account.

@@ -53,18 +53,12 @@ _ASK_AGAIN = 0.5  # [s] after a refusal: every question is logged and recorded
 
 @dataclass(frozen=True, eq=False)
 class FlownPlan:
-    """What became of a plan.
+    """What became of a plan."""
 
-    Attributes:
-        predicted: End effector at the last measurement before the end of the plan.
-        reached: What was measured then.
-        error: Between the two.
-        worst: Largest difference of the chaser from its prediction on the way, of each kind.
-    """
-
-    predicted: FramePose
-    reached: FramePose
-    error: TrackingError
+    predicted: FramePose  # end effector at the last measurement before the end of the plan
+    reached: FramePose  # what was measured then
+    error: TrackingError  # between the two
+    # Largest differences of the chaser from its prediction on the way
     worst: TrackingError
 
 

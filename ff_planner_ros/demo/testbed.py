@@ -29,25 +29,15 @@ CONTROLLER_TOPIC = "arm_controller/joint_trajectory"
 
 @dataclass(frozen=True)
 class Imperfections:
-    """What a testbed has and a model has not: standard deviations of what is measured, and delays.
+    """How a testbed differs from its model: noise as standard deviations, and delays."""
 
-    Attributes:
-        position_noise: Of the chaser's position [m].
-        angle_noise: Of the chaser's attitude about each axis, and of each joint [rad].
-        velocity_noise: Of the chaser's velocity [m/s].
-        rate_noise: Of the chaser's angular velocity and each joint's rate [rad/s].
-        state_delay: From measuring a state to publishing it [s].
-        command_delay: By which the joints are behind a trajectory [s].
-        seed: Of the noise.
-    """
-
-    position_noise: float = 0.0
-    angle_noise: float = 0.0
-    velocity_noise: float = 0.0
-    rate_noise: float = 0.0
-    state_delay: float = 0.0
-    command_delay: float = 0.0
-    seed: int = 0
+    position_noise: float = 0.0  # of the chaser's position [m]
+    angle_noise: float = 0.0  # of the chaser's attitude about each axis, and of each joint [rad]
+    velocity_noise: float = 0.0  # of the chaser's velocity [m/s]
+    rate_noise: float = 0.0  # of the chaser's angular velocity and each joint's rate [rad/s]
+    state_delay: float = 0.0  # from measuring a state to publishing it [s]
+    command_delay: float = 0.0  # by which the joints are behind a trajectory [s]
+    seed: int = 0  # of the noise
 
 
 class SimulatedTestbed:

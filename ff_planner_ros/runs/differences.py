@@ -25,15 +25,10 @@ _ANY = math.inf  # tells how the search came to the plan, and no plan is worse f
 
 @dataclass(frozen=True)
 class Quantity:
-    """What is compared.
-
-    Attributes:
-        unit: Its unit.
-        tolerance: A larger difference is one.
-    """
+    """What is compared."""
 
     unit: str
-    tolerance: float
+    tolerance: float  # a larger difference counts
 
 
 QUANTITIES = {
@@ -61,18 +56,13 @@ QUANTITIES = {
 
 @dataclass(frozen=True)
 class Difference:
-    """A quantity that is not the same to the last bit.
+    """A quantity that is not the same to the last bit."""
 
-    Attributes:
-        quantity: One of `QUANTITIES`.
-        amount: The largest difference, in the quantity's unit; infinite where the two cannot be
-            compared.
-        where: The point and what else names the place, in words; may be empty.
-    """
-
-    quantity: str
+    quantity: str  # one of `QUANTITIES`
+    # The largest difference, in the quantity's unit; infinite where the two cannot be
+    # compared
     amount: float
-    where: str
+    where: str  # point, joint or entry, in words; may be empty
 
     @property
     def tolerances(self) -> float:

@@ -31,22 +31,15 @@ from ff_planner_ros.runs.recorded_inputs import header_stamp, input_topic
 
 @dataclass(eq=False)
 class Window:
-    """A time during which states are wanted, and what was found.
+    """A time during which states are wanted, and what was found."""
 
-    Attributes:
-        namespace: Of the node whose plan runs, without a slash at its end.
-        frame: The inertial frame of the plan.
-        start_ns: First time that is wanted [ns].
-        end_ns: Last time that is wanted [ns].
-        states: By the time of their measurement [ns].
-        unusable: Why messages could not be read as a state of the robot.
-    """
-
-    namespace: str
-    frame: str
-    start_ns: int
-    end_ns: int
+    namespace: str  # of the node whose plan runs, without a slash at its end
+    frame: str  # the inertial frame of the plan
+    start_ns: int  # first time that is wanted [ns]
+    end_ns: int  # last time that is wanted [ns]
+    # By the time of their measurement [ns]
     states: dict[int, SystemState] = field(default_factory=dict)
+    # Why messages could not be read as a state of the robot
     unusable: list[str] = field(default_factory=list)
 
 

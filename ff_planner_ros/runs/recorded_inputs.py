@@ -17,18 +17,13 @@ from ff_planner_ros.ros.messages.interfaces import type_name
 
 @dataclass(frozen=True)
 class Moment:
-    """What is wanted of a moment.
+    """What is wanted of a moment."""
 
-    Attributes:
-        logged_ns: When it was, by the recorder's clock [ns].
-        stamps_ns: Of the messages that an answer names, by input [ns]; of other inputs, all that
-            the node remembers is wanted.
-        inputs: Those that matter.
-    """
-
-    logged_ns: int
+    logged_ns: int  # when it was, by the recorder's clock [ns]
+    # Of the messages that a response names, by input [ns]; of other inputs, everything that
+    # the node remembers is wanted
     stamps_ns: Mapping[str, int]
-    inputs: Sequence[str]
+    inputs: Sequence[str]  # that the response depends on
 
 
 # What the node had heard at a moment: messages by input, in the order of hearing.

@@ -40,25 +40,16 @@ class Inputs:
 
 @dataclass(frozen=True, eq=False)
 class RecordedRequest:
-    """A request with its answer.
+    """A request with its answer."""
 
-    Attributes:
-        name: The plan id of the answer, or else the number of the request.
-        door: `service` or `action`.
-        request: None where the bag holds the answer alone.
-        response: None where the bag holds no answer.
-        inputs: What the node knew; None where that cannot be rebuilt.
-        missing: Why not, in words.
-        by_time: Inputs that no stamp in the answer names: what was recorded last before the
-            request was read is taken to be what the node had heard.
-    """
-
-    name: str
-    door: str
-    request: PlanTrajectory.Request | None
-    response: PlanTrajectory.Response | None
-    inputs: Inputs | None
-    missing: str
+    name: str  # the plan id of the answer, or else the number of the request
+    door: str  # `service` or `action`
+    request: PlanTrajectory.Request | None  # None where the bag holds the answer alone
+    response: PlanTrajectory.Response | None  # None where the bag holds no answer
+    inputs: Inputs | None  # what the node knew; None where that cannot be rebuilt
+    missing: str  # why the inputs cannot be rebuilt; empty where they can
+    # Inputs whose stamps the response does not name: the message recorded last before the
+    # request was read is taken as the one that the node used
     by_time: tuple[str, ...]
 
     @property
@@ -92,19 +83,12 @@ class RecordedRequest:
 
 @dataclass(frozen=True, eq=False)
 class RecordedRun:
-    """What a bag says of planning.
-
-    Attributes:
-        robot: That was planned for.
-        requests: In the order in which they came.
-        provenance: What the bag says of where it was made; may be empty.
-        notes: What is wrong with the bag, and what had to be assumed.
-    """
+    """What a bag says of planning."""
 
     robot: Robot
-    requests: tuple[RecordedRequest, ...]
-    provenance: Mapping[str, str]
-    notes: tuple[str, ...]
+    requests: tuple[RecordedRequest, ...]  # in the order in which they came
+    provenance: Mapping[str, str]  # what the bag says of where it was made; may be empty
+    notes: tuple[str, ...]  # what is wrong with the bag, and what had to be assumed
 
 
 def recorded_run(bag: Bag) -> RecordedRun:

@@ -21,81 +21,46 @@ from ff_planner_ros.ros.messages.from_messages import NANOSECONDS
 
 @dataclass(frozen=True, eq=False)
 class ReportedPlan:
-    """A plan with all that is drawn of it.
-
-    Attributes:
-        robot: That it is for.
-        motion: As planned.
-        goal: Of the end effector, in the inertial frame. Shape (3,) [m].
-        obstacles: That it avoids; None: not known.
-        measured: What came of it while it ran; None: nobody measured.
-        deviations: Of the measured motion; None: nobody measured.
-        remarks: What a reader must know of all this.
-    """
+    """A plan with all that is drawn of it."""
 
     robot: Robot
-    motion: Trajectory
-    goal: Array
-    obstacles: tuple[Sphere, ...] | None
-    measured: Trajectory | None = None
-    deviations: Deviations | None = None
-    remarks: tuple[str, ...] = ()
+    motion: Trajectory  # planned
+    goal: Array  # of the end effector, in the inertial frame; shape (3,) [m]
+    obstacles: tuple[Sphere, ...] | None  # None: not known
+    measured: Trajectory | None = None  # while the plan ran; None: nothing was measured
+    deviations: Deviations | None = None  # of the measured motion
+    remarks: tuple[str, ...] = ()  # what a reader must know of all this
 
 
 @dataclass(frozen=True, eq=False)
 class ReportedRequest:
-    """A request with its answer; None is what nobody tells.
+    """A request with its response. What is not known is None."""
 
-    Attributes:
-        plan_id: Name of the request; empty if it has none.
-        door: Where it came in.
-        asked_ns: Times on the node's clock [ns]: of the request,
-        taken_up_ns: when it was read,
-        answered_ns: of the answer,
-        start_ns: and of the plan's first point.
-        code: Of the status; None: unanswered.
-        message: Of the status.
-        weights: Of joint path length and chaser attitude.
-        duration: That was asked for [s].
-        points: Of the plan.
-        metrics: Of the plan, or of the best attempt.
-        solver: Of the plan, or of the best attempt.
-        solve_time: Wall clock of the answer [s].
-        plan: What is drawn; None: no plan, or not drawn.
-    """
-
-    plan_id: str
-    door: str
-    asked_ns: int | None = None
-    taken_up_ns: int | None = None
-    answered_ns: int | None = None
-    start_ns: int | None = None
-    code: int | None = None
-    message: str = ""
-    weights: tuple[float, float] | None = None
-    duration: float | None = None
-    points: int | None = None
-    metrics: Metrics | None = None
-    solver: SolverReport | None = None
-    solve_time: float | None = None
-    plan: ReportedPlan | None = None
+    plan_id: str  # name of the request; empty if it has none
+    door: str  # where it came in
+    asked_ns: int | None = None  # of the request, on the node's clock [ns]
+    taken_up_ns: int | None = None  # when the node read the request
+    answered_ns: int | None = None  # when the response went out
+    start_ns: int | None = None  # time of the plan's first point
+    code: int | None = None  # of the status; None: unanswered
+    message: str = ""  # of the status
+    weights: tuple[float, float] | None = None  # of joint path length and chaser attitude
+    duration: float | None = None  # requested [s]
+    points: int | None = None  # of the plan
+    metrics: Metrics | None = None  # of the plan, or of the best attempt
+    solver: SolverReport | None = None  # of the plan, or of the best attempt
+    solve_time: float | None = None  # wall clock of the answer [s]
+    plan: ReportedPlan | None = None  # None: there is no plan, or it is not drawn
 
 
 @dataclass(frozen=True, eq=False)
 class Report:
-    """Everything that the page shows.
+    """Everything that the page shows."""
 
-    Attributes:
-        title: Name of the bag or file.
-        facts: Names and values.
-        notes: What is wrong with the bag, and what is left out.
-        requests: In order of time.
-    """
-
-    title: str
+    title: str  # name of the bag or file
     facts: tuple[tuple[str, str], ...]
-    notes: tuple[str, ...]
-    requests: tuple[ReportedRequest, ...]
+    notes: tuple[str, ...]  # what is wrong with the bag, and what is left out
+    requests: tuple[ReportedRequest, ...]  # in order of time
 
     @property
     def counts(self) -> str:

@@ -12,24 +12,15 @@ from sensor_msgs.msg import JointState
 
 @dataclass(frozen=True)
 class InputTopic:
-    """A topic that the node subscribes to, records, and that a replay feeds again.
+    """A topic that the node subscribes to, records, and that a replay feeds again."""
 
-    Attributes:
-        name: Of the topic; its quality of service is the parameter `qos.NAME`.
-        message_type: Its message class.
-        memory: Number of messages that the node remembers.
-        state_source: The topic is heard where the parameter state_source has this value; empty:
-            always.
-        brought_by: Field of a request; true: the request brings what this topic tells.
-        stamp: Field of a response, with the stamp of the message that the plan is made from.
-    """
-
-    name: str
+    name: str  # its quality of service is the parameter `qos.NAME`
     message_type: type[Any]
-    memory: int
+    memory: int  # number of messages that the node remembers
+    # Value of the parameter state_source with which the topic is subscribed to; empty: any
     state_source: str
-    brought_by: str
-    stamp: str
+    brought_by: str  # field of a request; true: the request brings what this topic tells
+    stamp: str  # field of a response, with the stamp of the message that the plan is made from
 
 
 # A second of a topic at 1 kHz: no partner should travel that much longer than the other.

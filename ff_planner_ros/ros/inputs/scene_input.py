@@ -16,17 +16,11 @@ from ff_planner_ros.ros.messages.from_messages import nanoseconds, spheres_from_
 
 @dataclass(frozen=True)
 class Scene:
-    """The obstacles, and where they come from.
-
-    Attributes:
-        spheres: To stay out of.
-        stamp_ns: When they were seen, zero if nobody says [ns].
-        source: Who says so; empty if nobody says.
-    """
+    """The obstacles, and where they come from."""
 
     spheres: tuple[Sphere, ...]
-    stamp_ns: int
-    source: str
+    stamp_ns: int  # when they were seen [ns]; zero: not known
+    source: str  # of the message; may be empty
 
 
 class SceneInput:

@@ -46,19 +46,12 @@ Joints = TypeVar("Joints")
 
 @dataclass(frozen=True, eq=False)
 class Snapshot:
-    """The state of the chaser and its arm at a time.
-
-    Attributes:
-        state: The state.
-        stamp_ns: When it was measured [ns]; with odometry, when that was.
-        source: The topic that told it, or the field of the request.
-        joint_states_stamp_ns: When the joints of odometry were; zero where one message told all
-            [ns].
-    """
+    """The state of the chaser and its arm at a time."""
 
     state: SystemState
-    stamp_ns: int
-    source: str
+    stamp_ns: int  # when it was measured [ns]; with odometry, when that was
+    source: str  # the topic that told it, or the field of the request
+    # When the joints of odometry were; zero where one message told all [ns]
     joint_states_stamp_ns: int = 0
 
 

@@ -64,35 +64,21 @@ class SolveTimes:
 
 @dataclass(frozen=True)
 class NodeHealth:
-    """What the diagnostics are made of.
+    """What the diagnostics are made of."""
 
-    Attributes:
-        state_age: Of the newest chaser state [s]; negative if stamped ahead; None without any.
-        state_max_age: An older one cannot be planned from [s].
-        state_refusal: Why the newest one cannot be used; empty if it can.
-        obstacles: Spheres in the scene; None if none was received.
-        obstacles_age: Of the scene [s].
-        obstacles_refusal: Why the scene cannot be used; empty if it can.
-        last: LastRequest of the last request; None before the first.
-        solve_times: Of the last answers.
-        recorder: How recording goes.
-        tracking: Predicted against measured chaser; None while no plan runs.
-        tracking_max_position: More than this is a warning [m].
-        tracking_max_angle: More than this is a warning [rad].
-    """
-
+    # Of the newest chaser state [s]; negative if stamped ahead; None without any
     state_age: float | None
-    state_max_age: float
-    state_refusal: str
-    obstacles: int | None
-    obstacles_age: float
-    obstacles_refusal: str
-    last: LastRequest | None
-    solve_times: SolveTimes
+    state_max_age: float  # an older one cannot be planned from [s]
+    state_refusal: str  # why the newest one cannot be used; empty if it can
+    obstacles: int | None  # spheres in the scene; None if none was received
+    obstacles_age: float  # of the scene [s]
+    obstacles_refusal: str  # why the scene cannot be used; empty if it can
+    last: LastRequest | None  # None before the first request
+    solve_times: SolveTimes  # of the last answers
     recorder: RecorderHealth
-    tracking: TrackingError | None
-    tracking_max_position: float
-    tracking_max_angle: float
+    tracking: TrackingError | None  # predicted against measured chaser; None while no plan runs
+    tracking_max_position: float  # more than this is a warning [m]
+    tracking_max_angle: float  # more than this is a warning [rad]
 
 
 def diagnostics(health: NodeHealth, node: str, stamp: Time) -> DiagnosticArray:

@@ -24,21 +24,14 @@ from ff_planner_ros.ros.recorder.topic_queue import RecordedTopic, TopicQueue
 
 @dataclass(frozen=True)
 class RecorderHealth:
-    """How recording goes.
+    """How recording goes."""
 
-    Attributes:
-        bag: Where to.
-        messages: So many are in the bag.
-        dropped: So many of each topic are not, though they should; topics without any are left out.
-        paused: Whether an operator has paused it.
-        failure: Why it has stopped; empty while it goes on.
-    """
-
-    bag: str
-    messages: int
+    bag: str  # its directory
+    messages: int  # number in the bag
+    # Number of messages of each topic that are missing; topics without any are left out
     dropped: Mapping[str, int]
-    paused: bool
-    failure: str
+    paused: bool  # whether an operator has paused it
+    failure: str  # why it has stopped; empty while it goes on
 
 
 class Recorder:
