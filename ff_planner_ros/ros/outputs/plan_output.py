@@ -11,7 +11,8 @@ from ff_planner_msgs.srv import PlanTrajectory
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Path
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
-from rclpy.lifecycle import LifecycleNode
+from rclpy.lifecycle import LifecycleNode, LifecyclePublisher
+from rclpy.qos import QoSProfile
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header, String
 from trajectory_msgs.msg import JointTrajectory
@@ -55,37 +56,21 @@ class PlanOutput:
         self.published: PublishedPlan | None = None
         self.tracking: prediction.TrackingError | None = None
         self._preview: Iterator[JointState] = iter(())
-        self._trajectory = node.create_lifecycle_publisher(
-            JointTrajectory, "joint_trajectory", qos_profile(qos.joint_trajectory)
-        )
-        self._path = node.create_lifecycle_publisher(
-            Path, "predicted_chaser_path", qos_profile(qos.predicted_chaser_path)
-        )
-        self._pose = node.create_lifecycle_publisher(
-            PoseStamped, "predicted_chaser_pose", qos_profile(qos.predicted_chaser_pose)
-        )
-        self._tracking_error = node.create_lifecycle_publisher(
-            TrackingError, "tracking_error", STREAM_QOS
-        )
-        self._markers = node.create_lifecycle_publisher(MarkerArray, "markers", LATCHED_QOS)
-        self._joint_states = node.create_lifecycle_publisher(
-            JointState, "planned_joint_states", STREAM_QOS
-        )
-        self._description = node.create_lifecycle_publisher(
-            String, "robot_description", LATCHED_QOS
-        )
-        self._publishers = (
-            *(self._trajectory, self._path, self._pose, self._tracking_error),
-            *(self._markers, self._joint_states, self._description),
-        )
-        self._node = node
-        self._timers = [
-            node.create_timer(
-                1.0 / self._rates.preview,
-                self._play_preview,
-                callback_group=MutuallyExclusiveCallbackGroup(),
+        self._node, self._publishers = node, list[LifecyclePublisher]()
+        self._trajectory, self._path, self._pose = (
+            self._publisher(kind, name, qos_profile(getattr(qos, name)))
+            for kind, name in (
+                (JointTrajectory, "joint_trajectory"),
+                (Path, "predicted_chaser_path"),
+                (PoseStamped, "predicted_chaser_pose"),
             )
-        ]
+        )
+        self._tracking_error = self._publisher(TrackingError, "tracking_error", STREAM_QOS)
+        self._markers = self._publisher(MarkerArray, "markers", LATCHED_QOS)
+        self._joint_states = self._publisher(JointState, "planned_joint_states", STREAM_QOS)
+        self._description = self._publisher(String, "robot_description", LATCHED_QOS)
+        group = MutuallyExclusiveCallbackGroup()
+        self._timer = node.create_timer(1.0 / self._rates.preview, self._play_preview, group)
 
     def describe_robot(self, urdf: str) -> None:
         """Publish the robot's URDF; to be called when the node becomes active.
@@ -148,10 +133,13 @@ class PlanOutput:
 
     def close(self) -> None:
         """Take everything off the node."""
-        for timer in self._timers:
-            self._node.destroy_timer(timer)
+        self._node.destroy_timer(self._timer)
         for publisher in self._publishers:
             self._node.destroy_lifecycle_publisher(publisher)
+
+    def _publisher(self, kind: type, topic: str, qos: QoSProfile) -> LifecyclePublisher:
+        self._publishers.append(self._node.create_lifecycle_publisher(kind, topic, qos))
+        return self._publishers[-1]
 
     def _play_preview(self) -> None:
         state = next(self._preview, None)

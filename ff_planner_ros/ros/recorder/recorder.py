@@ -6,7 +6,8 @@ import threading
 import time
 import traceback
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from operator import itemgetter
 from pathlib import Path
@@ -75,7 +76,7 @@ class Recorder:
             enable_rosout=False,
             start_parameter_services=False,
         )
-        try:
+        with self._ending_on_failure():
             self._bag = open_bag()
             self._remember()
             for topic in topics:
@@ -85,8 +86,6 @@ class Recorder:
             self._queues = [
                 TopicQueue(self._node, topic) for topic in sorted(topics, key=_is_volatile)
             ]
-        except BagError as error:
-            self._fail(str(error))
         # Twice as often as promised, so that taking and writing may take time, too.
         self._period = flush_interval / 2
         self._stopped = threading.Event()
@@ -105,14 +104,12 @@ class Recorder:
         )
 
     def pause(self) -> str:
-        """Leave out what arrives from now on, and tell so in words.
+        """Leave out what arrives from now on, and say so in words.
 
         Raises:
             BagError: Recording has stopped.
         """
-        with self._lock:
-            self._take_all()
-            self._require_bag()
+        with self._up_to_date():
             if not self._is_paused:
                 self._pauses.append(_Pause(time.time_ns()))
                 self._remember()
@@ -123,31 +120,25 @@ class Recorder:
         return f"recording to {self._directory} is paused"
 
     def resume(self) -> str:
-        """Record again, and tell in words what was left out.
+        """Record again, and say in words what was left out.
 
         Raises:
             BagError: Recording has stopped.
         """
-        with self._lock:
-            self._take_all()
-            self._require_bag()
+        with self._up_to_date():
             if not self._is_paused:
                 return f"recording to {self._directory} was not paused"
-            pause = self._pauses[-1]
-            pause.end_ns = time.time_ns()
-            self._remember()
+            pause = self._end_pause()
             self._logger.info(f"recording goes on; {pause.words}")
         return f"recording to {self._directory} goes on; {pause.words}"
 
     def split(self) -> str:
-        """Complete the file with all that has arrived, go on in another one, and tell which.
+        """Complete the file with all that has arrived, go on in another one, and say which.
 
         Raises:
             BagError: Recording has stopped.
         """
-        with self._lock:
-            self._take_all()
-            bag = self._require_bag()
+        with self._up_to_date() as bag:
             try:
                 complete, current = bag.split()
             except BagError as error:
@@ -164,14 +155,34 @@ class Recorder:
         with self._lock:
             self._take_all()
             if self._is_paused:
-                self._pauses[-1].end_ns = time.time_ns()
-                self._remember()
+                self._end_pause()
             if self._bag is not None:
-                try:
+                with self._ending_on_failure():
                     self._bag.close()
-                except BagError as error:
-                    self._fail(str(error))
         self._node.destroy_node()
+
+    @contextmanager
+    def _up_to_date(self) -> Iterator[BagWriter]:
+        """Hold the lock, with everything that has arrived in the bag."""
+        with self._lock:
+            self._take_all()
+            if self._bag is None or self._failure:
+                raise BagError(f"recording has stopped: {self._failure}")
+            yield self._bag
+
+    @contextmanager
+    def _ending_on_failure(self) -> Iterator[None]:
+        """Turn an error of the bag into the end of recording."""
+        try:
+            yield
+        except BagError as error:
+            self._fail(str(error))
+
+    def _end_pause(self) -> _Pause:
+        pause = self._pauses[-1]
+        pause.end_ns = time.time_ns()
+        self._remember()
+        return pause
 
     def _run(self) -> None:
         while not self._stopped.wait(self._period):
@@ -187,11 +198,6 @@ class Recorder:
     def _is_paused(self) -> bool:
         return bool(self._pauses) and self._pauses[-1].end_ns is None
 
-    def _require_bag(self) -> BagWriter:
-        if self._bag is None or self._failure:
-            raise BagError(f"recording has stopped: {self._failure}")
-        return self._bag
-
     def _take_all(self) -> None:
         """Bring everything that has arrived to the disk."""
         with self._lock:
@@ -206,10 +212,8 @@ class Recorder:
                 # A publisher of another vendor need not stamp its messages.
                 self._keep(topic, message, received, sent if sent > 0 else received)
             if self._bag is not None and not self._failure:
-                try:
+                with self._ending_on_failure():
                     self._bag.flush()
-                except BagError as error:
-                    self._fail(str(error))
 
     def _drop(self, counts: Mapping[str, int]) -> None:
         if self._is_paused:
