@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import sys
+from collections.abc import Callable, Generator
 from typing import Any
 
 import pytest
@@ -14,7 +15,6 @@ from ff_planner_ros.planning.problem import PlanningProblem
 from ff_planner_ros.planning.scenario import load_scenario
 from ff_planner_ros.planning.settings import load_settings
 from ff_planner_ros.robot.model import Robot, load_robot, robot_from_urdf_text
-
 
 # The files that take longest begin first, so that the workers end at about the same time.
 LONGEST_FIRST = (
@@ -41,6 +41,25 @@ LONGEST_FIRST = (
     "test_node_refusals",
 )
 
+# They repeat at length what other files run, too: coverage, whose tracing takes time, leaves them
+# and the processes that they start out.
+NOT_MEASURED = (
+    "test_bag_fuzz",
+    "test_bench_success",
+    "test_dynamics",
+    "test_examples",
+    "test_forward",
+    "test_model_errors",
+    "test_node_action",
+    "test_node_answers",
+    "test_node_hard_life",
+    "test_node_lifecycle",
+    "test_node_robustness",
+    "test_planner",
+    "test_planner_determinism",
+    "test_rollout",
+)
+
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--nightly", action="store_true", help="try each law as often as it deserves")
@@ -50,6 +69,21 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     rank = {name: number for number, name in enumerate(LONGEST_FIRST)}
     items.sort(key=lambda item: rank.get(item.path.stem, len(rank)))
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, Any, Any]:
+    coverage: Any = sys.modules.get("coverage")
+    measuring = coverage and coverage.Coverage.current()
+    if not measuring or item.path.stem not in NOT_MEASURED:
+        return (yield)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.delenv("COVERAGE_PROCESS_CONFIG", raising=False)  # for the processes it starts
+        measuring.stop()
+        try:
+            return (yield)
+        finally:
+            measuring.start()
 
 
 @pytest.hookimpl(optionalhook=True)  # of pytest-xdist

@@ -140,7 +140,6 @@ def require_current(
 
     Args:
         field: Name of the stamp in the error message.
-        stamp_ns: The stamp [ns].
         now_ns: The time now [ns].
         max_age: Parameter state_max_age [s].
         max_lead: Parameter state_max_lead [s].
