@@ -2,7 +2,7 @@
 SHELL := /bin/bash
 .SHELLFLAGS := -euo pipefail -c
 .DEFAULT_GOAL := demo
-.PHONY: env prerequisites demo test lint build lock clean
+.PHONY: env prerequisites demo test nightly lint build lock clean
 
 PYTHON ?= python3
 BIN := $(CURDIR)/.venv/bin
@@ -46,6 +46,10 @@ demo: env
 
 test: env
 	$(BIN)/python -m pytest --numprocesses 2 --cov --cov-report=term
+
+# The same tests with every law tried more often: longer.
+nightly: env
+	$(BIN)/python -m pytest --numprocesses 2 --nightly
 
 lint: env
 	$(BIN)/ruff format --check

@@ -1,9 +1,9 @@
-"""Robots that the tests share."""
+"""What the tests share: robots, a plan, the order of the files, how often a law is tried."""
 
 from __future__ import annotations
 
-from functools import cache
-from pathlib import Path
+import sys
+from collections.abc import Callable, Generator
 from typing import Any
 
 import pytest
@@ -16,23 +16,90 @@ from ff_planner_ros.planning.scenario import load_scenario
 from ff_planner_ros.planning.settings import load_settings
 from ff_planner_ros.robot.model import Robot, load_robot, robot_from_urdf_text
 
+# The files that take longest begin first, so that the workers end at about the same time.
+LONGEST_FIRST = (
+    "test_demo",
+    "test_examples",
+    "test_node_hard_life",
+    "test_node_robustness",
+    "test_node_lifecycle",
+    "test_node",
+    "test_replay",
+    "test_node_recording",
+    "test_node_action",
+    "test_rollout",
+    "test_publish",
+    "test_planner",
+    "test_verify",
+    "test_node_answers",
+    "test_recorder_killed",
+    "test_bench_success",
+    "test_bench_report",
+    "test_forward",
+    "test_compare",
+    "test_worker",
+    "test_node_refusals",
+)
+
+# They repeat at length what other files run, too: coverage, whose tracing takes time, leaves them
+# and the processes that they start out.
+NOT_MEASURED = (
+    "test_bag_fuzz",
+    "test_bench_success",
+    "test_dynamics",
+    "test_examples",
+    "test_forward",
+    "test_model_errors",
+    "test_node_action",
+    "test_node_answers",
+    "test_node_hard_life",
+    "test_node_lifecycle",
+    "test_node_robustness",
+    "test_planner",
+    "test_planner_determinism",
+    "test_rollout",
+)
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption("--nightly", action="store_true", help="try each law as often as it deserves")
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    rank = {name: number for number, name in enumerate(LONGEST_FIRST)}
+    items.sort(key=lambda item: rank.get(item.path.stem, len(rank)))
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, Any, Any]:
+    coverage: Any = sys.modules.get("coverage")
+    measuring = coverage and coverage.Coverage.current()
+    if not measuring or item.path.stem not in NOT_MEASURED:
+        return (yield)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.delenv("COVERAGE_PROCESS_CONFIG", raising=False)  # for the processes it starts
+        measuring.stop()
+        try:
+            return (yield)
+        finally:
+            measuring.start()
+
 
 @pytest.hookimpl(optionalhook=True)  # of pytest-xdist
 def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
-    """Let files of tests run side by side, but never two that start processes of ROS."""
-    from xdist.scheduler import LoadScopeScheduling
+    """Give each worker one file after the other, in the order of the collection."""
+    from xdist.scheduler import LoadFileScheduling
 
-    class Scheduling(LoadScopeScheduling):
-        def _split_scope(self, nodeid: str) -> str:
-            file = nodeid.partition("::")[0]
-            return "ros" if _starts_processes_of_ros(config.rootpath / file) else file
-
-    return Scheduling(config, log)
+    config.option.loadscopereorder = False
+    return LoadFileScheduling(config, log)
 
 
-@cache
-def _starts_processes_of_ros(file: Path) -> bool:
-    return "ros_processes" in file.read_text("utf-8")
+@pytest.fixture(scope="session")
+def times(request: pytest.FixtureRequest) -> Callable[[int, int], int]:
+    """Choose how often a law is tried: usually, and in the nightly run."""
+    nightly = request.config.getoption("nightly")
+    return lambda usually, at_night: at_night if nightly else usually
 
 
 @pytest.fixture(scope="session")

@@ -91,7 +91,9 @@ def test_the_bag_it_names_holds_every_topic_and_both_answers(demo: tuple[Path, l
         assert len(messages[f"/{topic}"]) > 10, topic
     # The executive asks again until the planner has heard of the new flight.
     codes = [event.response[0].result.status.code for event in messages[RESULTS]]
-    not_yet = {Status.NO_STATE, Status.NO_OBSTACLES, Status.STATE_TOO_OLD, Status.TOO_LATE}
+    # A machine that is too slow for it is given a later start.
+    not_yet = {Status.NO_STATE, Status.NO_OBSTACLES, Status.STATE_TOO_OLD}
+    not_yet |= {Status.TOO_LATE, Status.START_IN_PAST}
     assert set(codes) <= {Status.SOLVED} | not_yet
     assert codes.count(Status.SOLVED) == 2
     assert codes[-1] == Status.SOLVED
@@ -176,7 +178,9 @@ def test_a_plan_that_is_not_found_ends_the_demonstration_with_its_cause(tmp_path
 
 
 def test_a_machine_that_is_too_slow_is_given_more_time(tmp_path: Path) -> None:
-    ended = run_with(quick_capture(tmp_path), before="demo._LEADS = (0, 8, 40)")
+    # What it draws in the end is no matter here.
+    hurry = "demo._LEADS = (0, 6, 40); demo.save_figures = lambda *_: []"
+    ended = run_with(quick_capture(tmp_path), before=f"{hurry}; demo.save_scene = lambda *_: None")
     assert ended.returncode == 0, ended.stderr
     lines = ended.stdout.splitlines()
     longer = len(rows(lines, "this machine needs longer"))

@@ -37,6 +37,31 @@ def test_the_domain_stays_on_this_host_and_is_none_that_a_neighbour_uses() -> No
         neighbour.communicate(b"\n", DEADLINE)
 
 
+CLAIM = """
+import os
+from ff_planner_ros.demo.domain import private_environment
+os.getpid = lambda: {pid}
+print(private_environment()["ROS_DOMAIN_ID"], flush=True)
+input()
+"""
+
+
+def test_two_processes_that_search_at_the_same_time_never_find_the_same_domain() -> None:
+    """Though both begin at the same one, and neither of them talks yet."""
+    own = private_environment()["ROS_DOMAIN_ID"]
+    other = subprocess.Popen(
+        [sys.executable, "-c", CLAIM.format(pid=os.getpid())],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+    )
+    with other:
+        assert other.stdout is not None
+        found = other.stdout.readline().decode().strip()
+        other.communicate(b"\n", DEADLINE)
+    assert found.isdecimal()
+    assert found != own
+
+
 def test_the_domain_is_one_that_ros_accepts() -> None:
     environment = private_environment()
     assert 1 <= int(environment["ROS_DOMAIN_ID"]) <= 101

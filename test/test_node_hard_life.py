@@ -30,10 +30,9 @@ from ff_planner_ros.errors import Status
 from ff_planner_ros.planning.problem import PlanningProblem
 from ff_planner_ros.planning.scenario import load_scenario
 
-MALFORMED = 300
 SEED = 20260102
 NO_NUMBERS = (float("nan"), float("inf"), float("-inf"))
-HUGE, PLANS = 3_000, 500
+HUGE = 3_000
 # What a process may grow by, once it has seen everything [kB]. ROS's queues and the allocator take
 # a few thousand; before each refusal let go of its request, huge ones took 15 000 and more.
 GROWTH = 12_000
@@ -144,29 +143,30 @@ SPOILS: tuple[Spoil, ...] = (
 
 
 def test_huge_arrays_leave_nothing_behind(
-    planner: PlannerProcess, lemur_capture: PlanningProblem
+    planner: PlannerProcess, lemur_capture: PlanningProblem, times: Callable[[int, int], int]
 ) -> None:
-    """Each is 20 000 names; the last 300 of them are of 100 MB, if anybody keeps them."""
+    """Each is 20 000 names; the last 100 of them are of 33 MB, if anybody keeps them."""
+    huge = times(150, 400)
     request = Scene(lemur_capture).complete_request()
     request.start_state.joint_names = [*request.start_state.joint_names] * HUGE
     with connected_client() as client:
         client.wait_for_planner()
-        for number in range(400):
+        for number in range(huge):
             assert client.plan(request).status.code == Status.UNKNOWN_JOINT
-            if number == 100:
+            if number == huge - 100:
                 warm = holdings(planner.process.pid)
     _assert_no_growth(warm, holdings(planner.process.pid))
 
 
 def test_malformed_requests_are_refused_by_name_and_leave_nothing_behind(
-    planner: PlannerProcess, lemur_capture: PlanningProblem
+    planner: PlannerProcess, lemur_capture: PlanningProblem, times: Callable[[int, int], int]
 ) -> None:
-    scene, dice = Scene(lemur_capture), random.Random(SEED)
+    scene, dice, malformed = Scene(lemur_capture), random.Random(SEED), times(200, 300)
     with connected_client() as client:
         client.wait_for_planner()
         assert client.plan(scene.complete_request()).status.code == Status.SOLVED
         halfway = holdings(planner.process.pid)
-        for number in range(MALFORMED):
+        for number in range(malformed):
             request = scene.complete_request()
             field = dice.choice(SPOILS)(dice, request)
             answer = client.plan(request)
@@ -174,7 +174,7 @@ def test_malformed_requests_are_refused_by_name_and_leave_nothing_behind(
             assert Status.NOT_FINITE <= status <= Status.UNSUPPORTED, (field, answer.status)
             assert field in answer.status.message, answer.status
             assert not answer.joint_trajectory.points
-            if number == MALFORMED // 2:
+            if number == malformed // 2:
                 halfway = holdings(planner.process.pid)
         _assert_no_growth(halfway, holdings(planner.process.pid))
         assert client.plan(scene.complete_request()).status.code == Status.SOLVED
@@ -182,18 +182,19 @@ def test_malformed_requests_are_refused_by_name_and_leave_nothing_behind(
 
 @pytest.mark.usefixtures("planner")
 def test_malformed_messages_on_the_topics_are_refused_by_name(
-    lemur_capture: PlanningProblem,
+    lemur_capture: PlanningProblem, times: Callable[[int, int], int]
 ) -> None:
     scene, dice = Scene(lemur_capture), random.Random(SEED)
+    each = times(8, 30)
     with connected_client() as client:
         client.wait_for_planner()
-        for _ in range(30):
+        for _ in range(each):
             request = scene.complete_request()
             request.start_state.header.stamp = client.node.get_clock().now().to_msg()
             spoil = dice.choice([_array("joint_positions"), _frame("start_state")])
             field = spoil(dice, request).replace("start_state", "chaser_state")
             _refused(client, scene.request(), request.start_state, request.obstacles, field)
-        for _ in range(30):
+        for _ in range(each):
             request = scene.complete_request()
             request.start_state.header.stamp = client.node.get_clock().now().to_msg()
             field = dice.choice([_twice, _frame("obstacles")])(dice, request)
@@ -285,26 +286,27 @@ def test_a_client_that_dies_while_it_is_planned_for_harms_nobody_and_its_plan_go
 
 
 def test_many_plans_leave_nothing_behind_and_the_node_ends_well(
-    planner: PlannerProcess, tmp_path: Path
+    planner: PlannerProcess, tmp_path: Path, times: Callable[[int, int], int]
 ) -> None:
     """Last of all, since it ends the node."""
-    scene = Scene(load_scenario(quick_capture(tmp_path)))
+    scene, plans = Scene(load_scenario(quick_capture(tmp_path))), times(100, 500)
     with connected_client() as client:
         client.wait_for_planner()
         # It is the node that is tested: the straight way to a goal nearby will do.
         assert Manager(client).set("planner.max_iterations", 1).successful
         request, seconds = scene.complete_request(), []
         request.points = 12
-        for number in range(PLANS):
+        for number in range(plans):
             answer = client.plan(request)
             assert answer.status.code == Status.SOLVED, answer.status
             seconds.append(answer.solver.solve_time)
-            if number == PLANS // 5:
+            if number == plans // 5:
                 warm = holdings(planner.process.pid)
     _assert_no_growth(warm, holdings(planner.process.pid))
     # A clock is no judge of a test; what it says is for the reader of the log.
-    print(f"median of the first 100 plans {median(seconds[:100]):.3f} s")
-    print(f"median of the last 100 plans {median(seconds[-100:]):.3f} s")
+    half = plans // 2
+    print(f"median of the first half of the plans {median(seconds[:half]):.3f} s")
+    print(f"median of the second half of the plans {median(seconds[half:]):.3f} s")
     assert planner.stop() == 0
 
 

@@ -10,9 +10,14 @@ _DOMAINS = range(1, 102)
 _FIRST_PORT, _PORTS_PER_DOMAIN, _UNICAST_OFFSET, _PORTS_PER_PARTICIPANT = 7400, 250, 10, 2
 _PARTICIPANTS_PROBED = 10
 
+# What claims a domain of this process: nobody else can bind an address that is bound.
+_claims: dict[int, socket.socket] = {}
+
 
 def private_environment() -> dict[str, str]:
     """Return this process's environment, moved to an unused ROS domain that stays on this host.
+
+    Until this process ends, no other process is given the same domain.
 
     Raises:
         RuntimeError: Every domain is in use.
@@ -29,9 +34,24 @@ def _unused_domain() -> int:
     first = os.getpid() % len(_DOMAINS)
     for offset in range(len(_DOMAINS)):
         domain = _DOMAINS[(first + offset) % len(_DOMAINS)]
-        if not any(_in_use(domain, participant) for participant in range(_PARTICIPANTS_PROBED)):
+        in_use = (_in_use(domain, participant) for participant in range(_PARTICIPANTS_PROBED))
+        if _claimed(domain) and not any(in_use):
             return domain
     raise RuntimeError("every ROS domain from 1 to 101 is in use on this host")
+
+
+def _claimed(domain: int) -> bool:
+    """Claim a domain for this process; tell whether it has it, now or since before."""
+    if domain in _claims:
+        return True
+    claim = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+    try:
+        claim.bind(f"\0ff_planner_ros domain {domain}")  # Linux: no file, gone with the process
+    except OSError:
+        claim.close()
+        return False
+    _claims[domain] = claim
+    return True
 
 
 def _in_use(domain: int, participant: int) -> bool:

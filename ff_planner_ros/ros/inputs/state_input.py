@@ -134,7 +134,7 @@ def require_current(
     """Refuse a stamp that is too old or too far ahead of now.
 
     Args:
-        stamp_ns: The stamp [ns].
+        field: Name of the stamp in the error message.
         now_ns: The time now [ns].
         max_age: Parameter state_max_age [s].
         max_lead: Parameter state_max_lead [s].
