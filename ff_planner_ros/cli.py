@@ -26,7 +26,7 @@ from ff_planner_ros.planning.scenario import load_scenario
 from ff_planner_ros.planning.settings import PlannerSettings, load_settings
 from ff_planner_ros.robot.model import Robot, read_urdf, robot_from_urdf_text
 from ff_planner_ros.robot.urdf import only_leaf_link, root_link
-from ff_planner_ros.share import share_directory
+from ff_planner_ros.share import needs_ros, share_directory
 from ff_planner_ros.time_budget import time_budget
 
 SOLVED, BAD_INPUT, NO_PLAN = 0, 2, 3
@@ -57,6 +57,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _fail(error, BAD_INPUT)
     except OSError as error:
         return _fail(error, BAD_INPUT)
+    except ModuleNotFoundError as error:
+        return _fail(needs_ros(error), BAD_INPUT)
 
 
 def _fail(error: Exception, code: int) -> int:
@@ -428,7 +430,6 @@ def _replay(options: argparse.Namespace) -> int:
 
 def _report(options: argparse.Namespace) -> int:
     from ff_planner_ros.runs.report import report_of_answer
-    from ff_planner_ros.runs.report_of_bag import report_of_bag
     from ff_planner_ros.runs.report_page import save_page
 
     if options.plans < 0:
@@ -438,6 +439,8 @@ def _report(options: argparse.Namespace) -> int:
     if source.suffix == ".json":
         report = report_of_answer(source)
     else:
+        from ff_planner_ros.runs.report_of_bag import report_of_bag
+
         report = report_of_bag(source, options.plans)
     output = options.output or Path(f"{source.resolve().stem}_report.html")
     save_page(report, output)

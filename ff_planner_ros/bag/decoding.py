@@ -8,13 +8,15 @@ import sys
 from collections.abc import Callable
 from functools import lru_cache
 from importlib import import_module
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
-from rosidl_parser.definition import AbstractNestedType, NamespacedType
 
 from ff_planner_ros.errors import BagError
+
+if TYPE_CHECKING:
+    from rosidl_parser.definition import NamespacedType
 
 T = TypeVar("T")
 Decoder = Callable[[bytes], Any]
@@ -96,6 +98,9 @@ def as_installed(decoded: Any, message_class: type[T]) -> T:
 
 
 def _value(recorded: Any, default: Any, slot_type: Any, owner: Any) -> Any:
+    # Here, because bags are read where no ROS is installed, too.
+    from rosidl_parser.definition import AbstractNestedType, NamespacedType
+
     match slot_type:
         case NamespacedType() if hasattr(recorded, "__msgtype__"):
             return as_installed(recorded, type(default))
