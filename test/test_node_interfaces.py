@@ -1,4 +1,4 @@
-"""The running node against the README's table of interfaces, and its topics against its bag."""
+"""The running node against the table of docs/interfaces.md, and its topics against its bag."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from rclpy.node import Node
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 from ros_processes import Client, connected_client, private_domain, read_bag, running_planner
 
-README = Path(__file__).resolve().parents[1] / "README.md"
+INTERFACES = Path(__file__).resolve().parents[1] / "docs" / "interfaces.md"
 ROW = re.compile(
     r"^\| (subscribes|publishes|service|action) \| `([\w/~]+)` \| `([\w/]+)` \| ([\w, -]*) \|", re.M
 )
@@ -96,10 +96,10 @@ def _topics(client: Client) -> set[str]:
 @pytest.mark.parametrize(
     ("source", "simulated_time"), [("chaser_state", "false"), ("odometry", "true")]
 )
-def test_the_readme_lists_every_interface_of_the_node_and_its_bag_has_every_topic(
+def test_the_page_lists_every_interface_of_the_node_and_its_bag_has_every_topic(
     tmp_path: Path, source: str, simulated_time: str
 ) -> None:
-    rows = {Interface(*row) for row in ROW.findall(README.read_text(encoding="utf-8"))}
+    rows = {Interface(*row) for row in ROW.findall(INTERFACES.read_text(encoding="utf-8"))}
     absolute = {
         row._replace(
             name=f"/{row.name.replace('~', 'ff_planner').lstrip('/')}", qos=row.qos.strip()
