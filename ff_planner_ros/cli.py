@@ -26,7 +26,7 @@ from ff_planner_ros.planning.scenario import load_scenario
 from ff_planner_ros.planning.settings import PlannerSettings, load_settings
 from ff_planner_ros.robot.model import Robot, read_urdf, robot_from_urdf_text
 from ff_planner_ros.robot.urdf import only_leaf_link, root_link
-from ff_planner_ros.share import needs_ros, share_directory
+from ff_planner_ros.share import share_directory
 from ff_planner_ros.time_budget import time_budget
 
 SOLVED, BAD_INPUT, NO_PLAN = 0, 2, 3
@@ -58,7 +58,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except OSError as error:
         return _fail(error, BAD_INPUT)
     except ModuleNotFoundError as error:
-        return _fail(needs_ros(error), BAD_INPUT)
+        missing = str(error.name)
+        if missing.startswith("ff_planner_ros"):
+            raise
+        advice = "`pip install ./msg_defs '.[ros]'` brings it along, or source a ROS workspace"
+        found = f"this command needs ROS 2, and there is no module {missing}: {advice}"
+        return _fail(FfPlannerError(Status.UNSUPPORTED, found), BAD_INPUT)
 
 
 def _fail(error: Exception, code: int) -> int:

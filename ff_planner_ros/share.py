@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import re
 import sys
 from pathlib import Path
 
@@ -58,22 +57,6 @@ def resolve_uri(uri: str, relative_to: Path) -> Path:
     if not path.is_file():
         raise _refused(uri, f"there is no file {path}")
     return path
-
-
-def needs_ros(error: ModuleNotFoundError) -> FfPlannerError:
-    """Say how to install the ROS package that is missing.
-
-    Raises:
-        ModuleNotFoundError: The missing package is none of ROS.
-    """
-    package = (error.name or "").partition(".")[0]
-    if not re.fullmatch(r"rclpy|rosidl_\w+|\w+_(msgs|srvs|interfaces)", package):
-        raise error
-    return FfPlannerError(
-        Status.UNSUPPORTED,
-        f"this needs ROS 2, and {package} is not installed: pip install ./msg_defs '.[ros]' in the "
-        "source tree, or work on a ROS 2 Jazzy machine",
-    )
 
 
 def installation_prefixes() -> list[Path]:

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import re
 import time
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import pytest
 from rclpy.action.graph import get_action_server_names_and_types_by_node
-from rclpy.node import Node
+from rclpy.node import Node, NodeNameNonExistentError
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 from ros_processes import Client, connected_client, private_domain, read_bag, running_planner
 
@@ -75,8 +76,10 @@ def _seen(client: Client, wanted: set[Interface]) -> set[Interface]:
     """Ask the graph until it tells all that is wanted, or time is up."""
     client.wait_for_planner()
     give_up = time.monotonic() + DISCOVERY
-    while not wanted <= (seen := _interfaces(client.node)) and time.monotonic() < give_up:
-        pass
+    seen: set[Interface] = set()
+    while not wanted <= seen and time.monotonic() < give_up:
+        with suppress(NodeNameNonExistentError):  # the graph does not know the planner's name yet
+            seen = _interfaces(client.node)
     return seen
 
 

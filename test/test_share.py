@@ -9,7 +9,7 @@ import pytest
 
 import ff_planner_ros
 from ff_planner_ros.errors import InvalidInput, Status
-from ff_planner_ros.share import needs_ros, resolve_uri, share_directory
+from ff_planner_ros.share import resolve_uri, share_directory
 
 SOURCE_TREE = Path(__file__).resolve().parents[1]
 
@@ -133,10 +133,3 @@ def test_a_uri_that_leads_nowhere_is_refused_by_name(uri, reason, tmp_path):
     assert refusal.value.status is Status.BAD_ROBOT
     expected = reason.format(directory=tmp_path, source=SOURCE_TREE)
     assert str(refusal.value).startswith(f"robot.urdf is {uri}: {expected}")
-
-
-def test_a_missing_package_of_ros_is_told_with_what_to_install_and_any_other_is_raised_on():
-    told = needs_ros(ModuleNotFoundError("No module named 'nav_msgs.msg'", name="nav_msgs.msg"))
-    assert "nav_msgs is not installed: pip install ./msg_defs '.[ros]'" in str(told)
-    with pytest.raises(ModuleNotFoundError, match="numpy"):
-        needs_ros(ModuleNotFoundError("No module named 'numpy'", name="numpy"))
