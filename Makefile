@@ -2,11 +2,12 @@
 SHELL := /bin/bash
 .SHELLFLAGS := -euo pipefail -c
 .DEFAULT_GOAL := demo
-.PHONY: env prerequisites demo test nightly lint build lock clean
+.PHONY: env prerequisites demo test nightly short-test without-ros lint build lock clean
 
 PYTHON ?= python3
-BIN := $(CURDIR)/.venv/bin
-STAMP := .venv/complete
+VENV ?= .venv
+BIN := $(CURDIR)/$(VENV)/bin
+STAMP := $(VENV)/complete
 
 # Whatever ROS or Python environment the caller has active shall not leak into ours.
 unexport AMENT_PREFIX_PATH CMAKE_PREFIX_PATH COLCON_PREFIX_PATH LD_LIBRARY_PATH PYTHONHOME \
@@ -32,10 +33,10 @@ INSTALL := $(BIN)/python -m pip install --disable-pip-version-check --quiet --co
 
 $(STAMP): setup.py package.xml constraints.txt $(shell find msg_defs -type f)
 	@$(MAKE) --no-print-directory prerequisites
-	@echo 'Setting up .venv; this takes a minute or two.'
-	@rm -rf .venv
-	@$(PYTHON) -m venv .venv
-	@touch .venv/COLCON_IGNORE
+	@echo 'Setting up $(VENV); this takes a minute or two.'
+	@rm -rf $(VENV)
+	@$(PYTHON) -m venv $(VENV)
+	@touch $(VENV)/COLCON_IGNORE
 	@$(INSTALL) --upgrade pip
 	@$(INSTALL) --requirement <($(BIN)/python -c '$(BUILD_REQUIRES)')
 	@PYTHONWARNINGS=ignore $(INSTALL) --no-build-isolation ./msg_defs --editable '.[test]'
@@ -50,6 +51,38 @@ test: env
 # The same tests with every law tried more often: longer.
 nightly: env
 	$(BIN)/python -m pytest --numprocesses 2 --nightly
+
+# A part of the tests in a minute: one plan after the other, bags of earlier versions, one node. For
+# another Python: `make short-test PYTHON=python3.12 VENV=.venv_python3.12`.
+short-test: env
+	$(BIN)/python -m pytest --numprocesses 2 $(addprefix test/test_,$(addsuffix .py,$(SHORT_TEST)))
+
+SHORT_TEST := bag_golden cli dynamics golden_replay node package planner polynomial scenario \
+	velocity_map verification
+
+# What the package does where no ROS is installed: the commands that a user would try first, on an
+# installation of the base package alone. Then `verify` must say what it lacks, and run with it.
+WITHOUT_ROS := $(CURDIR)/.venv_without_ros
+CAPTURE := $(CURDIR)/config/scenarios/lemur_capture.yaml
+
+without-ros:
+	rm -rf $(WITHOUT_ROS)
+	$(PYTHON) -m venv $(WITHOUT_ROS)
+	touch $(WITHOUT_ROS)/COLCON_IGNORE
+	$(WITHOUT_ROS)/bin/python -m pip install --disable-pip-version-check --quiet --constraint constraints.txt .
+	! $(WITHOUT_ROS)/bin/python -m pip list | grep --ignore-case 'ros-\|rclpy\|_msgs\|mujoco'
+	mkdir $(WITHOUT_ROS)/run
+	cd $(WITHOUT_ROS)/run; PATH=$(WITHOUT_ROS)/bin:$$PATH; \
+	ff-planner plan $(CAPTURE) --json answer.json; \
+	ff-planner robot $(CURDIR)/config/robots/lemur/lemur.urdf; \
+	ff-planner report answer.json; \
+	ff-planner compare $(CAPTURE); \
+	ff-planner bench --quick --scenarios 1; \
+	said=$$(ff-planner verify answer.json 2>&1) && exit 1; grep 'ff_planner_ros\[simulation\]' <<< "$$said"; \
+	python -m pip install --disable-pip-version-check --quiet --constraint $(CURDIR)/constraints.txt \
+		'$(CURDIR)[simulation]'; \
+	ff-planner verify answer.json
+	rm -rf $(WITHOUT_ROS)
 
 lint: env
 	$(BIN)/ruff format --check
@@ -84,4 +117,4 @@ INSTALLED_BY_PIP := import importlib.metadata as metadata; \
 	if d.read_text("INSTALLER") and not d.read_text("direct_url.json")), sep="\n")
 
 clean:
-	rm -rf .venv build install log .coverage* .mypy_cache .pytest_cache .ruff_cache
+	rm -rf .venv .venv_* build install log .coverage* .mypy_cache .pytest_cache .ruff_cache

@@ -15,6 +15,13 @@ def installed_as_they_are(*trees: str) -> list[tuple[str, list[str]]]:
     return [(f"share/{NAME}/{path.parent}", [str(path)]) for path in files]
 
 
+# The node, its demonstration and what reads messages by their types. The messages are no package of
+# an index: `pip install ./msg_defs '.[ros]'`.
+ROS = [
+    f"ff_planner_msgs=={VERSION}",
+    "ros-jazzy-common-interfaces>=5.3,<5.4",
+    "ros-jazzy-rclpy[fastrtps]>=7.1,<7.2",
+]
 SIMULATION = ["mujoco-core>=4,<5"]  # without it, everything runs but `ff-planner verify`
 
 setup(
@@ -32,7 +39,6 @@ setup(
     zip_safe=False,
     # A reason for each is in README.md; what package.xml names is the same list in ROS's words.
     install_requires=[
-        f"ff_planner_msgs=={VERSION}",
         "matplotlib>=3.8,<4",
         "mcap>=1.6,<2",
         "numpy>=1.26,<3",
@@ -40,15 +46,15 @@ setup(
         "piqp>=0.6,<0.7",
         "plotly>=5.18,<8",
         "pyyaml>=6,<7",
-        "ros-jazzy-common-interfaces>=5.3,<5.4",
-        "ros-jazzy-rclpy[fastrtps]>=7.1,<7.2",
         "rosbags>=0.11.9,<0.12",
         "scipy>=1.11,<2",
         "zstandard>=0.22,<1",
     ],
     extras_require={
+        "ros": ROS,
         "simulation": SIMULATION,
         "test": [
+            *ROS,
             *SIMULATION,
             "colcon-defaults>=0.2,<0.3",
             "colcon-ros>=0.5,<0.6",

@@ -57,6 +57,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _fail(error, BAD_INPUT)
     except OSError as error:
         return _fail(error, BAD_INPUT)
+    except ModuleNotFoundError as error:
+        missing = str(error.name)
+        if missing.startswith("ff_planner_ros"):
+            raise
+        advice = "`pip install ./msg_defs '.[ros]'` brings it along, or source a ROS workspace"
+        found = f"this command needs ROS 2, and there is no module {missing}: {advice}"
+        return _fail(FfPlannerError(Status.UNSUPPORTED, found), BAD_INPUT)
 
 
 def _fail(error: Exception, code: int) -> int:

@@ -218,7 +218,7 @@ def test_setup_py_declares_exactly_the_python_packages_that_are_imported():
     declared = {
         re.match(r"[\w-]+", line)[0]
         for line in required
-        if "extra ==" not in line or re.search(r"extra == .simulation", line)
+        if "extra ==" not in line or re.search(r"extra == .(simulation|ros)\b", line)
     }
     foreign = top_level_imports(MODULES) - sys.stdlib_module_names - {"ff_planner_ros"}
     imported = {PIP_NAMES.get(name, name) for name in foreign - ros_packages(foreign)}

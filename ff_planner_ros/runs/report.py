@@ -16,7 +16,8 @@ from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.plan import Metrics, SolverReport, Trajectory
 from ff_planner_ros.planning.problem import Sphere
 from ff_planner_ros.robot.model import Robot
-from ff_planner_ros.ros.messages.from_messages import NANOSECONDS
+
+NANOSECONDS = 1_000_000_000  # in a second
 
 
 @dataclass(frozen=True, eq=False)

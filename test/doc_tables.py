@@ -1,0 +1,87 @@
+"""The tables of docs/ that the code declares. Run as a script, it writes them into the pages."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import fields, is_dataclass
+from pathlib import Path
+from typing import Any, get_type_hints
+
+import ff_planner_ros
+from ff_planner_ros.planning.yaml_file import read_yaml
+from ff_planner_ros.ros.parameters import _WHILE_CONFIGURED, NodeParameters
+
+SOURCE_TREE = Path(__file__).resolve().parents[1]
+DOCS = SOURCE_TREE / "docs"
+MESSAGES = SOURCE_TREE / "msg_defs" / "msg"
+BLOCK = re.compile(r"(<!-- (table|example): (\w+) -->\n)(.*?)(<!-- end -->)", re.DOTALL)
+
+
+def codes() -> Iterator[tuple[str, ...]]:
+    yield "code", "name", "cause"
+    text = (MESSAGES / "PlanStatus.msg").read_text(encoding="utf-8")
+    for name, number, cause in re.findall(r"^uint16 (\w+)=(\d+) *(?:# (.*))?$", text, re.MULTILINE):
+        yield number, f"`{name}`", cause
+
+
+def metrics() -> Iterator[tuple[str, ...]]:
+    yield "metric", "meaning"
+    text = (MESSAGES / "PlanMetrics.msg").read_text(encoding="utf-8")
+    for name, meaning in re.findall(r"^float64(?:\[\])? (\w+) *# (.*)$", text, re.MULTILINE):
+        yield f"`{name}`", meaning
+
+
+def parameters() -> Iterator[tuple[str, ...]]:
+    yield "parameter", "default", "range", "meaning"
+    values = read_yaml(SOURCE_TREE / "config" / "planner.yaml")["/**"]["ros__parameters"]
+    told: dict[str, str] = {}
+    for name, *cells, meaning in _parameters(NodeParameters, values, ""):
+        first = told.setdefault(meaning, name.removesuffix(" *"))
+        yield name, *cells, meaning if name.startswith(first) else f"as {first}"
+
+
+def _parameters(group: type, values: Mapping[str, Any], prefix: str) -> Iterator[tuple[str, ...]]:
+    types = get_type_hints(group)
+    for item in sorted(fields(group), key=lambda item: is_dataclass(types[item.name])):
+        name, value = prefix + item.name, values[item.name]
+        if is_dataclass(types[item.name]):
+            yield from _parameters(types[item.name], value, f"{name}.")
+            continue
+        description, unit = item.metadata["description"], item.metadata["unit"]
+        bounds = (("from", item.metadata["minimum"]), ("to", item.metadata["maximum"]))
+        yield (
+            f"`{name}`" + (" *" if name.startswith(_WHILE_CONFIGURED) else ""),
+            f"`{str(value).lower() if isinstance(value, bool) else value}`",
+            " ".join(f"{word} {bound:g}" for word, bound in bounds if bound is not None),
+            description + (f" [{unit}]" if unit else ""),
+        )
+
+
+def public() -> Iterator[tuple[str, ...]]:
+    yield "name", "what it is"
+    for name in ff_planner_ros.__all__:
+        summary = (getattr(ff_planner_ros, name).__doc__ or "").partition("\n")[0]
+        yield f"`{name}`", summary
+
+
+def plan_in_python() -> str:
+    example = (SOURCE_TREE / "examples" / "plan_in_python.py").read_text(encoding="utf-8")
+    return f"```python\n{example.partition(chr(10) * 2)[2].lstrip()}```\n"
+
+
+def markdown(rows: Iterator[tuple[str, ...]]) -> str:
+    lines = [f"| {' | '.join(row)} |" for row in rows]
+    columns = lines[0].count("|") - 1
+    return "\n".join([lines[0], "|" + " --- |" * columns, *lines[1:]]) + "\n"
+
+
+def expected(block: re.Match[str]) -> str:
+    """Return a marked block as it must be."""
+    made = globals()[block[3]]()
+    return block[1] + (made if isinstance(made, str) else markdown(made)) + block[5]
+
+
+if __name__ == "__main__":
+    for page in DOCS.glob("*.md"):
+        page.write_text(BLOCK.sub(expected, page.read_text("utf-8")), "utf-8")

@@ -1,0 +1,219 @@
+"""README.md and docs/: their commands, links and tables against what there is."""
+
+from __future__ import annotations
+
+import json
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import pytest
+import yaml
+from doc_tables import BLOCK, expected
+
+from ff_planner_ros.cli import _parser, main
+from ff_planner_ros.errors import InvalidInput
+from ff_planner_ros.planning.scenario import load_scenario
+
+SOURCE_TREE = Path(__file__).resolve().parents[1]
+README = SOURCE_TREE / "README.md"
+PAGES = [README, SOURCE_TREE / "CONTRIBUTING.md", *sorted((SOURCE_TREE / "docs").glob("*.md"))]
+INTERFACES = SOURCE_TREE / "docs" / "interfaces.md"
+CAPTURE = SOURCE_TREE / "config" / "scenarios" / "lemur_capture.yaml"
+GOLDEN_BAG = SOURCE_TREE / "test" / "golden_bags" / "node"
+# Of these, words are checked and nothing is run: they take long, need ROS or change the machine.
+ONLY_PARSED = re.compile(
+    r"make |ros2 |pip |.*ff-planner (node|bench|demo|compare)|.*--sensitivity|.*_(te|ex)"
+)
+# What the reader makes first: by another page, by hand, or by `make demo`.
+MADE_BY_THE_READER = {"my_planner.yaml"}
+
+every_page = pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+
+
+class Line(NamedTuple):
+    """One command of a console block, its continuations included."""
+
+    text: str
+
+    @property
+    def words(self) -> list[str]:
+        return shlex.split(self.text, comments=True)
+
+    @property
+    def options(self) -> list[str] | None:
+        """Arguments of `ff-planner`; None: another command."""
+        words = self.words
+        return words[1:] if words[0].endswith("ff-planner") else None
+
+
+def text_of(page: Path) -> str:
+    return page.read_text(encoding="utf-8")
+
+
+def console(page: Path) -> list[Line]:
+    """Return every command of a page, in order."""
+    lines: list[Line] = []
+    for block in re.findall(
+        r"^ *```console\n(.*?)^ *```$", text_of(page), re.MULTILINE | re.DOTALL
+    ):
+        pending = ""
+        for line in block.splitlines():
+            pending += line.strip() + "\n"
+            try:
+                shlex.split(pending, comments=True)
+            except ValueError:  # a quotation goes on
+                continue
+            lines.append(Line(pending.strip()))
+            pending = ""
+        assert not pending, f"{page.name}: {pending} never ends"
+    return lines
+
+
+def test_the_readme_is_short() -> None:
+    assert len(text_of(README).splitlines()) <= 250
+
+
+@every_page
+def test_every_ff_planner_command_is_one_that_the_parser_takes(page: Path) -> None:
+    for line in console(page):
+        if line.options is not None:
+            try:
+                _options, rest = _parser().parse_known_args(line.options)
+            except SystemExit:
+                pytest.fail(f"{page.name}: {line.text}")
+            assert not rest or line.options[0] == "node", f"{page.name}: {line.text}: {rest}"
+
+
+@every_page
+def test_every_make_target_exists(page: Path) -> None:
+    makefile = text_of(SOURCE_TREE / "Makefile")
+    targets = set(re.findall(r"^([\w-]+):", makefile, re.MULTILINE))
+    named = {line.words[1] for line in console(page) if line.words[0] == "make"}
+    named |= set(re.findall(r"(?<=[`])make ([\w-]+)", text_of(page)))
+    assert named <= targets
+
+
+@every_page
+def test_every_link_leads_somewhere(page: Path) -> None:
+    for target in re.findall(r"\]\((?!https?:)([^)]+)\)", text_of(page)):
+        path, _, anchor = target.partition("#")
+        file = (page.parent / path).resolve() if path else page
+        assert file.exists(), f"{page.name}: {target}"
+        if anchor:
+            assert anchor in anchors(file), f"{page.name}: {target}"
+
+
+def anchors(page: Path) -> set[str]:
+    """Anchors of the headings, as GitHub makes them."""
+    headings = re.findall(r"^#+ (.*)$", text_of(page), re.MULTILINE)
+    return {re.sub(r"[^\w -]", "", heading.lower()).replace(" ", "-") for heading in headings}
+
+
+@every_page
+def test_every_page_of_docs_can_be_reached_from_the_readme(page: Path) -> None:
+    assert page == README or f"({page.relative_to(SOURCE_TREE)})" in text_of(README)
+
+
+@every_page
+def test_every_generated_table_is_what_the_code_declares(page: Path) -> None:
+    for block in BLOCK.finditer(text_of(page)):
+        allowed = "run .venv/bin/python test/doc_tables.py"
+        assert block[0] == expected(block), f"{page.name}: table {block[3]} is old: {allowed}"
+
+
+@pytest.mark.parametrize(
+    "page",
+    [page for page in PAGES if any(line.options for line in console(page))],
+    ids=lambda p: p.stem,
+)
+def test_the_quick_commands_of_a_page_run_one_after_the_other(page: Path, tmp_path: Path) -> None:
+    for name in ("config", "examples"):
+        (tmp_path / name).symlink_to(SOURCE_TREE / name)
+    (tmp_path / ".venv").mkdir()
+    (tmp_path / ".venv" / "bin").symlink_to(Path(sys.executable).parent)
+    demo = tmp_path / "demo_output" / "demo_1"
+    demo.mkdir(parents=True)
+    shutil.copytree(GOLDEN_BAG, demo / "ff_planner_1")
+    script = [line.text for line in console(page) if not ONLY_PARSED.match(line.text)]
+    done = subprocess.run(
+        ["bash", "-euo", "pipefail", "-c", "\n".join(script)],
+        capture_output=True,
+        text=True,
+        cwd=tmp_path,
+        check=False,
+    )
+    assert done.returncode == 0, f"{done.stdout}{done.stderr}"
+
+
+@every_page
+def test_files_named_in_commands_that_are_not_run_exist(page: Path) -> None:
+    made = set(MADE_BY_THE_READER)
+    for line in console(page):
+        if line.options is None:
+            continue
+        after = dict(zip(line.words, line.words[1:], strict=False))
+        made |= {after[option] for option in ("--json", "--bag", "--output") if option in after}
+        for word in line.words[1:]:
+            if re.search(r"\.(yaml|json|urdf|mcap)$", word):
+                assert word in made or (SOURCE_TREE / word).is_file(), f"{page.name}: {line.text}"
+
+
+def rows_under(heading: str) -> list[str]:
+    """First column of the table under a heading of interfaces.md."""
+    section = text_of(INTERFACES).partition(f"## {heading}\n")[2].partition("\n## ")[0]
+    rows = re.findall(r"^\| `([^`]+)` \|", section, re.MULTILINE)
+    assert len(rows) == len(set(rows)), rows
+    return rows
+
+
+@pytest.fixture
+def scenario(tmp_path: Path) -> Any:
+    """Loads the capture with one key more, and returns what is allowed in its place."""
+    content = yaml.safe_load(text_of(CAPTURE))
+    content["robot"]["urdf"] = str((CAPTURE.parent / content["robot"]["urdf"]).resolve())
+
+    def allowed(*place: Any) -> set[str]:
+        changed = json.loads(json.dumps(content))
+        block = changed
+        for name in place:
+            block = block[name] if isinstance(name, int) else block.setdefault(name, {})
+        block["no_such_key"] = 1
+        path = tmp_path / "scenario.yaml"
+        path.write_text(yaml.safe_dump(changed), encoding="utf-8")
+        with pytest.raises(InvalidInput, match="no_such_key") as refused:
+            load_scenario(path)
+        return set(re.findall(r"[a-z]\w+", refused.value.allowed.partition("are ")[2]))
+
+    return allowed
+
+
+def scenario_keys() -> Iterator[tuple[tuple[Any, ...], set[str]]]:
+    """Each block of a scenario file with the keys that the table lists for it."""
+    keys = [key.replace("[]", ".0").split(".") for key in rows_under("Scenario files")]
+    blocks = {tuple(key[:depth]) for key in keys for depth in range(len(key))}
+    for block in sorted(blocks):
+        below = {key[len(block)] for key in keys if tuple(key[: len(block)]) == block != tuple(key)}
+        if below != {"0"}:
+            yield tuple(int(name) if name.isdigit() else name for name in block), below
+
+
+def test_the_table_of_scenario_keys_lists_exactly_those_that_a_file_may_have(scenario: Any) -> None:
+    for block, keys in scenario_keys():
+        assert scenario(*block) == keys, block
+
+
+def test_the_table_of_json_fields_lists_exactly_those_of_a_plan(tmp_path: Path) -> None:
+    file = tmp_path / "plan.json"
+    assert main(["plan", str(CAPTURE), "--json", str(file)]) == 0
+    written = json.loads(text_of(file))
+    assert set(rows_under("The JSON of a plan")) == set(written)
+    assert set(rows_under("Metrics")) >= set(written["metrics"])
+    solver = re.search(r"^\| `solver` \| (.*) \|$", text_of(INTERFACES), re.MULTILINE)
+    assert solver
+    assert set(re.findall(r"`(\w+)`", solver[1])) == set(written["solver"])

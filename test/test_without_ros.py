@@ -1,0 +1,97 @@
+"""Where no ROS is installed: what plans, draws, verifies and measures runs all the same."""
+
+from __future__ import annotations
+
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from ff_planner_ros.share import installation_prefixes, share_directory
+
+CONFIG = share_directory() / "config"
+CAPTURE = str(CONFIG / "scenarios" / "lemur_capture.yaml")
+LEMUR = str(CONFIG / "robots" / "lemur" / "lemur.urdf")
+GOLDEN_BAG = str(Path(__file__).parent / "golden_bags" / "node")
+ROS = {"rclpy", "rpyutils", "launch", "launch_ros"} | {
+    package.name
+    for prefix in installation_prefixes()
+    for package in (prefix / "share/ament_index/resource_index/packages").glob("*")
+} - {"ff_planner_ros"}
+# Refuses every package of ROS as if it were not there, then runs the command line.
+WITHOUT_ROS = f"""
+import sys
+
+class NoRos:
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[0] in {ROS!r}:
+            raise ModuleNotFoundError(f"No module named {{name!r}}", name=name)
+
+sys.meta_path.insert(0, NoRos())
+"""
+
+
+def python(code: str, *arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-c", WITHOUT_ROS + code, *arguments]
+    return subprocess.run(command, capture_output=True, text=True, cwd=cwd, check=False)
+
+
+def ff_planner(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
+    code = "from ff_planner_ros.cli import main; sys.exit(main(sys.argv[1:]))"
+    return python(code, *arguments, cwd=cwd)
+
+
+@pytest.fixture(scope="module")
+def answer(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A plan of the capture, made without ROS."""
+    directory = tmp_path_factory.mktemp("without_ros")
+    done = ff_planner("plan", CAPTURE, "--json", "answer.json", cwd=directory)
+    assert done.returncode == 0, done.stderr
+    return directory / "answer.json"
+
+
+def test_the_packages_of_ros_are_really_refused(tmp_path: Path) -> None:
+    assert {"rclpy", "ff_planner_msgs", "nav_msgs", "rosidl_parser"} <= ROS
+    for package in ("rclpy", "ff_planner_msgs.srv", "nav_msgs.msg"):
+        refused = python(f"import {package}", cwd=tmp_path)
+        assert f"No module named '{package.partition('.')[0]}" in refused.stderr
+
+
+def test_a_scenario_is_planned(answer: Path) -> None:
+    assert json.loads(answer.read_text())["status"] == "solved"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "printed"),
+    [
+        (("robot", LEMUR), "joint_1"),
+        (("report", "answer.json"), "answer_report.html"),
+        (("verify", "answer.json"), "verdict: passed"),
+        (("compare", CAPTURE), "zero momentum"),
+        (("info", GOLDEN_BAG), "robot.urdf"),
+        (("export", GOLDEN_BAG, "--npz", "plans.npz"), ""),
+        (("recover", GOLDEN_BAG, "--output", "recovered"), "messages were saved"),
+    ],
+    ids=lambda value: value[0] if isinstance(value, tuple) else "",
+)
+def test_a_command_runs(answer: Path, arguments: tuple[str, ...], printed: str) -> None:
+    done = ff_planner(*arguments, cwd=answer.parent)
+    assert done.returncode == 0, done.stderr
+    assert printed in done.stdout
+
+
+@pytest.mark.parametrize("command", ["node", "demo"])
+def test_a_command_that_needs_ros_says_in_one_line_what_to_install(
+    tmp_path: Path, command: str
+) -> None:
+    done = ff_planner(command, cwd=tmp_path)
+    assert done.returncode == 2
+    assert re.fullmatch(r"ff-planner: this command needs ROS 2, .*pip install .*\n", done.stderr)
+
+
+def test_the_benchmark_can_be_imported(tmp_path: Path) -> None:
+    done = python("import ff_planner_ros.bench.report", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
