@@ -120,7 +120,7 @@ _UNANSWERED = "no answer is in the bag"
 
 
 def _request(exchange: PlanExchange) -> ReportedRequest:
-    """Return what a table tells of an exchange."""
+    """Return the row of a table."""
     request, response = exchange.request, exchange.response
     found = ReportedRequest(
         plan_id="",
@@ -159,7 +159,7 @@ def _request(exchange: PlanExchange) -> ReportedRequest:
 
 
 def _scenes(bag: Bag, found: Sequence[PlanExchange], drawn: Sequence[int]) -> dict[int, Message]:
-    """Return the obstacles that were heard of, for the plans whose requests bring none."""
+    """Return the received obstacles for the plans whose requests bring none."""
     scenes: dict[int, Message] = {}
     asked = {k: found[k] for k in drawn if not _brings_obstacles(found[k])}
     for namespace in dict.fromkeys(one.namespace for one in asked.values()):

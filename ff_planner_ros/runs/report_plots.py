@@ -25,7 +25,7 @@ from ff_planner_ros.runs.report import ReportedPlan
 # More points of a curve than a screen has columns for make the file large and show nothing; the
 # numbers in the tables are of all states.
 _MOST_POINTS = 400
-# At most so many on the axis that counts answers, at whole numbers.
+# Of the axis that counts answers, at whole numbers.
 _TICKS = 10
 _SCENE_HEIGHT, _SLIDER_LABELS = 640, 24  # [px]
 

@@ -42,7 +42,7 @@ def problem_from_request(
     default_points: int,
     limits: Limits,
 ) -> PlanningProblem:
-    """Build the question that a service request asks.
+    """Build the problem of a service request.
 
     Args:
         request: The service request; its start state and obstacles are not looked at.
