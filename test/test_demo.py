@@ -91,7 +91,8 @@ def test_the_bag_it_names_holds_every_topic_and_both_answers(demo: tuple[Path, l
         assert len(messages[f"/{topic}"]) > 10, topic
     # The executive asks again until the planner has heard of the new flight.
     codes = [event.response[0].result.status.code for event in messages[RESULTS]]
-    not_yet = {Status.NO_STATE, Status.NO_OBSTACLES, Status.STATE_TOO_OLD, Status.TOO_LATE}
+    not_yet = {Status.NO_STATE, Status.NO_OBSTACLES, Status.STATE_TOO_OLD}
+    not_yet |= {Status.TOO_LATE, Status.START_IN_PAST}  # where the machine needed longer
     assert set(codes) <= {Status.SOLVED} | not_yet
     assert codes.count(Status.SOLVED) == 2
     assert codes[-1] == Status.SOLVED
