@@ -85,12 +85,12 @@ def _fly(options: argparse.Namespace, check: Callable[[], None]) -> dict[str, An
         print("committed  the controller has it", flush=True)
 
         # 4. Watch it come true.
-        outcome = executive.watch(answer, scenario.duration, scenario.robot)
-    print(f"predicted  end effector at {_words(outcome.predicted)}")
-    print(f"reached    end effector at {_words(outcome.reached)}")
-    print(f"off by     {outcome.error.position * 1e3:.2f} mm, {_deg(outcome.error.angle)}")
-    print(f"chaser     {outcome.worst.position * 1e3:.2f} mm, {_deg(outcome.worst.angle)} at worst")
-    return _report(answer, outcome)
+        flown = executive.watch(answer, scenario.duration, scenario.robot)
+    print(f"predicted  end effector at {_words(flown.predicted)}")
+    print(f"reached    end effector at {_words(flown.reached)}")
+    print(f"off by     {flown.error.position * 1e3:.2f} mm, {_deg(flown.error.angle)}")
+    print(f"chaser     {flown.worst.position * 1e3:.2f} mm, {_deg(flown.worst.angle)} at worst")
+    return _report(answer, flown)
 
 
 def _say_how_the_search_goes(feedback: PlanTrajectory.Feedback) -> None:
@@ -120,15 +120,15 @@ def _words(pose: FramePose) -> str:
     return f"{x:.4f} {y:.4f} {z:.4f} m, quaternion {qx:.4f} {qy:.4f} {qz:.4f} {qw:.4f}"
 
 
-def _report(answer: PlanTrajectory.Result, outcome: FlownPlan) -> dict[str, Any]:
+def _report(answer: PlanTrajectory.Result, flown: FlownPlan) -> dict[str, Any]:
     return {
         "status": int(answer.status.code),
         "plan_id": answer.plan_id,
         "solve_time": answer.solver.solve_time,
-        "predicted": _numbers(outcome.predicted),
-        "reached": _numbers(outcome.reached),
-        "error": outcome.error._asdict(),
-        "worst_chaser_error": outcome.worst._asdict(),
+        "predicted": _numbers(flown.predicted),
+        "reached": _numbers(flown.reached),
+        "error": flown.error._asdict(),
+        "worst_chaser_error": flown.worst._asdict(),
     }
 
 
@@ -162,7 +162,7 @@ def _options() -> argparse.Namespace:
         metavar="DEG",
         help="refuse plans that turn the chaser further",
     )
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write what became of it")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write the result")
     # What follows --ros-args is for ROS, anything else that is not known a slip of the pen.
     return parser.parse_args(remove_ros_args(sys.argv)[1:])
 

@@ -150,11 +150,11 @@ def test_the_file_of_a_bag_is_as_good_as_its_directory(bag: Path) -> None:
             },
             "it has no index",
         ),
-        ({"index_types": IndexType.NONE}, "does not tell where the messages are"),
+        ({"index_types": IndexType.NONE}, "does not say where the messages are"),
         ({"index_types": IndexType.CHUNK, "use_statistics": False}, "no statistics"),
         ({"repeat_channels": False, "repeat_schemas": False}, "does not list the channels"),
         ({"repeat_schemas": False}, "its index is damaged"),
-        ({"use_chunking": False}, "does not tell where the messages are"),
+        ({"use_chunking": False}, "does not say where the messages are"),
         ({"enable_crcs": False}, None),
     ],
 )

@@ -37,7 +37,7 @@ def test_every_answer_in_a_golden_bag_comes_again(path: Path) -> None:
         assert found.verdict in SAME, (recorded.name, found.words, *map(str, found.differences))
     statuses = [recorded.status for recorded in run.requests]
     if path.name == "node":
-        assert any("do not tell when their requests were taken up" in note for note in run.notes)
+        assert any("do not say when their requests were taken up" in note for note in run.notes)
         assert [recorded.door for recorded in run.requests].count("action") == 2
         assert statuses.count(Status.SOLVED) == 2
 

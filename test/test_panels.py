@@ -10,7 +10,7 @@ from drawn_plans import POINTS, drawn_plan
 
 from ff_planner_ros.analysis.methods import MEASURED, PLANNED
 from ff_planner_ros.analysis.panels import CHASER_POSE, joint_angles, joint_rates, panels
-from ff_planner_ros.analysis.plots import clearance_plot, joint_plot
+from ff_planner_ros.analysis.plots import clearance_plot, panel_plot
 from ff_planner_ros.arrays import frozen
 from ff_planner_ros.planning.plan import Trajectory
 from ff_planner_ros.planning.problem import PlanningProblem
@@ -53,7 +53,7 @@ def test_a_plot_of_joints_shows_the_curves_and_keeps_the_limits_for_zooming_out(
 ) -> None:
     robot = replace(lemur, velocity_limits=frozen([np.inf, *[2.0] * 6]))
     motion = drawn_plan(lemur, 1).trajectory
-    figure = joint_plot(joint_rates(robot), {PLANNED: motion})
+    figure = panel_plot(panels(joint_rates(robot), {PLANNED: motion}))
     lines = [(line.yref, line.y0, line.y1) for line in figure.layout.shapes]
     limit = np.rad2deg(2.0)
     assert lines == [(f"y{k}", y, y) for k in range(2, 8) for y in (-limit, limit)]

@@ -40,7 +40,7 @@ OBJECTIVES = {
     WEIGHTED: Objective(joint_path_length=1.0, chaser_attitude=50.0),
 }
 
-# Of one plan: what was predicted, what came of it, and how far the two are apart.
+# Of one plan: the prediction, the measurement, and the difference.
 PLANNED = Method("planned", "#0072b2", "solid")
 MEASURED = Method("measured", "#d55e00", "dashed")
 DEVIATION = Method("deviation", "#d55e00", "solid")

@@ -1,4 +1,4 @@
-"""What is drawn over time, whoever draws it: the paper's figures 3 to 6, and the joints."""
+"""The quantities that are drawn over time: the paper's figures 3 to 6, and the joints."""
 
 from __future__ import annotations
 

@@ -36,11 +36,6 @@ def two_column_plot(
     return panel_plot(in_rows, titles=[quantity.title for quantity in quantities])
 
 
-def joint_plot(quantity: Quantity, motions: Mapping[Method, Trajectory]) -> go.Figure:
-    """Draw a quantity of the joints, two in a row."""
-    return panel_plot(panels(quantity, motions))
-
-
 def clearance_plot(
     robot: Robot, obstacles: Sequence[Sphere], motions: Mapping[Method, Trajectory]
 ) -> go.Figure:

@@ -29,7 +29,7 @@ from ff_planner_ros.robot.model import Robot
 # As many as the eye needs; each holds all methods, and the file grows by it.
 _MOST_FRAMES = 50
 _FRAME_DURATION = 100  # [ms] on the screen
-# The arm stands still at so many times along its way.
+# Number of times at which the arm is drawn along its path.
 _SNAPSHOTS = 5
 _MERIDIANS = 24
 _OBSTACLE, _GOAL = "#c0392b", "#000000"
@@ -76,8 +76,7 @@ def scene_figure(
     """Draw the scene: Fig. 2 of the paper, for several methods and all times.
 
     Args:
-        obstacles: What it must stay out of.
-        goal: Where the end effector shall be in the end, in the inertial frame. Shape (3,) [m].
+        goal: Of the end effector, in the inertial frame. Shape (3,) [m].
         shown: Methods that are shown from the start; a click in the legend shows the others.
     """
     drawn = [_motion(robot, method, trajectory) for method, trajectory in motions.items()]

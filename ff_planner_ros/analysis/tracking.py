@@ -40,7 +40,7 @@ def measured_motion(robot: Robot, time: Array, states: list[SystemState]) -> Tra
         time: Of the states, from the start of the plan. Shape (times,) [s].
 
     Returns:
-        The motion; its accelerations and torques are NaN, which nobody measured.
+        The motion; accelerations and torques are not measured: NaN.
     """
     q, v = (np.array(rows) for rows in zip(*(configuration(robot, s) for s in states), strict=True))
     return to_trajectory(robot, time, q, v, np.full(v.shape, np.nan))

@@ -1,4 +1,4 @@
-"""What a message type is, in the words a bag needs to be read without that type installed."""
+"""Definitions of message types, complete: a bag that holds them is read without the types."""
 
 from __future__ import annotations
 

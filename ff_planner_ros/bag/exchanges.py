@@ -17,7 +17,7 @@ SERVICE_EVENTS = "/_service_event"  # topics, behind the name of the service or 
 GOAL_EVENTS = "/_action/send_goal/_service_event"
 RESULT_EVENTS = "/_action/get_result/_service_event"
 
-# Of service_msgs/ServiceEventInfo; the other kinds are told by clients.
+# Of service_msgs/ServiceEventInfo; clients send events of the other kinds.
 _REQUEST_RECEIVED, _RESPONSE_SENT = 1, 2
 
 Request = TypeVar("Request")
@@ -102,7 +102,7 @@ def _parts(message: Message, event: Any) -> Iterator[tuple[str, str, object, Any
 def _joined(
     waiting: deque[Exchange[Request, Response]], alone: Exchange[Request, Response]
 ) -> Exchange[Request, Response]:
-    """Return a response with the request that it is to; by itself where the bag has none."""
+    """Return a response with its request; alone where the bag does not hold the request."""
     if not waiting:
         return alone
     return replace(waiting.popleft(), response=alone.response, answered_ns=alone.answered_ns)

@@ -90,7 +90,7 @@ def _missing(directory: Path, files: list[Path]) -> list[str]:
         listed = [Path(str(name)).name for name in content["relative_file_paths"]]
         compression = str(content.get("compression_mode", "")).lower()
     except (OSError, ValueError, yaml.YAMLError, LookupError, TypeError, AttributeError):
-        return []  # it tells nothing that the files do not
+        return []  # the files hold all that matters
     if compression == "message":
         raise BagError(f"bag {directory} holds messages that are {_COMPRESSED}")
     there = {file.name for file in files}

@@ -63,7 +63,7 @@ def _requests(bag: Bag) -> Iterator[str]:
     answered = [(one.name, one.response) for one in found if one.response is not None]
     answered.sort(key=lambda pair: pair[1].answered_ns)
     counts = Counter(plan.status for _, plan in answered)
-    # Some recorders do not tell to which request an answer is.
+    # Some recorders do not say which request a response belongs to.
     unanswered = sum(one.request is not None for one in found) - len(answered)
     if unanswered > 0:
         counts["no answer"] = unanswered

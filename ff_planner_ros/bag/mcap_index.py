@@ -34,7 +34,7 @@ from ff_planner_ros.bag.mcap_records import (
 from ff_planner_ros.errors import BagError
 
 MAGIC = b"\x89MCAP0\r\n"  # an MCAP file starts and ends with it
-Progress = Callable[[int], None]  # is told of how many bytes more are dealt with
+Progress = Callable[[int], None]  # called with the number of bytes just read
 
 _FOOTER = struct.Struct("<QQI")  # start of the summary, of its offsets, its checksum
 _ENDS = ((Opcode.DATA_END, 4), (Opcode.FOOTER, _FOOTER.size))  # with their lengths
@@ -53,7 +53,7 @@ def open_mcap(path: Path, stream: BinaryIO, progress: Progress) -> McapFile:
 
     Args:
         stream: The file, open; must stay so as long as blocks are read.
-        progress: Is told of a file that must be read to its end for that.
+        progress: Called while a file without an index is read to its end.
 
     Raises:
         BagError: It is no MCAP file, or the disk fails.
@@ -100,7 +100,7 @@ def _by_index(file: McapFile) -> None:
     if len(file.channels) < statistics.channel_count:
         raise _NoIndex("its index does not list the channels")
     if statistics.message_count and not file.blocks:
-        raise _NoIndex("its index does not tell where the messages are")
+        raise _NoIndex("its index does not say where the messages are")
     file.counts.update(statistics.channel_message_counts)
     if statistics.message_count:
         file.start_ns, file.end_ns = statistics.message_start_time, statistics.message_end_time

@@ -42,14 +42,14 @@ class RecordedPlan:
 
     Attributes:
         plan_id: As the planner named it.
-        topic: That told of the answer: of the service, or of the action's results.
+        topic: Of the events of the service, or of the action's results.
         answered_ns: When the answer was recorded, since the epoch.
         status: Name of the status (`SOLVED`), or its number where a later version gave it.
         message: Why.
         start_ns: Start of the plan, since the epoch; zero without a plan.
         joint_names: In the order of the trajectory's columns.
-        trajectory: The plan, in the inertial frame; None: there is none. What an old bag does not
-            tell is NaN.
+        trajectory: The plan, in the inertial frame; None: there is none. Values that an old
+            bag does not hold are NaN.
         metrics: By name, as in `PlanMetrics.msg`; without a plan those of the best attempt, if
             there was any.
     """
@@ -85,7 +85,7 @@ class RecordedPlan:
 def read_plans(bag: Path | str) -> list[RecordedPlan]:
     """Read every answer of the planner in a bag, in the order of the answers.
 
-    What is wrong with the bag is told as warnings.
+    What is wrong with the bag comes as warnings.
 
     Args:
         bag: The directory, or one of its MCAP files.
@@ -162,7 +162,7 @@ def _recorded_plan(message: Message, response: Any) -> RecordedPlan:
 
 
 def trajectory_in(response: Any) -> Trajectory:
-    """Return the motion that an answer tells of; NaN where it leaves something out.
+    """Return the motion in an answer; NaN where the answer lacks an array.
 
     Args:
         response: Of `PlanTrajectory`, decoded by whatever definition, with a plan.

@@ -15,11 +15,11 @@ _WIDTH = 40  # [characters]
 def progress_bar(
     doing: str, total: int, unit: str = "MB", per_unit: float = 1e6
 ) -> Iterator[Callable[[int], None]]:
-    """Yield what is to be told of every bit that is done; the bar is on the standard error output.
+    """Yield a function to call with every amount that is done; the bar is on standard error.
 
     Args:
         total: How much there is to do, in bytes if not in something else.
-        per_unit: Of what is told, so much makes one of it.
+        per_unit: This amount is one `unit`.
     """
     done = 0
     shown = False

@@ -1,4 +1,4 @@
-"""Where a bag comes from: versions, host and start, for whoever reads it years later."""
+"""Where a bag comes from: versions, host and start."""
 
 from __future__ import annotations
 

@@ -36,7 +36,7 @@ class Topic:
     name: str  # resolved, with its leading slash
     type_name: str  # of its messages
     message_count: int  # in the whole bag
-    type_hash: str  # RIHS01; empty if the bag does not tell
+    type_hash: str  # RIHS01; empty: not in the bag
     offered_qos_profiles: str  # YAML, as rosbag2 has it in the channel
 
 
@@ -91,7 +91,7 @@ class Bag:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What is wrong with the bag, in words, as far as was found until now."""
+        """What is wrong with the bag, in words, as far as it is known by now."""
         return (*self._notes, *(note for file in self._mcap_files for note in file.notes))
 
     def note(self, text: str) -> None:
@@ -143,7 +143,7 @@ class Bag:
         """Return what one message of this bag says, by the bag's own definition.
 
         Args:
-            message: One of `messages`: whoever needs few of many need not decode all.
+            message: One of `messages`.
 
         Raises:
             BagError: Its definition cannot be read, or it does not fit it.

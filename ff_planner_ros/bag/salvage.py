@@ -10,7 +10,7 @@ from ff_planner_ros.bag.mcap_file import Block, McapFile, RawMessage
 from ff_planner_ros.bag.mcap_records import chunk_of
 
 _PIECE = 4096  # [bytes] that are decompressed at once where it may break off
-_LARGEST_CHUNK = 1 << 30  # [bytes] nobody writes larger ones, but damage can look like it
+_LARGEST_CHUNK = 1 << 30  # [bytes] larger sizes come from damage only
 
 
 def salvaged(file: McapFile, block: Block) -> list[RawMessage]:
@@ -18,7 +18,7 @@ def salvaged(file: McapFile, block: Block) -> list[RawMessage]:
 
     They are without a checksum: each must fit its definition, and what comes after one that does
     not is left out. A chunk that does not break off and has a wrong checksum is left out whole:
-    nobody knows which of its messages is wrong.
+    it is not known which of its messages is wrong.
     """
     found: list[RawMessage] = []
     with suppress(Exception):  # it ends where the bytes make no sense any more

@@ -47,7 +47,7 @@ class BagWriter:
 
     Every file of a split bag can be read alone: definitions and documents are in each. Latched
     messages are not repeated, as in rosbag2 of Jazzy: played back, a repeated trajectory would be
-    a command that nobody gave.
+    a second command.
 
     Attributes:
         custom_data: Goes into the metadata whenever that is written.

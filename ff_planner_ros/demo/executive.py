@@ -48,12 +48,12 @@ _NOT_YET = frozenset(
     {Status.NO_STATE, Status.NO_OBSTACLES, Status.STATE_TOO_OLD, Status.STATE_UNPAIRED}
 )
 _CHECK_INTERVAL = 0.2  # [s] between looks at the caller's check while waiting
-_ASK_AGAIN = 0.5  # [s] after a refusal: every question is logged and recorded
+_ASK_AGAIN = 0.5  # [s] after a refusal: every request is logged and recorded
 
 
 @dataclass(frozen=True, eq=False)
 class FlownPlan:
-    """What became of a plan."""
+    """A plan beside the motion that was measured."""
 
     predicted: FramePose  # end effector at the last measurement before the end of the plan
     reached: FramePose  # what was measured then
@@ -97,7 +97,7 @@ class MissionExecutive:
     def plan(
         self, goal: PlanTrajectory.Goal, report: Callable[[PlanTrajectory.Feedback], None]
     ) -> PlanTrajectory.Result:
-        """Ask the planner, as soon as it is there and has heard of the chaser.
+        """Ask the planner, as soon as it is there and has received a state.
 
         Returns:
             An answer whose status is SOLVED.
@@ -196,7 +196,7 @@ class MissionExecutive:
         try:
             return self._asked(handle.get_result_async, deadline).result
         except BaseException:
-            ask(self._executor, handle.cancel_goal_async)  # nobody waits for the plan any more
+            ask(self._executor, handle.cancel_goal_async)  # the plan is not needed any more
             raise
 
     def _asked(self, question: Callable[[], RosFuture], deadline: float) -> Any:

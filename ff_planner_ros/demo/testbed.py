@@ -41,7 +41,7 @@ class Imperfections:
 
 
 class SimulatedTestbed:
-    """A scenario that lives: obstacles, and a chaser that drifts and does as it is told."""
+    """A scenario in real time: obstacles, and a chaser that drifts and follows trajectories."""
 
     def __init__(
         self,
@@ -83,7 +83,7 @@ class SimulatedTestbed:
 
     def _publish_state(self) -> None:
         now_ns = self._clock.now().nanoseconds
-        # Measured at round times, as a sensor with a clock of its own does it.
+        # Measured at round times, as by a sensor with its own clock.
         stamp_ns = now_ns - now_ns % self._period_ns
         if self._seconds(stamp_ns) > self._system.time:
             state = with_sensor_noise(
@@ -117,7 +117,7 @@ class SimulatedTestbed:
 
 
 def motion_from_message(message: JointTrajectory, joint_names: Sequence[str]) -> JointMotion:
-    """Read what the joints shall do.
+    """Read a joint trajectory.
 
     Args:
         message: Positions, velocities and accelerations of all joints, in any order.

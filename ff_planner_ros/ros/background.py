@@ -1,4 +1,4 @@
-"""Callbacks in a thread of their own, and questions asked from within it."""
+"""Callbacks in a thread of their own, and calls of an action server from that thread."""
 
 from __future__ import annotations
 
@@ -49,18 +49,18 @@ def spin_in_background(executor: Executor, logger: RcutilsLogger) -> Callable[[]
     return stop
 
 
-def ask(executor: SingleThreadedExecutor, question: Callable[[], RosFuture]) -> Future[Any]:
-    """Ask an action server something, in the thread that takes the answers in.
+def ask(executor: SingleThreadedExecutor, call: Callable[[], RosFuture]) -> Future[Any]:
+    """Call an action server in the thread that receives its responses.
 
-    From any other thread rclpy 7.1 may lose an answer: one that comes before the question has been
+    From any other thread rclpy 7.1 may lose a response: one that comes before the request has been
     noted is ignored as unexpected (https://github.com/ros2/rclpy/issues/1123).
 
     Args:
         executor: Of the action's client, spinning in the background.
-        question: Sends it, for instance `handle.cancel_goal_async`.
+        call: For instance `handle.cancel_goal_async`.
 
     Returns:
-        The answer, to be waited for in any thread but the executor's.
+        The response, to be waited for in any thread but the executor's.
     """
     answer: Future[Any] = Future()
 
@@ -73,7 +73,7 @@ def ask(executor: SingleThreadedExecutor, question: Callable[[], RosFuture]) -> 
 
     def send() -> None:
         try:
-            question().add_done_callback(pass_on)
+            call().add_done_callback(pass_on)
         except Exception as error:
             answer.set_exception(error)
 

@@ -29,9 +29,9 @@ from ff_planner_ros.ros.requests.planning_service import PlanningService
 from ff_planner_ros.ros.requests.worker import Worker
 from ff_planner_ros.share import resolve_uri
 
-# A request that was given up is answered by then [s].
+# Longest wait for the answer to a request that was given up [s].
 _LAST_ANSWER = 2.0
-# Asks for a state or a scene however old [s].
+# Of a state whose age does not matter [s].
 _ANY_AGE = 1e9
 
 
@@ -119,7 +119,7 @@ class Session:
             stack.callback(self._node.destroy_subscription, subscription)
 
     def _forget(self, jump: TimeJump) -> None:
-        """Drop all that a clock that jumped back, or became another one, has made meaningless."""
+        """Forget states and plans: the clock jumped back, or became another one."""
         self._states.clear()
         self._output.forget()
         message = f"the node's clock {_what_happened(jump)}: states and plans of before"
@@ -174,7 +174,7 @@ class Session:
 
 
 def _what_happened(jump: TimeJump) -> str:
-    """Say what a clock has done, in words that follow it."""
+    """Return words on what a clock has done."""
     if jump.clock_change == ClockChange.ROS_TIME_ACTIVATED:
         return "is the simulated one from now on"
     if jump.clock_change == ClockChange.ROS_TIME_DEACTIVATED:

@@ -20,7 +20,7 @@ from ff_planner_ros.ros.messages.from_messages import plan_from_response
 # that is tolerated, a hundredth of what the check of a plan allows.
 _RAD, _RAD_S, _RAD_S2, _METRE, _METRE_S, _TORQUE = 1e-5, 1e-5, 2e-5, 1e-5, 1e-5, 5e-5
 _XI = 1e-5  # coefficients of a polynomial [m/s^6 and so on]
-_ANY = math.inf  # tells how the search came to the plan, and no plan is worse for it
+_ANY = math.inf  # describes the search, not the plan
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ class Difference:
 
     @property
     def tolerances(self) -> float:
-        """So many times what is tolerated."""
+        """The amount as a multiple of the tolerance."""
         tolerance = QUANTITIES[self.quantity].tolerance
         if math.isinf(tolerance) or self.amount == 0.0:
             return 0.0

@@ -35,7 +35,7 @@ def installed_exchanges(bag: Bag) -> list[PlanExchange]:
 def as_installed(decoded: Any, message_class: type[T]) -> T:
     """Copy a decoded message into an installed message class.
 
-    Fields that the recording lacks keep their default; those that are not known here are dropped.
+    Fields that were not recorded keep their default; unknown fields are dropped.
 
     Args:
         message_class: Of rosidl: a message, or the request, response or event of a service.

@@ -1,4 +1,4 @@
-"""How the system moved while plans ran, as far as a bag has it."""
+"""The measured states of a bag while plans ran."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from ff_planner_ros.runs.recorded_inputs import header_stamp, input_topic
 
 @dataclass(eq=False)
 class Window:
-    """A time during which states are wanted, and what was found."""
+    """A time during which states are wanted, and the states found."""
 
     namespace: str  # of the node whose plan runs, without a slash at its end
     frame: str  # the inertial frame of the plan
@@ -105,7 +105,7 @@ def _wanted(bag: Bag, topic: InputTopic, windows: Sequence[Window]) -> Iterator[
     if not heard:
         return
     for message in bag.messages(*{name for _, name in heard}):
-        # Decoding is what takes time, and most of a long run is between the plans.
+        # Decoding takes time, and most of a long run is between the plans.
         stamp_ns = header_stamp(message.cdr)
         for window, name in heard:
             if name == message.topic and window.start_ns <= stamp_ns <= window.end_ns:

@@ -1,4 +1,4 @@
-"""When the node read a request, and what its answer tells of what the node knew then."""
+"""When the node read a request, and which messages it had received by then."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ def moment(exchange: PlanExchange, recorded: RecordedParameters) -> tuple[int, M
         recorded: The node's parameters at any time.
     """
     now_ns = _taken_up(exchange, recorded)
-    # It may have waited for another one to make room.
+    # The request may have waited for another one.
     waited_ns = now_ns - exchange.received_ns if exchange.received_ns else 0
     stamps_ns = _stamps(exchange, recorded.at(now_ns))
-    # Zero says nothing: what was heard last is it.
+    # Zero: the message heard last was used.
     named = {name: stamp_ns for name, stamp_ns in stamps_ns.items() if stamp_ns}
     return now_ns, Moment(exchange.logged_ns + waited_ns, named, tuple(stamps_ns))
 
@@ -31,7 +31,7 @@ def _taken_up(exchange: PlanExchange, recorded: RecordedParameters) -> int:
     if response is not None and nanoseconds(response.taken_up):
         return nanoseconds(response.taken_up)
     received_ns = exchange.received_ns or exchange.logged_ns
-    # Answers from before `taken_up` came to be: what depends on it gives it away.
+    # Responses of versions before `taken_up`: the time follows from other fields.
     if request is not None and response is not None and response.status.code == Status.SOLVED:
         if request.use_start_state and not nanoseconds(request.start_state.header.stamp):
             return nanoseconds(response.state_stamp)
@@ -43,7 +43,7 @@ def _taken_up(exchange: PlanExchange, recorded: RecordedParameters) -> int:
 
 
 def _stamps(exchange: PlanExchange, parameters: NodeParameters) -> dict[str, int]:
-    """Return the stamp of every input that matters, zero where the answer does not tell it."""
+    """Return the stamp of every input that was used; zero where the response lacks it."""
     request, response = exchange.request, exchange.response
     if request is None or response is None:
         return {}
@@ -52,7 +52,7 @@ def _stamps(exchange: PlanExchange, parameters: NodeParameters) -> dict[str, int
         for topic in heard_with(parameters.state_source)
         if not getattr(request, topic.brought_by)
     }
-    # What the node had not heard yet, the recorder may have: they hear at nearly the same time.
+    # The recorder may have an input that the node did not have yet.
     said = response.status.message
     return {
         name: stamp_ns

@@ -36,11 +36,11 @@ ALL = "all"
 _CLOCK = "/clock"
 # Of the recorder's time: finer than any planner's allowance is counted in [ns].
 _CLOCK_STEP_NS = 10_000_000
-# Subscribers that are there already have found the new publishers by then, or never will [s].
+# Longest wait until present subscribers have found the new publishers [s].
 _DISCOVERY, _DISCOVERY_POLL = 3.0, 0.02
-# What is reliable has arrived by then, or never will.
+# Longest wait until reliable messages have arrived.
 _LAST_ACKS = Duration(seconds=1)
-# A bag made by other tools may tell nothing, or what does not fit any of these.
+# For bags of other tools that hold no profile, or an unknown one.
 _DEFAULT_QOS = QoSProfile(depth=10)
 _RELIABILITY = {
     "reliable": ReliabilityPolicy.RELIABLE,
@@ -73,11 +73,11 @@ class _Due:
 def publish_bag(path: Path, rate: float, topics: Collection[str], clock: bool) -> int:
     """Play a bag until its end or until SIGINT or SIGTERM.
 
-    The first message of every latched topic goes out at once: whoever needs the robot or the
-    obstacles has them when the first state comes. All others keep their distances in time.
+    The first message of every latched topic is sent at once, so that robot and obstacles are
+    known when the first state comes. All others keep their distances in time.
 
     Args:
-        rate: So many times as fast as it was recorded.
+        rate: Factor on the recorded speed.
         topics: Names of topics, or `ALL`; none: the planner's inputs.
         clock: Whether to publish /clock: the stamps in the messages are those of then, and only
             a node with use_sim_time takes them for current.
@@ -186,7 +186,7 @@ def _publishers(node: Node, topics: Collection[Topic]) -> dict[str, Publisher]:
 def _message_type(name: str) -> Any:
     """Return an installed message class, a part of a service or an action included; or None."""
     try:
-        message_definition(name)  # a bag shall not have modules imported that are no messages
+        message_definition(name)  # a bag must not cause imports of other modules
         package, kind, stem = name.split("/")
         owner, *parts = stem.split("_")  # a message's own name has no underscore
         found: Any = getattr(import_module(f"{package}.{kind}"), owner)
@@ -216,7 +216,7 @@ def _is_latched(qos: QoSProfile) -> bool:
 
 
 def _wait_for_subscribers(publishers: dict[str, Publisher], stop: threading.Event) -> None:
-    """Give whoever listens already the time to be found: what is volatile would be lost."""
+    """Wait until present subscribers are found: volatile messages would be lost before."""
     give_up = time.monotonic() + _DISCOVERY
     while time.monotonic() < give_up and not stop.wait(_DISCOVERY_POLL):
         if all(publisher.get_subscription_count() for publisher in publishers.values()):

@@ -1,4 +1,4 @@
-"""The states and obstacles in a bag, as the node had heard of them at some moments."""
+"""The states and obstacles of a bag that the node had received by certain times."""
 
 from __future__ import annotations
 
@@ -99,7 +99,7 @@ def _take_recent(answer: Heard, moment: Moment, recent: Mapping[str, deque[Messa
 def _take_stamped(
     answer: Heard, moment: Moment, stamped: Mapping[tuple[str, int], list[Message]]
 ) -> None:
-    """Take those that an answer names: of several with one stamp, the last before the moment."""
+    """Take the messages that a response names; of several with one stamp the last one before."""
     for name, stamp_ns in moment.stamps_ns.items():
         same = stamped.get((name, stamp_ns), [])
         # A recorder may hear a message a little later than the node.
@@ -109,7 +109,7 @@ def _take_stamped(
 
 
 def _take_first(answer: Heard, moment: Moment, first: Mapping[str, Message]) -> None:
-    """Take the first of all where none was recorded before: the recorder may find it later."""
+    """Take the first message where none was recorded before: the recorder may hear it later."""
     for name in moment.inputs:
         if name in first and name not in moment.stamps_ns and not answer.get(name):
             answer[name] = [first[name]]

@@ -88,7 +88,7 @@ class RecordedRun:
     robot: Robot
     requests: tuple[RecordedRequest, ...]  # in the order in which they came
     provenance: Mapping[str, str]  # what the bag says of where it was made; may be empty
-    notes: tuple[str, ...]  # what is wrong with the bag, and what had to be assumed
+    notes: tuple[str, ...]  # what is wrong with the bag, and assumptions
 
 
 def recorded_run(bag: Bag) -> RecordedRun:
@@ -170,7 +170,7 @@ def _of_another(provenance: Mapping[str, str], namespaces: Sequence[str]) -> dic
 def _topics(
     bag: Bag, namespace: str, moments: Sequence[Moment]
 ) -> tuple[dict[str, str], dict[str, BagError]]:
-    """Return the topics of the inputs that matter, and why others have none."""
+    """Return the topics of the inputs that are needed, and why others have none."""
     topics, absent = {}, {}
     for name in dict.fromkeys(name for one in moments for name in one.inputs):
         try:
@@ -183,7 +183,7 @@ def _topics(
 def _require_all(
     exchange: PlanExchange, moment: Moment, found: Heard, absent: Mapping[str, BagError]
 ) -> None:
-    """Refuse a request of which something is not in the bag."""
+    """Refuse a request whose inputs are not all in the bag."""
     if exchange.request is None:
         raise BagError("its answer is in the bag, but not the request itself")
     if exchange.response is None:
@@ -196,7 +196,7 @@ def _require_all(
 
 
 def _published(before: Sequence[PlanExchange], exchange: PlanExchange) -> PublishedPlan | None:
-    """Return the plan that the joints were following, or may have been."""
+    """Return the plan that the joints were following, or may have been following."""
     response = exchange.response
     solved = [
         one.response
@@ -222,7 +222,7 @@ def _published(before: Sequence[PlanExchange], exchange: PlanExchange) -> Publis
 
 
 def _assumed(found: Sequence[PlanExchange]) -> list[str]:
-    """Say what answers of earlier versions leave open."""
+    """Return a note on responses of earlier versions, which lack some fields."""
     early = sum(
         one.response is not None
         and one.response.status.code < Status.INTERNAL_ERROR
@@ -232,7 +232,7 @@ def _assumed(found: Sequence[PlanExchange]) -> list[str]:
     if not early:
         return []
     words = (
-        f"{early} answers do not tell when their requests were taken up (they are of an earlier "
+        f"{early} answers do not say when their requests were taken up (they are of an earlier "
         "version): that time, the obstacles and the plan that ran are taken from the times at "
         "which messages were recorded"
     )

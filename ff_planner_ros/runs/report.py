@@ -1,4 +1,4 @@
-"""What a report tells of a run: every request, and of the plans how they came true."""
+"""The content of a report: every request of a run, with plans beside measured motion."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ class Report:
 
     @property
     def counts(self) -> str:
-        """How many requests there are, and what became of them."""
+        """Number of requests, solved, refused and unanswered."""
         codes = [request.code for request in self.requests]
         solved, unanswered = codes.count(Status.SOLVED), codes.count(None)
         refused = len(codes) - solved - unanswered
@@ -114,7 +114,7 @@ def report_of_answer(file: Path) -> Report:
 def reported_plan(
     robot: Robot, motion: Trajectory, goal: Array, obstacles: tuple[Sphere, ...] | None
 ) -> ReportedPlan:
-    """Return a plan that nobody has measured yet.
+    """Return a plan without measured motion.
 
     Args:
         goal: Of the end effector, in the inertial frame. Shape (3,) [m].
@@ -125,7 +125,7 @@ def reported_plan(
 
 
 def robot_facts(robot: Robot) -> list[tuple[str, str]]:
-    """Return names and values of what a page tells of a robot."""
+    """Return names and values that describe a robot."""
     mass = sum(inertia.mass for inertia in robot.model.inertias)
     joints = f"{robot.joints} joints from {robot.base_link} to {robot.tip_link}"
     return [("robot", f"{robot.model.name}: {joints}, {mass:.1f} kg in all")]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import fields, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,13 +16,15 @@ from ff_planner_ros.bag.provenance import PROVENANCE
 from ff_planner_ros.bag.reader import Bag, Message, open_bag
 from ff_planner_ros.bag.robot_plans import attached_robot
 from ff_planner_ros.errors import BagError, FfPlannerError, InvalidInput, Status
-from ff_planner_ros.planning.plan import Metrics, SolverReport
 from ff_planner_ros.planning.sound_samples import require_sound_samples
 from ff_planner_ros.robot.model import Robot
+from ff_planner_ros.ros.inputs.input_topics import OBSTACLES
 from ff_planner_ros.ros.messages.from_messages import (
     NANOSECONDS,
+    metrics_from_message,
     nanoseconds,
     plan_from_response,
+    solver_report_from_message,
     spheres_from_message,
     xyz,
 )
@@ -93,7 +95,7 @@ def _plans(
         try:
             scene = None
             if k in scenes:
-                scene = as_installed(bag.decode(scenes[k]), ObstacleSphereArray)
+                scene = as_installed(bag.decode(scenes[k]), OBSTACLES.message_type)
             plans[k] = _plan(found[k], robot, scene)
             windows[k] = _window(found, k)
         except (BagError, InvalidInput, LookupError, ValueError) as error:
@@ -116,18 +118,15 @@ def _parameters(bag: Bag, notes: list[str]) -> NodeParameters | None:
     return recorded.at(bag.end_ns)
 
 
-_UNANSWERED = "no answer is in the bag"
-
-
 def _request(exchange: PlanExchange) -> ReportedRequest:
-    """Return what a table tells of an exchange."""
+    """Return the row of a table."""
     request, response = exchange.request, exchange.response
     found = ReportedRequest(
         plan_id="",
         door=exchange.door,
         asked_ns=exchange.received_ns or None,
         answered_ns=exchange.answered_ns or None,
-        message=_UNANSWERED,
+        message="no answer is in the bag",
     )
     if request is not None:
         weights = (request.weight_joint_path_length, request.weight_chaser_attitude)
@@ -144,14 +143,9 @@ def _request(exchange: PlanExchange) -> ReportedRequest:
     )
     # A refusal without an attempt has zeros in their place, which mean nothing.
     if response.status.code == Status.SOLVED or response.solver.rollouts:
-        solver, metrics = response.solver, response.metrics
-        found = replace(
-            found,
-            metrics=Metrics(**{item.name: getattr(metrics, item.name) for item in fields(Metrics)}),
-            solver=SolverReport(
-                **{item.name: getattr(solver, item.name) for item in fields(SolverReport)}
-            ),
-        )
+        metrics = metrics_from_message(response.metrics)
+        solver = solver_report_from_message(response.solver)
+        found = replace(found, metrics=metrics, solver=solver)
     if response.joint_trajectory.points:
         start_ns = nanoseconds(response.joint_trajectory.header.stamp)
         found = replace(found, start_ns=start_ns, points=len(response.joint_trajectory.points))
@@ -159,29 +153,28 @@ def _request(exchange: PlanExchange) -> ReportedRequest:
 
 
 def _scenes(bag: Bag, found: Sequence[PlanExchange], drawn: Sequence[int]) -> dict[int, Message]:
-    """Return the obstacles that were heard of, for the plans whose requests bring none."""
+    """Return the received obstacles for the plans whose requests bring none."""
     scenes: dict[int, Message] = {}
-    asked = {k: found[k] for k in drawn if not _brings_obstacles(found[k])}
+    asked = {
+        k: found[k] for k in drawn if not getattr(found[k].request, OBSTACLES.brought_by, False)
+    }
     for namespace in dict.fromkeys(one.namespace for one in asked.values()):
         here = {k: one for k, one in asked.items() if one.namespace == namespace}
         try:
-            topics = {"obstacles": input_topic(bag, "obstacles", namespace)}
+            topics = {OBSTACLES.name: input_topic(bag, OBSTACLES.name, namespace)}
         except BagError:
             continue  # the plan says that its obstacles are not known
         moments = [_moment(exchange) for exchange in here.values()]
         for k, what in zip(here, heard(bag, topics, moments), strict=True):
-            for message in what.get("obstacles", ()):
+            for message in what.get(OBSTACLES.name, ()):
                 scenes[k] = message
     return scenes
 
 
 def _moment(exchange: PlanExchange) -> Moment:
     stamp_ns = nanoseconds(exchange.response.obstacles_stamp) if exchange.response else 0
-    return Moment(exchange.logged_ns, {"obstacles": stamp_ns} if stamp_ns else {}, ("obstacles",))
-
-
-def _brings_obstacles(exchange: PlanExchange) -> bool:
-    return exchange.request is not None and bool(exchange.request.use_obstacles)
+    stamps_ns = {OBSTACLES.name: stamp_ns} if stamp_ns else {}
+    return Moment(exchange.logged_ns, stamps_ns, (OBSTACLES.name,))
 
 
 def _plan(exchange: PlanExchange, robot: Robot, scene: ObstacleSphereArray | None) -> ReportedPlan:

@@ -125,7 +125,7 @@ def _cells(number: int, request: ReportedRequest) -> Iterator[Element | str]:
     yield _NOTHING if request.duration is None else f"{request.duration:g}"
     yield _NOTHING if request.points is None else str(request.points)
     metrics, solver = request.metrics, request.solver
-    # Where there is no plan these are the best attempt's, which nobody should take for a plan's.
+    # Without a plan these are the values of the best attempt, and marked.
     of_attempt = "" if request.code == Status.SOLVED else " *"
     yield _NOTHING if metrics is None else f"{metrics.joint_path_length:.4f}{of_attempt}"
     yield _NOTHING if metrics is None else f"{np.rad2deg(metrics.max_chaser_euler):.2f}{of_attempt}"

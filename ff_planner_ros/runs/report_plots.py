@@ -15,8 +15,9 @@ from ff_planner_ros.analysis.panels import (
     END_EFFECTOR_POSE,
     joint_angles,
     joint_rates,
+    panels,
 )
-from ff_planner_ros.analysis.plots import clearance_plot, joint_plot, panel_plot, two_column_plot
+from ff_planner_ros.analysis.plots import clearance_plot, panel_plot, two_column_plot
 from ff_planner_ros.analysis.scene import scene_figure
 from ff_planner_ros.analysis.tracking import Deviations, deviation_panels, in_shown_units
 from ff_planner_ros.planning.plan import Trajectory
@@ -25,7 +26,7 @@ from ff_planner_ros.runs.report import ReportedPlan
 # More points of a curve than a screen has columns for make the file large and show nothing; the
 # numbers in the tables are of all states.
 _MOST_POINTS = 400
-# At most so many on the axis that counts answers, at whole numbers.
+# Of the axis that counts answers, at whole numbers.
 _TICKS = 10
 _SCENE_HEIGHT, _SLIDER_LABELS = 640, 24  # [px]
 
@@ -58,8 +59,16 @@ def plan_plots(plan: ReportedPlan) -> Iterator[tuple[str, str, go.Figure]]:
             clearance_plot(robot, obstacles, motions),
         )
     limits = "a double click zooms out to the limits, which are dashed"
-    yield "joint-angles", f"Joints, {both}; {limits}.", joint_plot(joint_angles(robot), motions)
-    yield "joint-rates", f"Joint rates, {both}; {limits}.", joint_plot(joint_rates(robot), motions)
+    yield (
+        "joint-angles",
+        f"Joints, {both}; {limits}.",
+        panel_plot(panels(joint_angles(robot), motions)),
+    )
+    yield (
+        "joint-rates",
+        f"Joint rates, {both}; {limits}.",
+        panel_plot(panels(joint_rates(robot), motions)),
+    )
     if plan.deviations is not None:
         rows = shown_rows(plan.deviations)
         yield (

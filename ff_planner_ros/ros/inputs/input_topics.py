@@ -19,7 +19,7 @@ class InputTopic:
     memory: int  # number of messages that the node remembers
     # Value of the parameter state_source with which the topic is subscribed to; empty: any
     state_source: str
-    brought_by: str  # field of a request; true: the request brings what this topic tells
+    brought_by: str  # field of a request that says that the request brings this input itself
     stamp: str  # field of a response, with the stamp of the message that the plan is made from
 
 

@@ -24,13 +24,13 @@ class Scene:
 
 
 class SceneInput:
-    """The last obstacles heard of."""
+    """The last obstacles received."""
 
     def __init__(self, inertial_frame: str) -> None:
-        """Begin with nothing heard."""
+        """Start without messages."""
         self._inertial_frame = inertial_frame
-        # Kept as it comes: to judge thousands of spheres ten times a second would hold up the node.
-        # Kept when the clock jumps back, too: who publishes a scene once does not do so again.
+        # Not checked here: thousands of spheres ten times a second would slow down the node.
+        # Kept when the clock jumps back, too: a scene is often published only once.
         self._message: ObstacleSphereArray | None = None
 
     def callbacks(self) -> dict[str, Callable[[Any], None]]:
@@ -38,14 +38,14 @@ class SceneInput:
         return {OBSTACLES.name: self.keep}
 
     def keep(self, message: ObstacleSphereArray) -> None:
-        """Take the next message: it replaces the one before, sound or not."""
+        """Take the next message: it replaces the one before, valid or not."""
         self._message = message
 
     def scene(self, own: ObstacleSphereArray | None = None) -> Scene:
         """Return the obstacles.
 
         Args:
-            own: Those of a request that brings its own, in place of those heard of.
+            own: Those of a request that brings its own obstacles.
 
         Raises:
             InvalidInput: There are none, or they cannot be used.

@@ -1,7 +1,7 @@
-"""The newest state of the chaser and its arm, out of the messages that tell it.
+"""The newest state of the chaser and its arm, from the messages of its topics.
 
-A message is judged when it comes. A sound one is kept; what is wrong with the last one is the
-answer to whoever asks, until a sound one follows.
+Every message is checked when it comes. Valid messages are kept. While the last message is not
+valid, every request for the state is refused with the reason.
 """
 
 from __future__ import annotations
@@ -49,14 +49,14 @@ class Snapshot:
     """The state of the chaser and its arm at a time."""
 
     state: SystemState
-    stamp_ns: int  # when it was measured [ns]; with odometry, when that was
-    source: str  # the topic that told it, or the field of the request
-    # When the joints of odometry were; zero where one message told all [ns]
+    stamp_ns: int  # of the measurement, with odometry that of the odometry [ns]
+    source: str  # topic, or field of the request
+    # Of the joint states that go with odometry; zero without odometry [ns]
     joint_states_stamp_ns: int = 0
 
 
 class StateInput:
-    """What was heard of the state; may be fed and asked from several threads."""
+    """The states received so far; may be used from several threads."""
 
     def __init__(
         self, robot: Robot, inertial_frame: str, source: str, odometry: OdometryParameters
@@ -123,7 +123,7 @@ class StateInput:
         )
 
     def _keep_joints(self, message: JointState) -> None:
-        # Others, a gripper for one, may tell of their own joints here: no fault of the arm's.
+        # Messages of other joints, for example of a gripper, are not errors.
         if not (self._joints.sound and self._arm.isdisjoint(message.name)):
             self._joints.keep(message)
 
@@ -161,7 +161,7 @@ def require_current(
 
 
 class _Topic(Generic[Part]):
-    """A topic's last sound messages with their stamps, and what is wrong with the very last one."""
+    """The last valid messages of a topic with their stamps, and what is wrong with the last one."""
 
     def __init__(self, topic: InputTopic, read: Callable[[Any], Part]) -> None:
         self._name = topic.name

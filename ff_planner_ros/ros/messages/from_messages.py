@@ -21,6 +21,7 @@ from ff_planner_ros.robot.state import SystemState
 if TYPE_CHECKING:  # what is read may also be a message decoded where ROS is not installed
     from builtin_interfaces.msg import Duration, Time
     from ff_planner_msgs.msg import ChaserState, ObstacleSphere, ObstacleSphereArray, PlanMetrics
+    from ff_planner_msgs.msg import SolverReport as SolverReportMessage
     from ff_planner_msgs.srv import PlanTrajectory
     from geometry_msgs.msg import Point, Quaternion, Vector3
 
@@ -42,7 +43,7 @@ def problem_from_request(
     default_points: int,
     limits: Limits,
 ) -> PlanningProblem:
-    """Build the question that a service request asks.
+    """Build the problem of a service request.
 
     Args:
         request: The service request; its start state and obstacles are not looked at.
@@ -166,16 +167,20 @@ def plan_from_response(response: PlanTrajectory.Response) -> Plan:
         trajectory=trajectory_in(response),
         xi=np.array(response.xi),
         orientation_reading=response.orientation_reading,
-        metrics=_metrics(response.metrics),
-        solver=SolverReport(
-            **{item.name: getattr(response.solver, item.name) for item in fields(SolverReport)}
-        ),
+        metrics=metrics_from_message(response.metrics),
+        solver=solver_report_from_message(response.solver),
     )
 
 
-def _metrics(message: PlanMetrics) -> Metrics:
+def metrics_from_message(message: PlanMetrics) -> Metrics:
+    """Read the metrics of a plan or of the best attempt."""
     values = {item.name: getattr(message, item.name) for item in fields(Metrics)}
     return Metrics(**values | {"peak_joint_torques": tuple(message.peak_joint_torques)})
+
+
+def solver_report_from_message(message: SolverReportMessage) -> SolverReport:
+    """Read how the search went."""
+    return SolverReport(**{one.name: getattr(message, one.name) for one in fields(SolverReport)})
 
 
 def nanoseconds(stamp: Time | Duration) -> int:

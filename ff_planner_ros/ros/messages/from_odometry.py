@@ -24,7 +24,7 @@ JointPart: TypeAlias = tuple[Array, Array]
 
 @dataclass(frozen=True)
 class OdometryParameters:
-    """The sensor that odometry tells of, and how its messages meet the joints'; `odometry.*`.
+    """The sensor of the odometry, and how odometry pairs with joint states; `odometry.*`.
 
     Raises:
         InvalidInput: A position or a quaternion that is none.

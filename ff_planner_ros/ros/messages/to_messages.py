@@ -31,7 +31,7 @@ from ff_planner_ros.ros.messages.from_messages import NANOSECONDS
 
 
 def request_message(problem: PlanningProblem, inertial_frame: str) -> PlanTrajectory.Request:
-    """Write a question as a request that starts from the latest published state and obstacles."""
+    """Write a problem as a request that starts from the latest published state and obstacles."""
     target = problem.target
     return PlanTrajectory.Request(
         target_pose=PoseStamped(
@@ -47,7 +47,7 @@ def request_message(problem: PlanningProblem, inertial_frame: str) -> PlanTrajec
 
 
 def goal_message(problem: PlanningProblem, inertial_frame: str) -> PlanTrajectoryAction.Goal:
-    """Write a question as a goal of the action, as `request_message` does for the service."""
+    """Write a problem as a goal of the action, as `request_message` does for the service."""
     request = request_message(problem, inertial_frame)
     names = PlanTrajectoryAction.Goal.get_fields_and_field_types()
     return PlanTrajectoryAction.Goal(**{name: getattr(request, name) for name in names})

@@ -22,7 +22,7 @@ OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.E
 
 @dataclass(frozen=True)
 class LastRequest:
-    """What became of the last request."""
+    """The last request and its status."""
 
     plan_id: str
     status: Status
@@ -45,7 +45,7 @@ class SolveTimes:
         self._times.append(seconds)
 
     def percentiles(self, ranks: Sequence[float]) -> list[float]:
-        """Return the times that so many percent of the answers did not exceed.
+        """Return percentiles of the times.
 
         Args:
             ranks: From 0 to 100 [%].

@@ -18,7 +18,7 @@ from ff_planner_ros.robot.box import uniform_box
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.ros.messages.to_messages import point_message, pose_message
 
-# Arm and chaser are shown at so many times, evenly spaced, more solid the later.
+# Number of times at which arm and chaser are shown, evenly spaced; later ones are more solid.
 SNAPSHOTS = 5
 _FAINT, _SOLID = 0.2, 0.9  # opacity of the first and the last of them
 _ARM_WIDTH, _PATH_WIDTH = 0.04, 0.015  # [m] seen well beside a chaser of one metre

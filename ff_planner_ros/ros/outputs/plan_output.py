@@ -94,7 +94,7 @@ class PlanOutput:
         self.published = PublishedPlan(response.plan_id, plan.trajectory, start_ns)
 
     def show(self, plan: Plan, obstacles: tuple[Sphere, ...]) -> None:
-        """Publish what screens show, which nobody else waits for."""
+        """Publish what screens show."""
         self._markers.publish(plan_markers(self._robot, plan, obstacles, self._frame))
         self._preview = cycle(preview_joint_states(plan, self._rates.preview))
 
@@ -102,7 +102,7 @@ class PlanOutput:
         """Publish where the chaser should be by now, and how far from there it was measured.
 
         Args:
-            measured: The newest state; None if there is none that can be used.
+            measured: The newest state; None: there is none, or it cannot be used.
         """
         running, self.tracking = self.published, None
         if running is None:
@@ -132,7 +132,7 @@ class PlanOutput:
         self.published = self.tracking = None
 
     def close(self) -> None:
-        """Take everything off the node."""
+        """Remove timer and publishers from the node."""
         self._node.destroy_timer(self._timer)
         for publisher in self._publishers:
             self._node.destroy_lifecycle_publisher(publisher)

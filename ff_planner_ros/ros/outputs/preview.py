@@ -16,7 +16,7 @@ def preview_joint_states(plan: Plan, rate: float) -> list[JointState]:
         rate: At which the states are to be published [Hz].
 
     Returns:
-        States without stamp, which whoever publishes one sets to now.
+        States without stamp; the publisher sets it to now.
     """
     duration = float(plan.trajectory.time[-1])
     # The last step is the shorter one, where the duration is no multiple of the period.

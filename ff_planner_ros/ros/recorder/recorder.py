@@ -36,10 +36,10 @@ class RecorderHealth:
 
 
 class Recorder:
-    """Takes what has arrived, in a thread of its own, until it is closed.
+    """Writes arrived messages to a bag, in a thread of its own, until it is closed.
 
-    What arrives waits in the queues of DDS, which fills them in threads that Python does not hold
-    up. So a message costs the node nothing when it comes, and little when many are taken at once.
+    Messages wait in the queues of DDS, which has threads of its own. So a message costs the node
+    nothing when it comes, and little when many are taken at once.
     """
 
     def __init__(
@@ -52,7 +52,7 @@ class Recorder:
         namespace: str,
         logger: RcutilsLogger,
     ) -> None:
-        """Start to record; a bag that cannot be opened is a failure that `health` tells.
+        """Start to record; if the bag cannot be opened, `health` says so.
 
         Args:
             open_bag: Creates the bag, which `close` closes.
@@ -189,7 +189,7 @@ class Recorder:
             try:
                 self._take_all()
             except Exception as error:
-                # Nobody looks at a thread that has ended.
+                # The end of a thread would not be noticed.
                 self._logger.error(traceback.format_exc())
                 self._fail(f"{type(error).__name__}: {error}")
                 return

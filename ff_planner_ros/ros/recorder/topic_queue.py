@@ -1,4 +1,4 @@
-"""What has arrived of a topic and waits to be recorded, as bytes, and how much was lost of it."""
+"""The messages of a topic that wait to be recorded, as bytes, and how many were lost."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class TopicQueue:
         """Listen from now on.
 
         Args:
-            node: That subscribes; nobody needs to spin it.
+            node: That subscribes; need not be spun.
         """
         self.topic = topic.name
         self._followed: dict[int, None] = {}  # the last number of each publisher, oldest first
@@ -44,10 +44,10 @@ class TopicQueue:
         )
 
     def take(self) -> tuple[list[tuple[bytes, dict[str, Any]]], int]:
-        """Return what waits, and how many messages had to make room for it.
+        """Return the waiting messages, and how many others were lost.
 
-        The numbers that publishers give their messages tell; exactly, if only one publisher has
-        sent too much. Where there are none, which is so with some middleware, it is one at least.
+        Counted by the sequence numbers of the publishers; exact if only one publisher has sent too
+        much. Some middleware has no sequence numbers: then the count is one at least.
         """
         handle, message_type = self._subscription.handle, self._subscription.msg_type
         messages: list[Any] = []
