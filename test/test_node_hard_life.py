@@ -292,7 +292,9 @@ def test_many_plans_leave_nothing_behind_and_the_node_ends_well(
     with connected_client() as client:
         client.wait_for_planner()
         # It is the node that is tested: the straight way to a goal nearby will do.
-        assert Manager(client).set("planner.max_iterations", 1).successful
+        manager = Manager(client)
+        assert manager.set("planner.max_iterations", 1).successful
+        assert manager.set("planning_allowance", 5.0).successful  # the chaser drifts away
         request, seconds = scene.complete_request(), []
         request.points = 12
         for number in range(plans):
