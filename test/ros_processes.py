@@ -38,7 +38,7 @@ from ff_planner_ros.ros.messages.to_messages import (
 )
 
 FRAME = "inertial"
-DEADLINE = 60.0  # [s] a condition that is not met by then never will be
+DEADLINE = 300.0  # [s] a condition that is not met by then on a busy machine never will be
 EVENT_TOPIC = "/plan_trajectory/_service_event"
 REQUEST_RECEIVED, RESPONSE_SENT = 1, 2  # of service_msgs/ServiceEventInfo
 

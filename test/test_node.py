@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 from builtin_interfaces.msg import Time
 from ff_planner_msgs.srv import PlanTrajectory
+from quick_capture import resting_capture
 from ros_processes import DEADLINE, Scene, connected_client, private_domain, running_planner
 from rosbags.highlevel import AnyReader
 from rosgraph_msgs.msg import Clock
@@ -47,12 +48,12 @@ def test_a_node_that_cannot_start_says_why_in_one_line(
 
 
 def test_namespace_remapping_and_parameters_file_reach_planner_and_recorder(
-    lemur_capture: PlanningProblem, tmp_path: Path
+    tmp_path: Path,
 ) -> None:
-    scene = Scene(lemur_capture)
+    scene = Scene(resting_capture())
     parameters = tmp_path / "mine.yaml"
     parameters.write_text(
-        "/**:\n  ros__parameters:\n    points: 20\n    planning_allowance: 8.0\n", encoding="utf-8"
+        "/**:\n  ros__parameters:\n    points: 20\n    planning_allowance: 60.0\n", encoding="utf-8"
     )
     arguments = (
         *("--params-file", str(parameters)),

@@ -27,7 +27,6 @@ from ros_processes import (
 )
 
 from ff_planner_ros.errors import Status
-from ff_planner_ros.planning.problem import PlanningProblem
 from ff_planner_ros.planning.scenario import load_scenario
 
 SEED = 20260102
@@ -41,7 +40,7 @@ FEW = 8
 
 @pytest.fixture(scope="module")
 def planner(tmp_path_factory: pytest.TempPathFactory) -> Iterator[PlannerProcess]:
-    arguments = ("-p", "planning_allowance:=5.0", "-p", "state_max_age:=60.0")
+    arguments = ("-p", "planning_allowance:=60.0", "-p", "state_max_age:=3600.0")
     directory = tmp_path_factory.mktemp("hard_life")
     with private_domain(), running_planner(directory, *arguments) as planner:
         yield planner
@@ -143,11 +142,11 @@ SPOILS: tuple[Spoil, ...] = (
 
 
 def test_huge_arrays_leave_nothing_behind(
-    planner: PlannerProcess, lemur_capture: PlanningProblem, times: Callable[[int, int], int]
+    planner: PlannerProcess, times: Callable[[int, int], int]
 ) -> None:
     """Each is 20 000 names; the last 100 of them are of 33 MB, if anybody keeps them."""
     huge = times(150, 400)
-    request = Scene(lemur_capture).complete_request()
+    request = Scene(resting_capture()).complete_request()
     request.start_state.joint_names = [*request.start_state.joint_names] * HUGE
     with connected_client() as client:
         client.wait_for_planner()
@@ -159,9 +158,9 @@ def test_huge_arrays_leave_nothing_behind(
 
 
 def test_malformed_requests_are_refused_by_name_and_leave_nothing_behind(
-    planner: PlannerProcess, lemur_capture: PlanningProblem, times: Callable[[int, int], int]
+    planner: PlannerProcess, times: Callable[[int, int], int]
 ) -> None:
-    scene, dice, malformed = Scene(lemur_capture), random.Random(SEED), times(200, 300)
+    scene, dice, malformed = Scene(resting_capture()), random.Random(SEED), times(200, 300)
     with connected_client() as client:
         client.wait_for_planner()
         assert client.plan(scene.complete_request()).status.code == Status.SOLVED
@@ -182,9 +181,9 @@ def test_malformed_requests_are_refused_by_name_and_leave_nothing_behind(
 
 @pytest.mark.usefixtures("planner")
 def test_malformed_messages_on_the_topics_are_refused_by_name(
-    lemur_capture: PlanningProblem, times: Callable[[int, int], int]
+    times: Callable[[int, int], int],
 ) -> None:
-    scene, dice = Scene(lemur_capture), random.Random(SEED)
+    scene, dice = Scene(resting_capture()), random.Random(SEED)
     each = times(8, 30)
     with connected_client() as client:
         client.wait_for_planner()
@@ -293,7 +292,9 @@ def test_many_plans_leave_nothing_behind_and_the_node_ends_well(
     with connected_client() as client:
         client.wait_for_planner()
         # It is the node that is tested: the straight way to a goal nearby will do.
-        assert Manager(client).set("planner.max_iterations", 1).successful
+        manager = Manager(client)
+        assert manager.set("planner.max_iterations", 1).successful
+        assert manager.set("planning_allowance", 5.0).successful  # the chaser drifts away
         request, seconds = scene.complete_request(), []
         request.points = 12
         for number in range(plans):

@@ -18,7 +18,7 @@ INTERFACES = Path(__file__).resolve().parents[1] / "docs" / "interfaces.md"
 ROW = re.compile(
     r"^\| (subscribes|publishes|service|action) \| `([\w/~]+)` \| `([\w/]+)` \| ([\w, -]*) \|", re.M
 )
-DISCOVERY = 20.0  # [s] what the graph does not tell by then it never will
+DISCOVERY = 120.0  # [s] what the graph does not tell by then it never will
 # What every node has, and what every lifecycle node has.
 OF_ROS = re.compile(
     r"^/(rosout|parameter_events|clock)$|/_"

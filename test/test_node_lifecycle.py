@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 from lifecycle_msgs.msg import State, Transition
 from managed_node import Manager, holdings
+from quick_capture import resting_capture
 from ros_processes import (
     DEADLINE,
     PlannerProcess,
@@ -19,7 +20,6 @@ from ros_processes import (
 )
 
 from ff_planner_ros.errors import Status
-from ff_planner_ros.planning.problem import PlanningProblem
 
 CONFIGURE, ACTIVATE = Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_ACTIVATE
 DEACTIVATE, CLEANUP = Transition.TRANSITION_DEACTIVATE, Transition.TRANSITION_CLEANUP
@@ -32,15 +32,15 @@ FEW = 8
 
 @pytest.fixture
 def planner(tmp_path: Path) -> Iterator[PlannerProcess]:
-    arguments = ("-p", "autostart:=false", "-p", "planning_allowance:=5.0")
+    arguments = ("-p", "autostart:=false", "-p", "planning_allowance:=60.0")
     with private_domain(), running_planner(tmp_path, *arguments) as planner:
         yield planner
 
 
 def test_it_plans_only_while_it_is_active(
-    planner: PlannerProcess, lemur_capture: PlanningProblem
+    planner: PlannerProcess,
 ) -> None:
-    request = Scene(lemur_capture).complete_request()
+    request = Scene(resting_capture()).complete_request()
     with connected_client() as client:
         manager = Manager(client)
         assert manager.state() == State.PRIMARY_STATE_UNCONFIGURED
@@ -66,9 +66,9 @@ def test_it_plans_only_while_it_is_active(
 
 
 def test_a_goal_that_is_being_planned_is_given_up_when_the_node_is_deactivated(
-    planner: PlannerProcess, lemur_capture: PlanningProblem
+    planner: PlannerProcess,
 ) -> None:
-    request = Scene(lemur_capture).complete_request()
+    request = Scene(resting_capture()).complete_request()
     request.points = 5000
     with connected_client() as client:
         manager = Manager(client)
@@ -94,27 +94,27 @@ def test_an_illegal_transition_is_answered_and_ends_nothing(planner: PlannerProc
 
 
 def test_a_robot_that_cannot_be_loaded_leaves_it_unconfigured_and_can_be_set_right(
-    planner: PlannerProcess, lemur_capture: PlanningProblem
+    planner: PlannerProcess,
 ) -> None:
     with connected_client() as client:
         manager = Manager(client)
         assert manager.set("robot.tip_link", "finger").successful
         assert manager.change(CONFIGURE) == [False]
         assert manager.state() == State.PRIMARY_STATE_UNCONFIGURED
-        assert manager.set("robot.tip_link", lemur_capture.robot.tip_link).successful
+        assert manager.set("robot.tip_link", "end_effector").successful
         assert manager.change(CONFIGURE, ACTIVATE) == [True, True]
         in_use = manager.set("robot.tip_link", "finger")
         assert not in_use.successful
         assert "in use" in in_use.reason
         client.wait_for_planner()
-        request = Scene(lemur_capture).complete_request()
+        request = Scene(resting_capture()).complete_request()
         assert client.plan(request).status.code == Status.SOLVED
     assert planner.stop() == 0
     assert "finger" in planner.log
 
 
 def test_it_goes_through_its_states_again_and_again_without_growing(
-    planner: PlannerProcess, lemur_capture: PlanningProblem, times: Callable[[int, int], int]
+    planner: PlannerProcess, times: Callable[[int, int], int]
 ) -> None:
     loops = times(60, 200)
     with connected_client() as client:
@@ -130,6 +130,6 @@ def test_it_goes_through_its_states_again_and_again_without_growing(
         assert last.files - warm.files <= FEW, held
         assert manager.change(CONFIGURE, ACTIVATE) == [True, True]
         client.wait_for_planner()
-        request = Scene(lemur_capture).complete_request()
+        request = Scene(resting_capture()).complete_request()
         assert client.plan(request).status.code == Status.SOLVED
     assert planner.stop() == 0

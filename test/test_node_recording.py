@@ -12,6 +12,7 @@ import robots
 import yaml
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from mcap.reader import make_reader
+from quick_capture import resting_capture
 from rcl_interfaces.msg import Log
 from ros_processes import (
     DEADLINE,
@@ -28,9 +29,8 @@ from std_srvs.srv import Trigger
 
 from ff_planner_ros.bag.recover import recover
 from ff_planner_ros.errors import Status
-from ff_planner_ros.planning.problem import PlanningProblem
 
-OFTEN = ("-p", "rates.diagnostics:=20.0", "-p", "planning_allowance:=8.0")
+OFTEN = ("-p", "rates.diagnostics:=20.0", "-p", "planning_allowance:=60.0")
 
 
 class Operator:
@@ -73,9 +73,9 @@ def _bag_metadata(bag: Path) -> dict[str, Any]:
 
 
 def test_an_operator_pauses_resumes_and_splits(
-    lemur_capture: PlanningProblem, tmp_path: Path
+    tmp_path: Path,
 ) -> None:
-    request = Scene(lemur_capture).complete_request()
+    request = Scene(resting_capture()).complete_request()
     with private_domain(), running_planner(tmp_path, *OFTEN) as planner:
         with connected_client() as client:
             operator = Operator(client)
@@ -129,9 +129,9 @@ def _explains_itself(file: Path) -> None:
 
 
 def test_when_the_disk_is_full_planning_goes_on_and_everybody_is_told(
-    lemur_capture: PlanningProblem, tmp_path: Path
+    tmp_path: Path,
 ) -> None:
-    request = Scene(lemur_capture).complete_request()
+    request = Scene(resting_capture()).complete_request()
     with private_domain(), running_planner(tmp_path, *OFTEN) as planner:
         with connected_client() as client:
             operator = Operator(client)
@@ -157,14 +157,14 @@ def test_when_the_disk_is_full_planning_goes_on_and_everybody_is_told(
 
 
 def test_where_no_bag_can_be_written_planning_goes_on_and_everybody_is_told(
-    lemur_capture: PlanningProblem, tmp_path: Path
+    tmp_path: Path,
 ) -> None:
     arguments = (*OFTEN, "-p", "bag.directory:=/dev/null/bags")
     with private_domain(), running_planner(tmp_path, *arguments) as planner:
         with connected_client() as client:
             operator = Operator(client)
             client.wait_for_planner()
-            answer = client.plan(Scene(lemur_capture).complete_request())
+            answer = client.plan(Scene(resting_capture()).complete_request())
             assert answer.status.code == Status.SOLVED
             status = operator.next_status()
             assert status.level == DiagnosticStatus.ERROR

@@ -12,6 +12,7 @@ from ff_planner_msgs.srv import PlanTrajectory
 from managed_node import Manager
 from rclpy.publisher import Publisher
 from ros_processes import (
+    DEADLINE,
     Client,
     PlannerProcess,
     Scene,
@@ -130,7 +131,7 @@ def test_time_goes_on_and_jumps_back(
         long = drifting(scene)
         long.points = 5000
         goal = client.send_goal(long)
-        assert goal.progress.wait(60.0)
+        assert goal.progress.wait(DEADLINE)
         time.set(50, at(50, scene), Status.BUSY)
         _, result = goal.result()
         assert result.status.code == Status.CLOCK_JUMPED

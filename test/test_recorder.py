@@ -17,7 +17,7 @@ from ff_planner_msgs.srv import PlanTrajectory
 from mcap.reader import make_reader
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
-from ros_processes import private_domain, read_bag
+from ros_processes import DEADLINE, private_domain, read_bag
 from std_msgs.msg import String
 
 from ff_planner_ros.bag.writer import BagWriter
@@ -100,7 +100,7 @@ def test_what_arrives_reaches_the_disk_without_being_asked_for(tmp_path: Path, n
         file = tmp_path / "bag" / "bag_0.mcap"
         empty = file.stat().st_size
         publisher.publish(_number(1))
-        give_up = time.monotonic() + 60.0
+        give_up = time.monotonic() + DEADLINE
         while file.stat().st_size == empty:
             assert time.monotonic() < give_up
         assert recorder.health.messages == 1
@@ -144,7 +144,7 @@ def test_what_was_latched_before_is_in_the_bag_and_asked_for_first(
     monkeypatch.setattr(Node, "create_subscription", noted)
     node.create_publisher(String, "scene", SCENE.qos).publish(String(data="latched"))
     with closing(_recorder(tmp_path / "bag", STATE, SCENE, EVENT)) as recorder:
-        give_up = time.monotonic() + 60.0
+        give_up = time.monotonic() + DEADLINE
         while recorder.health.messages == 0:
             assert time.monotonic() < give_up
             recorder.resume()  # takes what has arrived
@@ -313,7 +313,7 @@ def test_what_nobody_foresaw_ends_recording_with_words_and_nothing_else(tmp_path
     bag, log = Mock(spec=BagWriter, custom_data={}, message_count=0), Log()
     bag.flush.side_effect = ZeroDivisionError("surprise")
     recorder = _recorder(tmp_path, STATE, bag=lambda: bag, log=log, flush_interval=0.01)
-    give_up = time.monotonic() + 60.0
+    give_up = time.monotonic() + DEADLINE
     while not recorder.health.failure:
         assert time.monotonic() < give_up
     recorder.close()

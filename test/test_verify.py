@@ -11,12 +11,12 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from quick_capture import resting_capture
 from robots import CANADARM2_SCENARIO, LEMUR_SCENARIO
 from ros_processes import Scene, connected_client, private_domain, running_planner
 
 from ff_planner_ros.cli import main
 from ff_planner_ros.errors import Status
-from ff_planner_ros.planning.problem import PlanningProblem
 
 CAPTURE = str(LEMUR_SCENARIO)
 
@@ -150,11 +150,12 @@ def test_what_is_not_there_ends_with_2_and_its_name(
 
 @pytest.fixture(scope="module")
 def bag_of_the_node(
-    lemur_capture: PlanningProblem, tmp_path_factory: pytest.TempPathFactory
+    tmp_path_factory: pytest.TempPathFactory,
 ) -> Iterator[Path]:
     """Two plans and, between them, a refusal, recorded by a planner process."""
-    scene, directory = Scene(lemur_capture), tmp_path_factory.mktemp("node")
-    with private_domain(), running_planner(directory) as planner:
+    scene, directory = Scene(resting_capture()), tmp_path_factory.mktemp("node")
+    patient = ("-p", "planning_allowance:=60.0")
+    with private_domain(), running_planner(directory, *patient) as planner:
         with connected_client() as client:
             client.wait_for_planner()
             refused = scene.complete_request()
