@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 
 from ff_planner_ros.arrays import Array, frozen
+from ff_planner_ros.planning.metrics import Metrics as Metrics
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,50 +50,6 @@ class Trajectory:
         """Replace every array by a read-only copy."""
         for item in fields(self):
             object.__setattr__(self, item.name, frozen(getattr(self, item.name)))
-
-
-@dataclass(frozen=True)
-class Metrics:
-    """What the plan is worth, computed by the check after the solve.
-
-    The objectives and the final errors are those at the goal; all others hold for a tail after it,
-    too.
-
-    Attributes:
-        joint_path_length: Eq. (44) [rad].
-        max_chaser_euler: Eq. (45) [rad].
-        min_clearance: Of any link line from any sphere, certified between the points too [m];
-            infinite without obstacles.
-        min_joint_margin: To the nearest joint limit [rad].
-        min_velocity_margin: Of any joint rate to its limit in the URDF, at the points [rad/s];
-            negative beyond it, which only a problem that limits the rates forbids.
-        peak_joint_torques: Largest absolute torque of each joint at the points [N m]; between them
-            nothing is certified.
-        torque_error: Largest difference of the plan's torques to those that its joint accelerations
-            need while nothing pushes the chaser [N m].
-        penalty: R_obst of Eqs. (46) and (47); zero for a collision-free plan.
-        final_position_error: Of the end effector against the target [m].
-        final_orientation_error: Of the end effector against the target [rad].
-        momentum_error: Largest change of the total momentum along the plan, relative.
-        min_singular_value: Smallest singular value of the generalised Jacobian J_D at the points;
-            zero in a dynamic singularity.
-        start_velocity_jump: Largest difference between the plan's first joint rates and the
-            start state's [rad/s]. Eq. (31) has no null-space motion; a start that has is left.
-    """
-
-    joint_path_length: float
-    max_chaser_euler: float
-    min_clearance: float
-    min_joint_margin: float
-    min_velocity_margin: float
-    peak_joint_torques: tuple[float, ...]
-    torque_error: float
-    penalty: float
-    final_position_error: float
-    final_orientation_error: float
-    momentum_error: float
-    min_singular_value: float
-    start_velocity_jump: float
 
 
 @dataclass(frozen=True)
