@@ -24,6 +24,7 @@ from ff_planner_ros.planning.planner import plan
 from ff_planner_ros.planning.problem import Objective, PlanningProblem
 from ff_planner_ros.planning.scenario import load_scenario
 from ff_planner_ros.planning.settings import PlannerSettings, load_settings
+from ff_planner_ros.planning.task import Calls
 from ff_planner_ros.robot.model import Robot, read_urdf, robot_from_urdf_text
 from ff_planner_ros.robot.urdf import only_leaf_link, root_link
 from ff_planner_ros.share import share_directory
@@ -375,7 +376,7 @@ def _solved(
     problem: PlanningProblem, settings: PlannerSettings, options: argparse.Namespace
 ) -> Plan:
     if options.method == "optimal":
-        return plan(problem, settings, _keep_going(options.time_budget))
+        return plan(problem, settings, Calls(_keep_going(options.time_budget), lambda _: None))
     return _sound_baseline(options.method, problem, settings)
 
 

@@ -12,7 +12,7 @@ from ff_planner_ros.planning.planner import plan
 from ff_planner_ros.planning.problem import PlanningProblem
 from ff_planner_ros.planning.settings import PlannerSettings
 from ff_planner_ros.planning.tail import EndBehaviour, with_tail
-from ff_planner_ros.planning.watch import Progress
+from ff_planner_ros.planning.watch import Progress, Watch
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,5 +54,13 @@ def perform(
     measured = task.problem.start
     start = carried_forward(task.problem.robot, measured, task.ahead, task.running)
     problem = replace(task.problem, start=start)
-    to_goal = plan(problem, settings, keep_going, report)
+    to_goal = plan(problem, settings, Calls(keep_going, report))
     return with_tail(problem, to_goal, task.end_behaviour, task.tail, settings)
+
+
+@dataclass(frozen=True)
+class Calls(Watch):
+    """A watch made of two functions."""
+
+    require_time: Callable[[], None]
+    report: Callable[[Progress], None]  # type: ignore[assignment]
