@@ -37,7 +37,8 @@ from ff_planner_ros.baselines.potential_field import PotentialFieldParameters
 from ff_planner_ros.baselines.straight_line import straight_line
 from ff_planner_ros.errors import FfPlannerError
 from ff_planner_ros.planning.plan import Plan
-from ff_planner_ros.planning.planner import plan, sound_start
+from ff_planner_ros.planning.planner import plan
+from ff_planner_ros.planning.preconditions import require_plannable
 from ff_planner_ros.planning.problem import PlanningProblem
 from ff_planner_ros.planning.settings import PlannerSettings
 from ff_planner_ros.text_table import print_table
@@ -72,7 +73,7 @@ def compare(
         InvalidInput: The start violates what every plan must keep.
         NoPlanFound: The goal is out of reach.
     """
-    sound_start(problem, settings)
+    require_plannable(problem, settings)
     output.mkdir(parents=True, exist_ok=True)
     answers = {}
     for method, solve in _solvers(field).items():
