@@ -13,12 +13,12 @@ from nav_msgs.msg import Odometry
 from sensor_msgs.msg import JointState
 
 from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.parameters import STATE_SOURCES, OdometryParameters
 from ff_planner_ros.planning.problem import PlanningProblem
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.ros.inputs.input_topics import INPUT_TOPICS, heard_with
 from ff_planner_ros.ros.inputs.scene_input import SceneInput
-from ff_planner_ros.ros.inputs.state_input import STATE_SOURCES, StateInput
-from ff_planner_ros.ros.messages.from_odometry import OdometryParameters
+from ff_planner_ros.ros.inputs.state_input import StateInput
 from ff_planner_ros.ros.messages.to_messages import state_message, time_message
 
 FRAME, SENSOR = "inertial", "imu"

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
+
+import numpy as np
 
 from ff_planner_ros.arrays import Array, frozen
 from ff_planner_ros.planning.metrics import Metrics as Metrics
@@ -84,6 +86,9 @@ class Plan:
         orientation_reading: What the last nine of them describe (see `polynomial`), or empty.
         metrics: What the plan is worth.
         solver: How it was found.
+        family: Name of the path family; empty where the motion is no path of a family.
+        coefficients: The path among its family's, flattened: a first guess for another plan. Shape
+            (variables,), empty without a family.
     """
 
     joint_names: tuple[str, ...]
@@ -92,7 +97,10 @@ class Plan:
     orientation_reading: str
     metrics: Metrics
     solver: SolverReport
+    family: str = ""
+    coefficients: Array = field(default_factory=lambda: np.empty(0))
 
     def __post_init__(self) -> None:
         """Make the decision variables read-only."""
-        object.__setattr__(self, "xi", frozen(self.xi))
+        for name in ("xi", "coefficients"):
+            object.__setattr__(self, name, frozen(getattr(self, name)))

@@ -17,25 +17,12 @@ from ff_planner_ros.ros.inputs.scene_input import SceneInput
 from ff_planner_ros.ros.inputs.state_input import StateInput
 from ff_planner_ros.ros.messages.from_messages import NANOSECONDS, nanoseconds, plan_from_response
 from ff_planner_ros.ros.outputs.plan_output import PublishedPlan
-from ff_planner_ros.ros.parameters import NodeParameters
-from ff_planner_ros.ros.requests.reading import ReadRequest, Sources, read_request
+from ff_planner_ros.ros.requests.reading import Knowledge, ReadRequest, read_request
 from ff_planner_ros.runs.installed import PlanExchange, as_installed, installed_exchanges
 from ff_planner_ros.runs.moments import moment
 from ff_planner_ros.runs.offline_bag import OPTIMAL
 from ff_planner_ros.runs.recorded_inputs import Heard, Moment, heard, input_topic
 from ff_planner_ros.runs.recorded_parameters import RecordedParameters
-
-
-@dataclass(frozen=True, eq=False)
-class Inputs:
-    """What the node knew beside the request."""
-
-    robot: Robot
-    parameters: NodeParameters
-    states: StateInput
-    scenes: SceneInput
-    published: PublishedPlan | None
-    now_ns: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +33,7 @@ class RecordedRequest:
     door: str  # `service` or `action`
     request: PlanTrajectory.Request | None  # None where the bag holds the answer alone
     response: PlanTrajectory.Response | None  # None where the bag holds no answer
-    inputs: Inputs | None  # what the node knew; None where that cannot be rebuilt
+    inputs: Knowledge | None  # what the node knew; None where that cannot be rebuilt
     missing: str  # why the inputs cannot be rebuilt; empty where they can
     # Inputs whose stamps the response does not name: the message recorded last before the
     # request was read is taken as the one that the node used
@@ -68,17 +55,7 @@ class RecordedRequest:
         """
         if self.request is None or self.inputs is None:
             raise BagError(self.missing)
-        knew = self.inputs
-        return read_request(
-            self.request,
-            knew.robot,
-            knew.parameters,
-            knew.states,
-            knew.scenes,
-            knew.published,
-            knew.now_ns,
-            Sources(),
-        )
+        return read_request(self.request, self.inputs)
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,7 +107,7 @@ def recorded_run(bag: Bag) -> RecordedRun:
                         kind = INPUT_TOPICS[name].message_type
                         keep[name](as_installed(bag.decode(message), kind))
                 published = _published(found[:i], exchange)
-                inputs = Inputs(robot, parameters, states, scenes, published, now_ns)
+                inputs = Knowledge(robot, parameters, states, scenes, published, now_ns)
         except BagError as error:
             missing = str(error)
         plan_id = exchange.response.plan_id if exchange.response is not None else ""

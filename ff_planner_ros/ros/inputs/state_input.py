@@ -17,6 +17,7 @@ import numpy as np
 from sensor_msgs.msg import JointState
 
 from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.parameters import OdometryParameters
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.ros.inputs.input_topics import (
@@ -29,12 +30,9 @@ from ff_planner_ros.ros.messages.from_messages import NANOSECONDS, nanoseconds, 
 from ff_planner_ros.ros.messages.from_odometry import (
     ChaserPart,
     JointPart,
-    OdometryParameters,
     chaser_from_odometry,
     joints_from_joint_state,
 )
-
-STATE_SOURCES = (CHASER_STATE.name, ODOMETRY.name)
 
 # A time this little beyond a limit is within it [s].
 _ROUNDING = 1e-6
@@ -64,7 +62,7 @@ class StateInput:
         """Begin with nothing heard.
 
         Args:
-            source: One of `STATE_SOURCES`.
+            source: One of `parameters.STATE_SOURCES`.
         """
         self._source = source
         self._pairing_tolerance = odometry.pairing_tolerance

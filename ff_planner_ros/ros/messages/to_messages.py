@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import asdict
 
@@ -32,7 +33,7 @@ from ff_planner_ros.ros.messages.from_messages import NANOSECONDS
 
 def request_message(problem: PlanningProblem, inertial_frame: str) -> PlanTrajectory.Request:
     """Write a problem as a request that starts from the latest published state and obstacles."""
-    target = problem.target
+    target, angle = problem.target, problem.limits.chaser_attitude
     return PlanTrajectory.Request(
         target_pose=PoseStamped(
             header=Header(frame_id=inertial_frame),
@@ -43,6 +44,7 @@ def request_message(problem: PlanningProblem, inertial_frame: str) -> PlanTrajec
         weight_joint_path_length=problem.objective.joint_path_length,
         weight_chaser_attitude=problem.objective.chaser_attitude,
         points=problem.points,
+        limit_chaser_attitude=angle if math.isfinite(angle) else 0.0,
     )
 
 

@@ -35,9 +35,9 @@ from visualization_msgs.msg import MarkerArray
 from ff_planner_ros.bag.exchanges import GOAL_EVENTS, RESULT_EVENTS, SERVICE_EVENTS
 from ff_planner_ros.bag.provenance import PROVENANCE, provenance
 from ff_planner_ros.bag.writer import BagWriter
+from ff_planner_ros.parameters import NodeParameters
 from ff_planner_ros.ros.inputs.input_topics import heard_with
 from ff_planner_ros.ros.messages.interfaces import ACTION, GET_RESULT, SEND_GOAL, SERVICE
-from ff_planner_ros.ros.parameters import NodeParameters
 from ff_planner_ros.ros.qos import EVENT_QOS, LATCHED_QOS, STREAM_QOS, qos_profile
 from ff_planner_ros.ros.recorder.recorder import Recorder
 from ff_planner_ros.ros.recorder.topic_queue import RecordedTopic
