@@ -22,9 +22,10 @@ TREES = {path: ast.parse(path.read_text(encoding="utf-8")) for path in MODULES +
 
 # Rooms, the lowest floor first. A room may import itself and every room of a lower floor.
 FLOORS = (
-    {"", "errors", "arrays", "share", "text_table", "parameters"},  # "" is __init__.py
+    {"", "errors", "arrays", "share", "text_table"},  # "" is __init__.py
     {"robot"},
     {"planning"},
+    {"parameters"},
     {"baselines", "simulation", "analysis"},
     {"bench"},
     {"bag", "time_budget"},
@@ -41,6 +42,7 @@ FLOORS = (
     {"ros.node"},
     {"runs"},
     {"demo"},
+    {"commands"},
     {"cli"},
 )
 FLOOR_OF = {room: floor for floor, rooms in enumerate(FLOORS) for room in rooms}
