@@ -18,6 +18,7 @@ from ros_processes import DEADLINE, private_domain, running_planner
 from ff_planner_ros.errors import Status
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
+PATIENT = ("-p", "planning_allowance:=5.0")  # a busy machine takes its time
 
 
 @contextmanager
@@ -38,7 +39,7 @@ def running_testbed(scenario: Path, *options: str) -> Iterator[subprocess.Popen[
 def world(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     """A planner, with nothing else yet."""
     directory = tmp_path_factory.mktemp("world")
-    with private_domain(), running_planner(directory):
+    with private_domain(), running_planner(directory, *PATIENT):
         yield directory
 
 
@@ -89,7 +90,7 @@ def test_a_planner_in_a_namespace_is_flown_from_there(tmp_path: Path) -> None:
     scenario, names = quick_capture(tmp_path), ("--ros-args", "-r", "__ns:=/chaser_1")
     with (
         private_domain(),
-        running_planner(tmp_path, *names[1:]),
+        running_planner(tmp_path, *names[1:], *PATIENT),
         running_testbed(scenario, *names),
     ):
         code, report, said = fly(tmp_path, scenario, *names)
