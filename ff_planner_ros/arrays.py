@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TypeAlias
 
 import numpy as np
@@ -14,6 +15,8 @@ Array: TypeAlias = NDArray[np.float64]
 # A message carries unit quaternions in double precision; what is further off than this
 # was never normalised, and normalising it silently would hide the fault.
 QUATERNION_NORM_TOLERANCE = 1e-3
+# Of the search for what a quaternion was normalised from: relative steps, and how many.
+_SCALES = ((2.0**-48, 4096), (2.0**-27, 60_000))
 
 
 def frozen(values: ArrayLike) -> Array:
@@ -82,3 +85,23 @@ def unit_quaternion(field: str, values: ArrayLike) -> Array:
             f"its norm must be 1 within {QUATERNION_NORM_TOLERANCE:g}, not {norm:.6g}",
         )
     return frozen(quaternion / norm)
+
+
+def normalising_to(quaternion_xyzw: Array) -> Array:
+    """Return numbers that `unit_quaternion` turns into a unit quaternion, to the last bit.
+
+    Normalised once more, a unit quaternion may change by rounding. Numbers a little longer or
+    shorter do not; nearly always some that differ by less than 1e-9 are found.
+
+    Args:
+        quaternion_xyzw: Of `unit_quaternion`. Shape (4,).
+    """
+    for step, steps in _SCALES:
+        away = step * np.arange(steps)
+        for candidate in np.outer(np.column_stack([1.0 + away, 1.0 - away]), quaternion_xyzw):
+            ratios = candidate / math.sqrt(candidate @ candidate)
+            if not (ratios == quaternion_xyzw).all():
+                continue
+            if (unit_quaternion("", candidate) == quaternion_xyzw).all():
+                return frozen(candidate)
+    return quaternion_xyzw

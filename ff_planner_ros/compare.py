@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -35,11 +35,12 @@ from ff_planner_ros.baselines.artificial_potential_field import artificial_poten
 from ff_planner_ros.baselines.beliefs import fixed_base, zero_momentum
 from ff_planner_ros.baselines.potential_field import PotentialFieldParameters
 from ff_planner_ros.baselines.straight_line import straight_line
-from ff_planner_ros.errors import FfPlannerError
 from ff_planner_ros.planning.plan import Plan
 from ff_planner_ros.planning.planner import plan, sound_start
 from ff_planner_ros.planning.problem import PlanningProblem
 from ff_planner_ros.planning.settings import PlannerSettings
+from ff_planner_ros.planning.task import Method as Solver
+from ff_planner_ros.planning.task import PlanningTask, attempted, without_search
 from ff_planner_ros.text_table import print_table
 
 _WHY_RATIOS_DIFFER = (
@@ -61,7 +62,7 @@ def compare(
     """Let every method answer, print the tables, and write figures and scene.
 
     Args:
-        problem: The question; every method sets its own objective.
+        problem: Every method sets its own objective.
         output: Directory for the pictures, made if it is not there.
         of_the_paper: Whether the problem is the paper's, and its ratios mean something.
 
@@ -78,9 +79,11 @@ def compare(
     for method, solve in _solvers(field).items():
         # Those that have no objective of their own are there to be compared with min(L).
         asked = replace(problem, objective=OBJECTIVES.get(method, OBJECTIVES[SHORTEST]))
-        answers[method] = _timed(solve, asked, settings)
-    print_table("Methods", COLUMNS, comparison_rows(problem, settings, answers))
-    for finding in findings(problem, settings, answers):
+        begun = time.perf_counter()
+        made = attempted(PlanningTask(asked, settings), solve)
+        answers[method] = Answer(*made, time.perf_counter() - begun)
+    print_table("Methods", COLUMNS, comparison_rows(problem, answers))
+    for finding in findings(answers):
         print(fill(finding, _WIDTH, subsequent_indent="    "))
     if of_the_paper:
         print_table("Ratios of the paper", RATIO_COLUMNS, ratio_rows(answers))
@@ -92,27 +95,14 @@ def compare(
     return bool(plans)
 
 
-_Solver = Callable[[PlanningProblem, PlannerSettings], Plan]
-
-
-def _solvers(field: PotentialFieldParameters) -> dict[Method, _Solver]:
+def _solvers(field: PotentialFieldParameters) -> dict[Method, Solver]:
     return {
-        STRAIGHT_LINE: straight_line,
-        POTENTIAL_FIELD: partial(artificial_potential_field, parameters=field),
+        STRAIGHT_LINE: without_search(straight_line),
+        POTENTIAL_FIELD: without_search(partial(artificial_potential_field, parameters=field)),
         **dict.fromkeys((SHORTEST, STEADIEST, WEIGHTED), plan),
-        FIXED_BASE: fixed_base,
-        ZERO_MOMENTUM: zero_momentum,
+        FIXED_BASE: without_search(fixed_base),
+        ZERO_MOMENTUM: without_search(zero_momentum),
     }
-
-
-def _timed(solve: _Solver, problem: PlanningProblem, settings: PlannerSettings) -> Answer:
-    answer: Plan | FfPlannerError
-    begun = time.perf_counter()
-    try:
-        answer = solve(problem, settings)
-    except FfPlannerError as error:
-        answer = error
-    return Answer(answer, time.perf_counter() - begun)
 
 
 def _pictures(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from enum import IntEnum
 
 
@@ -88,23 +90,46 @@ class InvalidInput(FfPlannerError):
         return type(self), (self.status, self.field, self.value, self.allowed)
 
 
+@dataclass(frozen=True)
+class Failure:
+    """A requirement that a plan does not meet.
+
+    Attributes:
+        status: Its code.
+        finding: What is where, and by how much too far.
+        advice: What may help.
+    """
+
+    status: Status
+    finding: str
+    advice: tuple[str, ...]
+
+
 class NoPlanFound(FfPlannerError):
     """The input is sound, and no plan that keeps the constraints was found.
 
     Attributes:
         constraint: What is violated, where, by how much, and what to try.
         attempt: The best attempt, a `Plan` that is not to be executed; None if there is none.
+        failures: All that the best attempt violates; empty where that is not known.
     """
 
-    def __init__(self, status: Status, constraint: str, attempt: object | None = None) -> None:
+    def __init__(
+        self,
+        status: Status,
+        constraint: str,
+        attempt: object | None = None,
+        failures: Sequence[Failure] = (),
+    ) -> None:
         """Name the violated constraint and keep the best attempt for investigation."""
         super().__init__(status, constraint)
         self.constraint = constraint
         self.attempt = attempt
+        self.failures = tuple(failures)
 
-    def __reduce__(self) -> tuple[type, tuple[Status, str, object | None]]:
+    def __reduce__(self) -> tuple[type, tuple[Status, str, object | None, tuple[Failure, ...]]]:
         """Pickle by constructor arguments, so that the error crosses processes."""
-        return type(self), (self.status, self.constraint, self.attempt)
+        return type(self), (self.status, self.constraint, self.attempt, self.failures)
 
 
 class OutOfTime(FfPlannerError):

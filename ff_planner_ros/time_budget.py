@@ -1,24 +1,31 @@
-"""The wall clock's only say in planning: whether there is an answer, never which."""
+"""The wall clock's only say in planning: whether there is a plan, never which."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 
 from ff_planner_ros.errors import OutOfTime
+from ff_planner_ros.planning.watch import Watch
 
 
-def time_budget(seconds: float, begun: float | None = None) -> Callable[[], None]:
-    """Return a function that raises OutOfTime once the budget is used up.
+class TimeBudget(Watch):
+    """A watch that ends a search once its time is used up."""
 
-    Args:
-        begun: Since when it counts, as `time.monotonic()` of any process of this host tells;
-            None: since now.
-    """
-    deadline = (time.monotonic() if begun is None else begun) + seconds
+    def __init__(self, seconds: float, begun: float | None = None) -> None:
+        """Begin to count.
 
-    def keep_going() -> None:
-        if time.monotonic() > deadline:
-            raise OutOfTime(f"the time budget of {seconds:g} s is used up")
+        Args:
+            begun: Since when it counts, as `time.monotonic()` of any process of this host tells;
+                None: since now.
+        """
+        self._seconds = seconds
+        self._deadline = (time.monotonic() if begun is None else begun) + seconds
 
-    return keep_going
+    def require_time(self) -> None:
+        """Raise OutOfTime once the budget is used up.
+
+        Raises:
+            OutOfTime: It is.
+        """
+        if time.monotonic() > self._deadline:
+            raise OutOfTime(f"the time budget of {self._seconds:g} s is used up")

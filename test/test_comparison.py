@@ -26,7 +26,8 @@ from ff_planner_ros.analysis.methods import (
     Method,
 )
 from ff_planner_ros.errors import InvalidInput, NoPlanFound, Status
-from ff_planner_ros.planning.plan import Metrics
+from ff_planner_ros.planning.failures import failures
+from ff_planner_ros.planning.plan import Metrics, Plan
 from ff_planner_ros.planning.problem import PlanningProblem
 from ff_planner_ros.planning.settings import PlannerSettings, load_settings
 from ff_planner_ros.robot.model import Robot
@@ -41,14 +42,26 @@ def settings() -> PlannerSettings:
 
 def answer(robot: Robot, metrics: Metrics = SOUND, **changes: float) -> Answer:
     plan = replace(drawn_plan(robot, seed=1), metrics=replace(metrics, **changes))
-    return Answer(plan, seconds=1.234)
+    return Answer(plan, (), seconds=1.234)
+
+
+def judged(
+    problem: PlanningProblem, settings: PlannerSettings, answers: dict[Method, Answer]
+) -> dict[Method, Answer]:
+    """With what the check finds."""
+    return {
+        method: replace(one, failures=tuple(failures(problem, one.plan, settings)))
+        if isinstance(one.plan, Plan)
+        else one
+        for method, one in answers.items()
+    }
 
 
 def table(
     problem: PlanningProblem, settings: PlannerSettings, answers: dict[Method, Answer]
 ) -> dict[str, dict[str, str]]:
     """Cells by method and column."""
-    rows = list(comparison_rows(problem, settings, answers))
+    rows = list(comparison_rows(problem, judged(problem, settings, answers)))
     assert {len(row) for row in rows} == {len(COLUMNS)}
     return {row[0]: dict(zip(COLUMNS, row, strict=True)) for row in rows}
 
@@ -92,7 +105,7 @@ def test_a_motion_that_fails_the_check_is_shown_with_each_cause_once(
     assert row["clearance [mm]"] == "-12.9"
     assert row["miss [mm]"] == "400.00"
     assert row["check"] == "collision, check_failed"
-    (finding,) = findings(lemur_capture, settings, answers)
+    (finding,) = findings(judged(lemur_capture, settings, answers))
     assert finding.startswith("fixed base: ")
     assert "obstacle" in finding
     assert "final_position_error is 0.4 m" in finding
@@ -106,12 +119,12 @@ def test_a_motion_that_fails_the_check_is_shown_with_each_cause_once(
 def test_a_method_without_a_motion_keeps_its_row_and_tells_its_cause(
     refusal: NoPlanFound | InvalidInput, lemur_capture: PlanningProblem, settings: PlannerSettings
 ) -> None:
-    answers = {SHORTEST: Answer(refusal, 2.0), STEADIEST: answer(lemur_capture.robot)}
+    answers = {SHORTEST: Answer(refusal, (), 2.0), STEADIEST: answer(lemur_capture.robot)}
     rows = table(lemur_capture, settings, answers)
     cells = list(rows["min(L)"].values())
     assert cells == ["min(L)", *["-"] * 6, "2.00", refusal.status.name.lower()]
     assert rows["min(Theta)"]["check"] == "passed"
-    assert list(findings(lemur_capture, settings, answers)) == [f"min(L): {refusal}"]
+    assert list(findings(judged(lemur_capture, settings, answers))) == [f"min(L): {refusal}"]
 
 
 # Joint path [rad] and attitude [deg] that the paper's percentages make of a straight line of 1 rad
@@ -146,7 +159,7 @@ def test_ratios_of_the_papers_own_numbers_are_those_it_prints(lemur: Robot) -> N
 def test_a_ratio_is_ours_over_ours_and_left_out_where_one_is_missing(lemur: Robot) -> None:
     answers = {
         STRAIGHT_LINE: answer(lemur, joint_path_length=2.0, max_chaser_euler=0.4),
-        POTENTIAL_FIELD: Answer(OUT_OF_REACH, 1.0),
+        POTENTIAL_FIELD: Answer(OUT_OF_REACH, (), 1.0),
         SHORTEST: answer(lemur, joint_path_length=1.0, max_chaser_euler=0.5),
         STEADIEST: answer(lemur, joint_path_length=8.0, max_chaser_euler=0.1),
     }

@@ -9,7 +9,12 @@ import numpy as np
 import pytest
 
 from ff_planner_ros.errors import NoPlanFound, Status
-from ff_planner_ros.planning.controller_rules import Command, Controller, require_acceptable
+from ff_planner_ros.planning.controller_rules import (
+    Command,
+    Controller,
+    require_acceptable,
+    require_in_time,
+)
 
 NOW = 1_700_000_000_000_000_000
 STRICT = Controller(("shoulder", "elbow", "wrist"), False, False)
@@ -17,7 +22,6 @@ MILD = Controller(STRICT.joints, True, True)
 NONE = [[], [], []]
 SOUND = Command(
     joint_names=["wrist", "shoulder", "elbow"],
-    start_ns=NOW,
     time_from_start_ns=[0, 1, 2_000_000_000],
     positions=[[0.0, 0.1, 0.2], [0.3, 0.4, 0.5], [0.6, 0.7, 0.8]],
     velocities=[[0.1, 0.1, 0.1], [0.1, 0.1, 0.1], [0.0, 1.1e-7, -1.1e-7]],
@@ -34,7 +38,6 @@ def changed(rows: Any, point: int, row: list[float]) -> list[list[float]]:
     "change",
     [
         pytest.param({}, id="as it is"),
-        pytest.param({"start_ns": NOW + 10**12}, id="in a while"),
         pytest.param({"accelerations": NONE}, id="without accelerations"),
         pytest.param({"velocities": NONE, "accelerations": NONE}, id="positions only"),
         pytest.param({"time_from_start_ns": [5, 6, 7]}, id="first point later"),
@@ -49,7 +52,7 @@ def changed(rows: Any, point: int, row: list[float]) -> list[list[float]]:
     ],
 )
 def test_a_sound_trajectory_is_taken(change: dict[str, Any]) -> None:
-    require_acceptable(STRICT, replace(SOUND, **change), NOW)
+    require_acceptable(STRICT, replace(SOUND, **change))
 
 
 @pytest.mark.parametrize(
@@ -97,7 +100,7 @@ def test_a_sound_trajectory_is_taken(change: dict[str, Any]) -> None:
 )
 def test_each_rule_is_named(change: dict[str, Any], words: str) -> None:
     with pytest.raises(NoPlanFound, match=words) as refused:
-        require_acceptable(STRICT, replace(SOUND, **change), NOW)
+        require_acceptable(STRICT, replace(SOUND, **change))
     assert refused.value.status is Status.CONTROLLER_RULE
     assert str(refused.value).startswith("a joint_trajectory_controller would not take the plan: ")
 
@@ -105,15 +108,15 @@ def test_each_rule_is_named(change: dict[str, Any], words: str) -> None:
 def test_a_trajectory_that_was_to_begin_before_now_comes_too_late() -> None:
     """The controller takes it until it has ended, and would jump to its middle."""
     with pytest.raises(NoPlanFound, match=r"begin 0\.500 s ago") as refused:
-        require_acceptable(STRICT, replace(SOUND, start_ns=NOW - 500_000_000), NOW)
+        require_in_time(NOW - 500_000_000, NOW)
     assert refused.value.status is Status.TOO_LATE
     with pytest.raises(NoPlanFound):
-        require_acceptable(STRICT, replace(SOUND, start_ns=NOW - 1), NOW)
+        require_in_time(NOW - 1, NOW)
 
 
 def test_a_controller_that_is_set_up_for_it_takes_effort_and_joints_that_still_move() -> None:
     moving = changed(SOUND.velocities, 2, [0.5, 0.5, 0.5])
     pushed = [[1.0, 2.0, 3.0]] * 3
-    require_acceptable(MILD, replace(SOUND, velocities=moving, effort=pushed), NOW)
+    require_acceptable(MILD, replace(SOUND, velocities=moving, effort=pushed))
     with pytest.raises(NoPlanFound, match=r"points\[1\].effort of wrist is nan"):
-        require_acceptable(MILD, replace(SOUND, effort=changed(pushed, 1, [np.nan] * 3)), NOW)
+        require_acceptable(MILD, replace(SOUND, effort=changed(pushed, 1, [np.nan] * 3)))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
+from dataclasses import fields, replace
 from typing import Any
 
 import numpy as np
@@ -14,8 +14,9 @@ from ff_planner_msgs.srv import PlanTrajectory
 from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.errors import InvalidInput, NoPlanFound, Status
+from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.plan import Metrics, Plan, SolverReport, Trajectory
-from ff_planner_ros.planning.problem import Limits, PlanningProblem
+from ff_planner_ros.planning.problem import PlanningProblem
 from ff_planner_ros.ros.messages.from_messages import (
     nanoseconds,
     plan_from_response,
@@ -201,9 +202,7 @@ def test_state_obstacles_and_request_come_back_out_of_their_messages(
         (s.id, s.center.tolist(), s.radius) for s in problem.obstacles
     ]
     request = request_message(problem, FRAME)
-    back = problem_from_request(
-        request, robot, state, STAMP_NS, spheres, FRAME, 9, limits=Limits(joint_velocities=True)
-    )
+    back = problem_from_request(request, robot, state, spheres, load_parameters())
     for item in fields(problem.target):
         expected = getattr(problem.target, item.name)
         np.testing.assert_allclose(getattr(back.target, item.name), expected, atol=1e-15)
@@ -257,6 +256,5 @@ def test_a_time_comes_back_out_of_its_message(time_ns: int) -> None:
 
 
 def _problem(problem: PlanningProblem, request: PlanTrajectory.Request) -> PlanningProblem:
-    return problem_from_request(
-        request, problem.robot, problem.start, STAMP_NS, (), FRAME, 9, limits=Limits()
-    )
+    parameters = replace(load_parameters(), points=9)
+    return problem_from_request(request, problem.robot, problem.start, (), parameters)

@@ -14,9 +14,9 @@ from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import JointState
 
 from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.parameters import OdometryParameters
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.ros.messages.from_odometry import (
-    OdometryParameters,
     chaser_from_odometry,
     joints_from_joint_state,
 )

@@ -29,6 +29,7 @@ FLOORS = {
     "text_table": 0,
     "robot": 1,
     "planning": 2,
+    "parameters": 3,
     "baselines": 3,
     "simulation": 3,
     "analysis": 3,
@@ -40,7 +41,8 @@ FLOORS = {
     "ros": 6,
     "runs": 7,
     "demo": 8,
-    "cli": 9,
+    "commands": 9,
+    "cli": 10,
 }
 SHARED_FLOOR, HIGHEST_FLOOR_WITHOUT_ROS = 0, 4
 ROOM_WITH_CLOCKS = "bench"

@@ -15,7 +15,8 @@ from rclpy.parameter import Parameter
 from ros_processes import private_domain
 
 from ff_planner_ros.errors import InvalidInput
-from ff_planner_ros.ros.parameters import LiveParameters, NodeParameters
+from ff_planner_ros.parameters import NodeParameters
+from ff_planner_ros.ros.parameters import LiveParameters
 from ff_planner_ros.share import share_directory
 
 BUILT_IN = {"use_sim_time", "start_type_description_service"}

@@ -12,6 +12,7 @@ from ff_planner_ros.planning.planner import plan
 from ff_planner_ros.planning.problem import Limits, Objective, Sphere
 from ff_planner_ros.planning.scenario import load_scenario
 from ff_planner_ros.planning.settings import load_settings
+from ff_planner_ros.planning.watch import Watch
 from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.share import share_directory
 
@@ -235,12 +236,13 @@ def test_a_search_that_is_ended_tells_how_far_it_came(capture, settings, allowed
     """To the solver itself, a NoPlanFound on the way is a wall that it turns away from."""
     calls = count(1)
 
-    def keep_going():
-        if next(calls) > allowed:
-            raise OutOfTime("the patience of this test is at its end")
+    class Impatient(Watch):
+        def require_time(self):
+            if next(calls) > allowed:
+                raise OutOfTime("the patience of this test is at its end")
 
     with pytest.raises(NoPlanFound, match=r"patience of this test.*more time") as refusal:
-        plan(replace(capture, objective=LENGTH), settings, keep_going)
+        plan(replace(capture, objective=LENGTH), settings, Impatient())
     assert refusal.value.status is Status.OUT_OF_TIME
     assert next(calls) == allowed + 2
     attempt = refusal.value.attempt
@@ -251,9 +253,44 @@ def test_a_search_that_is_ended_tells_how_far_it_came(capture, settings, allowed
 
 def test_who_could_have_ended_a_search_does_not_change_its_answer(capture, settings, shortest):
     calls = count()
-    answer = plan(replace(capture, objective=LENGTH), settings, lambda: next(calls))
+
+    class Counting(Watch):
+        def require_time(self):
+            next(calls)
+
+    answer = plan(replace(capture, objective=LENGTH), settings, Counting())
     assert answer.xi.tobytes() == shortest.xi.tobytes()
     assert next(calls) >= answer.solver.iterations
+
+
+def test_a_plan_is_a_first_guess_for_another_plan(capture, settings, shortest):
+    problem = replace(capture, objective=LENGTH)
+    again = plan(problem, settings, first_guess=shortest.coefficients)
+    assert again.solver.starts == 1
+    assert again.solver.iterations < shortest.solver.iterations / 2
+    assert again.metrics.joint_path_length == pytest.approx(
+        shortest.metrics.joint_path_length, rel=1e-3
+    )
+    assert shortest.family == again.family == "end_effector_polynomial"
+
+
+def test_the_guess_of_a_caller_is_one_of_the_starts(capture, settings, shortest):
+    """From a path far away the search finds nothing, and goes on with its own guesses."""
+    problem = replace(capture, objective=LENGTH)
+    alone = replace(settings, starts=1)
+    far = np.full(shortest.coefficients.shape, 3.0)
+    with pytest.raises(NoPlanFound):
+        plan(problem, alone, first_guess=far)
+    found = plan(problem, settings, first_guess=far)
+    assert found.solver.starts == 2
+    assert found.xi.tobytes() == shortest.xi.tobytes()
+
+
+@pytest.mark.parametrize("guess", [np.zeros(17), np.full(18, np.nan), np.zeros((6, 3))])
+def test_a_first_guess_that_is_no_path_is_refused(capture, settings, guess):
+    with pytest.raises(InvalidInput) as refusal:
+        plan(capture, settings, first_guess=guess)
+    assert refusal.value.field == "first_guess"
 
 
 def test_a_goal_that_no_posture_reaches_is_refused_with_the_reach(capture, settings):

@@ -89,7 +89,7 @@ def test_the_budget_is_the_requests_or_else_the_parameters(
         request = Scene(lemur_capture).complete_request()
         request.time_budget = asked
         assert answer(answering, request).status.code == Status.OUT_OF_TIME
-        task, _, budget, *_ = worker.solve.call_args.args
+        task, budget, *_ = worker.solve.call_args.args
     assert budget == granted
     assert task.problem.duration == request.duration
 

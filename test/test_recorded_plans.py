@@ -16,6 +16,7 @@ from ff_planner_ros.errors import BagError, InvalidInput, NoPlanFound, Status
 from ff_planner_ros.planning.plan import Plan
 from ff_planner_ros.planning.problem import PlanningProblem
 from ff_planner_ros.planning.settings import load_settings
+from ff_planner_ros.planning.task import PlanningTask
 from ff_planner_ros.ros.messages.to_messages import response_from_error, response_from_plan
 from ff_planner_ros.runs.offline_bag import record_answer
 from ff_planner_ros.runs.recorded_plans import recorded_plans
@@ -45,7 +46,7 @@ def write_bag(
 def test_robot_and_plan_come_back_as_they_were(
     lemur_capture: PlanningProblem, lemur_plan: Plan, tmp_path: Path
 ) -> None:
-    record_answer(tmp_path / "bag", lemur_capture, SETTINGS, lemur_plan, 0.5)
+    record_answer(tmp_path / "bag", PlanningTask(lemur_capture, SETTINGS), lemur_plan, 0.5)
     recorded = recorded_plans(tmp_path / "bag")
     assert recorded.robot.urdf == lemur_capture.robot.urdf
     assert recorded.robot.tip_link == "end_effector"
@@ -90,7 +91,7 @@ def test_a_bag_without_plans_tells_its_answers(
     lemur_capture: PlanningProblem, tmp_path: Path
 ) -> None:
     refusal = NoPlanFound(Status.COLLISION, "obstacle c1 is in the way")
-    record_answer(tmp_path / "bag", lemur_capture, SETTINGS, refusal, 0.5)
+    record_answer(tmp_path / "bag", PlanningTask(lemur_capture, SETTINGS), refusal, 0.5)
     with pytest.raises(BagError, match=r"bag holds no plan.*obstacle c1 is in the way"):
         recorded_plans(tmp_path / "bag")
     silent = write_bag(tmp_path / "silent", {})

@@ -28,7 +28,7 @@ from ff_planner_ros.ros.messages.to_messages import (
     response_from_plan,
     time_message,
 )
-from ff_planner_ros.ros.requests.reading import Sources
+from ff_planner_ros.ros.requests.reading import Provenance
 from ff_planner_ros.runs.recorded_run import RecordedRun, recorded_run
 from ff_planner_ros.runs.replay import Verdict, replay, version_lines
 
@@ -93,7 +93,7 @@ def world(lemur_capture: PlanningProblem, tmp_path: Path) -> World:
 
 def refused(at_ns: int, plan_id: str = "run.1") -> PlanTrajectory.Response:
     response = response_from_error(FfPlannerError(Status.NO_STATE, "none"), plan_id, 0.0)
-    Sources(taken_up_ns=at_ns).tell(response)
+    Provenance(taken_up_ns=at_ns).tell(response)
     return response
 
 
@@ -171,7 +171,7 @@ def test_parameters_are_those_of_the_moment_and_of_the_node(world: World) -> Non
     known = [one.inputs.parameters for one in run.requests if one.inputs is not None]
     assert [one.planner.starts for one in known] == [3, 7, 7, 8]
     assert {(one.points, one.inertial_frame) for one in known} == {(40, FRAME)}
-    assert "parameters that this version does not know are left out: once" in run.notes
+    assert "parameters that this version does not know are left out: once.upon" in run.notes
 
 
 def test_a_parameter_that_makes_no_sense_is_named(world: World) -> None:
@@ -192,7 +192,7 @@ def test_of_several_messages_with_the_stamp_the_last_before_the_request_counts(
         obstacles.spheres[0].radius = radius
         world.put("/obstacles", "ff_planner_msgs/msg/ObstacleSphereArray", obstacles, at_ns)
     response = response_from_plan(lemur_plan, "run.1", START + 20, FRAME, 0.1)
-    Sources(START + 20, START + 20, "start_state", obstacles_stamp_ns=START).tell(response)
+    Provenance(START + 20, START + 20, "start_state", obstacles_stamp_ns=START).tell(response)
     world.ask(START + 20, response).use_obstacles = False
     (request,) = world.run().requests
     assert request.read_request().task.problem.obstacles[0].radius == 0.2
@@ -206,7 +206,7 @@ def test_obstacles_that_the_recorder_heard_after_the_node_are_those_of_the_reque
     obstacles.spheres[0].radius = 0.2
     world.put("/obstacles", "ff_planner_msgs/msg/ObstacleSphereArray", obstacles, START + 10)
     response = response_from_plan(lemur_plan, "run.1", START, FRAME, 0.1)
-    Sources(START, START, "start_state").tell(response)
+    Provenance(START, START, "start_state").tell(response)
     world.ask(START, response).use_obstacles = False
     (request,) = world.run().requests
     assert request.read_request().task.problem.obstacles[0].radius == 0.2
@@ -218,7 +218,7 @@ def test_inputs_are_found_whatever_their_topics_are_called(
     state = Scene(lemur_capture).state(START)
     world.put("/mocap/pose_of_the_chaser", "ff_planner_msgs/msg/ChaserState", state, START)
     response = response_from_plan(lemur_plan, "run.1", START, FRAME, 0.1)
-    Sources(START, START, "chaser_state").tell(response)
+    Provenance(START, START, "chaser_state").tell(response)
     world.ask(START, response).use_start_state = False
     (request,) = world.run().requests
     measured = request.read_request().task.problem.start.joint_positions
@@ -232,7 +232,7 @@ def test_of_several_topics_that_might_be_the_input_none_is_guessed(
         state = Scene(lemur_capture).state(START)
         world.put(topic, "ff_planner_msgs/msg/ChaserState", state, START)
     response = response_from_plan(lemur_plan, "run.1", START, FRAME, 0.1)
-    Sources(START, START, "chaser_state").tell(response)
+    Provenance(START, START, "chaser_state").tell(response)
     world.ask(START, response).use_start_state = False
     (request,) = world.run().requests
     assert "its topics of this type are /one, /two" in replay(request).words
@@ -253,7 +253,7 @@ def test_a_refusal_for_what_was_not_heard_yet_comes_again_though_the_recorder_he
     with pytest.raises(InvalidInput) as refusal:
         SceneInput(FRAME).scene()
     response = response_from_error(refusal.value, "run.1", 0.0)
-    Sources(START, START, "start_state").tell(response)
+    Provenance(START, START, "start_state").tell(response)
     world.ask(START, response).use_obstacles = False
     (request,) = world.run().requests
     assert replay(request).verdict is Verdict.IDENTICAL

@@ -36,6 +36,7 @@ from ff_planner_ros.planning.plan import Plan, Trajectory
 from ff_planner_ros.planning.planner import plan
 from ff_planner_ros.planning.problem import PlanningProblem
 from ff_planner_ros.planning.settings import load_settings
+from ff_planner_ros.planning.task import PlanningTask
 from ff_planner_ros.robot.model import robot_from_urdf_text
 from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.ros.messages.to_messages import (
@@ -632,7 +633,8 @@ def test_what_is_no_bag_is_refused(tmp_path: Path) -> None:
 
 @pytest.fixture
 def answer(lemur_capture: PlanningProblem, lemur_plan: Plan) -> dict[str, Any]:
-    return json.loads(json.dumps(plan_dictionary(lemur_plan, lemur_capture, 0.5)))
+    task = PlanningTask(lemur_capture, load_settings(CONFIG / "planner.yaml"))
+    return json.loads(json.dumps(plan_dictionary(lemur_plan, task, 0.5)))
 
 
 def report_of(answer: object, directory: Path) -> Report:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from types import SimpleNamespace
 from typing import Any
 from unittest.mock import Mock
 
@@ -13,15 +12,22 @@ from ff_planner_msgs.srv import PlanTrajectory
 from ros_processes import FRAME, Scene
 
 from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.parameters import LimitParameters, load_parameters
 from ff_planner_ros.planning.plan import Plan
-from ff_planner_ros.planning.problem import PlanningProblem
+from ff_planner_ros.planning.problem import Limits, PlanningProblem
 from ff_planner_ros.planning.tail import EndBehaviour
 from ff_planner_ros.ros.inputs.scene_input import SceneInput
 from ff_planner_ros.ros.inputs.state_input import Snapshot
 from ff_planner_ros.ros.messages.from_messages import NANOSECONDS
 from ff_planner_ros.ros.messages.to_messages import time_message
 from ff_planner_ros.ros.outputs.plan_output import PublishedPlan
-from ff_planner_ros.ros.requests.reading import ReadRequest, Sources, read_request
+from ff_planner_ros.ros.requests.reading import (
+    Knowledge,
+    Provenance,
+    ReadRequest,
+    RequestRefused,
+    read_request,
+)
 
 NOW = 1_000 * NANOSECONDS
 PARAMETERS = {
@@ -35,7 +41,6 @@ PARAMETERS = {
     "tail_duration": 1.5,
     "state_max_age": 0.5,
     "state_max_lead": 0.05,
-    "limits": SimpleNamespace(velocity="from_urdf"),
 }
 
 
@@ -44,37 +49,39 @@ def asked(
     request: PlanTrajectory.Request,
     measured_ns: int = NOW,
     published: PublishedPlan | None = None,
-    sources: Sources | None = None,
     **parameters: Any,
 ) -> ReadRequest:
-    used = SimpleNamespace(**PARAMETERS | parameters)
+    used = replace(load_parameters(), **PARAMETERS | parameters)
     states = Mock()
     states.snapshot.return_value = Snapshot(problem.start, measured_ns, "chaser_state")
     scenes = SceneInput(FRAME)
     scenes.keep(Scene(problem).obstacles())
-    noted = sources or Sources()
-    return read_request(request, problem.robot, used, states, scenes, published, NOW, noted)
+    knowledge = Knowledge(problem.robot, used, states, scenes, published, NOW)
+    return read_request(request, knowledge)
 
 
 def test_without_a_start_time_the_plan_starts_after_the_allowance(
     lemur_capture: PlanningProblem,
 ) -> None:
-    sources = Sources()
     request = Scene(lemur_capture).request()
-    found = asked(lemur_capture, request, NOW - 300_000_000, sources=sources)
+    found = asked(lemur_capture, request, NOW - 300_000_000)
     assert found.start_ns == NOW + 2 * NANOSECONDS
     assert found.task.ahead == pytest.approx(2.3)
-    assert sources == Sources(
-        taken_up_ns=NOW, state_stamp_ns=NOW - 300_000_000, state_source="chaser_state"
+    assert found.provenance == Provenance(
+        taken_up_ns=NOW,
+        state_stamp_ns=NOW - 300_000_000,
+        state_source="chaser_state",
+        task_digest=found.task.digest,
     )
 
 
 def test_a_refusal_tells_its_sources_as_far_as_it_came(lemur_capture: PlanningProblem) -> None:
-    sources, request = Sources(), Scene(lemur_capture).complete_request()
+    request = Scene(lemur_capture).complete_request()
     request.obstacles.header.frame_id = "elsewhere"
-    with pytest.raises(InvalidInput, match=r"obstacles\.header\.frame_id"):
-        asked(lemur_capture, request, sources=sources)
-    assert sources == Sources(taken_up_ns=NOW, state_stamp_ns=NOW, state_source="start_state")
+    with pytest.raises(RequestRefused, match=r"obstacles\.header\.frame_id") as refusal:
+        asked(lemur_capture, request)
+    known = Provenance(taken_up_ns=NOW, state_stamp_ns=NOW, state_source="start_state")
+    assert refusal.value.provenance == known
 
 
 @pytest.mark.parametrize(
@@ -133,9 +140,41 @@ def test_the_joints_follow_the_last_plan_if_that_is_where_they_are(
         start=replace(lemur_capture.start, joint_positions=np.array(planned) + off * np.eye(7)[2]),
     )
     published = PublishedPlan("run.1", motion, NOW - round(since * NANOSECONDS))
-    request, sources = Scene(problem).request(), Sources()
-    running = asked(problem, request, published=published, sources=sources).task.running
+    found = asked(problem, Scene(problem).request(), published=published)
+    running = found.task.running
     assert (running is not None) == follows
-    assert sources.following == ("run.1" if follows else "")
+    assert found.provenance.following == ("run.1" if follows else "")
     if running is not None:
         assert running.time[0] == pytest.approx(-since)
+
+
+@pytest.mark.parametrize(
+    ("asked_for", "parameter", "kept"),
+    [(0.0, 0.0, np.inf), (0.0, 0.3, 0.3), (0.2, 0.3, 0.2), (0.2, 0.0, 0.2), (np.inf, 0.3, np.inf)],
+)
+def test_the_requests_limit_of_the_attitude_goes_before_the_parameter(
+    lemur_capture: PlanningProblem, asked_for: float, parameter: float, kept: float
+) -> None:
+    request = Scene(lemur_capture).request()
+    request.limit_chaser_attitude = asked_for
+    limits = LimitParameters("from_urdf", parameter)
+    assert asked(lemur_capture, request, limits=limits).task.problem.limits == Limits(True, kept)
+
+
+@pytest.mark.parametrize("value", [-0.1, np.nan])
+def test_a_limit_of_the_attitude_that_is_none_is_refused_by_name(
+    lemur_capture: PlanningProblem, value: float
+) -> None:
+    request = Scene(lemur_capture).request()
+    request.limit_chaser_attitude = value
+    with pytest.raises(InvalidInput, match=rf"limit_chaser_attitude is {value}"):
+        asked(lemur_capture, request)
+
+
+def test_a_plan_that_would_end_after_the_clock_of_messages_is_refused(
+    lemur_capture: PlanningProblem,
+) -> None:
+    request = Scene(lemur_capture).request()
+    request.duration = 2.0**31
+    with pytest.raises(InvalidInput, match=r"duration is .* must end before 2038"):
+        asked(lemur_capture, request)

@@ -13,10 +13,10 @@ from nav_msgs.msg import Odometry
 from sensor_msgs.msg import JointState
 
 from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.parameters import OdometryParameters
 from ff_planner_ros.planning.problem import PlanningProblem
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.ros.inputs.state_input import StateInput
-from ff_planner_ros.ros.messages.from_odometry import OdometryParameters
 from ff_planner_ros.ros.messages.to_messages import state_message, time_message
 
 FRAME, SENSOR = "inertial", "imu"

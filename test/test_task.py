@@ -2,20 +2,28 @@
 
 from __future__ import annotations
 
+import os
+import pickle
+import subprocess
+import sys
 from dataclasses import replace
 
 import numpy as np
 import pytest
 import robots
+from drawn_plans import drawn_plan
 
 from ff_planner_ros.arrays import Array
-from ff_planner_ros.errors import OutOfTime
+from ff_planner_ros.baselines.straight_line import straight_line
+from ff_planner_ros.errors import InvalidInput, NoPlanFound, OutOfTime, Status
+from ff_planner_ros.planning.controller_rules import Controller
+from ff_planner_ros.planning.joint_motion import joint_motion
 from ff_planner_ros.planning.plan import Plan
-from ff_planner_ros.planning.problem import PlanningProblem
+from ff_planner_ros.planning.problem import Limits, Objective, PlanningProblem
 from ff_planner_ros.planning.settings import PlannerSettings, load_settings
 from ff_planner_ros.planning.tail import EndBehaviour
-from ff_planner_ros.planning.task import PlanningTask, perform
-from ff_planner_ros.planning.watch import Progress
+from ff_planner_ros.planning.task import PlanningTask, attempted, perform, without_search
+from ff_planner_ros.planning.watch import Progress, Watch
 from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.simulation.engine import Engine
 from ff_planner_ros.simulation.execution import execute
@@ -48,8 +56,7 @@ def _drifted(state: SystemState, seconds: float) -> SystemState:
 
 
 def _plan(problem: PlanningProblem, ahead: float, settings: PlannerSettings) -> Plan:
-    task = PlanningTask(problem, ahead, None, EndBehaviour.AS_PLANNED, 0.0)
-    return perform(task, settings, lambda: None, lambda _: None)
+    return perform(PlanningTask(problem, settings, ahead))
 
 
 def _reached(problem: PlanningProblem, plan: Plan) -> Array:
@@ -84,8 +91,9 @@ def test_a_plan_from_where_the_chaser_will_be_reaches_the_goal(
 
 
 def test_the_tail_is_part_of_the_plan(drifting: PlanningProblem, settings: PlannerSettings) -> None:
-    task = PlanningTask(drifting, 0.0, None, EndBehaviour.STOP_JOINTS, 2.0)
-    plan = perform(task, settings, lambda: None, lambda _: None)
+    plan = perform(
+        PlanningTask(drifting, settings, end_behaviour=EndBehaviour.STOP_JOINTS, tail=2.0)
+    )
     assert plan.trajectory.time[-1] == pytest.approx(drifting.duration + 2.0)
     np.testing.assert_allclose(plan.trajectory.joint_velocities[-1], 0.0, atol=1e-9)
 
@@ -95,13 +103,112 @@ def test_progress_is_told_and_the_search_ends_when_it_is_told_to(
 ) -> None:
     told: list[Progress] = []
 
-    def keep_going() -> None:
-        if len(told) >= 3:
-            raise OutOfTime("enough")
+    class Impatient(Watch):
+        def require_time(self) -> None:
+            if len(told) >= 3:
+                raise OutOfTime("enough")
 
-    task = PlanningTask(drifting, 0.0, None, EndBehaviour.AS_PLANNED, 0.0)
-    with pytest.raises(Exception, match="enough"):
-        perform(task, settings, keep_going, told.append)
+        def report(self, progress: Progress) -> None:
+            told.append(progress)
+
+    with pytest.raises(NoPlanFound, match="enough"):
+        perform(PlanningTask(drifting, settings), Impatient())
     assert [progress.iterations for progress in told] == [1, 2, 3]
     assert {progress.phase for progress in told} == {"searching"}
     assert all(progress.starts == 1 and progress.violation >= 0.0 for progress in told)
+
+
+def test_equal_tasks_have_equal_digests_and_every_difference_counts(
+    lemur_capture: PlanningProblem, settings: PlannerSettings
+) -> None:
+    task, again = (PlanningTask(replace(lemur_capture), settings) for _ in range(2))
+    assert task.digest == again.digest
+    assert len(task.digest) == 16
+    start, target, sphere = lemur_capture.start, lemur_capture.target, lemur_capture.obstacles[0]
+    strict = Controller(lemur_capture.robot.joint_names, False, False)
+    running = joint_motion(drawn_plan(lemur_capture.robot, seed=1).trajectory)
+    less = np.nextafter(start.joint_positions, -9.0)
+    problems = {
+        "robot": replace(lemur_capture, robot=replace(lemur_capture.robot, urdf="other")),
+        "start": replace(lemur_capture, start=replace(start, joint_positions=less)),
+        "target": replace(
+            lemur_capture, target=replace(target, angular_acceleration=np.full(3, 5e-324))
+        ),
+        "duration": replace(lemur_capture, duration=np.nextafter(lemur_capture.duration, 99.0)),
+        "points": replace(lemur_capture, points=lemur_capture.points + 1),
+        "obstacles": replace(lemur_capture, obstacles=lemur_capture.obstacles[1:]),
+        "id": replace(
+            lemur_capture,
+            obstacles=(replace(sphere, id="other"), *lemur_capture.obstacles[1:]),
+        ),
+        "objective": replace(lemur_capture, objective=Objective(1.0, 1e-300)),
+        "limits": replace(lemur_capture, limits=Limits(joint_velocities=True)),
+        "attitude": replace(lemur_capture, limits=Limits(chaser_attitude=0.2)),
+    }
+    tasks = {name: PlanningTask(problem, settings) for name, problem in problems.items()} | {
+        "settings": replace(task, settings=replace(settings, starts=settings.starts + 1)),
+        "ahead": replace(task, ahead=1e-9),
+        "running": replace(task, running=running),
+        "end_behaviour": replace(task, end_behaviour=EndBehaviour.STOP_JOINTS, tail=1.0),
+        "tail": replace(task, end_behaviour=EndBehaviour.STOP_JOINTS, tail=1.5),
+        "controller": replace(task, controller=strict),
+        "first_guess": replace(task, first_guess=np.zeros(18)),
+    }
+    digests = {task.digest, *(one.digest for one in tasks.values())}
+    assert len(digests) == 1 + len(tasks)
+
+
+def test_a_digest_is_the_same_in_another_process(
+    lemur_capture: PlanningProblem, settings: PlannerSettings
+) -> None:
+    task = PlanningTask(lemur_capture, settings)
+    code = "import pickle, sys; print(pickle.load(sys.stdin.buffer).digest)"
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        input=pickle.dumps(replace(task)),
+        capture_output=True,
+        check=True,
+        env=os.environ | {"PYTHONHASHSEED": "1"},
+    )
+    assert done.stdout.decode().strip() == task.digest
+
+
+def test_a_controller_that_takes_every_sound_plan_changes_no_digest(
+    lemur_capture: PlanningProblem, settings: PlannerSettings
+) -> None:
+    mild = Controller(lemur_capture.robot.joint_names, True, False)
+    alone, taken = (PlanningTask(lemur_capture, settings, controller=c) for c in (None, mild))
+    assert alone.digest == taken.digest
+
+
+def test_the_controllers_rules_are_kept(
+    lemur_capture: PlanningProblem, settings: PlannerSettings
+) -> None:
+    strict = Controller(lemur_capture.robot.joint_names, False, False)
+    with pytest.raises(NoPlanFound, match="still moves at") as refusal:
+        perform(PlanningTask(lemur_capture, settings, controller=strict))
+    assert refusal.value.status is Status.CONTROLLER_RULE
+    stops = EndBehaviour.STOP_JOINTS
+    perform(PlanningTask(lemur_capture, settings, end_behaviour=stops, tail=2.0, controller=strict))
+
+
+def test_what_any_method_brings_is_judged(
+    lemur_capture: PlanningProblem, settings: PlannerSettings
+) -> None:
+    """The straight line hits the obstacles of the capture."""
+    task, straight = PlanningTask(lemur_capture, settings), without_search(straight_line)
+    with pytest.raises(NoPlanFound, match=r"straight line: xi = 0.*--method optimal") as refusal:
+        perform(task, method=straight)
+    assert refusal.value.status is Status.COLLISION
+    assert [found.status for found in refusal.value.failures][0] is Status.COLLISION
+    motion, found = attempted(task, straight)
+    assert isinstance(motion, Plan)
+    assert found == refusal.value.failures
+
+
+@pytest.mark.parametrize("guess", [np.zeros((3, 6)), np.full(18, np.nan)])
+def test_a_first_guess_that_is_none_is_refused(
+    lemur_capture: PlanningProblem, settings: PlannerSettings, guess: Array
+) -> None:
+    with pytest.raises(InvalidInput, match="first_guess"):
+        PlanningTask(lemur_capture, settings, first_guess=guess)

@@ -6,7 +6,7 @@ import pytest
 
 from ff_planner_ros import time_budget as module
 from ff_planner_ros.errors import OutOfTime, Status
-from ff_planner_ros.time_budget import time_budget
+from ff_planner_ros.time_budget import TimeBudget
 
 
 @pytest.fixture
@@ -18,19 +18,19 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> list[float]:
 
 
 def test_a_budget_lasts_until_it_is_used_up(clock: list[float]) -> None:
-    keep_going = time_budget(2.5)
+    watch = TimeBudget(2.5)
     for clock[0] in (1000.0, 1001.0, 1002.5):
-        keep_going()
+        watch.require_time()
     clock[0] = 1002.6
     with pytest.raises(OutOfTime, match=r"the time budget of 2\.5 s is used up") as end:
-        keep_going()
+        watch.require_time()
     assert end.value.status is Status.OUT_OF_TIME
 
 
 def test_time_that_went_by_before_counts(clock: list[float]) -> None:
-    keep_going = time_budget(2.5, begun=999.0)
+    watch = TimeBudget(2.5, begun=999.0)
     clock[0] = 1001.4
-    keep_going()
+    watch.require_time()
     clock[0] = 1001.6
     with pytest.raises(OutOfTime):
-        keep_going()
+        watch.require_time()

@@ -14,6 +14,7 @@ from ff_planner_ros.planning.plan import Plan
 from ff_planner_ros.planning.planner import plan
 from ff_planner_ros.planning.problem import Objective, PlanningProblem
 from ff_planner_ros.planning.settings import load_settings
+from ff_planner_ros.planning.task import PlanningTask
 from ff_planner_ros.runs.offline_bag import record_answer
 from ff_planner_ros.runs.what_if import allowed_keys, parsed
 
@@ -25,7 +26,7 @@ def bag(
     lemur_capture: PlanningProblem, lemur_plan: Plan, tmp_path_factory: pytest.TempPathFactory
 ) -> Path:
     directory = tmp_path_factory.mktemp("what_if") / "bag"
-    record_answer(directory, lemur_capture, SETTINGS, lemur_plan, 0.5)
+    record_answer(directory, PlanningTask(lemur_capture, SETTINGS), lemur_plan, 0.5)
     return directory
 
 
@@ -92,7 +93,7 @@ def test_refused_attempts_have_numbers_and_others_have_none(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     attempt = NoPlanFound(Status.COLLISION, "too near", lemur_plan)
-    record_answer(tmp_path / "bag", lemur_capture, SETTINGS, attempt, 0.5)
+    record_answer(tmp_path / "bag", PlanningTask(lemur_capture, SETTINGS), attempt, 0.5)
     far = ["--with", "planner.singular_value_threshold=0.9"]
     assert main(["replay", str(tmp_path / "bag"), *far]) == 0
     (row,) = (line for line in capsys.readouterr().out.splitlines() if line.startswith("bag "))

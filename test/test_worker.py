@@ -20,7 +20,6 @@ from ff_planner_ros.planning.plan import Plan
 from ff_planner_ros.planning.planner import plan
 from ff_planner_ros.planning.problem import PlanningProblem, Target
 from ff_planner_ros.planning.settings import PlannerSettings, load_settings
-from ff_planner_ros.planning.tail import EndBehaviour
 from ff_planner_ros.planning.task import PlanningTask
 from ff_planner_ros.planning.watch import Progress
 from ff_planner_ros.ros.requests.worker import Worker
@@ -53,8 +52,7 @@ def solve(
     check: Callable[[], None] = nothing,
     report: Callable[[Progress], None] = nothing,
 ) -> Plan:
-    task = PlanningTask(problem, 0.0, None, EndBehaviour.AS_PLANNED, 0.0)
-    return worker.solve(task, settings, budget, check, report)
+    return worker.solve(PlanningTask(problem, settings), budget, check, report)
 
 
 def server(worker: Worker) -> int:
@@ -247,7 +245,7 @@ def test_what_a_library_prints_does_not_garble_the_answers(
     worker: Worker, settings: PlannerSettings
 ) -> None:
     with pytest.raises(FfPlannerError, match="the planner failed"):
-        worker.solve(Loud(), settings, LONG, nothing, nothing)  # type: ignore[arg-type]
+        worker.solve(Loud(), LONG, nothing, nothing)  # type: ignore[arg-type]
 
 
 def test_a_closed_worker_says_so(lemur_capture: PlanningProblem, settings: PlannerSettings) -> None:

@@ -1,4 +1,4 @@
-"""What the methods made of one question, side by side, and the paper's ratios beside ours."""
+"""What the methods made of one problem, side by side, and the paper's ratios beside ours."""
 
 from __future__ import annotations
 
@@ -14,11 +14,9 @@ from ff_planner_ros.analysis.methods import (
     STRAIGHT_LINE,
     Method,
 )
-from ff_planner_ros.errors import FfPlannerError
-from ff_planner_ros.planning.failures import failures
+from ff_planner_ros.errors import Failure, FfPlannerError
 from ff_planner_ros.planning.plan import Plan
 from ff_planner_ros.planning.problem import PlanningProblem
-from ff_planner_ros.planning.settings import PlannerSettings
 
 COLUMNS = (
     "method",
@@ -37,14 +35,16 @@ _NOTHING = "-"
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """What a method made of the question.
+    """What a method made of the problem.
 
     Attributes:
         plan: The motion that follows, sound or not; or why there is none.
+        failures: What is wrong with the motion.
         seconds: Wall clock until then.
     """
 
     plan: Plan | FfPlannerError
+    failures: tuple[Failure, ...]
     seconds: float
 
 
@@ -70,7 +70,7 @@ _PAPERS_RATIOS = (
 
 
 def comparison_rows(
-    problem: PlanningProblem, settings: PlannerSettings, answers: Mapping[Method, Answer]
+    problem: PlanningProblem, answers: Mapping[Method, Answer]
 ) -> Iterator[tuple[str, ...]]:
     """Yield the cells of `COLUMNS`, a row per method."""
     for method, answer in answers.items():
@@ -80,9 +80,7 @@ def comparison_rows(
             yield method.name, *nothing, seconds, answer.plan.status.name.lower()
             continue
         metrics = answer.plan.metrics
-        found = [
-            failure.status.name.lower() for failure in failures(problem, answer.plan, settings)
-        ]
+        found = [failure.status.name.lower() for failure in answer.failures]
         yield (
             method.name,
             f"{metrics.joint_path_length:.4f}",
@@ -96,15 +94,13 @@ def comparison_rows(
         )
 
 
-def findings(
-    problem: PlanningProblem, settings: PlannerSettings, answers: Mapping[Method, Answer]
-) -> Iterator[str]:
+def findings(answers: Mapping[Method, Answer]) -> Iterator[str]:
     """Yield in words what is wrong with each answer: which constraint, where, by how much."""
     for method, answer in answers.items():
         if isinstance(answer.plan, FfPlannerError):
             yield f"{method.name}: {answer.plan}"
             continue
-        found = [failure.finding for failure in failures(problem, answer.plan, settings)]
+        found = [failure.finding for failure in answer.failures]
         if found:
             yield f"{method.name}: {'; '.join(found)} ({answer.plan.solver.stop_reason})"
 

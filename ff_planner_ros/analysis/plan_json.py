@@ -9,8 +9,9 @@ from typing import Any
 from ff_planner_ros.arrays import Array, finite_number, frozen
 from ff_planner_ros.errors import FfPlannerError, InvalidInput, NoPlanFound, Status
 from ff_planner_ros.planning.plan import Metrics, Plan, SolverReport, Trajectory
-from ff_planner_ros.planning.problem import Objective, PlanningProblem, Sphere
+from ff_planner_ros.planning.problem import Objective, Sphere
 from ff_planner_ros.planning.sound_samples import require_sound_samples
+from ff_planner_ros.planning.task import PlanningTask
 from ff_planner_ros.robot.model import Robot, robot_from_urdf_text
 
 _ROBOT = ("urdf", "base_link", "tip_link")
@@ -35,22 +36,28 @@ class PlanDocument:
     obstacles: tuple[Sphere, ...] | None
 
 
-def plan_dictionary(plan: Plan, problem: PlanningProblem, solve_time: float) -> dict[str, Any]:
+def plan_dictionary(plan: Plan, task: PlanningTask, solve_time: float) -> dict[str, Any]:
     """Return a plan, the robot it is for and what it avoids: SI units, radians, a row per point.
 
     Args:
         solve_time: Wall clock of the answer [s].
     """
-    motion = plan.trajectory
+    motion, problem = plan.trajectory, task.problem
     return {
         "status": Status.SOLVED.name.lower(),
         "message": plan.solver.stop_reason,
+        "digest": task.digest,
         "robot": {name: getattr(problem.robot, name) for name in _ROBOT},
         "objective": asdict(problem.objective),
         "obstacles": [
             {"id": sphere.id, "center": sphere.center.tolist(), "radius": sphere.radius}
             for sphere in problem.obstacles
         ],
+        "limits": {
+            "position": "from_urdf",
+            "velocity": "from_urdf" if problem.limits.joint_velocities else "none",
+            "chaser_attitude": _finite(problem.limits.chaser_attitude) or "none",
+        },
         "joint_names": list(plan.joint_names),
         **{item.name: getattr(motion, item.name).tolist() for item in fields(motion)},
         "xi": plan.xi.tolist(),
@@ -59,13 +66,18 @@ def plan_dictionary(plan: Plan, problem: PlanningProblem, solve_time: float) -> 
     }
 
 
-def refusal_dictionary(error: FfPlannerError, solve_time: float) -> dict[str, Any]:
+def refusal_dictionary(
+    error: FfPlannerError, solve_time: float, digest: str | None = None
+) -> dict[str, Any]:
     """Return a refusal: its cause, and how near the best attempt came; never a trajectory.
 
     Args:
         solve_time: Wall clock of the answer [s].
+        digest: Of the task; None: none came to be.
     """
-    refusal = {"status": error.status.name.lower(), "message": str(error)}
+    refusal: dict[str, Any] = {"status": error.status.name.lower(), "message": str(error)}
+    if digest is not None:
+        refusal["digest"] = digest
     if isinstance(error, NoPlanFound) and isinstance(error.attempt, Plan):
         refusal |= _how_good(error.attempt, solve_time)
     return refusal

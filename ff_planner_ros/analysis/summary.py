@@ -8,10 +8,12 @@ import pinocchio as pin
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.errors import Status
 from ff_planner_ros.planning.plan import Plan
+from ff_planner_ros.planning.problem import Limits
+from ff_planner_ros.planning.task import PlanningTask
 from ff_planner_ros.robot.model import Robot
 
 
-def plan_rows(answer: Plan, solve_time: float) -> list[tuple[str, str]]:
+def plan_rows(answer: Plan, task: PlanningTask, solve_time: float) -> list[tuple[str, str]]:
     """Return name and value of what a user wants to know first of a plan.
 
     Args:
@@ -21,6 +23,7 @@ def plan_rows(answer: Plan, solve_time: float) -> list[tuple[str, str]]:
     clearance = metrics.min_clearance
     return [
         ("status", Status.SOLVED.name.lower()),
+        ("limits kept", _limits(task.problem.limits)),
         ("joint path length", f"{metrics.joint_path_length:.4f} rad"),
         ("largest chaser attitude", f"{np.rad2deg(metrics.max_chaser_euler):.2f} deg"),
         ("clearance", f"{clearance * 1e3:.1f} mm" if np.isfinite(clearance) else "no obstacles"),
@@ -33,7 +36,17 @@ def plan_rows(answer: Plan, solve_time: float) -> list[tuple[str, str]]:
         ("solver", solver.stop_reason),
         ("optimality", f"{solver.optimality:.1e}" if np.isfinite(solver.optimality) else "none"),
         ("search", f"{solver.starts} starts, {solver.rollouts} rollouts, {solve_time:.2f} s"),
+        ("digest of the task", task.digest),
     ]
+
+
+def _limits(limits: Limits) -> str:
+    kept = ["joint positions"]
+    if limits.joint_velocities:
+        kept.append("joint velocities")
+    if np.isfinite(limits.chaser_attitude):
+        kept.append(f"chaser attitude {np.rad2deg(limits.chaser_attitude):.2f} deg")
+    return ", ".join(kept)
 
 
 def _peak_torque(answer: Plan) -> str:

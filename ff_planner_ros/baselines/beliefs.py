@@ -16,9 +16,10 @@ import pinocchio as pin
 from ff_planner_ros.planning.forward import driven
 from ff_planner_ros.planning.joint_motion import joint_motion
 from ff_planner_ros.planning.plan import Plan
-from ff_planner_ros.planning.planner import plan, plan_of_motion
+from ff_planner_ros.planning.planner import plan_of_motion
 from ff_planner_ros.planning.problem import PlanningProblem
 from ff_planner_ros.planning.settings import PlannerSettings
+from ff_planner_ros.planning.task import PlanningTask, perform
 from ff_planner_ros.robot.configuration import configuration, system_state
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.momentum import base_twist, generalised_jacobian, total_momentum
@@ -57,7 +58,7 @@ def zero_momentum(problem: PlanningProblem, settings: PlannerSettings) -> Plan:
 def _executed_as(
     belief: str, problem: PlanningProblem, believed: PlanningProblem, settings: PlannerSettings
 ) -> Plan:
-    answer = plan(believed, settings)
+    answer = perform(PlanningTask(believed, settings))
     reason = f"planned for {belief}, {answer.solver.stop_reason}; executed on the true system"
     motion = executed(problem, answer, settings)
     return replace(motion, solver=replace(answer.solver, stop_reason=reason))

@@ -15,9 +15,9 @@ from ff_planner_ros.bench.robots import ROBOTS
 from ff_planner_ros.bench.scenarios import scenario
 from ff_planner_ros.errors import FfPlannerError, Status
 from ff_planner_ros.planning.plan import Plan
-from ff_planner_ros.planning.planner import plan
 from ff_planner_ros.planning.problem import PlanningProblem
 from ff_planner_ros.planning.settings import PlannerSettings
+from ff_planner_ros.planning.task import PlanningTask, attempted, perform, without_search
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ class BeliefResult:
 
 
 def _free_floating(problem: PlanningProblem, settings: PlannerSettings) -> Plan:
-    return executed(problem, plan(problem, settings), settings)
+    return executed(problem, perform(PlanningTask(problem, settings)), settings)
 
 
 def _fixed_base_without_drift(problem: PlanningProblem, settings: PlannerSettings) -> Plan:
@@ -79,10 +79,10 @@ def belief_result(
         belief: Key of `BELIEFS`.
     """
     problem = scenario(kind, robot, number, turned=False).problem
-    try:
-        metrics = BELIEFS[belief](problem, settings).metrics
-    except FfPlannerError as error:
-        return BeliefResult(kind, robot, number, belief, error.status, None, None, False)
+    made, _ = attempted(PlanningTask(problem, settings), without_search(BELIEFS[belief]))
+    if isinstance(made, FfPlannerError):
+        return BeliefResult(kind, robot, number, belief, made.status, None, None, False)
+    metrics = made.metrics
     return BeliefResult(
         kind,
         robot,

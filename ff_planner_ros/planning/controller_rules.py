@@ -54,7 +54,6 @@ class Command:
 
     Attributes:
         joint_names: Of the columns.
-        start_ns: Stamp in the header.
         time_from_start_ns: One per point.
         positions: [rad].
         velocities: [rad/s].
@@ -63,7 +62,6 @@ class Command:
     """
 
     joint_names: Sequence[str]
-    start_ns: int
     time_from_start_ns: Sequence[int]
     positions: _Rows
     velocities: _Rows
@@ -71,11 +69,11 @@ class Command:
     effort: _Rows
 
 
-def require_acceptable(controller: Controller, command: Command, now_ns: int) -> None:
+def require_acceptable(controller: Controller, command: Command) -> None:
     """Refuse a trajectory that the controller would not take, or would not execute as it is.
 
     Raises:
-        NoPlanFound: Names the rule that is broken, and where; TOO_LATE where it is the time's.
+        NoPlanFound: Names the rule that is broken, and where (CONTROLLER_RULE).
     """
     _require_joints(controller.joints, command.joint_names)
     _require_times(command.time_from_start_ns)
@@ -101,10 +99,21 @@ def require_acceptable(controller: Controller, command: Command, now_ns: int) ->
                     "end_behaviour stop_joints, or set the controller's parameter "
                     "allow_nonzero_velocity_at_trajectory_end and say so to the planner"
                 )
-    if command.start_ns < now_ns:
+
+
+def require_in_time(start_ns: int, now_ns: int) -> None:
+    """Refuse a trajectory that begins before now.
+
+    Args:
+        start_ns: Stamp in its header.
+
+    Raises:
+        NoPlanFound: It is late (TOO_LATE).
+    """
+    if start_ns < now_ns:
         raise NoPlanFound(
             Status.TOO_LATE,
-            f"the trajectory was to begin {(now_ns - command.start_ns) / 1e9:.3f} s ago: the stamp "
+            f"the trajectory was to begin {(now_ns - start_ns) / 1e9:.3f} s ago: the stamp "
             "in its header must not be in the past",
         )
 

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
+from ff_planner_ros.errors import Failure as Failure
 from ff_planner_ros.errors import NoPlanFound, OutOfTime, Status
 from ff_planner_ros.planning.clearance import arm_points, clearances, segments
 from ff_planner_ros.planning.motion import from_trajectory
@@ -24,21 +24,6 @@ LIMIT_TOLERANCE = 1e-6
 _REPORT = "a report to the maintainers, for this is a fault of the planner"
 
 
-@dataclass(frozen=True)
-class Failure:
-    """A constraint that a plan does not meet.
-
-    Attributes:
-        status: Its code.
-        finding: What is where, and by how much too far.
-        advice: What may help.
-    """
-
-    status: Status
-    finding: str
-    advice: tuple[str, ...]
-
-
 def refusal(
     plan: Plan, found: Sequence[Failure], advice: Sequence[str] | None = None
 ) -> NoPlanFound:
@@ -52,7 +37,7 @@ def refusal(
     attempts = "the only attempt" if starts == 1 else f"{starts} attempts; in the best"
     helps = ", ".join(_advice(found) if advice is None else advice)
     message = f"no plan found in {attempts}, {_findings(found)}. What may help: {helps}"
-    return NoPlanFound(found[0].status, message, plan)
+    return NoPlanFound(found[0].status, message, plan, found)
 
 
 def out_of_time(
@@ -70,7 +55,7 @@ def out_of_time(
             _findings(found) or "it keeps every constraint, but was not yet optimised to the end"
         )
         message += f"; {points}: {state}"
-    return NoPlanFound(Status.OUT_OF_TIME, message, plan)
+    return NoPlanFound(Status.OUT_OF_TIME, message, plan, found)
 
 
 def _findings(found: Sequence[Failure]) -> str:

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
+
+import numpy as np
 
 from ff_planner_ros.arrays import Array, frozen
+from ff_planner_ros.planning.metrics import Metrics as Metrics
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,50 +55,6 @@ class Trajectory:
 
 
 @dataclass(frozen=True)
-class Metrics:
-    """What the plan is worth, computed by the check after the solve.
-
-    The objectives and the final errors are those at the goal; all others hold for a tail after it,
-    too.
-
-    Attributes:
-        joint_path_length: Eq. (44) [rad].
-        max_chaser_euler: Eq. (45) [rad].
-        min_clearance: Of any link line from any sphere, certified between the points too [m];
-            infinite without obstacles.
-        min_joint_margin: To the nearest joint limit [rad].
-        min_velocity_margin: Of any joint rate to its limit in the URDF, at the points [rad/s];
-            negative beyond it, which only a problem that limits the rates forbids.
-        peak_joint_torques: Largest absolute torque of each joint at the points [N m]; between them
-            nothing is certified.
-        torque_error: Largest difference of the plan's torques to those that its joint accelerations
-            need while nothing pushes the chaser [N m].
-        penalty: R_obst of Eqs. (46) and (47); zero for a collision-free plan.
-        final_position_error: Of the end effector against the target [m].
-        final_orientation_error: Of the end effector against the target [rad].
-        momentum_error: Largest change of the total momentum along the plan, relative.
-        min_singular_value: Smallest singular value of the generalised Jacobian J_D at the points;
-            zero in a dynamic singularity.
-        start_velocity_jump: Largest difference between the plan's first joint rates and the
-            start state's [rad/s]. Eq. (31) has no null-space motion; a start that has is left.
-    """
-
-    joint_path_length: float
-    max_chaser_euler: float
-    min_clearance: float
-    min_joint_margin: float
-    min_velocity_margin: float
-    peak_joint_torques: tuple[float, ...]
-    torque_error: float
-    penalty: float
-    final_position_error: float
-    final_orientation_error: float
-    momentum_error: float
-    min_singular_value: float
-    start_velocity_jump: float
-
-
-@dataclass(frozen=True)
 class SolverReport:
     """How the solver came to its answer.
 
@@ -127,6 +86,9 @@ class Plan:
         orientation_reading: What the last nine of them describe (see `polynomial`), or empty.
         metrics: What the plan is worth.
         solver: How it was found.
+        family: Name of the path family; empty where the motion is no path of a family.
+        coefficients: The path among its family's, flattened: a first guess for another plan. Shape
+            (variables,), empty without a family.
     """
 
     joint_names: tuple[str, ...]
@@ -135,7 +97,10 @@ class Plan:
     orientation_reading: str
     metrics: Metrics
     solver: SolverReport
+    family: str = ""
+    coefficients: Array = field(default_factory=lambda: np.empty(0))
 
     def __post_init__(self) -> None:
         """Make the decision variables read-only."""
-        object.__setattr__(self, "xi", frozen(self.xi))
+        for name in ("xi", "coefficients"):
+            object.__setattr__(self, name, frozen(getattr(self, name)))

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 import pinocchio as pin
 
-from ff_planner_ros.arrays import Array
+from ff_planner_ros.arrays import Array, finite_vector
 from ff_planner_ros.errors import OutOfTime
 from ff_planner_ros.planning.check import measure
 from ff_planner_ros.planning.failures import failures, out_of_time, refusal
 from ff_planner_ros.planning.motion import to_trajectory
 from ff_planner_ros.planning.plan import Plan, SolverReport
 from ff_planner_ros.planning.polynomial import (
+    PARAMETERS,
     EndEffectorMotion,
     EndEffectorPolynomial,
     end_effector_polynomial,
@@ -25,24 +25,18 @@ from ff_planner_ros.planning.program import PathProgram
 from ff_planner_ros.planning.rollout import Rollout, RolloutModel
 from ff_planner_ros.planning.search import PathSolution, Search, rank
 from ff_planner_ros.planning.settings import PlannerSettings
-from ff_planner_ros.planning.watch import CHECKING, Progress
+from ff_planner_ros.planning.watch import CHECKING, Watch
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.momentum import total_momentum
 
-
-def _for_ever() -> None:
-    """Let a search take the time that it takes."""
-
-
-def _silent(_: Progress) -> None:
-    """Tell nobody."""
+NOBODY = Watch()
 
 
 def plan(
     problem: PlanningProblem,
     settings: PlannerSettings,
-    keep_going: Callable[[], None] = _for_ever,
-    report: Callable[[Progress], None] = _silent,
+    watch: Watch = NOBODY,
+    first_guess: Array | None = None,
 ) -> Plan:
     """Plan a trajectory: optimal, collision-free, checked.
 
@@ -50,17 +44,22 @@ def plan(
     there is an answer, never which.
 
     Args:
-        keep_going: Called before every iteration of the search; raises OutOfTime to end it.
-        report: Told how far it has come, after every iteration and before a path is checked.
+        watch: May end the search, and is told how far it has come.
+        first_guess: Coefficients of a path, as in `Plan.coefficients`: tried first. None: the
+            path family's own guesses alone.
 
     Raises:
-        InvalidInput: The start violates what the plan must keep.
+        InvalidInput: The start violates what the plan must keep, or the first guess is no path.
         NoPlanFound: The goal is out of reach, the search found no feasible path or was ended, or
             the check refused the path that it found.
     """
     robot = problem.robot
     q_start, v_start, momentum = sound_start(problem, settings)
     polynomial = end_effector_paths(problem, q_start, v_start)
+
+    guess = None
+    if first_guess is not None:
+        guess = finite_vector("first_guess", first_guess, PARAMETERS)
 
     def program(points: int, clearance_margin: float, damping: float) -> PathProgram:
         return PathProgram(
@@ -71,10 +70,10 @@ def plan(
             objective=_with_tie_break(problem.objective, settings),
             clearance_margin=clearance_margin,
             limit_joint_velocities=problem.limits.joint_velocities,
-            keep_going=keep_going,
+            keep_going=watch.require_time,
         )
 
-    search = Search(program, problem.points, settings, report)
+    search = Search(program, problem.points, settings, watch.report, guess)
 
     def answer_along(path: PathSolution) -> Plan:
         report = SolverReport(
@@ -91,7 +90,7 @@ def plan(
     ended = None
     try:
         for path in search.paths():
-            report(search.progress(CHECKING, path.at_x))
+            watch.report(search.progress(CHECKING, path.at_x))
             answer = answer_along(path)
             if not any(failures(problem, answer, settings)):
                 return answer
@@ -146,6 +145,8 @@ def plan_of_path(
         motion,
         xi=polynomial.decision_variables(rollout.coefficients),
         orientation_reading=polynomial.reading,
+        family="end_effector_polynomial",
+        coefficients=rollout.coefficients.ravel(),
     )
 
 

@@ -1,16 +1,23 @@
-"""Scenario files: a planning problem written down."""
+"""Scenario files: a planning task written down."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+import math
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
 from ff_planner_ros.arrays import Array, finite_vector
 from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.planning.controller_rules import Controller
+from ff_planner_ros.planning.joint_motion import JointMotion
 from ff_planner_ros.planning.problem import Limits, Objective, PlanningProblem, Sphere, Target
+from ff_planner_ros.planning.settings import PlannerSettings
+from ff_planner_ros.planning.tail import EndBehaviour
+from ff_planner_ros.planning.task import PlanningTask
 from ff_planner_ros.planning.yaml_file import (
     integer,
     mapping,
@@ -29,6 +36,36 @@ from ff_planner_ros.share import resolve_uri
 # A scenario names no frame, since it has one; messages about it must.
 SCENARIO_FRAME = "inertial"
 
+_NO_LIMITS = Limits()
+
+_REQUIRED = ("robot", "chaser", "joints", "target", "duration", "obstacles", "objective")
+_OF_PROBLEM = ("points", "limits")
+_OF_TASK = (
+    *("start_after", "running", "end_behaviour", "tail_duration", "controller", "planner"),
+    "first_guess",
+)
+
+
+@dataclass(frozen=True)
+class Defaults:
+    """What holds for a scenario that does not say; without a value, it must say.
+
+    Attributes:
+        settings: Of the planner.
+        limits: Beside the joints' position limits.
+        end_behaviour: What the arm does after the goal.
+        tail: For how long [s]; None: the scenario must say.
+        points: Of the plan; None: the scenario must say.
+        controller: Whose rules the plan must keep; its joints are the robot's. None: nobody's.
+    """
+
+    settings: PlannerSettings
+    limits: Limits = _NO_LIMITS
+    end_behaviour: EndBehaviour = EndBehaviour.AS_PLANNED
+    tail: float | None = None
+    points: int | None = None
+    controller: Controller | None = None
+
 
 def load_scenario(path: Path) -> PlanningProblem:
     """Read a planning problem from a scenario file.
@@ -40,39 +77,89 @@ def load_scenario(path: Path) -> PlanningProblem:
         InvalidInput: The file or its URDF cannot be read, or a value is unknown, missing, of
             the wrong type or not to be planned with; named as in the file, `chaser.position`.
     """
-    scenario = mapping(
-        "",
-        read_yaml(path),
-        required=(
-            "robot",
-            "chaser",
-            "joints",
-            "target",
-            "duration",
-            "points",
-            "obstacles",
-            "objective",
-        ),
-        optional=("limits",),
+    return _problem(_document(path), path.parent, _NO_LIMITS, None)
+
+
+def load_task(path: Path, defaults: Defaults) -> PlanningTask:
+    """Read a planning task from a scenario file.
+
+    Args:
+        path: As for `load_scenario`.
+
+    Raises:
+        InvalidInput: As by `load_scenario`.
+    """
+    scenario = _document(path)
+    problem = _problem(scenario, path.parent, defaults.limits, defaults.points)
+    joints, end_behaviour = problem.robot.joints, defaults.end_behaviour
+    if "end_behaviour" in scenario:
+        end_behaviour = end_behaviour_of(text("end_behaviour", scenario["end_behaviour"]))
+    tail = 0.0
+    if end_behaviour is not EndBehaviour.AS_PLANNED:
+        tail = number("tail_duration", scenario.get("tail_duration", defaults.tail))
+    running, guess = scenario.get("running"), scenario.get("first_guess")
+    names = [item.name for item in fields(PlannerSettings)]
+    changes = mapping("planner", scenario.get("planner", {}), (), optional=names)
+    return PlanningTask(
+        problem=problem,
+        settings=replace(defaults.settings, **changes),
+        ahead=number("start_after", scenario.get("start_after", 0.0)),
+        running=None if running is None else _running(running, joints),
+        end_behaviour=end_behaviour,
+        tail=tail,
+        controller=_controller(scenario, problem.robot, defaults.controller),
+        first_guess=None if guess is None else numbers("first_guess", guess),
     )
-    limits = mapping("limits", scenario.get("limits", {}), (), optional=("position", "velocity"))
-    position_limits = limits.get("position", "from_urdf")
-    if position_limits != "from_urdf":
-        field, allowed = "limits.position", "it must be from_urdf"
-        raise InvalidInput(Status.UNSUPPORTED, field, position_limits, allowed)
-    robot = _robot(scenario["robot"], path.parent)
+
+
+def end_behaviour_of(word: str) -> EndBehaviour:
+    """Return what a word stands for.
+
+    Raises:
+        InvalidInput: It is not known.
+    """
+    if word not in tuple(EndBehaviour):
+        allowed = f"it must be {', '.join(EndBehaviour)}"
+        raise InvalidInput(Status.OUT_OF_RANGE, "end_behaviour", repr(word), allowed)
+    return EndBehaviour(word)
+
+
+def _document(path: Path) -> dict[str, Any]:
+    return mapping("", read_yaml(path), _REQUIRED, optional=(*_OF_PROBLEM, *_OF_TASK))
+
+
+def _problem(
+    scenario: dict[str, Any], directory: Path, limits: Limits, points: int | None
+) -> PlanningProblem:
+    if points is None and "points" not in scenario:
+        raise InvalidInput(Status.OUT_OF_RANGE, "points", "missing", "it must be given")
+    robot = _robot(scenario["robot"], directory)
     return PlanningProblem(
         robot=robot,
         start=_start(robot, scenario["chaser"], scenario["joints"]),
         target=_target(scenario["target"]),
         duration=number("duration", scenario["duration"]),
-        points=integer("points", scenario["points"]),
+        points=integer("points", scenario.get("points", points)),
         obstacles=_obstacles(scenario["obstacles"]),
         objective=_objective(scenario["objective"]),
-        limits=Limits(
-            joint_velocities=from_urdf("limits.velocity", limits.get("velocity", "none"))
-        ),
+        limits=_limits(scenario.get("limits", {}), limits),
     )
+
+
+def _limits(value: object, defaults: Limits) -> Limits:
+    names = ("position", "velocity", "chaser_attitude")
+    limits = mapping("limits", value, (), optional=names)
+    position_limits = limits.get("position", "from_urdf")
+    if position_limits != "from_urdf":
+        field, allowed = "limits.position", "it must be from_urdf"
+        raise InvalidInput(Status.UNSUPPORTED, field, position_limits, allowed)
+    velocities, attitude = defaults.joint_velocities, defaults.chaser_attitude
+    if "velocity" in limits:
+        velocities = from_urdf("limits.velocity", limits["velocity"])
+    if "chaser_attitude" in limits:
+        asked = limits["chaser_attitude"]
+        attitude = math.inf if asked == "none" else number("limits.chaser_attitude", asked)
+    return Limits(joint_velocities=velocities, chaser_attitude=attitude)
 
 
 def from_urdf(field: str, source: object) -> bool:
@@ -166,7 +253,9 @@ def _obstacles(value: object) -> tuple[Sphere, ...]:
     for index, item in enumerate(sequence("obstacles", value)):
         field = f"obstacles[{index}]"
         entry = mapping(field, item, required=("id", "center", "radius"))
-        name = text(f"{field}.id", entry["id"])
+        name = entry["id"]
+        if not isinstance(name, str):
+            raise InvalidInput(Status.OUT_OF_RANGE, f"{field}.id", repr(name), "it must be text")
         if name in spheres:
             raise InvalidInput(Status.OUT_OF_RANGE, f"{field}.id", name, "it must be unique")
         center = numbers(f"{field}.center", entry["center"])
@@ -177,3 +266,41 @@ def _obstacles(value: object) -> tuple[Sphere, ...]:
 def _objective(value: object) -> Objective:
     entry = mapping("objective", value, required=("joint_path_length", "chaser_attitude"))
     return Objective(**{key: number(f"objective.{key}", entry[key]) for key in entry})
+
+
+def _running(value: object, joints: int) -> JointMotion:
+    names = [item.name for item in fields(JointMotion)]
+    entry = mapping("running", value, required=names)
+    rows = {"time": numbers("running.time", entry["time"])}
+    points = len(rows["time"])
+    for name in names[1:]:
+        field = f"running.{name}"
+        given = sequence(field, entry[name])
+        if len(given) != points:
+            allowed = f"it must be one for each of the {points} times"
+            raise InvalidInput(Status.WRONG_SIZE, field, f"{len(given)} rows", allowed)
+        samples = [numbers(f"{field}[{i}]", row) for i, row in enumerate(given)]
+        rows[name] = np.array(
+            [finite_vector(f"{field}[{i}]", row, joints) for i, row in enumerate(samples)]
+        )
+    if points < 2 or not (np.diff(rows["time"]) > 0.0).all() or not np.isfinite(rows["time"]).all():
+        allowed = "it must be two times or more, each later than the one before"
+        raise InvalidInput(Status.OUT_OF_RANGE, "running.time", rows["time"].tolist(), allowed)
+    return JointMotion(**rows)
+
+
+def _controller(
+    scenario: dict[str, Any], robot: Robot, default: Controller | None
+) -> Controller | None:
+    value = scenario.get("controller", default)
+    if value is None or value == "none":
+        return None
+    if isinstance(value, Controller):
+        return replace(value, joints=robot.joint_names)
+    names = ("allow_nonzero_velocity_at_trajectory_end", "effort_interface")
+    rules = mapping("controller", value, required=names)
+    for name in names:
+        if not isinstance(rules[name], bool):
+            field, allowed = f"controller.{name}", "it must be true or false"
+            raise InvalidInput(Status.OUT_OF_RANGE, field, repr(rules[name]), allowed)
+    return Controller(robot.joint_names, **rules)

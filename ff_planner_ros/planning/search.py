@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from itertools import chain, islice
 from typing import TypeAlias
 
 from ff_planner_ros.arrays import Array
@@ -68,6 +69,7 @@ class Search:
         points: int,
         settings: PlannerSettings,
         report: Callable[[Progress], None],
+        first_guess: Array | None,
     ) -> None:
         """Prepare to search.
 
@@ -75,10 +77,12 @@ class Search:
             program: Gives the optimisation problem for a number of points, a clearance margin [m]
                 and a damping of the velocity map.
             report: Told of every path that is looked at.
+            first_guess: Tried before all others; None: there is none.
         """
         self._settings = settings
         self._report = report
         self._looks = 0
+        self._first_guess = first_guess
         all_points = _Level(
             points,
             0.0,
@@ -133,7 +137,9 @@ class Search:
         """Yield paths on few points that are worth more of them."""
         grid, starts = self._grids[0], self._settings.starts
         postponed: list[PathSolution] = []
-        for guess in first_guesses(grid.program, starts):
+        given = [] if self._first_guess is None else [self._first_guess]
+        guesses = chain(given, first_guesses(grid.program, starts))
+        for guess in islice(guesses, starts):
             self.starts += 1
             rough = self._solve(grid, guess)
             if rough is not None and _is_promising(rough):

@@ -1,58 +1,183 @@
-"""What a mission asks for: a plan from where the system will be, and what comes after its end."""
+"""The one door to the planner: everything that a plan depends on, and the way from there to it."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+import hashlib
+import struct
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, fields, is_dataclass, replace
+from functools import cached_property
+from typing import Any, TypeAlias
 
+import numpy as np
+
+from ff_planner_ros.arrays import Array, finite_number, frozen
+from ff_planner_ros.errors import Failure, FfPlannerError, InvalidInput, NoPlanFound, Status
+from ff_planner_ros.planning.controller_rules import Command, Controller, require_acceptable
+from ff_planner_ros.planning.failures import failures, refusal
 from ff_planner_ros.planning.forward import carried_forward
 from ff_planner_ros.planning.joint_motion import JointMotion
 from ff_planner_ros.planning.plan import Plan
-from ff_planner_ros.planning.planner import plan
+from ff_planner_ros.planning.planner import NOBODY, plan
 from ff_planner_ros.planning.problem import PlanningProblem
 from ff_planner_ros.planning.settings import PlannerSettings
 from ff_planner_ros.planning.tail import EndBehaviour, with_tail
-from ff_planner_ros.planning.watch import Progress
+from ff_planner_ros.planning.watch import Watch
+from ff_planner_ros.robot.model import Robot
+
+# Problem, settings, who watches, first guess.
+Method: TypeAlias = Callable[[PlanningProblem, PlannerSettings, Watch, Array | None], Plan]
+
+_DIGITS = 16  # of a digest
+_NANOSECONDS = 1e9
 
 
 @dataclass(frozen=True, eq=False)
 class PlanningTask:
-    """A question that takes the time until its answer is executed into account.
+    """A problem with everything else that its plan depends on.
 
     Attributes:
-        problem: The question; its start is the state as measured.
+        problem: Its start is the state as measured.
+        settings: Of the planner.
         ahead: Time from the measurement to the first point of the plan [s].
         running: What a controller does with the joints meanwhile, its time counted from the
             measurement; None: they keep their measured rates.
         end_behaviour: What the arm does after the goal.
-        tail: For how long [s].
+        tail: For how long [s]; zero for `as_planned`.
+        controller: Whose rules the plan must keep; None: nobody's.
+        first_guess: Decision variables of the path family, tried first; None: none.
+
+    Raises:
+        InvalidInput: A time that is negative, or a number that is not finite.
     """
 
     problem: PlanningProblem
-    ahead: float
-    running: JointMotion | None
-    end_behaviour: EndBehaviour
-    tail: float
+    settings: PlannerSettings
+    ahead: float = 0.0
+    running: JointMotion | None = None
+    end_behaviour: EndBehaviour = EndBehaviour.AS_PLANNED
+    tail: float = 0.0
+    controller: Controller | None = None
+    first_guess: Array | None = None
+
+    def __post_init__(self) -> None:
+        """Check the times, and keep read-only copies of the arrays."""
+        if finite_number("start_after", self.ahead) < 0.0:
+            allowed = "it must not be negative: a plan starts from the state or later"
+            raise InvalidInput(Status.OUT_OF_RANGE, "start_after", self.ahead, allowed)
+        if self.end_behaviour is EndBehaviour.AS_PLANNED:
+            object.__setattr__(self, "tail", 0.0)
+        if self.running is not None:
+            motion = {item.name: getattr(self.running, item.name) for item in fields(JointMotion)}
+            copy = JointMotion(**{name: frozen(rows) for name, rows in motion.items()})
+            object.__setattr__(self, "running", copy)
+        if self.first_guess is not None:
+            guess = frozen(self.first_guess)
+            if guess.ndim != 1 or not np.isfinite(guess).all():
+                allowed = "it must be a list of finite numbers"
+                raise InvalidInput(Status.NOT_FINITE, "first_guess", guess, allowed)
+            object.__setattr__(self, "first_guess", guess)
+
+    @cached_property
+    def digest(self) -> str:
+        """A hash of everything that the plan depends on: equal tasks have equal digests."""
+        # A controller that lets joints move at the end takes every sound plan.
+        strict = self.controller
+        if strict is not None and strict.allow_nonzero_velocity_at_trajectory_end:
+            strict = None
+        parts = _canonical(replace(self, controller=strict))
+        return hashlib.sha256(b"".join(parts)).hexdigest()[:_DIGITS]
 
 
-def perform(
-    task: PlanningTask,
-    settings: PlannerSettings,
-    keep_going: Callable[[], None],
-    report: Callable[[Progress], None],
-) -> Plan:
-    """Plan from where the system will be to the end of the tail.
+def _canonical(value: Any) -> Iterator[bytes]:
+    """Yield bytes that are the same for equal values, on every machine and in every process."""
+    if isinstance(value, Robot):
+        yield from _canonical((value.urdf, value.base_link, value.tip_link))
+    elif is_dataclass(value):
+        for item in fields(value):
+            yield from _canonical(item.name)
+            yield from _canonical(getattr(value, item.name))
+    elif value is None or isinstance(value, bool):
+        yield repr(value).encode()
+    elif isinstance(value, str):
+        text = str(value).encode(errors="surrogatepass")
+        yield b"s%d:" % len(text) + text
+    elif isinstance(value, np.ndarray):
+        yield f"a{value.shape}".encode() + value.astype("<f8").tobytes()
+    elif isinstance(value, Sequence):
+        yield b"l%d:" % len(value)
+        for entry in value:
+            yield from _canonical(entry)
+    else:
+        yield b"d" + struct.pack("<d", value)
 
-    Args:
-        keep_going: As for `plan`.
-        report: As for `plan`.
+
+def without_search(solve: Callable[[PlanningProblem, PlannerSettings], Plan]) -> Method:
+    """Return a method that searches for nothing: a first guess and a watch are of no use to it."""
+    return lambda problem, settings, _watch, _guess: solve(problem, settings)
+
+
+def perform(task: PlanningTask, watch: Watch = NOBODY, method: Method = plan) -> Plan:
+    """Plan from where the system will be to the end of the tail, and judge the plan.
+
+    The same task gives the same plan.
 
     Raises:
-        InvalidInput: As by `plan` and `with_tail`.
-        NoPlanFound: As by `plan` and `with_tail`.
+        InvalidInput: The start violates what the plan must keep, or the tail is too long.
+        NoPlanFound: The method found no plan, or what it found does not pass the check, with its
+            tail or without; or the controller would not take it.
     """
-    measured = task.problem.start
-    start = carried_forward(task.problem.robot, measured, task.ahead, task.running)
-    problem = replace(task.problem, start=start)
-    to_goal = plan(problem, settings, keep_going, report)
-    return with_tail(problem, to_goal, task.end_behaviour, task.tail, settings)
+    problem, settings = task.problem, task.settings
+    start = carried_forward(problem.robot, problem.start, task.ahead, task.running)
+    problem = replace(problem, start=start)
+    to_goal = method(problem, settings, watch, task.first_guess)
+    found = tuple(failures(problem, to_goal, settings))
+    if found:
+        raise _refused(to_goal, found, is_planner=method is plan)
+    whole = with_tail(problem, to_goal, task.end_behaviour, task.tail, settings)
+    if task.controller is not None:
+        require_acceptable(task.controller, _command(whole, task.controller))
+    return whole
+
+
+def attempted(
+    task: PlanningTask, method: Method
+) -> tuple[Plan | FfPlannerError, tuple[Failure, ...]]:
+    """Return the motion that a method makes, sound or not, and what is wrong with it.
+
+    Returns:
+        The motion, or why the method made none; and what the check found.
+    """
+    made: list[Plan] = []
+
+    def kept(*arguments: Any) -> Plan:
+        made.append(method(*arguments))
+        return made[-1]
+
+    try:
+        return perform(task, method=kept), ()
+    except FfPlannerError as error:
+        found = error.failures if isinstance(error, NoPlanFound) else ()
+        return (made[-1], found) if made else (error, ())
+
+
+def _refused(found: Plan, why: tuple[Failure, ...], is_planner: bool) -> NoPlanFound:
+    if is_planner:
+        return refusal(found, why)
+    ending = Failure(why[0].status, found.solver.stop_reason, ())
+    words = refusal(found, [ending, *why], advice=["--method optimal"]).constraint
+    return NoPlanFound(why[0].status, words, found, why)
+
+
+def _command(plan: Plan, controller: Controller) -> Command:
+    """Return what a controller is sent of a plan."""
+    motion = plan.trajectory
+    torques = motion.joint_torques if controller.effort_interface else motion.joint_torques[:, :0]
+    return Command(
+        joint_names=plan.joint_names,
+        time_from_start_ns=np.rint(motion.time * _NANOSECONDS).astype(np.int64).tolist(),
+        positions=motion.joint_positions.tolist(),
+        velocities=motion.joint_velocities.tolist(),
+        accelerations=motion.joint_accelerations.tolist(),
+        effort=torques.tolist(),
+    )

@@ -10,15 +10,14 @@ from typing import Any
 from ff_planner_ros.bag.decoding import as_installed
 from ff_planner_ros.bag.reader import Bag
 from ff_planner_ros.errors import BagError, InvalidInput
+from ff_planner_ros.parameters import NodeParameters, OdometryParameters
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.ros.messages.from_messages import NANOSECONDS, nanoseconds, state_from_message
 from ff_planner_ros.ros.messages.from_odometry import (
-    OdometryParameters,
     chaser_from_odometry,
     joints_from_joint_state,
 )
-from ff_planner_ros.ros.parameters import NodeParameters
 from ff_planner_ros.runs.recorded_inputs import INPUTS, header_stamp, input_topic
 
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from ff_planner_ros.errors import Status
+from ff_planner_ros.parameters import NodeParameters
 from ff_planner_ros.ros.messages.from_messages import NANOSECONDS, nanoseconds
-from ff_planner_ros.ros.parameters import NodeParameters
 from ff_planner_ros.runs.exchanges import Exchange
 from ff_planner_ros.runs.recorded_inputs import Moment
 from ff_planner_ros.runs.recorded_parameters import RecordedParameters

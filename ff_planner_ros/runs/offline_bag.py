@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from dataclasses import asdict
 from pathlib import Path
@@ -12,16 +13,18 @@ from ff_planner_msgs.srv import PlanTrajectory
 from rclpy.qos import QoSProfile
 from service_msgs.msg import ServiceEventInfo
 
+from ff_planner_ros.arrays import normalising_to
 from ff_planner_ros.bag.encoding import encode
 from ff_planner_ros.bag.provenance import PROVENANCE, provenance
 from ff_planner_ros.bag.writer import BagWriter
-from ff_planner_ros.errors import FfPlannerError
+from ff_planner_ros.errors import FfPlannerError, InvalidInput, Status
 from ff_planner_ros.planning.plan import Plan
-from ff_planner_ros.planning.problem import PlanningProblem
 from ff_planner_ros.planning.scenario import SCENARIO_FRAME
-from ff_planner_ros.planning.settings import PlannerSettings
+from ff_planner_ros.planning.task import PlanningTask
+from ff_planner_ros.ros.messages.from_messages import NANOSECONDS
 from ff_planner_ros.ros.messages.to_messages import (
     obstacles_message,
+    pose_message,
     request_message,
     response_from_error,
     response_from_plan,
@@ -30,7 +33,7 @@ from ff_planner_ros.ros.messages.to_messages import (
 )
 from ff_planner_ros.ros.qos import EVENT_QOS, LATCHED_QOS, STATE_QOS
 from ff_planner_ros.ros.recorder.recorder import offered_qos, type_name
-from ff_planner_ros.ros.requests.reading import Sources
+from ff_planner_ros.ros.requests.reading import Provenance
 
 # What `ff-planner plan` plans with, if not with a baseline.
 OPTIMAL = "optimal"
@@ -38,40 +41,50 @@ OPTIMAL = "optimal"
 
 def record_answer(
     directory: Path,
-    problem: PlanningProblem,
-    settings: PlannerSettings,
+    task: PlanningTask,
     answer: Plan | FfPlannerError,
     solve_time: float,
     scenario: Path | None = None,
     method: str = OPTIMAL,
 ) -> None:
-    """Write question and answer as the node would have recorded them.
+    """Write task and answer as the node would have recorded them.
 
     Args:
         directory: The bag; must not exist.
         answer: The plan, or why there is none.
         solve_time: Wall clock of the answer [s].
-        scenario: The file that the question is from, if it is from one.
+        scenario: The file that the task is from, if it is from one.
         method: That made the plan; only OPTIMAL is what a node answers with.
 
     Raises:
         BagError: The directory exists or cannot be written.
+        InvalidInput: The task has something that no request to the node can ask for.
     """
-    now = time.time_ns()
+    require_recordable(task)
+    problem, now = task.problem, time.time_ns()
     names = problem.robot.joint_names
     state = state_message(problem.start, names, now, SCENARIO_FRAME)
+    exact = normalising_to(problem.start.quaternion_chaser_to_inertial_xyzw)
+    state.pose = pose_message(problem.start.position_chaser_in_inertial.tolist(), exact.tolist())
     obstacles = obstacles_message(problem.obstacles, now, SCENARIO_FRAME)
     request = request_message(problem, SCENARIO_FRAME)
+    exact = normalising_to(problem.target.quaternion_xyzw)
+    request.target_pose.pose = pose_message(problem.target.position.tolist(), exact.tolist())
     request.use_start_state, request.start_state = True, state
     request.use_obstacles, request.obstacles = True, obstacles
-    request.start_time = state.header.stamp
+    start_ns = now + round(task.ahead * NANOSECONDS)
+    request.start_time = time_message(start_ns)
     plan_id = directory.name
     if isinstance(answer, Plan):
-        response = response_from_plan(answer, plan_id, now, SCENARIO_FRAME, solve_time)
+        response = response_from_plan(answer, plan_id, start_ns, SCENARIO_FRAME, solve_time)
     else:
         response = response_from_error(answer, plan_id, solve_time)
-    Sources(
-        taken_up_ns=now, state_stamp_ns=now, state_source="start_state", obstacles_stamp_ns=now
+    Provenance(
+        taken_up_ns=now,
+        state_stamp_ns=now,
+        state_source="start_state",
+        obstacles_stamp_ns=now,
+        task_digest=task.digest,
     ).tell(response)
 
     with BagWriter(directory, flush_interval=0.0) as bag:
@@ -82,12 +95,7 @@ def record_answer(
                 bag.write(topic, encode(message), now, now)
 
         robot = problem.robot
-        used = {
-            "robot": {"base_link": robot.base_link, "tip_link": robot.tip_link},
-            "limits": {"velocity": "from_urdf" if problem.limits.joint_velocities else "none"},
-            "planner": asdict(settings),
-        }
-        parameters = yaml.safe_dump({"/**": {"ros__parameters": used}})
+        parameters = yaml.safe_dump({"/**": {"ros__parameters": _used(task)}})
         bag.attach("robot.urdf", "application/xml", robot.urdf.encode())
         bag.attach("parameters.yaml", "application/yaml", parameters.encode())
         if scenario is not None:
@@ -100,6 +108,54 @@ def record_answer(
         if isinstance(answer, Plan):
             put("/joint_trajectory", LATCHED_QOS, response.joint_trajectory)
             put("/predicted_chaser_path", LATCHED_QOS, response.predicted_chaser_path)
+
+
+def require_recordable(task: PlanningTask) -> None:
+    """Refuse a task that a request to the node cannot hold.
+
+    Raises:
+        InvalidInput: It has something that requests have no field for.
+    """
+    target = task.problem.target
+    for field, given in (
+        ("running", task.running is not None),
+        ("first_guess", task.first_guess is not None),
+        ("target.linear_acceleration", target.linear_acceleration.any()),
+        ("target.angular_acceleration", target.angular_acceleration.any()),
+        ("start_after", task.ahead * NANOSECONDS % 1.0 != 0.0),
+    ):
+        if given:
+            allowed = "a request to the node cannot ask for it: leave out --bag"
+            raise InvalidInput(Status.UNSUPPORTED, field, "given", allowed)
+
+
+def _used(task: PlanningTask) -> dict[str, Any]:
+    """Return the parameters with which a node makes the same task of the request."""
+    robot, limits, controller = task.problem.robot, task.problem.limits, task.controller
+    angle = limits.chaser_attitude
+    return {
+        "robot": {"urdf": "robot.urdf", "base_link": robot.base_link, "tip_link": robot.tip_link},
+        "inertial_frame": SCENARIO_FRAME,
+        "state_source": "chaser_state",
+        "points": task.problem.points,
+        "planning_allowance": 0.0,
+        "start_max_lead": max(task.ahead, 600.0),
+        "following_tolerance": 0.0,
+        "state_max_age": 0.5,
+        "state_max_lead": 0.0,
+        "end_behaviour": task.end_behaviour.value,
+        "tail_duration": task.tail or 1.0,
+        "limits": {
+            "velocity": "from_urdf" if limits.joint_velocities else "none",
+            "chaser_attitude": float(angle) if math.isfinite(angle) else 0.0,
+        },
+        "controller": {
+            "allow_nonzero_velocity_at_trajectory_end": controller is None
+            or controller.allow_nonzero_velocity_at_trajectory_end,
+            "effort_interface": controller is not None and controller.effort_interface,
+        },
+        "planner": asdict(task.settings),
+    }
 
 
 def _events(

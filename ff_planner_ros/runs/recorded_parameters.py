@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Iterable, Sequence
 
 import yaml
 from rcl_interfaces.msg import ParameterEvent
@@ -12,11 +11,16 @@ from rclpy.parameter import Parameter
 from ff_planner_ros.bag.decoding import as_installed
 from ff_planner_ros.bag.reader import Bag
 from ff_planner_ros.errors import BagError, InvalidInput
-from ff_planner_ros.planning.yaml_file import read_yaml
+from ff_planner_ros.parameters import (
+    DECLARATIONS,
+    NodeParameters,
+    default_values,
+    flattened,
+    parameters_of,
+)
 from ff_planner_ros.ros.messages.from_messages import nanoseconds
-from ff_planner_ros.ros.parameters import NodeParameters, changed, parameters_from_values
+from ff_planner_ros.ros.parameters import changed
 from ff_planner_ros.ros.recorder.recorder import type_name
-from ff_planner_ros.share import share_directory
 
 _ATTACHED = "parameters.yaml"
 
@@ -63,36 +67,38 @@ class RecordedParameters:
 
     def _attached(self, bag: Bag) -> NodeParameters:
         try:
-            document = yaml.safe_load(bag.attachments[_ATTACHED])
-            values = dict(document["/**"]["ros__parameters"])
+            values = flattened(yaml.safe_load(bag.attachments[_ATTACHED]))
         except KeyError:
             raise BagError(f"bag {bag.path} has no {_ATTACHED} attached, or an empty one") from None
-        except (yaml.YAMLError, TypeError, ValueError):
+        except (yaml.YAMLError, InvalidInput, TypeError, ValueError):
             raise BagError(f"bag {bag.path}: its {_ATTACHED} holds no parameters") from None
-        # `ff-planner plan --bag` attaches only what it uses; its plans start at once.
-        values.setdefault("planning_allowance", 0.0)
-        known = read_yaml(share_directory() / "config" / "planner.yaml")["/**"]["ros__parameters"]
-        complete, unknown = _merged(known, values, "")
+        # Where `ff-planner plan --bag` of earlier versions attached none, plans start at once.
+        assumed = dict(default_values()) | {"planning_allowance": 0.0}
+        unknown = [name for name in values if name not in assumed]
         if unknown:
             names = ", ".join(unknown)
             self.notes.append(f"parameters that this version does not know are left out: {names}")
+        missing = [name for name in assumed if name not in values]
+        if missing:
+            names = ", ".join(_shortened(missing))
+            self.notes.append(
+                f"parameters that are not in the bag, taken as in this version: {names}"
+            )
         try:
-            return parameters_from_values(complete)
+            return parameters_of(assumed | values)
         except (InvalidInput, TypeError, ValueError, AttributeError) as error:
             raise BagError(f"bag {bag.path}: its {_ATTACHED}: {error}") from None
 
 
-def _merged(
-    known: Mapping[str, Any], values: Mapping[str, Any], prefix: str
-) -> tuple[dict[str, Any], list[str]]:
-    """Return values where there are any, else what is known; and the names that are not known."""
-    merged: dict[str, Any] = {}
-    unknown = [f"{prefix}{name}" for name in values if name not in known]
-    for name, default in known.items():
-        value = values.get(name, default)
-        if isinstance(default, dict) and isinstance(value, dict):
-            merged[name], strange = _merged(default, value, f"{prefix}{name}.")
-            unknown += strange
-        else:
-            merged[name] = value
-    return merged, unknown
+def _shortened(names: Sequence[str]) -> list[str]:
+    """Return names of parameters, a group that is among them as a whole as `group.*`."""
+
+    def members(group: str, of: Iterable[str]) -> int:
+        return sum(name.startswith(f"{group}.") for name in of)
+
+    words: list[str] = []
+    for name in names:
+        group, dot, _ = name.partition(".")
+        whole = dot and members(group, names) == members(group, DECLARATIONS)
+        words.append(f"{group}.*" if whole else name)
+    return list(dict.fromkeys(words))

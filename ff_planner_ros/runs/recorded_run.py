@@ -13,40 +13,19 @@ from ff_planner_ros.bag.decoding import as_installed
 from ff_planner_ros.bag.provenance import PROVENANCE
 from ff_planner_ros.bag.reader import Bag, Message
 from ff_planner_ros.errors import BagError, Status
+from ff_planner_ros.parameters import NodeParameters
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.ros.inputs.scene_input import SceneInput
 from ff_planner_ros.ros.inputs.state_input import StateInput
 from ff_planner_ros.ros.messages.from_messages import NANOSECONDS, nanoseconds, plan_from_response
 from ff_planner_ros.ros.outputs.plan_output import PublishedPlan
-from ff_planner_ros.ros.parameters import NodeParameters
-from ff_planner_ros.ros.requests.reading import ReadRequest, Sources, read_request
+from ff_planner_ros.ros.requests.reading import Knowledge, ReadRequest, read_request
 from ff_planner_ros.runs.exchanges import Exchange, exchanges
 from ff_planner_ros.runs.moments import moment
 from ff_planner_ros.runs.offline_bag import OPTIMAL
 from ff_planner_ros.runs.recorded_inputs import Heard, Moment, heard, input_topic
 from ff_planner_ros.runs.recorded_parameters import RecordedParameters
 from ff_planner_ros.runs.recorded_plans import attached_robot
-
-
-@dataclass(frozen=True, eq=False)
-class Inputs:
-    """What the node knew beside the request.
-
-    Attributes:
-        robot: To plan for.
-        parameters: Of the node at that time.
-        states: What it had heard of the state.
-        scenes: What it had heard of obstacles.
-        published: The plan that the joints may have been following.
-        now_ns: The node's time [ns].
-    """
-
-    robot: Robot
-    parameters: NodeParameters
-    states: StateInput
-    scenes: SceneInput
-    published: PublishedPlan | None
-    now_ns: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +47,7 @@ class RecordedRequest:
     door: str
     request: PlanTrajectory.Request | None
     response: PlanTrajectory.Response | None
-    inputs: Inputs | None
+    inputs: Knowledge | None
     missing: str
     by_time: tuple[str, ...]
 
@@ -88,17 +67,7 @@ class RecordedRequest:
         """
         if self.request is None or self.inputs is None:
             raise BagError(self.missing)
-        knew = self.inputs
-        return read_request(
-            self.request,
-            knew.robot,
-            knew.parameters,
-            knew.states,
-            knew.scenes,
-            knew.published,
-            knew.now_ns,
-            Sources(),
-        )
+        return read_request(self.request, self.inputs)
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,7 +120,7 @@ def recorded_run(bag: Bag) -> RecordedRun:
                 states = _states(bag, robot, parameters, all_heard)
                 scenes = _scenes(bag, parameters, all_heard)
                 published = _published(found[:i], exchange)
-                inputs = Inputs(robot, parameters, states, scenes, published, now_ns)
+                inputs = Knowledge(robot, parameters, states, scenes, published, now_ns)
         except BagError as error:
             missing = str(error)
         plan_id = exchange.response.plan_id if exchange.response is not None else ""

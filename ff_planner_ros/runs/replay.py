@@ -15,7 +15,6 @@ from ff_planner_ros.bag.provenance import provenance
 from ff_planner_ros.bag.reader import open_bag
 from ff_planner_ros.errors import BagError, FfPlannerError, Status
 from ff_planner_ros.planning.task import perform
-from ff_planner_ros.ros.messages.controller_message import controller_message
 from ff_planner_ros.ros.messages.to_messages import response_from_error, response_from_plan
 from ff_planner_ros.runs.differences import Difference, differences
 from ff_planner_ros.runs.recorded_run import RecordedRequest, RecordedRun, recorded_run
@@ -145,21 +144,16 @@ def answer_again(recorded: RecordedRequest) -> tuple[PlanTrajectory.Response, fl
     """
     if recorded.inputs is None:
         raise BagError(recorded.missing)
-    parameters, joint_names = recorded.inputs.parameters, recorded.inputs.robot.joint_names
+    frame, digest = recorded.inputs.parameters.inertial_frame, ""
     begun, took = time.perf_counter(), 0.0
     try:
         asked = recorded.read_request()
-        begun = time.perf_counter()
+        digest, begun = asked.task.digest, time.perf_counter()
         try:
-            plan = perform(asked.task, parameters.planner, lambda: None, lambda _: None)
+            plan = perform(asked.task)
         finally:
             took = time.perf_counter() - begun
-        answer = response_from_plan(
-            plan, recorded.name, asked.start_ns, parameters.inertial_frame, took
-        )
-        controller_message(
-            answer.joint_trajectory, parameters.controller, joint_names, asked.start_ns
-        )
+        answer = response_from_plan(plan, recorded.name, asked.start_ns, frame, took)
     except BagError:
         raise
     except FfPlannerError as error:
@@ -167,6 +161,7 @@ def answer_again(recorded: RecordedRequest) -> tuple[PlanTrajectory.Response, fl
     except Exception as error:  # as the node answers what nobody foresaw
         unforeseen = FfPlannerError(Status.INTERNAL_ERROR, f"{type(error).__name__}: {error}")
         answer = response_from_error(unforeseen, recorded.name, took)
+    answer.task_digest = digest
     return answer, took
 
 
@@ -235,6 +230,7 @@ def status_name(response: PlanTrajectory.Response | None) -> str:
 def _details(replayed: Sequence[Replayed]) -> Iterator[str]:
     """Yield what does not fit a line of the table."""
     for one in replayed:
+        yield from _changed_task(one)
         is_different = one.verdict is Verdict.DIFFERENT
         if len(one.words) > _WIDTH or (is_different and len(one.differences) > 1):
             yield f"\n{one.recorded.name}: {one.words or one.verdict.value}"
@@ -249,6 +245,18 @@ def _details(replayed: Sequence[Replayed]) -> Iterator[str]:
     if tolerated:
         yield "\nwithin tolerance, the largest of all requests:"
         yield from (f"  {found}" for found in tolerated.values())
+
+
+def _changed_task(one: Replayed) -> Iterator[str]:
+    """Yield that the task is not the recorded one, where both are known."""
+    if one.answer is None or one.recorded.response is None:
+        return
+    then, now = one.recorded.response.task_digest, one.answer.task_digest
+    if then and now and then != now:
+        yield (
+            f"note: {one.recorded.name}: what was planned is not what was recorded: the task's "
+            f"digest was {then}, is {now}"
+        )
 
 
 def _outcome(answer: PlanTrajectory.Response) -> str:

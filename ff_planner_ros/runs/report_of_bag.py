@@ -16,6 +16,7 @@ from ff_planner_ros.bag.decoding import as_installed
 from ff_planner_ros.bag.provenance import PROVENANCE
 from ff_planner_ros.bag.reader import Bag, Message, open_bag
 from ff_planner_ros.errors import BagError, FfPlannerError, InvalidInput, Status
+from ff_planner_ros.parameters import NodeParameters
 from ff_planner_ros.planning.plan import Metrics, SolverReport
 from ff_planner_ros.planning.sound_samples import require_sound_samples
 from ff_planner_ros.robot.model import Robot
@@ -26,7 +27,6 @@ from ff_planner_ros.ros.messages.from_messages import (
     spheres_from_message,
     xyz,
 )
-from ff_planner_ros.ros.parameters import NodeParameters
 from ff_planner_ros.runs.exchanges import Exchange, exchanges
 from ff_planner_ros.runs.measured import Window, fill_windows
 from ff_planner_ros.runs.recorded_inputs import Moment, heard, input_topic

@@ -5,17 +5,17 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from copy import deepcopy
-from dataclasses import dataclass, fields, is_dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, get_type_hints
+from typing import Any
 
 import yaml
 from ff_planner_msgs.srv import PlanTrajectory
 
 from ff_planner_ros.bag.reader import open_bag
 from ff_planner_ros.errors import BagError, InvalidInput, Status
+from ff_planner_ros.parameters import DECLARATIONS, checked, replaced
 from ff_planner_ros.planning.yaml_file import integer, number, text
-from ff_planner_ros.ros.parameters import NodeParameters, allowed_words, replaced
 from ff_planner_ros.runs.recorded_run import RecordedRequest, recorded_run
 from ff_planner_ros.runs.replay import answer_again, one_by_one, status_name
 from ff_planner_ros.text_table import print_table
@@ -26,6 +26,7 @@ _OF_REQUEST: Mapping[str, tuple[str, Callable[[str, object], object]]] = {
     "objective.chaser_attitude": ("weight_chaser_attitude", number),
     "duration": ("duration", number),
     "points": ("points", integer),
+    "limits.chaser_attitude": ("limit_chaser_attitude", number),
     "end_behaviour": ("end_behaviour", text),
 }
 # Of the node's parameters: those that planning depends on. The others say where messages go, or
@@ -53,7 +54,9 @@ class Change:
 
 def allowed_keys() -> list[str]:
     """Return everything that may be changed."""
-    return [*_OF_REQUEST, *(name for name in _parameters() if name.startswith(_OF_NODE))]
+    return list(
+        dict.fromkeys([*_OF_REQUEST, *(name for name in DECLARATIONS if name.startswith(_OF_NODE))])
+    )
 
 
 def parsed(setting: str) -> Change:
@@ -75,16 +78,7 @@ def parsed(setting: str) -> Change:
         value = written
     if key in _OF_REQUEST:
         return Change(key, _OF_REQUEST[key][1](key, value))
-    kind, metadata = _parameters()[key]
-    if kind is str:
-        return Change(key, written)
-    if kind is float and isinstance(value, int) and not isinstance(value, bool):
-        value = float(value)
-    low, high = metadata["minimum"], metadata["maximum"]
-    in_range = (low is None or value >= low) and (high is None or value <= high)
-    if type(value) is not kind or not in_range:
-        raise InvalidInput(Status.OUT_OF_RANGE, key, repr(value), allowed_words(kind, **metadata))
-    return Change(key, value)
+    return Change(key, checked(key, written if DECLARATIONS[key].kind is str else value))
 
 
 def changed_request(recorded: RecordedRequest, changes: Sequence[Change]) -> RecordedRequest:
@@ -105,7 +99,7 @@ def changed_request(recorded: RecordedRequest, changes: Sequence[Change]) -> Rec
                 allowed = "it does not fit a request"
                 raise InvalidInput(Status.OUT_OF_RANGE, change.key, change.value, allowed) from None
         else:
-            parameters = replaced(parameters, change.key.split("."), change.value)
+            parameters = replaced(parameters, change.key, change.value)
     inputs = replace(recorded.inputs, parameters=parameters)
     return replace(recorded, request=request, inputs=inputs)
 
@@ -179,21 +173,3 @@ def _solve_time(response: PlanTrajectory.Response) -> str:
 
 def _number(response: PlanTrajectory.Response, value: float, digits: int) -> str:
     return f"{value:.{digits}f}" if response.solver.rollouts else _NONE
-
-
-def _parameters() -> dict[str, tuple[type, Mapping[str, Any]]]:
-    """Return type and declaration of every parameter of the node, by its name."""
-    return _declared(NodeParameters, "")
-
-
-def _declared(group: type[Any], prefix: str) -> dict[str, tuple[type, Mapping[str, Any]]]:
-    types = get_type_hints(group)
-    found: dict[str, tuple[type, Mapping[str, Any]]] = {}
-    for item in fields(group):
-        kind: type[Any] = types[item.name]
-        name = f"{prefix}{item.name}"
-        if is_dataclass(kind):
-            found |= _declared(kind, f"{name}.")
-        else:
-            found[name] = kind, item.metadata
-    return found

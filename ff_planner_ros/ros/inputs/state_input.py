@@ -19,18 +19,16 @@ from nav_msgs.msg import Odometry
 from sensor_msgs.msg import JointState
 
 from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.parameters import OdometryParameters
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.ros.messages.from_messages import NANOSECONDS, nanoseconds, state_from_message
 from ff_planner_ros.ros.messages.from_odometry import (
     ChaserPart,
     JointPart,
-    OdometryParameters,
     chaser_from_odometry,
     joints_from_joint_state,
 )
-
-STATE_SOURCES = ("chaser_state", "odometry")
 
 # A second of a topic at 1 kHz: no partner should travel that much longer than the other.
 _MEMORY = 1000
@@ -71,7 +69,7 @@ class StateInput:
         Args:
             robot: The robot that names the joints.
             inertial_frame: The only frame that states may be given in.
-            source: One of `STATE_SOURCES`.
+            source: One of `parameters.STATE_SOURCES`.
             odometry: How to read odometry, where that is the source.
         """
         self._source = source

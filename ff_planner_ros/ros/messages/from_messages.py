@@ -16,15 +16,16 @@ from geometry_msgs.msg import Point, Quaternion, Vector3
 from ff_planner_ros.arrays import Array, finite_vector
 from ff_planner_ros.bag.plans import trajectory_in
 from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.parameters import NodeParameters
 from ff_planner_ros.planning.plan import Metrics, Plan, SolverReport
-from ff_planner_ros.planning.problem import Limits, Objective, PlanningProblem, Sphere, Target
+from ff_planner_ros.planning.problem import Objective, PlanningProblem, Sphere, Target
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.state import SystemState
 
 NANOSECONDS = 1_000_000_000
 
 # builtin_interfaces/Time counts seconds in an int32.
-_MAX_MESSAGE_SECONDS = 2**31 - 1
+MAX_MESSAGE_SECONDS = 2**31 - 1
 # Of joints at fault: more than any arm has would bury the message.
 _NAMES_SHOWN = 20
 
@@ -33,27 +34,28 @@ def problem_from_request(
     request: PlanTrajectory.Request,
     robot: Robot,
     start: SystemState,
-    start_ns: int,
     obstacles: tuple[Sphere, ...],
-    inertial_frame: str,
-    default_points: int,
-    limits: Limits,
+    parameters: NodeParameters,
 ) -> PlanningProblem:
-    """Build the question that a service request asks.
+    """Build the problem that a service request poses.
 
     Args:
         request: The service request; its start state and obstacles are not looked at.
-        start: State at the first point of the plan.
-        start_ns: Time of that state [ns].
-        inertial_frame: The only frame that the target may be given in.
-        default_points: Number of points where the request says zero.
-        limits: What to keep.
+        parameters: For what the request leaves open.
 
     Raises:
         InvalidInput: A field of the request cannot be used; the error names it.
     """
     target_frame = request.target_pose.header.frame_id
-    require_frame("target_pose.header.frame_id", target_frame, inertial_frame)
+    require_frame("target_pose.header.frame_id", target_frame, parameters.inertial_frame)
+    asked_attitude = request.limit_chaser_attitude
+    if not asked_attitude >= 0.0:
+        raise InvalidInput(
+            Status.OUT_OF_RANGE,
+            "limit_chaser_attitude",
+            asked_attitude,
+            "it must be greater than 0 rad; 0 stands for the parameter limits.chaser_attitude",
+        )
     named_as = {
         "target.position": "target_pose.pose.position",
         "target.quaternion_xyzw": "target_pose.pose.orientation",
@@ -64,7 +66,7 @@ def problem_from_request(
         "objective": "weight_joint_path_length and weight_chaser_attitude",
     }
     with _fields_named(named_as):
-        problem = PlanningProblem(
+        return PlanningProblem(
             robot=robot,
             start=start,
             target=Target(
@@ -74,19 +76,14 @@ def problem_from_request(
                 angular_velocity=xyz(request.target_twist.angular),
             ),
             duration=request.duration,
-            points=request.points or default_points,
+            points=request.points or parameters.points,
             obstacles=obstacles,
             objective=Objective(
                 joint_path_length=request.weight_joint_path_length,
                 chaser_attitude=request.weight_chaser_attitude,
             ),
-            limits=limits,
+            limits=parameters.limits.limits(asked_attitude),
         )
-    if start_ns / NANOSECONDS + problem.duration > _MAX_MESSAGE_SECONDS:
-        raise InvalidInput(
-            Status.OUT_OF_RANGE, "duration", problem.duration, "the plan must end before 2038"
-        )
-    return problem
 
 
 def state_from_message(

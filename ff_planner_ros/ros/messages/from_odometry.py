@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
@@ -11,52 +10,13 @@ from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import JointState
 
 from ff_planner_ros.arrays import Array, finite_vector, unit_quaternion
-from ff_planner_ros.planning.settings import tunable
+from ff_planner_ros.parameters import OdometryParameters
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.ros.messages.from_messages import joint_order, require_frame, xyz, xyzw
 
 # Position, quaternion, linear and angular velocity; positions and velocities: see SystemState.
 ChaserPart: TypeAlias = tuple[Array, Array, Array, Array]
 JointPart: TypeAlias = tuple[Array, Array]
-
-
-@dataclass(frozen=True)
-class OdometryParameters:
-    """The sensor that odometry tells of, and how its messages meet the joints'; `odometry.*`.
-
-    Raises:
-        InvalidInput: A position or a quaternion that is none.
-    """
-
-    child_frame_id: str = tunable(
-        "child_frame_id that odometry must carry: the frame of a sensor fixed to the chaser"
-    )
-    sensor_position_in_chaser: tuple[float, ...] = tunable(
-        "Origin of that frame from the chaser's centre of mass (of the base link and all fixed "
-        "to it, without the arm), in axes of the base link",
-        unit="m",
-    )
-    sensor_quaternion_in_chaser_xyzw: tuple[float, ...] = tunable(
-        "Turns vectors from axes of that frame to axes of the base link; "
-        "[0.0, 0.0, 0.0, 1.0] where the two are parallel"
-    )
-    pairing_tolerance: float = tunable(
-        "odometry and joint_states with stamps further apart than this make no state",
-        minimum=0.0,
-        maximum=1.0,
-        unit="s",
-    )
-
-    def __post_init__(self) -> None:
-        """Check the arrays, which no range of a parameter describes."""
-        position = finite_vector(
-            "odometry.sensor_position_in_chaser", self.sensor_position_in_chaser, 3
-        )
-        quaternion = unit_quaternion(
-            "odometry.sensor_quaternion_in_chaser_xyzw", self.sensor_quaternion_in_chaser_xyzw
-        )
-        object.__setattr__(self, "sensor_position_in_chaser", tuple(position.tolist()))
-        object.__setattr__(self, "sensor_quaternion_in_chaser_xyzw", tuple(quaternion.tolist()))
 
 
 def chaser_from_odometry(

@@ -17,6 +17,7 @@ from std_msgs.msg import Header, String
 from trajectory_msgs.msg import JointTrajectory
 from visualization_msgs.msg import MarkerArray
 
+from ff_planner_ros.parameters import NodeParameters
 from ff_planner_ros.planning.plan import Plan, Trajectory
 from ff_planner_ros.planning.problem import Sphere
 from ff_planner_ros.robot.model import Robot
@@ -26,7 +27,6 @@ from ff_planner_ros.ros.messages.to_messages import time_message
 from ff_planner_ros.ros.outputs import prediction
 from ff_planner_ros.ros.outputs.markers import plan_markers
 from ff_planner_ros.ros.outputs.preview import preview_joint_states
-from ff_planner_ros.ros.parameters import NodeParameters
 from ff_planner_ros.ros.qos import LATCHED_QOS, STREAM_QOS, qos_profile
 
 

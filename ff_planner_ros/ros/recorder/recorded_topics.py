@@ -35,7 +35,7 @@ from visualization_msgs.msg import MarkerArray
 
 from ff_planner_ros.bag.provenance import PROVENANCE, provenance
 from ff_planner_ros.bag.writer import BagWriter
-from ff_planner_ros.ros.parameters import NodeParameters
+from ff_planner_ros.parameters import NodeParameters
 from ff_planner_ros.ros.qos import EVENT_QOS, LATCHED_QOS, STREAM_QOS, qos_profile
 from ff_planner_ros.ros.recorder.recorder import Recorder
 from ff_planner_ros.ros.recorder.topic_queue import RecordedTopic

@@ -21,6 +21,8 @@ from rclpy.node import Node
 from rclpy.service_introspection import ServiceIntrospectionState
 
 from ff_planner_ros.errors import FfPlannerError, Interrupted, NoPlanFound, Status
+from ff_planner_ros.parameters import PREEMPT, NodeParameters
+from ff_planner_ros.planning.controller_rules import require_in_time
 from ff_planner_ros.planning.watch import Progress
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.ros.inputs.scene_input import SceneInput
@@ -30,11 +32,17 @@ from ff_planner_ros.ros.messages.from_messages import NANOSECONDS
 from ff_planner_ros.ros.messages.to_messages import response_from_error, response_from_plan
 from ff_planner_ros.ros.outputs.diagnostics import LastRequest, SolveTimes
 from ff_planner_ros.ros.outputs.plan_output import PlanOutput
-from ff_planner_ros.ros.parameters import PREEMPT, LiveParameters
+from ff_planner_ros.ros.parameters import LiveParameters
 from ff_planner_ros.ros.qos import EVENT_QOS
 from ff_planner_ros.ros.requests.action_events import ActionEvents
 from ff_planner_ros.ros.requests.jobs import Job, Jobs
-from ff_planner_ros.ros.requests.reading import Sources, read_request
+from ff_planner_ros.ros.requests.reading import (
+    Knowledge,
+    Provenance,
+    ReadRequest,
+    RequestRefused,
+    read_request,
+)
 from ff_planner_ros.ros.requests.worker import Worker
 
 SERVICE, ACTION = "plan_trajectory", "plan_trajectory_action"
@@ -181,21 +189,37 @@ class PlanningService:
     def _answer(
         self, request: PlanTrajectory.Request, job: Job, tell: Callable[[Progress], None]
     ) -> PlanTrajectory.Response:
-        begun, sources = time.perf_counter(), Sources()
+        begun, provenance = time.perf_counter(), Provenance()
         try:
             with self._jobs.taken_up(job, preempt=self._parameters.current.when_busy == PREEMPT):
-                response = self._planned(request, job, tell, begun, sources)
+                knowledge = self._knowledge()
+                provenance = Provenance(taken_up_ns=knowledge.now_ns)
+                asked = read_request(request, knowledge)
+                provenance = asked.provenance
+                response = self._planned(asked, knowledge.parameters, job, tell, begun)
         except FfPlannerError as error:
+            if isinstance(error, RequestRefused):
+                provenance = error.provenance
             response = self._refused(job, job.cause or error, begun)
         except Exception as error:
             self._logger.error(f"{job.plan_id}: INTERNAL_ERROR\n{traceback.format_exc()}")
             unforeseen = f"{type(error).__name__}: {error}"
             cause = FfPlannerError(Status.INTERNAL_ERROR, unforeseen)
             response = response_from_error(cause, job.plan_id, time.perf_counter() - begun)
-        sources.tell(response)
+        provenance.tell(response)
         status = Status(response.status.code)
         self.last = LastRequest(job.plan_id, status, response.status.message)
         return response
+
+    def _knowledge(self) -> Knowledge:
+        return Knowledge(
+            self._robot,
+            self._parameters.current,
+            self._states,
+            self._scenes,
+            self._output.published,
+            self._clock.now().nanoseconds,
+        )
 
     def _refused(self, job: Job, cause: FfPlannerError, begun: float) -> PlanTrajectory.Response:
         # Apart from `_answer`: a variable there would hold the error whose traceback holds the
@@ -205,32 +229,18 @@ class PlanningService:
 
     def _planned(
         self,
-        request: PlanTrajectory.Request,
+        asked: ReadRequest,
+        parameters: NodeParameters,
         job: Job,
         tell: Callable[[Progress], None],
         begun: float,
-        sources: Sources,
     ) -> PlanTrajectory.Response:
-        parameters = self._parameters.current
-        asked = read_request(
-            request,
-            self._robot,
-            parameters,
-            self._states,
-            self._scenes,
-            self._output.published,
-            self._clock.now().nanoseconds,
-            sources,
-        )
-
         def report(progress: Progress) -> None:
             self._require_in_time(asked.start_ns)
             tell(progress)
 
         try:
-            plan = self._worker.solve(
-                asked.task, parameters.planner, asked.budget, job.check, report
-            )
+            plan = self._worker.solve(asked.task, asked.budget, job.check, report)
         except Interrupted:
             job.check()
             raise FfPlannerError(Status.SHUT_DOWN, "the planner was shut down") from None
@@ -243,12 +253,9 @@ class PlanningService:
             parameters.inertial_frame,
             time.perf_counter() - begun,
         )
-        for_controller = controller_message(
-            response.joint_trajectory,
-            parameters.controller,
-            self._robot.joint_names,
-            self._clock.now().nanoseconds,
-        )
+        require_in_time(asked.start_ns, self._clock.now().nanoseconds)
+        takes_torques = parameters.controller.effort_interface
+        for_controller = controller_message(response.joint_trajectory, takes_torques)
         job.seal()
         self._output.publish(plan, response, for_controller)
         executor: Any = self._node.executor

@@ -9,15 +9,15 @@ from ff_planner_msgs.srv import PlanTrajectory
 
 from ff_planner_ros.arrays import finite_number
 from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.parameters import NodeParameters
 from ff_planner_ros.planning.joint_motion import JointMotion, joint_motion
-from ff_planner_ros.planning.problem import Limits
-from ff_planner_ros.planning.scenario import from_urdf
 from ff_planner_ros.planning.tail import EndBehaviour
 from ff_planner_ros.planning.task import PlanningTask
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.ros.inputs.scene_input import SceneInput
 from ff_planner_ros.ros.inputs.state_input import Snapshot, StateInput, require_current
 from ff_planner_ros.ros.messages.from_messages import (
+    MAX_MESSAGE_SECONDS,
     NANOSECONDS,
     nanoseconds,
     problem_from_request,
@@ -25,12 +25,32 @@ from ff_planner_ros.ros.messages.from_messages import (
 )
 from ff_planner_ros.ros.messages.to_messages import time_message
 from ff_planner_ros.ros.outputs.plan_output import PublishedPlan
-from ff_planner_ros.ros.parameters import NodeParameters
 
 
-@dataclass
-class Sources:
-    """What an answer is made from, noted while its request is read: a refusal tells it, too.
+@dataclass(frozen=True, eq=False)
+class Knowledge:
+    """What a planner knows beside the request, at the moment when it reads the request.
+
+    Attributes:
+        robot: To plan for.
+        parameters: For what the request leaves open.
+        states: Where the state comes from that the request does not bring.
+        scenes: Where the obstacles come from that the request does not bring.
+        published: The last plan, which the arm may be following.
+        now_ns: The time now [ns].
+    """
+
+    robot: Robot
+    parameters: NodeParameters
+    states: StateInput
+    scenes: SceneInput
+    published: PublishedPlan | None
+    now_ns: int
+
+
+@dataclass(frozen=True)
+class Provenance:
+    """What a plan, or a refusal, is made from.
 
     Attributes:
         taken_up_ns: The node's time when the request was read; zero: it was not [ns].
@@ -40,6 +60,7 @@ class Sources:
         obstacles_stamp_ns: Of the obstacles [ns].
         obstacles_source: Who says so.
         following: Name of the plan that the joints follow until the start; empty: none.
+        task_digest: Of the task; empty: none came to be.
     """
 
     taken_up_ns: int = 0
@@ -49,9 +70,10 @@ class Sources:
     obstacles_stamp_ns: int = 0
     obstacles_source: str = ""
     following: str = ""
+    task_digest: str = ""
 
     def tell(self, response: PlanTrajectory.Response) -> None:
-        """Write them into an answer."""
+        """Write it into a response."""
         response.taken_up = time_message(self.taken_up_ns)
         response.state_stamp = time_message(self.state_stamp_ns)
         response.state_source = self.state_source
@@ -59,6 +81,20 @@ class Sources:
         response.obstacles_stamp = time_message(self.obstacles_stamp_ns)
         response.obstacles_source = self.obstacles_source
         response.following = self.following
+        response.task_digest = self.task_digest
+
+
+class RequestRefused(InvalidInput):
+    """A request that cannot be planned for.
+
+    Attributes:
+        provenance: As far as the request was read.
+    """
+
+    def __init__(self, error: InvalidInput, provenance: Provenance) -> None:
+        """Say what is wrong with it."""
+        super().__init__(error.status, error.field, error.value, error.allowed)
+        self.provenance = provenance
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,77 +105,74 @@ class ReadRequest:
         task: What to plan.
         budget: Wall clock for it [s].
         start_ns: Time of the plan's first point [ns].
+        provenance: What the task is made from.
     """
 
     task: PlanningTask
     budget: float
     start_ns: int
+    provenance: Provenance
 
 
-def read_request(
-    request: PlanTrajectory.Request,
-    robot: Robot,
-    parameters: NodeParameters,
-    states: StateInput,
-    scenes: SceneInput,
-    published: PublishedPlan | None,
-    now_ns: int,
-    sources: Sources,
-) -> ReadRequest:
-    """Read a request.
-
-    Args:
-        request: Of the service, or the goal of the action.
-        parameters: For what the request leaves open.
-        states: Where the state comes from that the request does not bring.
-        scenes: Where the obstacles come from that the request does not bring.
-        published: The last plan, which the arm may be following.
-        now_ns: The time now [ns].
-        sources: Noted here as soon as they are known.
+def read_request(request: PlanTrajectory.Request, knowledge: Knowledge) -> ReadRequest:
+    """Read a request of the service, or the goal of the action.
 
     Raises:
-        InvalidInput: The first thing that cannot be used; the error names it.
+        InvalidInput: The first thing that cannot be used, named; it is a `RequestRefused`.
     """
-    sources.taken_up_ns = now_ns
-    budget = _time_budget(request, parameters)
-    start_ns = _start_time(request, parameters, now_ns)
-    end_behaviour = _end_behaviour(request, parameters)
-    measured = _measured(request, robot, parameters, states, now_ns)
-    sources.state_stamp_ns, sources.state_source = measured.stamp_ns, measured.source
-    sources.joint_states_stamp_ns = measured.joint_states_stamp_ns
-    # A state may be stamped a little ahead of now, where two computers' clocks differ.
-    start_ns = start_ns if nanoseconds(request.start_time) else max(start_ns, measured.stamp_ns)
-    if start_ns < measured.stamp_ns:
+    parameters, provenance = knowledge.parameters, Provenance(taken_up_ns=knowledge.now_ns)
+    try:
+        budget = _time_budget(request, parameters)
+        start_ns = _start_time(request, parameters, knowledge.now_ns)
+        end_behaviour = _end_behaviour(request, parameters)
+        measured = _measured(request, knowledge)
+        provenance = replace(
+            provenance,
+            state_stamp_ns=measured.stamp_ns,
+            state_source=measured.source,
+            joint_states_stamp_ns=measured.joint_states_stamp_ns,
+        )
+        # A state may be stamped a little ahead of now, where two computers' clocks differ.
+        if not nanoseconds(request.start_time):
+            start_ns = max(start_ns, measured.stamp_ns)
+        _require_after_state(start_ns, measured.stamp_ns)
+        scene = knowledge.scenes.scene(request.obstacles if request.use_obstacles else None)
+        provenance = replace(
+            provenance, obstacles_stamp_ns=scene.stamp_ns, obstacles_source=scene.source
+        )
+        problem = problem_from_request(
+            request, knowledge.robot, measured.state, scene.spheres, parameters
+        )
+        tail = 0.0 if end_behaviour is EndBehaviour.AS_PLANNED else parameters.tail_duration
+        if start_ns / NANOSECONDS + tail + problem.duration > MAX_MESSAGE_SECONDS:
+            field, allowed = "duration", "the plan must end before 2038"
+            raise InvalidInput(Status.OUT_OF_RANGE, field, problem.duration, allowed)
+        running = _running(knowledge.published, measured, parameters.following_tolerance)
+        if knowledge.published is not None and running is not None:
+            provenance = replace(provenance, following=knowledge.published.plan_id)
+        task = PlanningTask(
+            problem=problem,
+            settings=parameters.planner,
+            ahead=(start_ns - measured.stamp_ns) / NANOSECONDS,
+            running=running,
+            end_behaviour=end_behaviour,
+            tail=tail,
+            controller=parameters.controller.of(knowledge.robot.joint_names),
+        )
+    except InvalidInput as error:
+        raise RequestRefused(error, provenance) from None
+    provenance = replace(provenance, task_digest=task.digest)
+    return ReadRequest(task, budget, start_ns, provenance)
+
+
+def _require_after_state(start_ns: int, stamp_ns: int) -> None:
+    if start_ns < stamp_ns:
         raise InvalidInput(
             Status.START_IN_PAST,
             "start_time",
-            f"{(measured.stamp_ns - start_ns) / NANOSECONDS:.3f} s before the start state",
+            f"{(stamp_ns - start_ns) / NANOSECONDS:.3f} s before the start state",
             "a plan starts from the state or later",
         )
-    scene = scenes.scene(request.obstacles if request.use_obstacles else None)
-    sources.obstacles_stamp_ns, sources.obstacles_source = scene.stamp_ns, scene.source
-    tail = 0.0 if end_behaviour is EndBehaviour.AS_PLANNED else parameters.tail_duration
-    problem = problem_from_request(
-        request,
-        robot,
-        measured.state,
-        start_ns + round(tail * NANOSECONDS),
-        scene.spheres,
-        parameters.inertial_frame,
-        parameters.points,
-        Limits(joint_velocities=from_urdf("limits.velocity", parameters.limits.velocity)),
-    )
-    running = _running(published, measured, parameters.following_tolerance)
-    if published is not None and running is not None:
-        sources.following = published.plan_id
-    task = PlanningTask(
-        problem=problem,
-        ahead=(start_ns - measured.stamp_ns) / NANOSECONDS,
-        running=running,
-        end_behaviour=end_behaviour,
-        tail=tail,
-    )
-    return ReadRequest(task, budget, start_ns)
 
 
 def _time_budget(request: PlanTrajectory.Request, parameters: NodeParameters) -> float:
@@ -190,20 +223,15 @@ def _end_behaviour(request: PlanTrajectory.Request, parameters: NodeParameters) 
     return EndBehaviour(word)
 
 
-def _measured(
-    request: PlanTrajectory.Request,
-    robot: Robot,
-    parameters: NodeParameters,
-    states: StateInput,
-    now_ns: int,
-) -> Snapshot:
+def _measured(request: PlanTrajectory.Request, knowledge: Knowledge) -> Snapshot:
+    parameters, now_ns = knowledge.parameters, knowledge.now_ns
     limits = (now_ns, parameters.state_max_age, parameters.state_max_lead)
     if not request.use_start_state:
-        return states.snapshot(*limits)
+        return knowledge.states.snapshot(*limits)
     message, source = request.start_state, "start_state"
     stamp_ns = nanoseconds(message.header.stamp) or now_ns
     require_current(f"{source}.header.stamp", stamp_ns, *limits)
-    state = state_from_message(message, source, robot, parameters.inertial_frame)
+    state = state_from_message(message, source, knowledge.robot, parameters.inertial_frame)
     return Snapshot(state, stamp_ns, source)
 
 

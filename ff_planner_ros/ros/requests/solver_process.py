@@ -19,10 +19,9 @@ from typing import BinaryIO, cast
 
 from ff_planner_ros.errors import FfPlannerError
 from ff_planner_ros.planning.plan import Plan
-from ff_planner_ros.planning.settings import PlannerSettings
 from ff_planner_ros.planning.task import PlanningTask, perform
 from ff_planner_ros.planning.watch import Progress
-from ff_planner_ros.time_budget import time_budget
+from ff_planner_ros.time_budget import TimeBudget
 
 # What the planner says to the server, and the server says first of all.
 PLAN, KILL, LOADED = b"plan", b"kill", b"loaded"
@@ -75,22 +74,27 @@ def _make_plan(connection: socket.socket) -> None:
         pickle.dump(_answer(stream, *request), stream)
 
 
-def _answer(
-    stream: BinaryIO, task: PlanningTask, settings: PlannerSettings, budget: float, begun: float
-) -> Plan | FfPlannerError | str:
-    """Plan; an error is an answer too, and one that nobody foresaw is told in words."""
-    reported = begun
+class _Teller(TimeBudget):
+    """Ends a search when its time is used up, and writes its progress to whoever waits."""
 
-    def report(progress: Progress) -> None:
-        nonlocal reported
+    def __init__(self, stream: BinaryIO, budget: float, begun: float) -> None:
+        super().__init__(budget, begun)
+        self._stream, self._reported = stream, begun
+
+    def report(self, progress: Progress) -> None:
         now = time.monotonic()
-        if now - reported >= _REPORT_INTERVAL:
-            reported = now
-            pickle.dump(progress, stream)
-            stream.flush()
+        if now - self._reported >= _REPORT_INTERVAL:
+            self._reported = now
+            pickle.dump(progress, self._stream)
+            self._stream.flush()
 
+
+def _answer(
+    stream: BinaryIO, task: PlanningTask, budget: float, begun: float
+) -> Plan | FfPlannerError | str:
+    """Plan; a refusal is an answer too, and an error that nobody foresaw is told in words."""
     try:
-        return perform(task, settings, time_budget(budget, begun), report)
+        return perform(task, _Teller(stream, budget, begun))
     except FfPlannerError as error:
         return error
     except Exception as error:

@@ -16,7 +16,6 @@ from contextlib import suppress
 
 from ff_planner_ros.errors import FfPlannerError, Interrupted, NoPlanFound, Status
 from ff_planner_ros.planning.plan import Plan
-from ff_planner_ros.planning.settings import PlannerSettings
 from ff_planner_ros.planning.task import PlanningTask
 from ff_planner_ros.planning.watch import Progress
 from ff_planner_ros.ros.requests import solver_process
@@ -46,7 +45,6 @@ class Worker:
     def solve(
         self,
         task: PlanningTask,
-        settings: PlannerSettings,
         budget: float,
         check: Callable[[], None],
         report: Callable[[Progress], None],
@@ -72,7 +70,7 @@ class Worker:
                     raise Interrupted
                 self._interrupted, self._connection = False, ours
             try:
-                request = pickle.dumps((task, settings, budget, begun))
+                request = pickle.dumps((task, budget, begun))
                 answer = self._asked(request, budget, check, report, ours, theirs)
             finally:
                 with self._lock:

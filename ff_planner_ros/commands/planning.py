@@ -1,0 +1,187 @@
+"""The commands that make or test plans: plan, verify, compare, bench, robot."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from ff_planner_ros.analysis.plan_json import plan_dictionary, planned_motion, refusal_dictionary
+from ff_planner_ros.analysis.summary import plan_rows, robot_rows
+from ff_planner_ros.arrays import finite_number
+from ff_planner_ros.baselines.artificial_potential_field import artificial_potential_field
+from ff_planner_ros.baselines.potential_field import load_parameters as load_potential_field
+from ff_planner_ros.baselines.straight_line import straight_line
+from ff_planner_ros.errors import FfPlannerError, InvalidInput, Status
+from ff_planner_ros.parameters import load_parameters
+from ff_planner_ros.planning.plan import Plan, Trajectory
+from ff_planner_ros.planning.planner import plan
+from ff_planner_ros.planning.problem import Objective
+from ff_planner_ros.planning.scenario import Defaults, load_scenario, load_task
+from ff_planner_ros.planning.task import Method, PlanningTask, perform, without_search
+from ff_planner_ros.planning.watch import Watch
+from ff_planner_ros.robot.model import Robot, read_urdf, robot_from_urdf_text
+from ff_planner_ros.robot.urdf import only_leaf_link, root_link
+from ff_planner_ros.share import share_directory
+from ff_planner_ros.time_budget import TimeBudget
+
+SOLVED, BAD_INPUT, NO_PLAN = 0, 2, 3
+
+OBJECTIVES = {"length": Objective(1.0, 0.0), "attitude": Objective(0.0, 1.0)}
+OPTIMAL = "optimal"
+METHODS = (OPTIMAL, "straight", "apf")
+
+
+def plan_scenario(options: argparse.Namespace) -> int:
+    """Plan a scenario file, print what came of it, and write it down."""
+    try:
+        task, watch = _task(options.scenario, options)
+        if options.bag is not None:
+            from ff_planner_ros.runs.offline_bag import record_answer, require_recordable
+
+            require_recordable(task)
+    except FfPlannerError as error:
+        _write_json(options.json, refusal_dictionary(error, solve_time=0.0))
+        raise
+    answer: Plan | FfPlannerError
+    begun = time.perf_counter()
+    try:
+        answer = perform(task, watch, _method(options.method))
+    except FfPlannerError as error:
+        answer = error
+    solve_time = time.perf_counter() - begun
+
+    if isinstance(answer, Plan):
+        _write_json(options.json, plan_dictionary(answer, task, solve_time))
+    else:
+        _write_json(options.json, refusal_dictionary(answer, solve_time, task.digest))
+    if options.bag is not None:
+        record_answer(options.bag, task, answer, solve_time, options.scenario, options.method)
+    if isinstance(answer, FfPlannerError):
+        raise answer
+    print_table(plan_rows(answer, task, solve_time))
+    return SOLVED
+
+
+def _write_json(file: Path | None, answer: dict[str, Any]) -> None:
+    if file is not None:
+        file.write_text(json.dumps(answer) + "\n")
+
+
+def _task(scenario: Path, options: argparse.Namespace) -> tuple[PlanningTask, Watch]:
+    """Return what to plan, and who watches the time."""
+    parameters = load_parameters(options.parameters)
+    defaults, budget = Defaults(parameters.planner), options.time_budget
+    if budget is not None:
+        budget = finite_number("--time-budget", budget, above=0.0)
+    if options.parameters is not None:
+        defaults = parameters.of_scenarios()
+        budget = budget or parameters.time_budget
+    task = load_task(scenario, defaults)
+    if options.objective is not None:
+        problem = replace(task.problem, objective=OBJECTIVES[options.objective])
+        task = replace(task, problem=problem)
+    return task, Watch() if budget is None else TimeBudget(budget)
+
+
+def _method(name: str) -> Method:
+    if name == OPTIMAL:
+        return plan
+    if name == "straight":
+        return without_search(straight_line)
+    field = load_potential_field(share_directory() / "config" / "baselines.yaml")
+    return without_search(partial(artificial_potential_field, parameters=field))
+
+
+def verify_plans(options: argparse.Namespace) -> int:
+    """Execute plans in an independent physics engine."""
+    from ff_planner_ros.verify import print_verdict
+
+    verdicts = [
+        print_verdict(name, robot, motion, options.sensitivity)
+        for name, robot, motion in _motions(options.source, options)
+    ]
+    return SOLVED if all(verdicts) else NO_PLAN
+
+
+def _motions(source: Path, options: argparse.Namespace) -> Iterator[tuple[str, Robot, Trajectory]]:
+    """Yield name, robot and motion of each plan that a file or bag holds or asks for."""
+    if source.suffix in (".yaml", ".yml"):
+        task, watch = _task(source, options)
+        planned = perform(task, watch, _method(options.method))
+        yield source.name, task.problem.robot, planned.trajectory
+    elif source.suffix == ".json":
+        yield source.name, *_motion_in_json(source)
+    elif source.is_dir() or source.suffix == ".mcap":
+        from ff_planner_ros.runs.recorded_plans import recorded_plans
+
+        recorded = recorded_plans(source)
+        print_notes(recorded.notes)
+        for plan_id, recorded_plan in recorded.plans.items():
+            yield plan_id, recorded.robot, recorded_plan.trajectory
+    else:
+        allowed = "it must be a scenario (.yaml), an answer (.json) or a bag (directory or .mcap)"
+        raise InvalidInput(Status.UNSUPPORTED, "what to verify", source, allowed)
+
+
+def _motion_in_json(source: Path) -> tuple[Robot, Trajectory]:
+    try:
+        answer = json.loads(source.read_text(encoding="utf-8"))
+    except ValueError as error:
+        raise InvalidInput(Status.UNSUPPORTED, str(source), "no JSON", str(error)) from None
+    try:
+        return planned_motion(answer)
+    except InvalidInput as error:
+        field = f"{source}: {error.field}"
+        raise InvalidInput(error.status, field, error.value, error.allowed) from None
+
+
+def compare_methods(options: argparse.Namespace) -> int:
+    """Let every method plan a scenario, and show the plans side by side."""
+    from ff_planner_ros.compare import compare
+
+    config = share_directory() / "config"
+    papers_scenario = config / "scenarios" / "lemur_capture.yaml"
+    any_motion = compare(
+        load_scenario(options.scenario),
+        load_parameters().planner,
+        load_potential_field(config / "baselines.yaml"),
+        options.output,
+        of_the_paper=options.scenario.samefile(papers_scenario),
+    )
+    return SOLVED if any_motion else NO_PLAN
+
+
+def run_benchmark(options: argparse.Namespace) -> int:
+    """Measure speed and success rate."""
+    from ff_planner_ros.bench.report import run_on_one_core
+
+    return run_on_one_core(options.quick, options.scenarios, options.json)
+
+
+def show_robot(options: argparse.Namespace) -> int:
+    """Show what the planner makes of a URDF."""
+    text = read_urdf(options.urdf)
+    base_link = options.base_link or root_link(text)
+    tip_link = options.tip_link or only_leaf_link(text)
+    print_table(robot_rows(robot_from_urdf_text(text, base_link, tip_link)))
+    return SOLVED
+
+
+def print_notes(notes: Sequence[str]) -> None:
+    """Print what a user should know beside the result."""
+    for note in notes:
+        print(f"ff-planner: note: {note}", file=sys.stderr)
+
+
+def print_table(rows: Sequence[tuple[str, str]]) -> None:
+    """Print names and values in two columns."""
+    width = max(len(name) for name, _ in rows)
+    for name, value in rows:
+        print(f"{name:{width}}  {value}")

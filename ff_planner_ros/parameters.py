@@ -1,0 +1,524 @@
+"""Every parameter of the planner, declared once; the values are in `config/planner.yaml`."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, is_dataclass, replace
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar, get_type_hints
+
+from ff_planner_ros.arrays import finite_vector, unit_quaternion
+from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.planning.controller_rules import Controller
+from ff_planner_ros.planning.problem import MAX_POINTS, MIN_POINTS, Limits
+from ff_planner_ros.planning.scenario import Defaults, from_urdf
+from ff_planner_ros.planning.settings import PlannerSettings, tunable
+from ff_planner_ros.planning.tail import EndBehaviour
+from ff_planner_ros.planning.yaml_file import mapping, read_yaml
+from ff_planner_ros.share import share_directory
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
+Group = TypeVar("Group", bound="DataclassInstance")
+
+# Definitions and documents alone take a fifth of it [bytes].
+_MIN_FILE_SIZE = 1_000_000
+_MAX_DEPTH = 10_000
+# What a request does that meets another one: parameter when_busy.
+REJECT, PREEMPT = "reject", "preempt"
+STATE_SOURCES = ("chaser_state", "odometry")
+RELIABILITIES, DURABILITIES = ("best_effort", "reliable"), ("volatile", "transient_local")
+
+
+@dataclass(frozen=True)
+class RobotParameters:
+    """Which robot to plan for."""
+
+    urdf: str = tunable("URDF file: a path or a package:// URI")
+    base_link: str = tunable("URDF link that carries the arm")
+    tip_link: str = tunable("URDF link whose frame is the end effector")
+
+
+@dataclass(frozen=True)
+class LimitParameters:
+    """Which limits to keep beside the joint positions'.
+
+    Raises:
+        InvalidInput: A word that is not known.
+    """
+
+    velocity: str = tunable("Joint rates: from_urdf keeps the URDF's limits, none keeps none")
+    chaser_attitude: float = tunable(
+        "Largest Euler angle of the chaser, Eq. (45), where the request does not say; 0.0: any",
+        minimum=0.0,
+        unit="rad",
+    )
+
+    def __post_init__(self) -> None:
+        """Check the word."""
+        from_urdf("limits.velocity", self.velocity)
+
+    def limits(self, chaser_attitude: float = 0.0) -> Limits:
+        """Return the limits of a problem.
+
+        Args:
+            chaser_attitude: Of the request [rad]; zero: the parameter.
+        """
+        return Limits(
+            joint_velocities=from_urdf("limits.velocity", self.velocity),
+            chaser_attitude=chaser_attitude or self.chaser_attitude or math.inf,
+        )
+
+
+@dataclass(frozen=True)
+class OdometryParameters:
+    """The sensor that odometry tells of, and how its messages meet the joints'; `odometry.*`.
+
+    Raises:
+        InvalidInput: A position or a quaternion that is none.
+    """
+
+    child_frame_id: str = tunable(
+        "child_frame_id that odometry must carry: the frame of a sensor fixed to the chaser"
+    )
+    sensor_position_in_chaser: tuple[float, ...] = tunable(
+        "Origin of that frame from the chaser's centre of mass (of the base link and all fixed "
+        "to it, without the arm), in axes of the base link",
+        unit="m",
+    )
+    sensor_quaternion_in_chaser_xyzw: tuple[float, ...] = tunable(
+        "Turns vectors from axes of that frame to axes of the base link; "
+        "[0.0, 0.0, 0.0, 1.0] where the two are parallel"
+    )
+    pairing_tolerance: float = tunable(
+        "odometry and joint_states with stamps further apart than this make no state",
+        minimum=0.0,
+        maximum=1.0,
+        unit="s",
+    )
+
+    def __post_init__(self) -> None:
+        """Check the arrays, which no range of a parameter describes."""
+        position = finite_vector(
+            "odometry.sensor_position_in_chaser", self.sensor_position_in_chaser, 3
+        )
+        quaternion = unit_quaternion(
+            "odometry.sensor_quaternion_in_chaser_xyzw", self.sensor_quaternion_in_chaser_xyzw
+        )
+        object.__setattr__(self, "sensor_position_in_chaser", tuple(position.tolist()))
+        object.__setattr__(self, "sensor_quaternion_in_chaser_xyzw", tuple(quaternion.tolist()))
+
+
+@dataclass(frozen=True)
+class SubscriptionQos:
+    """What the node asks of publishers."""
+
+    reliability: str = tunable(
+        "best_effort hears every publisher; reliable does not connect to publishers that "
+        "offer best_effort, and only a warning in the log tells"
+    )
+    durability: str = tunable(
+        "volatile hears every publisher, from now on; transient_local also hears what was "
+        "published before, but does not connect to publishers that offer volatile, and only a "
+        "warning in the log tells"
+    )
+    depth: int = tunable(
+        "Messages that wait at most; the oldest are dropped", minimum=1, maximum=_MAX_DEPTH
+    )
+
+
+@dataclass(frozen=True)
+class PublisherQos:
+    """What the node offers to subscribers."""
+
+    reliability: str = tunable(
+        "reliable is heard by every subscriber; best_effort does not connect to subscribers that "
+        "ask for reliable, and only a warning in the log tells"
+    )
+    durability: str = tunable(
+        "transient_local is heard by every subscriber, the last messages also by those that come "
+        "late; volatile does not connect to subscribers that ask for transient_local, and only a "
+        "warning in the log tells"
+    )
+    depth: int = tunable(
+        "Messages that wait at most, and are kept for those that come late",
+        minimum=1,
+        maximum=_MAX_DEPTH,
+    )
+
+
+@dataclass(frozen=True)
+class QosParameters:
+    """Of every topic; the parameters under `qos.`.
+
+    Raises:
+        InvalidInput: A word that is not known.
+    """
+
+    chaser_state: SubscriptionQos
+    odometry: SubscriptionQos
+    joint_states: SubscriptionQos
+    obstacles: SubscriptionQos
+    joint_trajectory: PublisherQos
+    predicted_chaser_path: PublisherQos
+    predicted_chaser_pose: PublisherQos
+
+    def __post_init__(self) -> None:
+        """Check every word."""
+        for item in fields(self):
+            topic = getattr(self, item.name)
+            _require_word(f"qos.{item.name}.reliability", topic.reliability, RELIABILITIES)
+            _require_word(f"qos.{item.name}.durability", topic.durability, DURABILITIES)
+
+
+@dataclass(frozen=True)
+class ControllerParameters:
+    """How the arm's joint_trajectory_controller is set up: it must take every plan."""
+
+    allow_nonzero_velocity_at_trajectory_end: bool = tunable(
+        "Its parameter of this name; if false, only plans whose end_behaviour is stop_joints are "
+        "published"
+    )
+    effort_interface: bool = tunable(
+        "Whether its command_interfaces hold effort; if false, joint_trajectory carries no "
+        "torques, which answers do all the same"
+    )
+
+    def of(self, joints: tuple[str, ...]) -> Controller:
+        """Return the controller of an arm."""
+        allowed = self.allow_nonzero_velocity_at_trajectory_end
+        return Controller(joints, allowed, self.effort_interface)
+
+
+@dataclass(frozen=True)
+class BagParameters:
+    """Where everything is recorded, and how.
+
+    Raises:
+        InvalidInput: A size in which hardly anything fits.
+    """
+
+    directory: str = tunable("A new bag is made in here at every start")
+    flush_interval: float = tunable(
+        "What a crash or a power cut can lose at most", minimum=0.01, maximum=60.0, unit="s"
+    )
+    max_size: int = tunable(
+        "Before a file of the bag becomes larger, its index not counted, another one is begun; "
+        f"0: never; else at least {_MIN_FILE_SIZE}",
+        minimum=0,
+        unit="bytes",
+    )
+    max_duration: float = tunable(
+        "Before a file of the bag becomes longer, another one is begun; 0: never",
+        minimum=0.0,
+        unit="s",
+    )
+
+    def __post_init__(self) -> None:
+        """Check the size."""
+        if 0 < self.max_size < _MIN_FILE_SIZE:
+            raise InvalidInput(
+                Status.OUT_OF_RANGE,
+                "bag.max_size",
+                self.max_size,
+                f"it must be 0, for never, or at least {_MIN_FILE_SIZE} [bytes]: each file "
+                "repeats the robot and all definitions",
+            )
+
+
+@dataclass(frozen=True)
+class TrackingParameters:
+    """When diagnostics warn that the chaser leaves the plan."""
+
+    max_position: float = tunable(
+        "Distance of the measured chaser from the predicted one", minimum=0.0, unit="m"
+    )
+    max_angle: float = tunable(
+        "Angle between the measured and the predicted attitude of the chaser",
+        minimum=0.0,
+        unit="rad",
+    )
+
+
+@dataclass(frozen=True)
+class RateParameters:
+    """How often the node publishes by itself."""
+
+    predicted_pose: float = tunable(
+        "Of predicted_chaser_pose and tracking_error while a plan runs",
+        minimum=0.1,
+        maximum=1000.0,
+        unit="Hz",
+    )
+    diagnostics: float = tunable("Of /diagnostics", minimum=0.1, maximum=100.0, unit="Hz")
+    preview: float = tunable(
+        "Of planned_joint_states, which play the last plan again and again",
+        minimum=0.1,
+        maximum=1000.0,
+        unit="Hz",
+    )
+
+
+@dataclass(frozen=True)
+class NodeParameters:
+    """Every parameter; a group's fields carry its name and a dot in front.
+
+    Raises:
+        InvalidInput: A word that is not known.
+    """
+
+    robot: RobotParameters
+    limits: LimitParameters
+    bag: BagParameters
+    planner: PlannerSettings
+    odometry: OdometryParameters
+    qos: QosParameters
+    controller: ControllerParameters
+    tracking: TrackingParameters
+    rates: RateParameters
+    autostart: bool = tunable("Configure and activate at start; else a lifecycle manager does")
+    inertial_frame: str = tunable("frame_id that states, obstacles and targets must carry")
+    state_source: str = tunable(
+        "Topics that tell the state: chaser_state, or odometry for odometry with joint_states"
+    )
+    points: int = tunable(
+        "Points of a trajectory where the request does not say",
+        minimum=MIN_POINTS,
+        maximum=MAX_POINTS,
+    )
+    time_budget: float = tunable(
+        "Wall clock for an answer where the request does not say",
+        minimum=0.001,
+        maximum=86_400.0,
+        unit="s",
+    )
+    planning_allowance: float = tunable(
+        "A plan starts so long after its request where the request does not say when; it must "
+        "cover planning, and what the controller needs to take the plan over",
+        minimum=0.0,
+        maximum=3600.0,
+        unit="s",
+    )
+    start_max_lead: float = tunable(
+        "A start time further ahead of now is refused", minimum=0.0, maximum=86_400.0, unit="s"
+    )
+    following_tolerance: float = tunable(
+        "Joints that are within this of the last plan follow it until the next one starts; others "
+        "keep their measured rates",
+        minimum=0.0,
+        maximum=10.0,
+        unit="rad",
+    )
+    when_busy: str = tunable(
+        "What a request does that meets another one being planned: reject answers it with BUSY, "
+        "preempt answers the other one with PREEMPTED"
+    )
+    end_behaviour: str = tunable(
+        "What the arm does after the goal where the request does not say: as_planned, "
+        "hold_end_effector or stop_joints"
+    )
+    tail_duration: float = tunable(
+        "How long it does so; does not matter for as_planned",
+        minimum=0.001,
+        maximum=3600.0,
+        unit="s",
+    )
+    state_max_age: float = tunable(
+        "An older chaser state is refused", minimum=0.0, maximum=3600.0, unit="s"
+    )
+    state_max_lead: float = tunable(
+        "A chaser state stamped further ahead of now is refused",
+        minimum=0.0,
+        maximum=3600.0,
+        unit="s",
+    )
+
+    def __post_init__(self) -> None:
+        """Check the words."""
+        _require_word("state_source", self.state_source, STATE_SOURCES)
+        _require_word("when_busy", self.when_busy, (REJECT, PREEMPT))
+        _require_word("end_behaviour", self.end_behaviour, tuple(EndBehaviour))
+
+    def of_scenarios(self) -> Defaults:
+        """Return what holds for a scenario that does not say."""
+        return Defaults(
+            settings=self.planner,
+            limits=self.limits.limits(),
+            end_behaviour=EndBehaviour(self.end_behaviour),
+            tail=self.tail_duration,
+            points=self.points,
+            controller=self.controller.of(()),
+        )
+
+
+def _require_word(field: str, word: str, allowed: tuple[str, ...]) -> None:
+    if word not in allowed:
+        raise InvalidInput(
+            Status.OUT_OF_RANGE, field, repr(word), f"it must be {' or '.join(allowed)}"
+        )
+
+
+class Declaration(NamedTuple):
+    """Type of a parameter, and what `tunable` says of it."""
+
+    kind: type
+    description: str
+    minimum: float | None
+    maximum: float | None
+    unit: str
+
+    @property
+    def allowed(self) -> str:
+        """What the parameter may be, in words."""
+        words = {
+            bool: "true or false",
+            str: "text",
+            int: "a whole number",
+            float: "a number with a decimal point",
+        }.get(self.kind, "an array of numbers with a decimal point")
+        if self.minimum is not None:
+            words += f", at least {self.minimum:g}"
+        if self.maximum is not None:
+            words += f", at most {self.maximum:g}"
+        return f"it must be {words} {f'[{self.unit}] ' if self.unit else ''}({self.description})"
+
+
+def _declarations(group: type[Any], prefix: str = "") -> dict[str, Declaration]:
+    types: dict[str, type[Any]] = get_type_hints(group)
+    found: dict[str, Declaration] = {}
+    for item in fields(group):
+        kind, name = types[item.name], f"{prefix}{item.name}"
+        if is_dataclass(kind):
+            found |= _declarations(kind, f"{name}.")
+        else:
+            found[name] = Declaration(kind, **item.metadata)
+    return found
+
+
+# By full name, `planner.starts`.
+DECLARATIONS: Mapping[str, Declaration] = _declarations(NodeParameters)
+
+
+def load_parameters(path: Path | None = None) -> NodeParameters:
+    """Read a ROS parameters file.
+
+    Args:
+        path: It may name some parameters only: the others are those of `config/planner.yaml`.
+            None: that file itself.
+
+    Raises:
+        InvalidInput: The file cannot be read; a parameter is unknown, of the wrong type or out of
+            its range.
+    """
+    values = dict(default_values())
+    for name, value in (read_values(path) if path else {}).items():
+        if name not in DECLARATIONS:
+            known = f"known are {', '.join(DECLARATIONS)}"
+            raise InvalidInput(Status.OUT_OF_RANGE, name, "an unknown parameter", known)
+        values[name] = checked(name, value)
+    return parameters_of(values)
+
+
+@cache
+def default_values() -> Mapping[str, Any]:
+    """Return the values of `config/planner.yaml` by full name."""
+    return read_values(share_directory() / "config" / "planner.yaml")
+
+
+def read_values(path: Path) -> dict[str, Any]:
+    """Return the values in a ROS parameters file by full name, not judged.
+
+    Raises:
+        InvalidInput: The file cannot be read, or is no parameters file of the planner.
+    """
+    return flattened(read_yaml(path))
+
+
+def flattened(document: Any) -> dict[str, Any]:
+    """Return the values in a document of ROS parameters by full name, not judged.
+
+    Raises:
+        InvalidInput: It is not as ROS expects.
+    """
+    nodes = mapping("", document, required=(), optional=("/**", "ff_planner", "/ff_planner"))
+    values: dict[str, Any] = {}
+    for node, block in nodes.items():
+        _flatten(mapping(node, block, required=("ros__parameters",))["ros__parameters"], "", values)
+    return values
+
+
+def _flatten(block: Any, prefix: str, values: dict[str, Any]) -> None:
+    if not isinstance(block, dict):
+        field = prefix.rstrip(".") or "ros__parameters"
+        raise InvalidInput(Status.OUT_OF_RANGE, field, repr(block), "it must hold parameters")
+    groups = {name.rpartition(".")[0] for name in DECLARATIONS}
+    for name, value in block.items():
+        full = f"{prefix}{name}"
+        if isinstance(value, dict) or full in groups:
+            _flatten(value, f"{full}.", values)
+        else:
+            values[full] = value
+
+
+def checked(name: str, value: Any) -> Any:
+    """Return a value as its parameter is declared; an array becomes a tuple.
+
+    Raises:
+        InvalidInput: It is of the wrong type or out of its range.
+    """
+    declared = DECLARATIONS[name]
+    entries: list[Any] = list(value) if isinstance(value, list | tuple) else [value]
+    is_array = declared.kind not in (bool, str, int, float)
+    kind: type[Any] = float if is_array else declared.kind
+    if kind is float:
+        entries = [float(e) if isinstance(e, int) and type(e) is not bool else e for e in entries]
+    low = -math.inf if declared.minimum is None else declared.minimum
+    high = math.inf if declared.maximum is None else declared.maximum
+    sound = is_array == isinstance(value, list | tuple) and all(
+        type(entry) is kind
+        and (kind in (bool, str) or (math.isfinite(entry) and low <= entry <= high))
+        for entry in entries
+    )
+    if not sound:
+        raise InvalidInput(Status.OUT_OF_RANGE, name, repr(value), declared.allowed)
+    return tuple(entries) if is_array else entries[0]
+
+
+def parameters_of(values: Mapping[str, Any]) -> NodeParameters:
+    """Return the parameters with these values.
+
+    Args:
+        values: Every one, by full name.
+
+    Raises:
+        InvalidInput: A value that makes no sense.
+    """
+    return _group(NodeParameters, values, "")
+
+
+def _group(group: type[Group], values: Mapping[str, Any], prefix: str) -> Group:
+    types, read = get_type_hints(group), dict[str, Any]()
+    for item in fields(group):
+        kind, name = types[item.name], f"{prefix}{item.name}"
+        if is_dataclass(kind):
+            read[item.name] = _group(kind, values, f"{name}.")  # type: ignore[arg-type]
+        else:
+            value = values[name]
+            read[item.name] = tuple(value) if isinstance(value, list) else value
+    return group(**read)
+
+
+def replaced(group: Group, name: str, value: Any) -> Group:
+    """Return parameters with one value replaced; a name that is not ours is left out.
+
+    Raises:
+        InvalidInput: A value that makes no sense.
+    """
+    first, _, rest = name.partition(".")
+    if first not in {item.name for item in fields(group)}:
+        return group
+    inner = replaced(getattr(group, first), rest, value) if rest else value
+    return replace(group, **{first: inner})

@@ -1,0 +1,97 @@
+"""A planning task as a scenario file, without loss: read back, it has the same digest."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict, fields
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from ff_planner_ros.arrays import normalising_to
+from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.planning.problem import PlanningProblem, Target
+from ff_planner_ros.planning.scenario import Defaults, load_task
+from ff_planner_ros.planning.task import PlanningTask
+
+
+def write_scenario(task: PlanningTask, path: Path) -> None:
+    """Write a task to a scenario file, and its robot to a URDF file of the same name beside it.
+
+    Args:
+        path: `NAME.yaml`; what is there is replaced.
+
+    Raises:
+        InvalidInput: The file would not hold the task: two obstacles with one id, say.
+        OSError: A file cannot be written.
+    """
+    robot = task.problem.robot
+    urdf = path.with_suffix(".urdf")
+    urdf.write_text(robot.urdf, encoding="utf-8", newline="")
+    content = {
+        "robot": {"urdf": urdf.name, "base_link": robot.base_link, "tip_link": robot.tip_link},
+        **_problem(task.problem),
+        **_beyond_the_problem(task),
+    }
+    # Flow style for what holds no other lists: a line for each vector.
+    document = yaml.safe_dump(
+        content, default_flow_style=None, sort_keys=False, allow_unicode=True, width=math.inf
+    )
+    path.write_text(document, encoding="utf-8", newline="")
+    if load_task(path, Defaults(task.settings)).digest != task.digest:
+        allowed = "a scenario file holds robots that their URDF describes, and their own joints"
+        raise InvalidInput(Status.UNSUPPORTED, "robot or controller", "of another kind", allowed)
+
+
+def _problem(problem: PlanningProblem) -> dict[str, Any]:
+    start, limits = problem.start, problem.limits
+    angle = limits.chaser_attitude
+    return {
+        "chaser": {
+            "position": start.position_chaser_in_inertial.tolist(),
+            "quaternion_xyzw": normalising_to(start.quaternion_chaser_to_inertial_xyzw).tolist(),
+            "linear_velocity": start.linear_velocity_chaser_in_inertial.tolist(),
+            "angular_velocity": start.angular_velocity_chaser_in_inertial.tolist(),
+        },
+        "joints": {
+            "position": start.joint_positions.tolist(),
+            "velocity": start.joint_velocities.tolist(),
+        },
+        "target": {
+            item.name: getattr(problem.target, item.name).tolist() for item in fields(Target)
+        }
+        | {"quaternion_xyzw": normalising_to(problem.target.quaternion_xyzw).tolist()},
+        "duration": float(problem.duration),
+        "points": int(problem.points),
+        "obstacles": [
+            {"id": str(sphere.id), "center": sphere.center.tolist(), "radius": sphere.radius}
+            for sphere in problem.obstacles
+        ],
+        "objective": {name: float(weight) for name, weight in asdict(problem.objective).items()},
+        "limits": {
+            "position": "from_urdf",
+            "velocity": "from_urdf" if limits.joint_velocities else "none",
+            "chaser_attitude": float(angle) if math.isfinite(angle) else "none",
+        },
+    }
+
+
+def _beyond_the_problem(task: PlanningTask) -> dict[str, Any]:
+    content: dict[str, Any] = {
+        "start_after": float(task.ahead),
+        "end_behaviour": task.end_behaviour.value,
+        "tail_duration": float(task.tail),
+        "controller": "none",
+        "planner": asdict(task.settings),
+    }
+    if task.controller is not None:
+        rules = asdict(task.controller)
+        del rules["joints"]
+        content["controller"] = rules
+    if task.running is not None:
+        motion = task.running
+        content["running"] = {i.name: getattr(motion, i.name).tolist() for i in fields(motion)}
+    if task.first_guess is not None:
+        content["first_guess"] = task.first_guess.tolist()
+    return content

@@ -1,0 +1,40 @@
+"""The requests in a bag as scenario files: `ff-planner plan` makes the recorded plans of them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from ff_planner_ros.bag.reader import open_bag
+from ff_planner_ros.errors import BagError, FfPlannerError
+from ff_planner_ros.planning.scenario_writer import write_scenario
+from ff_planner_ros.runs.recorded_run import recorded_run
+
+
+def export_scenarios(bag: Path, directory: Path) -> tuple[str, ...]:
+    """Write each request that can be rebuilt to a file of its plan's name.
+
+    Args:
+        bag: The directory, or one MCAP file.
+        directory: Must not exist.
+
+    Returns:
+        Notes: what is wrong with the bag, what had to be assumed, which requests are left out.
+
+    Raises:
+        BagError: The bag cannot be read, holds no request, or the directory exists.
+        InvalidInput: The URDF in it is refused.
+    """
+    with open_bag(bag) as opened:
+        run = recorded_run(opened)
+    try:
+        directory.mkdir(parents=True)
+    except FileExistsError:
+        raise BagError(f"{directory} exists: choose another directory") from None
+    notes = list(run.notes)
+    for recorded in run.requests:
+        try:
+            task = recorded.read_request().task
+            write_scenario(task, directory / f"{recorded.name.replace('/', '_')}.yaml")
+        except FfPlannerError as error:
+            notes.append(f"{recorded.name} is left out: {error}")
+    return tuple(notes)
