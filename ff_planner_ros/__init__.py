@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from ff_planner_ros.robot.state import SystemState as SystemState
     from ff_planner_ros.share import share_directory as share_directory
     from ff_planner_ros.simulation.verification import Verification as Verification
-    from ff_planner_ros.simulation.verification import verify as verify_plan
+    from ff_planner_ros.simulation.verification import verify as verify_plan  # noqa: F401
 
 _MODULES = {
     "planning.scenario": ("load_scenario", "load_task", "Defaults"),
