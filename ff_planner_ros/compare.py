@@ -36,7 +36,8 @@ from ff_planner_ros.baselines.beliefs import fixed_base, zero_momentum
 from ff_planner_ros.baselines.potential_field import PotentialFieldParameters
 from ff_planner_ros.baselines.straight_line import straight_line
 from ff_planner_ros.planning.plan import Plan
-from ff_planner_ros.planning.planner import plan, sound_start
+from ff_planner_ros.planning.planner import plan
+from ff_planner_ros.planning.preconditions import require_plannable
 from ff_planner_ros.planning.problem import PlanningProblem
 from ff_planner_ros.planning.settings import PlannerSettings
 from ff_planner_ros.planning.task import Method as Solver
@@ -73,7 +74,7 @@ def compare(
         InvalidInput: The start violates what every plan must keep.
         NoPlanFound: The goal is out of reach.
     """
-    sound_start(problem, settings)
+    require_plannable(problem, settings)
     output.mkdir(parents=True, exist_ok=True)
     answers = {}
     for method, solve in _solvers(field).items():

@@ -9,12 +9,13 @@ from robots import CONFIG
 
 from ff_planner_ros.bench import success
 from ff_planner_ros.bench.beliefs import BELIEFS
-from ff_planner_ros.bench.methods import _optimality, _program
+from ff_planner_ros.bench.methods import _optimality
 from ff_planner_ros.bench.report import print_success
 from ff_planner_ros.cli import main
 from ff_planner_ros.errors import NoPlanFound, Status
-from ff_planner_ros.planning.polynomial import COMPONENTS, FREE_TERMS
+from ff_planner_ros.planning.end_effector_polynomial import end_effector_paths
 from ff_planner_ros.planning.problem import Objective
+from ff_planner_ros.planning.program import path_program
 from ff_planner_ros.planning.settings import load_settings
 from ff_planner_ros.planning.solver import minimise
 from ff_planner_ros.text_table import print_table
@@ -65,15 +66,16 @@ def test_numbers_stand_to_the_right_and_words_to_the_left(capsys):
 
 
 def test_optimality_of_another_method_is_the_solvers_own_at_its_optimum(lemur_capture, settings):
-    program = _program(lemur_capture, settings)
-    solution = minimise(program.linearise, np.zeros(COMPONENTS * FREE_TERMS), 100, 1e-5, 0.0)
+    program = path_program(lemur_capture, end_effector_paths(lemur_capture), settings)
+    solution = minimise(program.linearise, np.zeros(18), 100, 1e-5, 0.0)
     assert solution.converged
-    assert _optimality(program, solution.x.reshape(COMPONENTS, FREE_TERMS)) < 1e-3
-    assert _optimality(program, np.zeros((COMPONENTS, FREE_TERMS))) > 1e-2
+    assert _optimality(program, solution.x) < 1e-3
+    assert _optimality(program, np.zeros(18)) > 1e-2
 
 
 def test_optimality_where_the_attitude_counts_asks_the_peaks_multipliers_to_sum_to_one(
     lemur_capture, settings
 ):
     asked = replace(lemur_capture, objective=Objective(0.0, 1.0))
-    assert _optimality(_program(asked, settings), np.zeros((COMPONENTS, FREE_TERMS))) > 0.1
+    program = path_program(asked, end_effector_paths(asked), settings)
+    assert _optimality(program, np.zeros(18)) > 0.1

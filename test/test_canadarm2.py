@@ -12,9 +12,9 @@ from robots import CANADARM2_SCENARIO
 from ff_planner_ros.errors import NoPlanFound, Status
 from ff_planner_ros.planning.check import require_sound
 from ff_planner_ros.planning.clearance import arm_points, clearances, segments
-from ff_planner_ros.planning.planner import end_effector_paths, plan
+from ff_planner_ros.planning.end_effector_polynomial import end_effector_paths
+from ff_planner_ros.planning.planner import plan
 from ff_planner_ros.planning.problem import Limits, Objective, PlanningProblem
-from ff_planner_ros.planning.rollout import RolloutModel
 from ff_planner_ros.planning.scenario import load_scenario
 from ff_planner_ros.planning.settings import PlannerSettings, load_settings
 from ff_planner_ros.robot.configuration import configuration
@@ -90,8 +90,7 @@ def test_the_system_has_momentum_and_the_straight_path_hits_two_obstacles(
     momentum = total_momentum(robot, robot.model.createData(), q, v)
     assert np.linalg.norm(momentum[:3]) > 1e3
     assert np.linalg.norm(momentum[3:]) > 3e3
-    paths = end_effector_paths(capture, q, v)
-    straight = RolloutModel(robot, q, momentum, paths, capture.points).roll_out(np.zeros((6, 3)))
+    straight = end_effector_paths(capture).motion(np.zeros(18), capture.points)
     positions = arm_points(robot, straight.q)
     distance = clearances(positions, segments(positions), capture.obstacles).distance
     hit = {

@@ -7,16 +7,16 @@ import pinocchio as pin
 import pytest
 
 from ff_planner_ros.errors import NoPlanFound, Status
-from ff_planner_ros.planning.check import certified_clearance, measure, require_sound
+from ff_planner_ros.planning.certificate import certified_clearance
+from ff_planner_ros.planning.check import measure, require_sound
 from ff_planner_ros.planning.clearance import arm_points, clearances, segments
+from ff_planner_ros.planning.end_effector_polynomial import end_effector_paths
 from ff_planner_ros.planning.motion import from_trajectory, to_trajectory
-from ff_planner_ros.planning.planner import end_effector_paths, plan
+from ff_planner_ros.planning.planner import plan
 from ff_planner_ros.planning.problem import Limits, Objective, Sphere
-from ff_planner_ros.planning.rollout import RolloutModel
 from ff_planner_ros.planning.scenario import load_scenario
 from ff_planner_ros.planning.settings import load_settings
 from ff_planner_ros.robot.configuration import configuration
-from ff_planner_ros.robot.momentum import total_momentum
 from ff_planner_ros.share import share_directory
 
 CONFIG = share_directory() / "config"
@@ -81,15 +81,11 @@ def test_the_straight_path_has_the_reference_values(problem, start, joint_path, 
 
 def straight_path(problem):
     """The plan of xi = 0, before anybody checks it."""
-    q, v = configuration(problem.robot, problem.start)
-    momentum = total_momentum(problem.robot, problem.robot.model.createData(), q, v)
-    polynomial = end_effector_paths(problem, q, v)
-    rollouts = RolloutModel(problem.robot, q, momentum, polynomial, problem.points)
-    rollout = rollouts.roll_out(np.zeros((6, 3)))
-    accelerations = rollouts.sensitivity(rollout).acceleration
-    return to_trajectory(
-        problem.robot, rollout.s * problem.duration, rollout.q, rollout.v, accelerations
-    )
+    paths = end_effector_paths(problem)
+    motion = paths.motion(np.zeros(18), problem.points)
+    time = np.linspace(0.0, problem.duration, problem.points)
+    accelerations = paths.sensitivity(motion).acceleration
+    return to_trajectory(problem.robot, time, motion.q, motion.v, accelerations)
 
 
 def test_a_sound_plan_passes(problem, sound):

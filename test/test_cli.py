@@ -315,3 +315,45 @@ def test_the_command_is_installed():
     done = subprocess.run([command, "--help"], capture_output=True, text=True, check=True)
     for name in ("demo", "node", "plan", "robot", "verify"):
         assert f"\n    {name}" in done.stdout
+
+
+# Runs a command where no module of ROS can be imported, and prints what came of it.
+WITHOUT_ROS = """
+import sys
+from importlib.abc import MetaPathFinder
+
+class NoRos(MetaPathFinder):
+    def find_spec(self, name, path=None, target=None):
+        package = name.partition(".")[0]
+        if package == "rclpy" or package.endswith(("_msgs", "_srvs", "_interfaces")):
+            raise ModuleNotFoundError(name, name=name)
+
+sys.meta_path.insert(0, NoRos())
+from ff_planner_ros.cli import main
+code = main(sys.argv[1:])
+assert not [name for name in sys.modules if name.startswith("ff_planner_ros.ros.")], sys.modules
+sys.exit(code)
+"""
+
+
+def without_ros(*arguments):
+    command = [sys.executable, "-c", WITHOUT_ROS, *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, check=False)
+
+
+def test_planning_and_verifying_need_no_ros(tmp_path):
+    answer = tmp_path / "answer.json"
+    planned = without_ros("plan", CAPTURE, "--json", answer)
+    assert planned.returncode == 0, planned.stderr
+    for arguments in (("verify", answer), ("robot", CONFIG / "robots" / "lemur" / "lemur.urdf")):
+        done = without_ros(*arguments)
+        assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize("arguments", [["node"], ["plan", CAPTURE, "--bag", "bag"]])
+def test_a_command_that_needs_ros_says_so_where_there_is_none(arguments):
+    done = without_ros(*arguments)
+    assert done.returncode == 2
+    (line,) = done.stderr.splitlines()
+    assert "needs ROS 2" in line
+    assert ".[ros]" in line

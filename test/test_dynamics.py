@@ -12,12 +12,12 @@ from robots import ROBOTS, paper_velocity, random_path, random_state, tangent_pe
 from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.arrays import Array
-from ff_planner_ros.errors import NoPlanFound
+from ff_planner_ros.planning.end_effector_polynomial import EndEffectorPaths
 from ff_planner_ros.planning.motion import from_trajectory
+from ff_planner_ros.planning.path_family import Motion as Rollout
 from ff_planner_ros.planning.plan import Plan
 from ff_planner_ros.planning.planner import plan
 from ff_planner_ros.planning.problem import PlanningProblem
-from ff_planner_ros.planning.rollout import Rollout, RolloutModel
 from ff_planner_ros.planning.settings import load_settings
 from ff_planner_ros.robot.configuration import configuration, system_state
 from ff_planner_ros.robot.dynamics import base_acceleration, inverse_dynamics, joint_torques
@@ -166,21 +166,22 @@ def motions(request: pytest.FixtureRequest) -> list[Motion]:
     seed = 0
     while len(found) < MOTIONS:
         seed += 1
-        try:
-            found.append(motion_of(ROBOTS[request.param], seed, points=11))
-        except NoPlanFound:
-            continue
+        motion = motion_of(ROBOTS[request.param], seed, points=11)
+        if motion is not None:
+            found.append(motion)
     return found
 
 
-def motion_of(urdf: tuple[str, str, str], seed: int, points: int) -> Motion:
+def motion_of(urdf: tuple[str, str, str], seed: int, points: int) -> Motion | None:
     robot, rng = robot_from_urdf_text(*urdf), np.random.default_rng(seed)
     start = random_state(robot, rng)
     q, v = configuration(robot, start)
     momentum = total_momentum(robot, robot.model.createData(), q, v)
-    model = RolloutModel(robot, q, momentum, random_path(robot, start, rng, DURATION), points)
-    rollout = model.roll_out(rng.normal(scale=0.05, size=(6, 3)))
-    return Motion(urdf, robot, rollout, model.sensitivity(rollout).acceleration)
+    paths = EndEffectorPaths(robot, q, momentum, random_path(robot, start, rng, DURATION))
+    rollout = paths.motion(rng.normal(scale=0.05, size=18), points)
+    if rollout.singular_at is not None:
+        return None
+    return Motion(urdf, robot, rollout, paths.sensitivity(rollout).acceleration)
 
 
 def test_nothing_pushes_the_base_along_a_rollout(motions: list[Motion]) -> None:

@@ -8,13 +8,10 @@ import numpy as np
 import pytest
 
 from ff_planner_ros.arrays import Array
+from ff_planner_ros.planning.end_effector_polynomial import end_effector_paths
 from ff_planner_ros.planning.motion import to_trajectory
 from ff_planner_ros.planning.plan import Plan, Trajectory
-from ff_planner_ros.planning.planner import end_effector_paths
 from ff_planner_ros.planning.problem import PlanningProblem
-from ff_planner_ros.planning.rollout import RolloutModel
-from ff_planner_ros.robot.configuration import configuration
-from ff_planner_ros.robot.momentum import total_momentum
 from ff_planner_ros.simulation.feed_forward import feed_forward, torque_spline
 
 STEPS = 4
@@ -22,14 +19,11 @@ STEPS = 4
 
 def on_one_path(problem: PlanningProblem, points: int) -> Trajectory:
     """Sample a winding path from the capture's start to its target; the same path every time."""
-    q, v = configuration(problem.robot, problem.start)
-    momentum = total_momentum(problem.robot, problem.robot.model.createData(), q, v)
-    paths = end_effector_paths(problem, q, v)
-    rollouts = RolloutModel(problem.robot, q, momentum, paths, points)
-    rollout = rollouts.roll_out(np.random.default_rng(1).normal(scale=0.2, size=(6, 3)))
-    accelerations = rollouts.sensitivity(rollout).acceleration
-    time = rollout.s * problem.duration
-    return to_trajectory(problem.robot, time, rollout.q, rollout.v, accelerations)
+    paths = end_effector_paths(problem)
+    motion = paths.motion(np.random.default_rng(1).normal(scale=0.2, size=18), points)
+    accelerations = paths.sensitivity(motion).acceleration
+    time = np.linspace(0.0, problem.duration, points)
+    return to_trajectory(problem.robot, time, motion.q, motion.v, accelerations)
 
 
 def off(found: Array, wanted: Array) -> float:

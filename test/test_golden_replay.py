@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import random
 from pathlib import Path
 from typing import NoReturn
@@ -13,6 +14,7 @@ from mcap.writer import Writer
 from ff_planner_ros.bag.reader import open_bag
 from ff_planner_ros.cli import main
 from ff_planner_ros.errors import NoPlanFound, Status
+from ff_planner_ros.ros.messages.from_messages import plan_from_response
 from ff_planner_ros.runs import replay as replaying
 from ff_planner_ros.runs.recorded_run import recorded_run
 from ff_planner_ros.runs.replay import Verdict, replay
@@ -40,6 +42,31 @@ def test_every_answer_in_a_golden_bag_comes_again(path: Path) -> None:
         assert any("do not tell when their requests were taken up" in note for note in run.notes)
         assert [recorded.door for recorded in run.requests].count("action") == 2
         assert statuses.count(Status.SOLVED) == 2
+
+
+@pytest.mark.parametrize("path", BAGS, ids=lambda path: path.name)
+def test_an_exported_request_of_a_golden_bag_gives_the_plan_of_its_replay(
+    path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    directory, file = tmp_path / "scenarios", tmp_path / "answer.json"
+    assert main(["export", str(path), "--scenarios", str(directory)]) == 0
+    assert "not in the bag, taken as in this version: " in capsys.readouterr().err
+    with open_bag(path) as bag:
+        requests = {recorded.name: recorded for recorded in recorded_run(bag).requests}
+    files = sorted(directory.glob("*.yaml"))
+    assert files
+    for scenario in files:
+        again = replay(requests[scenario.stem]).answer
+        assert again is not None
+        main(["plan", str(scenario), "--json", str(file)])
+        written = json.loads(file.read_text())
+        assert written["status"] == Status(again.status.code).name.lower()
+        assert written["digest"] == again.task_digest
+        if again.status.code == Status.SOLVED:
+            motion = plan_from_response(again).trajectory
+            assert written["joint_positions"] == motion.joint_positions.tolist()
+            assert written["chaser_positions"] == motion.chaser_positions.tolist()
+    capsys.readouterr()
 
 
 @pytest.mark.parametrize("seed", SEEDS)

@@ -9,6 +9,7 @@ from robots import random_state, random_urdf
 from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.arrays import Array
+from ff_planner_ros.planning.end_effector_polynomial import EndEffectorPaths
 from ff_planner_ros.planning.objectives import (
     chaser_euler,
     chaser_euler_derivative,
@@ -17,7 +18,6 @@ from ff_planner_ros.planning.objectives import (
 )
 from ff_planner_ros.planning.polynomial import EndEffectorMotion, end_effector_polynomial
 from ff_planner_ros.planning.problem import PlanningProblem
-from ff_planner_ros.planning.rollout import RolloutModel
 from ff_planner_ros.robot.configuration import configuration, system_state
 from ff_planner_ros.robot.model import Robot, robot_from_urdf_text
 from ff_planner_ros.robot.momentum import smallest_singular_values, total_momentum
@@ -59,7 +59,7 @@ def test_the_paper_s_straight_line_has_the_values_that_others_found(
         EndEffectorMotion(target.position, rotation, zero, zero),
         lemur_capture.duration,
     )
-    rollout = RolloutModel(robot, q, momentum, path, points=50).roll_out(np.zeros((6, 3)))
+    rollout = EndEffectorPaths(robot, q, momentum, path).motion(np.zeros(18), points=50)
     assert joint_path_length(rollout.v[:, 6:], 10.0 / 49) == pytest.approx(1.2194, abs=3e-4)
     euler_deg = np.rad2deg(chaser_euler(robot, rollout.q))
     np.testing.assert_allclose(euler_deg[-1], [3.66, 11.75, 13.08], rtol=0.0, atol=0.02)

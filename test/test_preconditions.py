@@ -12,7 +12,8 @@ from ff_planner_ros.arrays import Array
 from ff_planner_ros.errors import InvalidInput, NoPlanFound, Status
 from ff_planner_ros.planning.check import measure, require_sound
 from ff_planner_ros.planning.plan import Plan
-from ff_planner_ros.planning.planner import plan, sound_start
+from ff_planner_ros.planning.planner import plan
+from ff_planner_ros.planning.preconditions import require_plannable
 from ff_planner_ros.planning.problem import Limits, PlanningProblem
 from ff_planner_ros.planning.settings import PlannerSettings, load_settings
 from ff_planner_ros.robot.configuration import configuration
@@ -51,10 +52,14 @@ def start_beyond(problem: PlanningProblem, limit: str, excess: float) -> Plannin
 def test_a_start_beyond_its_limits_by_rounding_is_not_refused(
     lemur_capture: PlanningProblem, limit: str, words: str
 ) -> None:
-    sound_start(start_beyond(lemur_capture, limit, ROUNDING), SETTINGS)
+    require_plannable(start_beyond(lemur_capture, limit, ROUNDING), SETTINGS)
     with pytest.raises(InvalidInput, match=words) as refused:
-        sound_start(start_beyond(lemur_capture, limit, MORE), SETTINGS)
+        require_plannable(start_beyond(lemur_capture, limit, MORE), SETTINGS)
     assert refused.value.status is Status.START_OUTSIDE_LIMITS
+
+
+def with_threshold(smallest: float) -> PlannerSettings:
+    return replace(SETTINGS, singular_value_threshold=smallest)
 
 
 def test_a_start_as_near_to_a_singularity_as_allowed_but_for_rounding_is_not_refused(
@@ -62,9 +67,9 @@ def test_a_start_as_near_to_a_singularity_as_allowed_but_for_rounding_is_not_ref
 ) -> None:
     q, _ = configuration(lemur_capture.robot, lemur_capture.start)
     smallest = float(smallest_singular_values(lemur_capture.robot, q[None])[0])
-    sound_start(lemur_capture, replace(SETTINGS, singular_value_threshold=smallest + ROUNDING))
+    require_plannable(lemur_capture, with_threshold(smallest + ROUNDING))
     with pytest.raises(InvalidInput) as refused:
-        sound_start(lemur_capture, replace(SETTINGS, singular_value_threshold=smallest + MORE))
+        require_plannable(lemur_capture, with_threshold(smallest + MORE))
     assert refused.value.status is Status.START_SINGULAR
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from itertools import pairwise
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -12,11 +12,11 @@ import pytest
 from robots import ROBOTS, random_path, random_state
 
 from ff_planner_ros.arrays import Array
-from ff_planner_ros.errors import OutOfTime
 from ff_planner_ros.planning.clearance import arm_points
-from ff_planner_ros.planning.problem import Objective, Sphere
+from ff_planner_ros.planning.end_effector_polynomial import EndEffectorPaths
+from ff_planner_ros.planning.problem import Limits, Objective, PlanningProblem, Sphere, Target
 from ff_planner_ros.planning.program import PathProgram
-from ff_planner_ros.planning.rollout import RolloutModel
+from ff_planner_ros.planning.requirements import REQUIREMENTS
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import robot_from_urdf_text
 from ff_planner_ros.robot.momentum import total_momentum
@@ -45,22 +45,21 @@ def case(request: pytest.FixtureRequest) -> Case:
     spheres = [
         Sphere(f"near joint {k}", arm[k] + rng.normal(scale=0.2, size=3), 0.1) for k in (0, 3, -1)
     ]
-    program = PathProgram(
+    momentum = total_momentum(robot, robot.model.createData(), q, v)
+    objective = Objective(joint_path_length=0.7, chaser_attitude=1.3)
+    problem = PlanningProblem(
         robot=robot,
-        rollouts=RolloutModel(
-            robot,
-            q,
-            total_momentum(robot, robot.model.createData(), q, v),
-            path,
-            POINTS,
-        ),
-        step=DURATION / (POINTS - 1),
-        spheres=(*spheres, Sphere("far", arm[0] + 100.0, 0.1)),
-        objective=Objective(joint_path_length=0.7, chaser_attitude=1.3),
-        clearance_margin=MARGIN,
-        limit_joint_velocities=False,
-        keep_going=lambda: None,
+        start=start,
+        target=Target(np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0])),
+        duration=DURATION,
+        points=POINTS,
+        obstacles=(*spheres, Sphere("far", arm[0] + 100.0, 0.1)),
+        objective=objective,
     )
+    family = EndEffectorPaths(robot, q, momentum, path)
+    margins = dict.fromkeys((required.name for required in REQUIREMENTS), 0.0)
+    margins["clearance"] = MARGIN
+    program = PathProgram(problem, family, objective, margins, POINTS)
     return Case(program, rng.normal(scale=0.05, size=18))
 
 
@@ -92,10 +91,10 @@ def test_the_value_is_the_weighted_joint_path_and_the_peaks_both_signs_of_each_a
     case: Case,
 ) -> None:
     at_x = case.program.linearise(case.x)
-    rollout = case.program.rollouts.roll_out(case.x.reshape(6, 3))
+    rollout = case.program.family.motion(case.x, POINTS)
     path = sum(np.sqrt(rates @ rates) * DURATION / 8 for rates in rollout.v[:-1, 6:])
     assert at_x.value == pytest.approx(0.7 * path, rel=1e-12)
-    robot = case.program.robot
+    robot = case.program.problem.robot
     angles = [
         angle
         for q in rollout.q
@@ -132,17 +131,17 @@ def test_an_attitude_of_no_weight_has_no_peaks(case: Case) -> None:
 def test_every_link_near_a_sphere_has_a_row_at_and_between_the_points(case: Case) -> None:
     """Each clearance below 0.2 m, less the margin, by geometry alone; the start cannot move."""
     without_limits = replace(
-        case.program.robot,
-        lower_position_limits=np.full(case.program.robot.joints, -1e3),
-        upper_position_limits=np.full(case.program.robot.joints, 1e3),
+        case.program.problem.robot,
+        lower_position_limits=np.full(case.program.problem.robot.joints, -1e3),
+        upper_position_limits=np.full(case.program.problem.robot.joints, 1e3),
     )
-    at_x = replace(case.program, robot=without_limits).linearise(case.x)
-    rollout = case.program.rollouts.roll_out(case.x.reshape(6, 3))
+    at_x = of_problem(case.program, robot=without_limits).linearise(case.x)
+    rollout = case.program.family.motion(case.x, POINTS)
     expected = [
         distance_from_segment(sphere.center, start, end) - sphere.radius - MARGIN
         for arm in arm_points(without_limits, np.concatenate([rollout.q[1:], rollout.q_half_way]))
         for start, end in pairwise(arm)
-        for sphere in case.program.spheres
+        for sphere in case.program.problem.obstacles
         if np.linalg.norm(end - start) > 1e-3
     ]
     near = np.sort(expected)
@@ -162,18 +161,18 @@ def distance_from_segment(point: Array, start: Array, end: Array) -> float:
 
 @pytest.mark.parametrize("side", ["lower", "upper"])
 def test_every_joint_near_or_beyond_a_limit_has_a_row_at_every_point(case: Case, side: str) -> None:
-    rollout = case.program.rollouts.roll_out(case.x.reshape(6, 3))
+    rollout = case.program.family.motion(case.x, POINTS)
     joint = rollout.q[1:, 7 + 2]
     limit = np.median(joint)  # half of the points are beyond it
-    limits = {"lower": np.full(case.program.robot.joints, -1e3)}
+    limits = {"lower": np.full(case.program.problem.robot.joints, -1e3)}
     limits["upper"] = -limits["lower"]
     limits[side][2] = limit
     robot = replace(
-        case.program.robot,
+        case.program.problem.robot,
         lower_position_limits=limits["lower"],
         upper_position_limits=limits["upper"],
     )
-    found = replace(case.program, robot=robot, spheres=()).linearise(case.x).constraints
+    found = of_problem(case.program, robot=robot, obstacles=()).linearise(case.x).constraints
     expected = np.sort(joint - limit if side == "lower" else limit - joint)
     expected = expected[expected < 0.25]
     assert expected[0] < 0.0 < expected[-1]
@@ -182,11 +181,11 @@ def test_every_joint_near_or_beyond_a_limit_has_a_row_at_every_point(case: Case,
 
 def test_every_joint_rate_near_or_beyond_its_limit_has_a_row_at_every_point(case: Case) -> None:
     """The start's rates are what they are, whatever the path."""
-    far = np.full(case.program.robot.joints, 1e3)
+    far = np.full(case.program.problem.robot.joints, 1e3)
     slow = _with_slow_joints(case)
-    robot = replace(slow.robot, lower_position_limits=-far, upper_position_limits=far)
-    found = replace(slow, robot=robot, spheres=()).linearise(case.x).constraints
-    rates = slow.rollouts.roll_out(case.x.reshape(6, 3)).v[1:, 6:]
+    robot = replace(slow.problem.robot, lower_position_limits=-far, upper_position_limits=far)
+    found = of_problem(slow, robot=robot, obstacles=()).linearise(case.x).constraints
+    rates = slow.family.motion(case.x, POINTS).v[1:, 6:]
     expected = [
         margin
         for rate in rates
@@ -196,32 +195,33 @@ def test_every_joint_rate_near_or_beyond_its_limit_has_a_row_at_every_point(case
     ]
     assert min(expected) < 0.0 < max(expected)
     np.testing.assert_allclose(np.sort(found), np.sort(expected), rtol=0.0, atol=1e-14)
-    without = replace(slow, robot=robot, spheres=(), limit_joint_velocities=False)
+    without = of_problem(slow, robot=robot, obstacles=(), limits=Limits())
     assert without.linearise(case.x).constraints.shape == (0,)
 
 
 def _with_slow_joints(case: Case) -> PathProgram:
     """Limit two joint rates so that half of the points are beyond, one in either direction."""
-    rates = case.program.rollouts.roll_out(case.x.reshape(6, 3)).v[1:, 6:]
-    limits = np.full(case.program.robot.joints, 1e3)
+    rates = case.program.family.motion(case.x, POINTS).v[1:, 6:]
+    limits = np.full(case.program.problem.robot.joints, 1e3)
     for joint in (np.argmax(rates.max(axis=0)), np.argmin(rates.min(axis=0))):
         limits[joint] = np.median(np.abs(rates[:, joint]))
-    robot = replace(case.program.robot, velocity_limits=limits)
-    return replace(case.program, robot=robot, limit_joint_velocities=True)
+    robot = replace(case.program.problem.robot, velocity_limits=limits)
+    return of_problem(case.program, robot=robot, limits=Limits(joint_velocities=True))
 
 
-def test_whoever_may_end_the_search_is_asked_before_the_work(case: Case) -> None:
-    def end() -> None:
-        raise OutOfTime("enough")
-
-    with pytest.raises(OutOfTime, match="enough"):
-        replace(case.program, rollouts=None, keep_going=end).linearise(case.x)  # type: ignore[arg-type]
+def of_problem(program: PathProgram, **changes: Any) -> PathProgram:
+    """The same program of a problem that differs; the motion stays."""
+    return replace(program, problem=replace(program.problem, **changes))
 
 
 def test_far_from_everything_there_are_no_rows(case: Case) -> None:
-    far = np.full(case.program.robot.joints, 1e3)
-    robot = replace(case.program.robot, lower_position_limits=-far, upper_position_limits=far)
-    at_x = replace(case.program, robot=robot, spheres=case.program.spheres[-1:]).linearise(case.x)
+    far = np.full(case.program.problem.robot.joints, 1e3)
+    robot = replace(
+        case.program.problem.robot, lower_position_limits=-far, upper_position_limits=far
+    )
+    at_x = of_problem(
+        case.program, robot=robot, obstacles=case.program.problem.obstacles[-1:]
+    ).linearise(case.x)
     assert at_x.constraints.shape == (0,)
     assert at_x.constraints_jacobian.shape == (0, 18)
     assert at_x.violation == 0.0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 import threading
 from collections.abc import Callable
@@ -10,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from ff_planner_msgs.msg import ChaserState
 from ff_planner_msgs.srv import PlanTrajectory
@@ -32,10 +34,10 @@ from ff_planner_ros.bag.encoding import encode
 from ff_planner_ros.bag.reader import Message, open_bag
 from ff_planner_ros.bag.writer import BagWriter
 from ff_planner_ros.cli import main
-from ff_planner_ros.errors import Status
+from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.problem import PlanningProblem
 from ff_planner_ros.planning.tail import EndBehaviour
-from ff_planner_ros.ros.messages.from_messages import nanoseconds
+from ff_planner_ros.ros.messages.from_messages import nanoseconds, plan_from_response
 from ff_planner_ros.ros.messages.to_messages import time_message
 from ff_planner_ros.runs.recorded_run import RecordedRequest, RecordedRun, recorded_run
 from ff_planner_ros.runs.replay import Verdict, replay
@@ -226,6 +228,68 @@ def test_the_problems_are_those_of_then(run: Run) -> None:
         if one.inputs is not None
     ]
     assert margins == [0.002, 0.01]
+
+
+def test_every_task_has_the_digest_that_the_node_told(run: Run) -> None:
+    refused = set()
+    for one in run.recorded.requests:
+        assert one.response is not None
+        told = one.response.task_digest
+        try:
+            digest = one.read_request().task.digest
+        except InvalidInput:
+            refused.add(one.name)
+            assert told == ""
+        else:
+            assert told == ("" if one.name == run.plan_ids["busy"] else digest)
+    assert run.plan_ids["negative"] in refused
+    assert refused.isdisjoint(run.plan_ids[name] for name in ("from topics", "following", "hasty"))
+
+
+def test_another_task_than_the_recorded_one_is_named(
+    run: Run, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    wanted = run.plan_ids["complete"]
+
+    def spoil(message: Message) -> bytes:
+        if message.topic == EVENT_TOPIC:
+            event = deserialize_message(message.cdr, PlanTrajectory.Event)
+            for response in event.response:
+                if response.plan_id == wanted:
+                    response.task_digest = "0123456789abcdef"
+                    return encode(event)
+        return message.cdr
+
+    main(["replay", str(copied(run.bag, tmp_path / "spoilt", spoil))])
+    (line,) = (one for one in capsys.readouterr().out.splitlines() if "digest" in one)
+    assert wanted in line
+    assert "digest was 0123456789abcdef, is" in line
+
+
+def test_an_exported_request_is_planned_again_to_the_last_bit(
+    run: Run, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    directory, file = tmp_path / "scenarios", tmp_path / "answer.json"
+    assert main(["export", str(run.bag), "--scenarios", str(directory)]) == 0
+    notes = capsys.readouterr().err
+    assert f"{run.plan_ids['negative']} is left out: duration is -1.0" in notes
+    for name in ("from topics", "following", "complete", "action", "margin", "controller"):
+        response = run.request(name).response
+        assert response is not None
+        scenario = directory / f"{run.plan_ids[name]}.yaml"
+        code = main(["plan", str(scenario), "--json", str(file)])
+        answer = json.loads(file.read_text())
+        assert answer["status"] == Status(response.status.code).name.lower()
+        assert answer["digest"] == response.task_digest
+        assert code == (0 if response.status.code == Status.SOLVED else 3)
+        if code:
+            assert answer["message"] == response.status.message
+            continue
+        motion = plan_from_response(response).trajectory
+        for quantity in ("joint_positions", "joint_torques", "chaser_positions", "ee_positions"):
+            assert np.array(answer[quantity]).tobytes() == getattr(motion, quantity).tobytes()
+    assert main(["export", str(run.bag), "--scenarios", str(directory)]) == 2
+    capsys.readouterr()
 
 
 def test_a_joint_position_that_was_another_one_is_found_with_its_amount(

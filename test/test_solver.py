@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from ff_planner_ros.errors import NoPlanFound, Status
 from ff_planner_ros.planning.solver import Linearisation, minimise
 
 NO_ROWS = (np.empty(0), np.empty((0, 2)))
+NOWHERE = Linearisation(np.inf, np.zeros(2), np.zeros((2, 2)), *NO_ROWS, *NO_ROWS, is_defined=False)
 
 
 def quadratic(x, target):
@@ -142,7 +142,7 @@ def test_an_infeasible_problem_ends_as_a_result_with_least_violation():
 def test_a_refused_step_is_a_wall_that_the_search_stays_in_front_of():
     def linearise(x):
         if x[0] > 1.0:
-            raise NoPlanFound(Status.SINGULAR, "wall")
+            return NOWHERE
         return Linearisation(*quadratic(x, np.array([3.0, 0.0])), *NO_ROWS, *NO_ROWS)
 
     solution = minimise(linearise, np.zeros(2), 60, 1e-8, 0.0)
@@ -150,12 +150,12 @@ def test_a_refused_step_is_a_wall_that_the_search_stays_in_front_of():
     assert 0.9 < solution.x[0] <= 1.0
 
 
-def test_a_refused_start_is_raised():
-    def refuse(_):
-        raise NoPlanFound(Status.SINGULAR, "wall")
-
-    with pytest.raises(NoPlanFound, match="wall"):
-        minimise(refuse, np.zeros(2), 5, 1e-6, 0.0)
+def test_a_start_at_which_nothing_is_defined_is_a_result():
+    solution = minimise(lambda _: NOWHERE, np.zeros(2), 5, 1e-6, 0.0)
+    assert not solution.converged
+    assert not solution.feasible
+    assert (solution.iterations, solution.evaluations) == (0, 0)
+    assert "not defined" in solution.stop_reason
 
 
 def test_running_out_of_iterations_is_said():

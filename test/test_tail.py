@@ -12,7 +12,8 @@ from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.errors import InvalidInput, NoPlanFound, Status
-from ff_planner_ros.planning.check import certified_clearance, measure, require_sound
+from ff_planner_ros.planning.certificate import certified_clearance
+from ff_planner_ros.planning.check import measure, require_sound
 from ff_planner_ros.planning.motion import from_trajectory
 from ff_planner_ros.planning.plan import Plan
 from ff_planner_ros.planning.planner import plan

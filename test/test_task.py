@@ -200,7 +200,7 @@ def test_what_any_method_brings_is_judged(
     with pytest.raises(NoPlanFound, match=r"straight line: xi = 0.*--method optimal") as refusal:
         perform(task, method=straight)
     assert refusal.value.status is Status.COLLISION
-    assert [found.status for found in refusal.value.failures][0] is Status.COLLISION
+    assert refusal.value.failures[0].status is Status.COLLISION
     motion, found = attempted(task, straight)
     assert isinstance(motion, Plan)
     assert found == refusal.value.failures

@@ -13,7 +13,7 @@ from ff_planner_ros.arrays import Array
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import Robot, robot_from_urdf_text
 from ff_planner_ros.robot.momentum import generalised_jacobian, total_momentum
-from ff_planner_ros.robot.velocity_map import VelocityMap
+from ff_planner_ros.robot.velocity_map import VelocityMap, stacked
 
 
 class Case(NamedTuple):
@@ -70,7 +70,9 @@ def test_no_joint_rates_are_spent_in_the_null_space(case: Case) -> None:
 
 def test_derivatives_are_those_of_differences(case: Case) -> None:
     velocity_map = VelocityMap(case.robot)
-    of_q, of_twist = velocity_map.derivatives([velocity_map.solve(*q) for q in case.questions])
+    of_q, of_twist = velocity_map.derivatives(
+        stacked([velocity_map.solve(*q) for q in case.questions])
+    )
     for number, question in enumerate(case.questions):
         expected_of_q, expected_of_twist = differences(case.robot, *question)
         for name, found, expected in (
@@ -84,9 +86,11 @@ def test_derivatives_are_those_of_differences(case: Case) -> None:
 def test_a_batch_has_the_derivatives_of_each_alone(case: Case) -> None:
     velocity_map = VelocityMap(case.robot)
     solutions = [velocity_map.solve(*question) for question in case.questions]
-    batch = velocity_map.derivatives(solutions)
+    batch = velocity_map.derivatives(stacked(solutions))
     for number, solution in enumerate(solutions):
-        for together, alone in zip(batch, velocity_map.derivatives([solution]), strict=True):
+        for together, alone in zip(
+            batch, velocity_map.derivatives(stacked([solution])), strict=True
+        ):
             np.testing.assert_allclose(
                 together[number], alone[0], rtol=1e-9, atol=1e-12, err_msg=f"question {number}"
             )

@@ -241,9 +241,7 @@ def test_an_error_that_nobody_foresaw_is_internal_and_ends_nothing(
     assert solve(worker, lemur_capture, settings).metrics.min_clearance >= 0.0
 
 
-def test_what_a_library_prints_does_not_garble_the_answers(
-    worker: Worker, settings: PlannerSettings
-) -> None:
+def test_what_a_library_prints_does_not_garble_the_answers(worker: Worker) -> None:
     with pytest.raises(FfPlannerError, match="the planner failed"):
         worker.solve(Loud(), LONG, nothing, nothing)  # type: ignore[arg-type]
 

@@ -20,12 +20,16 @@ from ff_planner_ros.baselines.potential_field import (
     attraction,
     repulsion,
 )
+from ff_planner_ros.planning.path_family import singular_refusal
 from ff_planner_ros.planning.plan import Metrics, Plan, SolverReport
-from ff_planner_ros.planning.planner import plan_of_motion, sound_start
+from ff_planner_ros.planning.planner import plan_of_motion
+from ff_planner_ros.planning.preconditions import require_plannable
 from ff_planner_ros.planning.problem import PlanningProblem
-from ff_planner_ros.planning.rollout import regular_velocity, runge_kutta_step
+from ff_planner_ros.planning.runge_kutta import runge_kutta_step
 from ff_planner_ros.planning.settings import PlannerSettings
-from ff_planner_ros.robot.velocity_map import VelocityMap
+from ff_planner_ros.robot.configuration import configuration
+from ff_planner_ros.robot.momentum import total_momentum
+from ff_planner_ros.robot.velocity_map import VelocityMap, stacked
 
 # Under way to the goal, damping holds the attraction; in a local minimum repulsion does, and what
 # damping holds is less than this part.
@@ -48,7 +52,9 @@ def artificial_potential_field(
         InvalidInput: The start violates what a plan must keep.
         NoPlanFound: The goal is out of reach, or the motion meets a dynamic singularity.
     """
-    q, v, momentum = sound_start(problem, settings)
+    require_plannable(problem, settings)
+    q, v = configuration(problem.robot, problem.start)
+    momentum = total_momentum(problem.robot, problem.robot.model.createData(), q, v)
     motion = _Motion(problem, parameters, momentum)
     interval = problem.duration / (problem.points - 1)
     pieces = int(np.ceil(interval / parameters.longest_step))
@@ -128,10 +134,10 @@ class _Motion:
             NoPlanFound: The posture is a dynamic singularity.
         """
         problem, parameters = self._problem, self._parameters
-        solution = regular_velocity(
-            self._velocity_map, q, self._momentum, twist, time, problem.duration
-        )
-        by_q, by_twist = self._velocity_map.derivatives([solution])
+        solution = self._velocity_map.regular(q, self._momentum, twist)
+        if solution is None:
+            raise singular_refusal(time, problem.duration)
+        by_q, by_twist = self._velocity_map.derivatives(stacked([solution]))
         push, distance = repulsion(problem, parameters, q, by_twist[0])
         pull = attraction(self._offset(time, q), parameters)
         drag = -parameters.damping * (twist - self._goal_twist)
@@ -152,9 +158,9 @@ class _Motion:
             return sample.v
 
         model = self._problem.robot.model
-        increments = runge_kutta_step(model, q, step, velocity)
+        way = runge_kutta_step(model, q, step, velocity)
         f1, f2, f3, f4 = forces
-        return pin.integrate(model, q, increments[-1]), twist + step / 6 * (f1 + 2 * (f2 + f3) + f4)
+        return pin.integrate(model, q, way), twist + step / 6 * (f1 + 2 * (f2 + f3) + f4)
 
     def _offset(self, time: float, q: Array) -> Array:
         """Return the way to the goal, which moves so as to be at the target in the end."""

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
+from ff_planner_ros.planning.end_effector_polynomial import end_effector_paths
+from ff_planner_ros.planning.path_family import singular_refusal
 from ff_planner_ros.planning.plan import Plan, SolverReport
-from ff_planner_ros.planning.planner import end_effector_paths, plan_of_path, sound_start
-from ff_planner_ros.planning.polynomial import COMPONENTS, FREE_TERMS
+from ff_planner_ros.planning.planner import plan_of_path
+from ff_planner_ros.planning.preconditions import require_plannable
 from ff_planner_ros.planning.problem import PlanningProblem
-from ff_planner_ros.planning.rollout import RolloutModel
+from ff_planner_ros.planning.program import path_program
+from ff_planner_ros.planning.search import FoundPath
 from ff_planner_ros.planning.settings import PlannerSettings
 
 
@@ -22,9 +25,8 @@ def straight_line(problem: PlanningProblem, settings: PlannerSettings) -> Plan:
         InvalidInput: The start violates what a plan must keep.
         NoPlanFound: The goal is out of reach, or the path meets a dynamic singularity.
     """
-    q_start, v_start, momentum = sound_start(problem, settings)
-    paths = end_effector_paths(problem, q_start, v_start)
-    rollouts = RolloutModel(problem.robot, q_start, momentum, paths, problem.points)
+    require_plannable(problem, settings)
+    family = end_effector_paths(problem)
     report = SolverReport(
         starts=1,
         iterations=0,
@@ -32,6 +34,8 @@ def straight_line(problem: PlanningProblem, settings: PlannerSettings) -> Plan:
         optimality=np.inf,
         stop_reason="straight line: xi = 0, nothing is optimised",
     )
-    rollout = rollouts.roll_out(np.zeros((COMPONENTS, FREE_TERMS)))
-    acceleration = rollouts.sensitivity(rollout).acceleration
-    return plan_of_path(problem, settings, paths, rollout, acceleration, report)
+    straight = np.zeros(family.variables)
+    at_x = path_program(problem, family, settings).linearise(straight)
+    if at_x.motion.singular_at is not None:
+        raise singular_refusal(at_x.motion.singular_at, problem.duration)
+    return plan_of_path(problem, settings, family, FoundPath(at_x, report))

@@ -14,13 +14,11 @@ import numpy as np
 from scipy.optimize import minimize
 
 from ff_planner_ros.arrays import Array
-from ff_planner_ros.bench.paths import path_model
-from ff_planner_ros.errors import NoPlanFound
 from ff_planner_ros.planning.clearance import arm_points, clearances, penalty, segments
+from ff_planner_ros.planning.end_effector_polynomial import end_effector_paths
 from ff_planner_ros.planning.objectives import chaser_euler, joint_path_length
-from ff_planner_ros.planning.polynomial import COMPONENTS, FREE_TERMS, PARAMETERS
+from ff_planner_ros.planning.path_family import PathFamily
 from ff_planner_ros.planning.problem import PlanningProblem
-from ff_planner_ros.planning.rollout import RolloutModel
 from ff_planner_ros.planning.settings import PlannerSettings
 
 # Objective and constraints of a path that meets a singularity: worse than any other's.
@@ -32,12 +30,12 @@ class Stop:
     """Where another method stopped.
 
     Attributes:
-        coefficients: Of the path's free terms. Shape (6, 3).
+        x: Decision variables of the path. Shape (variables,).
         rollouts: That it took.
         message: Why it stopped.
     """
 
-    coefficients: Array
+    x: Array
     rollouts: int
     message: str
 
@@ -50,10 +48,11 @@ def solve_directly(
     Args:
         settings: For the penalty's g1 and g2.
     """
-    functions = _Functions(problem, settings, path_model(problem, problem.points))
+    family = end_effector_paths(problem)
+    functions = _Functions(problem, settings, family)
     result = minimize(
         lambda x: functions(x)[0],
-        np.zeros(PARAMETERS),
+        np.zeros(family.variables),
         method="SLSQP",
         constraints=[
             {"type": "ineq", "fun": lambda x: -functions(x)[1]},
@@ -61,23 +60,17 @@ def solve_directly(
         ],
         options={"maxiter": max_iterations, "ftol": 1e-6},
     )
-    return Stop(result.x.reshape(COMPONENTS, FREE_TERMS), len(functions.known), result.message)
+    return Stop(result.x, len(functions.known), result.message)
 
 
 @dataclass(frozen=True, eq=False)
 class _Functions:
-    """Objective, penalty and smallest joint margin; one rollout serves all three.
-
-    Attributes:
-        problem: What is asked.
-        settings: For the penalty.
-        model: Rolls out.
-        known: Values by the bytes of x.
-    """
+    """Objective, penalty and smallest joint margin; one motion serves all three."""
 
     problem: PlanningProblem
     settings: PlannerSettings
-    model: RolloutModel
+    family: PathFamily
+    # Values by the bytes of x.
     known: dict[bytes, tuple[float, float, float]] = field(default_factory=dict)
 
     def __call__(self, x: Array) -> tuple[float, float, float]:
@@ -88,16 +81,15 @@ class _Functions:
 
     def _evaluate(self, x: Array) -> tuple[float, float, float]:
         problem, robot, settings = self.problem, self.problem.robot, self.settings
-        try:
-            rollout = self.model.roll_out(x.reshape(COMPONENTS, FREE_TERMS))
-        except NoPlanFound:
+        motion = self.family.motion(x, problem.points)
+        if motion.singular_at is not None:
             return _WALL
         step = problem.duration / (problem.points - 1)
-        length = joint_path_length(rollout.v[:, 6:], step)
-        attitude = float(np.abs(chaser_euler(robot, rollout.q)).max())
-        positions = arm_points(robot, rollout.q)
+        length = joint_path_length(motion.v[:, 6:], step)
+        attitude = float(np.abs(chaser_euler(robot, motion.q)).max())
+        positions = arm_points(robot, motion.q)
         distance = clearances(positions, segments(positions), problem.obstacles).distance
-        joints = rollout.q[:, 7:]
+        joints = motion.q[:, 7:]
         margins = np.minimum(
             robot.upper_position_limits - joints, joints - robot.lower_position_limits
         )

@@ -13,8 +13,7 @@ from scipy.optimize import minimize
 
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.bench.direct import Stop
-from ff_planner_ros.errors import NoPlanFound
-from ff_planner_ros.planning.polynomial import COMPONENTS, FREE_TERMS, PARAMETERS
+from ff_planner_ros.planning.path_family import singular_refusal
 from ff_planner_ros.planning.program import PathProgram
 from ff_planner_ros.planning.solver import Linearisation
 
@@ -51,22 +50,22 @@ class ExactFunctions:
 
     program: PathProgram
     rollouts: int = 0
-    _x: Array = field(default_factory=lambda: np.full(PARAMETERS, np.nan))
+    _x: Array = field(default_factory=lambda: np.empty(0))
     _here: Linearisation | None = None
 
     def start(self) -> Array:
         """Return the straight path and, where there are peaks, the highest."""
-        x = np.zeros(PARAMETERS)
+        x = np.zeros(self.program.family.variables)
         peaks = self._at(x).peaks
         return np.append(x, peaks.max()) if peaks.size else x
 
     def objective(self, z: Array) -> float:
         """Return the function to minimise."""
-        return self._at(z).value + float(z[PARAMETERS:].sum())
+        return self._at(z).value + float(z[self._size :].sum())
 
     def gradient(self, z: Array) -> Array:
         """Return the gradient of `objective`."""
-        return np.append(self._at(z).gradient, np.ones(len(z) - PARAMETERS))
+        return np.append(self._at(z).gradient, np.ones(len(z) - self._size))
 
     def constraints(self, z: Array) -> Array:
         """Return what shall not be negative."""
@@ -78,26 +77,32 @@ class ExactFunctions:
 
     def answer(self, z: Array, message: str) -> Stop:
         """Return where the solver stopped."""
-        return Stop(z[:PARAMETERS].reshape(COMPONENTS, FREE_TERMS), self.rollouts, message)
+        return Stop(z[: self._size], self.rollouts, message)
+
+    @property
+    def _size(self) -> int:
+        return self.program.family.variables
 
     def _rows(self, z: Array) -> tuple[Array, Array]:
         here = self._at(z)
         values, rows = _lowest(here.constraints, here.constraints_jacobian)
-        if len(z) == PARAMETERS:
+        if len(z) == self._size:
             return values, rows
         below, peak_rows = _lowest(z[-1] - here.peaks, -here.peaks_jacobian)
         no, yes = np.zeros((_ROWS, 1)), np.ones((_ROWS, 1))
         return np.append(values, below), np.block([[rows, no], [peak_rows, yes]])
 
     def _at(self, z: Array) -> Linearisation:
-        x = z[:PARAMETERS]
+        x = z[: self._size]
         if self._here is None or not np.array_equal(x, self._x):
             self._x, self.rollouts = x.copy(), self.rollouts + 1
-            try:
-                self._here = self.program.linearise(x)
-            except NoPlanFound:  # a singularity: nothing there is worth going to
-                if self._here is None:
-                    raise
+            here = self.program.linearise(x)
+            if here.is_defined:
+                self._here = here
+            elif self._here is None:
+                time = here.motion.singular_at or 0.0
+                raise singular_refusal(time, self.program.problem.duration)
+            else:  # a singularity: nothing there is worth going to
                 self._here = replace(self._here, value=self._here.value + 1e3)
         return self._here
 
@@ -105,6 +110,6 @@ class ExactFunctions:
 def _lowest(values: Array, rows: Array) -> tuple[Array, Array]:
     """Return the lowest values in ascending order with their rows, filled up to `_ROWS`."""
     order = np.argsort(values, kind="stable")[:_ROWS]
-    filled, filled_rows = np.full(_ROWS, _FAR), np.zeros((_ROWS, PARAMETERS))
+    filled, filled_rows = np.full(_ROWS, _FAR), np.zeros((_ROWS, rows.shape[1]))
     filled[: len(order)], filled_rows[: len(order)] = values[order], rows[order]
     return filled, filled_rows

@@ -14,12 +14,13 @@ from ff_planner_ros.arrays import Array
 from ff_planner_ros.bench.direct import Stop, solve_directly
 from ff_planner_ros.bench.exact import solve_by_slsqp
 from ff_planner_ros.bench.ipopt import solve_by_ipopt
-from ff_planner_ros.bench.paths import clearance_along, path_model, roll_out
+from ff_planner_ros.bench.paths import clearance_along, roll_out
+from ff_planner_ros.planning.end_effector_polynomial import end_effector_paths
 from ff_planner_ros.planning.objectives import chaser_euler, joint_path_length
 from ff_planner_ros.planning.plan import Plan
 from ff_planner_ros.planning.planner import plan
 from ff_planner_ros.planning.problem import Objective, PlanningProblem
-from ff_planner_ros.planning.program import PathProgram
+from ff_planner_ros.planning.program import PathProgram, path_program
 from ff_planner_ros.planning.settings import PlannerSettings
 
 OBJECTIVES = {
@@ -71,7 +72,7 @@ def method_results(
     for name, objective in OBJECTIVES.items():
         asked = replace(problem, objective=objective)
         yield _ours(name, asked, settings, runs)
-        program = _program(asked, settings)
+        program = path_program(asked, end_effector_paths(asked), settings)
 
         def directly(asked: PlanningProblem = asked) -> Stop:
             return solve_directly(asked, settings, max_iterations)
@@ -138,7 +139,7 @@ def _other(
     seconds = time.perf_counter() - begun
     if answer is None:
         return None
-    rollout = roll_out(problem, answer.coefficients)
+    rollout = roll_out(problem, answer.x)
     length = joint_path_length(rollout.v[:, 6:], problem.duration / (problem.points - 1))
     attitude = float(np.abs(chaser_euler(problem.robot, rollout.q)).max())
     return Result(
@@ -147,27 +148,9 @@ def _other(
         seconds=seconds,
         rollouts=answer.rollouts,
         value=_value(problem.objective, length, attitude),
-        optimality=_optimality(program, answer.coefficients),
-        clearance=clearance_along(problem, answer.coefficients),
+        optimality=_optimality(program, answer.x),
+        clearance=clearance_along(problem, answer.x),
         message=answer.message,
-    )
-
-
-def _program(problem: PlanningProblem, settings: PlannerSettings) -> PathProgram:
-    """Return the planner's optimisation problem; like the planner, never the attitude alone."""
-    objective = problem.objective
-    if objective.joint_path_length == 0.0:
-        tie_break = settings.joint_path_tie_break * objective.chaser_attitude
-        objective = replace(objective, joint_path_length=tie_break)
-    return PathProgram(
-        robot=problem.robot,
-        rollouts=path_model(problem, problem.points),
-        step=problem.duration / (problem.points - 1),
-        spheres=problem.obstacles,
-        objective=objective,
-        clearance_margin=settings.clearance_margin,
-        limit_joint_velocities=problem.limits.joint_velocities,
-        keep_going=lambda: None,
     )
 
 
@@ -175,9 +158,9 @@ def _value(weights: Objective, length: float, attitude: float) -> float:
     return weights.joint_path_length * length + weights.chaser_attitude * attitude
 
 
-def _optimality(program: PathProgram, coefficients: Array) -> float:
+def _optimality(program: PathProgram, x: Array) -> float:
     """Return what is left of the Lagrangian's gradient with the multipliers that fit best."""
-    here = program.linearise(coefficients.ravel())
+    here = program.linearise(x)
     active = here.constraints < min(0.0, here.constraints.min(initial=0.0)) + _ACTIVE
     columns, wanted = -here.constraints_jacobian[active].T, -here.gradient
     if here.peaks.size:

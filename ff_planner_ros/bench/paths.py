@@ -8,14 +8,13 @@ import numpy as np
 
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.errors import NoPlanFound
-from ff_planner_ros.planning.check import certified_clearance
+from ff_planner_ros.planning.certificate import certified_clearance
 from ff_planner_ros.planning.clearance import arm_points, clearances, segments
-from ff_planner_ros.planning.planner import end_effector_paths
+from ff_planner_ros.planning.end_effector_polynomial import end_effector_paths
+from ff_planner_ros.planning.path_family import Motion, singular_refusal
 from ff_planner_ros.planning.polynomial import COMPONENTS, FREE_TERMS, EndEffectorPolynomial
 from ff_planner_ros.planning.problem import PlanningProblem, Sphere
-from ff_planner_ros.planning.rollout import Rollout, RolloutModel
-from ff_planner_ros.robot.configuration import configuration
-from ff_planner_ros.robot.momentum import smallest_singular_values, total_momentum
+from ff_planner_ros.robot.momentum import smallest_singular_values
 
 # Coefficients of the straight path, xi = 0.
 STRAIGHT = np.zeros((COMPONENTS, FREE_TERMS))
@@ -23,28 +22,23 @@ STRAIGHT = np.zeros((COMPONENTS, FREE_TERMS))
 
 def paths_of(problem: PlanningProblem) -> EndEffectorPolynomial:
     """Return the end-effector paths among which the planner seeks."""
-    return end_effector_paths(problem, *configuration(problem.robot, problem.start))
+    return end_effector_paths(problem).polynomial
 
 
-def path_model(problem: PlanningProblem, points: int) -> RolloutModel:
-    """Return what rolls out these paths."""
-    robot = problem.robot
-    q, v = configuration(robot, problem.start)
-    momentum = total_momentum(robot, robot.model.createData(), q, v)
-    return RolloutModel(robot, q, momentum, end_effector_paths(problem, q, v), points)
-
-
-def roll_out(problem: PlanningProblem, coefficients: Array, points: int | None = None) -> Rollout:
+def roll_out(problem: PlanningProblem, coefficients: Array, points: int | None = None) -> Motion:
     """Return the motion of a path.
 
     Args:
-        coefficients: Of the path's free terms. Shape (6, 3).
+        coefficients: Of the path's free terms. Shape (6, 3) or (18,).
         points: On the path; None: as many as the problem asks for.
 
     Raises:
         NoPlanFound: The path meets a dynamic singularity.
     """
-    return path_model(problem, points or problem.points).roll_out(coefficients)
+    motion = end_effector_paths(problem).motion(coefficients.ravel(), points or problem.points)
+    if motion.singular_at is not None:
+        raise singular_refusal(motion.singular_at, problem.duration)
+    return motion
 
 
 def within_limits(
@@ -56,7 +50,7 @@ def within_limits(
     """Tell whether a path keeps joint limits and stays away from singularities.
 
     Args:
-        coefficients: Of the path's free terms. Shape (6, 3).
+        coefficients: Of the path's free terms. Shape (6, 3) or (18,).
         singular_value_bound: Least singular value of the generalised Jacobian.
         points: Where to look; None: as many as the problem asks for.
     """
@@ -78,7 +72,7 @@ def clearance_along(problem: PlanningProblem, coefficients: Array) -> float:
     """Return a lower bound of a path's clearance, between the points too.
 
     Args:
-        coefficients: Of the path's free terms. Shape (6, 3).
+        coefficients: Of the path's free terms. Shape (6, 3) or (18,).
     """
     rollout = roll_out(problem, coefficients)
     step = problem.duration / (problem.points - 1)
@@ -89,7 +83,7 @@ def sweep_of(problem: PlanningProblem, coefficients: Array) -> Array:
     """Return the arm's points at the points of a path and half-way between.
 
     Args:
-        coefficients: Of the path's free terms. Shape (6, 3).
+        coefficients: Of the path's free terms. Shape (6, 3) or (18,).
 
     Returns:
         Shape (times, joints + 1, 3) [m].

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from itertools import islice
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from scipy.stats import qmc
 
 from ff_planner_ros.arrays import Array
-from ff_planner_ros.errors import NoPlanFound
 from ff_planner_ros.planning.clearance import arm_points, clearances, segments
+from ff_planner_ros.planning.path_family import Motion
 from ff_planner_ros.planning.polynomial import COMPONENTS, FREE_TERMS, PARAMETERS
-from ff_planner_ros.planning.program import PathProgram
+from ff_planner_ros.planning.problem import Sphere
+from ff_planner_ros.robot.model import Robot
 
 # How far beyond the surface of a sphere a detour passes [m]: the arm's links follow the end
 # effector only in part.
@@ -25,19 +25,8 @@ _LEAST_BUMP = 0.3
 _SPREAD_POSITION, _SPREAD_ANGLE = 0.3, 0.4
 
 
-def first_guesses(program: PathProgram, count: int) -> Iterator[Array]:
-    """Yield coefficients to start from, always the same for the same problem.
-
-    Yields:
-        Flattened coefficients. Shape (18,).
-    """
-    yield from islice(_guesses(program), count)
-
-
-def _guesses(program: PathProgram) -> Iterator[Array]:
-    """Yield without end; each kind is worked out only when the one before has not helped."""
-    yield np.zeros(PARAMETERS)
-    yield from _detours(program)
+def scattered() -> Iterator[Array]:
+    """Yield flattened coefficients without end, always the same."""
     spread = np.repeat([_SPREAD_POSITION] * 3 + [_SPREAD_ANGLE] * 3, FREE_TERMS)
     sequence = qmc.MultivariateNormalQMC(
         np.zeros(PARAMETERS), engine=qmc.Halton(PARAMETERS, rng=np.random.default_rng(0))
@@ -46,22 +35,18 @@ def _guesses(program: PathProgram) -> Iterator[Array]:
         yield sequence.random(1)[0] * spread
 
 
-def _detours(program: PathProgram) -> list[Array]:
+def detours(robot: Robot, straight: Motion, spheres: Sequence[Sphere]) -> Iterator[Array]:
     """Pass the sphere that the straight path runs deepest into on its four sides."""
-    try:
-        rollout = program.rollouts.roll_out(np.zeros((COMPONENTS, FREE_TERMS)))
-    except NoPlanFound:
-        return []
-    positions = arm_points(program.robot, rollout.q)
-    clear = clearances(positions, segments(positions), program.spheres)
+    positions = arm_points(robot, straight.q)
+    clear = clearances(positions, segments(positions), spheres)
     if clear.distance.min(initial=np.inf) >= 0.0:
-        return []
+        return
     deepest = np.unravel_index(clear.distance.argmin(), clear.distance.shape)
     out = clear.direction[deepest]
-    radius, depth = program.spheres[int(deepest[2])].radius, -clear.distance[deepest]
+    radius, depth = spheres[int(deepest[2])].radius, -clear.distance[deepest]
     aside = np.cross(out, positions[-1, -1] - positions[0, -1])
     aside /= max(float(np.linalg.norm(aside)), 1e-9)
-    s = rollout.s[deepest[0]]
+    s = np.linspace(0.0, 1.0, 2 * len(positions) - 1)[2 * deepest[0]]
     bump = max(64.0 * s**3 * (1.0 - s) ** 3, _LEAST_BUMP)
     ways = (
         out * (depth + _BESIDE),
@@ -69,9 +54,7 @@ def _detours(program: PathProgram) -> list[Array]:
         -aside * (radius + _BESIDE),
         -out * (2.0 * radius - depth + _BESIDE),
     )
-    detours = []
     for way in ways:
         coefficients = np.zeros((COMPONENTS, FREE_TERMS))
         coefficients[:3, 0] = way / bump
-        detours.append(coefficients.ravel())
-    return detours
+        yield coefficients.ravel()

@@ -12,7 +12,7 @@ import pinocchio as pin
 from ff_planner_ros.arrays import Array, finite_number
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.joint_motion import JointMotion, steady_motion
-from ff_planner_ros.planning.rollout import runge_kutta_step
+from ff_planner_ros.planning.runge_kutta import runge_kutta_step
 from ff_planner_ros.robot.configuration import configuration, system_state
 from ff_planner_ros.robot.dynamics import base_acceleration
 from ff_planner_ros.robot.model import Robot
@@ -89,8 +89,8 @@ def driven(
         def at_stage(stage: int, q: Array, i: int = i) -> Array:
             return velocity(2 * i + (stage + 1) // 2, q)
 
-        increments = runge_kutta_step(model, q[i], time[i + 1] - time[i], at_stage)
-        after = pin.integrate(model, q[i], increments[-1])
+        step = runge_kutta_step(model, q[i], time[i + 1] - time[i], at_stage)
+        after = pin.integrate(model, q[i], step)
         q[i + 1] = np.concatenate([after[:7], positions[2 * i + 2]])
     v = np.array([velocity(2 * i, at) for i, at in enumerate(q)])
     of_joints = accelerations[::2]

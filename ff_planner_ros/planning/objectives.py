@@ -1,16 +1,75 @@
-"""The paper's objectives, Eqs. (44) and (45), and their derivatives."""
+"""The paper's objectives, Eqs. (44) and (45), and their derivatives: what a program minimises."""
 
 from __future__ import annotations
+
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
 from ff_planner_ros.arrays import Array
+from ff_planner_ros.planning.path_family import Motion, Sensitivity
+from ff_planner_ros.planning.problem import Objective
+from ff_planner_ros.planning.settings import PlannerSettings
 from ff_planner_ros.robot.kinematics import rotation_base_to_inertial
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.rotation import euler_from_rotation, euler_rate_map
 
 # Below this joint rate the direction of motion, and with it the gradient, is not defined.
 _STANDSTILL = 1e-9
+
+
+class Term(NamedTuple):
+    """What one objective adds to a program: f, and peaks of which the largest counts.
+
+    Attributes:
+        value: f.
+        gradient: Of f. Shape (variables,).
+        hessian: Gauss-Newton approximation for f. Shape (variables, variables).
+        peaks: Shape (peaks,), may be empty.
+        peaks_jacobian: Shape (peaks, variables).
+    """
+
+    value: float
+    gradient: Array
+    hessian: Array
+    peaks: Array
+    peaks_jacobian: Array
+
+
+def terms(
+    weights: Objective, robot: Robot, motion: Motion, sensitivity: Sensitivity, step: float
+) -> list[Term]:
+    """Return the terms of all objectives that have a weight.
+
+    Args:
+        step: Time between two points [s].
+    """
+    found = []
+    variables = len(motion.x)
+    weight, nothing = weights.joint_path_length, np.zeros((variables, variables))
+    if weight > 0.0:
+        rates, by_x = motion.v[:, 6:], sensitivity.v[:, 6:]
+        gradient, hessian = joint_path_length_derivatives(rates, by_x, step)
+        value = weight * joint_path_length(rates, step)
+        found.append(Term(value, weight * gradient, weight * hessian, nothing[0, :0], nothing[:0]))
+    weight = weights.chaser_attitude
+    if weight > 0.0:
+        # The Euler angles whose largest modulus is J_Theta.
+        euler = weight * chaser_euler(robot, motion.q).ravel()
+        jacobian = weight * chaser_euler_derivative(robot, motion.q, sensitivity.q)
+        jacobian = jacobian.reshape(-1, variables)
+        peaks, jacobian = np.append(euler, -euler), np.concatenate([jacobian, -jacobian])
+        found.append(Term(0.0, nothing[0], nothing, peaks, jacobian))
+    return found
+
+
+def with_tie_break(objective: Objective, settings: PlannerSettings) -> Objective:
+    """Return the objective to solve: never the attitude alone."""
+    if objective.joint_path_length > 0.0:
+        return objective
+    tie_break = settings.joint_path_tie_break * objective.chaser_attitude
+    return replace(objective, joint_path_length=tie_break)
 
 
 def joint_path_length(joint_velocities: Array, step: float) -> float:

@@ -1,4 +1,4 @@
-"""What makes a question unanswerable before anything is solved."""
+"""What makes a problem impossible before anything is solved."""
 
 from __future__ import annotations
 
@@ -6,76 +6,28 @@ import numpy as np
 import pinocchio as pin
 
 from ff_planner_ros.arrays import Array
-from ff_planner_ros.errors import InvalidInput, NoPlanFound, Status
-from ff_planner_ros.planning.clearance import arm_points, clearances, segments
-from ff_planner_ros.planning.failures import LIMIT_TOLERANCE, link_name
+from ff_planner_ros.errors import NoPlanFound, Status
 from ff_planner_ros.planning.problem import PlanningProblem
+from ff_planner_ros.planning.requirements import REQUIREMENTS
+from ff_planner_ros.planning.settings import PlannerSettings
+from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import Robot
-from ff_planner_ros.robot.momentum import smallest_singular_values
+from ff_planner_ros.robot.momentum import total_momentum
 
 
-def require_sound_start(
-    problem: PlanningProblem, q_start: Array, singular_value_threshold: float
-) -> None:
-    """Refuse a start outside the joint limits, inside an obstacle or in a singular posture.
-
-    Joint rates count where the problem limits them.
-
-    Args:
-        q_start: Configuration at its start. Shape (7 + joints,).
-        singular_value_threshold: Least allowed singular value of the generalised Jacobian.
+def require_plannable(problem: PlanningProblem, settings: PlannerSettings) -> None:
+    """Refuse a start that violates a requirement by itself, and a goal out of reach.
 
     Raises:
-        InvalidInput: Names the joint, the obstacle and the link, or the posture.
+        InvalidInput: Names what the start violates.
+        NoPlanFound: The goal is out of reach.
     """
-    robot, joints = problem.robot, problem.start.joint_positions
-    for name, position, lower, upper in zip(
-        robot.joint_names,
-        joints,
-        robot.lower_position_limits,
-        robot.upper_position_limits,
-        strict=True,
-    ):
-        if not lower - LIMIT_TOLERANCE <= position <= upper + LIMIT_TOLERANCE:
-            raise InvalidInput(
-                Status.START_OUTSIDE_LIMITS,
-                f"joints.position[{name}]",
-                f"{position:.6f} rad",
-                f"it must be within the joint's limits [{lower:.6f}, {upper:.6f}] rad",
-            )
-    if problem.limits.joint_velocities:
-        for name, rate, limit in zip(
-            robot.joint_names, problem.start.joint_velocities, robot.velocity_limits, strict=True
-        ):
-            if not abs(rate) <= limit + LIMIT_TOLERANCE:
-                raise InvalidInput(
-                    Status.START_OUTSIDE_LIMITS,
-                    f"joints.velocity[{name}]",
-                    f"{rate:.6f} rad/s",
-                    f"it must be at most {limit:.6f} rad/s either way, the joint's limit",
-                )
-    positions = arm_points(robot, q_start[None])
-    starts = segments(positions)
-    distance = clearances(positions, starts, problem.obstacles).distance[0]
-    if distance.min(initial=np.inf) <= 0.0:
-        segment, sphere = np.unravel_index(distance.argmin(), distance.shape)
-        raise InvalidInput(
-            Status.START_IN_COLLISION,
-            f"obstacles[{problem.obstacles[sphere].id}]",
-            f"around {link_name(robot, int(starts[segment]))}, "
-            f"{-distance[segment, sphere]:.4f} m deep",
-            "at the start the arm must be outside every obstacle",
-        )
-    smallest = float(smallest_singular_values(robot, q_start[None])[0])
-    if not smallest >= singular_value_threshold - LIMIT_TOLERANCE:
-        raise InvalidInput(
-            Status.START_SINGULAR,
-            "joints.position",
-            np.array2string(joints, precision=4),
-            "in this posture the end effector cannot move in every direction: the smallest "
-            f"singular value of the generalised Jacobian is {smallest:.3g}, allowed is "
-            f"{singular_value_threshold:g}",
-        )
+    robot = problem.robot
+    q_start, v_start = configuration(robot, problem.start)
+    for required in REQUIREMENTS:
+        required.refuse_start(problem, q_start, settings)
+    momentum = total_momentum(robot, robot.model.createData(), q_start, v_start)
+    require_reachable_goal(problem, q_start, momentum)
 
 
 def require_reachable_goal(problem: PlanningProblem, q_start: Array, momentum: Array) -> None:

@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import chain, islice
 from typing import TypeAlias
 
 from ff_planner_ros.arrays import Array
-from ff_planner_ros.errors import NoPlanFound
-from ff_planner_ros.planning.check import certified_clearance
-from ff_planner_ros.planning.detours import first_guesses
+from ff_planner_ros.planning.plan import SolverReport
 from ff_planner_ros.planning.program import PathLinearisation, PathProgram
+from ff_planner_ros.planning.requirements.clearance import Clearance
 from ff_planner_ros.planning.settings import PlannerSettings
 from ff_planner_ros.planning.solver import Solution, minimise
-from ff_planner_ros.planning.watch import REFINING, SEARCHING, Progress
+from ff_planner_ros.planning.watch import CHECKING, REFINING, SEARCHING, Progress, Watch
 
 PathSolution: TypeAlias = Solution[PathLinearisation]
 
@@ -24,7 +23,9 @@ class _Level:
     """A time grid to solve on, and how well."""
 
     points: int
-    extra_margin: float  # [m] for the gaps between the points, which are wider on fewer points
+    extra_margin: (
+        float  # of clearance [m], for the gaps between the points, which are wider on fewer points
+    )
     optimality: float
     progress: float
     iterations: int
@@ -34,7 +35,7 @@ class _Level:
 # Few points find the way around the obstacles at a tenth of the price; the next grid brings the
 # path so near its optimum that on all points a few iterations remain.
 _COARSE_LEVELS = (_Level(13, 0.001, 1e-2, 2e-3, 40, 0.005), _Level(25, 0.0, 3e-3, 2e-4, 40, 0.0))
-# On all points, nobody tells such a part of a joint path or of an angle.
+# On all points. So small a part of a joint path or of an angle makes no difference to a user.
 _LEAST_PROGRESS = 2e-5
 # More points need not meet an obstacle that few points run into by less [m].
 _PROMISING_VIOLATION = 5e-3
@@ -47,6 +48,19 @@ _MARGIN_ROUNDS = 4
 
 
 @dataclass(frozen=True, eq=False)
+class FoundPath:
+    """A path that the solver came to, and what the search had taken by then.
+
+    Attributes:
+        at_x: The path's linearisation; its motion may be singular.
+        report: Counts are those of the whole search so far.
+    """
+
+    at_x: PathLinearisation
+    report: SolverReport
+
+
+@dataclass(frozen=True, eq=False)
 class _Grid:
     """The optimisation problem of one level."""
 
@@ -55,146 +69,139 @@ class _Grid:
 
 
 class Search:
-    """Looks for paths, and keeps count of what it takes.
-
-    Attributes:
-        starts: First guesses tried so far.
-        solved: What the solver came to, on any number of points.
-        refusals: Where the way was singular.
-    """
+    """Looks for paths from one first guess after the other."""
 
     def __init__(
         self,
-        program: Callable[[int, float, float], PathProgram],
-        points: int,
+        program: PathProgram,
         settings: PlannerSettings,
-        report: Callable[[Progress], None],
+        watch: Watch,
         first_guess: Array | None,
     ) -> None:
         """Prepare to search.
 
         Args:
-            program: Gives the optimisation problem for a number of points, a clearance margin [m]
-                and a damping of the velocity map.
-            report: Told of every path that is looked at.
+            program: On all points; the search makes those on fewer points of it.
             first_guess: Tried before all others; None: there is none.
         """
-        self._settings = settings
-        self._report = report
-        self._looks = 0
+        self._program, self._settings, self._watch = program, settings, watch
         self._first_guess = first_guess
         all_points = _Level(
-            points,
+            program.points,
             0.0,
             settings.optimality_tolerance,
             _LEAST_PROGRESS,
             settings.max_iterations,
             0.0,
         )
-        levels = [*(level for level in _COARSE_LEVELS if level.points < points), all_points]
-        margin = settings.clearance_margin
-        self._grids = [
-            _Grid(level, program(level.points, margin + level.extra_margin, level.damping))
-            for level in levels
-        ]
-        self.starts = 0
-        self.solved: list[PathSolution] = []
-        self.refusals: list[NoPlanFound] = []
+        coarse = [level for level in _COARSE_LEVELS if level.points < program.points]
+        self._grids = [self._grid(level) for level in (*coarse, all_points)]
+        self._starts = self._looks = 0
+        self._solved: list[PathSolution] = []
+        self._on_all_points: list[PathSolution] = []
 
-    @property
-    def iterations(self) -> int:
-        """Quadratic programs solved so far."""
-        return sum(solution.iterations for solution in self.solved)
-
-    @property
-    def evaluations(self) -> int:
-        """Rollouts with derivatives so far."""
-        return sum(solution.evaluations for solution in self.solved)
-
-    def progress(self, phase: str, at_x: PathLinearisation) -> Progress:
-        """Tell how far the search has come.
-
-        Args:
-            at_x: Of the path last looked at.
-        """
-        return Progress(phase, self.starts, self._looks, at_x.objective, at_x.violation)
-
-    def paths(self) -> Iterator[PathSolution]:
-        """Yield paths on all points, from one first guess after the other; not all keep it all.
+    def paths(self) -> Iterator[FoundPath]:
+        """Yield paths on all points; some violate a requirement.
 
         Raises:
-            OutOfTime: By the programs.
+            OutOfTime: By the watch.
         """
         for rough in self._rough_paths():
             solution = rough
             for grid in self._grids[1:-1]:
-                solution = self._solve(grid, solution.x) or solution
-            answer = self._solve_between_points(self._grids[-1], solution.x)
-            if answer is not None:
-                yield answer
+                finer = self._solve(grid, solution.x)
+                solution = finer if finer.at_x.is_defined else solution
+            found = self._solve_between_points(self._grids[-1], solution.x)
+            if found.at_x.is_defined:
+                self._watch.report(self._progress(CHECKING, found.at_x))
+                yield self._found(found)
+                self._on_all_points.append(found)
+
+    def best(self) -> FoundPath | None:
+        """Return the best path so far, with what the whole search took; None before the first.
+
+        The motion of the path is singular only where all are.
+        """
+        attempts = self._on_all_points or self._solved
+        return self._found(min(attempts, key=rank)) if attempts else None
+
+    def _grid(self, level: _Level) -> _Grid:
+        margins = dict(self._program.margins)
+        margins[Clearance.name] += level.extra_margin
+        program = replace(
+            self._program, points=level.points, margins=margins, damping=level.damping
+        )
+        return _Grid(level, program)
+
+    def _found(self, solution: PathSolution) -> FoundPath:
+        report = SolverReport(
+            starts=self._starts,
+            iterations=sum(solved.iterations for solved in self._solved),
+            rollouts=sum(solved.evaluations for solved in self._solved),
+            optimality=solution.optimality,
+            stop_reason=solution.stop_reason,
+        )
+        return FoundPath(solution.at_x, report)
+
+    def _progress(self, phase: str, at_x: PathLinearisation) -> Progress:
+        return Progress(phase, self._starts, self._looks, at_x.objective, at_x.violation)
 
     def _rough_paths(self) -> Iterator[PathSolution]:
         """Yield paths on few points that are worth more of them."""
         grid, starts = self._grids[0], self._settings.starts
-        postponed: list[PathSolution] = []
+        problem, level = self._program.problem, grid.level
         given = [] if self._first_guess is None else [self._first_guess]
-        guesses = chain(given, first_guesses(grid.program, starts))
-        for guess in islice(guesses, starts):
-            self.starts += 1
+        guesses = self._program.family.first_guesses(problem.obstacles, level.points, level.damping)
+        postponed: list[PathSolution] = []
+        for guess in islice(chain(given, guesses), starts):
+            self._starts += 1
             rough = self._solve(grid, guess)
-            if rough is not None and _is_promising(rough):
+            if _is_promising(rough):
                 yield rough
                 continue
-            if rough is not None:
+            if rough.at_x.is_defined:
                 postponed.append(rough)
-            if postponed and (self.starts % _RECONSIDER == 0 or self.starts == starts):
+            if postponed and (self._starts % _RECONSIDER == 0 or self._starts == starts):
                 best = min(postponed, key=rank)
                 postponed.remove(best)
                 yield best
 
-    def _solve_between_points(self, grid: _Grid, start: Array) -> PathSolution | None:
-        """Solve, and raise the margin at the points until the motion between them is clear too."""
-        solution = None
-        for _ in range(_MARGIN_ROUNDS):
-            solution = self._solve(grid, start)
-            if solution is None or not solution.feasible:
+    def _solve_between_points(self, grid: _Grid, start: Array) -> PathSolution:
+        """Solve, and raise the margins at the points until the motion between them is sound too."""
+        solution = self._solve(grid, start)
+        for _ in range(_MARGIN_ROUNDS - 1):
+            if not solution.feasible:
                 break
-            program, rollout = grid.program, solution.at_x.rollout
-            clearance = certified_clearance(
-                program.robot, rollout.q, rollout.v, program.step, program.spheres
-            )
-            if clearance >= 0.0:
+            program = grid.program
+            slacks = program.slacks_between(solution.at_x.motion)
+            if all(slack >= 0.0 for slack in slacks.values()):
                 break
-            missing = self._settings.clearance_margin / 2 - clearance
-            margin = program.clearance_margin + missing
-            grid = replace(grid, program=replace(program, clearance_margin=margin))
-            start = solution.x
+            # Beside what is missing, half the margin that the search began with.
+            margins = {
+                name: margin + (self._program.margins[name] / 2 - slacks[name])
+                if slacks[name] < 0.0
+                else margin
+                for name, margin in program.margins.items()
+            }
+            grid = replace(grid, program=replace(program, margins=margins))
+            solution = self._solve(grid, solution.x)
         return solution
 
-    def _solve(self, grid: _Grid, start: Array) -> PathSolution | None:
-        """Solve on a grid; None where the start meets a singularity."""
+    def _solve(self, grid: _Grid, start: Array) -> PathSolution:
         level = grid.level
-        try:
-            solution = minimise(
-                self._reporting(grid), start, level.iterations, level.optimality, level.progress
-            )
-        except NoPlanFound as refusal:
-            self.refusals.append(refusal)
-            return None
-        self.solved.append(solution)
-        return solution
-
-    def _reporting(self, grid: _Grid) -> Callable[[Array], PathLinearisation]:
-        """Return the linearisation on a grid, each of which is reported."""
-        phase = REFINING if grid.level is self._grids[-1].level else SEARCHING
+        phase = REFINING if level is self._grids[-1].level else SEARCHING
 
         def linearise(x: Array) -> PathLinearisation:
+            self._watch.require_time()
             at_x = grid.program.linearise(x)
-            self._looks += 1
-            self._report(self.progress(phase, at_x))
+            if at_x.is_defined:
+                self._looks += 1
+                self._watch.report(self._progress(phase, at_x))
             return at_x
 
-        return linearise
+        solution = minimise(linearise, start, level.iterations, level.optimality, level.progress)
+        self._solved.append(solution)
+        return solution
 
 
 def _is_promising(rough: PathSolution) -> bool:

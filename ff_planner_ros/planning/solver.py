@@ -16,7 +16,6 @@ import numpy as np
 import piqp
 
 from ff_planner_ros.arrays import Array
-from ff_planner_ros.errors import NoPlanFound
 
 # A constraint violated by less counts as kept [unit of g]; well below any tolerance that a
 # user sets, well above the accuracy of the quadratic programs.
@@ -58,6 +57,7 @@ class Linearisation:
         peaks_jacobian: Shape (peaks, variables).
         constraints: g. Shape (constraints,), may be empty.
         constraints_jacobian: Shape (constraints, variables).
+        is_defined: Whether the functions are defined at x. If not, the rest is meaningless.
     """
 
     value: float
@@ -67,6 +67,7 @@ class Linearisation:
     peaks_jacobian: Array
     constraints: Array
     constraints_jacobian: Array
+    is_defined: bool = True
 
     @property
     def objective(self) -> float:
@@ -76,7 +77,7 @@ class Linearisation:
     @property
     def violation(self) -> float:
         """By how much the worst constraint is violated; zero if none is."""
-        return _violation(self.constraints)
+        return _violation(self.constraints) if self.is_defined else np.inf
 
 
 AtX = TypeVar("AtX", bound=Linearisation)
@@ -122,17 +123,16 @@ def minimise(
     """Minimise from a start; not converging is a result, not an error.
 
     Args:
-        linearise: Returns functions and derivatives at x; raises NoPlanFound where they are not
-            defined, which the solver treats as a wall.
+        linearise: Returns functions and derivatives at x. Where they are not defined is a wall to
+            the solver.
         start: Shape (variables,).
         max_iterations: At least 1.
         tolerance: First-order optimality at which to stop.
         progress: Part of the objective; a step that promises less is not worth an evaluation.
-
-    Raises:
-        NoPlanFound: `linearise` refused the start.
     """
     x, here = start, linearise(start)
+    if not here.is_defined:
+        return Solution(x, here, np.inf, False, 0, 0, "the functions are not defined at the start")
     radius, price = _FIRST_RADIUS, _FIRST_PRICE
     evaluations, optimality = 1, np.inf
     violations = [here.violation]
@@ -153,12 +153,9 @@ def minimise(
             converged = True
             reason = f"converged: no step promises more than {progress:g} of the objective"
             break
-        try:
-            there = linearise(x + step.dx)
-            evaluations += 1
-            gained = (here.objective - there.objective) + price * (here.violation - there.violation)
-        except NoPlanFound:
-            there, gained = here, -np.inf
+        there = linearise(x + step.dx)
+        evaluations += there.is_defined
+        gained = _gained(here, there, price)
         ratio = gained / promised if promised > _LEAST_PROMISE else -np.inf
         if ratio > _ACCEPT:
             x, here = x + step.dx, there
@@ -176,11 +173,19 @@ def minimise(
     return Solution(x, here, optimality, converged, iterations, evaluations, reason)
 
 
+def _gained(here: Linearisation, there: Linearisation, price: float) -> float:
+    """Return by how much the merit function falls; where nothing is defined, it never does."""
+    if not there.is_defined:
+        return -np.inf
+    return (here.objective - there.objective) + price * (here.violation - there.violation)
+
+
 def _step_at_fair_price(here: Linearisation, radius: float, price: float) -> tuple[_Step, float]:
     """Return a step, and the price of a violated constraint by which to judge it.
 
     It is the lowest that leaves hardly more of the violation than any price would; where
-    nothing is left it follows the multipliers: too high a price shies at curved constraints.
+    nothing is left, the price follows the multipliers. Too high a price makes the solver refuse
+    good steps along curved constraints.
     """
     steps = [_solve_quadratic_program(here, radius, price)]
     prices = [price]

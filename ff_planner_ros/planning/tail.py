@@ -17,12 +17,13 @@ from ff_planner_ros.planning.failures import Failure, failures
 from ff_planner_ros.planning.forward import driven
 from ff_planner_ros.planning.joint_motion import JointMotion
 from ff_planner_ros.planning.motion import from_trajectory, to_trajectory
+from ff_planner_ros.planning.path_family import singular_refusal
 from ff_planner_ros.planning.plan import Plan, Trajectory
 from ff_planner_ros.planning.problem import MAX_POINTS, PlanningProblem
-from ff_planner_ros.planning.rollout import regular_velocity, runge_kutta_step
+from ff_planner_ros.planning.runge_kutta import runge_kutta_step
 from ff_planner_ros.planning.settings import PlannerSettings
 from ff_planner_ros.robot.momentum import total_momentum
-from ff_planner_ros.robot.velocity_map import VelocityMap, VelocitySolution
+from ff_planner_ros.robot.velocity_map import VelocityMap, VelocitySolution, stacked
 
 # The check looks at the points: on so many intervals it sees the peaks of a ramp within 2 %.
 _LEAST_INTERVALS = 8
@@ -123,7 +124,10 @@ def _holding(
 
     def solution(seconds: float, q: Array) -> VelocitySolution:
         when = problem.duration + seconds
-        return regular_velocity(velocity_map, q, momentum, twist, when, last)
+        regular = velocity_map.regular(q, momentum, twist)
+        if regular is None:
+            raise singular_refusal(when, last)
+        return regular
 
     q = [q_goal]
     for begin in time[:-1]:
@@ -131,10 +135,10 @@ def _holding(
         def velocity(_: int, at: Array, begin: float = begin) -> Array:
             return solution(begin, at).v
 
-        q.append(pin.integrate(model, q[-1], runge_kutta_step(model, q[-1], step, velocity)[-1]))
+        q.append(pin.integrate(model, q[-1], runge_kutta_step(model, q[-1], step, velocity)))
     solutions = [solution(*at) for at in zip(time, q, strict=True)]
     v = np.array([at.v for at in solutions])
-    by_q, _ = velocity_map.derivatives(solutions)
+    by_q, _ = velocity_map.derivatives(stacked(solutions))
     return np.array(q), v, np.einsum("pij,pj->pi", by_q, v)
 
 

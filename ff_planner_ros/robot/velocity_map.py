@@ -22,9 +22,15 @@ from ff_planner_ros.arrays import Array
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.rotation import skew
 
+# Faster than this no arm in space moves, by an order of magnitude; the velocity map says so only
+# next to a dynamic singularity [rad/s].
+_SINGULAR_JOINT_RATE = 10.0
+
 
 class VelocitySolution(NamedTuple):
     """One evaluation of the map, with what its derivatives need.
+
+    Several of them, `stacked`, are the same arrays with one more axis in front.
 
     Attributes:
         v: Base twist in the base frame, joint rates. Shape (6 + joints,).
@@ -45,6 +51,11 @@ class VelocitySolution(NamedTuple):
     momentum_in_base: Array
     twist_in_ee: Array
     rotation_ee_to_inertial: Array
+
+
+def stacked(solutions: Sequence[VelocitySolution]) -> VelocitySolution:
+    """Return the arrays of several solutions as one array each, a row a solution."""
+    return VelocitySolution(*(np.array(column) for column in zip(*solutions, strict=True)))
 
 
 class VelocityMap:
@@ -106,7 +117,24 @@ class VelocityMap:
         v[:6] = coupling[:, -1] - coupling[:, :-1].dot(v[6:])  # Eq. (27)
         return VelocitySolution(v, q, momentum_map, jacobian, mu, h, w, rotation_ee)
 
-    def derivatives(self, solutions: Sequence[VelocitySolution]) -> tuple[Array, Array]:
+    def regular(
+        self, q: Array, momentum: Array, twist_ee_in_inertial: Array
+    ) -> VelocitySolution | None:
+        """Return the solution where the arm can follow it; None in a dynamic singularity.
+
+        Args:
+            q: Configuration. Shape (7 + joints,).
+            momentum: Total P and L about the inertial origin, inertial axes. Shape (6,).
+            twist_ee_in_inertial: Wanted linear and angular velocity. Shape (6,).
+        """
+        try:
+            solution = self.solve(q, momentum, twist_ee_in_inertial)
+        except np.linalg.LinAlgError:
+            return None
+        square = float(solution.v[6:] @ solution.v[6:])
+        return solution if square < _SINGULAR_JOINT_RATE**2 else None
+
+    def derivatives(self, at: VelocitySolution) -> tuple[Array, Array]:
         """Return the exact derivatives of solutions, the algebra batched over all of them.
 
         The multipliers lambda turn the minimisation into its linear KKT system
@@ -116,13 +144,12 @@ class VelocityMap:
         `solve` does, base first, gives the derivatives of joint rates and base twist.
 
         Args:
-            solutions: Of `solve`, for this robot.
+            at: Solutions of `solve` for this robot, `stacked`.
 
         Returns:
             dv/dq in the tangent space, shape (solutions, 6 + joints, 6 + joints), and
             dv/dtwist, twist in inertial axes, shape (solutions, 6 + joints, 6).
         """
-        at = VelocitySolution(*(np.array(column) for column in zip(*solutions, strict=True)))
         count, size = at.v.shape
         base_inverse = np.linalg.inv(at.momentum_map[:, :, :6])
         # The momentum's multiplier: how the base speeds up when mu pulls at the end effector.
@@ -132,7 +159,7 @@ class VelocityMap:
         columns = size + 6
         derivatives = [
             self._differentiate_model(*one)
-            for one in zip(solutions, base_acceleration, strict=True)
+            for one in zip(at.q, at.v, at.mu, base_acceleration, strict=True)
         ]
         force = np.zeros((count, size, columns))  # of -d(A^T lambda)
         momentum = np.zeros((count, 6, columns))  # of dh - d(H) v
@@ -160,15 +187,15 @@ class VelocityMap:
         return solved[:, :, :size], solved[:, :, size:]
 
     def _differentiate_model(
-        self, solution: VelocitySolution, base_acceleration: Array
+        self, q: Array, v: Array, mu: Array, base_acceleration: Array
     ) -> tuple[Array, Array, Array]:
         """Return d(A^T lambda)/dq, d(H)/dq v and d(J)/dq v of one solution."""
         model, data, tip = self._robot.model, self._data, self._robot.tip_frame_id
-        q, v, still = solution.q, solution.v, self._no_motion
+        still = self._no_motion
 
         # A^T lambda is the inverse dynamics of a system at rest whose base accelerates by the
         # momentum's multiplier while the twist's multiplier pulls at the end effector.
-        self._forces[self._tip_joint] = self._tip_placement.act(pin.Force(solution.mu))
+        self._forces[self._tip_joint] = self._tip_placement.act(pin.Force(mu))
         pin.computeRNEADerivatives(model, data, q, still, base_acceleration, self._forces)
         of_force = data.dtau_dq.copy()
         # M v is the inverse dynamics of a system at rest that accelerates by v.

@@ -1,0 +1,26 @@
+"""What a plan must keep, what can do most harm first. A new requirement is one more file."""
+
+from __future__ import annotations
+
+from ff_planner_ros.planning.requirements.chaser_attitude import ChaserAttitude
+from ff_planner_ros.planning.requirements.clearance import Clearance
+from ff_planner_ros.planning.requirements.goal import Goal
+from ff_planner_ros.planning.requirements.joint_positions import JointPositions
+from ff_planner_ros.planning.requirements.joint_rates import JointRates
+from ff_planner_ros.planning.requirements.momentum import Momentum
+from ff_planner_ros.planning.requirements.requirement import Requirement
+from ff_planner_ros.planning.requirements.singular_values import SingularValues
+from ff_planner_ros.planning.requirements.start_velocity import StartVelocity
+from ff_planner_ros.planning.requirements.torques import Torques
+
+REQUIREMENTS: tuple[Requirement, ...] = (
+    Clearance(),
+    JointPositions(),
+    JointRates(),
+    ChaserAttitude(),
+    SingularValues(),
+    Torques(),  # after the singularity, near which torques are a symptom
+    Goal(),
+    Momentum(),
+    StartVelocity(),
+)

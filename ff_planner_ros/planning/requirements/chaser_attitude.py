@@ -1,0 +1,129 @@
+"""The chaser turns no further than the problem allows, between the points too.
+
+Its attitude is the largest modulus of its Euler angles, as in Eq. (45).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from ff_planner_ros.arrays import Array
+from ff_planner_ros.errors import Failure, InvalidInput, Status
+from ff_planner_ros.planning.metrics import Metrics
+from ff_planner_ros.planning.objectives import chaser_euler, chaser_euler_derivative
+from ff_planner_ros.planning.path_family import Motion, Sensitivity
+from ff_planner_ros.planning.pose_motion import poses_between
+from ff_planner_ros.planning.problem import PlanningProblem
+from ff_planner_ros.planning.requirements.requirement import (
+    LIMIT_TOLERANCE,
+    OF_INTEREST,
+    Requirement,
+    Rows,
+    Samples,
+    within,
+)
+from ff_planner_ros.planning.settings import PlannerSettings
+from ff_planner_ros.robot.kinematics import rotation_base_to_inertial
+from ff_planner_ros.robot.rotation import euler_from_rotation
+
+# The search keeps this much more at the points [rad], but never more than this part of the limit.
+_MARGIN, _PART = 5e-4, 0.02
+# Times to look at from each point to the next. Between two of them the largest angle of a motion
+# of 50 points rises by less than 1e-6 rad.
+_TIMES = 20
+
+
+class ChaserAttitude(Requirement):
+    """No Euler angle of the chaser exceeds its limit, if there is one."""
+
+    name = "chaser_attitude"
+
+    def refuse_start(
+        self, problem: PlanningProblem, q_start: Array, settings: PlannerSettings
+    ) -> None:
+        """Refuse a chaser that is turned too far already.
+
+        Raises:
+            InvalidInput: Names the chaser's attitude.
+        """
+        limit = problem.limits.chaser_attitude
+        angle = float(np.abs(chaser_euler(problem.robot, q_start[None])).max())
+        if angle > limit + LIMIT_TOLERANCE:
+            raise InvalidInput(
+                Status.START_OUTSIDE_LIMITS,
+                "chaser.quaternion_xyzw",
+                f"turned by {angle:.6f} rad",
+                f"its largest Euler angle must be at most limits.chaser_attitude, {limit:.6f} rad",
+            )
+
+    def margin(self, problem: PlanningProblem, settings: PlannerSettings) -> float:
+        """Return how far from the limit the search stays at the points [rad]."""
+        return min(_MARGIN, _PART * problem.limits.chaser_attitude)
+
+    def rows(
+        self, problem: PlanningProblem, motion: Motion, sensitivity: Sensitivity, margin: float
+    ) -> Rows | None:
+        """Return the distances of interest to the limit, at points and half-way between [rad]."""
+        if np.isinf(problem.limits.chaser_attitude):
+            return None
+        q = np.concatenate([motion.q[1:], motion.q_half_way])
+        of_q = np.concatenate([sensitivity.q[1:], sensitivity.q_half_way])
+        limits = np.full(3, problem.limits.chaser_attitude - margin)
+        euler = chaser_euler(problem.robot, q)
+        jacobian = chaser_euler_derivative(problem.robot, q, of_q)
+        return within(euler, jacobian, -limits, limits, OF_INTEREST)
+
+    def slack_between(self, problem: PlanningProblem, motion: Motion) -> float:
+        """Return how far the chaser stays from the limit [rad]."""
+        limit = problem.limits.chaser_attitude
+        if np.isinf(limit):
+            return np.inf
+        rotations = rotation_base_to_inertial(motion.q)
+        angular_velocities = np.einsum("pij,pj->pi", rotations, motion.v[:, 3:6])
+        axes = Rotation.from_matrix(rotations @ problem.robot.rotation_chaser_to_base)
+        times = np.linspace(0.0, problem.duration, len(motion.q))
+        _, angles = _angles_between(times, axes.as_quat(), angular_velocities)
+        return limit - float(angles.max())
+
+    def failures(self, samples: Samples, metrics: Metrics) -> Iterator[Failure]:
+        """Yield the time at which the chaser is turned furthest."""
+        limit, motion = samples.problem.limits.chaser_attitude, samples.trajectory
+        if np.isinf(limit):
+            return
+        times, angles = _angles_between(
+            motion.time, motion.chaser_quaternions_xyzw, motion.chaser_angular_velocities
+        )
+        worst = int(angles.argmax())
+        if not angles[worst] <= limit + LIMIT_TOLERANCE:
+            yield Failure(
+                Status.LIMIT_VIOLATED,
+                f"the chaser is turned by {angles[worst]:.4f} rad at {samples.at(times[worst])}, "
+                f"{angles[worst] - limit:.3g} rad more than limits.chaser_attitude, {limit:g} rad",
+                (
+                    "a larger limits.chaser_attitude",
+                    "a weight on the chaser's attitude",
+                    "a longer duration",
+                    "more planner.starts",
+                ),
+            )
+
+
+def _angles_between(
+    times: Array, quaternions_xyzw: Array, angular_velocities: Array
+) -> tuple[Array, Array]:
+    """Return times at and between the points, and the largest modulus of an Euler angle there.
+
+    Args:
+        times: Of the points. Shape (points,) [s].
+        quaternions_xyzw: Of the chaser. Shape (points, 4).
+        angular_velocities: Of the chaser, inertial axes. Shape (points, 3) [rad/s].
+    """
+    count = len(times) - 1
+    at = np.interp(np.arange(_TIMES * count + 1), _TIMES * np.arange(count + 1), times)
+    still = np.zeros((len(times), 3))
+    _, rotations = poses_between(times, still, quaternions_xyzw, still, angular_velocities, at)
+    angles: Array = np.abs(euler_from_rotation(rotations.as_matrix())).max(axis=1)
+    return at, angles

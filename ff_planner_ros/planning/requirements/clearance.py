@@ -1,0 +1,137 @@
+"""The arm stays outside every obstacle, between the points too.
+
+The summed penalty R_obst = 0 of the paper, Eq. (43), has no gradient on its feasible side. The
+distances themselves are constrained instead, which says the same: every segment of the arm stays
+outside every sphere at every point.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+import numpy as np
+
+from ff_planner_ros.arrays import Array
+from ff_planner_ros.errors import Failure, InvalidInput, Status
+from ff_planner_ros.planning.certificate import certified_clearance
+from ff_planner_ros.planning.clearance import (
+    arm_points,
+    arm_points_with_derivatives,
+    clearance_gradients,
+    clearances,
+    near_box,
+    penalty,
+    segments,
+)
+from ff_planner_ros.planning.metrics import Metrics
+from ff_planner_ros.planning.path_family import Motion, Sensitivity
+from ff_planner_ros.planning.problem import PlanningProblem
+from ff_planner_ros.planning.requirements.requirement import (
+    OF_INTEREST,
+    Requirement,
+    Rows,
+    Samples,
+)
+from ff_planner_ros.planning.settings import PlannerSettings
+from ff_planner_ros.robot.model import Robot
+
+
+class Clearance(Requirement):
+    """The arm stays outside every obstacle."""
+
+    name = "clearance"
+
+    def refuse_start(
+        self, problem: PlanningProblem, q_start: Array, settings: PlannerSettings
+    ) -> None:
+        """Refuse a start inside an obstacle.
+
+        Raises:
+            InvalidInput: Names the obstacle and the link.
+        """
+        positions = arm_points(problem.robot, q_start[None])
+        starts = segments(positions)
+        distance = clearances(positions, starts, problem.obstacles).distance[0]
+        if distance.min(initial=np.inf) <= 0.0:
+            segment, sphere = np.unravel_index(distance.argmin(), distance.shape)
+            raise InvalidInput(
+                Status.START_IN_COLLISION,
+                f"obstacles[{problem.obstacles[sphere].id}]",
+                f"around {link_name(problem.robot, int(starts[segment]))}, "
+                f"{-distance[segment, sphere]:.4f} m deep",
+                "at the start the arm must be outside every obstacle",
+            )
+
+    def margin(self, problem: PlanningProblem, settings: PlannerSettings) -> float:
+        """Return the clearance that the search keeps at the points [m]."""
+        return settings.clearance_margin
+
+    def rows(
+        self, problem: PlanningProblem, motion: Motion, sensitivity: Sensitivity, margin: float
+    ) -> Rows:
+        """Return the distances of interest, less the margin, at points and half-way between."""
+        positions, derivatives = arm_points_with_derivatives(
+            problem.robot,
+            np.concatenate([motion.q[1:], motion.q_half_way]),
+            np.concatenate([sensitivity.q[1:], sensitivity.q_half_way]),
+        )
+        starts = segments(positions)
+        near = near_box(positions, problem.obstacles, OF_INTEREST)
+        clear = clearances(positions, starts, near)
+        rows = np.nonzero(clear.distance < OF_INTEREST)
+        jacobian = clearance_gradients(clear, derivatives, starts, rows)
+        return clear.distance[rows] - margin, jacobian
+
+    def slack_between(self, problem: PlanningProblem, motion: Motion) -> float:
+        """Return the certified clearance [m]."""
+        step = problem.duration / (len(motion.q) - 1)
+        return certified_clearance(problem.robot, motion.q, motion.v, step, problem.obstacles)
+
+    def metrics(self, samples: Samples) -> Mapping[str, float]:
+        """Return certified clearance and R_obst."""
+        problem, settings = samples.problem, samples.settings
+        at_points = clearances(samples.arm, segments(samples.arm), problem.obstacles)
+        steps = np.diff(samples.trajectory.time)
+        return {
+            "min_clearance": certified_clearance(
+                problem.robot, *samples.q_and_v, steps, problem.obstacles
+            ),
+            "penalty": penalty(
+                at_points.distance, settings.penalty_gain, settings.penalty_exponent
+            ),
+        }
+
+    def failures(self, samples: Samples, metrics: Metrics) -> Iterator[Failure]:
+        """Yield the deepest collision."""
+        if metrics.min_clearance >= 0.0:
+            return
+        starts = segments(samples.arm)
+        distance = clearances(samples.arm, starts, samples.problem.obstacles).distance
+        point, segment, sphere = np.unravel_index(distance.argmin(), distance.shape)
+        depth, obstacle = -distance[point, segment, sphere], samples.problem.obstacles[sphere].id
+        link, when = link_name(samples.problem.robot, int(starts[segment])), samples.when(point)
+        if depth <= 0.0:
+            yield Failure(
+                Status.COLLISION,
+                f"{link} may touch obstacle {obstacle} between two points near {when}: all that is "
+                f"certain is a clearance of {metrics.min_clearance * 1e3:.2f} mm",
+                ("more points", "a larger planner.clearance_margin"),
+            )
+            return
+        margin = "a smaller planner.clearance_margin"
+        yield Failure(
+            Status.COLLISION,
+            f"{link} is {depth:.3g} m inside obstacle {obstacle} at {when}",
+            (
+                "a longer duration",
+                "a goal or start posture on another side of the obstacle",
+                "more planner.starts",
+                *([margin] if depth < samples.settings.clearance_margin else []),
+            ),
+        )
+
+
+def link_name(robot: Robot, start: int) -> str:
+    """Return words for the arm's segment that starts at a joint."""
+    ends = (*robot.joint_names, robot.tip_link)
+    return f"the link from {ends[start]} to {ends[start + 1]}"

@@ -1,0 +1,85 @@
+"""The joints stay within the velocity limits of the URDF, where the problem limits them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+import numpy as np
+
+from ff_planner_ros.arrays import Array
+from ff_planner_ros.errors import Failure, InvalidInput, Status
+from ff_planner_ros.planning.metrics import Metrics
+from ff_planner_ros.planning.path_family import Motion, Sensitivity
+from ff_planner_ros.planning.problem import PlanningProblem
+from ff_planner_ros.planning.requirements.requirement import (
+    LIMIT_TOLERANCE,
+    Requirement,
+    Rows,
+    Samples,
+    within,
+)
+from ff_planner_ros.planning.settings import PlannerSettings
+
+# A rate that is further from its limit than this part of it cannot reach it in one step of the
+# solver.
+_OF_INTEREST = 0.4
+
+
+class JointRates(Requirement):
+    """The joints stay within their velocity limits at the points."""
+
+    name = "joint_rates"
+
+    def refuse_start(
+        self, problem: PlanningProblem, q_start: Array, settings: PlannerSettings
+    ) -> None:
+        """Refuse a joint that is too fast.
+
+        Raises:
+            InvalidInput: Names the joint.
+        """
+        if not problem.limits.joint_velocities:
+            return
+        robot = problem.robot
+        for name, rate, limit in zip(
+            robot.joint_names, problem.start.joint_velocities, robot.velocity_limits, strict=True
+        ):
+            if not abs(rate) <= limit + LIMIT_TOLERANCE:
+                raise InvalidInput(
+                    Status.START_OUTSIDE_LIMITS,
+                    f"joints.velocity[{name}]",
+                    f"{rate:.6f} rad/s",
+                    f"it must be at most {limit:.6f} rad/s either way, the joint's limit",
+                )
+
+    def rows(
+        self, problem: PlanningProblem, motion: Motion, sensitivity: Sensitivity, margin: float
+    ) -> Rows | None:
+        """Return the distances of interest to the limits [rad/s]."""
+        if not problem.limits.joint_velocities:
+            return None
+        limits = problem.robot.velocity_limits
+        interest = (1.0 - _OF_INTEREST) * limits
+        return within(motion.v[1:, 6:], sensitivity.v[1:, 6:], -limits, limits, interest)
+
+    def metrics(self, samples: Samples) -> Mapping[str, float]:
+        """Return the distance to the nearest limit."""
+        rates, limits = samples.trajectory.joint_velocities, samples.problem.robot.velocity_limits
+        return {"min_velocity_margin": float((limits - np.abs(rates)).min())}
+
+    def failures(self, samples: Samples, metrics: Metrics) -> Iterator[Failure]:
+        """Yield the joint that is most too fast."""
+        limited = samples.problem.limits.joint_velocities
+        if not limited or metrics.min_velocity_margin >= -LIMIT_TOLERANCE:
+            return
+        robot, rates = samples.problem.robot, samples.trajectory.joint_velocities
+        limits = robot.velocity_limits
+        excess = np.abs(rates) - limits
+        point, joint = np.unravel_index(excess.argmax(), excess.shape)
+        yield Failure(
+            Status.LIMIT_VIOLATED,
+            f"joint {robot.joint_names[joint]} turns at {rates[point, joint]:.4f} rad/s, "
+            f"{excess[point, joint]:.3g} rad/s faster than its limit of {limits[joint]:.4f} rad/s, "
+            f"at {samples.when(point)}",
+            ("a longer duration", "more planner.starts"),
+        )

@@ -1,0 +1,161 @@
+"""One thing that a plan must keep: how the search keeps it, how the check measures it, its words.
+
+The check takes its measure from the plan's samples alone and never uses the solver's rows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import ClassVar, TypeAlias
+
+import numpy as np
+
+from ff_planner_ros.arrays import Array
+from ff_planner_ros.errors import Failure, Status
+from ff_planner_ros.planning.clearance import arm_points
+from ff_planner_ros.planning.metrics import Metrics
+from ff_planner_ros.planning.motion import from_trajectory
+from ff_planner_ros.planning.path_family import Motion, Sensitivity
+from ff_planner_ros.planning.plan import Trajectory
+from ff_planner_ros.planning.problem import PlanningProblem
+from ff_planner_ros.planning.settings import PlannerSettings
+from ff_planner_ros.robot.dynamics import joint_torques
+
+# A limit violated by less is violated by rounding; no arm and no motor feels it. In the unit of the
+# limit: rad, rad/s, N m, and that of singular values.
+LIMIT_TOLERANCE = 1e-6
+# A joint or the chaser further from its limit [rad], or a link further from a sphere [m], cannot
+# reach it in one step of the solver that the linearisation still describes.
+OF_INTEREST = 0.25
+
+Rows: TypeAlias = tuple[Array, Array]
+
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """A plan's samples, and what several requirements work out from them.
+
+    Attributes:
+        problem: What the plan is for.
+        settings: For tolerances.
+        trajectory: What comes after the problem's duration is its tail.
+    """
+
+    problem: PlanningProblem
+    settings: PlannerSettings
+    trajectory: Trajectory
+
+    @cached_property
+    def q_and_v(self) -> tuple[Array, Array]:
+        """Configurations and tangent velocities. (points, 7 + joints), (points, 6 + joints)."""
+        return from_trajectory(self.problem.robot, self.trajectory)
+
+    @property
+    def q(self) -> Array:
+        """Configurations. Shape (points, 7 + joints)."""
+        return self.q_and_v[0]
+
+    @cached_property
+    def arm(self) -> Array:
+        """Joint origins and end effector. Shape (points, joints + 1, 3) [m]."""
+        return arm_points(self.problem.robot, self.q)
+
+    @cached_property
+    def torques(self) -> Array:
+        """What makes the joints move so while nothing pushes. Shape (points, joints) [N m]."""
+        accelerations = self.trajectory.joint_accelerations
+        return joint_torques(self.problem.robot, *self.q_and_v, accelerations)
+
+    @cached_property
+    def goal(self) -> int:
+        """Index of the point at the goal; those after it are the tail."""
+        return int(np.abs(self.trajectory.time - self.problem.duration).argmin())
+
+    def when(self, point: np.intp) -> str:
+        """Return words for the time of a point."""
+        return self.at(float(self.trajectory.time[point]))
+
+    def at(self, time: float) -> str:
+        """Return words for a time [s]."""
+        duration, goal = self.problem.duration, self.trajectory.time[self.goal]
+        if time > goal:
+            return f"t = {time:.2f} s, {time - duration:.2f} s after the goal"
+        words = f"t = {time:.2f} s of {duration:g} s"
+        return f"the goal, {words}" if time == goal else words
+
+
+class Requirement:
+    """Requires nothing. Each requirement overrides what it needs."""
+
+    name: ClassVar[str]
+
+    def refuse_start(
+        self, problem: PlanningProblem, q_start: Array, settings: PlannerSettings
+    ) -> None:
+        """Refuse a start that violates the requirement by itself.
+
+        Args:
+            q_start: Configuration at the start. Shape (7 + joints,).
+
+        Raises:
+            InvalidInput: Names what is violated.
+        """
+
+    def margin(self, problem: PlanningProblem, settings: PlannerSettings) -> float:
+        """Return by how much more the search keeps it at the points, for what lies between."""
+        return 0.0
+
+    def rows(
+        self, problem: PlanningProblem, motion: Motion, sensitivity: Sensitivity, margin: float
+    ) -> Rows | None:
+        """Return what the solver keeps from being negative, with exact derivatives.
+
+        Returns:
+            Values, shape (rows,), and their Jacobian, (rows, variables). None: the search does
+            not keep this requirement.
+        """
+        return None
+
+    def slack_between(self, problem: PlanningProblem, motion: Motion) -> float:
+        """Return what is left of the requirement between the points; negative: it is violated."""
+        return np.inf
+
+    def metrics(self, samples: Samples) -> Mapping[str, float | tuple[float, ...]]:
+        """Return metrics by their names in `METRICS`, measured from the samples."""
+        return {}
+
+    def failures(self, samples: Samples, metrics: Metrics) -> Iterator[Failure]:
+        """Yield where, and by how much, a plan violates the requirement, and what may help."""
+        yield from ()
+
+
+def within(
+    values: Array, jacobian: Array, lower: Array, upper: Array, interest: Array | float
+) -> Rows:
+    """Return the distances to both limits that are below the interest, with their derivatives.
+
+    Args:
+        values: Shape (points, values).
+        jacobian: Shape (points, values, variables).
+        lower: Shape (values,).
+        upper: Shape (values,).
+        interest: Shape (values,), or one number for all.
+    """
+    margins = np.stack([upper - values, values - lower])
+    rows = np.nonzero(margins < interest)
+    return margins[rows], np.stack([-jacobian, jacobian])[rows]
+
+
+def too_large(
+    metrics: Metrics, name: str, tolerance: float, unit: str, *advice: str
+) -> Iterator[Failure]:
+    """Yield a failure where a metric, an error, is not within its tolerance."""
+    value = getattr(metrics, name)
+    if not value <= tolerance:
+        yield Failure(
+            Status.CHECK_FAILED,
+            f"{name} is {value:.3g}{unit}, allowed is {tolerance:.3g}{unit}",
+            advice,
+        )

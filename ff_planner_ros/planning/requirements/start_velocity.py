@@ -1,0 +1,37 @@
+"""The plan begins with the joint rates of the start."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+import numpy as np
+
+from ff_planner_ros.errors import Failure
+from ff_planner_ros.planning.metrics import Metrics
+from ff_planner_ros.planning.requirements.requirement import (
+    LIMIT_TOLERANCE,
+    Requirement,
+    Samples,
+    too_large,
+)
+
+
+class StartVelocity(Requirement):
+    """The joint rates do not jump at the start."""
+
+    name = "start_velocity"
+
+    def metrics(self, samples: Samples) -> Mapping[str, float]:
+        """Return the largest jump."""
+        jump = samples.trajectory.joint_velocities[0] - samples.problem.start.joint_velocities
+        return {"start_velocity_jump": float(np.abs(jump).max())}
+
+    def failures(self, samples: Samples, metrics: Metrics) -> Iterator[Failure]:
+        """Yield a jump that is too large."""
+        yield from too_large(
+            metrics,
+            "start_velocity_jump",
+            samples.settings.start_velocity_tolerance + LIMIT_TOLERANCE,
+            " rad/s",
+            "damping the null-space motion that the start's joint rates hold",
+        )

@@ -1,0 +1,37 @@
+"""The joints' torques stay within the effort limits of the URDF."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+import numpy as np
+
+from ff_planner_ros.errors import Failure, Status
+from ff_planner_ros.planning.metrics import Metrics
+from ff_planner_ros.planning.requirements.requirement import LIMIT_TOLERANCE, Requirement, Samples
+
+
+class Torques(Requirement):
+    """The torques at the points stay within the effort limits."""
+
+    name = "torques"
+
+    def metrics(self, samples: Samples) -> Mapping[str, tuple[float, ...]]:
+        """Return the largest torque of each joint."""
+        return {"peak_joint_torques": tuple(np.abs(samples.torques).max(axis=0).tolist())}
+
+    def failures(self, samples: Samples, metrics: Metrics) -> Iterator[Failure]:
+        """Yield the joint that needs most too much."""
+        robot, limits = samples.problem.robot, samples.problem.robot.effort_limits
+        if (np.array(metrics.peak_joint_torques) <= limits + LIMIT_TOLERANCE).all():
+            return
+        torques = samples.torques
+        excess = np.abs(torques) - limits
+        point, joint = np.unravel_index(excess.argmax(), excess.shape)
+        yield Failure(
+            Status.TORQUE_TOO_HIGH,
+            f"joint {robot.joint_names[joint]} needs {torques[point, joint]:.4g} N m, "
+            f"{excess[point, joint]:.4g} N m more than its effort limit of {limits[joint]:g} N m, "
+            f"at {samples.when(point)}",
+            ("a longer duration",),
+        )

@@ -1,0 +1,66 @@
+"""Steps of order four on the configuration manifold.
+
+The base moves on SE(3), where Runge-Kutta's weighted sum of velocities alone has order two. The
+brackets of Munthe-Kaas restore order four [Munthe-Kaas, High order Runge-Kutta methods on
+manifolds, Appl. Numer. Math. 29, 1999].
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import pinocchio as pin
+
+from ff_planner_ros.arrays import Array
+
+
+def increment(step: float, velocities: Sequence[Array]) -> Array:
+    """Return the tangent step from a step's beginning to its next stage, or to its end.
+
+    The stages lie at 0, 1/2, 1/2 and 1 of the step.
+
+    Args:
+        step: Length of the step [s].
+        velocities: Tangent velocities of the stages so far, one to four. Each of shape
+            (6 + joints,).
+    """
+    match velocities:
+        case [v1]:
+            return step / 2 * v1
+        case [v1, v2]:
+            second: Array = step / 2 * v2
+            second[:6] += step**2 / 8 * _bracket(v1, v2)
+            return second
+        case [_, _, v3]:
+            return step * v3
+    v1, v2, v3, v4 = velocities
+    whole: Array = step / 6 * (v1 + 2 * v2 + 2 * v3 + v4)
+    whole[:6] += step**2 / 12 * _bracket(v1, v4)
+    return whole
+
+
+def runge_kutta_step(
+    model: pin.Model, q: Array, step: float, velocity: Callable[[int, Array], Array]
+) -> Array:
+    """Return one step, stage by stage.
+
+    Args:
+        q: Configuration at the step's beginning. Shape (7 + joints,).
+        step: Its length [s].
+        velocity: Returns the tangent velocity, shape (6 + joints,), of a stage from its number and
+            its configuration. It is called for the stages 0 to 3 in this order.
+
+    Returns:
+        The tangent step. Shape (6 + joints,).
+    """
+    velocities = [velocity(0, q)]
+    for stage in range(1, 4):
+        there = pin.integrate(model, q, increment(step, velocities))
+        velocities.append(velocity(stage, there))
+    return increment(step, velocities)
+
+
+def _bracket(a: Array, b: Array) -> Array:
+    """Return the Lie bracket of the base twists of two tangent velocities. Shape (6,)."""
+    bracket: Array = pin.Motion(a[:6]).cross(pin.Motion(b[:6])).vector
+    return bracket

@@ -1,0 +1,134 @@
+"""Parameters files without a node: read whole, strictly, and merged with the defaults."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from robots import CONFIG, LEMUR_SCENARIO
+
+from ff_planner_ros.cli import main
+from ff_planner_ros.errors import InvalidInput
+from ff_planner_ros.parameters import (
+    DECLARATIONS,
+    LimitParameters,
+    checked,
+    default_values,
+    load_parameters,
+    replaced,
+)
+from ff_planner_ros.planning.problem import Limits
+from ff_planner_ros.planning.settings import load_settings
+
+FILE = CONFIG / "planner.yaml"
+
+
+def test_the_file_of_defaults_holds_every_parameter_and_no_other() -> None:
+    assert set(default_values()) == set(DECLARATIONS)
+    assert load_parameters(FILE) == load_parameters()
+    assert load_parameters().planner == load_settings(FILE)
+
+
+def test_a_file_of_some_parameters_leaves_the_others_at_their_defaults(tmp_path: Path) -> None:
+    path = tmp_path / "some.yaml"
+    path.write_text(
+        "/**: {ros__parameters: {planner: {starts: 3}, limits.velocity: none}}\n"
+        "ff_planner: {ros__parameters: {points: 30, odometry: "
+        "{sensor_position_in_chaser: [1, 2.0, 3.0]}}}\n"
+    )
+    expected = load_parameters()
+    for name, value in (
+        ("planner.starts", 3),
+        ("limits.velocity", "none"),
+        ("points", 30),
+        ("odometry.sensor_position_in_chaser", (1.0, 2.0, 3.0)),
+    ):
+        expected = replaced(expected, name, value)
+    assert load_parameters(path) == expected
+
+
+@pytest.mark.parametrize(
+    ("parameters", "words"),
+    [
+        (
+            "{planer: {starts: 3}}",
+            "planer.starts is an unknown parameter: known are .*starts",
+        ),
+        ("{planner: {start: 3}}", "planner.start is an unknown parameter"),
+        ("{planner: {starts: 2.5}}", "planner.starts is 2.5: it must be a whole number"),
+        ("{planner: {starts: true}}", "planner.starts is True"),
+        ("{points: 4}", "points is 4: it must be a whole number, at least 5"),
+        ("{state_max_age: .nan}", "state_max_age is nan"),
+        ("{time_budget: soon}", "time_budget is 'soon': it must be a number"),
+        ("{limits: {chaser_attitude: -0.1}}", "limits.chaser_attitude is -0.1"),
+        ("{limits: {velocity: fast}}", "limits.velocity is fast: it must be from_urdf or none"),
+        ("{limits: 3}", "limits is 3"),
+        ("{autostart: 1}", "autostart is 1: it must be true or false"),
+        ("{odometry: {sensor_position_in_chaser: 1.0}}", "sensor_position_in_chaser is 1.0"),
+        ("{odometry: {sensor_position_in_chaser: [1.0]}}", "sensor_position_in_chaser"),
+        ("{end_behaviour: stop}", "end_behaviour is 'stop'"),
+        ("{qos: {obstacles: {reliability: perhaps}}}", "qos.obstacles.reliability is 'perhaps'"),
+        ("[1]", "ros__parameters"),
+    ],
+)
+def test_a_value_that_makes_no_sense_is_refused_by_name(
+    tmp_path: Path, parameters: str, words: str
+) -> None:
+    path = tmp_path / "planner.yaml"
+    path.write_text(f"/**: {{ros__parameters: {parameters}}}")
+    with pytest.raises(InvalidInput, match=words):
+        load_parameters(path)
+
+
+@pytest.mark.parametrize("text", ["planner: {starts: 3}", "/**: {planner: {starts: 3}}", "- 1"])
+def test_a_file_that_is_not_as_ros_expects_is_refused(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "planner.yaml"
+    path.write_text(text)
+    with pytest.raises(InvalidInput):
+        load_parameters(path)
+
+
+def test_a_value_is_returned_as_declared() -> None:
+    assert checked("time_budget", 3) == 3.0
+    assert isinstance(checked("time_budget", 3), float)
+    assert checked("odometry.sensor_position_in_chaser", [1, 2, 3]) == (1.0, 2.0, 3.0)
+
+
+def test_no_limit_of_the_attitude_is_an_infinite_one() -> None:
+    assert LimitParameters("none", 0.0).limits() == Limits(False, math.inf)
+    assert LimitParameters("from_urdf", 0.2).limits() == Limits(True, 0.2)
+
+
+def test_a_plan_takes_what_the_scenario_does_not_say_from_the_whole_file(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    parameters, file = tmp_path / "planner.yaml", tmp_path / "answer.json"
+    parameters.write_text(
+        "/**: {ros__parameters: {end_behaviour: stop_joints, tail_duration: 1.5}}"
+    )
+    command = ["plan", str(LEMUR_SCENARIO), "--json", str(file)]
+    assert main([*command, "--parameters", str(parameters)]) == 0
+    answer = json.loads(file.read_text())
+    assert answer["limits"] == {
+        "position": "from_urdf",
+        "velocity": "from_urdf",
+        "chaser_attitude": "none",
+    }
+    assert answer["time"][-1] == 11.5
+    assert "limits kept                joint positions, joint velocities" in capsys.readouterr().out
+    assert main(command) == 0
+    answer = json.loads(file.read_text())
+    assert (answer["limits"]["velocity"], answer["time"][-1]) == ("none", 10.0)
+    parameters.write_text("/**: {ros__parameters: {time_budget: 0.001}}")
+    assert main([*command, "--parameters", str(parameters)]) == 3
+    assert "the time budget of 0.001 s is used up" in capsys.readouterr().err
+
+
+def test_replacing_a_name_that_is_not_ours_changes_nothing() -> None:
+    parameters = load_parameters()
+    assert replaced(parameters, "use_sim_time", True) == parameters
+    changed = replaced(parameters, "planner.starts", 3)
+    assert changed.planner == replace(parameters.planner, starts=3)
