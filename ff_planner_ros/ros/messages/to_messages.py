@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import asdict
 
@@ -37,7 +38,7 @@ def request_message(problem: PlanningProblem, inertial_frame: str) -> PlanTrajec
         problem: The question; its start and obstacles are left out.
         inertial_frame: Frame of the target.
     """
-    target = problem.target
+    target, angle = problem.target, problem.limits.chaser_attitude
     return PlanTrajectory.Request(
         target_pose=PoseStamped(
             header=Header(frame_id=inertial_frame),
@@ -48,6 +49,7 @@ def request_message(problem: PlanningProblem, inertial_frame: str) -> PlanTrajec
         weight_joint_path_length=problem.objective.joint_path_length,
         weight_chaser_attitude=problem.objective.chaser_attitude,
         points=problem.points,
+        limit_chaser_attitude=angle if math.isfinite(angle) else 0.0,
     )
 
 
