@@ -79,6 +79,7 @@ without-ros:
 	ff-planner report answer.json; \
 	ff-planner compare $(CAPTURE); \
 	ff-planner bench --quick --scenarios 1; \
+	python $(CURDIR)/examples/plan_in_python.py; \
 	said=$$(ff-planner verify answer.json 2>&1) && exit 1; grep 'ff_planner_ros\[simulation\]' <<< "$$said"; \
 	python -m pip install --disable-pip-version-check --quiet --constraint $(CURDIR)/constraints.txt \
 		'$(CURDIR)[simulation]'; \

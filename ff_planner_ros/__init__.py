@@ -1,1 +1,66 @@
-"""Trajectory planning service for free-floating space manipulators."""
+"""Trajectory planning for free-floating space manipulators: the public Python interface.
+
+A name is imported when it is first used, so that `import ff_planner_ros` costs nothing.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from ff_planner_ros.analysis.drawing import draw as draw
+    from ff_planner_ros.errors import FfPlannerError as FfPlannerError
+    from ff_planner_ros.errors import InvalidInput as InvalidInput
+    from ff_planner_ros.errors import NoPlanFound as NoPlanFound
+    from ff_planner_ros.parameters import load_parameters as load_parameters
+    from ff_planner_ros.planning.plan import Metrics as Metrics
+    from ff_planner_ros.planning.plan import Plan as Plan
+    from ff_planner_ros.planning.plan import Trajectory as Trajectory
+    from ff_planner_ros.planning.problem import Limits as Limits
+    from ff_planner_ros.planning.problem import Objective as Objective
+    from ff_planner_ros.planning.problem import PlanningProblem as PlanningProblem
+    from ff_planner_ros.planning.problem import Sphere as Sphere
+    from ff_planner_ros.planning.problem import Target as Target
+    from ff_planner_ros.planning.scenario import Defaults as Defaults
+    from ff_planner_ros.planning.scenario import load_scenario as load_scenario
+    from ff_planner_ros.planning.scenario import load_task as load_task
+    from ff_planner_ros.planning.settings import PlannerSettings as PlannerSettings
+    from ff_planner_ros.planning.tail import EndBehaviour as EndBehaviour
+    from ff_planner_ros.planning.task import PlanningTask as PlanningTask
+    from ff_planner_ros.planning.task import perform as perform
+    from ff_planner_ros.robot.model import Robot as Robot
+    from ff_planner_ros.robot.model import load_robot as load_robot
+    from ff_planner_ros.robot.state import SystemState as SystemState
+    from ff_planner_ros.share import share_directory as share_directory
+    from ff_planner_ros.simulation.verification import Verification as Verification
+    from ff_planner_ros.simulation.verification import verify as verify_plan  # noqa: F401
+
+_MODULES = {
+    "planning.scenario": ("load_scenario", "load_task", "Defaults"),
+    "parameters": ("load_parameters",),
+    "planning.task": ("PlanningTask", "perform"),
+    "planning.problem": ("PlanningProblem", "Target", "Sphere", "Objective", "Limits"),
+    "robot.model": ("Robot", "load_robot"),
+    "robot.state": ("SystemState",),
+    "planning.settings": ("PlannerSettings",),
+    "planning.tail": ("EndBehaviour",),
+    "planning.plan": ("Plan", "Trajectory", "Metrics"),
+    "simulation.verification": ("verify_plan", "Verification"),
+    "analysis.drawing": ("draw",),
+    "share": ("share_directory",),
+    "errors": ("FfPlannerError", "InvalidInput", "NoPlanFound"),
+}
+_MODULE_OF = {name: module for module, names in _MODULES.items() for name in names}
+_NAME_THERE = {"verify_plan": "verify"}  # here, `verify` is a module
+__all__ = [*_MODULE_OF]
+
+
+def __getattr__(name: str) -> Any:
+    """Import a public name from its module.
+
+    Raises:
+        AttributeError: It is no public name.
+    """
+    if name not in _MODULE_OF:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    module = import_module(f"{__name__}.{_MODULE_OF[name]}")
+    return getattr(module, _NAME_THERE.get(name, name))

@@ -36,8 +36,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if missing.startswith(__package__):
             raise
         return _fail(
-            f"this command needs ROS 2, and there is no module {missing}: `pip install ./msg_defs '.[ros]'` "
-            "brings it along, or source a ROS workspace",
+            f"this command needs ROS 2, and there is no module {missing}: "
+            "`pip install ./msg_defs '.[ros]'` brings it along, or source a ROS workspace",
             BAD_INPUT,
         )
 

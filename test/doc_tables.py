@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
-from dataclasses import fields, is_dataclass
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, get_type_hints
 
 import ff_planner_ros
-from ff_planner_ros.planning.yaml_file import read_yaml
-from ff_planner_ros.ros.parameters import _WHILE_CONFIGURED, NodeParameters
+from ff_planner_ros.parameters import DECLARATIONS, default_values
+from ff_planner_ros.ros.parameters import _WHILE_CONFIGURED
 
 SOURCE_TREE = Path(__file__).resolve().parents[1]
 DOCS = SOURCE_TREE / "docs"
@@ -34,27 +32,17 @@ def metrics() -> Iterator[tuple[str, ...]]:
 
 def parameters() -> Iterator[tuple[str, ...]]:
     yield "parameter", "default", "range", "meaning"
-    values = read_yaml(SOURCE_TREE / "config" / "planner.yaml")["/**"]["ros__parameters"]
     told: dict[str, str] = {}
-    for name, *cells, meaning in _parameters(NodeParameters, values, ""):
-        first = told.setdefault(meaning, name.removesuffix(" *"))
-        yield name, *cells, meaning if name.startswith(first) else f"as {first}"
-
-
-def _parameters(group: type, values: Mapping[str, Any], prefix: str) -> Iterator[tuple[str, ...]]:
-    types = get_type_hints(group)
-    for item in sorted(fields(group), key=lambda item: is_dataclass(types[item.name])):
-        name, value = prefix + item.name, values[item.name]
-        if is_dataclass(types[item.name]):
-            yield from _parameters(types[item.name], value, f"{name}.")
-            continue
-        description, unit = item.metadata["description"], item.metadata["unit"]
-        bounds = (("from", item.metadata["minimum"]), ("to", item.metadata["maximum"]))
+    for name, declared in DECLARATIONS.items():
+        value = default_values()[name]
+        bounds = (("from", declared.minimum), ("to", declared.maximum))
+        meaning = declared.description + (f" [{declared.unit}]" if declared.unit else "")
+        first = told.setdefault(meaning, f"`{name}`")
         yield (
             f"`{name}`" + (" *" if name.startswith(_WHILE_CONFIGURED) else ""),
             f"`{str(value).lower() if isinstance(value, bool) else value}`",
             " ".join(f"{word} {bound:g}" for word, bound in bounds if bound is not None),
-            description + (f" [{unit}]" if unit else ""),
+            meaning if first == f"`{name}`" else f"as {first}",
         )
 
 

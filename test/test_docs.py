@@ -16,9 +16,11 @@ import pytest
 import yaml
 from doc_tables import BLOCK, expected
 
-from ff_planner_ros.cli import _parser, main
+from ff_planner_ros.cli import main
+from ff_planner_ros.commands.parser import command_parser
 from ff_planner_ros.errors import InvalidInput
-from ff_planner_ros.planning.scenario import load_scenario
+from ff_planner_ros.parameters import load_parameters
+from ff_planner_ros.planning.scenario import load_task
 
 SOURCE_TREE = Path(__file__).resolve().parents[1]
 README = SOURCE_TREE / "README.md"
@@ -84,7 +86,7 @@ def test_every_ff_planner_command_is_one_that_the_parser_takes(page: Path) -> No
     for line in console(page):
         if line.options is not None:
             try:
-                _options, rest = _parser().parse_known_args(line.options)
+                _options, rest = command_parser().parse_known_args(line.options)
             except SystemExit:
                 pytest.fail(f"{page.name}: {line.text}")
             assert not rest or line.options[0] == "node", f"{page.name}: {line.text}: {rest}"
@@ -135,8 +137,7 @@ def test_every_generated_table_is_what_the_code_declares(page: Path) -> None:
 def test_the_quick_commands_of_a_page_run_one_after_the_other(page: Path, tmp_path: Path) -> None:
     for name in ("config", "examples"):
         (tmp_path / name).symlink_to(SOURCE_TREE / name)
-    (tmp_path / ".venv").mkdir()
-    (tmp_path / ".venv" / "bin").symlink_to(Path(sys.executable).parent)
+    (tmp_path / ".venv").symlink_to(sys.prefix)
     demo = tmp_path / "demo_output" / "demo_1"
     demo.mkdir(parents=True)
     shutil.copytree(GOLDEN_BAG, demo / "ff_planner_1")
@@ -187,7 +188,7 @@ def scenario(tmp_path: Path) -> Any:
         path = tmp_path / "scenario.yaml"
         path.write_text(yaml.safe_dump(changed), encoding="utf-8")
         with pytest.raises(InvalidInput, match="no_such_key") as refused:
-            load_scenario(path)
+            load_task(path, load_parameters().of_scenarios())
         return set(re.findall(r"[a-z]\w+", refused.value.allowed.partition("are ")[2]))
 
     return allowed

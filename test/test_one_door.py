@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import io
 import sys
 import time
@@ -92,3 +93,17 @@ def test_a_digest_is_in_every_answer_with_a_task(
     assert main(["plan", str(capture), "--json", str(file)]) == 3
     assert f'"digest": "{entered[0]}"' in file.read_text()
     capsys.readouterr()
+
+
+def test_only_the_room_of_planning_judges_plans_and_words_refusals() -> None:
+    package = Path(door.__file__).parents[1]
+    for path in package.rglob("*.py"):
+        if path.parent.name == "planning":
+            continue
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+        for node in ast.walk(tree):
+            if (
+                isinstance(node, ast.ImportFrom)
+                and node.module == "ff_planner_ros.planning.failures"
+            ):
+                raise AssertionError(f"{path} must let `perform` judge")

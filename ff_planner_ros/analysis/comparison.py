@@ -95,7 +95,7 @@ def comparison_rows(
 
 
 def findings(answers: Mapping[Method, Answer]) -> Iterator[str]:
-    """Yield in words what is wrong with each answer: which constraint, where, by how much."""
+    """Yield in words what is wrong with each plan: which constraint, where, by how much."""
     for method, answer in answers.items():
         if isinstance(answer.plan, FfPlannerError):
             yield f"{method.name}: {answer.plan}"

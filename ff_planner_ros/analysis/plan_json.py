@@ -142,10 +142,10 @@ def plan_document(answer: object) -> PlanDocument:
         ),
     )
     solve_time = _number("solver.solve_time", _entry(solver, "solve_time", "solver."))
-    return PlanDocument(robot, plan, solve_time, *_question(answer))
+    return PlanDocument(robot, plan, solve_time, *_asked_for(answer))
 
 
-def _question(
+def _asked_for(
     answer: object,
 ) -> tuple[tuple[float, float] | None, tuple[Sphere, ...] | None]:
     """Return what was minimised and what was avoided; older dictionaries tell neither."""

@@ -13,13 +13,13 @@ from ff_planner_ros.planning.task import PlanningTask
 from ff_planner_ros.robot.model import Robot
 
 
-def plan_rows(answer: Plan, task: PlanningTask, solve_time: float) -> list[tuple[str, str]]:
+def plan_rows(plan: Plan, task: PlanningTask, solve_time: float) -> list[tuple[str, str]]:
     """Return name and value of what a user wants to know first of a plan.
 
     Args:
         solve_time: Wall clock that it took [s].
     """
-    metrics, solver = answer.metrics, answer.solver
+    metrics, solver = plan.metrics, plan.solver
     clearance = metrics.min_clearance
     return [
         ("status", Status.SOLVED.name.lower()),
@@ -29,7 +29,7 @@ def plan_rows(answer: Plan, task: PlanningTask, solve_time: float) -> list[tuple
         ("clearance", f"{clearance * 1e3:.1f} mm" if np.isfinite(clearance) else "no obstacles"),
         ("margin to joint limits", f"{np.rad2deg(metrics.min_joint_margin):.1f} deg"),
         ("margin to velocity limits", f"{np.rad2deg(metrics.min_velocity_margin):.2f} deg/s"),
-        ("peak joint torque", _peak_torque(answer)),
+        ("peak joint torque", _peak_torque(plan)),
         ("final position error", f"{metrics.final_position_error * 1e3:.4f} mm"),
         ("final orientation error", f"{np.rad2deg(metrics.final_orientation_error):.5f} deg"),
         ("momentum error", f"{metrics.momentum_error:.1e} relative"),
@@ -49,9 +49,9 @@ def _limits(limits: Limits) -> str:
     return ", ".join(kept)
 
 
-def _peak_torque(answer: Plan) -> str:
-    peaks = answer.metrics.peak_joint_torques
-    return f"{max(peaks):.4g} N m, {answer.joint_names[int(np.argmax(peaks))]}"
+def _peak_torque(plan: Plan) -> str:
+    peaks = plan.metrics.peak_joint_torques
+    return f"{max(peaks):.4g} N m, {plan.joint_names[int(np.argmax(peaks))]}"
 
 
 def robot_rows(robot: Robot) -> list[tuple[str, str]]:

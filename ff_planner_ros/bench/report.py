@@ -198,7 +198,7 @@ def print_executions(count: int, settings: PlannerSettings) -> list[dict[str, An
         [
             (
                 kind, belief,
-                *_outcome([e for e in done if e.kind == kind and e.belief == belief]),
+                *_misses([e for e in done if e.kind == kind and e.belief == belief]),
             )
             for kind in KINDS
             for belief in BELIEFS
@@ -207,7 +207,7 @@ def print_executions(count: int, settings: PlannerSettings) -> list[dict[str, An
     return [asdict(each) | {"status": each.status.name} for each in done]
 
 
-def _outcome(group: Sequence[BeliefResult]) -> tuple[str, ...]:
+def _misses(group: Sequence[BeliefResult]) -> tuple[str, ...]:
     planned = [each for each in group if each.status is Status.SOLVED]
     if not planned:
         return f"{len(group)}", "0", *"-----"

@@ -120,7 +120,7 @@ def replay(recorded: RecordedRequest) -> Replayed:
         return Replayed(recorded, Verdict.NOT_REBUILT, None, str(error), (), 0.0)
     before, found = recorded.response, list[Difference]()
     if then in _FOR_LACK_OF_TIME:
-        verdict, words = Verdict.WITHOUT_CLOCK, _outcome(answer)
+        verdict, words = Verdict.WITHOUT_CLOCK, _result(answer)
     elif before is None or answer.status.code != before.status.code:
         verdict, words = Verdict.DIFFERENT, f"{answer.status.message}{_doubt(recorded)}"
     else:
@@ -259,7 +259,7 @@ def _changed_task(one: Replayed) -> Iterator[str]:
         )
 
 
-def _outcome(answer: PlanTrajectory.Response) -> str:
+def _result(answer: PlanTrajectory.Response) -> str:
     if answer.status.code == Status.SOLVED:
         return f"a plan, in {answer.solver.solve_time:.2f} s on this machine"
     return f"no plan: {answer.status.message}"
