@@ -1,4 +1,4 @@
-"""The straight line: the paper's path with xi = 0, which knows of no obstacle."""
+"""The straight line: the paper's path with xi = 0, which ignores the obstacles."""
 
 from __future__ import annotations
 

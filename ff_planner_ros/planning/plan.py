@@ -1,4 +1,4 @@
-"""What the planner answers."""
+"""The plan: a motion, its metrics, and how it was found."""
 
 from __future__ import annotations
 
@@ -56,13 +56,13 @@ class Trajectory:
 
 @dataclass(frozen=True)
 class SolverReport:
-    """How the solver came to its answer.
+    """How the solver came to a path.
 
     Attributes:
         starts: First guesses tried.
         iterations: Quadratic programs solved, over all starts.
         rollouts: Over all starts, each with derivatives.
-        optimality: First-order optimality at the answer (norm of the Lagrangian's gradient);
+        optimality: First-order optimality of the path (norm of the Lagrangian's gradient);
             infinite where nothing was optimised.
         stop_reason: Why it stopped, a sentence.
     """

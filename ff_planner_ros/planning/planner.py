@@ -1,4 +1,4 @@
-"""From question to answer: refuse what cannot be, search, check, plan."""
+"""From a problem to a plan: refuse what is impossible, search, check."""
 
 from __future__ import annotations
 
@@ -32,8 +32,8 @@ def plan(
 ) -> Plan:
     """Plan a trajectory: optimal, collision-free, checked.
 
-    The same problem and settings give the same plan; how long it may take decides only whether
-    there is an answer, never which.
+    The same problem, settings and first guess give the same plan. The time that a search may take
+    decides only whether there is a plan, never which one.
 
     Args:
         watch: May end the search, and is told how far it has come.

@@ -147,7 +147,7 @@ class Search:
         return Progress(phase, self._starts, self._looks, at_x.objective, at_x.violation)
 
     def _rough_paths(self) -> Iterator[PathSolution]:
-        """Yield paths on few points that are worth more of them."""
+        """Yield paths on few points that deserve to be solved on more points."""
         grid, starts = self._grids[0], self._settings.starts
         problem, level = self._program.problem, grid.level
         given = [] if self._first_guess is None else [self._first_guess]

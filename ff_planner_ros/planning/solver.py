@@ -210,7 +210,7 @@ def _is_stuck(violations: list[float]) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class _Step:
-    """Answer of a quadratic program.
+    """Solution of a quadratic program.
 
     Attributes:
         dx: The step. Shape (variables,).

@@ -1,0 +1,154 @@
+"""The chaser's attitude as a limit: kept by the search between the points too, or refused."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from robots import CONFIG
+
+from ff_planner_ros.errors import InvalidInput, NoPlanFound, Status
+from ff_planner_ros.planning.end_effector_polynomial import end_effector_paths
+from ff_planner_ros.planning.failures import failures
+from ff_planner_ros.planning.forward import driven
+from ff_planner_ros.planning.joint_motion import joint_motion
+from ff_planner_ros.planning.objectives import chaser_euler
+from ff_planner_ros.planning.plan import Plan
+from ff_planner_ros.planning.planner import plan
+from ff_planner_ros.planning.problem import Limits, Objective, PlanningProblem
+from ff_planner_ros.planning.program import path_program
+from ff_planner_ros.planning.settings import load_settings
+from ff_planner_ros.planning.solver import minimise
+from ff_planner_ros.robot.configuration import configuration
+from ff_planner_ros.robot.momentum import total_momentum
+
+SETTINGS = load_settings(CONFIG / "planner.yaml")
+LENGTH, LIMIT = Objective(1.0, 0.0), 0.2
+
+
+def limited(problem: PlanningProblem, angle: float, points: int = 50) -> PlanningProblem:
+    limits = Limits(chaser_attitude=angle)
+    return replace(problem, objective=LENGTH, points=points, limits=limits)
+
+
+def driven_angle(problem: PlanningProblem, found: Plan) -> float:
+    """The largest Euler angle when the joints follow the plan, at twenty times its points."""
+    q, v = configuration(problem.robot, problem.start)
+    momentum = total_momentum(problem.robot, problem.robot.model.createData(), q, v)
+    time = np.linspace(0.0, problem.duration, 20 * (problem.points - 1) + 1)
+    q, _, _ = driven(problem.robot, q, momentum, joint_motion(found.trajectory), time)
+    return float(np.abs(chaser_euler(problem.robot, q)).max())
+
+
+@pytest.mark.parametrize("points", [50, 13])
+def test_a_plan_keeps_the_limit_between_its_points_too(
+    lemur_capture: PlanningProblem, points: int
+) -> None:
+    problem = limited(lemur_capture, LIMIT, points)
+    found = plan(problem, SETTINGS)
+    assert LIMIT - 2e-3 < found.metrics.max_chaser_euler <= LIMIT
+    assert driven_angle(problem, found) <= LIMIT
+
+
+def test_the_limit_costs_joint_path(lemur_capture: PlanningProblem) -> None:
+    free = plan(replace(lemur_capture, objective=LENGTH), SETTINGS)
+    found = plan(limited(lemur_capture, LIMIT), SETTINGS)
+    assert free.metrics.max_chaser_euler > LIMIT + 0.05
+    assert free.metrics.joint_path_length < found.metrics.joint_path_length
+
+
+def test_a_limit_that_is_far_away_changes_nothing(lemur_capture: PlanningProblem) -> None:
+    free = plan(replace(lemur_capture, objective=LENGTH), SETTINGS)
+    found = plan(limited(lemur_capture, 3.0), SETTINGS)
+    assert found.xi.tobytes() == free.xi.tobytes()
+
+
+def test_a_plan_beyond_the_limit_is_refused_with_time_and_amount(
+    lemur_capture: PlanningProblem,
+) -> None:
+    free = plan(replace(lemur_capture, objective=LENGTH), SETTINGS)
+    (failure,) = failures(limited(lemur_capture, LIMIT), free, SETTINGS)
+    assert failure.status is Status.LIMIT_VIOLATED
+    angle = free.metrics.max_chaser_euler
+    assert f"the chaser is turned by {angle:.4f} rad at the goal, t = 10.00 s" in failure.finding
+    assert f"{angle - LIMIT:.3g} rad more than limits.chaser_attitude, 0.2 rad" in failure.finding
+    assert not list(failures(limited(lemur_capture, angle + 1e-5), free, SETTINGS))
+
+
+def test_a_turn_between_two_points_is_seen(lemur_capture: PlanningProblem) -> None:
+    """The points keep the limit. Their angular velocities say that the chaser swings past it."""
+    found = plan(limited(lemur_capture, LIMIT), SETTINGS)
+    swinging = found.trajectory.chaser_angular_velocities.copy()
+    swinging[-2], swinging[-1] = [0.5, 0.5, 0.5], [-0.5, -0.5, -0.5]
+    motion = replace(found.trajectory, chaser_angular_velocities=swinging)
+    (failure,) = (
+        failure
+        for failure in failures(
+            limited(lemur_capture, LIMIT), replace(found, trajectory=motion), SETTINGS
+        )
+        if failure.status is Status.LIMIT_VIOLATED
+    )
+    assert "the chaser is turned" in failure.finding
+    assert "t = 9." in failure.finding
+
+
+def test_a_limit_that_nothing_keeps_is_a_refusal_with_its_failures(
+    lemur_capture: PlanningProblem,
+) -> None:
+    """The chaser drifts this far whatever the arm does."""
+    with pytest.raises(NoPlanFound) as refusal:
+        plan(limited(lemur_capture, 0.02, points=13), replace(SETTINGS, starts=2))
+    assert any("limits.chaser_attitude" in found.finding for found in refusal.value.failures)
+    assert refusal.value.status in {found.status for found in refusal.value.failures}
+
+
+def test_a_start_that_is_turned_further_is_refused_at_once(lemur_capture: PlanningProblem) -> None:
+    half = np.sin(0.15)
+    turned = replace(
+        lemur_capture.start,
+        quaternion_chaser_to_inertial_xyzw=np.array([half, 0.0, 0.0, np.sqrt(1.0 - half**2)]),
+    )
+    with pytest.raises(InvalidInput, match=r"0\.300000 rad.*limits\.chaser_attitude") as refusal:
+        plan(replace(limited(lemur_capture, LIMIT), start=turned), SETTINGS)
+    assert refusal.value.status is Status.START_OUTSIDE_LIMITS
+
+
+def test_rows_have_the_derivatives_of_differences(lemur_capture: PlanningProblem) -> None:
+    problem = replace(limited(lemur_capture, LIMIT, points=9), obstacles=())
+    program = path_program(problem, end_effector_paths(problem), SETTINGS)
+    without = replace(program, problem=replace(problem, limits=Limits()))
+    x, step = np.random.default_rng(0).normal(scale=0.05, size=18), 1e-6
+    at_x = program.linearise(x)
+    assert len(at_x.constraints) > len(without.linearise(x).constraints) + 20
+    expected = np.stack(
+        [
+            (program.linearise(x + aside).constraints - program.linearise(x - aside).constraints)
+            / (2 * step)
+            for aside in step * np.eye(18)
+        ],
+        axis=1,
+    )
+    np.testing.assert_allclose(at_x.constraints_jacobian, expected, rtol=0.0, atol=1e-6)
+
+
+def test_what_a_family_does_not_hold_at_the_goal_becomes_zero(
+    lemur_capture: PlanningProblem,
+) -> None:
+    """A family with one row of its own: the first decision variable shall be 0.05."""
+
+    class WithGoalRow(type(end_effector_paths(lemur_capture))):  # type: ignore[misc]
+        def motion(self, x, points, damping=0.0):  # type: ignore[no-untyped-def]
+            motion = super().motion(x, points, damping)
+            return replace(motion, goal_error=x[:1] - 0.05)
+
+        def sensitivity(self, motion, damping=0.0):  # type: ignore[no-untyped-def]
+            return replace(super().sensitivity(motion, damping), goal_error=np.eye(18)[:1])
+
+    paths = end_effector_paths(lemur_capture)
+    family = WithGoalRow(paths.robot, paths.q_start, paths.momentum, paths.polynomial)
+    problem = replace(lemur_capture, objective=LENGTH, obstacles=(), points=13)
+    program = path_program(problem, family, SETTINGS)
+    solution = minimise(program.linearise, np.zeros(18), 60, 1e-4, 1e-5)
+    assert solution.feasible
+    assert solution.x[0] == pytest.approx(0.05, abs=2e-5)
