@@ -47,10 +47,6 @@ FLOORS = (
 )
 FLOOR_OF = {room: floor for floor, rooms in enumerate(FLOORS) for room in rooms}
 SHARED_FLOOR, HIGHEST_FLOOR_WITHOUT_ROS = 0, FLOOR_OF["bench"]
-# What still has to turn: deleted here as soon as it has.
-TURNED_BACK = {
-    ("ff_planner_ros.ros.recorder.recorded_topics", "ros.requests"),
-}
 # They talk to ROS; the other rooms run where no ROS is installed.
 ROOMS_WITH_ROS = ("ros", "runs", "demo")
 ROS_IN_BAG = "rosidl_parser"  # reads the definitions that a bag carries
@@ -131,7 +127,7 @@ def ros_packages(names):
 
 
 def test_imports_run_one_way():
-    violations, turned_back = [], set()
+    violations = []
     for module, path in PATH_OF.items():
         here = room_of(module)
         for name in imports_at_run_time(TREES[path]):
@@ -141,12 +137,8 @@ def test_imports_run_one_way():
             both_shared = FLOOR_OF[there] == FLOOR_OF[here] == SHARED_FLOOR
             if there == here or both_shared or FLOOR_OF[there] < FLOOR_OF[here]:
                 continue
-            if (module, there) in TURNED_BACK:
-                turned_back.add((module, there))
-            else:
-                violations.append(f"{module} must not import {name}")
+            violations.append(f"{module} must not import {name}")
     assert violations == []
-    assert turned_back == TURNED_BACK, "an arrow has turned: take it off the list"
 
 
 def test_no_module_imports_itself_by_way_of_others():
