@@ -1,4 +1,7 @@
-"""Arrays that cross between rooms: checked, copied, read-only."""
+"""Arrays that cross between rooms: checked, copied, read-only.
+
+What is wrong is refused by the name of its field.
+"""
 
 from __future__ import annotations
 
@@ -27,11 +30,7 @@ def frozen(values: ArrayLike) -> Array:
 
 
 def finite_vector(field: str, values: ArrayLike, size: int) -> Array:
-    """Return a read-only copy of `values`, checked.
-
-    Args:
-        field: Name of the value in the error message.
-        values: Shape (size,).
+    """Return a read-only copy of `values`, shape (size,), checked.
 
     Raises:
         InvalidInput: Not a list of numbers, wrong size, NaN or infinity.
@@ -52,12 +51,8 @@ def finite_vector(field: str, values: ArrayLike, size: int) -> Array:
 def finite_number(field: str, value: float, *, above: float | None = None) -> float:
     """Return `value` as a float, checked.
 
-    Args:
-        field: Name of the value in the error message.
-        above: If given, the value must be greater than this.
-
     Raises:
-        InvalidInput: Not a number, NaN, infinity, or not above the bound.
+        InvalidInput: Not a number, NaN, infinity, or not greater than `above`.
     """
     number = float(finite_vector(field, [value], 1)[0])
     if above is not None and number <= above:
@@ -67,10 +62,6 @@ def finite_number(field: str, value: float, *, above: float | None = None) -> fl
 
 def unit_quaternion(field: str, values: ArrayLike) -> Array:
     """Return a read-only unit quaternion (x, y, z, w), checked.
-
-    Args:
-        field: Name of the value in the error message.
-        values: Shape (4,), norm 1 within `QUATERNION_NORM_TOLERANCE`.
 
     Raises:
         InvalidInput: Wrong size, not finite, or not of unit length.
@@ -88,13 +79,10 @@ def unit_quaternion(field: str, values: ArrayLike) -> Array:
 
 
 def normalising_to(quaternion_xyzw: Array) -> Array:
-    """Return numbers that `unit_quaternion` turns into a unit quaternion, to the last bit.
+    """Return numbers that `unit_quaternion` turns into this unit quaternion, to the last bit.
 
     Normalised once more, a unit quaternion may change by rounding. Numbers a little longer or
     shorter do not; nearly always some that differ by less than 1e-9 are found.
-
-    Args:
-        quaternion_xyzw: Of `unit_quaternion`. Shape (4,).
     """
     for step, steps in _SCALES:
         away = step * np.arange(steps)

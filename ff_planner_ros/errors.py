@@ -57,31 +57,21 @@ _LONGEST = 300
 
 
 class FfPlannerError(Exception):
-    """Root of all errors that this package raises on purpose.
-
-    Attributes:
-        status: The cause, as the service and the command line report it.
-    """
+    """Root of all errors that this package raises on purpose."""
 
     def __init__(self, status: Status, message: str) -> None:
         """Store the cause beside the message."""
         super().__init__(message)
-        self.status = status
+        self.status = status  # as the service and the command line report it
 
 
 class InvalidInput(FfPlannerError):
-    """A value that cannot be planned with.
-
-    Attributes:
-        field: The value's name, as in a scenario file (`chaser.quaternion_xyzw`).
-        value: The value found.
-        allowed: What is allowed in its place.
-    """
+    """A value that cannot be planned with."""
 
     def __init__(self, status: Status, field: str, value: object, allowed: str) -> None:
         """Name the field, its value and what is allowed."""
         super().__init__(status, f"{field} is {_shortened(str(value))}: {allowed}")
-        self.field = field
+        self.field = field  # as in a scenario file: `chaser.quaternion_xyzw`
         self.value = value
         self.allowed = allowed
 
@@ -92,27 +82,15 @@ class InvalidInput(FfPlannerError):
 
 @dataclass(frozen=True)
 class Failure:
-    """A requirement that a plan does not meet.
-
-    Attributes:
-        status: Its code.
-        finding: What is where, and by how much too far.
-        advice: What may help.
-    """
+    """A requirement that a plan does not meet."""
 
     status: Status
-    finding: str
-    advice: tuple[str, ...]
+    finding: str  # what is where, and by how much too far
+    advice: tuple[str, ...]  # what may help
 
 
 class NoPlanFound(FfPlannerError):
-    """The input is sound, and no plan that keeps the constraints was found.
-
-    Attributes:
-        constraint: What is violated, where, by how much, and what to try.
-        attempt: The best attempt, a `Plan` that is not to be executed; None if there is none.
-        failures: All that the best attempt violates; empty where that is not known.
-    """
+    """The input is sound, and no plan that keeps the constraints was found."""
 
     def __init__(
         self,
@@ -123,9 +101,9 @@ class NoPlanFound(FfPlannerError):
     ) -> None:
         """Name the violated constraint and keep the best attempt for investigation."""
         super().__init__(status, constraint)
-        self.constraint = constraint
-        self.attempt = attempt
-        self.failures = tuple(failures)
+        self.constraint = constraint  # what is violated, where, by how much, and what to try
+        self.attempt = attempt  # the best, a `Plan` that is not to be executed; None: none
+        self.failures = tuple(failures)  # of the best attempt; empty where they are not known
 
     def __reduce__(self) -> tuple[type, tuple[Status, str, object | None, tuple[Failure, ...]]]:
         """Pickle by constructor arguments, so that the error crosses processes."""
@@ -133,10 +111,7 @@ class NoPlanFound(FfPlannerError):
 
 
 class OutOfTime(FfPlannerError):
-    """The caller's patience is at its end; raised out of a solve, `plan` tells it as NoPlanFound.
-
-    Not a NoPlanFound itself: to the solver that is a wall in the way of one step, and it goes on.
-    """
+    """The time for a search is over; `plan` turns it into a NoPlanFound."""
 
     def __init__(self, message: str) -> None:
         """Only one status fits."""
@@ -157,10 +132,6 @@ class BagError(FfPlannerError):
     def __init__(self, message: str) -> None:
         """A bag error is never the planner's answer to a request: its status is internal."""
         super().__init__(Status.INTERNAL_ERROR, message)
-
-    def __reduce__(self) -> tuple[type, tuple[str]]:
-        """Pickle by constructor arguments, so that the error crosses processes."""
-        return type(self), (str(self),)
 
 
 def _shortened(text: str) -> str:

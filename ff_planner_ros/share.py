@@ -13,10 +13,7 @@ PACKAGE_SCHEME = "package://"
 
 
 def share_directory() -> Path:
-    """Return the directory that holds this package's `config`.
-
-    Returns:
-        The source tree where the package runs from it, else what colcon or pip installed.
+    """Return the directory of this package's `config`: the source tree, or where it is installed.
 
     Raises:
         FfPlannerError: The package was copied here without its configuration.
@@ -35,14 +32,10 @@ def share_directory() -> Path:
 
 
 def resolve_uri(uri: str, relative_to: Path) -> Path:
-    """Return the path of the robot description that a URI names.
+    """Return the absolute path of the robot description that a URI names.
 
     Args:
         uri: `package://PACKAGE/PATH`, or a path; `~` is the home directory.
-        relative_to: Directory that a relative path starts from.
-
-    Returns:
-        An absolute path to a file that exists.
 
     Raises:
         InvalidInput: There is no such package or no such file.
@@ -62,9 +55,8 @@ def resolve_uri(uri: str, relative_to: Path) -> Path:
 def installation_prefixes() -> list[Path]:
     """List what packages are installed below, in the order of search.
 
-    Returns:
-        The workspaces that are sourced, then the environment of this Python, which pip installs
-        into and nothing adds to the ament path.
+    The sourced workspaces come first, then the environment of this Python: pip installs into it,
+    and the ament path does not hold it.
     """
     sourced = os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)
     return [Path(prefix) for prefix in (*sourced, sys.prefix) if prefix]

@@ -12,12 +12,7 @@ class TimeBudget(Watch):
     """A watch that ends a search once its time is used up."""
 
     def __init__(self, seconds: float, begun: float | None = None) -> None:
-        """Begin to count.
-
-        Args:
-            begun: Since when it counts, as `time.monotonic()` of any process of this host tells;
-                None: since now.
-        """
+        """Count from `begun`, a `time.monotonic()` of any process of this host, or from now on."""
         self._seconds = seconds
         self._deadline = (time.monotonic() if begun is None else begun) + seconds
 

@@ -2,6 +2,9 @@
 
 The arm is the chain of line segments between consecutive joint origins, the last ending at the
 end effector. Segments without length, as in a spherical wrist, are left out.
+
+Throughout, q are configurations, shape (points, 7 + joints); `positions` are those of `arm_points`,
+and `starts` are the indices of `segments`.
 """
 
 from __future__ import annotations
@@ -26,42 +29,25 @@ _SAME_POINT = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class Clearances:
-    """Surface distance of every segment from every sphere at every point.
+    """Surface distance of every segment from every sphere at every point."""
 
-    Attributes:
-        distance: Negative inside the sphere. Shape (points, segments, spheres) [m].
-        fraction: Place of the nearest point on the segment, 0 to 1. Same shape.
-        direction: From the sphere's centre to that point, unit length. Shape (..., 3).
-    """
-
-    distance: Array
-    fraction: Array
-    direction: Array
+    distance: Array  # negative inside the sphere; shape (points, segments, spheres) [m]
+    fraction: Array  # place of the nearest point on the segment, 0 to 1; same shape
+    direction: Array  # from the sphere's centre to that point, unit length; shape (..., 3)
 
 
 def arm_points(robot: Robot, q: Array) -> Array:
-    """Return joint origins and end effector in the inertial frame.
-
-    Args:
-        q: Configurations. Shape (points, 7 + joints).
-
-    Returns:
-        Shape (points, joints + 1, 3) [m].
-    """
+    """Return joint origins and end effector, inertial frame. Shape (points, joints + 1, 3) [m]."""
     return arm_kinematics(robot, q).points
 
 
 def arm_points_with_derivatives(
     robot: Robot, q: Array, q_sensitivity: Array
 ) -> tuple[Array, Array]:
-    """Return `arm_points` and their derivatives.
+    """Return `arm_points` and their derivatives, shape (points, joints + 1, 3, columns).
 
     Args:
-        q: Configurations. Shape (points, 7 + joints).
         q_sensitivity: Derivatives of q in its tangent space. Shape (points, 6 + joints, columns).
-
-    Returns:
-        Shapes (points, joints + 1, 3) and (points, joints + 1, 3, columns).
     """
     positions, axes, rotation = arm_kinematics(robot, q)
     moving, turning = (rotation @ part for part in np.split(q_sensitivity[:, :6], 2, axis=1))
@@ -76,22 +62,13 @@ def arm_points_with_derivatives(
 
 
 def segments(positions: Array) -> Indices:
-    """Return the indices of the points that start a segment of some length.
-
-    Args:
-        positions: Of `arm_points`. Shape (points, joints + 1, 3).
-    """
+    """Return the indices of the points that start a segment of some length."""
     length = np.linalg.norm(np.diff(positions[0], axis=0), axis=1)
     return np.flatnonzero(length > _SAME_POINT)
 
 
 def near_box(positions: Array, spheres: Sequence[Sphere], distance: float) -> tuple[Sphere, ...]:
-    """Return the spheres that come near the box around all points: the broad phase.
-
-    Args:
-        positions: Of `arm_points`. Shape (points, joints + 1, 3).
-        distance: From a sphere's surface to the box [m].
-    """
+    """Return the spheres within a distance [m] from the box around all points: the broad phase."""
     low, high = positions.min(axis=(0, 1)), positions.max(axis=(0, 1))
     centers = np.array([sphere.center for sphere in spheres]).reshape(-1, 3)
     to_box = np.linalg.norm(centers - np.clip(centers, low, high), axis=1)
@@ -103,12 +80,7 @@ def near_box(positions: Array, spheres: Sequence[Sphere], distance: float) -> tu
 
 
 def clearances(positions: Array, starts: Indices, spheres: Sequence[Sphere]) -> Clearances:
-    """Return the surface distance of every segment from every sphere.
-
-    Args:
-        positions: Of `arm_points`. Shape (points, joints + 1, 3).
-        starts: Of `segments`. Shape (segments,).
-    """
+    """Return the surface distance of every segment from every sphere."""
     centers = np.array([sphere.center for sphere in spheres]).reshape(-1, 3)
     radii = np.array([sphere.radius for sphere in spheres])
     start, end = positions[:, starts, None], positions[:, starts + 1, None]
@@ -133,9 +105,7 @@ def clearance_gradients(
     the distance to first order.
 
     Args:
-        clear: Of `clearances`.
         derivatives: Of `arm_points_with_derivatives`.
-        starts: Of `segments`.
         rows: Indices into `clear.distance`.
 
     Returns:
@@ -149,14 +119,9 @@ def clearance_gradients(
 
 
 def penalty(distance: Array, gain: float, exponent: float) -> float:
-    """Return R_obst of Eqs. (46) and (47).
+    """Return R_obst of Eqs. (46) and (47) with g1 and g2, from the distance of `Clearances`.
 
     The paper's delta_k is the distance of the whole arm from a centre: the nearest segment's.
-
-    Args:
-        distance: Of `Clearances`. Shape (points, segments, spheres) [m].
-        gain: g1.
-        exponent: g2.
     """
     depth = np.maximum(0.0, -distance.min(axis=1))
     return float(np.sum(gain * depth[depth > 0.0] ** exponent))

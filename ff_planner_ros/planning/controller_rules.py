@@ -35,38 +35,23 @@ _Rows = Sequence[Sequence[float]]
 
 @dataclass(frozen=True)
 class Controller:
-    """How the controller is set up.
+    """How the controller is set up."""
 
-    Attributes:
-        joints: Its parameter `joints`.
-        allow_nonzero_velocity_at_trajectory_end: Its parameter of this name.
-        effort_interface: Whether `effort` is among its parameter `command_interfaces`.
-    """
-
-    joints: Sequence[str]
-    allow_nonzero_velocity_at_trajectory_end: bool
-    effort_interface: bool
+    joints: Sequence[str]  # its parameter `joints`
+    allow_nonzero_velocity_at_trajectory_end: bool  # its parameter of this name
+    effort_interface: bool  # whether `effort` is among its parameter `command_interfaces`
 
 
 @dataclass(frozen=True)
 class Command:
-    """What a trajectory message holds; of each quantity a row per point, empty where there is none.
+    """What a trajectory message holds: a row a point of each quantity, empty where it is absent."""
 
-    Attributes:
-        joint_names: Of the columns.
-        time_from_start_ns: One per point.
-        positions: [rad].
-        velocities: [rad/s].
-        accelerations: [rad/s2].
-        effort: [N m].
-    """
-
-    joint_names: Sequence[str]
-    time_from_start_ns: Sequence[int]
-    positions: _Rows
-    velocities: _Rows
-    accelerations: _Rows
-    effort: _Rows
+    joint_names: Sequence[str]  # of the columns
+    time_from_start_ns: Sequence[int]  # one per point
+    positions: _Rows  # [rad]
+    velocities: _Rows  # [rad/s]
+    accelerations: _Rows  # [rad/s2]
+    effort: _Rows  # [N m]
 
 
 def require_acceptable(controller: Controller, command: Command) -> None:
@@ -77,13 +62,8 @@ def require_acceptable(controller: Controller, command: Command) -> None:
     """
     _require_joints(controller.joints, command.joint_names)
     _require_times(command.time_from_start_ns)
-    for name, mandatory in (
-        ("positions", True),
-        ("velocities", False),
-        ("accelerations", False),
-        ("effort", False),
-    ):
-        _require_rows(name, getattr(command, name), command, mandatory)
+    for name in ("positions", "velocities", "accelerations", "effort"):
+        _require_rows(name, getattr(command, name), command, mandatory=name == "positions")
     if not controller.effort_interface:
         for point, row in enumerate(command.effort):
             if len(row):
@@ -102,10 +82,7 @@ def require_acceptable(controller: Controller, command: Command) -> None:
 
 
 def require_in_time(start_ns: int, now_ns: int) -> None:
-    """Refuse a trajectory that begins before now.
-
-    Args:
-        start_ns: Stamp in its header.
+    """Refuse a trajectory that begins, by the stamp in its header, before now.
 
     Raises:
         NoPlanFound: It is late (TOO_LATE).

@@ -36,38 +36,25 @@ from ff_planner_ros.robot.velocity_map import VelocityMap, VelocitySolution, sta
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Rollout(Motion):
-    """A motion with what its derivatives need.
+    """A motion with what its derivatives need."""
 
-    Attributes:
-        increments: Tangent steps to the stages of each step. Shape (points - 1, 4, 6 + joints);
-            the last is the step itself.
-        stages: Velocities at four stages a step and at the last point, in order of time, stacked.
-    """
-
+    # Tangent steps to the four stages; the last is the step. Shape (points - 1, 4, 6 + joints)
     increments: Array
+    # Velocities at four stages a step and at the last point, in order of time, stacked
     stages: VelocitySolution
 
 
 @dataclass(frozen=True, eq=False)
 class EndEffectorPaths:
-    """The motions of one robot from one start, one for each choice of 18 coefficients.
-
-    Attributes:
-        robot: The free-floating robot.
-        q_start: Configuration at the first point. Shape (7 + joints,).
-        momentum: Constant total P and L about the inertial origin. Shape (6,).
-        polynomial: The end effector's paths.
-        name: Of the family.
-        variables: Coefficients of six components.
-    """
+    """The motions of one robot from one start, one for each choice of 18 coefficients."""
 
     robot: Robot
-    q_start: Array
-    momentum: Array
+    q_start: Array  # configuration at the first point; shape (7 + joints,)
+    momentum: Array  # constant total P and L about the inertial origin; shape (6,)
     polynomial: EndEffectorPolynomial
 
     name: ClassVar[str] = "end_effector_polynomial"
-    variables: ClassVar[int] = PARAMETERS
+    variables: ClassVar[int] = PARAMETERS  # coefficients of six components
 
     @property
     def reading(self) -> str:
@@ -90,13 +77,7 @@ class EndEffectorPaths:
         yield from scattered()
 
     def motion(self, x: Array, points: int, damping: float = 0.0) -> Motion:
-        """Integrate the motion of one path.
-
-        Args:
-            x: Coefficients of the path's free terms, flattened. Shape (18,).
-            points: At least 2.
-            damping: Of the velocity map.
-        """
+        """Integrate the motion of one path; x: coefficients of the free terms, flattened."""
         model, velocity_map = self.robot.model, VelocityMap(self.robot, damping)
         steps, h = points - 1, self.polynomial.duration / (points - 1)
         half_steps = np.linspace(0.0, 1.0, 2 * points - 1)
@@ -137,9 +118,6 @@ class EndEffectorPaths:
 
         Every stage's displacement and velocity is affine in the sensitivity X of its step's
         first point: [F | G] stands for F X + G. Only the chain from point to point is sequential.
-
-        Args:
-            damping: That of the motion.
         """
         rollout = cast(Rollout, motion)
         steps = len(rollout.increments)

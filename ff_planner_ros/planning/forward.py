@@ -29,16 +29,12 @@ def carried_forward(
 ) -> SystemState:
     """Return where a measured system will be.
 
-    Total momentum stays. Of the joints, without a motion: they keep their measured rates, for
-    nothing tells what would stop them; a held arm measures none. With one: before it begins they
-    keep their measured rates; while it runs they move as it does, from where they are measured, so
-    that the controller's tracking error is neither lost nor turned into a jump; after its end they
-    are held there.
+    Total momentum stays. Without a motion the joints keep their measured rates. With one they keep
+    these until it begins. While it runs they move as it does, from where they are measured, so that
+    the controller's tracking error is neither lost nor turned into a jump. After its end they rest.
 
     Args:
-        seconds: How far, not negative; effort grows with it.
-        joints: The motion that a controller runs, its time counted from the state's; None where
-            none runs.
+        joints: The motion that a controller runs, its time counted from the state's; None: none.
 
     Raises:
         InvalidInput: `seconds` is negative or not finite.

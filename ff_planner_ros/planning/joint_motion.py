@@ -16,27 +16,17 @@ class JointMotion:
     """Joints on the quintics through positions, velocities and accelerations.
 
     This is how ROS's `joint_trajectory_controller` interpolates a trajectory that has all three.
-
-    Attributes:
-        time: Strictly increasing, two or more. Shape (points,) [s].
-        positions: Shape (points, joints) [rad].
-        velocities: Shape (points, joints) [rad/s].
-        accelerations: Shape (points, joints) [rad/s2].
     """
 
-    time: Array
-    positions: Array
-    velocities: Array
-    accelerations: Array
+    time: Array  # strictly increasing, two or more; shape (points,) [s]
+    positions: Array  # shape (points, joints) [rad]
+    velocities: Array  # shape (points, joints) [rad/s]
+    accelerations: Array  # shape (points, joints) [rad/s2]
 
     def at(self, time: Array) -> tuple[Array, Array, Array]:
-        """Return positions, velocities and accelerations; beyond the ends their quintics go on.
+        """Return positions, velocities and accelerations, each of shape (times, joints).
 
-        Args:
-            time: Shape (times,) [s].
-
-        Returns:
-            Three arrays of shape (times, joints).
+        Before the first and after the last point their quintics go on.
         """
         of_time = zip(self.positions, self.velocities, self.accelerations, strict=True)
         quintics = BPoly.from_derivatives(self.time, list(of_time))
@@ -44,11 +34,7 @@ class JointMotion:
 
 
 def joint_motion(trajectory: Trajectory, start: float = 0.0) -> JointMotion:
-    """Return the motion that a controller makes of a trajectory.
-
-    Args:
-        start: When it begins, on the caller's clock [s].
-    """
+    """Return the motion that a controller makes of a trajectory; it begins at `start` [s]."""
     return JointMotion(
         start + trajectory.time,
         trajectory.joint_positions,
@@ -58,13 +44,9 @@ def joint_motion(trajectory: Trajectory, start: float = 0.0) -> JointMotion:
 
 
 def steady_motion(begin: float, end: float, positions: Array, rates: Array) -> JointMotion:
-    """Return the motion at constant rates from some positions on.
+    """Return the motion at constant rates [rad/s] from some positions [rad] on.
 
-    Args:
-        begin: When it begins [s].
-        end: When it may end; it goes on for a second at least [s].
-        positions: At the begin. Shape (joints,) [rad].
-        rates: Shape (joints,) [rad/s].
+    It lasts from `begin` to `end` [s], and for a second at least.
     """
     # Quintics neither go far beyond their points nor have room between two at nearly one time.
     span, none = max(end - begin, 1.0), np.zeros((2, len(rates)))

@@ -51,11 +51,7 @@ def to_trajectory(
 
 
 def from_trajectory(robot: Robot, trajectory: Trajectory) -> tuple[Array, Array]:
-    """Return configurations and tangent velocities of a trajectory's points.
-
-    Returns:
-        Shapes (points, 7 + joints) and (points, 6 + joints).
-    """
+    """Return configurations, (points, 7 + joints), and tangent velocities, (points, 6 + joints)."""
     samples = [
         configuration(
             robot,

@@ -1,4 +1,9 @@
-"""The paper's objectives, Eqs. (44) and (45), and their derivatives: what a program minimises."""
+"""The paper's objectives, Eqs. (44) and (45), and their derivatives: what a program minimises.
+
+Throughout, q are configurations, shape (points, 7 + joints), with derivatives `q_sensitivity` in
+their tangent space, shape (points, 6 + joints, variables); joint velocities have the shape
+(points, joints) [rad/s], and `step` is the time between two points [s].
+"""
 
 from __future__ import annotations
 
@@ -20,31 +25,19 @@ _STANDSTILL = 1e-9
 
 
 class Term(NamedTuple):
-    """What one objective adds to a program: f, and peaks of which the largest counts.
+    """What one objective adds to a program: f, and peaks of which the largest counts."""
 
-    Attributes:
-        value: f.
-        gradient: Of f. Shape (variables,).
-        hessian: Gauss-Newton approximation for f. Shape (variables, variables).
-        peaks: Shape (peaks,), may be empty.
-        peaks_jacobian: Shape (peaks, variables).
-    """
-
-    value: float
-    gradient: Array
-    hessian: Array
-    peaks: Array
-    peaks_jacobian: Array
+    value: float  # f
+    gradient: Array  # of f; shape (variables,)
+    hessian: Array  # Gauss-Newton approximation for f; shape (variables, variables)
+    peaks: Array  # shape (peaks,), may be empty
+    peaks_jacobian: Array  # shape (peaks, variables)
 
 
 def terms(
     weights: Objective, robot: Robot, motion: Motion, sensitivity: Sensitivity, step: float
 ) -> list[Term]:
-    """Return the terms of all objectives that have a weight.
-
-    Args:
-        step: Time between two points [s].
-    """
+    """Return the terms of all objectives that have a weight."""
     found = []
     variables = len(motion.x)
     weight, nothing = weights.joint_path_length, np.zeros((variables, variables))
@@ -73,27 +66,17 @@ def with_tie_break(objective: Objective, settings: PlannerSettings) -> Objective
 
 
 def joint_path_length(joint_velocities: Array, step: float) -> float:
-    """Return J_L of Eq. (44) by the rectangle rule, all points but the last.
-
-    Args:
-        joint_velocities: Shape (points, joints) [rad/s].
-        step: Time between two points [s].
-    """
+    """Return J_L of Eq. (44) by the rectangle rule, all points but the last."""
     return float(np.linalg.norm(joint_velocities[:-1], axis=1).sum() * step)
 
 
 def joint_path_length_derivatives(
     joint_velocities: Array, sensitivity: Array, step: float
 ) -> tuple[Array, Array]:
-    """Return gradient and Gauss-Newton Hessian of J_L.
+    """Return gradient and Gauss-Newton Hessian of J_L; the latter is positive semidefinite.
 
     Args:
-        joint_velocities: Shape (points, joints) [rad/s].
-        sensitivity: Of the joint velocities. Shape (points, joints, columns).
-        step: Time between two points [s].
-
-    Returns:
-        Shapes (columns,) and (columns, columns), the latter positive semidefinite.
+        sensitivity: Of the joint velocities. Shape (points, joints, variables).
     """
     speed = np.maximum(np.linalg.norm(joint_velocities[:-1], axis=1), _STANDSTILL)
     direction = joint_velocities[:-1] / speed[:, None]
@@ -104,26 +87,11 @@ def joint_path_length_derivatives(
 
 
 def chaser_euler(robot: Robot, q: Array) -> Array:
-    """Return the chaser's Euler angles phi, theta, psi.
-
-    Args:
-        q: Configurations. Shape (points, 7 + joints).
-
-    Returns:
-        Shape (points, 3) [rad].
-    """
+    """Return the chaser's Euler angles phi, theta, psi. Shape (points, 3) [rad]."""
     return euler_from_rotation(rotation_base_to_inertial(q) @ robot.rotation_chaser_to_base)
 
 
 def chaser_euler_derivative(robot: Robot, q: Array, q_sensitivity: Array) -> Array:
-    """Return the derivative of `chaser_euler`.
-
-    Args:
-        q: Configurations. Shape (points, 7 + joints).
-        q_sensitivity: Derivatives of q in its tangent space. Shape (points, 6 + joints, columns).
-
-    Returns:
-        Shape (points, 3, columns).
-    """
+    """Return the derivative of `chaser_euler`. Shape (points, 3, variables)."""
     turn = rotation_base_to_inertial(q) @ q_sensitivity[:, 3:6]
     return np.asarray(np.linalg.solve(euler_rate_map(chaser_euler(robot, q)), turn), np.float64)

@@ -17,44 +17,26 @@ from ff_planner_ros.planning.problem import Sphere
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Motion:
-    """A motion at each point, as Pinocchio writes it.
+    """A motion at each point, as Pinocchio writes it."""
 
-    Attributes:
-        x: Decision variables. Shape (variables,).
-        q: Configurations. Shape (points, 7 + joints).
-        v: Tangent velocities. Shape (points, 6 + joints).
-        q_half_way: Configurations half-way between the points. Shape (points - 1, 7 + joints).
-        goal_error: What the family does not hold at the goal by itself, to become zero. Shape
-            (rows,), may be empty.
-        singular_at: Time of a dynamic singularity, at which the motion ends [s]; all arrays but x
-            are meaningless then. None: the motion is regular.
-    """
-
-    x: Array
-    q: Array
-    v: Array
-    q_half_way: Array
-    goal_error: Array
+    x: Array  # decision variables; shape (variables,)
+    q: Array  # configurations; shape (points, 7 + joints)
+    v: Array  # tangent velocities; shape (points, 6 + joints)
+    q_half_way: Array  # configurations half-way between the points; shape (points - 1, 7 + joints)
+    goal_error: Array  # what the family does not fix there, to become zero; shape (rows,)
+    # Time of a dynamic singularity, where the motion ends [s]; then only x has a meaning
     singular_at: float | None = None
 
 
 @dataclass(frozen=True, eq=False)
 class Sensitivity:
-    """Derivatives of a regular motion with respect to x, exact as discretised.
+    """Derivatives of a regular motion with respect to x, exact as discretised."""
 
-    Attributes:
-        q: In the tangent space at each point. Shape (points, 6 + joints, variables).
-        v: Shape (points, 6 + joints, variables).
-        q_half_way: Shape (points - 1, 6 + joints, variables).
-        goal_error: Shape (rows, variables).
-        acceleration: dv/dt itself at each point. Shape (points, 6 + joints).
-    """
-
-    q: Array
-    v: Array
-    q_half_way: Array
-    goal_error: Array
-    acceleration: Array
+    q: Array  # in the tangent space at each point; shape (points, 6 + joints, variables)
+    v: Array  # shape (points, 6 + joints, variables)
+    q_half_way: Array  # shape (points - 1, 6 + joints, variables)
+    goal_error: Array  # shape (rows, variables)
+    acceleration: Array  # dv/dt itself at each point; shape (points, 6 + joints)
 
 
 class PathFamily(Protocol):
@@ -73,43 +55,25 @@ class PathFamily(Protocol):
         """How the orientation is described, for a reader of `decision_variables`."""
 
     def motion(self, x: Array, points: int, damping: float = 0.0) -> Motion:
-        """Return the motion of one path.
+        """Return the motion of one path on two points or more.
 
-        Args:
-            x: Shape (variables,).
-            points: At least 2.
-            damping: Of a singularity in the way, if the family can meet one: a damped motion
-                leaves its path there instead of ending.
+        With damping, a motion that meets a singularity does not end there but leaves its path.
         """
 
     def sensitivity(self, motion: Motion, damping: float = 0.0) -> Sensitivity:
-        """Differentiate a regular motion of this family.
-
-        Args:
-            damping: That of the motion.
-        """
+        """Differentiate a regular motion of this family; damping: that of the motion."""
 
     def first_guesses(
         self, obstacles: Sequence[Sphere], points: int, damping: float
     ) -> Iterator[Array]:
-        """Yield decision variables to start from, always the same for the same problem.
-
-        Args:
-            points: Of the motions that the guesses are for.
-            damping: Of these motions.
-        """
+        """Yield decision variables to start motions from, always the same for one problem."""
 
     def decision_variables(self, x: Array) -> Array:
         """Return what the plan reports of a path: for the paper's family xi, Eq. (42)."""
 
 
 def singular_refusal(time: float, duration: float) -> NoPlanFound:
-    """Return the error of a motion that meets a dynamic singularity.
-
-    Args:
-        time: Of the singularity [s].
-        duration: Of the whole motion [s].
-    """
+    """Return the error of a motion that meets a dynamic singularity at some time [s]."""
     return NoPlanFound(
         Status.SINGULAR,
         f"dynamic singularity at t = {time:.2f} s of {duration:g} s: the arm cannot follow the "

@@ -16,37 +16,21 @@ class Trajectory:
 
     The chaser frame has its origin at the centre of mass of the chaser alone and the axes of
     the base link; quaternions turn chaser or end effector axes to inertial axes.
-
-    Attributes:
-        time: From the start of the plan, at equal steps to the goal and, where there is a tail, at
-            equal steps after it. Shape (points,) [s].
-        joint_positions: Shape (points, joints) [rad].
-        joint_velocities: Shape (points, joints) [rad/s].
-        joint_accelerations: Shape (points, joints) [rad/s2].
-        joint_torques: What makes the joints move so, Eq. (20). Shape (points, joints) [N m].
-        chaser_positions: Shape (points, 3) [m].
-        chaser_quaternions_xyzw: Shape (points, 4).
-        chaser_linear_velocities: Of the chaser centre of mass. Shape (points, 3) [m/s].
-        chaser_angular_velocities: Shape (points, 3) [rad/s].
-        ee_positions: Shape (points, 3) [m].
-        ee_quaternions_xyzw: Shape (points, 4).
-        ee_linear_velocities: Shape (points, 3) [m/s].
-        ee_angular_velocities: Shape (points, 3) [rad/s].
     """
 
-    time: Array
-    joint_positions: Array
-    joint_velocities: Array
-    joint_accelerations: Array
-    joint_torques: Array
-    chaser_positions: Array
-    chaser_quaternions_xyzw: Array
-    chaser_linear_velocities: Array
-    chaser_angular_velocities: Array
-    ee_positions: Array
-    ee_quaternions_xyzw: Array
-    ee_linear_velocities: Array
-    ee_angular_velocities: Array
+    time: Array  # from the start, at equal steps to the goal and in the tail; shape (points,) [s]
+    joint_positions: Array  # shape (points, joints) [rad]
+    joint_velocities: Array  # shape (points, joints) [rad/s]
+    joint_accelerations: Array  # shape (points, joints) [rad/s2]
+    joint_torques: Array  # what makes the joints move so, Eq. (20); shape (points, joints) [N m]
+    chaser_positions: Array  # shape (points, 3) [m]
+    chaser_quaternions_xyzw: Array  # shape (points, 4)
+    chaser_linear_velocities: Array  # of the chaser centre of mass; shape (points, 3) [m/s]
+    chaser_angular_velocities: Array  # shape (points, 3) [rad/s]
+    ee_positions: Array  # shape (points, 3) [m]
+    ee_quaternions_xyzw: Array  # shape (points, 4)
+    ee_linear_velocities: Array  # shape (points, 3) [m/s]
+    ee_angular_velocities: Array  # shape (points, 3) [rad/s]
 
     def __post_init__(self) -> None:
         """Replace every array by a read-only copy."""
@@ -56,48 +40,28 @@ class Trajectory:
 
 @dataclass(frozen=True)
 class SolverReport:
-    """How the solver came to a path.
+    """How the solver came to a path."""
 
-    Attributes:
-        starts: First guesses tried.
-        iterations: Quadratic programs solved, over all starts.
-        rollouts: Over all starts, each with derivatives.
-        optimality: First-order optimality of the path (norm of the Lagrangian's gradient);
-            infinite where nothing was optimised.
-        stop_reason: Why it stopped, a sentence.
-    """
-
-    starts: int
-    iterations: int
-    rollouts: int
-    optimality: float
-    stop_reason: str
+    starts: int  # first guesses tried
+    iterations: int  # quadratic programs solved, over all starts
+    rollouts: int  # over all starts, each with derivatives
+    optimality: float  # first-order, see `solver`; infinite where nothing was optimised
+    stop_reason: str  # why it stopped, a sentence
 
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """A plan that a consumer can trust: motion, metrics, and why the solver stopped.
+    """A plan that a consumer can trust: motion, metrics, and why the solver stopped."""
 
-    Attributes:
-        joint_names: In the order of the trajectory's columns.
-        trajectory: The sampled motion.
-        xi: The paper's decision variables a6..a8 of the six components, Eq. (42). Shape (18,);
-            empty where the end effector's path is no such polynomial.
-        orientation_reading: What the last nine of them describe (see `polynomial`), or empty.
-        metrics: What the plan is worth.
-        solver: How it was found.
-        family: Name of the path family; empty where the motion is no path of a family.
-        coefficients: The path among its family's, flattened: a first guess for another plan. Shape
-            (variables,), empty without a family.
-    """
-
-    joint_names: tuple[str, ...]
+    joint_names: tuple[str, ...]  # in the order of the trajectory's columns
     trajectory: Trajectory
+    # The paper's a6..a8 of the six components, Eq. (42), shape (18,); empty for another path
     xi: Array
-    orientation_reading: str
+    orientation_reading: str  # what the last nine of them describe (see `polynomial`), or empty
     metrics: Metrics
     solver: SolverReport
-    family: str = ""
+    family: str = ""  # name of the path family; empty where the motion is no path of a family
+    # Decision variables, a first guess for another plan; shape (variables,), empty without a family
     coefficients: Array = field(default_factory=lambda: np.empty(0))
 
     def __post_init__(self) -> None:

@@ -71,11 +71,7 @@ def plan(
 def plan_of_path(
     problem: PlanningProblem, settings: PlannerSettings, family: PathFamily, path: FoundPath
 ) -> Plan:
-    """Return the motion along one path, measured and not yet judged.
-
-    Args:
-        path: With a regular motion of the family, on as many points as it may have.
-    """
+    """Return the regular motion along one path of the family, measured and not yet judged."""
     motion, acceleration = path.at_x.motion, path.at_x.acceleration
     plain = plan_of_motion(problem, settings, motion.q, motion.v, acceleration, path.report)
     return replace(

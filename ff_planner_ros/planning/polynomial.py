@@ -46,48 +46,29 @@ _PITCH_SAMPLES = np.linspace(0.0, 1.0, 51)
 
 @dataclass(frozen=True, eq=False)
 class EndEffectorMotion:
-    """Pose, twist and acceleration of the end effector at one time, in the inertial frame.
+    """Pose, twist and acceleration of the end effector at one time, in the inertial frame."""
 
-    Attributes:
-        position: Shape (3,) [m].
-        rotation_ee_to_inertial: Shape (3, 3).
-        twist: Linear and angular velocity. Shape (6,) [m/s, rad/s].
-        acceleration: Linear and angular acceleration. Shape (6,) [m/s2, rad/s2].
-    """
-
-    position: Array
-    rotation_ee_to_inertial: Array
-    twist: Array
-    acceleration: Array
+    position: Array  # shape (3,) [m]
+    rotation_ee_to_inertial: Array  # shape (3, 3)
+    twist: Array  # linear and angular velocity; shape (6,) [m/s, rad/s]
+    acceleration: Array  # linear and angular acceleration; shape (6,) [m/s2, rad/s2]
 
 
 @dataclass(frozen=True, eq=False)
 class EndEffectorPolynomial:
-    """All end-effector paths between two motions, one for each choice of 18 coefficients.
+    """All end-effector paths between two motions, one for each choice of 18 coefficients."""
 
-    Attributes:
-        duration: Between the ends [s].
-        quintic: Ascending coefficients of the quintic in s. Shape (6, 6), a column a component.
-        reading: `inertial` or `along_turn`.
-        rotation_outer: A. Shape (3, 3).
-        rotation_inner: B. Shape (3, 3).
-    """
-
-    duration: float
-    quintic: Array
-    reading: str
-    rotation_outer: Array
-    rotation_inner: Array
+    duration: float  # between the ends [s]
+    quintic: Array  # ascending coefficients of the quintic in s; shape (6, 6), a column a component
+    reading: str  # `inertial` or `along_turn`
+    rotation_outer: Array  # A; shape (3, 3)
+    rotation_inner: Array  # B; shape (3, 3)
 
     def components(self, coefficients: Array, s: Array) -> tuple[Array, Array, Array]:
         """Return the six components, their rates and accelerations, Eqs. (33)-(35).
 
-        Args:
-            coefficients: Of the free terms, Shape (6, 3).
-            s: Normalised times. Shape (times,).
-
-        Returns:
-            Three arrays of shape (times, 6).
+        Each has the shape (times, 6); coefficients: of the free terms, shape (6, 3); s: normalised
+        times.
         """
         polynomial = _FREE_TERM_COEFFICIENTS @ coefficients.T
         polynomial[:6] += self.quintic

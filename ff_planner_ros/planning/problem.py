@@ -25,24 +25,16 @@ def _zeros() -> Array:
 class Target:
     """What the end effector shall do at the end of the plan, in the inertial frame.
 
-    Attributes:
-        position: Shape (3,) [m].
-        quaternion_xyzw: Shape (4,), end effector to inertial, unit length.
-        linear_velocity: Shape (3,) [m/s]; not zero in a tangent capture.
-        angular_velocity: Shape (3,) [rad/s].
-        linear_acceleration: Shape (3,) [m/s2].
-        angular_acceleration: Shape (3,) [rad/s2].
-
     Raises:
         InvalidInput: Wrong size, not finite, or a quaternion not of unit length.
     """
 
-    position: Array
-    quaternion_xyzw: Array
-    linear_velocity: Array = field(default_factory=_zeros)
-    angular_velocity: Array = field(default_factory=_zeros)
-    linear_acceleration: Array = field(default_factory=_zeros)
-    angular_acceleration: Array = field(default_factory=_zeros)
+    position: Array  # shape (3,) [m]
+    quaternion_xyzw: Array  # shape (4,), end effector to inertial, unit length
+    linear_velocity: Array = field(default_factory=_zeros)  # shape (3,) [m/s]
+    angular_velocity: Array = field(default_factory=_zeros)  # shape (3,) [rad/s]
+    linear_acceleration: Array = field(default_factory=_zeros)  # shape (3,) [m/s2]
+    angular_acceleration: Array = field(default_factory=_zeros)  # shape (3,) [rad/s2]
 
     def __post_init__(self) -> None:
         """Check every value and replace it by a read-only copy."""
@@ -58,18 +50,13 @@ class Target:
 class Sphere:
     """A resting obstacle: a sphere that the arm's centre lines stay out of.
 
-    Attributes:
-        id: Name in messages.
-        center: Shape (3,), in the inertial frame [m].
-        radius: Greater than zero [m].
-
     Raises:
         InvalidInput: Wrong size, not finite, or a radius that is not positive.
     """
 
-    id: str
-    center: Array
-    radius: float
+    id: str  # name in messages
+    center: Array  # shape (3,), in the inertial frame [m]
+    radius: float  # greater than zero [m]
 
     def __post_init__(self) -> None:
         """Check every value and replace it by a read-only copy."""
@@ -107,16 +94,12 @@ class Objective:
 class Limits:
     """What to keep beside the joints' position limits, which are always kept.
 
-    Attributes:
-        joint_velocities: Whether to keep the velocity limits of the URDF.
-        chaser_attitude: Largest Euler angle of the chaser, Eq. (45) [rad]; infinite: any.
-
     Raises:
         InvalidInput: An angle that is not positive.
     """
 
-    joint_velocities: bool = False
-    chaser_attitude: float = math.inf
+    joint_velocities: bool = False  # whether to keep the velocity limits of the URDF
+    chaser_attitude: float = math.inf  # largest Euler angle, Eq. (45) [rad]; infinite: any
 
     def __post_init__(self) -> None:
         """Check the angle."""
@@ -131,17 +114,7 @@ class Limits:
 
 @dataclass(frozen=True, eq=False)
 class PlanningProblem:
-    """One question to the planner.
-
-    Attributes:
-        robot: The free-floating robot.
-        start: State at the first point of the plan.
-        target: End effector at the last point of the plan.
-        duration: Time between the two, greater than zero [s].
-        points: Number of points of the plan, n_p in the paper.
-        obstacles: Spheres at rest in the inertial frame.
-        objective: What to minimise.
-        limits: What to keep beside the joints' position limits.
+    """What is asked of the planner: a motion from a start state to a target.
 
     Raises:
         InvalidInput: A duration that is not positive, a number of points out of range, or a
@@ -149,13 +122,13 @@ class PlanningProblem:
     """
 
     robot: Robot
-    start: SystemState
-    target: Target
-    duration: float
-    points: int
-    obstacles: tuple[Sphere, ...]
+    start: SystemState  # state at the first point of the plan
+    target: Target  # end effector at the last point of the plan
+    duration: float  # time between the two, greater than zero [s]
+    points: int  # number of points of the plan, n_p in the paper
+    obstacles: tuple[Sphere, ...]  # spheres at rest in the inertial frame
     objective: Objective
-    limits: Limits = Limits()
+    limits: Limits = Limits()  # what to keep beside the joints' position limits
 
     def __post_init__(self) -> None:
         """Check what the parts cannot check by themselves."""

@@ -18,43 +18,25 @@ from ff_planner_ros.planning.solver import Linearisation
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class PathLinearisation(Linearisation):
-    """What the solver wants to know of a path, and the motion that it comes from.
+    """What the solver wants to know of a path, and the motion that it comes from."""
 
-    Attributes:
-        motion: May be singular.
-        acceleration: dv/dt at each point. Shape (points, 6 + joints).
-    """
-
-    motion: Motion
-    acceleration: Array
+    motion: Motion  # may be singular
+    acceleration: Array  # dv/dt at each point; shape (points, 6 + joints)
 
 
 @dataclass(frozen=True, eq=False)
 class PathProgram:
-    """Objectives and requirements of one planning problem on one time grid.
-
-    Attributes:
-        problem: What is asked for.
-        family: The motions to choose from.
-        objective: The weights to minimise with.
-        margins: What the search keeps more of each requirement at the points, by its name.
-        points: Of the grid.
-        damping: Of the motion, where a singularity in the way shall not stop the search.
-    """
+    """Objectives and requirements of one planning problem on one time grid."""
 
     problem: PlanningProblem
     family: PathFamily
     objective: Objective
-    margins: Mapping[str, float]
-    points: int
-    damping: float = 0.0
+    margins: Mapping[str, float]  # kept more of each requirement at the points, by its name
+    points: int  # of the grid
+    damping: float = 0.0  # of the motion, where a singularity in the way shall not stop the search
 
     def linearise(self, x: Array) -> PathLinearisation:
-        """Return objective and constraints with their derivatives.
-
-        Args:
-            x: Decision variables of the path. Shape (variables,).
-        """
+        """Return objective and constraints of a path with their derivatives."""
         motion = self.family.motion(x, self.points, self.damping)
         if motion.singular_at is not None:
             return _undefined(motion)

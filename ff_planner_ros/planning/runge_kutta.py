@@ -17,12 +17,10 @@ from ff_planner_ros.arrays import Array
 def increment(step: float, velocities: Sequence[Array]) -> Array:
     """Return the tangent step from a step's beginning to its next stage, or to its end.
 
-    The stages lie at 0, 1/2, 1/2 and 1 of the step.
+    The stages lie at 0, 1/2, 1/2 and 1 of the step, which takes `step` seconds.
 
     Args:
-        step: Length of the step [s].
-        velocities: Tangent velocities of the stages so far, one to four. Each of shape
-            (6 + joints,).
+        velocities: Tangent velocities of the stages so far, one to four.
     """
     match velocities:
         case [v1]:
@@ -42,16 +40,11 @@ def increment(step: float, velocities: Sequence[Array]) -> Array:
 def runge_kutta_step(
     model: pin.Model, q: Array, step: float, velocity: Callable[[int, Array], Array]
 ) -> Array:
-    """Return one step, stage by stage.
+    """Return one tangent step of `step` seconds from a configuration, stage by stage.
 
     Args:
-        q: Configuration at the step's beginning. Shape (7 + joints,).
-        step: Its length [s].
         velocity: Returns the tangent velocity, shape (6 + joints,), of a stage from its number and
             its configuration. It is called for the stages 0 to 3 in this order.
-
-    Returns:
-        The tangent step. Shape (6 + joints,).
     """
     velocities = [velocity(0, q)]
     for stage in range(1, 4):

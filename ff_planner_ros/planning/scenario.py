@@ -48,23 +48,14 @@ _OF_TASK = (
 
 @dataclass(frozen=True)
 class Defaults:
-    """What holds for a scenario that does not say; without a value, it must say.
-
-    Attributes:
-        settings: Of the planner.
-        limits: Beside the joints' position limits.
-        end_behaviour: What the arm does after the goal.
-        tail: For how long [s]; None: the scenario must say.
-        points: Of the plan; None: the scenario must say.
-        controller: Whose rules the plan must keep; its joints are the robot's. None: nobody's.
-    """
+    """What holds for a scenario that does not say; without a value, it must say."""
 
     settings: PlannerSettings
-    limits: Limits = _NO_LIMITS
-    end_behaviour: EndBehaviour = EndBehaviour.AS_PLANNED
-    tail: float | None = None
-    points: int | None = None
-    controller: Controller | None = None
+    limits: Limits = _NO_LIMITS  # beside the joints' position limits
+    end_behaviour: EndBehaviour = EndBehaviour.AS_PLANNED  # what the arm does after the goal
+    tail: float | None = None  # for how long [s]; None: the scenario must say
+    points: int | None = None  # of the plan; None: the scenario must say
+    controller: Controller | None = None  # must take the plan; its joints are the robot's
 
 
 def load_scenario(path: Path) -> PlanningProblem:

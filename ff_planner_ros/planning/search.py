@@ -23,9 +23,7 @@ class _Level:
     """A time grid to solve on, and how well."""
 
     points: int
-    extra_margin: (
-        float  # of clearance [m], for the gaps between the points, which are wider on fewer points
-    )
+    extra_margin: float  # of clearance [m]: the gaps between fewer points are wider
     optimality: float
     progress: float
     iterations: int
@@ -49,15 +47,10 @@ _MARGIN_ROUNDS = 4
 
 @dataclass(frozen=True, eq=False)
 class FoundPath:
-    """A path that the solver came to, and what the search had taken by then.
+    """A path that the solver came to, and what the search had taken by then."""
 
-    Attributes:
-        at_x: The path's linearisation; its motion may be singular.
-        report: Counts are those of the whole search so far.
-    """
-
-    at_x: PathLinearisation
-    report: SolverReport
+    at_x: PathLinearisation  # its motion may be singular
+    report: SolverReport  # counts are those of the whole search so far
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,12 +71,7 @@ class Search:
         watch: Watch,
         first_guess: Array | None,
     ) -> None:
-        """Prepare to search.
-
-        Args:
-            program: On all points; the search makes those on fewer points of it.
-            first_guess: Tried before all others; None: there is none.
-        """
+        """Prepare to search from a program on all points; a first guess is tried before others."""
         self._program, self._settings, self._watch = program, settings, watch
         self._first_guess = first_guess
         all_points = _Level(

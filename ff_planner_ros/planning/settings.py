@@ -14,21 +14,9 @@ from ff_planner_ros.planning.yaml_file import integer, mapping, number, read_yam
 def tunable(
     description: str, *, minimum: float | None = None, maximum: float | None = None, unit: str = ""
 ) -> Any:
-    """Declare a tunable once, as a dataclass field.
-
-    Args:
-        minimum: Smallest value allowed; None: no bound.
-        maximum: Largest value allowed; None: no bound.
-        unit: Its unit, empty if it has none.
-    """
-    return field(
-        metadata={
-            "description": description,
-            "minimum": minimum,
-            "maximum": maximum,
-            "unit": unit,
-        }
-    )
+    """Declare a tunable once, as a dataclass field. Without minimum or maximum it is unbounded."""
+    bounds = {"minimum": minimum, "maximum": maximum}
+    return field(metadata={"description": description, **bounds, "unit": unit})
 
 
 @dataclass(frozen=True)

@@ -47,27 +47,16 @@ _ACCEPT, _SHRINK, _GROW = 0.1, 0.25, 0.7
 
 @dataclass(frozen=True, eq=False)
 class Linearisation:
-    """The functions and their first derivatives at one x.
+    """The functions and their first derivatives at one x."""
 
-    Attributes:
-        value: f.
-        gradient: Of f. Shape (variables,).
-        hessian: Positive semidefinite approximation for f. Shape (variables, variables).
-        peaks: p. Shape (peaks,), may be empty.
-        peaks_jacobian: Shape (peaks, variables).
-        constraints: g. Shape (constraints,), may be empty.
-        constraints_jacobian: Shape (constraints, variables).
-        is_defined: Whether the functions are defined at x. If not, the rest is meaningless.
-    """
-
-    value: float
-    gradient: Array
-    hessian: Array
-    peaks: Array
-    peaks_jacobian: Array
-    constraints: Array
-    constraints_jacobian: Array
-    is_defined: bool = True
+    value: float  # f
+    gradient: Array  # of f; shape (variables,)
+    hessian: Array  # positive semidefinite approximation for f; shape (variables, variables)
+    peaks: Array  # p; shape (peaks,), may be empty
+    peaks_jacobian: Array  # shape (peaks, variables)
+    constraints: Array  # g; shape (constraints,), may be empty
+    constraints_jacobian: Array  # shape (constraints, variables)
+    is_defined: bool = True  # whether the functions are defined at x; if not, only x has a meaning
 
     @property
     def objective(self) -> float:
@@ -85,27 +74,17 @@ AtX = TypeVar("AtX", bound=Linearisation)
 
 @dataclass(frozen=True, eq=False)
 class Solution(Generic[AtX]):
-    """Where the solver stopped.
+    """Where the solver stopped."""
 
-    Attributes:
-        x: Shape (variables,).
-        at_x: Functions and derivatives there.
-        optimality: Largest entry of the Lagrangian's gradient, or of a constraint times its
-            multiplier, whichever is greater.
-        converged: Whether no constraint is violated, and the optimality is within tolerance or no
-            step promises progress.
-        iterations: Quadratic programs solved.
-        evaluations: Calls of the function.
-        stop_reason: A sentence.
-    """
-
-    x: Array
-    at_x: AtX
+    x: Array  # shape (variables,)
+    at_x: AtX  # functions and derivatives there
+    # Largest entry of the Lagrangian's gradient, or of a constraint times its multiplier
     optimality: float
+    # No constraint is violated; the optimality is within tolerance, or no step promises progress
     converged: bool
-    iterations: int
-    evaluations: int
-    stop_reason: str
+    iterations: int  # quadratic programs solved
+    evaluations: int  # calls of the function
+    stop_reason: str  # a sentence
 
     @property
     def feasible(self) -> bool:
@@ -123,10 +102,7 @@ def minimise(
     """Minimise from a start; not converging is a result, not an error.
 
     Args:
-        linearise: Returns functions and derivatives at x. Where they are not defined is a wall to
-            the solver.
-        start: Shape (variables,).
-        max_iterations: At least 1.
+        linearise: Returns functions and derivatives at x; no step leads to where they are not.
         tolerance: First-order optimality at which to stop.
         progress: Part of the objective; a step that promises less is not worth an evaluation.
     """
@@ -210,21 +186,13 @@ def _is_stuck(violations: list[float]) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class _Step:
-    """Solution of a quadratic program.
+    """Solution of a quadratic program."""
 
-    Attributes:
-        dx: The step. Shape (variables,).
-        objective: Promised at the end of the step.
-        violation: What remains of the linearised one.
-        pull: Sum of the constraints' multipliers, at most the price of violating them.
-        optimality: First-order optimality at the step's beginning, with its multipliers.
-    """
-
-    dx: Array
-    objective: float
-    violation: float
-    pull: float
-    optimality: float
+    dx: Array  # the step; shape (variables,)
+    objective: float  # promised at the end of the step
+    violation: float  # what remains of the linearised one
+    pull: float  # sum of the constraints' multipliers, at most the price of violating them
+    optimality: float  # first-order optimality at the step's beginning, with its multipliers
 
 
 def _solve_quadratic_program(here: Linearisation, radius: float, price: float) -> _Step:

@@ -54,9 +54,6 @@ def with_tail(
 
     The points of a tail are equally far apart, never further than the plan's.
 
-    Args:
-        seconds: How long; does not matter for `as_planned`.
-
     Returns:
         Its metrics are those of the whole motion, but for what refers to the goal (`Metrics`).
 

@@ -36,29 +36,19 @@ _NANOSECONDS = 1e9
 class PlanningTask:
     """A problem with everything else that its plan depends on.
 
-    Attributes:
-        problem: Its start is the state as measured.
-        settings: Of the planner.
-        ahead: Time from the measurement to the first point of the plan [s].
-        running: What a controller does with the joints meanwhile, its time counted from the
-            measurement; None: they keep their measured rates.
-        end_behaviour: What the arm does after the goal.
-        tail: For how long [s]; zero for `as_planned`.
-        controller: Whose rules the plan must keep; None: nobody's.
-        first_guess: Decision variables of the path family, tried first; None: none.
-
     Raises:
         InvalidInput: A time that is negative, or a number that is not finite.
     """
 
-    problem: PlanningProblem
+    problem: PlanningProblem  # its start is the state as measured
     settings: PlannerSettings
-    ahead: float = 0.0
+    ahead: float = 0.0  # time from the measurement to the first point of the plan [s]
+    # Of the joints meanwhile, from the measurement on; None: they keep their measured rates
     running: JointMotion | None = None
-    end_behaviour: EndBehaviour = EndBehaviour.AS_PLANNED
-    tail: float = 0.0
-    controller: Controller | None = None
-    first_guess: Array | None = None
+    end_behaviour: EndBehaviour = EndBehaviour.AS_PLANNED  # what the arm does after the goal
+    tail: float = 0.0  # for how long [s]; zero for `as_planned`
+    controller: Controller | None = None  # whose rules the plan must keep; None: nobody's
+    first_guess: Array | None = None  # decision variables of the path family, tried first
 
     def __post_init__(self) -> None:
         """Check the times, and keep read-only copies of the arrays."""
@@ -143,11 +133,7 @@ def perform(task: PlanningTask, watch: Watch = NOBODY, method: Method = plan) ->
 def attempted(
     task: PlanningTask, method: Method
 ) -> tuple[Plan | FfPlannerError, tuple[Failure, ...]]:
-    """Return the motion that a method makes, sound or not, and what is wrong with it.
-
-    Returns:
-        The motion, or why the method made none; and what the check found.
-    """
+    """Return a method's motion, sound or not, or why it made none; and what the check found."""
     made: list[Plan] = []
 
     def kept(*arguments: Any) -> Plan:

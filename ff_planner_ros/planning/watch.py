@@ -9,21 +9,13 @@ SEARCHING, REFINING, CHECKING = "searching", "refining", "checking"
 
 @dataclass(frozen=True)
 class Progress:
-    """How far a search has come.
+    """How far a search has come."""
 
-    Attributes:
-        phase: SEARCHING on few points, REFINING on all of them, CHECKING what was found.
-        starts: First guesses tried.
-        iterations: Paths looked at with their derivatives, over all starts.
-        objective: Of the path last looked at.
-        violation: By how much it violates its worst constraint [m, rad or rad/s].
-    """
-
-    phase: str
-    starts: int
-    iterations: int
-    objective: float
-    violation: float
+    phase: str  # SEARCHING on few points, REFINING on all of them, CHECKING what was found
+    starts: int  # first guesses tried
+    iterations: int  # paths looked at with their derivatives, over all starts
+    objective: float  # of the path last looked at
+    violation: float  # by how much it violates its worst constraint [m, rad or rad/s]
 
 
 class Watch:

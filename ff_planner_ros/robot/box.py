@@ -11,15 +11,10 @@ from ff_planner_ros.robot.model import Robot
 
 
 class Box(NamedTuple):
-    """A box about the chaser's centre of mass.
+    """A box about the chaser's centre of mass."""
 
-    Attributes:
-        edges: Lengths along its own axes. Shape (3,) [m].
-        rotation_box_to_chaser: Shape (3, 3).
-    """
-
-    edges: Array
-    rotation_box_to_chaser: Array
+    edges: Array  # lengths along its own axes; shape (3,) [m]
+    rotation_box_to_chaser: Array  # shape (3, 3)
 
 
 def uniform_box(robot: Robot) -> Box:

@@ -2,6 +2,9 @@
 
 Pinocchio's free-flyer sits at the root of the URDF; a user speaks of the chaser frame, whose
 origin is the chaser's centre of mass. Both are fixed to the same body.
+
+A configuration q, shape (7 + joints,), holds base position, quaternion xyzw and joint positions; a
+tangent velocity v, shape (6 + joints,), holds the base twist in the base frame and joint rates.
 """
 
 from __future__ import annotations
@@ -15,15 +18,7 @@ from ff_planner_ros.robot.state import SystemState
 
 
 def configuration(robot: Robot, state: SystemState) -> tuple[Array, Array]:
-    """Return the Pinocchio configuration and tangent velocity of a state.
-
-    Args:
-        state: Chaser and joints, inertial frame.
-
-    Returns:
-        q, shape (7 + joints,): base position, quaternion xyzw, joint positions; and v, shape
-        (6 + joints,): base twist in the base frame, joint rates.
-    """
+    """Return the Pinocchio configuration and tangent velocity of a state."""
     rotation_chaser_to_inertial = pin.Quaternion(
         state.quaternion_chaser_to_inertial_xyzw
     ).toRotationMatrix()
@@ -49,12 +44,7 @@ def configuration(robot: Robot, state: SystemState) -> tuple[Array, Array]:
 
 
 def system_state(robot: Robot, q: Array, v: Array) -> SystemState:
-    """Return the state of a Pinocchio configuration and tangent velocity.
-
-    Args:
-        q: Shape (7 + joints,), see `configuration`.
-        v: Shape (6 + joints,), see `configuration`.
-    """
+    """Return the state of a Pinocchio configuration and tangent velocity."""
     rotation_base_to_inertial = pin.Quaternion(q[3:7]).toRotationMatrix()
     chaser_from_base = rotation_base_to_inertial @ robot.position_chaser_in_base
     omega = rotation_base_to_inertial @ v[3:6]

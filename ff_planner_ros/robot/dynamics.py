@@ -1,4 +1,8 @@
-"""Inverse dynamics of the free-floating system, Eq. (20): which torques make a motion."""
+"""Inverse dynamics of the free-floating system, Eq. (20): which torques make a motion.
+
+Throughout, `data` is scratch space of the robot's model, q a configuration, shape (7 + joints,), v
+a tangent velocity and `acceleration` dv/dt, each of shape (6 + joints,).
+"""
 
 from __future__ import annotations
 
@@ -12,32 +16,19 @@ from ff_planner_ros.robot.model import Robot
 def inverse_dynamics(
     robot: Robot, data: pin.Data, q: Array, v: Array, acceleration: Array
 ) -> Array:
-    """Return the generalised forces Q = M dv/dt + C v of Eq. (20).
+    """Return the generalised forces Q = M dv/dt + C v of Eq. (20). Shape (6 + joints,).
 
-    Args:
-        data: Scratch space of the robot's model.
-        q: Configuration. Shape (7 + joints,).
-        v: Tangent velocity. Shape (6 + joints,).
-        acceleration: dv/dt. Shape (6 + joints,).
-
-    Returns:
-        Wrench on the base, force [N] first, about the base frame's origin and in its axes, zero
-        where nothing but the joints moves the system; then joint torques [N m]. Shape
-        (6 + joints,).
+    The wrench on the base, force [N] first, about the base frame's origin and in its axes: zero
+    where only the joints move the system. Then the joint torques [N m].
     """
     return np.array(pin.rnea(robot.model, data, q, v, acceleration))
 
 
 def joint_torques(robot: Robot, q: Array, v: Array, joint_accelerations: Array) -> Array:
-    """Return the torques that accelerate the joints while nothing pushes the base.
+    """Return the torques that accelerate the joints while nothing pushes the base [N m].
 
-    Args:
-        q: Configurations. Shape (points, 7 + joints).
-        v: Tangent velocities. Shape (points, 6 + joints).
-        joint_accelerations: Shape (points, joints) [rad/s2].
-
-    Returns:
-        Shape (points, joints) [N m].
+    Like the joint accelerations [rad/s2] they have the shape (points, joints); q and v hold a row a
+    point, too.
     """
     data = robot.model.createData()
     torques = []
@@ -51,18 +42,10 @@ def joint_torques(robot: Robot, q: Array, v: Array, joint_accelerations: Array) 
 def base_acceleration(
     robot: Robot, data: pin.Data, q: Array, v: Array, joint_acceleration: Array
 ) -> Array:
-    """Return the acceleration that joint accelerations give a base that nothing pushes.
+    """Return the acceleration that joint accelerations [rad/s2] give a base that nothing pushes.
 
-    It solves the first six rows of Eq. (20) with zero on their right-hand side.
-
-    Args:
-        data: Scratch space of the robot's model.
-        q: Configuration. Shape (7 + joints,).
-        v: Tangent velocity. Shape (6 + joints,).
-        joint_acceleration: Shape (joints,) [rad/s2].
-
-    Returns:
-        First six entries of dv/dt. Shape (6,).
+    The first six entries of dv/dt: the solution of the first six rows of Eq. (20) with zero on
+    their right-hand side.
     """
     base_at_rest = np.concatenate([np.zeros(6), joint_acceleration])
     wrench = inverse_dynamics(robot, data, q, v, base_at_rest)[:6]

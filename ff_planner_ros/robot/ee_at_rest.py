@@ -17,17 +17,13 @@ MAX_CONDITION = 1e8
 
 
 def joint_rates_with_ee_at_rest(robot: Robot, state: SystemState) -> Array:
-    """Return the joint rates of Eq. (31) for a resting end effector, with their own momentum.
+    """Return the joint rates of Eq. (31) that hold the end effector at rest [rad/s].
 
     Rest means J_ch w_ch + J_m theta_dot = 0. Of these rates, those of Eq. (31) lie in the row
     space of J_D, theta_dot = J_D^T y, so that (J_m J_D^T) y = -J_ch w_ch; no iteration over
     the momentum, which depends on theta_dot, is needed.
 
-    Args:
-        state: Chaser pose and twist, joint positions; its joint rates do not matter.
-
-    Returns:
-        Shape (joints,) [rad/s].
+    The joint rates of the state do not matter.
 
     Raises:
         InvalidInput: The arm is in a singular posture.

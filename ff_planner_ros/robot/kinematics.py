@@ -16,25 +16,15 @@ from ff_planner_ros.robot.model import Robot
 
 
 class ArmKinematics(NamedTuple):
-    """The chain of joints in the inertial frame.
+    """The chain of joints in the inertial frame."""
 
-    Attributes:
-        points: Joint origins, then the end effector. Shape (configurations, joints + 1, 3) [m].
-        axes: Of the joints, unit length. Shape (configurations, joints, 3).
-        rotation_base_to_inertial: Shape (configurations, 3, 3).
-    """
-
-    points: Array
-    axes: Array
-    rotation_base_to_inertial: Array
+    points: Array  # joint origins, then the end effector; shape (configurations, joints + 1, 3) [m]
+    axes: Array  # of the joints, unit length; shape (configurations, joints, 3)
+    rotation_base_to_inertial: Array  # shape (configurations, 3, 3)
 
 
 def arm_kinematics(robot: Robot, q: Array) -> ArmKinematics:
-    """Follow the chain from the base to the end effector.
-
-    Args:
-        q: Configurations. Shape (configurations, 7 + joints).
-    """
+    """Follow the chain from the base to the end effector; q: shape (configurations, 7 + joints)."""
     model, tip = robot.model, robot.model.frames[robot.tip_frame_id]
     points = np.empty((len(q), robot.joints + 1, 3))
     axes = np.empty((len(q), robot.joints, 3))
@@ -53,12 +43,5 @@ def arm_kinematics(robot: Robot, q: Array) -> ArmKinematics:
 
 
 def rotation_base_to_inertial(q: Array) -> Array:
-    """Return the attitude of the base.
-
-    Args:
-        q: Configurations. Shape (configurations, 7 + joints).
-
-    Returns:
-        Shape (configurations, 3, 3).
-    """
+    """Return the attitude of the base at each configuration. Shape (configurations, 3, 3)."""
     return np.asarray(Rotation.from_quat(q[:, 3:7]).as_matrix(), np.float64)

@@ -15,40 +15,23 @@ from ff_planner_ros.robot.urdf import checked_urdf
 
 @dataclass(frozen=True, eq=False)
 class Robot:
-    """A chaser with one arm: a Pinocchio model whose root is a free-flyer, gravity zero.
+    """A chaser with one arm: a Pinocchio model whose root is a free-flyer, gravity zero."""
 
-    Attributes:
-        model: Never changed after loading.
-        urdf: The checked XML that the model was built from.
-        joint_names: From base to tip.
-        base_link: URDF link that carries the arm; its axes are the chaser's axes.
-        tip_link: URDF link whose frame is the end effector.
-        tip_frame_id: Frame of the tip link.
-        position_chaser_in_base: Centre of mass of the chaser alone (base link with everything
-            fixed to it), in the frame of the free-flyer joint. Shape (3,) [m].
-        rotation_chaser_to_base: Axes of the base link in the frame of the free-flyer joint.
-            Shape (3, 3).
-        joint_axes: Unit vectors in the frames of the joints. Shape (joints, 3).
-        lower_position_limits: Shape (joints,) [rad].
-        upper_position_limits: Shape (joints,) [rad].
-        velocity_limits: Shape (joints,) [rad/s].
-        effort_limits: Infinite where the URDF says zero, which is how exporters write that a
-            limit is not known. Shape (joints,) [N m].
-    """
-
-    model: pin.Model
-    urdf: str
-    joint_names: tuple[str, ...]
-    base_link: str
-    tip_link: str
-    tip_frame_id: int
-    position_chaser_in_base: Array
-    rotation_chaser_to_base: Array
-    joint_axes: Array
-    lower_position_limits: Array
-    upper_position_limits: Array
-    velocity_limits: Array
-    effort_limits: Array
+    model: pin.Model  # never changed after loading
+    urdf: str  # the checked XML that the model was built from
+    joint_names: tuple[str, ...]  # from base to tip
+    base_link: str  # URDF link that carries the arm; its axes are the chaser's axes
+    tip_link: str  # URDF link whose frame is the end effector
+    tip_frame_id: int  # frame of the tip link
+    # Centre of mass of base link and all that is fixed to it, in the frame of the free-flyer joint
+    position_chaser_in_base: Array  # shape (3,) [m]
+    rotation_chaser_to_base: Array  # axes of the base link in that frame; shape (3, 3)
+    joint_axes: Array  # unit vectors in the frames of the joints; shape (joints, 3)
+    lower_position_limits: Array  # shape (joints,) [rad]
+    upper_position_limits: Array  # shape (joints,) [rad]
+    velocity_limits: Array  # shape (joints,) [rad/s]
+    # Infinite where the URDF says zero: exporters write so that a limit is not known
+    effort_limits: Array  # shape (joints,) [N m]
 
     @property
     def joints(self) -> int:
@@ -57,11 +40,7 @@ class Robot:
 
 
 def load_robot(urdf: Path, base_link: str, tip_link: str) -> Robot:
-    """Load a robot from a URDF file.
-
-    Args:
-        base_link: Link that carries the arm; it is the root or fixed to it.
-        tip_link: Link whose frame is the end effector.
+    """Load a robot from a URDF file, as `robot_from_urdf_text` does from its text.
 
     Raises:
         InvalidInput: The file cannot be read, or its content is refused.

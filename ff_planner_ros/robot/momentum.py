@@ -1,4 +1,9 @@
-"""Momentum of a free-floating system, Eqs. (24)-(26), and its generalised Jacobian, Eq. (32)."""
+"""Momentum of a free-floating system, Eqs. (24)-(26), and its generalised Jacobian, Eq. (32).
+
+Throughout, `data` is scratch space of the robot's model, q a configuration, shape (7 + joints,),
+and v a tangent velocity, shape (6 + joints,). A momentum is P [kg m/s] and L about the inertial
+origin [kg m2/s], in inertial axes, shape (6,).
+"""
 
 from __future__ import annotations
 
@@ -10,16 +15,7 @@ from ff_planner_ros.robot.model import Robot
 
 
 def total_momentum(robot: Robot, data: pin.Data, q: Array, v: Array) -> Array:
-    """Return linear and angular momentum of the whole system, Eq. (24).
-
-    Args:
-        data: Scratch space of the robot's model.
-        q: Configuration. Shape (7 + joints,).
-        v: Tangent velocity. Shape (6 + joints,).
-
-    Returns:
-        P [kg m/s] and L about the inertial origin [kg m2/s], inertial axes. Shape (6,).
-    """
+    """Return linear and angular momentum of the whole system, Eq. (24)."""
     about_com = pin.computeCentroidalMomentum(robot.model, data, q, v)
     total: Array = pin.SE3(np.eye(3), data.com[0]).act(about_com).vector
     return total
@@ -28,12 +24,7 @@ def total_momentum(robot: Robot, data: pin.Data, q: Array, v: Array) -> Array:
 def generalised_jacobian(robot: Robot, data: pin.Data, q: Array) -> Array:
     """Return J_D of Eq. (32): end-effector twist per joint rate at zero momentum.
 
-    Args:
-        data: Scratch space of the robot's model.
-        q: Configuration. Shape (7 + joints,).
-
-    Returns:
-        Linear rows first, inertial axes. Shape (6, joints).
+    Linear rows first, inertial axes. Shape (6, joints).
     """
     mass_matrix = pin.crba(robot.model, data, q)
     pin.computeJointJacobians(robot.model, data, q)
@@ -47,16 +38,9 @@ def generalised_jacobian(robot: Robot, data: pin.Data, q: Array) -> Array:
 def base_twist(
     robot: Robot, data: pin.Data, q: Array, momentum: Array, joint_rates: Array
 ) -> Array:
-    """Return the base's twist at given momentum and joint rates, Eq. (27).
+    """Return the base's twist at given momentum and joint rates [rad/s], Eq. (27).
 
-    Args:
-        data: Scratch space of the robot's model.
-        q: Configuration. Shape (7 + joints,).
-        momentum: Total P and L about the inertial origin, inertial axes. Shape (6,).
-        joint_rates: Shape (joints,) [rad/s].
-
-    Returns:
-        In the base frame. Shape (6,).
+    In the base frame. Shape (6,).
     """
     momentum_map = pin.crba(robot.model, data, q)[:6]
     pin.forwardKinematics(robot.model, data, q)
@@ -66,13 +50,10 @@ def base_twist(
 
 
 def smallest_singular_values(robot: Robot, q: Array) -> Array:
-    """Return the smallest singular value of J_D, zero in a dynamic singularity.
+    """Return the smallest singular value of J_D, zero in a dynamic singularity. Shape (points,).
 
     Args:
         q: Configurations. Shape (points, 7 + joints).
-
-    Returns:
-        Shape (points,).
     """
     data = robot.model.createData()
     jacobians = np.array([generalised_jacobian(robot, data, sample) for sample in q])

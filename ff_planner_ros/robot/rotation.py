@@ -1,7 +1,8 @@
 """Rotations: the cross-product matrix and the paper's Euler angles.
 
 Euler angles are [phi_x, theta_y, psi_z] with R = Rz(psi) Ry(theta) Rx(phi): the ZYX convention,
-its first number the rotation about X, as the paper prints them.
+its first number the rotation about X, as the paper prints them. Vectors have the shape (..., 3),
+angles in rad, and matrices (..., 3, 3).
 """
 
 from __future__ import annotations
@@ -12,14 +13,7 @@ from ff_planner_ros.arrays import Array
 
 
 def skew(a: Array) -> Array:
-    """Return the matrices of the cross product, Eq. (10).
-
-    Args:
-        a: Shape (..., 3).
-
-    Returns:
-        Shape (..., 3, 3).
-    """
+    """Return the matrices of the cross product with a, Eq. (10)."""
     matrix = np.zeros((*a.shape, 3))
     matrix[..., 0, 1], matrix[..., 0, 2] = -a[..., 2], a[..., 1]
     matrix[..., 1, 0], matrix[..., 1, 2] = a[..., 2], -a[..., 0]
@@ -28,14 +22,7 @@ def skew(a: Array) -> Array:
 
 
 def rotation_from_euler(euler: Array) -> Array:
-    """Return Rz(psi) Ry(theta) Rx(phi).
-
-    Args:
-        euler: phi, theta, psi. Shape (..., 3) [rad].
-
-    Returns:
-        Shape (..., 3, 3).
-    """
+    """Return Rz(psi) Ry(theta) Rx(phi)."""
     (sx, sy, sz), (cx, cy, cz) = (np.moveaxis(f(euler), -1, 0) for f in (np.sin, np.cos))
     rows = [
         [cz * cy, cz * sy * sx - sz * cx, cz * sy * cx + sz * sx],
@@ -46,14 +33,7 @@ def rotation_from_euler(euler: Array) -> Array:
 
 
 def euler_from_rotation(rotation: Array) -> Array:
-    """Return phi, theta, psi; theta within +-90 deg, and phi and psi ill-defined there.
-
-    Args:
-        rotation: Shape (..., 3, 3).
-
-    Returns:
-        Shape (..., 3) [rad].
-    """
+    """Return phi, theta, psi; theta within +-90 deg, and phi and psi ill-defined there."""
     phi = np.arctan2(rotation[..., 2, 1], rotation[..., 2, 2])
     theta = np.arctan2(-rotation[..., 2, 0], np.hypot(rotation[..., 2, 1], rotation[..., 2, 2]))
     psi = np.arctan2(rotation[..., 1, 0], rotation[..., 0, 0])
@@ -61,14 +41,7 @@ def euler_from_rotation(rotation: Array) -> Array:
 
 
 def euler_rate_map(euler: Array) -> Array:
-    """Return W with omega = W euler_rate, omega in the frame that the rotation leads to.
-
-    Args:
-        euler: phi, theta, psi. Shape (..., 3) [rad].
-
-    Returns:
-        Shape (..., 3, 3).
-    """
+    """Return W with omega = W euler_rate, omega in the frame that the rotation leads to."""
     sy, cy = np.sin(euler[..., 1]), np.cos(euler[..., 1])
     sz, cz = np.sin(euler[..., 2]), np.cos(euler[..., 2])
     rate_map = np.zeros((*euler.shape, 3))
@@ -79,15 +52,7 @@ def euler_rate_map(euler: Array) -> Array:
 
 
 def euler_rate_map_derivative(euler: Array, rate: Array) -> Array:
-    """Return d(W rate)/d euler, the derivative of `euler_rate_map` at a fixed rate.
-
-    Args:
-        euler: phi, theta, psi. Shape (..., 3) [rad].
-        rate: Euler rates. Shape (..., 3) [rad/s].
-
-    Returns:
-        Shape (..., 3, 3); the first column is zero.
-    """
+    """Return d(W rate)/d euler at fixed Euler rates [rad/s]; the first column is zero."""
     sy, cy = np.sin(euler[..., 1]), np.cos(euler[..., 1])
     sz, cz = np.sin(euler[..., 2]), np.cos(euler[..., 2])
     phi_rate, theta_rate = rate[..., 0], rate[..., 1]

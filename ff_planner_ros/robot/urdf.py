@@ -24,12 +24,6 @@ TRIANGLE_TOLERANCE = 1e-6
 def checked_urdf(text: str, base_link: str, tip_link: str) -> str:
     """Return the URDF without shapes, transmissions and simulator tags, checked.
 
-    Args:
-        tip_link: Link whose frame is the end effector.
-
-    Returns:
-        XML that Pinocchio reads without complaint.
-
     Raises:
         InvalidInput: Not one chain of at least six revolute joints with limits from the base
             link to the tip link, or an inertia that no body has.

@@ -31,26 +31,16 @@ class VelocitySolution(NamedTuple):
     """One evaluation of the map, with what its derivatives need.
 
     Several of them, `stacked`, are the same arrays with one more axis in front.
-
-    Attributes:
-        v: Base twist in the base frame, joint rates. Shape (6 + joints,).
-        q: Configuration. Shape (7 + joints,).
-        momentum_map: H. Shape (6, 6 + joints).
-        jacobian: J. Shape (6, 6 + joints).
-        mu: Multiplier of the twist, its sign turned. Shape (6,).
-        momentum_in_base: h. Shape (6,).
-        twist_in_ee: w. Shape (6,).
-        rotation_ee_to_inertial: Shape (3, 3).
     """
 
-    v: Array
-    q: Array
-    momentum_map: Array
-    jacobian: Array
-    mu: Array
-    momentum_in_base: Array
-    twist_in_ee: Array
-    rotation_ee_to_inertial: Array
+    v: Array  # base twist in the base frame, joint rates; shape (6 + joints,)
+    q: Array  # configuration; shape (7 + joints,)
+    momentum_map: Array  # H; shape (6, 6 + joints)
+    jacobian: Array  # J; shape (6, 6 + joints)
+    mu: Array  # multiplier of the twist, its sign turned; shape (6,)
+    momentum_in_base: Array  # h; shape (6,)
+    twist_in_ee: Array  # w; shape (6,)
+    rotation_ee_to_inertial: Array  # shape (3, 3)
 
 
 def stacked(solutions: Sequence[VelocitySolution]) -> VelocitySolution:
@@ -120,13 +110,7 @@ class VelocityMap:
     def regular(
         self, q: Array, momentum: Array, twist_ee_in_inertial: Array
     ) -> VelocitySolution | None:
-        """Return the solution where the arm can follow it; None in a dynamic singularity.
-
-        Args:
-            q: Configuration. Shape (7 + joints,).
-            momentum: Total P and L about the inertial origin, inertial axes. Shape (6,).
-            twist_ee_in_inertial: Wanted linear and angular velocity. Shape (6,).
-        """
+        """Return what `solve` does where the arm can follow; None in a dynamic singularity."""
         try:
             solution = self.solve(q, momentum, twist_ee_in_inertial)
         except np.linalg.LinAlgError:

@@ -35,17 +35,11 @@ Rows: TypeAlias = tuple[Array, Array]
 
 @dataclass(frozen=True, eq=False)
 class Samples:
-    """A plan's samples, and what several requirements work out from them.
-
-    Attributes:
-        problem: What the plan is for.
-        settings: For tolerances.
-        trajectory: What comes after the problem's duration is its tail.
-    """
+    """A plan's samples, and what several requirements work out from them."""
 
     problem: PlanningProblem
-    settings: PlannerSettings
-    trajectory: Trajectory
+    settings: PlannerSettings  # for tolerances
+    trajectory: Trajectory  # what comes after the problem's duration is its tail
 
     @cached_property
     def q_and_v(self) -> tuple[Array, Array]:
