@@ -9,11 +9,11 @@ from typing import Any
 import pytest
 import robots
 
+from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.plan import Plan
 from ff_planner_ros.planning.planner import plan
 from ff_planner_ros.planning.problem import PlanningProblem
 from ff_planner_ros.planning.scenario import load_scenario
-from ff_planner_ros.planning.settings import load_settings
 from ff_planner_ros.robot.model import Robot, load_robot, robot_from_urdf_text
 
 # The files that take longest begin first, so that the workers end at about the same time.
@@ -123,4 +123,4 @@ def lemur_capture() -> PlanningProblem:
 @pytest.fixture(scope="session")
 def lemur_plan(lemur_capture: PlanningProblem) -> Plan:
     """The paper's capture on the shortest joint path."""
-    return plan(lemur_capture, load_settings(robots.CONFIG / "planner.yaml"))
+    return plan(lemur_capture, load_parameters().planner)

@@ -4,17 +4,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from judging import require_sound
 from robots import CONFIG
 
 from ff_planner_ros.baselines.artificial_potential_field import artificial_potential_field
 from ff_planner_ros.baselines.potential_field import load_parameters
 from ff_planner_ros.baselines.straight_line import straight_line
 from ff_planner_ros.errors import InvalidInput, NoPlanFound, Status
-from ff_planner_ros.planning.check import require_sound
 from ff_planner_ros.planning.problem import Sphere
-from ff_planner_ros.planning.settings import load_settings
 
-SETTINGS = load_settings(CONFIG / "planner.yaml")
+SETTINGS = load_parameters().planner
 FIELD = load_parameters(CONFIG / "baselines.yaml")
 
 

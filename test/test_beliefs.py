@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 import pytest
-from robots import CONFIG, random_state
+from robots import random_state
 
 from ff_planner_ros.baselines.beliefs import (
     executed,
@@ -16,14 +16,14 @@ from ff_planner_ros.baselines.beliefs import (
 )
 from ff_planner_ros.baselines.straight_line import straight_line
 from ff_planner_ros.errors import InvalidInput
+from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.motion import from_trajectory
 from ff_planner_ros.planning.planner import plan
 from ff_planner_ros.planning.problem import Objective, PlanningProblem, Target
-from ff_planner_ros.planning.settings import load_settings
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.momentum import total_momentum
 
-SETTINGS = load_settings(CONFIG / "planner.yaml")
+SETTINGS = load_parameters().planner
 
 
 @pytest.fixture(scope="module")

@@ -4,15 +4,14 @@ import json
 
 import numpy as np
 import pytest
-from robots import CONFIG
 
 from ff_planner_ros.bench import beliefs
 from ff_planner_ros.bench.beliefs import BELIEFS, belief_result
 from ff_planner_ros.bench.report import print_executions
 from ff_planner_ros.errors import NoPlanFound, Status
-from ff_planner_ros.planning.settings import load_settings
+from ff_planner_ros.parameters import load_parameters
 
-SETTINGS = load_settings(CONFIG / "planner.yaml")
+SETTINGS = load_parameters().planner
 
 
 def test_only_a_plan_for_the_true_momentum_arrives_and_collides_with_nothing():

@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from robots import CONFIG
 
 from ff_planner_ros.bench import success
 from ff_planner_ros.bench.beliefs import BELIEFS
@@ -13,17 +12,17 @@ from ff_planner_ros.bench.methods import _optimality
 from ff_planner_ros.bench.report import print_success
 from ff_planner_ros.cli import main
 from ff_planner_ros.errors import NoPlanFound, Status
+from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.end_effector_polynomial import end_effector_paths
 from ff_planner_ros.planning.problem import Objective
 from ff_planner_ros.planning.program import path_program
-from ff_planner_ros.planning.settings import load_settings
 from ff_planner_ros.planning.solver import minimise
 from ff_planner_ros.text_table import print_table
 
 
 @pytest.fixture(scope="module")
 def settings():
-    return load_settings(CONFIG / "planner.yaml")
+    return load_parameters().planner
 
 
 def test_the_quick_benchmark_prints_its_tables_and_writes_its_figures(tmp_path, capfd):

@@ -1,15 +1,14 @@
 """The success rate, on a seeded subset of what `ff-planner bench` measures."""
 
 import pytest
-from robots import CONFIG
 
 from ff_planner_ros.bench import success
 from ff_planner_ros.bench.scenarios import scenario
 from ff_planner_ros.bench.success import attempt, attempts
 from ff_planner_ros.errors import Status
-from ff_planner_ros.planning.settings import load_settings
+from ff_planner_ros.parameters import load_parameters
 
-SETTINGS = load_settings(CONFIG / "planner.yaml")
+SETTINGS = load_parameters().planner
 # Scenarios tried of each class, usually and in the nightly run, and how many may be missed then.
 SUBSET = {"ordinary": ((10, 0), (24, 0)), "cluttered": ((10, 0), (24, 1))}
 

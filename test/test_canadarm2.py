@@ -7,24 +7,24 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 import pytest
+from judging import require_sound
 from robots import CANADARM2_SCENARIO
 
 from ff_planner_ros.errors import NoPlanFound, Status
-from ff_planner_ros.planning.check import require_sound
+from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.clearance import arm_points, clearances, segments
 from ff_planner_ros.planning.end_effector_polynomial import end_effector_paths
 from ff_planner_ros.planning.planner import plan
 from ff_planner_ros.planning.problem import Limits, Objective, PlanningProblem
 from ff_planner_ros.planning.scenario import load_scenario
-from ff_planner_ros.planning.settings import PlannerSettings, load_settings
+from ff_planner_ros.planning.settings import PlannerSettings
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.momentum import total_momentum
-from ff_planner_ros.share import share_directory
 
 
 @pytest.fixture(scope="module")
 def settings() -> PlannerSettings:
-    return load_settings(share_directory() / "config" / "planner.yaml")
+    return load_parameters().planner
 
 
 @pytest.fixture(scope="module")

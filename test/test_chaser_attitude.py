@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from robots import CONFIG
 
 from ff_planner_ros.errors import InvalidInput, NoPlanFound, Status
+from ff_planner_ros.parameters import load_parameters
+from ff_planner_ros.planning.check import failures
 from ff_planner_ros.planning.end_effector_polynomial import end_effector_paths
-from ff_planner_ros.planning.failures import failures
 from ff_planner_ros.planning.forward import driven
 from ff_planner_ros.planning.joint_motion import joint_motion
 from ff_planner_ros.planning.objectives import chaser_euler
@@ -18,12 +18,11 @@ from ff_planner_ros.planning.plan import Plan
 from ff_planner_ros.planning.planner import plan
 from ff_planner_ros.planning.problem import Limits, Objective, PlanningProblem
 from ff_planner_ros.planning.program import path_program
-from ff_planner_ros.planning.settings import load_settings
 from ff_planner_ros.planning.solver import minimise
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.momentum import total_momentum
 
-SETTINGS = load_settings(CONFIG / "planner.yaml")
+SETTINGS = load_parameters().planner
 LENGTH, LIMIT = Objective(1.0, 0.0), 0.2
 
 

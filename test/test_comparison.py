@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from drawn_plans import SOUND, drawn_plan
-from robots import CONFIG
 
 from ff_planner_ros.analysis.comparison import (
     COLUMNS,
@@ -26,10 +25,11 @@ from ff_planner_ros.analysis.methods import (
     Method,
 )
 from ff_planner_ros.errors import InvalidInput, NoPlanFound, Status
-from ff_planner_ros.planning.failures import failures
+from ff_planner_ros.parameters import load_parameters
+from ff_planner_ros.planning.check import failures
 from ff_planner_ros.planning.plan import Metrics, Plan
 from ff_planner_ros.planning.problem import PlanningProblem
-from ff_planner_ros.planning.settings import PlannerSettings, load_settings
+from ff_planner_ros.planning.settings import PlannerSettings
 from ff_planner_ros.robot.model import Robot
 
 OUT_OF_REACH = NoPlanFound(Status.GOAL_OUT_OF_REACH, "target.position is 9 m away")
@@ -37,7 +37,7 @@ OUT_OF_REACH = NoPlanFound(Status.GOAL_OUT_OF_REACH, "target.position is 9 m awa
 
 @pytest.fixture(scope="module")
 def settings() -> PlannerSettings:
-    return load_settings(CONFIG / "planner.yaml")
+    return load_parameters().planner
 
 
 def answer(robot: Robot, metrics: Metrics = SOUND, **changes: float) -> Answer:

@@ -12,19 +12,18 @@ from robots import ROBOTS, paper_velocity, random_path, random_state, tangent_pe
 from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.arrays import Array
+from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.end_effector_polynomial import EndEffectorPaths
 from ff_planner_ros.planning.motion import from_trajectory
 from ff_planner_ros.planning.path_family import Motion as Rollout
 from ff_planner_ros.planning.plan import Plan
 from ff_planner_ros.planning.planner import plan
 from ff_planner_ros.planning.problem import PlanningProblem
-from ff_planner_ros.planning.settings import load_settings
 from ff_planner_ros.robot.configuration import configuration, system_state
 from ff_planner_ros.robot.dynamics import base_acceleration, inverse_dynamics, joint_torques
 from ff_planner_ros.robot.model import Robot, robot_from_urdf_text
 from ff_planner_ros.robot.momentum import total_momentum
 from ff_planner_ros.robot.state import SystemState
-from ff_planner_ros.share import share_directory
 
 DURATION = 5.0
 STATES = range(3)
@@ -246,7 +245,7 @@ def points_of(motions: list[Motion]) -> list[tuple[Robot, Array, Array, Array]]:
 
 @pytest.fixture(scope="module")
 def capture_plan(lemur_capture: PlanningProblem) -> Plan:
-    return plan(lemur_capture, load_settings(share_directory() / "config" / "planner.yaml"))
+    return plan(lemur_capture, load_parameters().planner)
 
 
 def test_the_torques_of_a_plan_are_those_of_eq_20_without_a_wrench_on_the_chaser(

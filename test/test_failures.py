@@ -2,27 +2,28 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+import pickle
+from dataclasses import fields, replace
 from typing import Any
 
 import numpy as np
 import pytest
 
-from ff_planner_ros.errors import Status
-from ff_planner_ros.planning.check import measure
+from ff_planner_ros.errors import BagError, Failure, FfPlannerError, OutOfTime, Status
+from ff_planner_ros.parameters import load_parameters
+from ff_planner_ros.planning.check import failures, measure, refusal
 from ff_planner_ros.planning.clearance import arm_points, clearances, segments
-from ff_planner_ros.planning.failures import Failure, failures, refusal
+from ff_planner_ros.planning.metrics import METRIC_BY_NAME
 from ff_planner_ros.planning.motion import from_trajectory
-from ff_planner_ros.planning.plan import Plan
+from ff_planner_ros.planning.plan import Plan, Trajectory
 from ff_planner_ros.planning.planner import plan
 from ff_planner_ros.planning.problem import Limits, PlanningProblem, Sphere
-from ff_planner_ros.planning.settings import PlannerSettings, load_settings
-from ff_planner_ros.share import share_directory
+from ff_planner_ros.planning.settings import PlannerSettings
 
 
 @pytest.fixture(scope="module")
 def settings() -> PlannerSettings:
-    return load_settings(share_directory() / "config" / "planner.yaml")
+    return load_parameters().planner
 
 
 @pytest.fixture(scope="module")
@@ -138,3 +139,32 @@ def test_a_collision_between_the_points_is_told_as_such(
     assert "may touch obstacle" in failure.finding
     assert "-0.40 mm" in failure.finding
     assert "more points" in failure.advice
+
+
+def test_a_refusal_crosses_processes_with_its_attempt_and_all_failures(lemur_plan: Plan) -> None:
+    failures = (
+        Failure(Status.COLLISION, "the arm touches a sphere", ("more points",)),
+        Failure(Status.CHECK_FAILED, "the goal is missed", ()),
+    )
+    copy = pickle.loads(pickle.dumps(refusal(lemur_plan, failures)))
+    assert (copy.status, copy.failures) == (Status.COLLISION, failures)
+    assert str(copy) == copy.constraint == str(refusal(lemur_plan, failures))
+    assert copy.attempt.metrics == lemur_plan.metrics
+    for item in fields(Trajectory):
+        expected = getattr(lemur_plan.trajectory, item.name)
+        assert np.array_equal(getattr(copy.attempt.trajectory, item.name), expected)
+
+
+@pytest.mark.parametrize("error", [OutOfTime("no time is left"), BagError("the bag is damaged")])
+def test_an_error_of_one_status_crosses_processes(error: FfPlannerError) -> None:
+    copy = pickle.loads(pickle.dumps(error))
+    assert (type(copy), copy.status, str(copy)) == (type(error), error.status, str(error))
+
+
+@pytest.mark.parametrize(
+    ("value", "words"), [(0.0123, "12.3 mm"), (np.inf, "no obstacles"), (np.nan, "none")]
+)
+def test_a_clearance_in_words_says_when_there_is_nothing_to_be_clear_of(
+    value: float, words: str
+) -> None:
+    assert METRIC_BY_NAME["min_clearance"].text(value) == words

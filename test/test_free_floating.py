@@ -7,14 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 import pytest
-from robots import CONFIG, random_state
+from robots import random_state
 
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.baselines.beliefs import executed
+from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.joint_motion import JointMotion, joint_motion
 from ff_planner_ros.planning.plan import Plan
 from ff_planner_ros.planning.problem import PlanningProblem
-from ff_planner_ros.planning.settings import load_settings
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.momentum import total_momentum
@@ -54,7 +54,7 @@ def test_whatever_the_joints_do_momentum_stays(robot: Robot) -> None:
 def test_a_plan_comes_true(lemur_capture: PlanningProblem, lemur_plan: Plan) -> None:
     system = FreeFloatingSystem(lemur_capture.robot, lemur_capture.start, time=0.0)
     system.follow(joint_motion(lemur_plan.trajectory))
-    truth = executed(lemur_capture, lemur_plan, load_settings(CONFIG / "planner.yaml")).trajectory
+    truth = executed(lemur_capture, lemur_plan, load_parameters().planner).trajectory
     for time, position, joints in zip(
         truth.time, truth.chaser_positions, truth.joint_positions, strict=True
     ):

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from mcap.reader import make_reader
-from robots import CONFIG, LEMUR_URDF
+from robots import LEMUR_URDF
 from ros_processes import (
     EVENT_TOPIC,
     FRAME,
@@ -25,9 +25,9 @@ from scipy.interpolate import CubicHermiteSpline
 from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.errors import Status
+from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.planner import plan
 from ff_planner_ros.planning.problem import PlanningProblem
-from ff_planner_ros.planning.settings import load_settings
 
 SPOKEN_ON = {
     "/chaser_state",
@@ -80,7 +80,7 @@ def run(lemur_capture: PlanningProblem, tmp_path_factory: pytest.TempPathFactory
             client.publish_obstacles(scene.obstacles())
             client.wait_for_planner()
             begun = time.monotonic()
-            plan(lemur_capture, load_settings(CONFIG / "planner.yaml"))
+            plan(lemur_capture, load_parameters().planner)
             lead = max(LEAD_IN_PLANS * (time.monotonic() - begun), LEAST_LEAD)
             stamp_ns = client.now_ns() + round(lead * 1e9)
             state = scene.state(stamp_ns)

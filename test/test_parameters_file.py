@@ -21,7 +21,6 @@ from ff_planner_ros.parameters import (
     replaced,
 )
 from ff_planner_ros.planning.problem import Limits
-from ff_planner_ros.planning.settings import load_settings
 
 FILE = CONFIG / "planner.yaml"
 
@@ -29,7 +28,6 @@ FILE = CONFIG / "planner.yaml"
 def test_the_file_of_defaults_holds_every_parameter_and_no_other() -> None:
     assert set(default_values()) == set(DECLARATIONS)
     assert load_parameters(FILE) == load_parameters()
-    assert load_parameters().planner == load_settings(FILE)
 
 
 def test_a_file_of_some_parameters_leaves_the_others_at_their_defaults(tmp_path: Path) -> None:

@@ -7,20 +7,19 @@ from dataclasses import fields
 from typing import Any
 
 import pytest
-from robots import CONFIG
 
 from ff_planner_ros.analysis.plan_json import plan_dictionary, planned_motion, refusal_dictionary
 from ff_planner_ros.errors import InvalidInput, NoPlanFound, Status
+from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.plan import Plan
 from ff_planner_ros.planning.problem import PlanningProblem
-from ff_planner_ros.planning.settings import load_settings
 from ff_planner_ros.planning.task import PlanningTask
 
 
 @pytest.fixture
 def answer(lemur_capture: PlanningProblem, lemur_plan: Plan) -> dict[str, Any]:
     """What a file gives back."""
-    task = PlanningTask(lemur_capture, load_settings(CONFIG / "planner.yaml"))
+    task = PlanningTask(lemur_capture, load_parameters().planner)
     return json.loads(json.dumps(plan_dictionary(lemur_plan, task, 0.5)))
 
 

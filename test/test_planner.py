@@ -8,10 +8,10 @@ import pinocchio as pin
 import pytest
 
 from ff_planner_ros.errors import InvalidInput, NoPlanFound, OutOfTime, Status
+from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.planner import plan
 from ff_planner_ros.planning.problem import Limits, Objective, Sphere
 from ff_planner_ros.planning.scenario import load_scenario
-from ff_planner_ros.planning.settings import load_settings
 from ff_planner_ros.planning.watch import Watch
 from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.share import share_directory
@@ -22,7 +22,7 @@ LENGTH, ATTITUDE = Objective(1.0, 0.0), Objective(0.0, 1.0)
 
 @pytest.fixture(scope="module")
 def settings():
-    return load_settings(CONFIG / "planner.yaml")
+    return load_parameters().planner
 
 
 @pytest.fixture(scope="module")

@@ -12,11 +12,11 @@ from dataclasses import fields, replace
 from ff_planner_ros.planning.planner import plan
 from ff_planner_ros.planning.problem import Limits, Objective
 from ff_planner_ros.planning.scenario import load_scenario
-from ff_planner_ros.planning.settings import load_settings
+from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.share import share_directory
 
 config = share_directory() / "config"
-settings = replace(load_settings(config / "planner.yaml"), starts=3)
+settings = replace(load_parameters().planner, starts=3)
 capture = load_scenario(config / "scenarios" / "lemur_capture.yaml")
 for objective in (Objective(1.0, 0.0), Objective(0.2, 0.8)):
     limits = Limits(joint_velocities=True)

@@ -10,16 +10,16 @@ import pinocchio as pin
 import pytest
 
 from ff_planner_ros.arrays import Array
+from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.planner import plan
 from ff_planner_ros.planning.problem import PlanningProblem
-from ff_planner_ros.planning.settings import PlannerSettings, load_settings
+from ff_planner_ros.planning.settings import PlannerSettings
 from ff_planner_ros.robot.configuration import configuration
-from ff_planner_ros.share import share_directory
 
 
 @pytest.fixture(scope="module")
 def settings() -> PlannerSettings:
-    return load_settings(share_directory() / "config" / "planner.yaml")
+    return load_parameters().planner
 
 
 def planned_orientations(

@@ -6,20 +6,21 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from robots import CONFIG
+from judging import require_sound
 
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.errors import InvalidInput, NoPlanFound, Status
-from ff_planner_ros.planning.check import measure, require_sound
+from ff_planner_ros.parameters import load_parameters
+from ff_planner_ros.planning.check import measure
 from ff_planner_ros.planning.plan import Plan
 from ff_planner_ros.planning.planner import plan
 from ff_planner_ros.planning.preconditions import require_plannable
 from ff_planner_ros.planning.problem import Limits, PlanningProblem
-from ff_planner_ros.planning.settings import PlannerSettings, load_settings
+from ff_planner_ros.planning.settings import PlannerSettings
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.momentum import smallest_singular_values
 
-SETTINGS = load_settings(CONFIG / "planner.yaml")
+SETTINGS = load_parameters().planner
 ROUNDING, MORE = 9e-7, 1.1e-6
 
 

@@ -7,14 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from drawn_plans import drawn_plan
-from robots import CONFIG, random_state
+from robots import random_state
 from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.baselines.beliefs import executed
+from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.plan import Plan, Trajectory
 from ff_planner_ros.planning.problem import PlanningProblem
-from ff_planner_ros.planning.settings import load_settings
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.ros.messages.from_messages import nanoseconds
 from ff_planner_ros.ros.outputs.prediction import (
@@ -116,7 +116,7 @@ def test_a_planned_chaser_is_met_within_a_few_micrometres(
 ) -> None:
     """The truth is the same joint motion, executed on four times the points."""
     problem = replace(lemur_capture, points=4 * (lemur_capture.points - 1) + 1)
-    fine = executed(problem, lemur_plan, load_settings(CONFIG / "planner.yaml")).trajectory
+    fine = executed(problem, lemur_plan, load_parameters().planner).trajectory
     for time, position, quaternion in zip(
         fine.time, fine.chaser_positions, fine.chaser_quaternions_xyzw, strict=True
     ):

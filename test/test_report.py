@@ -33,10 +33,10 @@ from ff_planner_ros.bag.provenance import PROVENANCE
 from ff_planner_ros.bag.writer import BagWriter
 from ff_planner_ros.cli import main
 from ff_planner_ros.errors import BagError, FfPlannerError, InvalidInput, NoPlanFound, Status
+from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.plan import Plan, Trajectory
 from ff_planner_ros.planning.planner import plan
 from ff_planner_ros.planning.problem import PlanningProblem
-from ff_planner_ros.planning.settings import load_settings
 from ff_planner_ros.planning.task import PlanningTask
 from ff_planner_ros.robot.model import robot_from_urdf_text
 from ff_planner_ros.robot.state import SystemState
@@ -395,7 +395,7 @@ def test_between_the_points_the_plan_is_interpolated(
     lemur_capture: PlanningProblem, tmp_path: Path
 ) -> None:
     """States at other times than the plan's points, of the same motion on twice as many points."""
-    fine = plan(replace(lemur_capture, points=99), load_settings(CONFIG / "planner.yaml"))
+    fine = plan(replace(lemur_capture, points=99), load_parameters().planner)
     rows = {
         name: getattr(fine.trajectory, name)[::2] for name in fine.trajectory.__dataclass_fields__
     }
@@ -631,7 +631,7 @@ def test_what_is_no_bag_is_refused(tmp_path: Path) -> None:
 
 @pytest.fixture
 def answer(lemur_capture: PlanningProblem, lemur_plan: Plan) -> dict[str, Any]:
-    task = PlanningTask(lemur_capture, load_settings(CONFIG / "planner.yaml"))
+    task = PlanningTask(lemur_capture, load_parameters().planner)
     return json.loads(json.dumps(plan_dictionary(lemur_plan, task, 0.5)))
 
 

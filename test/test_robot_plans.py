@@ -8,22 +8,21 @@ from pathlib import Path
 import pytest
 import yaml
 from ff_planner_msgs.srv import PlanTrajectory
-from robots import CONFIG
 from service_msgs.msg import ServiceEventInfo
 
 from ff_planner_ros.bag.encoding import encode
 from ff_planner_ros.bag.robot_plans import robot_plans
 from ff_planner_ros.bag.writer import BagWriter
 from ff_planner_ros.errors import BagError, InvalidInput, NoPlanFound, Status
+from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.plan import Plan
 from ff_planner_ros.planning.problem import PlanningProblem
-from ff_planner_ros.planning.settings import load_settings
 from ff_planner_ros.planning.task import PlanningTask
 from ff_planner_ros.ros.messages.to_messages import response_from_error, response_from_plan
 from ff_planner_ros.runs.offline_bag import record_answer
 
 EVENTS, EVENT = "/servicer/plan/_service_event", "ff_planner_msgs/srv/PlanTrajectory_Event"
-SETTINGS = load_settings(CONFIG / "planner.yaml")
+SETTINGS = load_parameters().planner
 LINKS = {"base_link": "chaser", "tip_link": "end_effector"}
 
 

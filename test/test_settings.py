@@ -3,21 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import fields, replace
-from pathlib import Path
 
 import pytest
 import yaml
 from robots import CONFIG
 
 from ff_planner_ros.errors import InvalidInput
-from ff_planner_ros.planning.settings import PlannerSettings, load_settings
+from ff_planner_ros.parameters import load_parameters
+from ff_planner_ros.planning.settings import PlannerSettings
 
 FILE = CONFIG / "planner.yaml"
 BLOCK = yaml.safe_load(FILE.read_text())["/**"]["ros__parameters"]["planner"]
 
 
 def test_the_settings_are_those_of_the_parameters_file() -> None:
-    settings = load_settings(FILE)
+    settings = load_parameters().planner
     assert {item.name: getattr(settings, item.name) for item in fields(settings)} == BLOCK
 
 
@@ -29,7 +29,7 @@ def test_every_setting_says_what_it_means() -> None:
 
 @pytest.mark.parametrize("name", BLOCK)
 def test_the_ends_of_a_range_pass_and_what_lies_beyond_is_refused(name: str) -> None:
-    settings = load_settings(FILE)
+    settings = load_parameters().planner
     metadata = next(item for item in fields(PlannerSettings) if item.name == name).metadata
     for bound, beyond in ((metadata["minimum"], -1), (metadata["maximum"], 1)):
         if bound is None:
@@ -50,28 +50,5 @@ def test_the_ends_of_a_range_pass_and_what_lies_beyond_is_refused(name: str) -> 
 )
 def test_a_value_of_another_type_is_refused(name: str, value: object, message: str) -> None:
     with pytest.raises(InvalidInput) as refusal:
-        replace(load_settings(FILE), **{name: value})
-    assert str(refusal.value).startswith(message)
-
-
-@pytest.mark.parametrize(
-    ("found", "instead", "message"),
-    [
-        ("/**:", "/planner:", "/** is missing: "),
-        ("ros__parameters:", "parameters:", "ros__parameters is missing: "),
-        ("    planner:", "    solver:", "planner is missing: "),
-        ("penalty_gain:", "penalty_gian:", "planner.penalty_gian is unknown: known are clear"),
-        ("      penalty_gain: 2.5", "", "planner.penalty_gain is missing: it must be given"),
-        ("max_iterations: 100", "max_iterations: 0", "planner.max_iterations is 0: it must be at"),
-    ],
-)
-def test_a_parameters_file_with_a_fault_is_refused_by_name(
-    tmp_path: Path, found: str, instead: str, message: str
-) -> None:
-    original = FILE.read_text()
-    assert found in original
-    path = tmp_path / "planner.yaml"
-    path.write_text(original.replace(found, instead))
-    with pytest.raises(InvalidInput) as refusal:
-        load_settings(path)
+        replace(load_parameters().planner, **{name: value})
     assert str(refusal.value).startswith(message)

@@ -4,16 +4,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from robots import CONFIG
+from judging import require_sound
 
 from ff_planner_ros.baselines.straight_line import straight_line
 from ff_planner_ros.bench.paths import STRAIGHT, roll_out
 from ff_planner_ros.errors import InvalidInput, NoPlanFound, Status
-from ff_planner_ros.planning.check import require_sound
+from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.problem import Sphere
-from ff_planner_ros.planning.settings import load_settings
 
-SETTINGS = load_settings(CONFIG / "planner.yaml")
+SETTINGS = load_parameters().planner
 
 
 @pytest.fixture(scope="module")

@@ -7,23 +7,23 @@ from dataclasses import fields, replace
 import numpy as np
 import pinocchio as pin
 import pytest
-from robots import CONFIG
+from judging import require_sound
 from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.errors import InvalidInput, NoPlanFound, Status
+from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.certificate import certified_clearance
-from ff_planner_ros.planning.check import measure, require_sound
+from ff_planner_ros.planning.check import measure
 from ff_planner_ros.planning.motion import from_trajectory
 from ff_planner_ros.planning.plan import Plan
 from ff_planner_ros.planning.planner import plan
 from ff_planner_ros.planning.problem import Limits, PlanningProblem, Sphere
-from ff_planner_ros.planning.settings import load_settings
 from ff_planner_ros.planning.tail import EndBehaviour, with_tail
 from ff_planner_ros.robot.momentum import total_momentum
 from ff_planner_ros.simulation.verification import verify
 
-SETTINGS = load_settings(CONFIG / "planner.yaml")
+SETTINGS = load_parameters().planner
 AS_PLANNED, HOLD, STOP = EndBehaviour
 TAILS = pytest.mark.parametrize("behaviour", [HOLD, STOP])
 

@@ -10,17 +10,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import robots
 from drawn_plans import drawn_plan
 
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.baselines.straight_line import straight_line
 from ff_planner_ros.errors import InvalidInput, NoPlanFound, OutOfTime, Status
+from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.controller_rules import Controller
 from ff_planner_ros.planning.joint_motion import joint_motion
 from ff_planner_ros.planning.plan import Plan
 from ff_planner_ros.planning.problem import Limits, Objective, PlanningProblem
-from ff_planner_ros.planning.settings import PlannerSettings, load_settings
+from ff_planner_ros.planning.settings import PlannerSettings
 from ff_planner_ros.planning.tail import EndBehaviour
 from ff_planner_ros.planning.task import PlanningTask, attempted, perform, without_search
 from ff_planner_ros.planning.watch import Progress, Watch
@@ -35,7 +35,7 @@ DRIFT = np.array([0.02, 0.0, 0.05])  # [m/s] the paper's chaser
 
 @pytest.fixture(scope="module")
 def settings() -> PlannerSettings:
-    return load_settings(robots.CONFIG / "planner.yaml")
+    return load_parameters().planner
 
 
 @pytest.fixture(scope="module")

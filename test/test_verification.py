@@ -9,16 +9,16 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
-from robots import CANADARM2_SCENARIO, CONFIG, LEMUR_SCENARIO
+from robots import CANADARM2_SCENARIO, LEMUR_SCENARIO
 from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.plan import Plan, Trajectory
 from ff_planner_ros.planning.planner import plan
 from ff_planner_ros.planning.problem import Objective, PlanningProblem
 from ff_planner_ros.planning.scenario import load_scenario
-from ff_planner_ros.planning.settings import load_settings
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.simulation.engine import Engine
 from ff_planner_ros.simulation.execution import execute, start_state
@@ -49,7 +49,7 @@ every_plan = pytest.mark.parametrize(
 @cache
 def planned(scenario: Path, objective: Objective) -> tuple[PlanningProblem, Plan]:
     problem = replace(load_scenario(scenario), objective=objective)
-    return problem, plan(problem, load_settings(CONFIG / "planner.yaml"))
+    return problem, plan(problem, load_parameters().planner)
 
 
 @every_plan
@@ -135,7 +135,7 @@ def test_mujocos_own_integrator_comes_to_the_same_end() -> None:
 
 def test_what_is_left_is_of_the_points_and_falls_as_they_become_more() -> None:
     problem, _ = planned(LEMUR_SCENARIO, LENGTH)
-    settings = load_settings(CONFIG / "planner.yaml")
+    settings = load_parameters().planner
     left = []
     for points in (25, 49):
         motion = plan(replace(problem, points=points), settings).trajectory

@@ -6,19 +6,18 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from robots import CONFIG
 
 from ff_planner_ros.cli import main
 from ff_planner_ros.errors import InvalidInput, NoPlanFound, Status
+from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.plan import Plan
 from ff_planner_ros.planning.planner import plan
 from ff_planner_ros.planning.problem import Objective, PlanningProblem
-from ff_planner_ros.planning.settings import load_settings
 from ff_planner_ros.planning.task import PlanningTask
 from ff_planner_ros.runs.offline_bag import record_answer
 from ff_planner_ros.runs.what_if import allowed_keys, parsed
 
-SETTINGS = load_settings(CONFIG / "planner.yaml")
+SETTINGS = load_parameters().planner
 
 
 @pytest.fixture(scope="module")

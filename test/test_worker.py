@@ -16,19 +16,19 @@ import pytest
 from ros_processes import DEADLINE
 
 from ff_planner_ros.errors import FfPlannerError, Interrupted, InvalidInput, NoPlanFound, Status
+from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.plan import Plan
 from ff_planner_ros.planning.planner import plan
 from ff_planner_ros.planning.problem import PlanningProblem, Target
-from ff_planner_ros.planning.settings import PlannerSettings, load_settings
+from ff_planner_ros.planning.settings import PlannerSettings
 from ff_planner_ros.planning.task import PlanningTask
 from ff_planner_ros.planning.watch import Progress
 from ff_planner_ros.ros.requests.worker import Worker
-from ff_planner_ros.share import share_directory
 
 
 @pytest.fixture(scope="module")
 def settings() -> PlannerSettings:
-    return load_settings(share_directory() / "config" / "planner.yaml")
+    return load_parameters().planner
 
 
 @pytest.fixture(scope="module")

@@ -7,10 +7,18 @@ import pinocchio as pin
 
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.errors import Status
+from ff_planner_ros.planning.metrics import METRIC_BY_NAME
 from ff_planner_ros.planning.plan import Plan
 from ff_planner_ros.planning.problem import Limits
 from ff_planner_ros.planning.task import PlanningTask
 from ff_planner_ros.robot.model import Robot
+
+# Of the metrics, what a user wants to know first.
+_TOLD = (
+    *("joint_path_length", "max_chaser_euler", "min_clearance", "min_joint_margin"),
+    *("min_velocity_margin", "peak_joint_torques", "final_position_error"),
+    *("final_orientation_error", "momentum_error"),
+)
 
 
 def plan_rows(plan: Plan, task: PlanningTask, solve_time: float) -> list[tuple[str, str]]:
@@ -19,20 +27,13 @@ def plan_rows(plan: Plan, task: PlanningTask, solve_time: float) -> list[tuple[s
     Args:
         solve_time: Wall clock that it took [s].
     """
-    metrics, solver = plan.metrics, plan.solver
-    clearance = metrics.min_clearance
+    solver, values = plan.solver, vars(plan.metrics)
+    told = {name: METRIC_BY_NAME[name].text(values[name]) for name in _TOLD}
+    told["peak_joint_torques"] += f", {plan.joint_names[np.argmax(values['peak_joint_torques'])]}"
     return [
         ("status", Status.SOLVED.name.lower()),
         ("limits kept", _limits(task.problem.limits)),
-        ("joint path length", f"{metrics.joint_path_length:.4f} rad"),
-        ("largest chaser attitude", f"{np.rad2deg(metrics.max_chaser_euler):.2f} deg"),
-        ("clearance", f"{clearance * 1e3:.1f} mm" if np.isfinite(clearance) else "no obstacles"),
-        ("margin to joint limits", f"{np.rad2deg(metrics.min_joint_margin):.1f} deg"),
-        ("margin to velocity limits", f"{np.rad2deg(metrics.min_velocity_margin):.2f} deg/s"),
-        ("peak joint torque", _peak_torque(plan)),
-        ("final position error", f"{metrics.final_position_error * 1e3:.4f} mm"),
-        ("final orientation error", f"{np.rad2deg(metrics.final_orientation_error):.5f} deg"),
-        ("momentum error", f"{metrics.momentum_error:.1e} relative"),
+        *((METRIC_BY_NAME[name].label, text) for name, text in told.items()),
         ("solver", solver.stop_reason),
         ("optimality", f"{solver.optimality:.1e}" if np.isfinite(solver.optimality) else "none"),
         ("search", f"{solver.starts} starts, {solver.rollouts} rollouts, {solve_time:.2f} s"),
@@ -47,11 +48,6 @@ def _limits(limits: Limits) -> str:
     if np.isfinite(limits.chaser_attitude):
         kept.append(f"chaser attitude {np.rad2deg(limits.chaser_attitude):.2f} deg")
     return ", ".join(kept)
-
-
-def _peak_torque(plan: Plan) -> str:
-    peaks = plan.metrics.peak_joint_torques
-    return f"{max(peaks):.4g} N m, {plan.joint_names[int(np.argmax(peaks))]}"
 
 
 def robot_rows(robot: Robot) -> list[tuple[str, str]]:

@@ -19,7 +19,7 @@ def straight_line(problem: PlanningProblem, settings: PlannerSettings) -> Plan:
     """Return the motion along the path without free terms, Sec. 4.1 of the paper.
 
     Returns:
-        Measured and not judged: `require_sound` tells what is wrong with it.
+        Measured and not judged: `check.failures` tells what is wrong with it.
 
     Raises:
         InvalidInput: The start violates what a plan must keep.

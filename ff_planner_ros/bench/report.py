@@ -26,9 +26,10 @@ from ff_planner_ros.bench.scaling import Growth, with_joints, with_points, with_
 from ff_planner_ros.bench.scenarios import KINDS
 from ff_planner_ros.bench.success import Attempt, attempts
 from ff_planner_ros.errors import Status
+from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.problem import PlanningProblem
 from ff_planner_ros.planning.scenario import load_scenario
-from ff_planner_ros.planning.settings import PlannerSettings, load_settings
+from ff_planner_ros.planning.settings import PlannerSettings
 from ff_planner_ros.share import share_directory
 from ff_planner_ros.text_table import print_table
 
@@ -62,7 +63,7 @@ def main(quick: bool, scenarios: int, json_file: str) -> None:
     os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
     config = share_directory() / "config"
     problem = load_scenario(config / "scenarios" / "lemur_capture.yaml")
-    settings = load_settings(config / "planner.yaml")
+    settings = load_parameters().planner
     figures: dict[str, Any] = {"machine": machine()}
     for name, value in figures["machine"].items():
         print(f"{name:8}  {value}")

@@ -6,11 +6,12 @@ and clearance are recomputed by forward kinematics and dynamics from the samples
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
 
-from ff_planner_ros.planning.failures import failures, refusal
+from ff_planner_ros.errors import Failure, NoPlanFound, OutOfTime, Status
 from ff_planner_ros.planning.metrics import Metrics
 from ff_planner_ros.planning.objectives import chaser_euler, joint_path_length
 from ff_planner_ros.planning.plan import Plan, Trajectory
@@ -21,12 +22,7 @@ from ff_planner_ros.planning.settings import PlannerSettings
 
 
 def measure(problem: PlanningProblem, trajectory: Trajectory, settings: PlannerSettings) -> Metrics:
-    """Return the metrics of a trajectory, computed from its samples alone.
-
-    Args:
-        trajectory: What comes after the problem's duration is its tail.
-        settings: For the penalty's g1 and g2.
-    """
+    """Return the metrics of a trajectory, computed from its samples alone."""
     samples = Samples(problem, settings, trajectory)
     to_goal = slice(samples.goal + 1)
     required: dict[str, Any] = {}
@@ -41,15 +37,42 @@ def measure(problem: PlanningProblem, trajectory: Trajectory, settings: PlannerS
     )
 
 
-def require_sound(problem: PlanningProblem, plan: Plan, settings: PlannerSettings) -> None:
-    """Refuse a plan that fails the check.
+def failures(problem: PlanningProblem, plan: Plan, settings: PlannerSettings) -> Iterator[Failure]:
+    """Yield every requirement that a measured plan does not meet, the most harmful first."""
+    samples = Samples(problem, settings, plan.trajectory)
+    for required in REQUIREMENTS:
+        yield from required.failures(samples, plan.metrics)
+
+
+def refusal(
+    plan: Plan, found: Sequence[Failure], advice: Sequence[str] | None = None
+) -> NoPlanFound:
+    """Return the error that tells of all failures of the best attempt; the first gives the status.
 
     Args:
-        plan: With metrics of `measure`.
-
-    Raises:
-        NoPlanFound: Names every failure, where it is and by how much; carries the plan.
+        advice: What may help; None: what the failures advise.
     """
-    found = list(failures(problem, plan, settings))
-    if found:
-        raise refusal(plan, found)
+    starts = plan.solver.starts
+    attempts = "the only attempt" if starts == 1 else f"{starts} attempts; in the best"
+    if advice is None:
+        advice = list(dict.fromkeys(word for failure in found for word in failure.advice))
+    message = f"no plan found in {attempts}, {_findings(found)}. What may help: {', '.join(advice)}"
+    return NoPlanFound(found[0].status, message, plan, found)
+
+
+def out_of_time(
+    end: OutOfTime, plan: Plan | None = None, found: Sequence[Failure] = ()
+) -> NoPlanFound:
+    """Return the error that tells how far a search came that was ended; plan: the best attempt."""
+    message = f"{end}; whether there is a plan is not known: give it more time or fewer points"
+    if plan is not None:
+        points = f"the best attempt so far, on {len(plan.trajectory.time)} points"
+        state = (
+            _findings(found) or "it keeps every constraint, but was not yet optimised to the end"
+        )
+        message += f"; {points}: {state}"
+    return NoPlanFound(Status.OUT_OF_TIME, message, plan, found)
+
+
+def _findings(found: Sequence[Failure]) -> str:
+    return "; ".join(failure.finding for failure in found)

@@ -8,7 +8,7 @@ the decision variables are.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import ClassVar, cast
 
 import numpy as np
@@ -52,6 +52,8 @@ class EndEffectorPaths:
     q_start: Array  # configuration at the first point; shape (7 + joints,)
     momentum: Array  # constant total P and L about the inertial origin; shape (6,)
     polynomial: EndEffectorPolynomial
+    # By damping. Their scratch space serves one thread, and so does a family.
+    _velocity_maps: dict[float, VelocityMap] = field(default_factory=dict, init=False, repr=False)
 
     name: ClassVar[str] = "end_effector_polynomial"
     variables: ClassVar[int] = PARAMETERS  # coefficients of six components
@@ -78,7 +80,7 @@ class EndEffectorPaths:
 
     def motion(self, x: Array, points: int, damping: float = 0.0) -> Motion:
         """Integrate the motion of one path; x: coefficients of the free terms, flattened."""
-        model, velocity_map = self.robot.model, VelocityMap(self.robot, damping)
+        model, velocity_map = self.robot.model, self._velocity_map(damping)
         steps, h = points - 1, self.polynomial.duration / (points - 1)
         half_steps = np.linspace(0.0, 1.0, 2 * points - 1)
         twist = self.polynomial.twist(x.reshape(COMPONENTS, FREE_TERMS), half_steps)
@@ -124,7 +126,7 @@ class EndEffectorPaths:
         size, h = self.robot.model.nv, self.polynomial.duration / steps
         half_steps = np.linspace(0.0, 1.0, 2 * steps + 1)
         coefficients = rollout.x.reshape(COMPONENTS, FREE_TERMS)
-        of_q, of_twist = VelocityMap(self.robot, damping).derivatives(rollout.stages)
+        of_q, of_twist = self._velocity_map(damping).derivatives(rollout.stages)
         twist = self.polynomial.twist_derivative(coefficients, half_steps)
 
         def velocity(stage: int, displacement: Array) -> Array:
@@ -169,6 +171,11 @@ class EndEffectorPaths:
             acceleration=np.einsum("pij,pj->pi", of_q[::4], rollout.v)
             + np.einsum("pij,pj->pi", of_twist[::4], twist_rate),
         )
+
+    def _velocity_map(self, damping: float) -> VelocityMap:
+        if damping not in self._velocity_maps:
+            self._velocity_maps[damping] = VelocityMap(self.robot, damping)
+        return self._velocity_maps[damping]
 
 
 def end_effector_paths(problem: PlanningProblem) -> EndEffectorPaths:

@@ -29,13 +29,16 @@ class Metric:
 
     def shown(self, value: float | Sequence[float]) -> str:
         """Return the value for a table, without its unit; of several values the largest."""
+        if np.isnan(value).any():
+            return "none"  # not known, as in a bag of an older version
+        if np.isinf(value).any():
+            return "no obstacles"  # nothing else makes a metric infinite
         return format(np.max(value) * _UNITS.get(self.shown_unit, 1.0), self.digits)
 
     def text(self, value: float | Sequence[float]) -> str:
-        """Return the value in words, with its unit; `none` where it is infinite."""
-        if not np.isfinite(np.max(value)):
-            return "none"
-        return f"{self.shown(value)} {self.shown_unit}".rstrip()
+        """Return the value in words, with its unit."""
+        unit = self.shown_unit if np.isfinite(value).all() else ""
+        return f"{self.shown(value)} {unit}".rstrip()
 
 
 def _metric(unit: str, label: str, tolerance: float, shown_unit: str, digits: str) -> Any:
@@ -77,3 +80,4 @@ class Metrics:
 
 
 METRICS = tuple(Metric(item.name, *item.metadata["metric"]) for item in fields(Metrics))
+METRIC_BY_NAME = {metric.name: metric for metric in METRICS}

@@ -8,9 +8,8 @@ import numpy as np
 
 from ff_planner_ros.arrays import Array, finite_vector
 from ff_planner_ros.errors import OutOfTime
-from ff_planner_ros.planning.check import measure
+from ff_planner_ros.planning.check import failures, measure, out_of_time, refusal
 from ff_planner_ros.planning.end_effector_polynomial import end_effector_paths
-from ff_planner_ros.planning.failures import failures, out_of_time, refusal
 from ff_planner_ros.planning.motion import to_trajectory
 from ff_planner_ros.planning.path_family import PathFamily, singular_refusal
 from ff_planner_ros.planning.plan import Plan, SolverReport

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, fields
-from pathlib import Path
 from typing import Any
 
 from ff_planner_ros.arrays import finite_number
 from ff_planner_ros.errors import InvalidInput, Status
-from ff_planner_ros.planning.yaml_file import integer, mapping, number, read_yaml
+from ff_planner_ros.planning.yaml_file import integer, number
 
 
 def tunable(
@@ -109,24 +108,3 @@ def check_tunables(block: str, settings: Any) -> None:
             )
             raise InvalidInput(Status.OUT_OF_RANGE, name, value, f"it must be {allowed}")
         object.__setattr__(settings, item.name, checked)
-
-
-def load_settings(path: Path) -> PlannerSettings:
-    """Read the settings from the `planner` block of a ROS parameters file.
-
-    Args:
-        path: A file such as `config/planner.yaml`.
-
-    Raises:
-        InvalidInput: The file cannot be read, has no such block, or the block misses a
-            setting, holds an unknown one, or one out of its range.
-    """
-    names = [item.name for item in fields(PlannerSettings)]
-    block = read_yaml(path)
-    for key in ("/**", "ros__parameters", "planner"):
-        if not isinstance(block, dict) or key not in block:
-            raise InvalidInput(
-                Status.OUT_OF_RANGE, key, "missing", f"{path} must hold it as ROS expects"
-            )
-        block = block[key]
-    return PlannerSettings(**mapping("planner", block, required=names))

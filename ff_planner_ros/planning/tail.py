@@ -11,9 +11,8 @@ import pinocchio as pin
 from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.arrays import Array, finite_number
-from ff_planner_ros.errors import InvalidInput, NoPlanFound, Status
-from ff_planner_ros.planning.check import measure
-from ff_planner_ros.planning.failures import Failure, failures
+from ff_planner_ros.errors import Failure, InvalidInput, NoPlanFound, Status
+from ff_planner_ros.planning.check import failures, measure
 from ff_planner_ros.planning.forward import driven
 from ff_planner_ros.planning.joint_motion import JointMotion
 from ff_planner_ros.planning.motion import from_trajectory, to_trajectory

@@ -13,8 +13,8 @@ import numpy as np
 
 from ff_planner_ros.arrays import Array, finite_number, frozen
 from ff_planner_ros.errors import Failure, FfPlannerError, InvalidInput, NoPlanFound, Status
+from ff_planner_ros.planning.check import failures, refusal
 from ff_planner_ros.planning.controller_rules import Command, Controller, require_acceptable
-from ff_planner_ros.planning.failures import failures, refusal
 from ff_planner_ros.planning.forward import carried_forward
 from ff_planner_ros.planning.joint_motion import JointMotion
 from ff_planner_ros.planning.plan import Plan

@@ -40,7 +40,9 @@ class Robot:
 
 
 def load_robot(urdf: Path, base_link: str, tip_link: str) -> Robot:
-    """Load a robot from a URDF file, as `robot_from_urdf_text` does from its text.
+    """Load a robot from a URDF file.
+
+    See `robot_from_urdf_text` for what it must hold.
 
     Raises:
         InvalidInput: The file cannot be read, or its content is refused.

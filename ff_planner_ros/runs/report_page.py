@@ -13,14 +13,13 @@ from importlib.resources import files
 from pathlib import Path
 from xml.etree.ElementTree import Element, tostring
 
-import numpy as np
 import plotly.graph_objects as go
 from plotly.offline import get_plotlyjs
 
 from ff_planner_ros.analysis.tracking import Deviations, in_shown_units
 from ff_planner_ros.bag.progress_bar import progress_bar
 from ff_planner_ros.errors import Status
-from ff_planner_ros.planning.metrics import METRICS, Metrics
+from ff_planner_ros.planning.metrics import METRIC_BY_NAME, METRICS
 from ff_planner_ros.runs.report import (
     NANOSECONDS,
     Report,
@@ -127,16 +126,13 @@ def _cells(number: int, request: ReportedRequest) -> Iterator[Element | str]:
     metrics, solver = request.metrics, request.solver
     # Without a plan these are the values of the best attempt, and marked.
     of_attempt = "" if request.code == Status.SOLVED else " *"
-    yield _NOTHING if metrics is None else f"{metrics.joint_path_length:.4f}{of_attempt}"
-    yield _NOTHING if metrics is None else f"{np.rad2deg(metrics.max_chaser_euler):.2f}{of_attempt}"
-    yield _NOTHING if metrics is None else f"{_clearance(metrics)}{of_attempt}"
+    for name in ("joint_path_length", "max_chaser_euler", "min_clearance"):
+        if metrics is None:
+            yield _NOTHING
+        else:
+            yield METRIC_BY_NAME[name].shown(getattr(metrics, name)) + of_attempt
     yield _NOTHING if request.solve_time is None else f"{request.solve_time:.3f}"
     yield _NOTHING if solver is None else str(solver.iterations)
-
-
-def _clearance(metrics: Metrics) -> str:
-    clear = metrics.min_clearance
-    return f"{1e3 * clear:.1f}" if np.isfinite(clear) else "no obstacles"
 
 
 def _status(request: ReportedRequest) -> str:

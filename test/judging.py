@@ -1,0 +1,15 @@
+"""The check of a plan as an error."""
+
+from __future__ import annotations
+
+from ff_planner_ros.planning.check import failures, refusal
+from ff_planner_ros.planning.plan import Plan
+from ff_planner_ros.planning.problem import PlanningProblem
+from ff_planner_ros.planning.settings import PlannerSettings
+
+
+def require_sound(problem: PlanningProblem, plan: Plan, settings: PlannerSettings) -> None:
+    """Raise the refusal of a plan that fails the check."""
+    found = list(failures(problem, plan, settings))
+    if found:
+        raise refusal(plan, found)
