@@ -12,7 +12,7 @@ from ff_planner_ros.arrays import Array
 from ff_planner_ros.planning.end_effector_polynomial import EndEffectorPaths
 from ff_planner_ros.planning.objectives import (
     chaser_euler,
-    chaser_euler_derivative,
+    chaser_euler_with_derivative,
     joint_path_length,
     joint_path_length_derivatives,
 )
@@ -149,7 +149,8 @@ def test_the_chaser_s_euler_derivatives_are_those_of_differences(robot: Robot) -
     points, columns, step = 10, 4, 1e-5
     q = np.array([configuration(robot, random_state(robot, rng))[0] for _ in range(points)])
     sensitivity = rng.normal(size=(points, 6 + robot.joints, columns))
-    found = chaser_euler_derivative(robot, q, sensitivity)
+    euler, found = chaser_euler_with_derivative(robot, q, sensitivity)
+    assert np.array_equal(euler, chaser_euler(robot, q))
     assert found.shape == (points, 3, columns)
     for k in range(columns):
         ahead, behind = (

@@ -87,6 +87,7 @@ class EndEffectorPaths:
         q = np.empty((points, model.nq))
         increments = np.empty((steps, 4, model.nv))
         solutions: list[VelocitySolution] = []
+        velocities: list[Array] = []
         there = q[0] = self.q_start
         for count in range(4 * steps + 1):
             i, stage = divmod(count, 4)
@@ -98,7 +99,7 @@ class EndEffectorPaths:
             solutions.append(solution)
             if i == steps:
                 break
-            velocities = [at.v for at in solutions[4 * i :]]
+            velocities = [*velocities, solution.v] if stage else [solution.v]
             increments[i, stage] = increment(h, velocities)
             there = pin.integrate(model, q[i], increments[i, stage])
             if stage == 3:

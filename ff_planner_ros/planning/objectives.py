@@ -49,9 +49,8 @@ def terms(
     weight = weights.chaser_attitude
     if weight > 0.0:
         # The Euler angles whose largest modulus is J_Theta.
-        euler = weight * chaser_euler(robot, motion.q).ravel()
-        jacobian = weight * chaser_euler_derivative(robot, motion.q, sensitivity.q)
-        jacobian = jacobian.reshape(-1, variables)
+        euler, jacobian = chaser_euler_with_derivative(robot, motion.q, sensitivity.q)
+        euler, jacobian = weight * euler.ravel(), (weight * jacobian).reshape(-1, variables)
         peaks, jacobian = np.append(euler, -euler), np.concatenate([jacobian, -jacobian])
         found.append(Term(0.0, nothing[0], nothing, peaks, jacobian))
     return found
@@ -91,7 +90,11 @@ def chaser_euler(robot: Robot, q: Array) -> Array:
     return euler_from_rotation(rotation_base_to_inertial(q) @ robot.rotation_chaser_to_base)
 
 
-def chaser_euler_derivative(robot: Robot, q: Array, q_sensitivity: Array) -> Array:
-    """Return the derivative of `chaser_euler`. Shape (points, 3, variables)."""
-    turn = rotation_base_to_inertial(q) @ q_sensitivity[:, 3:6]
-    return np.asarray(np.linalg.solve(euler_rate_map(chaser_euler(robot, q)), turn), np.float64)
+def chaser_euler_with_derivative(
+    robot: Robot, q: Array, q_sensitivity: Array
+) -> tuple[Array, Array]:
+    """Return `chaser_euler` and its derivative, shape (points, 3, variables)."""
+    rotation = rotation_base_to_inertial(q)
+    euler = euler_from_rotation(rotation @ robot.rotation_chaser_to_base)
+    turn = rotation @ q_sensitivity[:, 3:6]
+    return euler, np.asarray(np.linalg.solve(euler_rate_map(euler), turn), np.float64)

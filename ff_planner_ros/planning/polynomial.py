@@ -17,6 +17,7 @@ The Euler angles are read in one of two ways, and R = A Rz(psi) Ry(theta) Rx(phi
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 import pinocchio as pin
@@ -178,10 +179,17 @@ def _components(motion: EndEffectorMotion, outer: Array, inner: Array) -> tuple[
 
 def _powers(s: Array, order: int) -> Array:
     """Return derivatives of 1, s, ..., s^8 of an order with respect to s. Shape (times, 9)."""
+    return _powers_of(s.tobytes(), order)
+
+
+@lru_cache(maxsize=32)  # a search asks for few times, and for each of them a thousand times
+def _powers_of(times: bytes, order: int) -> Array:
+    s = np.frombuffer(times)
     derivatives = np.zeros((len(s), 9))
     derivatives[:, order:] = np.vander(s, 9 - order, increasing=True)
     for k in range(order):
         derivatives *= np.arange(9) - k
+    derivatives.setflags(write=False)
     return derivatives
 
 

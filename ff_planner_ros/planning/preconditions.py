@@ -27,22 +27,15 @@ def require_plannable(problem: PlanningProblem, settings: PlannerSettings) -> No
     for required in REQUIREMENTS:
         required.refuse_start(problem, q_start, settings)
     momentum = total_momentum(robot, robot.model.createData(), q_start, v_start)
-    require_reachable_goal(problem, q_start, momentum)
+    _require_reachable_goal(problem, q_start, momentum)
 
 
-def require_reachable_goal(problem: PlanningProblem, q_start: Array, momentum: Array) -> None:
+def _require_reachable_goal(problem: PlanningProblem, q_start: Array, momentum: Array) -> None:
     """Refuse a goal that no posture reaches, or that lies inside an obstacle.
 
     The system's centre of mass moves in a straight line. The end effector is never further from
     it than the stretched arm from the first joint, plus the largest distance between the first
     joint and the centre of mass.
-
-    Args:
-        q_start: Configuration at its start. Shape (7 + joints,).
-        momentum: Total P and L about the inertial origin. Shape (6,).
-
-    Raises:
-        NoPlanFound: Names the obstacle around the goal, or distance and reach.
     """
     robot, target = problem.robot, problem.target.position
     for sphere in problem.obstacles:

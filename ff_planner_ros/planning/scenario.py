@@ -19,6 +19,7 @@ from ff_planner_ros.planning.settings import PlannerSettings
 from ff_planner_ros.planning.tail import EndBehaviour
 from ff_planner_ros.planning.task import PlanningTask
 from ff_planner_ros.planning.yaml_file import (
+    boolean,
     integer,
     mapping,
     number,
@@ -61,8 +62,7 @@ class Defaults:
 def load_scenario(path: Path) -> PlanningProblem:
     """Read a planning problem from a scenario file.
 
-    Args:
-        path: A YAML file; the URDF that it names is relative to it, or `package://`.
+    The URDF that it names is relative to it, or `package://`.
 
     Raises:
         InvalidInput: The file or its URDF cannot be read, or a value is unknown, missing, of
@@ -73,9 +73,6 @@ def load_scenario(path: Path) -> PlanningProblem:
 
 def load_task(path: Path, defaults: Defaults) -> PlanningTask:
     """Read a planning task from a scenario file.
-
-    Args:
-        path: As for `load_scenario`.
 
     Raises:
         InvalidInput: As by `load_scenario`.
@@ -173,18 +170,13 @@ def _robot(value: object, directory: Path) -> Robot:
 
 
 def _start(robot: Robot, chaser: object, joints: object) -> SystemState:
-    chaser_entry = mapping(
-        "chaser",
-        chaser,
-        required=("position", "quaternion_xyzw", "linear_velocity", "angular_velocity"),
-    )
+    names = ("position", "quaternion_xyzw", "linear_velocity", "angular_velocity")
+    chaser_entry = mapping("chaser", chaser, required=names)
     joints_entry = mapping(
         "joints", joints, required=("position",), optional=("velocity", "end_effector_at_rest")
     )
-    at_rest = joints_entry.get("end_effector_at_rest", False)
-    if not isinstance(at_rest, bool):
-        field, allowed = "joints.end_effector_at_rest", "it must be true or false"
-        raise InvalidInput(Status.OUT_OF_RANGE, field, repr(at_rest), allowed)
+    entry = joints_entry.get("end_effector_at_rest", False)
+    at_rest = boolean("joints.end_effector_at_rest", entry)
     if at_rest == ("velocity" in joints_entry):
         found = "given twice" if at_rest else "missing"
         allowed = "give it or `end_effector_at_rest: true`"
@@ -210,19 +202,9 @@ def _start(robot: Robot, chaser: object, joints: object) -> SystemState:
 
 
 def _target(value: object) -> Target:
-    entry = mapping(
-        "target",
-        value,
-        required=("position",),
-        optional=(
-            "quaternion_xyzw",
-            "euler_xyz_deg",
-            "linear_velocity",
-            "angular_velocity",
-            "linear_acceleration",
-            "angular_acceleration",
-        ),
-    )
+    optional = [item.name for item in fields(Target)[1:]]
+    optional.insert(1, "euler_xyz_deg")
+    entry = mapping("target", value, required=("position",), optional=optional)
     if ("quaternion_xyzw" in entry) == ("euler_xyz_deg" in entry):
         found = "given twice" if "euler_xyz_deg" in entry else "missing"
         allowed = "give it or euler_xyz_deg"
@@ -290,8 +272,5 @@ def _controller(
         return replace(value, joints=robot.joint_names)
     names = ("allow_nonzero_velocity_at_trajectory_end", "effort_interface")
     rules = mapping("controller", value, required=names)
-    for name in names:
-        if not isinstance(rules[name], bool):
-            field, allowed = f"controller.{name}", "it must be true or false"
-            raise InvalidInput(Status.OUT_OF_RANGE, field, repr(rules[name]), allowed)
-    return Controller(robot.joint_names, **rules)
+    given = {name: boolean(f"controller.{name}", rules[name]) for name in names}
+    return Controller(robot.joint_names, **given)

@@ -19,8 +19,7 @@ from ff_planner_ros.planning.task import PlanningTask
 def write_scenario(task: PlanningTask, path: Path) -> None:
     """Write a task to a scenario file, and its robot to a URDF file of the same name beside it.
 
-    Args:
-        path: `NAME.yaml`; what is there is replaced.
+    What is there is replaced.
 
     Raises:
         InvalidInput: The file would not hold the task: two obstacles with one id, say.

@@ -33,11 +33,7 @@ def read_yaml(path: Path) -> Any:
 def mapping(
     field: str, value: object, required: Collection[str], optional: Collection[str] = ()
 ) -> dict[str, Any]:
-    """Return `value` if it is a mapping with the right keys.
-
-    Args:
-        field: Dotted name of the value; empty for the whole file.
-        required: Keys that must be there.
+    """Return `value` if it is a mapping with the right keys; field: empty for the whole file.
 
     Raises:
         InvalidInput: Not a mapping, a key unknown or missing.
@@ -72,10 +68,7 @@ def sequence(field: str, value: object) -> list[Any]:
 
 
 def numbers(field: str, value: object) -> Array:
-    """Return `value` if it is a list of numbers.
-
-    Returns:
-        Shape (entries,).
+    """Return `value` as an array of shape (entries,) if it is a list of numbers.
 
     Raises:
         InvalidInput: Not a list, or an entry that is not a number.
@@ -107,6 +100,17 @@ def integer(field: str, value: object) -> int:
     if isinstance(value, bool) or not isinstance(value, int):
         allowed = "it must be a whole number"
         raise InvalidInput(Status.OUT_OF_RANGE, field, repr(value), allowed)
+    return value
+
+
+def boolean(field: str, value: object) -> bool:
+    """Return `value` if it is true or false.
+
+    Raises:
+        InvalidInput: Neither.
+    """
+    if not isinstance(value, bool):
+        raise InvalidInput(Status.OUT_OF_RANGE, field, repr(value), "it must be true or false")
     return value
 
 

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.errors import Failure, InvalidInput, Status
 from ff_planner_ros.planning.metrics import Metrics
-from ff_planner_ros.planning.objectives import chaser_euler, chaser_euler_derivative
+from ff_planner_ros.planning.objectives import chaser_euler, chaser_euler_with_derivative
 from ff_planner_ros.planning.path_family import Motion, Sensitivity
 from ff_planner_ros.planning.pose_motion import poses_between
 from ff_planner_ros.planning.problem import PlanningProblem
@@ -72,8 +72,7 @@ class ChaserAttitude(Requirement):
         q = np.concatenate([motion.q[1:], motion.q_half_way])
         of_q = np.concatenate([sensitivity.q[1:], sensitivity.q_half_way])
         limits = np.full(3, problem.limits.chaser_attitude - margin)
-        euler = chaser_euler(problem.robot, q)
-        jacobian = chaser_euler_derivative(problem.robot, q, of_q)
+        euler, jacobian = chaser_euler_with_derivative(problem.robot, q, of_q)
         return within(euler, jacobian, -limits, limits, OF_INTEREST)
 
     def slack_between(self, problem: PlanningProblem, motion: Motion) -> float:

@@ -51,9 +51,6 @@ class Goal(Requirement):
 
     def failures(self, samples: Samples, metrics: Metrics) -> Iterator[Failure]:
         """Yield each error that is too large."""
-        position, orientation = (
-            samples.settings.position_tolerance,
-            samples.settings.orientation_tolerance,
-        )
-        yield from too_large(metrics, "final_position_error", position, " m", _FOLLOW)
-        yield from too_large(metrics, "final_orientation_error", orientation, " rad", _FOLLOW)
+        for quantity, unit in (("position", " m"), ("orientation", " rad")):
+            tolerance = getattr(samples.settings, f"{quantity}_tolerance")
+            yield from too_large(metrics, f"final_{quantity}_error", tolerance, unit, _FOLLOW)
