@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from ff_planner_ros.errors import InvalidInput as InvalidInput
     from ff_planner_ros.errors import NoPlanFound as NoPlanFound
     from ff_planner_ros.parameters import load_parameters as load_parameters
-    from ff_planner_ros.planning.plan import Metrics as Metrics
+    from ff_planner_ros.planning.metrics import Metrics as Metrics
     from ff_planner_ros.planning.plan import Plan as Plan
     from ff_planner_ros.planning.plan import Trajectory as Trajectory
     from ff_planner_ros.planning.problem import Limits as Limits
@@ -43,7 +43,8 @@ _MODULES = {
     "robot.state": ("SystemState",),
     "planning.settings": ("PlannerSettings",),
     "planning.tail": ("EndBehaviour",),
-    "planning.plan": ("Plan", "Trajectory", "Metrics"),
+    "planning.plan": ("Plan", "Trajectory"),
+    "planning.metrics": ("Metrics",),
     "simulation.verification": ("verify_plan", "Verification"),
     "analysis.drawing": ("draw",),
     "share": ("share_directory",),

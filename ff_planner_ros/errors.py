@@ -119,10 +119,10 @@ class OutOfTime(FfPlannerError):
 
 
 class Interrupted(FfPlannerError):
-    """A plan that is not wanted any more; whoever gave it up says why."""
+    """A plan that is no longer wanted."""
 
     def __init__(self) -> None:
-        """Nothing is wrong with it."""
+        """Only one status and one message fit."""
         super().__init__(Status.CANCELLED, "the plan was given up")
 
 

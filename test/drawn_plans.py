@@ -10,7 +10,8 @@ from robots import LEMUR_URDF
 from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.arrays import Array
-from ff_planner_ros.planning.plan import Metrics, Plan, SolverReport, Trajectory
+from ff_planner_ros.planning.metrics import Metrics
+from ff_planner_ros.planning.plan import Plan, SolverReport, Trajectory
 from ff_planner_ros.robot.model import Robot
 
 POINTS, DURATION = 40, 10.0

@@ -27,7 +27,8 @@ from ff_planner_ros.analysis.methods import (
 from ff_planner_ros.errors import InvalidInput, NoPlanFound, Status
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.check import failures
-from ff_planner_ros.planning.plan import Metrics, Plan
+from ff_planner_ros.planning.metrics import Metrics
+from ff_planner_ros.planning.plan import Plan
 from ff_planner_ros.planning.problem import PlanningProblem
 from ff_planner_ros.planning.settings import PlannerSettings
 from ff_planner_ros.robot.model import Robot

@@ -15,7 +15,8 @@ from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.errors import InvalidInput, NoPlanFound, Status
 from ff_planner_ros.parameters import load_parameters
-from ff_planner_ros.planning.plan import Metrics, Plan, SolverReport, Trajectory
+from ff_planner_ros.planning.metrics import Metrics
+from ff_planner_ros.planning.plan import Plan, SolverReport, Trajectory
 from ff_planner_ros.planning.problem import PlanningProblem
 from ff_planner_ros.ros.messages.from_messages import (
     nanoseconds,

@@ -12,7 +12,8 @@ from ff_planner_msgs.srv import PlanTrajectory
 from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.errors import NoPlanFound, Status
-from ff_planner_ros.planning.plan import Metrics, Plan, Trajectory
+from ff_planner_ros.planning.metrics import Metrics
+from ff_planner_ros.planning.plan import Plan, Trajectory
 from ff_planner_ros.ros.messages.to_messages import response_from_error, response_from_plan
 from ff_planner_ros.runs.differences import QUANTITIES, differences
 

@@ -8,7 +8,8 @@ from typing import Any
 
 from ff_planner_ros.arrays import Array, finite_number, frozen
 from ff_planner_ros.errors import FfPlannerError, InvalidInput, NoPlanFound, Status
-from ff_planner_ros.planning.plan import Metrics, Plan, SolverReport, Trajectory
+from ff_planner_ros.planning.metrics import Metrics
+from ff_planner_ros.planning.plan import Plan, SolverReport, Trajectory
 from ff_planner_ros.planning.problem import Objective, Sphere
 from ff_planner_ros.planning.sound_samples import require_sound_samples
 from ff_planner_ros.planning.task import PlanningTask

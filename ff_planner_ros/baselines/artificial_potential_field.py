@@ -20,8 +20,9 @@ from ff_planner_ros.baselines.potential_field import (
     attraction,
     repulsion,
 )
+from ff_planner_ros.planning.metrics import Metrics
 from ff_planner_ros.planning.path_family import singular_refusal
-from ff_planner_ros.planning.plan import Metrics, Plan, SolverReport
+from ff_planner_ros.planning.plan import Plan, SolverReport
 from ff_planner_ros.planning.planner import plan_of_motion
 from ff_planner_ros.planning.preconditions import require_plannable
 from ff_planner_ros.planning.problem import PlanningProblem

@@ -1,4 +1,4 @@
-"""What a plan is worth: each metric once, with its unit, its words and what replay tolerates."""
+"""The metrics of a plan: each is declared once, with unit, label and tolerance of replay."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def _metric(unit: str, label: str, tolerance: float, shown_unit: str, digits: st
 
 @dataclass(frozen=True)
 class Metrics:
-    """What the plan is worth, computed by the check after the solve.
+    """The metrics of a plan, computed by the check after the solve.
 
     The objectives, Eqs. (44) and (45), and the final errors are those at the goal. All others hold
     for the tail, too.

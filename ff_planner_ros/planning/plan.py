@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, fields
 import numpy as np
 
 from ff_planner_ros.arrays import Array, frozen
-from ff_planner_ros.planning.metrics import Metrics as Metrics
+from ff_planner_ros.planning.metrics import Metrics
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +40,7 @@ class Trajectory:
 
 @dataclass(frozen=True)
 class SolverReport:
-    """How the solver came to a path."""
+    """How the solver found a path."""
 
     starts: int  # first guesses tried
     iterations: int  # quadratic programs solved, over all starts

@@ -49,13 +49,13 @@ _OF_TASK = (
 
 @dataclass(frozen=True)
 class Defaults:
-    """What holds for a scenario that does not say; without a value, it must say."""
+    """Values for what a scenario leaves out. What has no value here must be in the scenario."""
 
     settings: PlannerSettings
     limits: Limits = _NO_LIMITS  # beside the joints' position limits
     end_behaviour: EndBehaviour = EndBehaviour.AS_PLANNED  # what the arm does after the goal
-    tail: float | None = None  # for how long [s]; None: the scenario must say
-    points: int | None = None  # of the plan; None: the scenario must say
+    tail: float | None = None  # duration [s]
+    points: int | None = None  # of the plan
     controller: Controller | None = None  # must take the plan; its joints are the robot's
 
 

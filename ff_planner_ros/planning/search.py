@@ -1,4 +1,4 @@
-"""Where the solver starts, and on how many points: from few to all."""
+"""Where the solver starts, and on how many points: first on few, then on all."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ _LEAST_PROGRESS = 2e-5
 _PROMISING_VIOLATION = 5e-3
 # A feasible path that is further from its optimum runs along a singularity.
 _PROMISING_OPTIMALITY = 0.1
-# The solver gives up early on few points: after so many guesses, go on from the best that failed.
+# On few points the solver gives up early: after this many guesses, go on from the best failure.
 _RECONSIDER = 5
 # Each round roughly halves what is missing between the points.
 _MARGIN_ROUNDS = 4
@@ -47,7 +47,7 @@ _MARGIN_ROUNDS = 4
 
 @dataclass(frozen=True, eq=False)
 class FoundPath:
-    """A path that the solver came to, and what the search had taken by then."""
+    """A path that the solver found, and the effort of the search until then."""
 
     at_x: PathLinearisation  # its motion may be singular
     report: SolverReport  # counts are those of the whole search so far

@@ -1,4 +1,4 @@
-"""Whether samples that came from a file or a bag are a motion of a robot."""
+"""Whether samples from a file or a bag are a motion of a robot."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ff_planner_ros.robot.model import Robot
 
 
 def require_sound_samples(robot: Robot, trajectory: Trajectory) -> None:
-    """Refuse samples that came from a file and are none of this robot's.
+    """Refuse samples that cannot be a motion of this robot.
 
     Raises:
         InvalidInput: An array has the wrong shape, is not finite or no rotation, or time does not

@@ -1,4 +1,4 @@
-"""The one door to the planner: everything that a plan depends on, and the way from there to it."""
+"""The one door to the planner: everything that a plan depends on, and the way to the plan."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a search tells on its way, and what may end it: for whoever waits for a plan."""
+"""The progress of a search, and what may end it."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class Progress:
 
 
 class Watch:
-    """Looks on while a plan is made. This one lets it take its time and tells nobody."""
+    """Is told of the progress of a search, and may end it. This one does neither."""
 
     def require_time(self) -> None:
         """Called before every iteration of a search; raises OutOfTime to end it."""

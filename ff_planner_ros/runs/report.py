@@ -13,7 +13,8 @@ from ff_planner_ros.analysis.plan_json import plan_document
 from ff_planner_ros.analysis.tracking import Deviations
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.errors import InvalidInput, Status
-from ff_planner_ros.planning.plan import Metrics, SolverReport, Trajectory
+from ff_planner_ros.planning.metrics import Metrics
+from ff_planner_ros.planning.plan import SolverReport, Trajectory
 from ff_planner_ros.planning.problem import Sphere
 from ff_planner_ros.robot.model import Robot
 

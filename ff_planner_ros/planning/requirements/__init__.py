@@ -1,4 +1,4 @@
-"""What a plan must keep, what can do most harm first. A new requirement is one more file."""
+"""What a plan must keep, the most harmful violation first. A new requirement is one more file."""
 
 from __future__ import annotations
 

@@ -68,7 +68,7 @@ class JointRates(Requirement):
         return {"min_velocity_margin": float((limits - np.abs(rates)).min())}
 
     def failures(self, samples: Samples, metrics: Metrics) -> Iterator[Failure]:
-        """Yield the joint that is most too fast."""
+        """Yield the joint whose rate exceeds its limit by most."""
         limited = samples.problem.limits.joint_velocities
         if not limited or metrics.min_velocity_margin >= -LIMIT_TOLERANCE:
             return

@@ -1,4 +1,4 @@
-"""Nothing pushes the system: its momentum stays, and its torques are what its motion needs."""
+"""Nothing pushes the system: its momentum is constant, and its torques are those of its motion."""
 
 from __future__ import annotations
 

@@ -21,7 +21,7 @@ class Torques(Requirement):
         return {"peak_joint_torques": tuple(np.abs(samples.torques).max(axis=0).tolist())}
 
     def failures(self, samples: Samples, metrics: Metrics) -> Iterator[Failure]:
-        """Yield the joint that needs most too much."""
+        """Yield the joint whose torque exceeds its limit by most."""
         robot, limits = samples.problem.robot, samples.problem.robot.effort_limits
         if (np.array(metrics.peak_joint_torques) <= limits + LIMIT_TOLERANCE).all():
             return

@@ -14,7 +14,8 @@ from ff_planner_ros.arrays import Array, finite_vector
 from ff_planner_ros.bag.plans import trajectory_in
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.parameters import NodeParameters
-from ff_planner_ros.planning.plan import Metrics, Plan, SolverReport
+from ff_planner_ros.planning.metrics import Metrics
+from ff_planner_ros.planning.plan import Plan, SolverReport
 from ff_planner_ros.planning.problem import Objective, PlanningProblem, Sphere, Target
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.state import SystemState
