@@ -12,7 +12,7 @@ from ff_planner_ros.planning.yaml_file import integer, mapping, number, read_yam
 
 
 def tunable(
-    description: str, *, minimum: float | None = None, maximum: float | None = None, unit: str = ""
+    description: str, minimum: float | None = None, maximum: float | None = None, unit: str = ""
 ) -> Any:
     """Declare a tunable once, as a dataclass field.
 
