@@ -50,6 +50,9 @@ from ff_planner_ros.ros.requests.worker import Worker
 _RESULT_TIMEOUT = 60
 # rclpy tells a goal of its cancellation right after the callback that accepts it [s].
 _CANCEL_PATIENCE, _CANCEL_POLL = 1.0, 0.001
+# A response that a client reads after it has heard that the service is gone is lost, and rclpy
+# cannot tell when a response has arrived. So the service stays for this time after the last one [s].
+_DELIVERY = 1.0
 # Percentiles are those of so many plans.
 _SOLVE_TIMES = 200
 
@@ -89,6 +92,7 @@ class PlanningService:
         self._goals_lock = threading.Lock()
         self.last: LastRequest | None = None
         self.solve_times = SolveTimes(_SOLVE_TIMES)
+        self._answered = -math.inf  # when, by the monotonic clock [s]
 
         group = ReentrantCallbackGroup()
         self._service = node.create_service(
@@ -127,7 +131,8 @@ class PlanningService:
         self._jobs.give_up_all(status, message)
 
     def close(self) -> None:
-        """Close both doors."""
+        """Close both doors once the last response has had its time to arrive."""
+        time.sleep(max(0.0, self._answered + _DELIVERY - time.monotonic()))
         self._action.destroy()
         self._node.destroy_service(self._service)
         self._events.destroy()
@@ -209,6 +214,7 @@ class PlanningService:
         provenance.tell(response)
         status = Status(response.status.code)
         self.last = LastRequest(job.plan_id, status, response.status.message)
+        self._answered = time.monotonic()
         return response
 
     def _knowledge(self) -> Knowledge:
