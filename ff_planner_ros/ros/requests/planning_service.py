@@ -51,7 +51,7 @@ _RESULT_TIMEOUT = 60
 # rclpy tells a goal of its cancellation right after the callback that accepts it [s].
 _CANCEL_PATIENCE, _CANCEL_POLL = 1.0, 0.001
 # A response that a client reads after it has heard that the service is gone is lost, and rclpy
-# cannot tell when a response has arrived. So the service stays for this time after the last one [s].
+# cannot tell when a response has arrived. So the service stays so long after the last one [s].
 _DELIVERY = 1.0
 # Percentiles are those of so many plans.
 _SOLVE_TIMES = 200
