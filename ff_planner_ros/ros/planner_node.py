@@ -16,18 +16,10 @@ from ff_planner_ros.ros.session import Session
 
 
 class PlannerNode(LifecycleNode):
-    """Unconfigured: only parameters. Inactive: connected, but requests get NOT_ACTIVE. Active: all.
-
-    Attributes:
-        parameters: Declared, and judged when they change.
-        refusal: Why the last transition failed; None if it did not.
-    """
+    """Unconfigured: only parameters. Inactive: requests are refused, NOT_ACTIVE. Active: all."""
 
     def __init__(self, worker: Worker) -> None:
-        """Declare the parameters.
-
-        Args:
-            worker: Where to plan; outlives the node.
+        """Declare the parameters; the worker, which plans, outlives the node.
 
         Raises:
             InvalidInput: A parameter is refused.
@@ -35,7 +27,7 @@ class PlannerNode(LifecycleNode):
         super().__init__("ff_planner")
         self._answer_illegal_transitions()
         self.parameters = LiveParameters(self)
-        self.refusal: FfPlannerError | None = None
+        self.refusal: FfPlannerError | None = None  # why the last transition failed
         self._worker = worker
         self._session: Session | None = None
 

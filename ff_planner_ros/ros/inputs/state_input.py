@@ -92,12 +92,7 @@ class StateInput:
             topic.clear()
 
     def snapshot(self, now_ns: int, max_age: float, max_lead: float) -> Snapshot:
-        """Return the newest state.
-
-        Args:
-            now_ns: The time now [ns].
-            max_age: An older message is refused [s].
-            max_lead: A message stamped further ahead of now is refused [s].
+        """Return the newest state, unless it is older than max_age or ahead by more than max_lead.
 
         Raises:
             InvalidInput: Nothing was heard, what was heard last cannot be used, or nothing pairs.
@@ -237,9 +232,5 @@ def pairs(
 
 
 def is_pair(apart: float, tolerance: float) -> bool:
-    """Whether a chaser and joints so far apart in time [s] make a state.
-
-    Args:
-        tolerance: Parameter odometry.pairing_tolerance [s].
-    """
+    """Whether a chaser and joints so far apart in time [s] make a state; tolerance [s]."""
     return apart <= tolerance + _ROUNDING

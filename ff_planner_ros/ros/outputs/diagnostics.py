@@ -37,22 +37,11 @@ class SolveTimes:
         self._times: deque[float] = deque(maxlen=window)
 
     def add(self, seconds: float) -> None:
-        """Remember the time of an answer, and forget the oldest one once the window is full.
-
-        Args:
-            seconds: Wall clock from request to answer [s].
-        """
+        """Remember how long an answer took [s]; a full window forgets the oldest one."""
         self._times.append(seconds)
 
     def percentiles(self, ranks: Sequence[float]) -> list[float]:
-        """Return percentiles of the times.
-
-        Args:
-            ranks: From 0 to 100 [%].
-
-        Returns:
-            One for each rank, interpolated between neighbours [s]; empty without answers.
-        """
+        """Return percentiles [s] of the times for ranks [%]; none without answers."""
         if not self._times:
             return []
         return [float(value) for value in np.percentile(list(self._times), ranks)]
@@ -82,11 +71,7 @@ class NodeHealth:
 
 
 def diagnostics(health: NodeHealth, node: str, stamp: Time) -> DiagnosticArray:
-    """Write how the node is: one status for each of its parts, always the same ones in one order.
-
-    Args:
-        node: Name of the node; stands in front of each part's.
-    """
+    """Write how the node is: one status for each part, always the same ones in one order."""
     parts = {
         "chaser state": _state(health),
         "obstacles": _obstacles(health),

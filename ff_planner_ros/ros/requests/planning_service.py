@@ -58,12 +58,7 @@ _SOLVE_TIMES = 200
 
 
 class PlanningService:
-    """Answers planning requests; a problem of a request is an answer and never ends the node.
-
-    Attributes:
-        last: LastRequest of the last request; None before the first.
-        solve_times: Of the last requests that were searched for.
-    """
+    """Answers planning requests; a problem of a request is an answer and never ends the node."""
 
     def __init__(
         self,
@@ -78,10 +73,8 @@ class PlanningService:
     ) -> None:
         """Open both doors; requests are answered with NOT_ACTIVE until `activate`.
 
-        Args:
-            node: The node; its executor needs four threads: one plans, one waits for it to make
-                room, one cancels, one listens.
-            run_name: Stands in front of the number in every plan id.
+        The node's executor needs four threads: one plans, one waits for it to make room, one
+        cancels, one listens. `run_name` stands in front of the number in every plan id.
         """
         self._node, self._parameters, self._robot, self._worker = node, parameters, robot, worker
         self._states, self._scenes, self._output = states, scenes, output
@@ -90,7 +83,7 @@ class PlanningService:
         self._jobs = Jobs(worker.interrupt)
         self._goals: dict[bytes, Job] = {}
         self._goals_lock = threading.Lock()
-        self.last: LastRequest | None = None
+        self.last: LastRequest | None = None  # None before the first
         self.solve_times = SolveTimes(_SOLVE_TIMES)
         self._answered = -math.inf  # when, by the monotonic clock [s]
 
@@ -118,11 +111,7 @@ class PlanningService:
         self._jobs.open()
 
     def deactivate(self, status: Status, message: str, patience: float) -> None:
-        """Take up no more requests, give up the one that is, and wait for its answer.
-
-        Args:
-            patience: Longest wait [s].
-        """
+        """Take up no more requests, give up the one that is, wait so long [s] for its answer."""
         self._jobs.close(status, message)
         self._jobs.wait_until_idle(patience)
 
