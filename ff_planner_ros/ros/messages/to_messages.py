@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import asdict
+from typing import Any
 
 import numpy as np
 from builtin_interfaces.msg import Duration, Time
@@ -50,9 +51,12 @@ def request_message(problem: PlanningProblem, inertial_frame: str) -> PlanTrajec
 
 def goal_message(problem: PlanningProblem, inertial_frame: str) -> PlanTrajectoryAction.Goal:
     """Write a problem as a goal of the action, as `request_message` does for the service."""
-    request = request_message(problem, inertial_frame)
-    names = PlanTrajectoryAction.Goal.get_fields_and_field_types()
-    return PlanTrajectoryAction.Goal(**{name: getattr(request, name) for name in names})
+    return same_fields(request_message(problem, inertial_frame), PlanTrajectoryAction.Goal)
+
+
+def same_fields(message: Any, kind: Any) -> Any:
+    """Return a message of another type that has the same fields."""
+    return kind(**{name: getattr(message, name) for name in kind.get_fields_and_field_types()})
 
 
 def state_message(

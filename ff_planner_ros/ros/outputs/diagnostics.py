@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from operator import itemgetter
@@ -29,28 +28,6 @@ class LastRequest:
     message: str
 
 
-class SolveTimes:
-    """How long the last answers took."""
-
-    def __init__(self, window: int) -> None:
-        """Remember nothing yet."""
-        self._times: deque[float] = deque(maxlen=window)
-
-    def add(self, seconds: float) -> None:
-        """Remember how long an answer took [s]; a full window forgets the oldest one."""
-        self._times.append(seconds)
-
-    def percentiles(self, ranks: Sequence[float]) -> list[float]:
-        """Return percentiles [s] of the times for ranks [%]; none without answers."""
-        if not self._times:
-            return []
-        return [float(value) for value in np.percentile(list(self._times), ranks)]
-
-    def __len__(self) -> int:
-        """Return the number of answers in the window."""
-        return len(self._times)
-
-
 @dataclass(frozen=True)
 class NodeHealth:
     """What the diagnostics are made of."""
@@ -63,7 +40,7 @@ class NodeHealth:
     obstacles_age: float  # of the scene [s]
     obstacles_refusal: str  # why the scene cannot be used; empty if it can
     last: LastRequest | None  # None before the first request
-    solve_times: SolveTimes  # of the last answers
+    solve_times: Sequence[float]  # of the last answers [s]
     recorder: RecorderHealth
     tracking: TrackingError | None  # predicted against measured chaser; None while no plan runs
     tracking_max_position: float  # more than this is a warning [m]
@@ -137,7 +114,7 @@ def _solve_time(health: NodeHealth) -> _Part:
     answers = len(health.solve_times)
     if answers == 0:
         return OK, "no answer yet", {}
-    median, most, worst = health.solve_times.percentiles((50, 95, 100))
+    median, most, worst = np.percentile(health.solve_times, (50, 95, 100))
     values = {
         "median [s]": f"{median:.3f}",
         "95 % [s]": f"{most:.3f}",

@@ -6,6 +6,7 @@ import math
 import threading
 import time
 import traceback
+from collections import deque
 from collections.abc import Callable
 from functools import partial
 from itertools import count
@@ -30,8 +31,12 @@ from ff_planner_ros.ros.inputs.state_input import StateInput
 from ff_planner_ros.ros.messages.controller_message import controller_message
 from ff_planner_ros.ros.messages.from_messages import NANOSECONDS
 from ff_planner_ros.ros.messages.interfaces import ACTION, SERVICE
-from ff_planner_ros.ros.messages.to_messages import response_from_error, response_from_plan
-from ff_planner_ros.ros.outputs.diagnostics import LastRequest, SolveTimes
+from ff_planner_ros.ros.messages.to_messages import (
+    response_from_error,
+    response_from_plan,
+    same_fields,
+)
+from ff_planner_ros.ros.outputs.diagnostics import LastRequest
 from ff_planner_ros.ros.outputs.plan_output import PlanOutput
 from ff_planner_ros.ros.parameters import LiveParameters
 from ff_planner_ros.ros.qos import EVENT_QOS
@@ -84,7 +89,8 @@ class PlanningService:
         self._goals: dict[bytes, Job] = {}
         self._goals_lock = threading.Lock()
         self.last: LastRequest | None = None  # None before the first
-        self.solve_times = SolveTimes(_SOLVE_TIMES)
+        # From request to answer, of the last requests that were searched for [s].
+        self.solve_times: deque[float] = deque(maxlen=_SOLVE_TIMES)
         self._answered = -math.inf  # when, by the monotonic clock [s]
 
         group = ReentrantCallbackGroup()
@@ -155,7 +161,7 @@ class PlanningService:
             elapsed = time.perf_counter() - begun
             goal.publish_feedback(PlanTrajectoryAction.Feedback(elapsed=elapsed, **vars(progress)))
 
-        request = _same_fields(goal.request, PlanTrajectory.Request)
+        request = same_fields(goal.request, PlanTrajectory.Request)
         response = self._answer(request, self._job_of(goal), tell)
         if response.status.code == Status.SOLVED:
             goal.succeed()
@@ -164,7 +170,7 @@ class PlanningService:
         else:
             goal.abort()
         del self._goals[bytes(goal.goal_id.uuid)]  # it cannot be cancelled any more
-        result = _same_fields(response, PlanTrajectoryAction.Result)
+        result = same_fields(response, PlanTrajectoryAction.Result)
         self._events.result_sent(goal, result)
         return result
 
@@ -240,7 +246,7 @@ class PlanningService:
             job.check()
             raise FfPlannerError(Status.SHUT_DOWN, "the planner was shut down") from None
         finally:
-            self.solve_times.add(time.perf_counter() - begun)
+            self.solve_times.append(time.perf_counter() - begun)
         response = response_from_plan(
             plan,
             job.plan_id,
@@ -275,11 +281,6 @@ class PlanningService:
             f"clearance {metrics.min_clearance * 1e3:.1f} mm, "
             f"{solver.iterations} iterations, {solver.solve_time:.2f} s"
         )
-
-
-def _same_fields(message: Any, kind: Any) -> Any:
-    """Return a message of another type that has the same fields."""
-    return kind(**{name: getattr(message, name) for name in kind.get_fields_and_field_types()})
 
 
 def _is_cancelling(goal: ServerGoalHandle) -> bool:
