@@ -61,15 +61,15 @@ class PlannerNode(LifecycleNode):
 
     def on_cleanup(self, _: LifecycleState) -> TransitionCallbackReturn:
         """Disconnect and close the bag."""
-        return self._attempt(self._clean_up)
+        return self._attempt(self.close)
 
     def on_shutdown(self, _: LifecycleState) -> TransitionCallbackReturn:
         """Disconnect and close the bag, from whatever state."""
-        return self._attempt(self._clean_up)
+        return self._attempt(self.close)
 
     def on_error(self, _: LifecycleState) -> TransitionCallbackReturn:
         """Go back to the beginning."""
-        return self._attempt(self._clean_up)
+        return self._attempt(self.close)
 
     def stop_planning(self, status: Status, message: str) -> None:
         """Take up no more requests, and give up the one that is."""
@@ -78,9 +78,6 @@ class PlannerNode(LifecycleNode):
 
     def close(self) -> None:
         """Disconnect and close the bag, whatever state the node is in and without a transition."""
-        self._clean_up()
-
-    def _clean_up(self) -> None:
         self.stop_planning(Status.SHUT_DOWN, "the planner was shut down")
         session, self._session = self._session, None
         if session is not None:

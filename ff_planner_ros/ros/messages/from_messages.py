@@ -192,11 +192,7 @@ def require_frame(field: str, frame_id: str, allowed: str) -> None:
 def joint_order(
     field: str, found: Sequence[str], wanted: Sequence[str], others_allowed: bool = False
 ) -> list[int]:
-    """Return where each wanted joint stands among those found.
-
-    Args:
-        field: Name of the list of joints in the error message.
-        others_allowed: Whether there may be joints that the robot does not have.
+    """Return where each wanted joint stands among those found, with or without other joints.
 
     Raises:
         InvalidInput: A joint is unknown, missing or named twice.

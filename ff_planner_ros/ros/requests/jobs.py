@@ -100,10 +100,7 @@ class Jobs:
 
     @contextmanager
     def taken_up(self, job: Job, *, preempt: bool) -> Iterator[None]:
-        """Plan for a job and for nobody else.
-
-        Args:
-            preempt: Whether it takes the place of another one, which is refused otherwise.
+        """Plan for a job and for nobody else; it is refused, or it may preempt another one.
 
         Raises:
             FfPlannerError: Why it is not taken up (NOT_ACTIVE, SHUT_DOWN, BUSY), or was given up
