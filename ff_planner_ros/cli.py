@@ -5,20 +5,15 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 
-from ff_planner_ros.commands.node import run_node
 from ff_planner_ros.commands.parser import command_parser
-from ff_planner_ros.commands.planning import BAD_INPUT, NO_PLAN
+from ff_planner_ros.commands.planning import BAD_INPUT, NO_PLAN, run_node
 from ff_planner_ros.errors import FfPlannerError, NoPlanFound
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run one command.
+    """Run one command and return its exit code.
 
-    Args:
-        arguments: Of the command line; None: those of the process.
-
-    Returns:
-        Exit code: 0 done, 2 bad input, 3 no plan found, or one that does not come true.
+    0: done; 2: bad input; 3: no plan found, or one that does not come true.
     """
     parser = command_parser()
     options, rest = parser.parse_known_args(arguments)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, is_dataclass, replace
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar, get_type_hints
 
@@ -52,9 +52,7 @@ class LimitParameters:
 
     velocity: str = tunable("Joint rates: from_urdf keeps the URDF's limits, none keeps none")
     chaser_attitude: float = tunable(
-        "Largest Euler angle of the chaser, Eq. (45), where the request does not say; 0.0: any",
-        minimum=0.0,
-        unit="rad",
+        "Largest Euler angle of the chaser where a request does not say; 0.0: any", 0.0, None, "rad"
     )
 
     def __post_init__(self) -> None:
@@ -62,11 +60,7 @@ class LimitParameters:
         from_urdf("limits.velocity", self.velocity)
 
     def limits(self, chaser_attitude: float = 0.0) -> Limits:
-        """Return the limits of a problem.
-
-        Args:
-            chaser_attitude: Of the request [rad]; zero: the parameter.
-        """
+        """Return the limits of a problem; a chaser attitude of zero [rad]: the parameter's."""
         return Limits(
             joint_velocities=from_urdf("limits.velocity", self.velocity),
             chaser_attitude=chaser_attitude or self.chaser_attitude or math.inf,
@@ -75,7 +69,7 @@ class LimitParameters:
 
 @dataclass(frozen=True)
 class OdometryParameters:
-    """The sensor that odometry tells of, and how its messages meet the joints'; `odometry.*`.
+    """The sensor that odometry describes, and how its messages are paired with joint states.
 
     Raises:
         InvalidInput: A position or a quaternion that is none.
@@ -94,22 +88,17 @@ class OdometryParameters:
         "[0.0, 0.0, 0.0, 1.0] where the two are parallel"
     )
     pairing_tolerance: float = tunable(
-        "odometry and joint_states with stamps further apart than this make no state",
-        minimum=0.0,
-        maximum=1.0,
-        unit="s",
+        "odometry and joint_states with stamps further apart than this make no state", 0.0, 1.0, "s"
     )
 
     def __post_init__(self) -> None:
         """Check the arrays, which no range of a parameter describes."""
-        position = finite_vector(
-            "odometry.sensor_position_in_chaser", self.sensor_position_in_chaser, 3
-        )
-        quaternion = unit_quaternion(
-            "odometry.sensor_quaternion_in_chaser_xyzw", self.sensor_quaternion_in_chaser_xyzw
-        )
-        object.__setattr__(self, "sensor_position_in_chaser", tuple(position.tolist()))
-        object.__setattr__(self, "sensor_quaternion_in_chaser_xyzw", tuple(quaternion.tolist()))
+        for name, read in (
+            ("sensor_position_in_chaser", partial(finite_vector, size=3)),
+            ("sensor_quaternion_in_chaser_xyzw", unit_quaternion),
+        ):
+            vector = read(f"odometry.{name}", getattr(self, name))
+            object.__setattr__(self, name, tuple(vector.tolist()))
 
 
 @dataclass(frozen=True)
@@ -125,9 +114,7 @@ class SubscriptionQos:
         "published before, but does not connect to publishers that offer volatile, and only a "
         "warning in the log tells"
     )
-    depth: int = tunable(
-        "Messages that wait at most; the oldest are dropped", minimum=1, maximum=_MAX_DEPTH
-    )
+    depth: int = tunable("Messages that wait at most; the oldest are dropped", 1, _MAX_DEPTH)
 
 
 @dataclass(frozen=True)
@@ -144,15 +131,13 @@ class PublisherQos:
         "warning in the log tells"
     )
     depth: int = tunable(
-        "Messages that wait at most, and are kept for those that come late",
-        minimum=1,
-        maximum=_MAX_DEPTH,
+        "Messages that wait at most, and are kept for those that come late", 1, _MAX_DEPTH
     )
 
 
 @dataclass(frozen=True)
 class QosParameters:
-    """Of every topic; the parameters under `qos.`.
+    """Quality of service of every topic.
 
     Raises:
         InvalidInput: A word that is not known.
@@ -168,10 +153,9 @@ class QosParameters:
 
     def __post_init__(self) -> None:
         """Check every word."""
-        for item in fields(self):
-            topic = getattr(self, item.name)
-            _require_word(f"qos.{item.name}.reliability", topic.reliability, RELIABILITIES)
-            _require_word(f"qos.{item.name}.durability", topic.durability, DURABILITIES)
+        for name, topic in vars(self).items():
+            _require_word(f"qos.{name}.reliability", topic.reliability, RELIABILITIES)
+            _require_word(f"qos.{name}.durability", topic.durability, DURABILITIES)
 
 
 @dataclass(frozen=True)
@@ -184,7 +168,7 @@ class ControllerParameters:
     )
     effort_interface: bool = tunable(
         "Whether its command_interfaces hold effort; if false, joint_trajectory carries no "
-        "torques, which answers do all the same"
+        "torques; responses always do"
     )
 
     def of(self, joints: tuple[str, ...]) -> Controller:
@@ -198,23 +182,19 @@ class BagParameters:
     """Where everything is recorded, and how.
 
     Raises:
-        InvalidInput: A size in which hardly anything fits.
+        InvalidInput: A size that is too small for the definitions alone.
     """
 
     directory: str = tunable("A new bag is made in here at every start")
-    flush_interval: float = tunable(
-        "What a crash or a power cut can lose at most", minimum=0.01, maximum=60.0, unit="s"
-    )
+    flush_interval: float = tunable("What a crash or a power cut can lose at most", 0.01, 60.0, "s")
     max_size: int = tunable(
-        "Before a file of the bag becomes larger, its index not counted, another one is begun; "
-        f"0: never; else at least {_MIN_FILE_SIZE}",
+        "A file of the bag ends before it becomes larger, its index not counted, and another one "
+        f"is begun; 0: never; else at least {_MIN_FILE_SIZE}",
         minimum=0,
         unit="bytes",
     )
     max_duration: float = tunable(
-        "Before a file of the bag becomes longer, another one is begun; 0: never",
-        minimum=0.0,
-        unit="s",
+        "A file of the bag ends before it becomes longer; 0: never", 0.0, None, "s"
     )
 
     def __post_init__(self) -> None:
@@ -234,12 +214,10 @@ class TrackingParameters:
     """When diagnostics warn that the chaser leaves the plan."""
 
     max_position: float = tunable(
-        "Distance of the measured chaser from the predicted one", minimum=0.0, unit="m"
+        "Distance of the measured chaser from the predicted one", 0.0, None, "m"
     )
     max_angle: float = tunable(
-        "Angle between the measured and the predicted attitude of the chaser",
-        minimum=0.0,
-        unit="rad",
+        "Angle between the measured and the predicted attitude of the chaser", 0.0, None, "rad"
     )
 
 
@@ -248,23 +226,17 @@ class RateParameters:
     """How often the node publishes by itself."""
 
     predicted_pose: float = tunable(
-        "Of predicted_chaser_pose and tracking_error while a plan runs",
-        minimum=0.1,
-        maximum=1000.0,
-        unit="Hz",
+        "Of predicted_chaser_pose and tracking_error while a plan runs", 0.1, 1000.0, "Hz"
     )
-    diagnostics: float = tunable("Of /diagnostics", minimum=0.1, maximum=100.0, unit="Hz")
+    diagnostics: float = tunable("Of /diagnostics", 0.1, 100.0, "Hz")
     preview: float = tunable(
-        "Of planned_joint_states, which play the last plan again and again",
-        minimum=0.1,
-        maximum=1000.0,
-        unit="Hz",
+        "Of planned_joint_states, which repeat the last plan again and again", 0.1, 1000.0, "Hz"
     )
 
 
 @dataclass(frozen=True)
 class NodeParameters:
-    """Every parameter; a group's fields carry its name and a dot in front.
+    """Every parameter; the name of a group and a dot stand in front of the names of its fields.
 
     Raises:
         InvalidInput: A word that is not known.
@@ -282,18 +254,13 @@ class NodeParameters:
     autostart: bool = tunable("Configure and activate at start; else a lifecycle manager does")
     inertial_frame: str = tunable("frame_id that states, obstacles and targets must carry")
     state_source: str = tunable(
-        "Topics that tell the state: chaser_state, or odometry for odometry with joint_states"
+        "Topics that bring the state: chaser_state, or odometry for odometry with joint_states"
     )
     points: int = tunable(
-        "Points of a trajectory where the request does not say",
-        minimum=MIN_POINTS,
-        maximum=MAX_POINTS,
+        "Points of a trajectory where the request does not say", MIN_POINTS, MAX_POINTS
     )
     time_budget: float = tunable(
-        "Wall clock for an answer where the request does not say",
-        minimum=0.001,
-        maximum=86_400.0,
-        unit="s",
+        "Wall clock for an answer where the request does not say", 0.001, 86_400.0, "s"
     )
     planning_allowance: float = tunable(
         "A plan starts so long after its request where the request does not say when; it must "
@@ -303,7 +270,7 @@ class NodeParameters:
         unit="s",
     )
     start_max_lead: float = tunable(
-        "A start time further ahead of now is refused", minimum=0.0, maximum=86_400.0, unit="s"
+        "A start time further ahead of now is refused", 0.0, 86_400.0, "s"
     )
     following_tolerance: float = tunable(
         "Joints that are within this of the last plan follow it until the next one starts; others "
@@ -313,27 +280,19 @@ class NodeParameters:
         unit="rad",
     )
     when_busy: str = tunable(
-        "What a request does that meets another one being planned: reject answers it with BUSY, "
-        "preempt answers the other one with PREEMPTED"
+        "What happens to a request that comes while another one is planned: reject answers it "
+        "with BUSY, preempt answers the other one with PREEMPTED"
     )
     end_behaviour: str = tunable(
         "What the arm does after the goal where the request does not say: as_planned, "
         "hold_end_effector or stop_joints"
     )
     tail_duration: float = tunable(
-        "How long it does so; does not matter for as_planned",
-        minimum=0.001,
-        maximum=3600.0,
-        unit="s",
+        "How long it does so; does not matter for as_planned", 0.001, 3600.0, "s"
     )
-    state_max_age: float = tunable(
-        "An older chaser state is refused", minimum=0.0, maximum=3600.0, unit="s"
-    )
+    state_max_age: float = tunable("An older chaser state is refused", 0.0, 3600.0, "s")
     state_max_lead: float = tunable(
-        "A chaser state stamped further ahead of now is refused",
-        minimum=0.0,
-        maximum=3600.0,
-        unit="s",
+        "A chaser state stamped further ahead of now is refused", 0.0, 3600.0, "s"
     )
 
     def __post_init__(self) -> None:
@@ -361,6 +320,14 @@ def _require_word(field: str, word: str, allowed: tuple[str, ...]) -> None:
         )
 
 
+_KINDS: Mapping[type, str] = {
+    bool: "true or false",
+    str: "text",
+    int: "a whole number",
+    float: "a number with a decimal point",
+}
+
+
 class Declaration(NamedTuple):
     """Type of a parameter, and what `tunable` says of it."""
 
@@ -373,12 +340,7 @@ class Declaration(NamedTuple):
     @property
     def allowed(self) -> str:
         """What the parameter may be, in words."""
-        words = {
-            bool: "true or false",
-            str: "text",
-            int: "a whole number",
-            float: "a number with a decimal point",
-        }.get(self.kind, "an array of numbers with a decimal point")
+        words = _KINDS.get(self.kind, "an array of numbers with a decimal point")
         if self.minimum is not None:
             words += f", at least {self.minimum:g}"
         if self.maximum is not None:
@@ -403,18 +365,14 @@ DECLARATIONS: Mapping[str, Declaration] = _declarations(NodeParameters)
 
 
 def load_parameters(path: Path | None = None) -> NodeParameters:
-    """Read a ROS parameters file.
-
-    Args:
-        path: It may name some parameters only: the others are those of `config/planner.yaml`.
-            None: that file itself.
+    """Read a ROS parameters file; what it leaves out is taken from `config/planner.yaml`.
 
     Raises:
         InvalidInput: The file cannot be read; a parameter is unknown, of the wrong type or out of
             its range.
     """
     values = dict(default_values())
-    for name, value in (read_values(path) if path else {}).items():
+    for name, value in (flattened(read_yaml(path)) if path else {}).items():
         if name not in DECLARATIONS:
             known = f"known are {', '.join(DECLARATIONS)}"
             raise InvalidInput(Status.OUT_OF_RANGE, name, "an unknown parameter", known)
@@ -425,20 +383,11 @@ def load_parameters(path: Path | None = None) -> NodeParameters:
 @cache
 def default_values() -> Mapping[str, Any]:
     """Return the values of `config/planner.yaml` by full name."""
-    return read_values(share_directory() / "config" / "planner.yaml")
-
-
-def read_values(path: Path) -> dict[str, Any]:
-    """Return the values in a ROS parameters file by full name, not judged.
-
-    Raises:
-        InvalidInput: The file cannot be read, or is no parameters file of the planner.
-    """
-    return flattened(read_yaml(path))
+    return flattened(read_yaml(share_directory() / "config" / "planner.yaml"))
 
 
 def flattened(document: Any) -> dict[str, Any]:
-    """Return the values in a document of ROS parameters by full name, not judged.
+    """Return the values in a document of ROS parameters by full name, not checked.
 
     Raises:
         InvalidInput: It is not as ROS expects.
@@ -471,7 +420,7 @@ def checked(name: str, value: Any) -> Any:
     """
     declared = DECLARATIONS[name]
     entries: list[Any] = list(value) if isinstance(value, list | tuple) else [value]
-    is_array = declared.kind not in (bool, str, int, float)
+    is_array = declared.kind not in _KINDS
     kind: type[Any] = float if is_array else declared.kind
     if kind is float:
         entries = [float(e) if isinstance(e, int) and type(e) is not bool else e for e in entries]
@@ -488,10 +437,7 @@ def checked(name: str, value: Any) -> Any:
 
 
 def parameters_of(values: Mapping[str, Any]) -> NodeParameters:
-    """Return the parameters with these values.
-
-    Args:
-        values: Every one, by full name.
+    """Return the parameters with these values: every one, by full name.
 
     Raises:
         InvalidInput: A value that makes no sense.

@@ -92,33 +92,40 @@ def _everything(client: Client, scene: Scene) -> dict[str, Any]:
     client.plan_until(unreachable, lambda answer: answer.state_stamp == state.header.stamp)
     answers["following"] = client.plan(asked)
 
-    complete = scene.complete_request()
+    def in_time() -> PlanTrajectory.Request:
+        """Return a complete request that is not late even where a plan takes a minute."""
+        asked, start_ns = scene.complete_request(), client.now_ns() + LEAD_NS
+        asked.start_time = time_message(start_ns)
+        asked.start_state.header.stamp = time_message(start_ns - 2_000_000_000)
+        return asked
+
+    complete = in_time()
     complete.end_behaviour = "hold_end_effector"
     answers["complete"] = client.plan(complete)
-    attitude = scene.complete_request()
+    attitude = in_time()
     attitude.weight_joint_path_length, attitude.weight_chaser_attitude = 0.5, 0.5
     _, answers["action"] = client.send_goal(attitude).result()
 
-    negative = scene.complete_request()
+    negative = in_time()
     negative.duration = -1.0
     answers["negative"] = client.plan(negative)
-    blocked = scene.complete_request()
+    blocked = in_time()
     blocked.obstacles.spheres[0].radius = 10.0
     answers["blocked"] = client.plan(blocked)
-    hasty = scene.complete_request()
+    hasty = in_time()
     hasty.time_budget = 0.001
     answers["hasty"] = client.plan(hasty)
 
     _set(client, "planner.clearance_margin", 0.01)
-    answers["margin"] = client.plan(scene.complete_request())
+    answers["margin"] = client.plan(in_time())
     _set(client, "controller.allow_nonzero_velocity_at_trajectory_end", value=False)
-    answers["controller"] = client.plan(scene.complete_request())
+    answers["controller"] = client.plan(in_time())
 
-    long = scene.complete_request()
+    long = in_time()
     long.points = 5000
     goal = client.send_goal(long)
     assert goal.progress.wait(DEADLINE)
-    answers["busy"] = client.plan(scene.complete_request())
+    answers["busy"] = client.plan(in_time())
     assert goal.cancel()
     _, answers["cancelled"] = goal.result()
     return answers

@@ -1,4 +1,4 @@
-"""The commands that make or test plans: plan, verify, compare, bench, robot."""
+"""The commands that make or test plans: plan, verify, compare, bench, robot, demo, node."""
 
 from __future__ import annotations
 
@@ -172,6 +172,20 @@ def show_robot(options: argparse.Namespace) -> int:
     tip_link = options.tip_link or only_leaf_link(text)
     print_table(robot_rows(robot_from_urdf_text(text, base_link, tip_link)))
     return SOLVED
+
+
+def show_demo(options: argparse.Namespace) -> int:
+    """Plan the paper's capture over ROS."""
+    from ff_planner_ros.demo.run import run_demo
+
+    return run_demo(options.output)
+
+
+def run_node(options: argparse.Namespace) -> int:
+    """Run the planner node."""
+    from ff_planner_ros.ros.node import main as node_main
+
+    return node_main([sys.argv[0], *options.rest])
 
 
 def print_notes(notes: Sequence[str]) -> None:

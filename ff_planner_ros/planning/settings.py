@@ -11,7 +11,7 @@ from ff_planner_ros.planning.yaml_file import integer, number
 
 
 def tunable(
-    description: str, *, minimum: float | None = None, maximum: float | None = None, unit: str = ""
+    description: str, minimum: float | None = None, maximum: float | None = None, unit: str = ""
 ) -> Any:
     """Declare a tunable once, as a dataclass field. Without minimum or maximum it is unbounded."""
     bounds = {"minimum": minimum, "maximum": maximum}

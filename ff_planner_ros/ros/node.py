@@ -21,10 +21,7 @@ _THREADS = 5
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run the node until SIGINT or SIGTERM.
-
-    Args:
-        arguments: Of the command line, ROS arguments included; None: those of the process.
+    """Run the node until SIGINT or SIGTERM; `arguments` hold those of ROS, None: of the process.
 
     Returns:
         Exit code: 0 stopped by a signal, 2 refused to start.

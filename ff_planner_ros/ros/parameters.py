@@ -32,24 +32,16 @@ _WHILE_CONFIGURED = (
 
 
 class LiveParameters:
-    """The parameters of a running node: what may change does so between two plans.
-
-    Attributes:
-        current: Their values.
-        configured: Whether those of `_WHILE_CONFIGURED` are in use.
-    """
+    """The parameters of a running node: what may change does so between two plans."""
 
     def __init__(self, node: Node) -> None:
-        """Declare every parameter.
-
-        Args:
-            node: The node; its overrides go before the values of `config/planner.yaml`.
+        """Declare every parameter; overrides go before the values of `config/planner.yaml`.
 
         Raises:
             InvalidInput: An override that is unknown, of the wrong type or out of its range.
         """
         self.current = _declared(node)
-        self.configured = False
+        self.configured = False  # whether those of _WHILE_CONFIGURED are in use
         node.add_on_set_parameters_callback(self._judge)
         node.add_post_set_parameters_callback(self._take)
 

@@ -16,18 +16,10 @@ from ff_planner_ros.ros.session import Session
 
 
 class PlannerNode(LifecycleNode):
-    """Unconfigured: only parameters. Inactive: connected, but requests get NOT_ACTIVE. Active: all.
-
-    Attributes:
-        parameters: Declared, and judged when they change.
-        refusal: Why the last transition failed; None if it did not.
-    """
+    """Unconfigured: only parameters. Inactive: requests are refused, NOT_ACTIVE. Active: all."""
 
     def __init__(self, worker: Worker) -> None:
-        """Declare the parameters.
-
-        Args:
-            worker: Where to plan; outlives the node.
+        """Declare the parameters; the worker, which plans, outlives the node.
 
         Raises:
             InvalidInput: A parameter is refused.
@@ -35,7 +27,7 @@ class PlannerNode(LifecycleNode):
         super().__init__("ff_planner")
         self._answer_illegal_transitions()
         self.parameters = LiveParameters(self)
-        self.refusal: FfPlannerError | None = None
+        self.refusal: FfPlannerError | None = None  # why the last transition failed
         self._worker = worker
         self._session: Session | None = None
 
@@ -69,15 +61,15 @@ class PlannerNode(LifecycleNode):
 
     def on_cleanup(self, _: LifecycleState) -> TransitionCallbackReturn:
         """Disconnect and close the bag."""
-        return self._attempt(self._clean_up)
+        return self._attempt(self.close)
 
     def on_shutdown(self, _: LifecycleState) -> TransitionCallbackReturn:
         """Disconnect and close the bag, from whatever state."""
-        return self._attempt(self._clean_up)
+        return self._attempt(self.close)
 
     def on_error(self, _: LifecycleState) -> TransitionCallbackReturn:
         """Go back to the beginning."""
-        return self._attempt(self._clean_up)
+        return self._attempt(self.close)
 
     def stop_planning(self, status: Status, message: str) -> None:
         """Take up no more requests, and give up the one that is."""
@@ -86,9 +78,6 @@ class PlannerNode(LifecycleNode):
 
     def close(self) -> None:
         """Disconnect and close the bag, whatever state the node is in and without a transition."""
-        self._clean_up()
-
-    def _clean_up(self) -> None:
         self.stop_planning(Status.SHUT_DOWN, "the planner was shut down")
         session, self._session = self._session, None
         if session is not None:

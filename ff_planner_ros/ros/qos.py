@@ -14,11 +14,7 @@ EVENT_QOS = QoSProfile(depth=100)
 
 
 def qos_profile(topic: SubscriptionQos | PublisherQos) -> QoSProfile:
-    """Return the profile that the parameters of a topic describe.
-
-    Args:
-        topic: One field of `QosParameters`.
-    """
+    """Return the profile that the parameters of a topic describe."""
     return QoSProfile(
         reliability=ReliabilityPolicy[topic.reliability.upper()],
         durability=DurabilityPolicy[topic.durability.upper()],

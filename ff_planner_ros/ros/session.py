@@ -163,7 +163,7 @@ class Session:
             obstacles_age=obstacles_age,
             obstacles_refusal=obstacles_refusal,
             last=self._service.last,
-            solve_times=self._service.solve_times,
+            solve_times=tuple(self._service.solve_times),
             recorder=self._recorder.health,
             tracking=self._output.tracking,
             tracking_max_position=now.tracking.max_position,

@@ -42,10 +42,7 @@ class SceneInput:
         self._message = message
 
     def scene(self, own: ObstacleSphereArray | None = None) -> Scene:
-        """Return the obstacles.
-
-        Args:
-            own: Those of a request that brings its own obstacles.
+        """Return the obstacles: those that a request brings (`own`), or else those of the topic.
 
         Raises:
             InvalidInput: There are none, or they cannot be used.

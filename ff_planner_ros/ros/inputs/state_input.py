@@ -59,11 +59,7 @@ class StateInput:
     def __init__(
         self, robot: Robot, inertial_frame: str, source: str, odometry: OdometryParameters
     ) -> None:
-        """Begin with nothing heard.
-
-        Args:
-            source: One of `parameters.STATE_SOURCES`.
-        """
+        """Begin with nothing heard; `source` is one of `parameters.STATE_SOURCES`."""
         self._source = source
         self._pairing_tolerance = odometry.pairing_tolerance
         self._arm = frozenset(robot.joint_names)
@@ -92,12 +88,7 @@ class StateInput:
             topic.clear()
 
     def snapshot(self, now_ns: int, max_age: float, max_lead: float) -> Snapshot:
-        """Return the newest state.
-
-        Args:
-            now_ns: The time now [ns].
-            max_age: An older message is refused [s].
-            max_lead: A message stamped further ahead of now is refused [s].
+        """Return the newest state, unless it is older than max_age or ahead by more than max_lead.
 
         Raises:
             InvalidInput: Nothing was heard, what was heard last cannot be used, or nothing pairs.
@@ -129,13 +120,7 @@ class StateInput:
 def require_current(
     field: str, stamp_ns: int, now_ns: int, max_age: float, max_lead: float
 ) -> None:
-    """Refuse a stamp that is too old or too far ahead of now.
-
-    Args:
-        field: Name of the stamp in the error message.
-        now_ns: The time now [ns].
-        max_age: Parameter state_max_age [s].
-        max_lead: Parameter state_max_lead [s].
+    """Refuse a stamp that is older than max_age or further ahead of now than max_lead [s].
 
     Raises:
         InvalidInput: It is.
@@ -222,11 +207,8 @@ def pairs(
     """Yield each chaser with the joints nearest to it in time, and how far apart they are [s].
 
     The chaser heard last comes first, whatever its stamp: stamps from before a step of the clock
-    must not win for ever. Of joints equally near, those heard last are taken.
-
-    Args:
-        chasers: With their stamps [ns], in the order of hearing.
-        joints: With their stamps [ns], in the order of hearing; without any, nothing is yielded.
+    must not win for ever. Of joints equally near, those heard last are taken. Both lists are in
+    the order of hearing and hold stamps [ns].
     """
     last_first = joints[::-1]
     stamps_ns = np.array([stamp_ns for stamp_ns, _ in last_first])
@@ -237,9 +219,5 @@ def pairs(
 
 
 def is_pair(apart: float, tolerance: float) -> bool:
-    """Whether a chaser and joints so far apart in time [s] make a state.
-
-    Args:
-        tolerance: Parameter odometry.pairing_tolerance [s].
-    """
+    """Whether a chaser and joints so far apart in time [s] make a state; tolerance [s]."""
     return apart <= tolerance + _ROUNDING

@@ -6,11 +6,7 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 
 def controller_message(trajectory: JointTrajectory, effort_interface: bool) -> JointTrajectory:
-    """Return what to publish for the controller.
-
-    Args:
-        effort_interface: Whether it takes torques.
-    """
+    """Return what to publish for the controller, without torques where it takes none."""
     if effort_interface:
         return trajectory
     return JointTrajectory(

@@ -42,11 +42,7 @@ def problem_from_request(
     obstacles: tuple[Sphere, ...],
     parameters: NodeParameters,
 ) -> PlanningProblem:
-    """Build the problem of a service request.
-
-    Args:
-        request: The service request; its start state and obstacles are not looked at.
-        parameters: For what the request leaves open.
+    """Build the problem of a request; its start state and obstacles are not looked at.
 
     Raises:
         InvalidInput: A field of the request cannot be used; the error names it.
@@ -94,12 +90,7 @@ def problem_from_request(
 def state_from_message(
     message: ChaserState, source: str, robot: Robot, inertial_frame: str
 ) -> SystemState:
-    """Read a chaser state.
-
-    Args:
-        message: The state; its joints may come in any order.
-        source: Where the message came from, for errors: `chaser_state` or `start_state`.
-        inertial_frame: The only frame that the state may be given in.
+    """Read a chaser state of the topic or field `source`; its joints may come in any order.
 
     Raises:
         InvalidInput: A field of the message cannot be used; the error names it.
@@ -130,10 +121,7 @@ def state_from_message(
 
 
 def spheres_from_message(message: ObstacleSphereArray, inertial_frame: str) -> tuple[Sphere, ...]:
-    """Read the scene.
-
-    Args:
-        inertial_frame: The only frame that the array may be given in.
+    """Read the scene, which must be given in the inertial frame.
 
     Raises:
         InvalidInput: A field of the message cannot be used, two spheres share an id, or one moves.
@@ -152,13 +140,9 @@ def spheres_from_message(message: ObstacleSphereArray, inertial_frame: str) -> t
 
 
 def plan_from_response(response: PlanTrajectory.Response) -> Plan:
-    """Read the plan back out of an answer.
+    """Read the plan back out of a response whose status is SOLVED.
 
-    Args:
-        response: An answer whose status is SOLVED.
-
-    Returns:
-        The plan, its times rounded to nanoseconds; NaN where the answer leaves something out.
+    Its times are rounded to nanoseconds; it holds NaN where the response leaves something out.
     """
     return Plan(
         joint_names=tuple(response.joint_trajectory.joint_names),
@@ -199,9 +183,6 @@ def _fields_named(named_as: Mapping[str, str]) -> Iterator[None]:
 def require_frame(field: str, frame_id: str, allowed: str) -> None:
     """Refuse a frame that is not the one allowed.
 
-    Args:
-        allowed: The frame that it must be.
-
     Raises:
         InvalidInput: It is another one.
     """
@@ -212,11 +193,7 @@ def require_frame(field: str, frame_id: str, allowed: str) -> None:
 def joint_order(
     field: str, found: Sequence[str], wanted: Sequence[str], others_allowed: bool = False
 ) -> list[int]:
-    """Return where each wanted joint stands among those found.
-
-    Args:
-        field: Name of the list of joints in the error message.
-        others_allowed: Whether there may be joints that the robot does not have.
+    """Return where each wanted joint stands among those found, with or without other joints.
 
     Raises:
         InvalidInput: A joint is unknown, missing or named twice.

@@ -64,13 +64,9 @@ def chaser_from_odometry(
 
 
 def joints_from_joint_state(message: JointState, robot: Robot) -> JointPart:
-    """Read the arm's joints.
+    """Return positions and velocities of the arm's joints, in the robot's order.
 
-    Args:
-        message: Joints in any order; those that the arm does not have are not looked at.
-
-    Returns:
-        Positions and velocities in the robot's order.
+    The message may name joints in any order, and others than the arm's.
 
     Raises:
         InvalidInput: A field of the message cannot be used; the error names it.

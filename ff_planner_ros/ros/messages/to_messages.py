@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import asdict
+from typing import Any
 
 import numpy as np
 from builtin_interfaces.msg import Duration, Time
@@ -50,19 +51,18 @@ def request_message(problem: PlanningProblem, inertial_frame: str) -> PlanTrajec
 
 def goal_message(problem: PlanningProblem, inertial_frame: str) -> PlanTrajectoryAction.Goal:
     """Write a problem as a goal of the action, as `request_message` does for the service."""
-    request = request_message(problem, inertial_frame)
-    names = PlanTrajectoryAction.Goal.get_fields_and_field_types()
-    return PlanTrajectoryAction.Goal(**{name: getattr(request, name) for name in names})
+    return same_fields(request_message(problem, inertial_frame), PlanTrajectoryAction.Goal)
+
+
+def same_fields(message: Any, kind: Any) -> Any:
+    """Return a message of another type that has the same fields."""
+    return kind(**{name: getattr(message, name) for name in kind.get_fields_and_field_types()})
 
 
 def state_message(
     state: SystemState, joint_names: Sequence[str], stamp_ns: int, inertial_frame: str
 ) -> ChaserState:
-    """Write a state as a message.
-
-    Args:
-        stamp_ns: Time of the state [ns].
-    """
+    """Write a state at a time [ns] as a message."""
     return ChaserState(
         header=Header(stamp=time_message(stamp_ns), frame_id=inertial_frame),
         pose=pose_message(
@@ -82,11 +82,7 @@ def state_message(
 def obstacles_message(
     spheres: Sequence[Sphere], stamp_ns: int, inertial_frame: str
 ) -> ObstacleSphereArray:
-    """Write a scene as a message.
-
-    Args:
-        stamp_ns: Time of the scene [ns].
-    """
+    """Write a scene of a time [ns] as a message."""
     return ObstacleSphereArray(
         header=Header(stamp=time_message(stamp_ns), frame_id=inertial_frame),
         spheres=[
@@ -99,12 +95,7 @@ def obstacles_message(
 def response_from_plan(
     plan: Plan, plan_id: str, start_ns: int, inertial_frame: str, solve_time: float
 ) -> PlanTrajectory.Response:
-    """Build the answer of a plan that was found.
-
-    Args:
-        start_ns: Time of its first point [ns].
-        solve_time: Wall clock of the whole answer [s].
-    """
+    """Build the response with a plan that starts at start_ns [ns] and took solve_time [s]."""
     motion = plan.trajectory
     offsets_ns = np.rint(motion.time * NANOSECONDS).astype(np.int64).tolist()
     headers = [
@@ -153,12 +144,9 @@ def response_from_plan(
 def response_from_error(
     error: FfPlannerError, plan_id: str, solve_time: float
 ) -> PlanTrajectory.Response:
-    """Build the answer of a request that got no plan: its cause, in code and words.
+    """Build the response without a plan: its cause, in code and words; solve_time [s].
 
     The best attempt's metrics go with it, so that one sees what was missing; its motion does not.
-
-    Args:
-        solve_time: Wall clock of the whole answer [s].
     """
     status = PlanStatus(code=int(error.status), message=str(error))
     response = PlanTrajectory.Response(status=status, plan_id=plan_id)
@@ -174,22 +162,13 @@ def time_message(time_ns: int) -> Time:
 
 
 def pose_message(position: Sequence[float], quaternion_xyzw: Sequence[float]) -> Pose:
-    """Return numbers as a message's pose.
-
-    Args:
-        position: Shape (3,) [m].
-        quaternion_xyzw: Shape (4,).
-    """
+    """Return a position, shape (3,) [m], and a quaternion, shape (4,), as a message's pose."""
     x, y, z, w = quaternion_xyzw
     return Pose(position=point_message(position), orientation=Quaternion(x=x, y=y, z=z, w=w))
 
 
 def point_message(position: Sequence[float]) -> Point:
-    """Return numbers as a message's point.
-
-    Args:
-        position: Shape (3,) [m].
-    """
+    """Return a position, shape (3,) [m], as a message's point."""
     x, y, z = position
     return Point(x=x, y=y, z=z)
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from operator import itemgetter
@@ -29,39 +28,6 @@ class LastRequest:
     message: str
 
 
-class SolveTimes:
-    """How long the last answers took."""
-
-    def __init__(self, window: int) -> None:
-        """Remember nothing yet."""
-        self._times: deque[float] = deque(maxlen=window)
-
-    def add(self, seconds: float) -> None:
-        """Remember the time of an answer, and forget the oldest one once the window is full.
-
-        Args:
-            seconds: Wall clock from request to answer [s].
-        """
-        self._times.append(seconds)
-
-    def percentiles(self, ranks: Sequence[float]) -> list[float]:
-        """Return percentiles of the times.
-
-        Args:
-            ranks: From 0 to 100 [%].
-
-        Returns:
-            One for each rank, interpolated between neighbours [s]; empty without answers.
-        """
-        if not self._times:
-            return []
-        return [float(value) for value in np.percentile(list(self._times), ranks)]
-
-    def __len__(self) -> int:
-        """Return the number of answers in the window."""
-        return len(self._times)
-
-
 @dataclass(frozen=True)
 class NodeHealth:
     """What the diagnostics are made of."""
@@ -74,7 +40,7 @@ class NodeHealth:
     obstacles_age: float  # of the scene [s]
     obstacles_refusal: str  # why the scene cannot be used; empty if it can
     last: LastRequest | None  # None before the first request
-    solve_times: SolveTimes  # of the last answers
+    solve_times: Sequence[float]  # of the last answers [s]
     recorder: RecorderHealth
     tracking: TrackingError | None  # predicted against measured chaser; None while no plan runs
     tracking_max_position: float  # more than this is a warning [m]
@@ -82,11 +48,7 @@ class NodeHealth:
 
 
 def diagnostics(health: NodeHealth, node: str, stamp: Time) -> DiagnosticArray:
-    """Write how the node is: one status for each of its parts, always the same ones in one order.
-
-    Args:
-        node: Name of the node; stands in front of each part's.
-    """
+    """Write how the node is: one status for each part, always the same ones in one order."""
     parts = {
         "chaser state": _state(health),
         "obstacles": _obstacles(health),
@@ -152,7 +114,7 @@ def _solve_time(health: NodeHealth) -> _Part:
     answers = len(health.solve_times)
     if answers == 0:
         return OK, "no answer yet", {}
-    median, most, worst = health.solve_times.percentiles((50, 95, 100))
+    median, most, worst = np.percentile(health.solve_times, (50, 95, 100))
     values = {
         "median [s]": f"{median:.3f}",
         "95 % [s]": f"{most:.3f}",

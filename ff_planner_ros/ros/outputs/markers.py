@@ -32,14 +32,11 @@ _ARM, _CHASER = _EE_PATH[:3], _CHASER_PATH[:3]
 def plan_markers(
     robot: Robot, plan: Plan, obstacles: Sequence[Sphere], inertial_frame: str
 ) -> MarkerArray:
-    """Draw a plan and the obstacles that it was planned around.
+    """Draw a plan and the obstacles that it was planned around, in the inertial frame.
 
     The first marker deletes all that were drawn before. Namespaces: `obstacles`,
     `end_effector_path`, `chaser_path`, `arm` and `chaser`; ids count from 0 in each, in the order
     of the spheres and of time.
-
-    Args:
-        obstacles: In the inertial frame.
     """
     motion = plan.trajectory
     shown = np.linspace(0, len(motion.time) - 1, SNAPSHOTS).round().astype(int)

@@ -41,20 +41,15 @@ class PublishedPlan:
 
 
 class PlanOutput:
-    """Publishes while the node is active, and remembers the last plan.
-
-    Attributes:
-        published: The last plan that went out; None before the first.
-        tracking: The last comparison with the measured chaser; None while no plan runs.
-    """
+    """Publishes while the node is active, and remembers the last plan."""
 
     def __init__(self, node: LifecycleNode, robot: Robot, parameters: NodeParameters) -> None:
         """Create the publishers, which are silent until the node is active."""
         self._robot, self._frame = robot, parameters.inertial_frame
         self._rates, qos = parameters.rates, parameters.qos
         self._clock = node.get_clock()
-        self.published: PublishedPlan | None = None
-        self.tracking: prediction.TrackingError | None = None
+        self.published: PublishedPlan | None = None  # the last plan that went out
+        self.tracking: prediction.TrackingError | None = None  # None while no plan runs
         self._preview: Iterator[JointState] = iter(())
         self._node, self._publishers = node, list[LifecyclePublisher]()
         self._trajectory, self._path, self._pose = (
@@ -73,21 +68,13 @@ class PlanOutput:
         self._timer = node.create_timer(1.0 / self._rates.preview, self._play_preview, group)
 
     def describe_robot(self, urdf: str) -> None:
-        """Publish the robot's URDF; to be called when the node becomes active.
-
-        Args:
-            urdf: Its text as it is in the file, with the shapes that screens show.
-        """
+        """Publish the text of the robot's URDF file; to be called when the node becomes active."""
         self._description.publish(String(data=urdf))
 
     def publish(
         self, plan: Plan, response: PlanTrajectory.Response, for_controller: JointTrajectory
     ) -> None:
-        """Publish what controllers and executives wait for.
-
-        Args:
-            for_controller: The same as the controller takes it.
-        """
+        """Publish what controllers and executives wait for."""
         self._trajectory.publish(for_controller)
         self._path.publish(response.predicted_chaser_path)
         start_ns = nanoseconds(for_controller.header.stamp)
@@ -99,11 +86,7 @@ class PlanOutput:
         self._preview = cycle(preview_joint_states(plan, self._rates.preview))
 
     def stream(self, measured: Snapshot | None) -> None:
-        """Publish where the chaser should be by now, and how far from there it was measured.
-
-        Args:
-            measured: The newest state; None: there is none, or it cannot be used.
-        """
+        """Publish where the chaser should be by now, and how far from there it was measured."""
         running, self.tracking = self.published, None
         if running is None:
             return
@@ -122,8 +105,7 @@ class PlanOutput:
                 TrackingError(
                     header=Header(stamp=stamp, frame_id=self._frame),
                     plan_id=running.plan_id,
-                    position=error.position,
-                    angle=error.angle,
+                    **error._asdict(),
                 )
             )
 

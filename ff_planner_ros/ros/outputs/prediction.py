@@ -18,40 +18,23 @@ from ff_planner_ros.ros.messages.to_messages import pose_message, time_message
 
 
 class FramePose(NamedTuple):
-    """A frame in the inertial frame.
+    """A frame in the inertial frame."""
 
-    Attributes:
-        position: Of its origin. Shape (3,) [m].
-        rotation: Its axes to inertial axes.
-    """
-
-    position: Array
-    rotation: Rotation
+    position: Array  # of its origin, shape (3,) [m]
+    rotation: Rotation  # its axes to inertial axes
 
 
 class TrackingError(NamedTuple):
-    """How far a frame is from where it was predicted.
+    """How far a frame is from where it was predicted."""
 
-    Attributes:
-        position: Distance of the origins [m].
-        angle: Of the turn between the two attitudes [rad].
-    """
-
-    position: float
-    angle: float
+    position: float  # distance of the origins [m]
+    angle: float  # of the turn between the two attitudes [rad]
 
 
 def predicted_pose(
     trajectory: Trajectory, frame: Literal["chaser", "ee"], time: float
 ) -> FramePose | None:
-    """Return the predicted pose of a frame, between the points of a plan, too.
-
-    Args:
-        time: From the start of the plan [s].
-
-    Returns:
-        The pose; None before the first and after the last point.
-    """
+    """Return a frame's predicted pose at a time from the start [s]; None outside the plan."""
     times = trajectory.time
     if not times[0] <= time <= times[-1]:
         return None
@@ -65,15 +48,7 @@ def predicted_pose(
 def predicted_chaser_pose(
     trajectory: Trajectory, start_ns: int, time_ns: int, inertial_frame: str
 ) -> PoseStamped | None:
-    """Return the predicted pose at a time as a message.
-
-    Args:
-        start_ns: Time of its first point [ns].
-        time_ns: The time [ns]; becomes the stamp.
-
-    Returns:
-        The pose; None while the plan does not run.
-    """
+    """Return the predicted pose at time_ns [ns], which becomes its stamp; None outside the plan."""
     pose = predicted_pose(trajectory, "chaser", (time_ns - start_ns) / NANOSECONDS)
     if pose is None:
         return None
@@ -86,15 +61,7 @@ def predicted_chaser_pose(
 def tracking_error(
     trajectory: Trajectory, start_ns: int, measured: SystemState, measured_ns: int
 ) -> TrackingError | None:
-    """Return how far the chaser is from where the plan predicts it at the time of measurement.
-
-    Args:
-        start_ns: Time of its first point [ns].
-        measured_ns: Its time [ns].
-
-    Returns:
-        The error; None where the state was measured before or after the plan.
-    """
+    """Return how far a chaser measured at measured_ns [ns] is from the plan; None outside it."""
     predicted = predicted_pose(trajectory, "chaser", (measured_ns - start_ns) / NANOSECONDS)
     if predicted is None:
         return None

@@ -10,13 +10,9 @@ from ff_planner_ros.planning.plan import Plan
 
 
 def preview_joint_states(plan: Plan, rate: float) -> list[JointState]:
-    """Return one pass through a plan in real time, first and last point included.
+    """Return one pass through a plan at a rate [Hz], first and last point included.
 
-    Args:
-        rate: At which the states are to be published [Hz].
-
-    Returns:
-        States without stamp; the publisher sets it to now.
+    The states have no stamp: the publisher sets it to now.
     """
     duration = float(plan.trajectory.time[-1])
     # The last step is the shorter one, where the duration is no multiple of the period.

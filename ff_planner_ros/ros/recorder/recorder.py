@@ -54,11 +54,8 @@ class Recorder:
     ) -> None:
         """Start to record; if the bag cannot be opened, `health` says so.
 
-        Args:
-            open_bag: Creates the bag, which `close` closes.
-            flush_interval: A crash loses at most this [s].
-            node_name: Name of the recorder's node.
-            namespace: Of the recorder's node.
+        Name and namespace are those of the recorder's own node; a crash loses at most what came
+        in the last flush_interval [s].
         """
         self._directory, self._logger = directory, logger
         self._lock = threading.RLock()

@@ -29,11 +29,7 @@ class TopicQueue:
     """A queue of DDS, which fills it in threads that Python does not hold up."""
 
     def __init__(self, node: Node, topic: RecordedTopic) -> None:
-        """Listen from now on.
-
-        Args:
-            node: That subscribes; need not be spun.
-        """
+        """Listen from now on; the node need not be spun."""
         self.topic = topic.name
         self._followed: dict[int, None] = {}  # the last number of each publisher, oldest first
         queued = QoSProfile(

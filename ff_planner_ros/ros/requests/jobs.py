@@ -10,21 +10,11 @@ from ff_planner_ros.errors import FfPlannerError, Status
 
 
 class Job:
-    """A request until it is answered.
-
-    Attributes:
-        plan_id: Its name in answers, logs and bags.
-        number: A later request has a higher one.
-    """
+    """A request until it is answered."""
 
     def __init__(self, plan_id: str, number: int) -> None:
-        """Begin with nothing against it.
-
-        Args:
-            plan_id: Its name in answers, logs and bags.
-            number: A later request has a higher one.
-        """
-        self.plan_id, self.number = plan_id, number
+        """Begin with nothing against it."""
+        self.plan_id, self.number = plan_id, number  # a later request has a higher number
         self._lock = threading.Lock()
         self._cause: FfPlannerError | None = None
         self._sealed = False
@@ -68,11 +58,7 @@ class Jobs:
     """Who is planned for now, and who may be."""
 
     def __init__(self, interrupt: Callable[[], None]) -> None:
-        """Begin closed.
-
-        Args:
-            interrupt: Ends the plan that is being made, if one is.
-        """
+        """Begin closed; `interrupt` ends the plan that is being made, if one is."""
         self._interrupt = interrupt
         self._change = threading.Condition()
         self._current: Job | None = None
@@ -86,11 +72,7 @@ class Jobs:
             self._refusal = None
 
     def close(self, status: Status, message: str) -> None:
-        """Take up no more requests, and give up those that are.
-
-        Args:
-            status: What all of them are answered with.
-        """
+        """Take up no more requests, and answer those that are taken up with this status."""
         with self._change:
             self._refusal = FfPlannerError(status, message)
         self.give_up_all(status, message)
@@ -112,20 +94,13 @@ class Jobs:
         return given_up
 
     def wait_until_idle(self, patience: float) -> None:
-        """Wait until nobody is planned for.
-
-        Args:
-            patience: At most so long [s].
-        """
+        """Wait until nobody is planned for, at most for a time [s]."""
         with self._change:
             self._change.wait_for(lambda: self._current is self._waiting is None, patience)
 
     @contextmanager
     def taken_up(self, job: Job, *, preempt: bool) -> Iterator[None]:
-        """Plan for a job and for nobody else.
-
-        Args:
-            preempt: Whether it takes the place of another one, which is refused otherwise.
+        """Plan for a job and for nobody else; it is refused, or it may preempt another one.
 
         Raises:
             FfPlannerError: Why it is not taken up (NOT_ACTIVE, SHUT_DOWN, BUSY), or was given up

@@ -6,6 +6,7 @@ import math
 import threading
 import time
 import traceback
+from collections import deque
 from collections.abc import Callable
 from functools import partial
 from itertools import count
@@ -30,8 +31,12 @@ from ff_planner_ros.ros.inputs.state_input import StateInput
 from ff_planner_ros.ros.messages.controller_message import controller_message
 from ff_planner_ros.ros.messages.from_messages import NANOSECONDS
 from ff_planner_ros.ros.messages.interfaces import ACTION, SERVICE
-from ff_planner_ros.ros.messages.to_messages import response_from_error, response_from_plan
-from ff_planner_ros.ros.outputs.diagnostics import LastRequest, SolveTimes
+from ff_planner_ros.ros.messages.to_messages import (
+    response_from_error,
+    response_from_plan,
+    same_fields,
+)
+from ff_planner_ros.ros.outputs.diagnostics import LastRequest
 from ff_planner_ros.ros.outputs.plan_output import PlanOutput
 from ff_planner_ros.ros.parameters import LiveParameters
 from ff_planner_ros.ros.qos import EVENT_QOS
@@ -50,17 +55,15 @@ from ff_planner_ros.ros.requests.worker import Worker
 _RESULT_TIMEOUT = 60
 # rclpy tells a goal of its cancellation right after the callback that accepts it [s].
 _CANCEL_PATIENCE, _CANCEL_POLL = 1.0, 0.001
+# A response that a client reads after it has heard that the service is gone is lost, and rclpy
+# cannot tell when a response has arrived. So the service stays so long after the last one [s].
+_DELIVERY = 1.0
 # Percentiles are those of so many plans.
 _SOLVE_TIMES = 200
 
 
 class PlanningService:
-    """Answers planning requests; a problem of a request is an answer and never ends the node.
-
-    Attributes:
-        last: LastRequest of the last request; None before the first.
-        solve_times: Of the last requests that were searched for.
-    """
+    """Answers planning requests; a problem of a request is an answer and never ends the node."""
 
     def __init__(
         self,
@@ -75,10 +78,8 @@ class PlanningService:
     ) -> None:
         """Open both doors; requests are answered with NOT_ACTIVE until `activate`.
 
-        Args:
-            node: The node; its executor needs four threads: one plans, one waits for it to make
-                room, one cancels, one listens.
-            run_name: Stands in front of the number in every plan id.
+        The node's executor needs four threads: one plans, one waits for it to make room, one
+        cancels, one listens. `run_name` stands in front of the number in every plan id.
         """
         self._node, self._parameters, self._robot, self._worker = node, parameters, robot, worker
         self._states, self._scenes, self._output = states, scenes, output
@@ -87,8 +88,10 @@ class PlanningService:
         self._jobs = Jobs(worker.interrupt)
         self._goals: dict[bytes, Job] = {}
         self._goals_lock = threading.Lock()
-        self.last: LastRequest | None = None
-        self.solve_times = SolveTimes(_SOLVE_TIMES)
+        self.last: LastRequest | None = None  # None before the first
+        # From request to answer, of the last requests that were searched for [s].
+        self.solve_times: deque[float] = deque(maxlen=_SOLVE_TIMES)
+        self._answered = -math.inf  # when, by the monotonic clock [s]
 
         group = ReentrantCallbackGroup()
         self._service = node.create_service(
@@ -114,11 +117,7 @@ class PlanningService:
         self._jobs.open()
 
     def deactivate(self, status: Status, message: str, patience: float) -> None:
-        """Take up no more requests, give up the one that is, and wait for its answer.
-
-        Args:
-            patience: Longest wait [s].
-        """
+        """Take up no more requests, give up the one that is, wait so long [s] for its answer."""
         self._jobs.close(status, message)
         self._jobs.wait_until_idle(patience)
 
@@ -127,7 +126,8 @@ class PlanningService:
         self._jobs.give_up_all(status, message)
 
     def close(self) -> None:
-        """Close both doors."""
+        """Close both doors once the last response has had its time to arrive."""
+        time.sleep(max(0.0, self._answered + _DELIVERY - time.monotonic()))
         self._action.destroy()
         self._node.destroy_service(self._service)
         self._events.destroy()
@@ -161,7 +161,7 @@ class PlanningService:
             elapsed = time.perf_counter() - begun
             goal.publish_feedback(PlanTrajectoryAction.Feedback(elapsed=elapsed, **vars(progress)))
 
-        request = _same_fields(goal.request, PlanTrajectory.Request)
+        request = same_fields(goal.request, PlanTrajectory.Request)
         response = self._answer(request, self._job_of(goal), tell)
         if response.status.code == Status.SOLVED:
             goal.succeed()
@@ -170,7 +170,7 @@ class PlanningService:
         else:
             goal.abort()
         del self._goals[bytes(goal.goal_id.uuid)]  # it cannot be cancelled any more
-        result = _same_fields(response, PlanTrajectoryAction.Result)
+        result = same_fields(response, PlanTrajectoryAction.Result)
         self._events.result_sent(goal, result)
         return result
 
@@ -209,6 +209,7 @@ class PlanningService:
         provenance.tell(response)
         status = Status(response.status.code)
         self.last = LastRequest(job.plan_id, status, response.status.message)
+        self._answered = time.monotonic()
         return response
 
     def _knowledge(self) -> Knowledge:
@@ -245,7 +246,7 @@ class PlanningService:
             job.check()
             raise FfPlannerError(Status.SHUT_DOWN, "the planner was shut down") from None
         finally:
-            self.solve_times.add(time.perf_counter() - begun)
+            self.solve_times.append(time.perf_counter() - begun)
         response = response_from_plan(
             plan,
             job.plan_id,
@@ -280,11 +281,6 @@ class PlanningService:
             f"clearance {metrics.min_clearance * 1e3:.1f} mm, "
             f"{solver.iterations} iterations, {solver.solve_time:.2f} s"
         )
-
-
-def _same_fields(message: Any, kind: Any) -> Any:
-    """Return a message of another type that has the same fields."""
-    return kind(**{name: getattr(message, name) for name in kind.get_fields_and_field_types()})
 
 
 def _is_cancelling(goal: ServerGoalHandle) -> bool:

@@ -29,89 +29,55 @@ from ff_planner_ros.ros.outputs.plan_output import PublishedPlan
 
 @dataclass(frozen=True, eq=False)
 class Knowledge:
-    """What a planner knows beside the request, at the moment when it reads the request.
-
-    Attributes:
-        robot: To plan for.
-        parameters: For what the request leaves open.
-        states: Where the state comes from that the request does not bring.
-        scenes: Where the obstacles come from that the request does not bring.
-        published: The last plan, which the arm may be following.
-        now_ns: The time now [ns].
-    """
+    """What a planner knows beside the request, at the moment when it reads the request."""
 
     robot: Robot
-    parameters: NodeParameters
-    states: StateInput
-    scenes: SceneInput
-    published: PublishedPlan | None
-    now_ns: int
+    parameters: NodeParameters  # for what the request leaves open
+    states: StateInput  # for the state that the request does not bring
+    scenes: SceneInput  # for the obstacles that the request does not bring
+    published: PublishedPlan | None  # the last plan, which the arm may be following
+    now_ns: int  # [ns]
 
 
 @dataclass(frozen=True)
 class Provenance:
-    """What a plan, or a refusal, is made from.
+    """What a plan, or a refusal, is made from."""
 
-    Attributes:
-        taken_up_ns: The node's time when the request was read; zero: it was not [ns].
-        state_stamp_ns: Of the measured state [ns].
-        state_source: Topic or field that it came from; empty: no state is known.
-        joint_states_stamp_ns: Of the joint states that went with odometry; zero: none did [ns].
-        obstacles_stamp_ns: Of the obstacles [ns].
-        obstacles_source: Who says so.
-        following: Name of the plan that the joints follow until the start; empty: none.
-        task_digest: Of the task; empty: none came to be.
-    """
-
-    taken_up_ns: int = 0
-    state_stamp_ns: int = 0
-    state_source: str = ""
-    joint_states_stamp_ns: int = 0
-    obstacles_stamp_ns: int = 0
-    obstacles_source: str = ""
-    following: str = ""
-    task_digest: str = ""
+    taken_up_ns: int = 0  # the node's time when it read the request; zero: it did not [ns]
+    state_stamp_ns: int = 0  # of the measured state [ns]
+    state_source: str = ""  # topic or field of the state; empty: no state is known
+    joint_states_stamp_ns: int = 0  # of the joint states with odometry; zero: none [ns]
+    obstacles_stamp_ns: int = 0  # [ns]
+    obstacles_source: str = ""  # as their message says
+    following: str = ""  # id of the plan that the joints follow until the start; empty: none
+    task_digest: str = ""  # empty: there is no task
 
     def tell(self, response: PlanTrajectory.Response) -> None:
         """Write it into a response."""
-        response.taken_up = time_message(self.taken_up_ns)
-        response.state_stamp = time_message(self.state_stamp_ns)
-        response.state_source = self.state_source
-        response.joint_states_stamp = time_message(self.joint_states_stamp_ns)
-        response.obstacles_stamp = time_message(self.obstacles_stamp_ns)
-        response.obstacles_source = self.obstacles_source
-        response.following = self.following
-        response.task_digest = self.task_digest
+        for name, value in vars(self).items():
+            if name.endswith("_ns"):
+                setattr(response, name.removesuffix("_ns"), time_message(value))
+            else:
+                setattr(response, name, value)
 
 
 class RequestRefused(InvalidInput):
-    """A request that cannot be planned for.
-
-    Attributes:
-        provenance: As far as the request was read.
-    """
+    """A request that cannot be planned for."""
 
     def __init__(self, error: InvalidInput, provenance: Provenance) -> None:
         """Say what is wrong with it."""
         super().__init__(error.status, error.field, error.value, error.allowed)
-        self.provenance = provenance
+        self.provenance = provenance  # as far as the request was read
 
 
 @dataclass(frozen=True, eq=False)
 class ReadRequest:
-    """What a request asks at the moment when it is taken up.
-
-    Attributes:
-        task: What to plan.
-        budget: Wall clock for it [s].
-        start_ns: Time of the plan's first point [ns].
-        provenance: What the task is made from.
-    """
+    """What a request asks at the moment when it is taken up."""
 
     task: PlanningTask
-    budget: float
-    start_ns: int
-    provenance: Provenance
+    budget: float  # wall clock for the task [s]
+    start_ns: int  # time of the plan's first point [ns]
+    provenance: Provenance  # what the task is made from
 
 
 def read_request(request: PlanTrajectory.Request, knowledge: Knowledge) -> ReadRequest:

@@ -24,8 +24,8 @@ from ff_planner_ros.ros.requests.solver_process import KILL, LOADED, PLAN
 # The search ends by itself at its next iteration. One that lasts longer than this share of the
 # budget, or than what a loaded machine may hold it up for [s], ends with its process.
 _GRACE, _LEAST_GRACE = 0.1, 1.0
-# A process that was told to end has ended by then [s], or its server hangs, too.
-_LAST_RESPECTS = 0.02
+# A process that was told to end has ended by then [s], on a busy machine, too; or its server hangs.
+_LAST_RESPECTS = 0.5
 # Loading takes a second; a server that needs so much longer [s] will not get there.
 _LOADING = 60.0
 # No packet of a server is longer [bytes].
