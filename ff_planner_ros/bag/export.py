@@ -20,13 +20,7 @@ _LONGEST_NAME = 100  # [characters] of a file; a plan id from a damaged bag may 
 
 
 def export_csv(bag: Path, directory: Path) -> Sequence[str]:
-    """Write a table of all answers, and a table of every plan.
-
-    Args:
-        directory: Of the tables; must not exist.
-
-    Returns:
-        What is wrong with the bag, in words.
+    """Write tables of all answers and of every plan into a new directory; return the notes.
 
     Raises:
         BagError: Nothing of the bag can be read, it holds no answer, or the directory exists or
@@ -52,10 +46,7 @@ def export_csv(bag: Path, directory: Path) -> Sequence[str]:
 
 
 def export_npz(bag: Path, file: Path) -> Sequence[str]:
-    """Write the arrays of every plan into one file, as `plan_id/array`.
-
-    Returns:
-        What is wrong with the bag, in words.
+    """Write the arrays of every plan into a new file, as `plan_id/array`; return the notes.
 
     Raises:
         BagError: Nothing of the bag can be read, it holds no answer, or the file exists or cannot

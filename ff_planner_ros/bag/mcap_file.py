@@ -65,10 +65,7 @@ class McapFile:
     _decoders: dict[int, Decoder | BagError] = field(default_factory=dict)
 
     def messages(self, block: Block, wanted: Container[int] | None) -> list[RawMessage]:
-        """Read a block; of a damaged one there are no messages, but a note.
-
-        Args:
-            wanted: Channels; None: all.
+        """Read the wanted channels (None: all) of a block; a damaged block gives a note only.
 
         Raises:
             BagError: The disk fails.

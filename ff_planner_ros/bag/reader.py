@@ -41,26 +41,10 @@ class Topic:
 
 
 class Bag:
-    """A bag open for reading; made by `open_bag`.
-
-    Attributes:
-        path: As it was asked for.
-        files: Its MCAP files, in order.
-        library: That wrote it.
-        attachments: Content of each attached document, by its file name.
-        metadata: Metadata records, by their name; of several, the last.
-        start_ns: Log time of the first message, since the epoch; zero without messages.
-        end_ns: Log time of the last message, since the epoch; zero without messages.
-        topics: By name.
-        message_count: Of all topics.
-    """
+    """A bag open for reading; made by `open_bag`."""
 
     def __init__(self, path: Path, files: Sequence[McapFile], notes: Sequence[str]) -> None:
-        """Put together what the files hold.
-
-        Args:
-            files: In order, open; at least one.
-        """
+        """Put together what the files hold: at least one, open, in order."""
         self._mcap_files, self._notes = files, list(notes)
         self.path = path
         self.files = tuple(file.path for file in files)
@@ -100,12 +84,9 @@ class Bag:
             self._notes.append(text)
 
     def messages(self, *types_or_topics: str) -> Iterator[Message]:
-        """Yield messages in the order of their log times, across the files.
+        """Yield messages of some types or topics (none: all) by log time, across the files.
 
         What is damaged is left out, and makes a note.
-
-        Args:
-            *types_or_topics: Names of types or topics that are wanted; none: everything.
 
         Raises:
             BagError: The disk fails.
@@ -119,9 +100,6 @@ class Bag:
         """Yield the messages of some types with what they say, by the bag's own definitions.
 
         What is damaged or does not fit its definition is left out, and makes a note.
-
-        Args:
-            *type_names: Each `package/msg/Name` or `package/srv/Name_Event`.
 
         Raises:
             BagError: The disk fails.
@@ -140,10 +118,7 @@ class Bag:
                 yield message, content
 
     def decode(self, message: Message) -> Any:
-        """Return what one message of this bag says, by the bag's own definition.
-
-        Args:
-            message: One of `messages`.
+        """Return what one of the `messages` says, by the bag's own definition.
 
         Raises:
             BagError: Its definition cannot be read, or it does not fit it.
@@ -197,10 +172,9 @@ class Bag:
 
 @contextmanager
 def open_bag(path: Path) -> Iterator[Bag]:
-    """Open a bag for reading; one without an index is read to its end for that.
+    """Open a bag for reading, a directory or one MCAP file.
 
-    Args:
-        path: The directory, with one file or several, or one MCAP file.
+    A file without an index is read to its end for that.
 
     Raises:
         BagError: There is no bag, or nothing of it can be read.

@@ -46,10 +46,7 @@ class Recovery:
 
 
 def print_recovery(bag: Path, output: Path | None) -> int:
-    """Recover a bag and say what was saved, and what was lost.
-
-    Args:
-        output: The new bag; None: beside the old one.
+    """Recover a bag into a new one (None: beside the old one), and print what was saved and lost.
 
     Returns:
         Exit code: 0 everything in it was saved, 3 a part of it, 1 nothing.
@@ -79,8 +76,7 @@ def print_recovery(bag: Path, output: Path | None) -> int:
 def recover(bag: Path, output: Path) -> Recovery:
     """Write everything that can be read of a bag into a new one, file by file.
 
-    Args:
-        output: The new bag, a directory; not made if there is no message to save.
+    The output, a directory, is not made if there is no message to save.
 
     Raises:
         BagError: There is no bag, or the output exists or cannot be written.
@@ -129,13 +125,7 @@ def _copied(bag: Path, copy: _Copy) -> tuple[bool, tuple[str, ...]]:
 
 
 class _Copy:
-    """The new bag.
-
-    Attributes:
-        topics: By name.
-        saved: Messages of each topic.
-        known: Messages that there should be of each topic, as far as the files tell.
-    """
+    """The new bag."""
 
     def __init__(self, directory: Path, name: str) -> None:
         self.topics: dict[str, TopicInfo] = {}

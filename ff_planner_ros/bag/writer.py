@@ -163,11 +163,7 @@ class BagWriter:
                 self._flush()
 
     def attach(self, name: str, media_type: str, data: bytes) -> None:
-        """Keep a document with the messages, so that the bag explains itself.
-
-        Args:
-            name: File name (`robot.urdf`).
-            media_type: MIME type (`application/xml`).
+        """Keep a document under a file name (`robot.urdf`) and MIME type: the bag explains itself.
 
         Raises:
             BagError: The bag is closed, or the disk failed.

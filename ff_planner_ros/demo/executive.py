@@ -120,10 +120,7 @@ class MissionExecutive:
             self._wait(self._new_state, deadline, "a chaser state")
 
     def commit(self, result: PlanTrajectory.Result) -> None:
-        """Hand a plan to the arm's controller while there is still time.
-
-        Args:
-            result: An answer whose status is SOLVED.
+        """Hand a solved plan to the arm's controller while there is still time.
 
         Raises:
             FfPlannerError: The plan's start is over, or no controller listens.
@@ -149,8 +146,7 @@ class MissionExecutive:
     def watch(self, result: PlanTrajectory.Result, duration: float, robot: Robot) -> FlownPlan:
         """Wait until a plan that was committed is over, and compare it with what was measured.
 
-        Args:
-            duration: From its start to the moment that counts, that of the capture [s].
+        `duration` [s] is from its start to the moment that counts, that of the capture.
 
         Raises:
             FfPlannerError: The states fail to come.

@@ -40,10 +40,7 @@ _LOOK_INTERVAL = 0.1  # [s] between looks at the processes
 
 
 def run_demo(output: Path = Path("demo_output"), scenario: Path | None = None) -> int:
-    """Plan and fly a capture for both objectives and show the result.
-
-    Args:
-        scenario: What to fly; None: the paper's capture.
+    """Plan and fly a capture (None: the paper's) for both objectives and show the result.
 
     Returns:
         Exit code: 0 both flown, 2 something could not run, 3 a plan was not found,

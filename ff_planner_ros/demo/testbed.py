@@ -117,13 +117,7 @@ class SimulatedTestbed:
 
 
 def motion_from_message(message: JointTrajectory, joint_names: Sequence[str]) -> JointMotion:
-    """Read a joint trajectory.
-
-    Args:
-        message: Positions, velocities and accelerations of all joints, in any order.
-
-    Returns:
-        Its times are those from the start of the trajectory.
+    """Read a joint trajectory, its joints in any order; times are those from its start.
 
     Raises:
         InvalidInput: A joint is missing or unknown, or the points cannot be followed.

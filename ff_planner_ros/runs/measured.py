@@ -47,9 +47,6 @@ def fill_windows(
 ) -> None:
     """Put the states that a bag holds into the windows that they belong to.
 
-    Args:
-        parameters: Of the node: whether states came from odometry, and how to read that.
-
     Raises:
         BagError: The disk fails.
     """

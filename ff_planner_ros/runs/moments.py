@@ -12,11 +12,7 @@ from ff_planner_ros.runs.recorded_parameters import RecordedParameters
 
 
 def moment(exchange: PlanExchange, recorded: RecordedParameters) -> tuple[int, Moment]:
-    """Return when the node read a request, by its own clock [ns] and by the recorder's.
-
-    Args:
-        recorded: The node's parameters at any time.
-    """
+    """Return when the node read a request, by its own clock [ns] and by the recorder's."""
     now_ns = _taken_up(exchange, recorded)
     # The request may have waited for another one.
     waited_ns = now_ns - exchange.received_ns if exchange.received_ns else 0

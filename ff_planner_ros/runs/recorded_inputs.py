@@ -31,11 +31,10 @@ Heard: TypeAlias = dict[str, list[Message]]
 
 
 def input_topic(bag: Bag, name: str, namespace: str) -> str:
-    """Return the topic of an input: that of this name in the planner's namespace, or the only one.
+    """Return the topic of an input (one of `INPUT_TOPICS`) of a planner.
 
-    Args:
-        name: One of `INPUT_TOPICS`.
-        namespace: Of the planner, without a slash at its end.
+    It has the input's name in the planner's namespace (without a slash at its end), or is the only
+    one of its type.
 
     Raises:
         BagError: There is none, or there are several and none has the name.

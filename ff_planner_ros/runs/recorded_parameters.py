@@ -26,17 +26,10 @@ _ATTACHED = "parameters.yaml"
 
 
 class RecordedParameters:
-    """What the parameters were at any time of a run.
-
-    Attributes:
-        notes: What had to be assumed, in words.
-    """
+    """What the parameters were at any time of a run."""
 
     def __init__(self, bag: Bag, node: str) -> None:
-        """Read them.
-
-        Args:
-            node: Full name of the node whose parameters are wanted.
+        """Read those of one node, given by its full name.
 
         Raises:
             BagError: The bag does not hold them, or holds what is none.
@@ -57,11 +50,7 @@ class RecordedParameters:
             self._changes.append((nanoseconds(told.stamp), current))
 
     def at(self, now_ns: int) -> NodeParameters:
-        """Return the parameters at a time.
-
-        Args:
-            now_ns: By the node's clock [ns].
-        """
+        """Return the parameters at a time by the node's clock [ns]."""
         before = [values for stamp_ns, values in self._changes if stamp_ns <= now_ns]
         return before[-1] if before else self._at_start
 

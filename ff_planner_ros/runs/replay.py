@@ -51,33 +51,18 @@ class Verdict(StrEnum):
 
 @dataclass(frozen=True, eq=False)
 class Replayed:
-    """A request that was planned again.
-
-    Attributes:
-        recorded: The request.
-        verdict: What came of it.
-        answer: The new one; None where there was no way to one.
-        words: More on the verdict; may be empty.
-        differences: From the recorded answer.
-        planning_time: Wall clock of the planning alone [s].
-    """
+    """A request that was planned again."""
 
     recorded: RecordedRequest
     verdict: Verdict
-    answer: PlanTrajectory.Response | None
-    words: str
-    differences: tuple[Difference, ...]
-    planning_time: float
+    answer: PlanTrajectory.Response | None  # the new one; None where there was no way to one
+    words: str  # more on the verdict; may be empty
+    differences: tuple[Difference, ...]  # from the recorded answer
+    planning_time: float  # wall clock of the planning alone [s]
 
 
 def print_replay(bag: Path) -> int:
-    """Replay a bag and print what comes out.
-
-    Args:
-        bag: The directory, or one MCAP file.
-
-    Returns:
-        Exit code: ALL_SAME or DIFFERS.
+    """Replay a bag, print what comes out, and return the exit code: ALL_SAME or DIFFERS.
 
     Raises:
         BagError: The bag cannot be read, or holds nothing to replay.
@@ -216,11 +201,7 @@ def _row(one: Replayed) -> tuple[str, ...]:
 
 
 def status_name(response: PlanTrajectory.Response | None) -> str:
-    """Return the name of an answer's status, or its number where this version knows no name.
-
-    Args:
-        response: The answer; None: there is none.
-    """
+    """Return the name or number of an answer's status; `-` if there is no answer."""
     if response is None:
         return "-"
     code = response.status.code

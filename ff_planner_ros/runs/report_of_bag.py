@@ -44,10 +44,7 @@ from ff_planner_ros.runs.report import (
 
 
 def report_of_bag(path: Path, most_plans: int) -> Report:
-    """Tell of everything that was asked in a run.
-
-    Args:
-        most_plans: That are drawn, the last ones; all are in the tables.
+    """Return the report of a run, the last `most_plans` of its plans drawn.
 
     Raises:
         BagError: The bag cannot be read at all.
@@ -178,13 +175,7 @@ def _moment(exchange: PlanExchange) -> Moment:
 
 
 def _plan(exchange: PlanExchange, robot: Robot, scene: ObstacleSphereArray | None) -> ReportedPlan:
-    """Return a plan with its scene.
-
-    Raises:
-        InvalidInput: Its samples are no motion of the robot.
-        LookupError: It has no samples.
-        ValueError: Its samples are no arrays.
-    """
+    """Return a plan with its scene."""
     plan = plan_from_response(exchange.response or PlanTrajectory.Response())
     if plan.joint_names != robot.joint_names:
         names, wanted = ", ".join(plan.joint_names), ", ".join(robot.joint_names)

@@ -79,11 +79,7 @@ def plan_plots(plan: ReportedPlan) -> Iterator[tuple[str, str, go.Figure]]:
 
 
 def solve_time_plot(times: Sequence[float]) -> go.Figure:
-    """Draw how often which solve time was needed.
-
-    Args:
-        times: Of the answers [s].
-    """
+    """Draw how often which solve time [s] was needed."""
     figure = go.Figure(go.Histogram(x=np.array(times), marker={"color": PLANNED.colour}))
     figure.update_layout(
         height=260,

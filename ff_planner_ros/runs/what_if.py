@@ -41,15 +41,10 @@ _NONE = "-"
 
 @dataclass(frozen=True)
 class Change:
-    """One `key=value`.
+    """One `key=value`."""
 
-    Attributes:
-        key: Of `allowed_keys`.
-        value: Read as YAML, of the key's type.
-    """
-
-    key: str
-    value: Any
+    key: str  # one of `allowed_keys`
+    value: Any  # read as YAML, of the key's type
 
 
 def allowed_keys() -> list[str]:
@@ -105,11 +100,7 @@ def changed_request(recorded: RecordedRequest, changes: Sequence[Change]) -> Rec
 
 
 def print_what_if(bag: Path, settings: Sequence[str]) -> int:
-    """Plan the requests of a bag with changes, and print both answers side by side.
-
-    Args:
-        bag: The directory, or one MCAP file.
-        settings: Each a `key=value`.
+    """Plan the requests of a bag with changes, each a `key=value`; print both answers side by side.
 
     Returns:
         Exit code, always 0: another answer is what was asked for.
