@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from ff_planner_ros.arrays import Array
+from ff_planner_ros.bag.decoding import NANOSECONDS, nanoseconds
 from ff_planner_ros.bag.exchanges import Exchange, exchanges
 from ff_planner_ros.bag.reader import Bag, Message, open_bag
 from ff_planner_ros.errors import BagError, Status
@@ -128,14 +129,13 @@ def _recorded_plan(message: Message, response: Any) -> RecordedPlan:
     code = int(response.status.code)
     is_solved = code == Status.SOLVED
     joints = response.joint_trajectory
-    stamp = joints.header.stamp
     return RecordedPlan(
         plan_id=str(response.plan_id),
         topic=message.topic,
         answered_ns=message.log_time_ns,
         status=Status(code).name if code in Status.__members__.values() else str(code),
         message=str(response.status.message),
-        start_ns=stamp.sec * 10**9 + stamp.nanosec if is_solved else 0,
+        start_ns=nanoseconds(joints.header.stamp) if is_solved else 0,
         joint_names=tuple(map(str, joints.joint_names)),
         trajectory=trajectory_in(response) if is_solved else None,
         metrics=_metrics(response.metrics) if is_solved or response.solver.rollouts else {},
@@ -152,13 +152,12 @@ def trajectory_in(response: Any) -> Trajectory:
     """
     joints = response.joint_trajectory
     points, count = joints.points, len(joints.joint_names)
-    times = [point.time_from_start for point in points]
     chaser = _poses(response.predicted_chaser_path, len(points))
     chaser_twists = _twists(response.predicted_chaser_twists, len(points))
     ee = _poses(response.end_effector_path, len(points))
     ee_twists = _twists(response.end_effector_twists, len(points))
     return Trajectory(
-        time=np.array([(time.sec * 10**9 + time.nanosec) / 1e9 for time in times]),
+        time=np.array([nanoseconds(point.time_from_start) / NANOSECONDS for point in points]),
         joint_positions=_table([point.positions for point in points], len(points), count),
         joint_velocities=_table([point.velocities for point in points], len(points), count),
         joint_accelerations=_table([point.accelerations for point in points], len(points), count),

@@ -129,8 +129,8 @@ class _Copy:
 
     def __init__(self, directory: Path, name: str) -> None:
         self.topics: dict[str, TopicInfo] = {}
-        self.saved: Counter[str] = Counter()
-        self.known: Counter[str] = Counter()
+        self.saved: Counter[str] = Counter()  # messages of each topic
+        self.known: Counter[str] = Counter()  # that there should be, as far as the files tell
         self._directory, self._name = directory, name
         self._files: list[FileInfo] = []
         self._custom_data: dict[str, str] = {}
@@ -170,10 +170,9 @@ class _Copy:
         for channel in file.channels:
             self._register(file, channel, writer, numbers)
         for block in sorted({*file.blocks, *file.damaged}, key=lambda block: block.offset):
-            found = file.messages(block, None) if block not in file.damaged else []
-            if block in file.damaged:
-                found = salvaged(file, block)
-            for raw in found:
+            found = [] if block in file.damaged else file.messages(block, None)
+            # Reading may find that it is damaged.
+            for raw in salvaged(file, block) if block in file.damaged else found:
                 self._register(file, raw.channel, writer, numbers)
                 topic = file.channels[raw.channel].topic
                 writer.add_message(

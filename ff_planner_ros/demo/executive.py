@@ -21,6 +21,7 @@ from rclpy.task import Future as RosFuture
 from scipy.spatial.transform import Rotation
 from trajectory_msgs.msg import JointTrajectory
 
+from ff_planner_ros.bag.decoding import NANOSECONDS, nanoseconds
 from ff_planner_ros.demo.testbed import CONTROLLER_TOPIC
 from ff_planner_ros.errors import FfPlannerError, Status
 from ff_planner_ros.planning.plan import Plan
@@ -28,12 +29,7 @@ from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.ros.background import ask, spin_in_background
-from ff_planner_ros.ros.messages.from_messages import (
-    NANOSECONDS,
-    nanoseconds,
-    plan_from_response,
-    state_from_message,
-)
+from ff_planner_ros.ros.messages.from_messages import plan_from_response, state_from_message
 from ff_planner_ros.ros.outputs.prediction import (
     FramePose,
     TrackingError,

@@ -13,12 +13,13 @@ from scipy.spatial.transform import Rotation
 from trajectory_msgs.msg import JointTrajectory
 
 from ff_planner_ros.arrays import Array
+from ff_planner_ros.bag.decoding import NANOSECONDS, nanoseconds
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.joint_motion import JointMotion
 from ff_planner_ros.planning.problem import PlanningProblem
 from ff_planner_ros.planning.scenario import SCENARIO_FRAME
 from ff_planner_ros.robot.state import SystemState
-from ff_planner_ros.ros.messages.from_messages import NANOSECONDS, joint_order, nanoseconds
+from ff_planner_ros.ros.messages.from_messages import joint_order
 from ff_planner_ros.ros.messages.to_messages import obstacles_message, state_message
 from ff_planner_ros.ros.qos import LATCHED_QOS, STATE_QOS
 from ff_planner_ros.simulation.free_floating import FreeFloatingSystem, carried_back

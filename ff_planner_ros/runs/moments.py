@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+from ff_planner_ros.bag.decoding import NANOSECONDS, nanoseconds
 from ff_planner_ros.errors import Status
 from ff_planner_ros.parameters import NodeParameters
 from ff_planner_ros.ros.inputs.input_topics import heard_with
-from ff_planner_ros.ros.messages.from_messages import NANOSECONDS, nanoseconds
 from ff_planner_ros.runs.installed import PlanExchange
 from ff_planner_ros.runs.recorded_inputs import Moment
 from ff_planner_ros.runs.recorded_parameters import RecordedParameters

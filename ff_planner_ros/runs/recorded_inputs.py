@@ -8,10 +8,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
 
+from ff_planner_ros.bag.decoding import NANOSECONDS
 from ff_planner_ros.bag.reader import Bag, Message
 from ff_planner_ros.errors import BagError
 from ff_planner_ros.ros.inputs.input_topics import INPUT_TOPICS, OUTPUTS_OF_THESE_TYPES
-from ff_planner_ros.ros.messages.from_messages import NANOSECONDS
 from ff_planner_ros.ros.messages.interfaces import type_name
 
 

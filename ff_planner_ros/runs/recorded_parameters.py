@@ -8,6 +8,7 @@ import yaml
 from rcl_interfaces.msg import ParameterEvent
 from rclpy.parameter import Parameter
 
+from ff_planner_ros.bag.decoding import nanoseconds
 from ff_planner_ros.bag.reader import Bag
 from ff_planner_ros.errors import BagError, InvalidInput
 from ff_planner_ros.parameters import (
@@ -17,7 +18,6 @@ from ff_planner_ros.parameters import (
     flattened,
     parameters_of,
 )
-from ff_planner_ros.ros.messages.from_messages import nanoseconds
 from ff_planner_ros.ros.messages.interfaces import type_name
 from ff_planner_ros.ros.parameters import changed
 from ff_planner_ros.runs.installed import as_installed
@@ -34,7 +34,7 @@ class RecordedParameters:
         Raises:
             BagError: The bag does not hold them, or holds what is none.
         """
-        self.notes: list[str] = []
+        self.notes: list[str] = []  # what had to be assumed
         self._at_start = self._attached(bag)
         self._changes: list[tuple[int, NodeParameters]] = []
         current = self._at_start

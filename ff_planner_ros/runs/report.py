@@ -12,12 +12,11 @@ from typing import Any
 from ff_planner_ros.analysis.plan_json import plan_document
 from ff_planner_ros.analysis.tracking import Deviations
 from ff_planner_ros.arrays import Array
+from ff_planner_ros.bag.decoding import NANOSECONDS
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.plan import Metrics, SolverReport, Trajectory
 from ff_planner_ros.planning.problem import Sphere
 from ff_planner_ros.robot.model import Robot
-
-NANOSECONDS = 1_000_000_000  # in a second
 
 
 @dataclass(frozen=True, eq=False)

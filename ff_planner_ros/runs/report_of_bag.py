@@ -12,6 +12,7 @@ from ff_planner_msgs.srv import PlanTrajectory
 
 from ff_planner_ros.analysis.tracking import deviations, measured_motion
 from ff_planner_ros.arrays import finite_vector
+from ff_planner_ros.bag.decoding import NANOSECONDS, nanoseconds
 from ff_planner_ros.bag.provenance import PROVENANCE
 from ff_planner_ros.bag.reader import Bag, Message, open_bag
 from ff_planner_ros.bag.robot_plans import attached_robot
@@ -21,9 +22,7 @@ from ff_planner_ros.planning.sound_samples import require_sound_samples
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.ros.inputs.input_topics import OBSTACLES
 from ff_planner_ros.ros.messages.from_messages import (
-    NANOSECONDS,
     metrics_from_message,
-    nanoseconds,
     plan_from_response,
     solver_report_from_message,
     spheres_from_message,

@@ -18,16 +18,11 @@ import plotly.graph_objects as go
 from plotly.offline import get_plotlyjs
 
 from ff_planner_ros.analysis.tracking import Deviations, in_shown_units
+from ff_planner_ros.bag.decoding import NANOSECONDS
 from ff_planner_ros.bag.progress_bar import progress_bar
 from ff_planner_ros.errors import Status
 from ff_planner_ros.planning.metrics import METRICS, Metrics
-from ff_planner_ros.runs.report import (
-    NANOSECONDS,
-    Report,
-    ReportedPlan,
-    ReportedRequest,
-    clock_time,
-)
+from ff_planner_ros.runs.report import Report, ReportedPlan, ReportedRequest, clock_time
 from ff_planner_ros.runs.report_plots import plan_plots, solve_time_plot
 
 _NOTHING = "-"
