@@ -21,11 +21,11 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
+from ff_planner_ros.bag.decoding import NANOSECONDS
 from ff_planner_ros.demo.testbed import Imperfections, SimulatedTestbed
 from ff_planner_ros.errors import FfPlannerError
 from ff_planner_ros.planning.scenario import load_scenario
 from ff_planner_ros.ros.background import spin_in_background
-from ff_planner_ros.ros.messages.from_messages import NANOSECONDS
 
 MEANING = {
     "position_noise": "of the measured position, standard deviation [m]",

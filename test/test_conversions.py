@@ -13,13 +13,13 @@ from ff_planner_msgs.msg import SolverReport as SolverReportMsg
 from ff_planner_msgs.srv import PlanTrajectory
 from scipy.spatial.transform import Rotation
 
+from ff_planner_ros.bag.decoding import nanoseconds
 from ff_planner_ros.errors import InvalidInput, NoPlanFound, Status
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.metrics import Metrics
 from ff_planner_ros.planning.plan import Plan, SolverReport, Trajectory
 from ff_planner_ros.planning.problem import PlanningProblem
 from ff_planner_ros.ros.messages.from_messages import (
-    nanoseconds,
     plan_from_response,
     problem_from_request,
     spheres_from_message,

@@ -44,6 +44,11 @@ def rows(lines: list[str], first: str) -> list[list[str]]:
     return [line.split() for line in lines if line.startswith(first)]
 
 
+def plans_found(lines: list[str]) -> int:
+    """Number of plans: two are flown; a slow machine may find others too late to commit them."""
+    return 2 + sum("should have begun" in line for line in lines)
+
+
 def test_both_objectives_reach_the_reference_values(demo: tuple[Path, list[str]]) -> None:
     _, lines = demo
     (length, attitude) = ([float(cell) for cell in row[1:]] for row in rows(lines, "min("))
@@ -84,9 +89,10 @@ def test_the_bag_it_names_holds_every_topic_and_both_answers(demo: tuple[Path, l
     (bag,) = (line.split(maxsplit=1)[1] for line in lines if line.startswith("bag "))
     messages = read_bag(directory / bag)
     for topic in ("joint_trajectory", "predicted_chaser_path", "markers"):
-        assert len(messages[f"/{topic}"]) == 2, topic
-    # Of each testbed that was started: more than two where the machine needed longer.
-    assert len(messages["/obstacles"]) == len(rows(lines, "flying"))
+        assert len(messages[f"/{topic}"]) == plans_found(lines), topic
+    # Of every testbed that a plan was found for. One whose flight was refused at once is stopped
+    # before the recorder has found it, or after.
+    assert plans_found(lines) <= len(messages["/obstacles"]) <= len(rows(lines, "flying"))
     for topic in ("chaser_state", "predicted_chaser_pose", "tracking_error", "diagnostics"):
         assert len(messages[f"/{topic}"]) > 10, topic
     # The executive asks again until the planner has heard of the new flight.
@@ -95,7 +101,7 @@ def test_the_bag_it_names_holds_every_topic_and_both_answers(demo: tuple[Path, l
     not_yet = {Status.NO_STATE, Status.NO_OBSTACLES, Status.STATE_TOO_OLD}
     not_yet |= {Status.TOO_LATE, Status.START_IN_PAST}
     assert set(codes) <= {Status.SOLVED} | not_yet
-    assert codes.count(Status.SOLVED) == 2
+    assert codes.count(Status.SOLVED) == plans_found(lines)
     assert codes[-1] == Status.SOLVED
 
 
@@ -105,7 +111,7 @@ def test_its_bag_alone_gives_the_same_plans_again(demo: tuple[Path, list[str]]) 
     with open_bag(directory / bag) as opened:
         replayed = [replay(one) for one in recorded_run(opened).requests]
     verdicts = [one.verdict for one in replayed if one.recorded.status is Status.SOLVED]
-    assert verdicts == [Verdict.IDENTICAL] * 2
+    assert verdicts == [Verdict.IDENTICAL] * plans_found(lines)
 
 
 def test_the_pictures_it_names_are_pictures(demo: tuple[Path, list[str]]) -> None:

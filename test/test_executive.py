@@ -23,6 +23,7 @@ from ros_processes import DEADLINE, FRAME, private_domain
 from scipy.spatial.transform import Rotation
 from trajectory_msgs.msg import JointTrajectory
 
+from ff_planner_ros.bag.decoding import NANOSECONDS, nanoseconds
 from ff_planner_ros.demo.executive import MissionExecutive, end_effector
 from ff_planner_ros.demo.testbed import CONTROLLER_TOPIC
 from ff_planner_ros.errors import FfPlannerError, Status
@@ -31,7 +32,6 @@ from ff_planner_ros.planning.problem import PlanningProblem
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.ros.background import spin_in_background
-from ff_planner_ros.ros.messages.from_messages import NANOSECONDS, nanoseconds
 from ff_planner_ros.ros.messages.to_messages import response_from_plan, state_message
 
 

@@ -19,6 +19,7 @@ from ros_processes import DEADLINE, Scene, connected_client, private_domain, run
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import String
 
+from ff_planner_ros.bag.decoding import nanoseconds
 from ff_planner_ros.bag.encoding import encode
 from ff_planner_ros.bag.reader import open_bag
 from ff_planner_ros.bag.rosbag2_metadata import QualityOfService
@@ -26,7 +27,6 @@ from ff_planner_ros.bag.writer import BagWriter
 from ff_planner_ros.cli import main
 from ff_planner_ros.errors import Status
 from ff_planner_ros.planning.problem import PlanningProblem
-from ff_planner_ros.ros.messages.from_messages import nanoseconds
 from ff_planner_ros.ros.messages.interfaces import type_name
 from ff_planner_ros.runs import publish
 

@@ -13,6 +13,7 @@ from rclpy.parameter import Parameter
 from ros_processes import FRAME, Scene
 from service_msgs.msg import ServiceEventInfo
 
+from ff_planner_ros.bag.decoding import NANOSECONDS
 from ff_planner_ros.bag.encoding import encode
 from ff_planner_ros.bag.provenance import PROVENANCE, provenance
 from ff_planner_ros.bag.reader import open_bag
@@ -22,7 +23,6 @@ from ff_planner_ros.errors import BagError, FfPlannerError, InvalidInput, Status
 from ff_planner_ros.planning.plan import Plan
 from ff_planner_ros.planning.problem import PlanningProblem
 from ff_planner_ros.ros.inputs.scene_input import SceneInput
-from ff_planner_ros.ros.messages.from_messages import NANOSECONDS
 from ff_planner_ros.ros.messages.to_messages import (
     response_from_error,
     response_from_plan,

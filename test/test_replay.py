@@ -30,6 +30,7 @@ from ros_processes import (
 )
 from std_msgs.msg import Header
 
+from ff_planner_ros.bag.decoding import nanoseconds
 from ff_planner_ros.bag.encoding import encode
 from ff_planner_ros.bag.reader import Message, open_bag
 from ff_planner_ros.bag.writer import BagWriter
@@ -37,7 +38,7 @@ from ff_planner_ros.cli import main
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.problem import PlanningProblem
 from ff_planner_ros.planning.tail import EndBehaviour
-from ff_planner_ros.ros.messages.from_messages import nanoseconds, plan_from_response
+from ff_planner_ros.ros.messages.from_messages import plan_from_response
 from ff_planner_ros.ros.messages.to_messages import time_message
 from ff_planner_ros.runs.recorded_run import RecordedRequest, RecordedRun, recorded_run
 from ff_planner_ros.runs.replay import Verdict, replay

@@ -11,6 +11,7 @@ import pytest
 from ff_planner_msgs.srv import PlanTrajectory
 from ros_processes import FRAME, Scene
 
+from ff_planner_ros.bag.decoding import NANOSECONDS
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.parameters import LimitParameters, load_parameters
 from ff_planner_ros.planning.plan import Plan
@@ -18,7 +19,6 @@ from ff_planner_ros.planning.problem import Limits, PlanningProblem
 from ff_planner_ros.planning.tail import EndBehaviour
 from ff_planner_ros.ros.inputs.scene_input import SceneInput
 from ff_planner_ros.ros.inputs.state_input import Snapshot
-from ff_planner_ros.ros.messages.from_messages import NANOSECONDS
 from ff_planner_ros.ros.messages.to_messages import time_message
 from ff_planner_ros.ros.outputs.plan_output import PublishedPlan
 from ff_planner_ros.ros.requests.reading import (

@@ -19,6 +19,7 @@ from ros_processes import DEADLINE, FRAME, private_domain
 from scipy.spatial.transform import Rotation
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
+from ff_planner_ros.bag.decoding import NANOSECONDS, nanoseconds
 from ff_planner_ros.demo.testbed import (
     CONTROLLER_TOPIC,
     STATE_QOS,
@@ -31,12 +32,7 @@ from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.problem import PlanningProblem
 from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.ros.background import spin_in_background
-from ff_planner_ros.ros.messages.from_messages import (
-    NANOSECONDS,
-    nanoseconds,
-    spheres_from_message,
-    state_from_message,
-)
+from ff_planner_ros.ros.messages.from_messages import spheres_from_message, state_from_message
 from ff_planner_ros.ros.messages.to_messages import time_message
 from ff_planner_ros.simulation.free_floating import carried_back
 

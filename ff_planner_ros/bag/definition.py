@@ -32,13 +32,12 @@ class Definition:
 def message_definition(type_name: str) -> Definition:
     """Return the complete definition of a message type, from the ament share directories.
 
+    Types are named `package/msg/Name`, `package/srv/Name_Event`, `_Request`, `_Response`, or
+    `package/action/Name_FeedbackMessage`, `_SendGoal_Event`, `_GetResult_Event`.
+
     A message is given as `ros2msg`, a part of a service or an action as `ros2idl`: readers of
     `ros2msg` refuse the underscore in `SetBool_Event` or expect it under `msg`, and the `.srv` file
     that rosbag2 itself stores does not define the event.
-
-    Args:
-        type_name: `package/msg/Name`, `package/srv/Name_Event`, `_Request`, `_Response`, or
-            `package/action/Name_FeedbackMessage`, `_SendGoal_Event`, `_GetResult_Event`.
 
     Raises:
         BagError: The name is of another form, or the type is not installed.
@@ -58,9 +57,6 @@ def message_definition(type_name: str) -> Definition:
 
 def type_hash(type_name: str) -> str:
     """Return the hash of a message type (RIHS01 of REP 2011), from the ament share directories.
-
-    Args:
-        type_name: As for `message_definition`.
 
     Raises:
         BagError: The name is of another form, or the type is not installed.

@@ -36,10 +36,7 @@ _FORMATS = {
 
 
 def encode(message: Any) -> bytes:
-    """Return a message as CDR: little-endian, exact length, padding zero.
-
-    Args:
-        message: Any rclpy message, also the request, response and event of a service.
+    """Return any rclpy message as CDR: little-endian, exact length, padding zero.
 
     Raises:
         BagError: A field has a type that is not supported (`wstring`).

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any, Generic, TypeVar
 
+from ff_planner_ros.bag.decoding import nanoseconds
 from ff_planner_ros.bag.reader import Bag, Message
 
 SERVICE_EVENT = "ff_planner_msgs/srv/PlanTrajectory_Event"
@@ -61,7 +62,7 @@ def exchanges(
     answered: list[tuple[object, Exchange[Request, Response]]] = []
     for message, event in bag.decoded(SERVICE_EVENT, GOAL_EVENT, RESULT_EVENT):
         try:
-            stamp_ns = event.info.stamp.sec * 10**9 + event.info.stamp.nanosec
+            stamp_ns = nanoseconds(event.info.stamp)
             parts = list(_parts(message, event))
         except (AttributeError, TypeError, ValueError, LookupError, OverflowError) as error:
             bag.note(f"an event on {message.topic} cannot be understood: {error}")

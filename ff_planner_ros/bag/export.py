@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import re
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
@@ -20,20 +21,14 @@ _LONGEST_NAME = 100  # [characters] of a file; a plan id from a damaged bag may 
 
 
 def export_csv(bag: Path, directory: Path) -> Sequence[str]:
-    """Write a table of all answers, and a table of every plan.
-
-    Args:
-        directory: Of the tables; must not exist.
-
-    Returns:
-        What is wrong with the bag, in words.
+    """Write tables of all answers and of every plan into a new directory; return the notes.
 
     Raises:
         BagError: Nothing of the bag can be read, it holds no answer, or the directory exists or
             cannot be written.
     """
     plans, notes = _plans(bag)
-    try:
+    with _written(directory):
         directory.mkdir(parents=True)
         rows = [_answer(plan) for plan in plans]
         names = list(dict.fromkeys(name for row in rows for name in row))
@@ -44,18 +39,11 @@ def export_csv(bag: Path, directory: Path) -> Sequence[str]:
             columns = plan.columns()
             values = np.column_stack(list(columns.values())).tolist()
             _write(directory / f"{name}.csv", list(columns), values)
-    except FileExistsError:
-        raise BagError(f"{directory} exists already, and is not overwritten") from None
-    except OSError as error:
-        raise BagError(f"{directory} cannot be written: {error}") from None
     return notes
 
 
 def export_npz(bag: Path, file: Path) -> Sequence[str]:
-    """Write the arrays of every plan into one file, as `plan_id/array`.
-
-    Returns:
-        What is wrong with the bag, in words.
+    """Write the arrays of every plan into a new file, as `plan_id/array`; return the notes.
 
     Raises:
         BagError: Nothing of the bag can be read, it holds no answer, or the file exists or cannot
@@ -69,14 +57,19 @@ def export_npz(bag: Path, file: Path) -> Sequence[str]:
         arrays[f"{name}/joint_names"] = np.array(plan.joint_names)
         arrays[f"{name}/start_ns"] = np.array(plan.start_ns)
         arrays |= {f"{name}/metrics/{key}": np.array(value) for key, value in plan.metrics.items()}
-    try:
-        with file.open("xb") as stream:
-            np.savez_compressed(stream, **arrays)
-    except FileExistsError:
-        raise BagError(f"{file} exists already, and is not overwritten") from None
-    except OSError as error:
-        raise BagError(f"{file} cannot be written: {error}") from None
+    with _written(file), file.open("xb") as stream:
+        np.savez_compressed(stream, **arrays)
     return notes
+
+
+@contextmanager
+def _written(path: Path) -> Iterator[None]:
+    try:
+        yield
+    except FileExistsError:
+        raise BagError(f"{path} exists already, and is not overwritten") from None
+    except OSError as error:
+        raise BagError(f"{path} cannot be written: {error}") from None
 
 
 def _plans(bag: Path) -> tuple[list[RecordedPlan], Sequence[str]]:

@@ -28,8 +28,7 @@ _DIGITS = re.compile(r"(\d+)")
 def open_files(path: Path) -> Iterator[tuple[list[McapFile], list[str]]]:
     """Open the files of a bag; yield those that can be read, and what is wrong with the rest.
 
-    Args:
-        path: The directory, with one file or several, or one MCAP file.
+    A bag is a directory with one file or several, or one MCAP file.
 
     Raises:
         BagError: There is no bag, or nothing of it can be read.

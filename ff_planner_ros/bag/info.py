@@ -7,6 +7,7 @@ from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 
+from ff_planner_ros.bag.decoding import NANOSECONDS
 from ff_planner_ros.bag.mcap_records import printable
 from ff_planner_ros.bag.plans import planning_exchanges
 from ff_planner_ros.bag.reader import Bag, open_bag
@@ -89,12 +90,12 @@ def _documents(bag: Bag) -> Iterator[str]:
 
 
 def _utc(time_ns: int) -> str:
-    seconds, nanoseconds = divmod(time_ns, 10**9)
+    seconds, rest_ns = divmod(time_ns, NANOSECONDS)
     try:
         whole = time.strftime("%Y-%m-%d %H:%M:%S", time.gmtime(seconds))
     except (OverflowError, OSError, ValueError):
         return f"{seconds} s"
-    return f"{whole}.{nanoseconds // 10**6:03} UTC"
+    return f"{whole}.{rest_ns // 10**6:03} UTC"
 
 
 def _short(text: str) -> str:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import struct
 from collections import Counter
 from collections.abc import Container, Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import BinaryIO, NamedTuple
@@ -65,41 +64,23 @@ class McapFile:
     _decoders: dict[int, Decoder | BagError] = field(default_factory=dict)
 
     def messages(self, block: Block, wanted: Container[int] | None) -> list[RawMessage]:
-        """Read a block; of a damaged one there are no messages, but a note.
-
-        Args:
-            wanted: Channels; None: all.
+        """Read the wanted channels (None: all) of a block; a damaged block gives a note only.
 
         Raises:
             BagError: The disk fails.
         """
-        with self._left_out_if_damaged(block):
+        try:
             records = self._records(block)
             return [
                 RawMessage(channel, log_time, publish_time, records[start:end])
                 for channel, log_time, publish_time, start, end in self.heads(records)
                 if wanted is None or channel in wanted
             ]
-        return []
-
-    def times(self, block: Block) -> list[tuple[int, int]]:
-        """Return channel and log time of every message in a block; none if it is damaged.
-
-        Raises:
-            BagError: The disk fails.
-        """
-        with self._left_out_if_damaged(block):
-            return [(channel, time) for channel, time, *_ in self.heads(self._records(block))]
-        return []
-
-    @contextmanager
-    def _left_out_if_damaged(self, block: Block) -> Iterator[None]:
-        try:
-            yield
         except OSError as error:
             raise unreadable(self.path, error) from None
         except Exception as error:  # where bytes are damaged, the library trips over their meaning
             self.leave_out(block, f"is damaged: {in_words(error)}")
+            return []
 
     def heads(self, records: bytes) -> Iterator[tuple[int, int, int, int, int]]:
         """Yield channel, log time, publish time, start and end of every message among records.

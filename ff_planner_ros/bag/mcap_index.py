@@ -41,10 +41,7 @@ _ENDS = ((Opcode.DATA_END, 4), (Opcode.FOOTER, _FOOTER.size))  # with their leng
 _TAIL = FRAME.size + _FOOTER.size + len(MAGIC)
 _COMPRESSION = re.compile(rb"\x04\0\0\0zstd|\x03\0\0\0lz4")  # stands in the head of a chunk,
 _CHUNK_HEAD = 64  # [bytes] which is not longer than this
-_WINDOW, _OVERLAP = (
-    1 << 20,
-    8,
-)  # [bytes] that are searched at once, and what may reach into the next
+_WINDOW, _OVERLAP = 1 << 20, 8  # [bytes] searched at once; what may reach into the next ones
 _LONGEST_RUN = 1 << 20  # [bytes] of messages outside of chunks that are read at once
 
 
@@ -225,11 +222,12 @@ def _take_record(file: McapFile, opcode: int, block: Block) -> None:
 
 def _take_block(file: McapFile, block: Block) -> None:
     """Count the messages of a chunk, or take one that is outside of chunks into a run of them."""
-    found = file.times(block)
+    found = file.messages(block, None)
     if not found:
         return
-    start_ns, end_ns = min(time for _, time in found), max(time for _, time in found)
-    counts = Counter(channel for channel, _ in found)
+    times_ns = [message.log_time_ns for message in found]
+    start_ns, end_ns = min(times_ns), max(times_ns)
+    counts = Counter(message.channel for message in found)
     file.counts += counts
     file.start_ns = min(start_ns, start_ns if file.start_ns is None else file.start_ns)
     file.end_ns = max(end_ns, file.end_ns or 0)

@@ -43,10 +43,7 @@ def chunk_of(record: bytes) -> tuple[Chunk, int]:
 
 
 def parsed(record_type: Any, body: bytes) -> Any:
-    """Return a record of the library from its bytes.
-
-    Args:
-        body: The record without opcode and length.
+    """Return a record of the library from its bytes without opcode and length.
 
     Raises:
         Exception: It is damaged; whatever the library trips over.

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from ff_planner_ros.arrays import Array
+from ff_planner_ros.bag.decoding import NANOSECONDS, nanoseconds
 from ff_planner_ros.bag.exchanges import Exchange, exchanges
 from ff_planner_ros.bag.reader import Bag, Message, open_bag
 from ff_planner_ros.errors import BagError, Status
@@ -38,30 +39,17 @@ _JOINT_COLUMNS = {
 
 @dataclass(frozen=True, eq=False)
 class RecordedPlan:
-    """An answer of the planner, and the plan in it if there is one.
+    """An answer of the planner, and the plan in it if there is one."""
 
-    Attributes:
-        plan_id: As the planner named it.
-        topic: Of the events of the service, or of the action's results.
-        answered_ns: When the answer was recorded, since the epoch.
-        status: Name of the status (`SOLVED`), or its number where a later version gave it.
-        message: Why.
-        start_ns: Start of the plan, since the epoch; zero without a plan.
-        joint_names: In the order of the trajectory's columns.
-        trajectory: The plan, in the inertial frame; None: there is none. Values that an old
-            bag does not hold are NaN.
-        metrics: By name, as in `PlanMetrics.msg`; without a plan those of the best attempt, if
-            there was any.
-    """
-
-    plan_id: str
-    topic: str
-    answered_ns: int
-    status: str
-    message: str
-    start_ns: int
-    joint_names: tuple[str, ...]
-    trajectory: Trajectory | None
+    plan_id: str  # as the planner named it
+    topic: str  # of the service's events or the action's results
+    answered_ns: int  # when the answer was recorded, since the epoch
+    status: str  # its name (`SOLVED`), or its number where a later version gave it
+    message: str  # why
+    start_ns: int  # of the plan, since the epoch; zero without a plan
+    joint_names: tuple[str, ...]  # in the order of the trajectory's columns
+    trajectory: Trajectory | None  # in the inertial frame, NaN where an old bag lacks it
+    # Of the plan, or of the best attempt if there was any; names as in `PlanMetrics.msg`
     metrics: Mapping[str, float | tuple[float, ...]]
 
     def columns(self) -> dict[str, Array]:
@@ -85,10 +73,7 @@ class RecordedPlan:
 def read_plans(bag: Path | str) -> list[RecordedPlan]:
     """Read every answer of the planner in a bag, in the order of the answers.
 
-    What is wrong with the bag comes as warnings.
-
-    Args:
-        bag: The directory, or one of its MCAP files.
+    The bag is a directory or one MCAP file. What is wrong with it comes as warnings.
 
     Raises:
         BagError: Nothing of the bag can be read.
@@ -128,10 +113,7 @@ def planning_exchanges(bag: Bag) -> list[Exchange[bool, RecordedPlan]]:
 
 
 def recorded_plan(message: Message, response: Any) -> RecordedPlan:
-    """Return an answer as plain arrays.
-
-    Args:
-        response: Of `PlanTrajectory`, decoded by whatever definition.
+    """Return an answer, decoded by whatever definition of `PlanTrajectory`, as plain arrays.
 
     Raises:
         BagError: It cannot be understood, or its arrays do not fit each other.
@@ -147,14 +129,13 @@ def _recorded_plan(message: Message, response: Any) -> RecordedPlan:
     code = int(response.status.code)
     is_solved = code == Status.SOLVED
     joints = response.joint_trajectory
-    stamp = joints.header.stamp
     return RecordedPlan(
         plan_id=str(response.plan_id),
         topic=message.topic,
         answered_ns=message.log_time_ns,
         status=Status(code).name if code in Status.__members__.values() else str(code),
         message=str(response.status.message),
-        start_ns=stamp.sec * 10**9 + stamp.nanosec if is_solved else 0,
+        start_ns=nanoseconds(joints.header.stamp) if is_solved else 0,
         joint_names=tuple(map(str, joints.joint_names)),
         trajectory=trajectory_in(response) if is_solved else None,
         metrics=_metrics(response.metrics) if is_solved or response.solver.rollouts else {},
@@ -162,23 +143,21 @@ def _recorded_plan(message: Message, response: Any) -> RecordedPlan:
 
 
 def trajectory_in(response: Any) -> Trajectory:
-    """Return the motion in an answer; NaN where the answer lacks an array.
+    """Return the motion in an answer with a plan, decoded by whatever definition.
 
-    Args:
-        response: Of `PlanTrajectory`, decoded by whatever definition, with a plan.
+    What the answer lacks is NaN.
 
     Raises:
         ValueError: Its arrays do not fit each other.
     """
     joints = response.joint_trajectory
     points, count = joints.points, len(joints.joint_names)
-    times = [point.time_from_start for point in points]
     chaser = _poses(response.predicted_chaser_path, len(points))
     chaser_twists = _twists(response.predicted_chaser_twists, len(points))
     ee = _poses(response.end_effector_path, len(points))
     ee_twists = _twists(response.end_effector_twists, len(points))
     return Trajectory(
-        time=np.array([(time.sec * 10**9 + time.nanosec) / 1e9 for time in times]),
+        time=np.array([nanoseconds(point.time_from_start) / NANOSECONDS for point in points]),
         joint_positions=_table([point.positions for point in points], len(points), count),
         joint_velocities=_table([point.velocities for point in points], len(points), count),
         joint_accelerations=_table([point.accelerations for point in points], len(points), count),

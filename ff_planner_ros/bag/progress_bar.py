@@ -17,9 +17,7 @@ def progress_bar(
 ) -> Iterator[Callable[[int], None]]:
     """Yield a function to call with every amount that is done; the bar is on standard error.
 
-    Args:
-        total: How much there is to do, in bytes if not in something else.
-        per_unit: This amount is one `unit`.
+    The total is counted in bytes; with another `unit`, `per_unit` of it make one.
     """
     done = 0
     shown = False

@@ -29,10 +29,7 @@ _GIT_PATIENCE = 5.0  # [s]
 def provenance(**more: str) -> dict[str, str]:
     """Return what is known of this process: versions by package, `host`, `platform`, `started`, ...
 
-    `git` is there only if the package runs from a checkout.
-
-    Args:
-        **more: What only the caller knows, such as `node` and `rmw`.
+    `git` is there only if the package runs from a checkout; `more` is what only the caller knows.
     """
     known = {
         **{name: _version(names) for name, names in _DISTRIBUTIONS.items()},

@@ -41,41 +41,25 @@ class Topic:
 
 
 class Bag:
-    """A bag open for reading; made by `open_bag`.
-
-    Attributes:
-        path: As it was asked for.
-        files: Its MCAP files, in order.
-        library: That wrote it.
-        attachments: Content of each attached document, by its file name.
-        metadata: Metadata records, by their name; of several, the last.
-        start_ns: Log time of the first message, since the epoch; zero without messages.
-        end_ns: Log time of the last message, since the epoch; zero without messages.
-        topics: By name.
-        message_count: Of all topics.
-    """
+    """A bag open for reading; made by `open_bag`."""
 
     def __init__(self, path: Path, files: Sequence[McapFile], notes: Sequence[str]) -> None:
-        """Put together what the files hold.
-
-        Args:
-            files: In order, open; at least one.
-        """
+        """Put together what the files hold: at least one, open, in order."""
         self._mcap_files, self._notes = files, list(notes)
-        self.path = path
+        self.path = path  # as it was asked for
         self.files = tuple(file.path for file in files)
-        self.library = files[0].library
+        self.library = files[0].library  # that wrote it
+        # By file name and by name of the record; of several records the last
         self.attachments: Mapping[str, bytes] = MappingProxyType(
             {one.name: one.data for file in files for one in file.attachments}
         )
         self.metadata: Mapping[str, Mapping[str, str]] = MappingProxyType(
             {one.name: MappingProxyType(one.metadata) for file in files for one in file.metadata}
         )
-        self.start_ns = min(
-            (file.start_ns for file in files if file.start_ns is not None), default=0
-        )
-        self.end_ns = max((file.end_ns for file in files if file.end_ns is not None), default=0)
-        self.topics = self._all_topics()
+        # Log times of the first and last message, since the epoch; zero without messages
+        self.start_ns = min((one.start_ns for one in files if one.start_ns is not None), default=0)
+        self.end_ns = max((one.end_ns for one in files if one.end_ns is not None), default=0)
+        self.topics = self._all_topics()  # by name
         self.message_count = sum(topic.message_count for topic in self.topics.values())
         for file in files:
             if file.profile != "ros2":
@@ -100,50 +84,34 @@ class Bag:
             self._notes.append(text)
 
     def messages(self, *types_or_topics: str) -> Iterator[Message]:
-        """Yield messages in the order of their log times, across the files.
+        """Yield messages of some types or topics (none: all) by log time, across the files.
 
         What is damaged is left out, and makes a note.
-
-        Args:
-            *types_or_topics: Names of types or topics that are wanted; none: everything.
 
         Raises:
             BagError: The disk fails.
         """
-        for file, raw in self._in_order(set(types_or_topics)):
-            channel = file.channels[raw.channel]
-            type_name = _type_name(file, channel)
-            yield Message(channel.topic, type_name, raw.log_time_ns, raw.publish_time_ns, raw.cdr)
+        for _, _, message in self._in_order(set(types_or_topics)):
+            yield message
 
     def decoded(self, *type_names: str) -> Iterator[tuple[Message, Any]]:
         """Yield the messages of some types with what they say, by the bag's own definitions.
 
         What is damaged or does not fit its definition is left out, and makes a note.
 
-        Args:
-            *type_names: Each `package/msg/Name` or `package/srv/Name_Event`.
-
         Raises:
             BagError: The disk fails.
         """
-        for file, raw in self._in_order(set(type_names)):
-            channel = file.channels[raw.channel]
-            type_name = _type_name(file, channel)
-            message = Message(
-                channel.topic, type_name, raw.log_time_ns, raw.publish_time_ns, raw.cdr
-            )
+        for file, channel, message in self._in_order(set(type_names)):
             try:
-                content = file.decoder_of(channel)(raw.cdr)
+                content = file.decoder_of(channel)(message.cdr)
             except BagError as error:
-                file.note(f"{channel.topic} ({type_name}): {error}")
+                file.note(f"{message.topic} ({message.type_name}): {error}")
             else:
                 yield message, content
 
     def decode(self, message: Message) -> Any:
-        """Return what one message of this bag says, by the bag's own definition.
-
-        Args:
-            message: One of `messages`.
+        """Return what one of the `messages` says, by the bag's own definition.
 
         Raises:
             BagError: Its definition cannot be read, or it does not fit it.
@@ -155,7 +123,7 @@ class Bag:
                     return file.decoder_of(channel)(message.cdr)
         raise BagError(f"{message.topic} is no topic of {self.path}")
 
-    def _in_order(self, wanted: set[str]) -> Iterator[tuple[McapFile, RawMessage]]:
+    def _in_order(self, wanted: set[str]) -> Iterator[tuple[McapFile, Channel, Message]]:
         """Merge the blocks of all files; each is read when the first of its messages is due."""
         heap: list[tuple[int, int, int, int, Block | RawMessage]] = []
         channels = [_channels_of(file, wanted) if wanted else None for file in self._mcap_files]
@@ -170,7 +138,8 @@ class Bag:
             _, number, offset, _, item = heapq.heappop(heap)
             file = self._mcap_files[number]
             if isinstance(item, RawMessage):
-                yield file, item
+                channel = file.channels[item.channel]
+                yield file, channel, Message(channel.topic, _type_name(file, channel), *item[1:])
                 continue
             for index, raw in enumerate(file.messages(item, channels[number])):
                 heapq.heappush(heap, (raw.log_time_ns, number, offset, index, raw))
@@ -197,10 +166,9 @@ class Bag:
 
 @contextmanager
 def open_bag(path: Path) -> Iterator[Bag]:
-    """Open a bag for reading; one without an index is read to its end for that.
+    """Open a bag for reading, a directory or one MCAP file.
 
-    Args:
-        path: The directory, with one file or several, or one MCAP file.
+    A file without an index is read to its end for that.
 
     Raises:
         BagError: There is no bag, or nothing of it can be read.

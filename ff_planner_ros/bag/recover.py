@@ -46,10 +46,7 @@ class Recovery:
 
 
 def print_recovery(bag: Path, output: Path | None) -> int:
-    """Recover a bag and say what was saved, and what was lost.
-
-    Args:
-        output: The new bag; None: beside the old one.
+    """Recover a bag into a new one (None: beside the old one), and print what was saved and lost.
 
     Returns:
         Exit code: 0 everything in it was saved, 3 a part of it, 1 nothing.
@@ -79,8 +76,7 @@ def print_recovery(bag: Path, output: Path | None) -> int:
 def recover(bag: Path, output: Path) -> Recovery:
     """Write everything that can be read of a bag into a new one, file by file.
 
-    Args:
-        output: The new bag, a directory; not made if there is no message to save.
+    The output, a directory, is not made if there is no message to save.
 
     Raises:
         BagError: There is no bag, or the output exists or cannot be written.
@@ -129,18 +125,12 @@ def _copied(bag: Path, copy: _Copy) -> tuple[bool, tuple[str, ...]]:
 
 
 class _Copy:
-    """The new bag.
-
-    Attributes:
-        topics: By name.
-        saved: Messages of each topic.
-        known: Messages that there should be of each topic, as far as the files tell.
-    """
+    """The new bag."""
 
     def __init__(self, directory: Path, name: str) -> None:
         self.topics: dict[str, TopicInfo] = {}
-        self.saved: Counter[str] = Counter()
-        self.known: Counter[str] = Counter()
+        self.saved: Counter[str] = Counter()  # messages of each topic
+        self.known: Counter[str] = Counter()  # that there should be, as far as the files tell
         self._directory, self._name = directory, name
         self._files: list[FileInfo] = []
         self._custom_data: dict[str, str] = {}
@@ -180,10 +170,9 @@ class _Copy:
         for channel in file.channels:
             self._register(file, channel, writer, numbers)
         for block in sorted({*file.blocks, *file.damaged}, key=lambda block: block.offset):
-            found = file.messages(block, None) if block not in file.damaged else []
-            if block in file.damaged:
-                found = salvaged(file, block)
-            for raw in found:
+            found = [] if block in file.damaged else file.messages(block, None)
+            # Reading may find that it is damaged.
+            for raw in salvaged(file, block) if block in file.damaged else found:
                 self._register(file, raw.channel, writer, numbers)
                 topic = file.channels[raw.channel].topic
                 writer.add_message(

@@ -42,11 +42,7 @@ class FileInfo:
     message_count: int = 0  # of all topics
 
     def count(self, log_time_ns: int) -> None:
-        """Take one more message into account.
-
-        Args:
-            log_time_ns: Of the message [ns].
-        """
+        """Take one more message into account, by its log time [ns]."""
         self.start_ns = min(self.start_ns, log_time_ns)
         self.end_ns = max(self.end_ns, log_time_ns)
         self.message_count += 1
@@ -57,9 +53,7 @@ def metadata(
 ) -> dict[str, Any]:
     """Return what describes a bag, as rosbag2 stores it in `metadata.yaml` and in every file.
 
-    Args:
-        files: In the order of recording.
-        custom_data: What rosbag2 keeps without looking at it.
+    The files are in the order of recording; rosbag2 keeps `custom_data` without looking at it.
     """
     return {
         "version": 9,

@@ -22,7 +22,7 @@ def salvaged(file: McapFile, block: Block) -> list[RawMessage]:
     """
     found: list[RawMessage] = []
     with suppress(Exception):  # it ends where the bytes make no sense any more
-        records = _records_before_the_break(file, block)
+        records = _records_before_the_break(file, block) if block.is_chunk else b""
         for channel, log_time, publish_time, start, end in file.heads(records):
             cdr = records[start:end]
             file.decoder_of(file.channels[channel])(cdr)
@@ -35,27 +35,14 @@ def salvaged(file: McapFile, block: Block) -> list[RawMessage]:
 
 
 def _records_before_the_break(file: McapFile, block: Block) -> bytes:
-    if not block.is_chunk:
-        return b""
     chunk, _ = chunk_of(file.bytes_at(block.offset, block.length))
     size = min(chunk.uncompressed_size, _LARGEST_CHUNK)
-    records = b""
-    if chunk.compression == "":
-        records = chunk.data
-    elif chunk.compression == "zstd":
-        records = _decompressed(chunk.data, size)
-    return b"" if len(records) >= size else records
-
-
-def _decompressed(compressed: bytes, limit: int) -> bytes:
-    """Return what can be decompressed, to where it breaks off."""
-    pieces: list[bytes] = []
-    size = 0
-    machine = zstandard.ZstdDecompressor().decompressobj()
-    with suppress(zstandard.ZstdError):
-        for start in range(0, len(compressed), _PIECE):
-            pieces.append(machine.decompress(compressed[start : start + _PIECE]))
-            size += len(pieces[-1])
-            if size > limit or machine.eof:
-                break
-    return b"".join(pieces)[:limit]
+    records = bytearray(chunk.data if chunk.compression == "" else b"")
+    if chunk.compression == "zstd":
+        machine = zstandard.ZstdDecompressor().decompressobj()
+        with suppress(zstandard.ZstdError):
+            for start in range(0, len(chunk.data), _PIECE):
+                records += machine.decompress(chunk.data[start : start + _PIECE])
+                if len(records) >= size or machine.eof:
+                    break
+    return b"" if len(records) >= size else bytes(records)

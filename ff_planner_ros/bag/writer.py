@@ -7,10 +7,8 @@ import secrets
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
 from pathlib import Path
 from threading import RLock
-from types import TracebackType
 from typing import Self
 
 from mcap.writer import LIBRARY_IDENTIFIER, CompressionType, Writer
@@ -48,17 +46,10 @@ class BagWriter:
     Every file of a split bag can be read alone: definitions and documents are in each. Latched
     messages are not repeated, as in rosbag2 of Jazzy: played back, a repeated trajectory would be
     a second command.
-
-    Attributes:
-        custom_data: Goes into the metadata whenever that is written.
     """
 
     def __init__(
-        self,
-        directory: Path,
-        flush_interval: float,
-        max_size: int = 0,
-        max_duration: float = 0.0,
+        self, directory: Path, flush_interval: float, max_size: int = 0, max_duration: float = 0.0
     ) -> None:
         """Create the bag.
 
@@ -77,7 +68,8 @@ class BagWriter:
         self._max_size, self._max_duration_ns = max_size, round(max_duration * 1e9)
         self._lock = RLock()
         self._refusal: str | None = None  # why nothing more can be written
-        self._attachments: list[_Attachment] = []
+        # As the library takes them: when made and logged [ns], name, media type, content
+        self._attachments: list[tuple[int, int, str, str, bytes]] = []
         self._records: dict[str, Mapping[str, str]] = {}
         self._definitions: dict[str, Definition] = {}
         self._topics: dict[str, TopicInfo] = {}
@@ -85,7 +77,7 @@ class BagWriter:
         self._unflushed_ns: int | None = None  # log time of the first message not yet flushed
         self._unflushed_size = 0
         self._is_on_disk = False
-        self.custom_data: dict[str, str] = {}
+        self.custom_data: dict[str, str] = {}  # goes into the metadata whenever that is written
 
         try:
             directory.mkdir(parents=True)
@@ -163,18 +155,14 @@ class BagWriter:
                 self._flush()
 
     def attach(self, name: str, media_type: str, data: bytes) -> None:
-        """Keep a document with the messages, so that the bag explains itself.
-
-        Args:
-            name: File name (`robot.urdf`).
-            media_type: MIME type (`application/xml`).
+        """Keep a document under a file name (`robot.urdf`) and MIME type: the bag explains itself.
 
         Raises:
             BagError: The bag is closed, or the disk failed.
         """
         with self._writing():
-            self._attachments.append(_Attachment(time.time_ns(), name, media_type, data))
-            self._attachments[-1].write(self._mcap)
+            self._attachments.append((0, time.time_ns(), name, media_type, data))
+            self._mcap.add_attachment(*self._attachments[-1])
             self._mcap.flush()
 
     def add_record(self, name: str, data: Mapping[str, str]) -> None:
@@ -229,12 +217,7 @@ class BagWriter:
         """Return the bag itself."""
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Close the bag."""
         self.close()
 
@@ -277,7 +260,7 @@ class BagWriter:
         self._mcap = Writer(self._file, compression=CompressionType.ZSTD)
         self._mcap.start(profile="ros2", library=f"ff_planner_ros {LIBRARY_IDENTIFIER}")
         for attachment in self._attachments:
-            attachment.write(self._mcap)
+            self._mcap.add_attachment(*attachment)
         for record, data in self._records.items():
             self._mcap.add_metadata(record, dict(data))
         self._schemas: dict[str, int] = {}
@@ -305,10 +288,7 @@ class BagWriter:
             topic,
             "cdr",
             self._schemas[info.type_name],
-            {
-                "offered_qos_profiles": as_yaml(info.profiles),
-                "topic_type_hash": info.type_hash,
-            },
+            {"offered_qos_profiles": as_yaml(info.profiles), "topic_type_hash": info.type_hash},
         )
 
     def _flush(self) -> None:
@@ -326,14 +306,3 @@ class BagWriter:
 
     def _path(self, file: FileInfo) -> Path:
         return self._directory / file.name
-
-
-@dataclass(frozen=True)
-class _Attachment:
-    time_ns: int
-    name: str
-    media_type: str
-    data: bytes
-
-    def write(self, mcap: Writer) -> None:
-        mcap.add_attachment(0, self.time_ns, self.name, self.media_type, self.data)

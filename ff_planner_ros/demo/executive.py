@@ -21,6 +21,7 @@ from rclpy.task import Future as RosFuture
 from scipy.spatial.transform import Rotation
 from trajectory_msgs.msg import JointTrajectory
 
+from ff_planner_ros.bag.decoding import NANOSECONDS, nanoseconds
 from ff_planner_ros.demo.testbed import CONTROLLER_TOPIC
 from ff_planner_ros.errors import FfPlannerError, Status
 from ff_planner_ros.planning.plan import Plan
@@ -28,12 +29,7 @@ from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.ros.background import ask, spin_in_background
-from ff_planner_ros.ros.messages.from_messages import (
-    NANOSECONDS,
-    nanoseconds,
-    plan_from_response,
-    state_from_message,
-)
+from ff_planner_ros.ros.messages.from_messages import plan_from_response, state_from_message
 from ff_planner_ros.ros.outputs.prediction import (
     FramePose,
     TrackingError,
@@ -120,10 +116,7 @@ class MissionExecutive:
             self._wait(self._new_state, deadline, "a chaser state")
 
     def commit(self, result: PlanTrajectory.Result) -> None:
-        """Hand a plan to the arm's controller while there is still time.
-
-        Args:
-            result: An answer whose status is SOLVED.
+        """Hand a solved plan to the arm's controller while there is still time.
 
         Raises:
             FfPlannerError: The plan's start is over, or no controller listens.
@@ -149,8 +142,7 @@ class MissionExecutive:
     def watch(self, result: PlanTrajectory.Result, duration: float, robot: Robot) -> FlownPlan:
         """Wait until a plan that was committed is over, and compare it with what was measured.
 
-        Args:
-            duration: From its start to the moment that counts, that of the capture [s].
+        `duration` [s] is from its start to the moment that counts, that of the capture.
 
         Raises:
             FfPlannerError: The states fail to come.

@@ -13,12 +13,13 @@ from scipy.spatial.transform import Rotation
 from trajectory_msgs.msg import JointTrajectory
 
 from ff_planner_ros.arrays import Array
+from ff_planner_ros.bag.decoding import NANOSECONDS, nanoseconds
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.joint_motion import JointMotion
 from ff_planner_ros.planning.problem import PlanningProblem
 from ff_planner_ros.planning.scenario import SCENARIO_FRAME
 from ff_planner_ros.robot.state import SystemState
-from ff_planner_ros.ros.messages.from_messages import NANOSECONDS, joint_order, nanoseconds
+from ff_planner_ros.ros.messages.from_messages import joint_order
 from ff_planner_ros.ros.messages.to_messages import obstacles_message, state_message
 from ff_planner_ros.ros.qos import LATCHED_QOS, STATE_QOS
 from ff_planner_ros.simulation.free_floating import FreeFloatingSystem, carried_back
@@ -117,13 +118,7 @@ class SimulatedTestbed:
 
 
 def motion_from_message(message: JointTrajectory, joint_names: Sequence[str]) -> JointMotion:
-    """Read a joint trajectory.
-
-    Args:
-        message: Positions, velocities and accelerations of all joints, in any order.
-
-    Returns:
-        Its times are those from the start of the trajectory.
+    """Read a joint trajectory, its joints in any order; times are those from its start.
 
     Raises:
         InvalidInput: A joint is missing or unknown, or the points cannot be followed.

@@ -11,11 +11,7 @@ from ff_planner_ros.runs.recorded_run import recorded_run
 
 
 def export_scenarios(bag: Path, directory: Path) -> tuple[str, ...]:
-    """Write each request that can be rebuilt to a file of its plan's name.
-
-    Args:
-        bag: The directory, or one MCAP file.
-        directory: Must not exist.
+    """Write each request that can be rebuilt to a file of its plan's name in a new directory.
 
     Returns:
         Notes: what is wrong with the bag, what had to be assumed, which requests are left out.

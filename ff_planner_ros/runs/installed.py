@@ -33,12 +33,9 @@ def installed_exchanges(bag: Bag) -> list[PlanExchange]:
 
 
 def as_installed(decoded: Any, message_class: type[T]) -> T:
-    """Copy a decoded message into an installed message class.
+    """Copy a decoded message, or a part of a service or an action, into an installed class.
 
     Fields that were not recorded keep their default; unknown fields are dropped.
-
-    Args:
-        message_class: Of rosidl: a message, or the request, response or event of a service.
 
     Raises:
         BagError: A field has another type than was recorded.

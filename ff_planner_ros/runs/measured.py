@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from ff_planner_ros.bag.decoding import nanoseconds
 from ff_planner_ros.bag.reader import Bag
 from ff_planner_ros.errors import BagError, InvalidInput
 from ff_planner_ros.parameters import NodeParameters, OdometryParameters
@@ -19,7 +20,7 @@ from ff_planner_ros.ros.inputs.input_topics import (
     InputTopic,
 )
 from ff_planner_ros.ros.inputs.state_input import is_pair, pairs
-from ff_planner_ros.ros.messages.from_messages import nanoseconds, state_from_message
+from ff_planner_ros.ros.messages.from_messages import state_from_message
 from ff_planner_ros.ros.messages.from_odometry import (
     chaser_from_odometry,
     joints_from_joint_state,
@@ -46,9 +47,6 @@ def fill_windows(
     bag: Bag, robot: Robot, parameters: NodeParameters, windows: Sequence[Window]
 ) -> None:
     """Put the states that a bag holds into the windows that they belong to.
-
-    Args:
-        parameters: Of the node: whether states came from odometry, and how to read that.
 
     Raises:
         BagError: The disk fails.

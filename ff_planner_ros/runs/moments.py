@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
+from ff_planner_ros.bag.decoding import NANOSECONDS, nanoseconds
 from ff_planner_ros.errors import Status
 from ff_planner_ros.parameters import NodeParameters
 from ff_planner_ros.ros.inputs.input_topics import heard_with
-from ff_planner_ros.ros.messages.from_messages import NANOSECONDS, nanoseconds
 from ff_planner_ros.runs.installed import PlanExchange
 from ff_planner_ros.runs.recorded_inputs import Moment
 from ff_planner_ros.runs.recorded_parameters import RecordedParameters
 
 
 def moment(exchange: PlanExchange, recorded: RecordedParameters) -> tuple[int, Moment]:
-    """Return when the node read a request, by its own clock [ns] and by the recorder's.
-
-    Args:
-        recorded: The node's parameters at any time.
-    """
+    """Return when the node read a request, by its own clock [ns] and by the recorder's."""
     now_ns = _taken_up(exchange, recorded)
     # The request may have waited for another one.
     waited_ns = now_ns - exchange.received_ns if exchange.received_ns else 0

@@ -14,6 +14,7 @@ from rclpy.qos import QoSProfile
 from service_msgs.msg import ServiceEventInfo
 
 from ff_planner_ros.arrays import normalising_to
+from ff_planner_ros.bag.decoding import NANOSECONDS
 from ff_planner_ros.bag.encoding import encode
 from ff_planner_ros.bag.provenance import PROVENANCE, provenance
 from ff_planner_ros.bag.writer import BagWriter
@@ -21,7 +22,6 @@ from ff_planner_ros.errors import FfPlannerError, InvalidInput, Status
 from ff_planner_ros.planning.plan import Plan
 from ff_planner_ros.planning.scenario import SCENARIO_FRAME
 from ff_planner_ros.planning.task import PlanningTask
-from ff_planner_ros.ros.messages.from_messages import NANOSECONDS
 from ff_planner_ros.ros.messages.interfaces import type_name
 from ff_planner_ros.ros.messages.to_messages import (
     obstacles_message,

@@ -8,10 +8,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
 
+from ff_planner_ros.bag.decoding import NANOSECONDS
 from ff_planner_ros.bag.reader import Bag, Message
 from ff_planner_ros.errors import BagError
 from ff_planner_ros.ros.inputs.input_topics import INPUT_TOPICS, OUTPUTS_OF_THESE_TYPES
-from ff_planner_ros.ros.messages.from_messages import NANOSECONDS
 from ff_planner_ros.ros.messages.interfaces import type_name
 
 
@@ -31,11 +31,10 @@ Heard: TypeAlias = dict[str, list[Message]]
 
 
 def input_topic(bag: Bag, name: str, namespace: str) -> str:
-    """Return the topic of an input: that of this name in the planner's namespace, or the only one.
+    """Return the topic of an input (one of `INPUT_TOPICS`) of a planner.
 
-    Args:
-        name: One of `INPUT_TOPICS`.
-        namespace: Of the planner, without a slash at its end.
+    It has the input's name in the planner's namespace (without a slash at its end), or is the only
+    one of its type.
 
     Raises:
         BagError: There is none, or there are several and none has the name.

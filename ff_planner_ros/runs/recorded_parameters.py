@@ -8,6 +8,7 @@ import yaml
 from rcl_interfaces.msg import ParameterEvent
 from rclpy.parameter import Parameter
 
+from ff_planner_ros.bag.decoding import nanoseconds
 from ff_planner_ros.bag.reader import Bag
 from ff_planner_ros.errors import BagError, InvalidInput
 from ff_planner_ros.parameters import (
@@ -17,7 +18,6 @@ from ff_planner_ros.parameters import (
     flattened,
     parameters_of,
 )
-from ff_planner_ros.ros.messages.from_messages import nanoseconds
 from ff_planner_ros.ros.messages.interfaces import type_name
 from ff_planner_ros.ros.parameters import changed
 from ff_planner_ros.runs.installed import as_installed
@@ -26,22 +26,15 @@ _ATTACHED = "parameters.yaml"
 
 
 class RecordedParameters:
-    """What the parameters were at any time of a run.
-
-    Attributes:
-        notes: What had to be assumed, in words.
-    """
+    """What the parameters were at any time of a run."""
 
     def __init__(self, bag: Bag, node: str) -> None:
-        """Read them.
-
-        Args:
-            node: Full name of the node whose parameters are wanted.
+        """Read those of one node, given by its full name.
 
         Raises:
             BagError: The bag does not hold them, or holds what is none.
         """
-        self.notes: list[str] = []
+        self.notes: list[str] = []  # what had to be assumed
         self._at_start = self._attached(bag)
         self._changes: list[tuple[int, NodeParameters]] = []
         current = self._at_start
@@ -57,11 +50,7 @@ class RecordedParameters:
             self._changes.append((nanoseconds(told.stamp), current))
 
     def at(self, now_ns: int) -> NodeParameters:
-        """Return the parameters at a time.
-
-        Args:
-            now_ns: By the node's clock [ns].
-        """
+        """Return the parameters at a time by the node's clock [ns]."""
         before = [values for stamp_ns, values in self._changes if stamp_ns <= now_ns]
         return before[-1] if before else self._at_start
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
@@ -51,33 +51,18 @@ class Verdict(StrEnum):
 
 @dataclass(frozen=True, eq=False)
 class Replayed:
-    """A request that was planned again.
-
-    Attributes:
-        recorded: The request.
-        verdict: What came of it.
-        answer: The new one; None where there was no way to one.
-        words: More on the verdict; may be empty.
-        differences: From the recorded answer.
-        planning_time: Wall clock of the planning alone [s].
-    """
+    """A request that was planned again."""
 
     recorded: RecordedRequest
     verdict: Verdict
-    answer: PlanTrajectory.Response | None
-    words: str
-    differences: tuple[Difference, ...]
-    planning_time: float
+    answer: PlanTrajectory.Response | None  # the new one; None where there was no way to one
+    words: str  # more on the verdict; may be empty
+    differences: tuple[Difference, ...]  # from the recorded answer
+    planning_time: float  # wall clock of the planning alone [s]
 
 
 def print_replay(bag: Path) -> int:
-    """Replay a bag and print what comes out.
-
-    Args:
-        bag: The directory, or one MCAP file.
-
-    Returns:
-        Exit code: ALL_SAME or DIFFERS.
+    """Replay a bag, print what comes out, and return the exit code: ALL_SAME or DIFFERS.
 
     Raises:
         BagError: The bag cannot be read, or holds nothing to replay.
@@ -127,7 +112,9 @@ def replay(recorded: RecordedRequest) -> Replayed:
         words = ""
         try:
             found = differences(before, answer)
-            verdict = _verdict(found)
+            verdict = Verdict.WITHIN_TOLERANCE if found else Verdict.IDENTICAL
+            if not all(one.is_tolerable for one in found):
+                verdict = Verdict.DIFFERENT
         except (ValueError, IndexError) as error:  # a damaged answer, whose arrays do not fit
             verdict, words = Verdict.DIFFERENT, f"the recorded answer is damaged: {error}"
     return Replayed(recorded, verdict, answer, words, tuple(found), planning_time)
@@ -178,29 +165,17 @@ def version_lines(run: RecordedRun) -> Iterator[str]:
     if not run.provenance:
         yield "note: the bag does not say with which versions it was recorded"
         return
-    yield from _version_lines(run.provenance, provenance())
-
-
-def _version_lines(then: Mapping[str, str], now: Mapping[str, str]) -> Iterator[str]:
-    for name in now:
-        before = then.get(name, "unknown")
-        if name not in _IRRELEVANT and before != now[name]:
-            yield f"version: {name} was {before}, is {now[name]}"
+    for name, now in provenance().items():
+        before = run.provenance.get(name, "unknown")
+        if name not in _IRRELEVANT and before != now:
+            yield f"version: {name} was {before}, is {now}"
 
 
 def _doubt(recorded: RecordedRequest) -> str:
     """Return words on inputs that the answer does not name; empty if it names all."""
-    if not recorded.by_time:
-        return ""
     names = " and ".join(recorded.by_time)
-    return f" (which {names} the node had heard is known from the times of recording only)"
-
-
-def _verdict(found: list[Difference]) -> Verdict:
-    if not found:
-        return Verdict.IDENTICAL
-    tolerable = all(one.is_tolerable for one in found)
-    return Verdict.WITHIN_TOLERANCE if tolerable else Verdict.DIFFERENT
+    words = f" (which {names} the node had heard is known from the times of recording only)"
+    return words if names else ""
 
 
 def _row(one: Replayed) -> tuple[str, ...]:
@@ -211,16 +186,12 @@ def _row(one: Replayed) -> tuple[str, ...]:
         worst = max(one.differences, key=lambda found: found.tolerances)
         words += f": {worst}"
     elif one.words:
-        words += f": {_shortened(one.words)}"
+        words += f": {one.words[:_WIDTH]}{'...' if len(one.words) > _WIDTH else ''}"
     return recorded.name, recorded.door, status_name(response), now, words
 
 
 def status_name(response: PlanTrajectory.Response | None) -> str:
-    """Return the name of an answer's status, or its number where this version knows no name.
-
-    Args:
-        response: The answer; None: there is none.
-    """
+    """Return the name or number of an answer's status; `-` if there is no answer."""
     if response is None:
         return "-"
     code = response.status.code
@@ -263,7 +234,3 @@ def _result(answer: PlanTrajectory.Response) -> str:
     if answer.status.code == Status.SOLVED:
         return f"a plan, in {answer.solver.solve_time:.2f} s on this machine"
     return f"no plan: {answer.status.message}"
-
-
-def _shortened(words: str) -> str:
-    return words if len(words) <= _WIDTH else f"{words[:_WIDTH]}..."

@@ -12,13 +12,12 @@ from typing import Any
 from ff_planner_ros.analysis.plan_json import plan_document
 from ff_planner_ros.analysis.tracking import Deviations
 from ff_planner_ros.arrays import Array
+from ff_planner_ros.bag.decoding import NANOSECONDS
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.metrics import Metrics
 from ff_planner_ros.planning.plan import SolverReport, Trajectory
 from ff_planner_ros.planning.problem import Sphere
 from ff_planner_ros.robot.model import Robot
-
-NANOSECONDS = 1_000_000_000  # in a second
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,9 +116,7 @@ def reported_plan(
 ) -> ReportedPlan:
     """Return a plan without measured motion.
 
-    Args:
-        goal: Of the end effector, in the inertial frame. Shape (3,) [m].
-        obstacles: That it avoids; None: not known.
+    The goal is the end effector's, shape (3,) [m]; obstacles are None where they are not known.
     """
     remarks = () if obstacles is not None else ("Which obstacles it avoids is not known.",)
     return ReportedPlan(robot, motion, goal, obstacles, remarks=remarks)
@@ -133,11 +130,7 @@ def robot_facts(robot: Robot) -> list[tuple[str, str]]:
 
 
 def clock_time(time_ns: int, with_date: bool = True) -> str:
-    """Return a time for people.
-
-    Args:
-        time_ns: Since the epoch [ns].
-    """
+    """Return a time since the epoch [ns] for people."""
     try:
         moment = datetime.fromtimestamp(time_ns // NANOSECONDS, UTC)
     except (OverflowError, OSError, ValueError):

@@ -12,6 +12,7 @@ from ff_planner_msgs.srv import PlanTrajectory
 
 from ff_planner_ros.analysis.tracking import deviations, measured_motion
 from ff_planner_ros.arrays import finite_vector
+from ff_planner_ros.bag.decoding import NANOSECONDS, nanoseconds
 from ff_planner_ros.bag.provenance import PROVENANCE
 from ff_planner_ros.bag.reader import Bag, Message, open_bag
 from ff_planner_ros.bag.robot_plans import attached_robot
@@ -21,9 +22,7 @@ from ff_planner_ros.planning.sound_samples import require_sound_samples
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.ros.inputs.input_topics import OBSTACLES
 from ff_planner_ros.ros.messages.from_messages import (
-    NANOSECONDS,
     metrics_from_message,
-    nanoseconds,
     plan_from_response,
     solver_report_from_message,
     spheres_from_message,
@@ -44,10 +43,7 @@ from ff_planner_ros.runs.report import (
 
 
 def report_of_bag(path: Path, most_plans: int) -> Report:
-    """Tell of everything that was asked in a run.
-
-    Args:
-        most_plans: That are drawn, the last ones; all are in the tables.
+    """Return the report of a run, the last `most_plans` of its plans drawn.
 
     Raises:
         BagError: The bag cannot be read at all.
@@ -178,13 +174,7 @@ def _moment(exchange: PlanExchange) -> Moment:
 
 
 def _plan(exchange: PlanExchange, robot: Robot, scene: ObstacleSphereArray | None) -> ReportedPlan:
-    """Return a plan with its scene.
-
-    Raises:
-        InvalidInput: Its samples are no motion of the robot.
-        LookupError: It has no samples.
-        ValueError: Its samples are no arrays.
-    """
+    """Return a plan with its scene."""
     plan = plan_from_response(exchange.response or PlanTrajectory.Response())
     if plan.joint_names != robot.joint_names:
         names, wanted = ", ".join(plan.joint_names), ", ".join(robot.joint_names)

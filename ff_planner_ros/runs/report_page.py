@@ -17,16 +17,11 @@ import plotly.graph_objects as go
 from plotly.offline import get_plotlyjs
 
 from ff_planner_ros.analysis.tracking import Deviations, in_shown_units
+from ff_planner_ros.bag.decoding import NANOSECONDS
 from ff_planner_ros.bag.progress_bar import progress_bar
 from ff_planner_ros.errors import Status
 from ff_planner_ros.planning.metrics import METRIC_BY_NAME, METRICS
-from ff_planner_ros.runs.report import (
-    NANOSECONDS,
-    Report,
-    ReportedPlan,
-    ReportedRequest,
-    clock_time,
-)
+from ff_planner_ros.runs.report import Report, ReportedPlan, ReportedRequest, clock_time
 from ff_planner_ros.runs.report_plots import plan_plots, solve_time_plot
 
 _NOTHING = "-"
@@ -35,11 +30,7 @@ _COLUMNS = (
     *("joint path [rad]", "attitude [deg]", "clearance [mm]", "solve time [s]", "iterations"),
 )
 _TIMING_COLUMNS = (
-    "plan id",
-    "asked",
-    "taken up after [s]",
-    "answered after [s]",
-    "start after [s]",
+    *("plan id", "asked", "taken up after [s]", "answered after [s]", "start after [s]"),
 )
 
 
@@ -107,7 +98,7 @@ def _sections(report: Report, figures: list[Element]) -> Iterator[Element]:
 def _requests(requests: Sequence[ReportedRequest]) -> Element:
     rows: list[Element] = []
     for number, request in enumerate(requests):
-        rows.append(_element("tr", *(_element("td", cell) for cell in _cells(number, request))))
+        rows.append(_row(_cells(number, request)))
         if request.code != Status.SOLVED:
             reason = _element("td", request.message, colspan=str(len(_COLUMNS)))
             rows.append(_element("tr", reason, {"class": "reason"}))
@@ -119,7 +110,8 @@ def _cells(number: int, request: ReportedRequest) -> Iterator[Element | str]:
     yield name if request.plan is None else _element("a", name, href=f"#plan-{number}")
     yield request.door
     yield _NOTHING if request.asked_ns is None else clock_time(request.asked_ns, with_date=False)
-    yield _element("span", _status(request), {"class": _status_class(request)})
+    kind = "solved" if request.code == Status.SOLVED else "refused"
+    yield _element("span", _status(request), {"class": kind})
     yield _NOTHING if request.weights is None else "{:g}, {:g}".format(*request.weights)
     yield _NOTHING if request.duration is None else f"{request.duration:g}"
     yield _NOTHING if request.points is None else str(request.points)
@@ -144,10 +136,6 @@ def _status(request: ReportedRequest) -> str:
         return f"{request.code} (unknown to this version)"
 
 
-def _status_class(request: ReportedRequest) -> str:
-    return "solved" if request.code == Status.SOLVED else "refused"
-
-
 def _timing(requests: Sequence[ReportedRequest], figures: list[Element]) -> Iterator[Element]:
     timed = [request for request in requests if request.asked_ns is not None]
     times = [request.solve_time for request in requests if request.solve_time is not None]
@@ -156,28 +144,17 @@ def _timing(requests: Sequence[ReportedRequest], figures: list[Element]) -> Iter
     yield _element("h2", "Timing")
     if timed:
         yield _element("p", "By the node's clock, from the request on.")
-        cells = (
-            (
-                request.plan_id or "(no id)",
-                clock_time(request.asked_ns or 0, with_date=False),
-                _after(request, request.taken_up_ns),
-                _after(request, request.answered_ns),
-                _after(request, request.start_ns),
-            )
-            for request in timed
-        )
-        yield _table(
-            _TIMING_COLUMNS,
-            [_element("tr", *(_element("td", cell) for cell in row)) for row in cells],
-        )
+        yield _table(_TIMING_COLUMNS, [_row(_times(request)) for request in timed])
     if len(times) > 1:
         yield _plot("solve-times", solve_time_plot(times), "Solve times of all answers.", figures)
 
 
-def _after(request: ReportedRequest, time_ns: int | None) -> str:
-    if time_ns is None or request.asked_ns is None:
-        return _NOTHING
-    return f"{(time_ns - request.asked_ns) / NANOSECONDS:.3f}"
+def _times(request: ReportedRequest) -> Iterator[str]:
+    asked_ns = request.asked_ns or 0
+    yield request.plan_id or "(no id)"
+    yield clock_time(asked_ns, with_date=False)
+    for time_ns in (request.taken_up_ns, request.answered_ns, request.start_ns):
+        yield _NOTHING if time_ns is None else f"{(time_ns - asked_ns) / NANOSECONDS:.3f}"
 
 
 def _plan(
@@ -189,13 +166,8 @@ def _plan(
         parts.append(_list(plan.remarks, "remarks"))
     tables = [_element("div", _element("h3", "As planned"), _pairs(_metrics(request)))]
     if plan.deviations is not None:
-        tables.append(
-            _element(
-                "div",
-                _element("h3", "Measured against planned, at worst"),
-                _deviations(plan.deviations),
-            )
-        )
+        heading = _element("h3", "Measured against planned, at worst")
+        tables.append(_element("div", heading, _deviations(plan.deviations)))
     parts.append(_element("div", *tables, {"class": "beside"}))
     parts += [
         _plot(f"plan-{number}-{name}", figure, caption, figures)
@@ -218,12 +190,13 @@ def _metrics(request: ReportedRequest) -> Iterator[tuple[str, str]]:
 
 def _deviations(found: Deviations) -> Element:
     rows = [
-        _element(
-            "tr",
-            _element("td", label),
-            _element("td", f"{values.max():.3g}"),
-            _element("td", f"{found.time[values.argmax()]:.3f}"),
-            _element("td", f"{values[-1]:.3g}"),
+        _row(
+            (
+                label,
+                f"{values.max():.3g}",
+                f"{found.time[values.argmax()]:.3f}",
+                f"{values[-1]:.3g}",
+            )
         )
         for label, values in in_shown_units(found)
     ]
@@ -249,6 +222,10 @@ def _table(columns: Iterable[str], rows: Sequence[Element]) -> Element:
     head = _element("thead", _element("tr", *(_element("th", column) for column in columns)))
     table = _element("table", head, _element("tbody", *rows))
     return _element("div", table, {"class": "wide"})
+
+
+def _row(cells: Iterable[Element | str]) -> Element:
+    return _element("tr", *(_element("td", cell) for cell in cells))
 
 
 def _pairs(pairs: Iterable[tuple[str, str]]) -> Element:

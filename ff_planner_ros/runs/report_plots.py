@@ -41,49 +41,28 @@ def plan_plots(plan: ReportedPlan) -> Iterator[tuple[str, str, go.Figure]]:
     scene.update_layout(height=_SCENE_HEIGHT, margin_b=_SLIDER_LABELS)
     yield "scene", "Arm, chaser and obstacles (the paper's Fig. 2): drag to turn, ▶ to play.", scene
     both = "planned" if len(motions) == 1 else "planned and measured"
-    yield (
-        "end-effector",
-        f"End effector, {both} (Fig. 3).",
-        two_column_plot(END_EFFECTOR_POSE, motions),
-    )
-    yield "chaser-pose", f"Chaser, {both} (Fig. 4).", two_column_plot(CHASER_POSE, motions)
-    yield (
-        "chaser-velocity",
-        f"Chaser's velocity, {both} (Fig. 5).",
-        two_column_plot(CHASER_VELOCITY, motions),
-    )
+    for name, words, fig, shown in (
+        ("end-effector", "End effector", 3, END_EFFECTOR_POSE),
+        ("chaser-pose", "Chaser", 4, CHASER_POSE),
+        ("chaser-velocity", "Chaser's velocity", 5, CHASER_VELOCITY),
+    ):
+        yield name, f"{words}, {both} (Fig. {fig}).", two_column_plot(shown, motions)
     if plan.obstacles is not None:
-        yield (
-            "clearance",
-            f"Distance of the arm to the closest obstacle, {both} (Fig. 6).",
-            clearance_plot(robot, obstacles, motions),
-        )
-    limits = "a double click zooms out to the limits, which are dashed"
-    yield (
-        "joint-angles",
-        f"Joints, {both}; {limits}.",
-        panel_plot(panels(joint_angles(robot), motions)),
-    )
-    yield (
-        "joint-rates",
-        f"Joint rates, {both}; {limits}.",
-        panel_plot(panels(joint_rates(robot), motions)),
-    )
+        words = f"Distance of the arm to the closest obstacle, {both} (Fig. 6)."
+        yield "clearance", words, clearance_plot(robot, obstacles, motions)
+    for name, words, shown_joints in (
+        ("joint-angles", "Joints", joint_angles(robot)),
+        ("joint-rates", "Joint rates", joint_rates(robot)),
+    ):
+        words = f"{words}, {both}; a double click zooms out to the limits, which are dashed."
+        yield name, words, panel_plot(panels(shown_joints, motions))
     if plan.deviations is not None:
-        rows = shown_rows(plan.deviations)
-        yield (
-            "deviations",
-            "How far the measured states are from the plan.",
-            panel_plot(deviation_panels(plan.deviations, rows)),
-        )
+        plot = panel_plot(deviation_panels(plan.deviations, shown_rows(plan.deviations)))
+        yield "deviations", "How far the measured states are from the plan.", plot
 
 
 def solve_time_plot(times: Sequence[float]) -> go.Figure:
-    """Draw how often which solve time was needed.
-
-    Args:
-        times: Of the answers [s].
-    """
+    """Draw how often which solve time [s] was needed."""
     figure = go.Figure(go.Histogram(x=np.array(times), marker={"color": PLANNED.colour}))
     figure.update_layout(
         height=260,

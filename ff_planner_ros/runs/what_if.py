@@ -41,15 +41,10 @@ _NONE = "-"
 
 @dataclass(frozen=True)
 class Change:
-    """One `key=value`.
+    """One `key=value`."""
 
-    Attributes:
-        key: Of `allowed_keys`.
-        value: Read as YAML, of the key's type.
-    """
-
-    key: str
-    value: Any
+    key: str  # one of `allowed_keys`
+    value: Any  # read as YAML, of the key's type
 
 
 def allowed_keys() -> list[str]:
@@ -105,11 +100,7 @@ def changed_request(recorded: RecordedRequest, changes: Sequence[Change]) -> Rec
 
 
 def print_what_if(bag: Path, settings: Sequence[str]) -> int:
-    """Plan the requests of a bag with changes, and print both answers side by side.
-
-    Args:
-        bag: The directory, or one MCAP file.
-        settings: Each a `key=value`.
+    """Plan the requests of a bag with changes, each a `key=value`; print both answers side by side.
 
     Returns:
         Exit code, always 0: another answer is what was asked for.
@@ -132,11 +123,7 @@ def print_what_if(bag: Path, settings: Sequence[str]) -> int:
         rows.append((recorded.name, *_compared(recorded.response, answer)))
     words = ", ".join(f"{change.key}={change.value}" for change in changes)
     header = (
-        "request",
-        "status",
-        "joint path [rad]",
-        "attitude [deg]",
-        "clearance [mm]",
+        *("request", "status", "joint path [rad]", "attitude [deg]", "clearance [mm]"),
         "time [s]",
     )
     print_table(f"{bag} as recorded > with {words}", header, rows)
@@ -150,26 +137,19 @@ def _compared(
 ) -> tuple[str, ...]:
     """Return the cells of a table: as recorded > as changed."""
     return tuple(
-        f"{_NONE if before is None else cell(before)} > {cell(now)}"
-        for cell in (status_name, _joint_path, _attitude, _clearance, _solve_time)
+        f"{before_cell} > {now_cell}"
+        for before_cell, now_cell in zip(_cells(before), _cells(now), strict=True)
     )
 
 
-def _joint_path(response: PlanTrajectory.Response) -> str:
-    return _number(response, response.metrics.joint_path_length, 4)
-
-
-def _attitude(response: PlanTrajectory.Response) -> str:
-    return _number(response, math.degrees(response.metrics.max_chaser_euler), 3)
-
-
-def _clearance(response: PlanTrajectory.Response) -> str:
-    return _number(response, response.metrics.min_clearance * 1e3, 2)
-
-
-def _solve_time(response: PlanTrajectory.Response) -> str:
-    return _number(response, response.solver.solve_time, 2)
-
-
-def _number(response: PlanTrajectory.Response, value: float, digits: int) -> str:
-    return f"{value:.{digits}f}" if response.solver.rollouts else _NONE
+def _cells(response: PlanTrajectory.Response | None) -> tuple[str, ...]:
+    if response is None or not response.solver.rollouts:
+        return status_name(response), _NONE, _NONE, _NONE, _NONE
+    metrics = response.metrics
+    return (
+        status_name(response),
+        f"{metrics.joint_path_length:.4f}",
+        f"{math.degrees(metrics.max_chaser_euler):.3f}",
+        f"{metrics.min_clearance * 1e3:.2f}",
+        f"{response.solver.solve_time:.2f}",
+    )

@@ -8,10 +8,11 @@ from typing import Any
 
 from ff_planner_msgs.msg import ObstacleSphereArray
 
+from ff_planner_ros.bag.decoding import nanoseconds
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.problem import Sphere
 from ff_planner_ros.ros.inputs.input_topics import OBSTACLES
-from ff_planner_ros.ros.messages.from_messages import nanoseconds, spheres_from_message
+from ff_planner_ros.ros.messages.from_messages import spheres_from_message
 
 
 @dataclass(frozen=True)

@@ -16,6 +16,7 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 from sensor_msgs.msg import JointState
 
+from ff_planner_ros.bag.decoding import NANOSECONDS, nanoseconds
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.parameters import OdometryParameters
 from ff_planner_ros.robot.model import Robot
@@ -26,7 +27,7 @@ from ff_planner_ros.ros.inputs.input_topics import (
     ODOMETRY,
     InputTopic,
 )
-from ff_planner_ros.ros.messages.from_messages import NANOSECONDS, nanoseconds, state_from_message
+from ff_planner_ros.ros.messages.from_messages import state_from_message
 from ff_planner_ros.ros.messages.from_odometry import (
     ChaserPart,
     JointPart,

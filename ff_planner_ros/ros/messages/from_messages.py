@@ -21,13 +21,10 @@ from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.state import SystemState
 
 if TYPE_CHECKING:  # what is read may also be a message decoded where ROS is not installed
-    from builtin_interfaces.msg import Duration, Time
     from ff_planner_msgs.msg import ChaserState, ObstacleSphere, ObstacleSphereArray, PlanMetrics
     from ff_planner_msgs.msg import SolverReport as SolverReportMessage
     from ff_planner_msgs.srv import PlanTrajectory
     from geometry_msgs.msg import Point, Quaternion, Vector3
-
-NANOSECONDS = 1_000_000_000
 
 # builtin_interfaces/Time counts seconds in an int32.
 MAX_MESSAGE_SECONDS = 2**31 - 1
@@ -163,11 +160,6 @@ def metrics_from_message(message: PlanMetrics) -> Metrics:
 def solver_report_from_message(message: SolverReportMessage) -> SolverReport:
     """Read how the search went."""
     return SolverReport(**{one.name: getattr(message, one.name) for one in fields(SolverReport)})
-
-
-def nanoseconds(stamp: Time | Duration) -> int:
-    """Return a message's time as integer nanoseconds."""
-    return int(stamp.sec) * NANOSECONDS + int(stamp.nanosec)
 
 
 @contextmanager

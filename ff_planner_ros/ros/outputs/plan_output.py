@@ -18,12 +18,12 @@ from std_msgs.msg import Header, String
 from trajectory_msgs.msg import JointTrajectory
 from visualization_msgs.msg import MarkerArray
 
+from ff_planner_ros.bag.decoding import nanoseconds
 from ff_planner_ros.parameters import NodeParameters
 from ff_planner_ros.planning.plan import Plan, Trajectory
 from ff_planner_ros.planning.problem import Sphere
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.ros.inputs.state_input import Snapshot
-from ff_planner_ros.ros.messages.from_messages import nanoseconds
 from ff_planner_ros.ros.messages.to_messages import time_message
 from ff_planner_ros.ros.outputs import prediction
 from ff_planner_ros.ros.outputs.markers import plan_markers

@@ -21,6 +21,7 @@ from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.service_introspection import ServiceIntrospectionState
 
+from ff_planner_ros.bag.decoding import NANOSECONDS
 from ff_planner_ros.errors import FfPlannerError, Interrupted, NoPlanFound, Status
 from ff_planner_ros.parameters import PREEMPT, NodeParameters
 from ff_planner_ros.planning.controller_rules import require_in_time
@@ -29,7 +30,6 @@ from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.ros.inputs.scene_input import SceneInput
 from ff_planner_ros.ros.inputs.state_input import StateInput
 from ff_planner_ros.ros.messages.controller_message import controller_message
-from ff_planner_ros.ros.messages.from_messages import NANOSECONDS
 from ff_planner_ros.ros.messages.interfaces import ACTION, SERVICE
 from ff_planner_ros.ros.messages.to_messages import (
     response_from_error,

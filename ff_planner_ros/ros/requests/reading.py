@@ -8,6 +8,7 @@ import numpy as np
 from ff_planner_msgs.srv import PlanTrajectory
 
 from ff_planner_ros.arrays import finite_number
+from ff_planner_ros.bag.decoding import NANOSECONDS, nanoseconds
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.parameters import NodeParameters
 from ff_planner_ros.planning.joint_motion import JointMotion, joint_motion
@@ -18,8 +19,6 @@ from ff_planner_ros.ros.inputs.scene_input import SceneInput
 from ff_planner_ros.ros.inputs.state_input import Snapshot, StateInput, require_current
 from ff_planner_ros.ros.messages.from_messages import (
     MAX_MESSAGE_SECONDS,
-    NANOSECONDS,
-    nanoseconds,
     problem_from_request,
     state_from_message,
 )
