@@ -35,17 +35,11 @@ _NOTHING = "-"
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """What a method made of the problem.
+    """What a method made of the problem."""
 
-    Attributes:
-        plan: The motion that follows, sound or not; or why there is none.
-        failures: What is wrong with the motion.
-        seconds: Wall clock until then.
-    """
-
-    plan: Plan | FfPlannerError
-    failures: tuple[Failure, ...]
-    seconds: float
+    plan: Plan | FfPlannerError  # the motion that follows, sound or not; or why there is none
+    failures: tuple[Failure, ...]  # what is wrong with the motion
+    seconds: float  # wall clock until then
 
 
 @dataclass(frozen=True)

@@ -19,20 +19,14 @@ _ROBOT = ("urdf", "base_link", "tip_link")
 
 @dataclass(frozen=True, eq=False)
 class PlanDocument:
-    """A plan as its dictionary tells of it.
-
-    Attributes:
-        robot: That it is for.
-        plan: The plan.
-        solve_time: Wall clock of the answer [s].
-        weights: Of joint path length and chaser attitude; None: the dictionary does not tell.
-        obstacles: What was planned around; None: the dictionary does not tell.
-    """
+    """A plan as its dictionary tells of it."""
 
     robot: Robot
     plan: Plan
-    solve_time: float
+    solve_time: float  # wall clock [s]
+    # Of joint path length and chaser attitude; None: the dictionary does not tell
     weights: tuple[float, float] | None
+    # What was planned around; None: the dictionary does not tell
     obstacles: tuple[Sphere, ...] | None
 
 

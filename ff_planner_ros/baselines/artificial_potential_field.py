@@ -80,25 +80,15 @@ def artificial_potential_field(
 
 
 class _Sample(NamedTuple):
-    """The motion at one time.
+    """The motion at one time."""
 
-    Attributes:
-        q: Configuration. Shape (7 + joints,).
-        v: Tangent velocity. Shape (6 + joints,).
-        acceleration: dv/dt. Shape (6 + joints,).
-        attraction: Of the end effector; like the next two, linear, angular, shape (6,).
-        repulsion: Of the end effector.
-        damping: Of the end effector, relative to the goal's own motion.
-        nearest: Name of the obstacle that is nearest to the arm; empty if there is none.
-    """
-
-    q: Array
-    v: Array
-    acceleration: Array
-    attraction: Array
-    repulsion: Array
-    damping: Array
-    nearest: str
+    q: Array  # configuration; shape (7 + joints,)
+    v: Array  # tangent velocity; shape (6 + joints,)
+    acceleration: Array  # dv/dt; shape (6 + joints,)
+    attraction: Array  # of the end effector; like the next two, linear, angular, shape (6,)
+    repulsion: Array  # of the end effector
+    damping: Array  # of the end effector, relative to the goal's own motion
+    nearest: str  # name of the obstacle that is nearest to the arm; empty if there is none
 
     @property
     def force(self) -> Array:

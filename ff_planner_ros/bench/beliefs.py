@@ -22,27 +22,16 @@ from ff_planner_ros.planning.task import PlanningTask, attempted, perform, witho
 
 @dataclass(frozen=True)
 class BeliefResult:
-    """What became of one plan.
+    """What became of one plan."""
 
-    Attributes:
-        kind: The scenario's class.
-        robot: Its robot.
-        number: Its number.
-        belief: What the planner held the chaser for, and what it was; a key of `BELIEFS`.
-        status: Of the plan; solved does not say that it is any good.
-        position_miss: Of the end effector at the end [m]; None without a plan.
-        orientation_miss: Of the end effector at the end [rad]; likewise.
-        collides: Whether the arm is inside an obstacle at a point of the motion.
-    """
-
-    kind: str
+    kind: str  # class of the scenario
     robot: str
     number: int
-    belief: str
-    status: Status
-    position_miss: float | None
-    orientation_miss: float | None
-    collides: bool
+    belief: str  # how the planner thinks that the chaser moves; a key of `BELIEFS`
+    status: Status  # of the planner; solved does not mean that the plan arrives
+    position_miss: float | None  # of the end effector at the end [m]; None without a plan
+    orientation_miss: float | None  # of the end effector at the end [rad]; None without a plan
+    collides: bool  # whether the arm is inside an obstacle at a point of the motion
 
 
 def _free_floating(problem: PlanningProblem, settings: PlannerSettings) -> Plan:

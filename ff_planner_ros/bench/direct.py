@@ -27,17 +27,11 @@ _WALL = (1e3, 1e3, -1e3)
 
 @dataclass(frozen=True, eq=False)
 class Stop:
-    """Where another method stopped.
+    """Where another method stopped."""
 
-    Attributes:
-        x: Decision variables of the path. Shape (variables,).
-        rollouts: That it took.
-        message: Why it stopped.
-    """
-
-    x: Array
+    x: Array  # decision variables of the path; shape (variables,)
     rollouts: int
-    message: str
+    message: str  # of the method, why
 
 
 def solve_directly(

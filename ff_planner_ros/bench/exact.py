@@ -41,15 +41,10 @@ def solve_by_slsqp(program: PathProgram, max_iterations: int) -> Stop:
 
 @dataclass(eq=False)
 class ExactFunctions:
-    """What the solvers call; consecutive calls with the same variables cost one linearisation.
-
-    Attributes:
-        program: Objective and constraints.
-        rollouts: So far.
-    """
+    """What the solvers call; consecutive calls with the same variables cost one linearisation."""
 
     program: PathProgram
-    rollouts: int = 0
+    rollouts: int = 0  # so far
     _x: Array = field(default_factory=lambda: np.empty(0))
     _here: Linearisation | None = None
 

@@ -37,27 +37,16 @@ _ACTIVE = 3e-3
 
 @dataclass(frozen=True)
 class Result:
-    """How a method did on one objective.
+    """How a method did on one objective."""
 
-    Attributes:
-        objective: Key of `OBJECTIVES`.
-        method: Its name.
-        seconds: Median over the runs.
-        rollouts: Motions integrated, with or without derivatives.
-        value: Of the objective, whatever the method minimised [rad].
-        optimality: Largest entry of the Lagrangian's gradient, with the best multipliers.
-        clearance: Certified between the points too [m].
-        message: Why it stopped.
-    """
-
-    objective: str
+    objective: str  # key of `OBJECTIVES`
     method: str
-    seconds: float
-    rollouts: int
-    value: float
-    optimality: float
-    clearance: float
-    message: str
+    seconds: float  # median over the runs
+    rollouts: int  # motions integrated, with or without derivatives
+    value: float  # of the objective, whatever the method minimised [rad]
+    optimality: float  # largest entry of the Lagrangian's gradient, with the best multipliers
+    clearance: float  # certified between the points too [m]
+    message: str  # why it stopped
 
 
 def method_results(

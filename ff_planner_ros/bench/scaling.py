@@ -24,19 +24,12 @@ _CUBE, _APART = 8.0, 0.05
 
 @dataclass(frozen=True)
 class Growth:
-    """Time at one size.
+    """Time at one size."""
 
-    Attributes:
-        of: What grows: spheres, points or joints.
-        size: How many.
-        seconds: Median time of a plan.
-        rollouts: That it took, the median.
-    """
-
-    of: str
+    of: str  # what grows: spheres, points or joints
     size: int
-    seconds: float
-    rollouts: float
+    seconds: float  # median time of a plan
+    rollouts: float  # median
 
 
 def with_spheres(

@@ -55,23 +55,14 @@ _CERTIFICATE_ALLOWANCE = 1e-3
 
 @dataclass(frozen=True)
 class Kind:
-    """A class of scenarios.
+    """A class of scenarios."""
 
-    Attributes:
-        spheres: Fewest and most.
-        clearance: That the witness keeps [m].
-        blocking: So many spheres at least are hit by the straight path,
-        depth: so deep [m].
-        winding: Spread of the witness's position coefficients, in lengths of the stretched arm.
-        turning: Spread of its angle coefficients [rad].
-    """
-
-    spheres: tuple[int, int]
-    clearance: float
-    blocking: int
-    depth: float
-    winding: float
-    turning: float
+    spheres: tuple[int, int]  # fewest and most
+    clearance: float  # that the witness keeps [m]
+    blocking: int  # fewest spheres that the straight path hits
+    depth: float  # by which it is at least inside each of these [m]
+    winding: float  # spread of the witness's position coefficients, in lengths of the stretched arm
+    turning: float  # spread of its angle coefficients [rad]
 
 
 KINDS = {
@@ -82,15 +73,10 @@ KINDS = {
 
 @dataclass(frozen=True, eq=False)
 class Scenario:
-    """A problem and a path that solves it.
+    """A problem and a path that solves it."""
 
-    Attributes:
-        problem: To be planned.
-        witness: Coefficients of the path's free terms, in the problem's own reading of the
-            orientation. Shape (6, 3).
-    """
-
-    problem: PlanningProblem
+    problem: PlanningProblem  # to be planned
+    # Coefficients of the path's free terms, shape (6, 3), as the problem reads the orientation
     witness: Array
 
 

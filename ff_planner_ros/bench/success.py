@@ -21,27 +21,16 @@ from ff_planner_ros.planning.watch import Watch
 
 @dataclass(frozen=True)
 class Attempt:
-    """What became of one scenario.
+    """What became of one scenario."""
 
-    Attributes:
-        kind: Its class.
-        robot: Its robot.
-        number: Its number.
-        turned: Whether its inertial frame is turned.
-        status: Of the answer; solved only if the plan passes the check once more.
-        message: Cause of a miss; empty if solved.
-        seconds: Time to the answer.
-        starts: First guesses tried; 0 for a miss.
-    """
-
-    kind: str
+    kind: str  # key of `KINDS`
     robot: str
     number: int
-    turned: bool
-    status: Status
-    message: str
-    seconds: float
-    starts: int
+    turned: bool  # whether its inertial frame is turned
+    status: Status  # solved only if the plan passes the check once more
+    message: str  # cause of a miss; empty if solved
+    seconds: float  # that the planner took
+    starts: int  # first guesses tried; 0 for a miss
 
     @property
     def solved(self) -> bool:

@@ -33,21 +33,13 @@ mujoco.set_mju_user_warning(lambda _: None)
 
 
 class Observation(NamedTuple):
-    """What is seen of the system in one state, in the inertial frame.
+    """What is seen of the system in one state, in the inertial frame."""
 
-    Attributes:
-        chaser_position: Of the chaser's centre of mass. Shape (3,) [m].
-        chaser_quaternion_xyzw: Of the base link's axes. Shape (4,).
-        ee_position: Shape (3,) [m].
-        ee_quaternion_xyzw: Shape (4,).
-        momentum: P [kg m/s] and L about the inertial origin [kg m2/s]. Shape (6,).
-    """
-
-    chaser_position: Array
-    chaser_quaternion_xyzw: Array
-    ee_position: Array
-    ee_quaternion_xyzw: Array
-    momentum: Array
+    chaser_position: Array  # of the chaser's centre of mass; shape (3,) [m]
+    chaser_quaternion_xyzw: Array  # of the base link's axes; shape (4,)
+    ee_position: Array  # shape (3,) [m]
+    ee_quaternion_xyzw: Array  # shape (4,)
+    momentum: Array  # P [kg m/s] and L about the inertial origin [kg m2/s]; shape (6,)
 
 
 class Engine:

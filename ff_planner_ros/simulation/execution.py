@@ -18,26 +18,16 @@ class Execution:
     """What the system did, at the times of the plan's points, in the inertial frame.
 
     Not a number from where on the motion is beyond all bounds.
-
-    Attributes:
-        time: From the start of the plan. Shape (points,) [s].
-        joint_positions: Shape (points, joints) [rad].
-        joint_velocities: Shape (points, joints) [rad/s].
-        chaser_positions: Shape (points, 3) [m].
-        chaser_quaternions_xyzw: Shape (points, 4).
-        ee_positions: Shape (points, 3) [m].
-        ee_quaternions_xyzw: Shape (points, 4).
-        momentum: P [kg m/s] and L about the inertial origin [kg m2/s]. Shape (points, 6).
     """
 
-    time: Array
-    joint_positions: Array
-    joint_velocities: Array
-    chaser_positions: Array
-    chaser_quaternions_xyzw: Array
-    ee_positions: Array
-    ee_quaternions_xyzw: Array
-    momentum: Array
+    time: Array  # from the start of the plan; shape (points,) [s]
+    joint_positions: Array  # shape (points, joints) [rad]
+    joint_velocities: Array  # shape (points, joints) [rad/s]
+    chaser_positions: Array  # shape (points, 3) [m]
+    chaser_quaternions_xyzw: Array  # shape (points, 4)
+    ee_positions: Array  # shape (points, 3) [m]
+    ee_quaternions_xyzw: Array  # shape (points, 4)
+    momentum: Array  # P [kg m/s] and L about the inertial origin [kg m2/s]; shape (points, 6)
 
     def __post_init__(self) -> None:
         """Replace every array by a read-only copy."""

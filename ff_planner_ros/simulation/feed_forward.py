@@ -18,18 +18,12 @@ from ff_planner_ros.robot.momentum import base_twist, total_momentum
 
 
 class FeedForward(NamedTuple):
-    """Torques to command, at the ends and in the middle of every step of an execution.
+    """Torques to command, at the ends and in the middle of every step of an execution."""
 
-    Attributes:
-        time: From the start of the plan; every point of the plan is one of the steps' ends. Shape
-            (2 * steps + 1,) [s].
-        torques: Shape (2 * steps + 1, joints) [N m].
-        steps_per_point: Steps between two points of the plan.
-    """
-
+    # From the start of the plan [s], shape (2 * steps + 1,); every point of the plan ends a step
     time: Array
-    torques: Array
-    steps_per_point: int
+    torques: Array  # shape (2 * steps + 1, joints) [N m]
+    steps_per_point: int  # steps between two points of the plan
 
 
 def feed_forward(robot: Robot, trajectory: Trajectory, steps_per_point: int) -> FeedForward:

@@ -35,15 +35,10 @@ LONGEST_STEP = 0.02  # [s]
 
 @dataclass(frozen=True)
 class ModelError:
-    """One row of the study.
+    """One row of the study."""
 
-    Attributes:
-        cause: What is not as the model says.
-        deviation: Of the execution from the plan; each number the worst of all variants.
-    """
-
-    cause: str
-    deviation: Deviation
+    cause: str  # what is not as the model says
+    deviation: Deviation  # of the execution from the plan; each number the worst of all variants
 
 
 # A system that is not as the model says, and where it starts.

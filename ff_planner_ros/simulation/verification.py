@@ -30,34 +30,21 @@ STEP_TURN, MIN_STEPS_PER_POINT = 0.01, 4
 
 @dataclass(frozen=True)
 class Deviation:
-    """How far an execution is from a plan.
+    """How far an execution is from a plan."""
 
-    Attributes:
-        final_position_error: Of the end effector at the last point [m].
-        final_orientation_error: Of the end effector at the last point [rad].
-        max_chaser_position_error: Of the chaser, at the worst of all points [m].
-        max_chaser_orientation_error: Of the chaser, at the worst of all points [rad].
-    """
-
-    final_position_error: float
-    final_orientation_error: float
-    max_chaser_position_error: float
-    max_chaser_orientation_error: float
+    final_position_error: float  # of the end effector at the last point [m]
+    final_orientation_error: float  # of the end effector at the last point [rad]
+    max_chaser_position_error: float  # of the chaser, at the worst of all points [m]
+    max_chaser_orientation_error: float  # of the chaser, at the worst of all points [rad]
 
 
 @dataclass(frozen=True, eq=False)
 class Verification:
-    """What became of a plan in the independent engine.
+    """What became of a plan in the independent engine."""
 
-    Attributes:
-        execution: What the system did.
-        deviation: From the plan.
-        momentum_drift: Largest change of the total momentum, relative.
-    """
-
-    execution: Execution
-    deviation: Deviation
-    momentum_drift: float
+    execution: Execution  # what the system did
+    deviation: Deviation  # from the plan
+    momentum_drift: float  # largest change of the total momentum, relative
 
     @property
     def passed(self) -> bool:
