@@ -56,47 +56,31 @@ def _with_jacobian(
     jacobian: Callable[[Array], Array],
 ) -> Any:
     """Wrap a function and its Jacobian of a shape; the caller must keep what is returned alive."""
+    rows, size = shape
+    inputs = casadi.Sparsity.dense(size, 1), casadi.Sparsity.dense(rows, 1)
 
     class Function(casadi.Callback):  # type: ignore[misc]
-        def __init__(self) -> None:
+        def __init__(self, of: Callable[[Array], Any], columns: int, derivative: Any) -> None:
             casadi.Callback.__init__(self)
-            self.derivative = _jacobian(casadi, shape, jacobian)
+            self.of, self.shape_out, self.derivative = of, (rows, columns), derivative
             self.construct("function", {})
 
-        def get_sparsity_in(self, _: int) -> Any:
-            return casadi.Sparsity.dense(shape[1], 1)
+        def get_n_in(self) -> int:
+            return 1 if self.has_jacobian() else 2  # a Jacobian is given the value there, too
+
+        def get_sparsity_in(self, index: int) -> Any:
+            return inputs[index]
 
         def get_sparsity_out(self, _: int) -> Any:
-            return casadi.Sparsity.dense(shape[0], 1)
+            return casadi.Sparsity.dense(*self.shape_out)
 
         def eval(self, arguments: Any) -> list[Any]:
-            return [value(np.array(arguments[0]).ravel())]
+            return [np.reshape(self.of(np.array(arguments[0]).ravel()), self.shape_out)]
 
         def has_jacobian(self) -> bool:
-            return True
+            return self.derivative is not None
 
         def get_jacobian(self, *_: Any) -> Any:
             return self.derivative
 
-    return Function()
-
-
-def _jacobian(casadi: Any, shape: tuple[int, int], jacobian: Callable[[Array], Array]) -> Any:
-    class Jacobian(casadi.Callback):  # type: ignore[misc]
-        def __init__(self) -> None:
-            casadi.Callback.__init__(self)
-            self.construct("jacobian", {})
-
-        def get_n_in(self) -> int:
-            return 2  # the variables, and the function's value there
-
-        def get_sparsity_in(self, index: int) -> Any:
-            return casadi.Sparsity.dense(shape[1 - index], 1)
-
-        def get_sparsity_out(self, _: int) -> Any:
-            return casadi.Sparsity.dense(*shape)
-
-        def eval(self, arguments: Any) -> list[Any]:
-            return [jacobian(np.array(arguments[0]).ravel()).reshape(shape)]
-
-    return Jacobian()
+    return Function(value, 1, Function(jacobian, size, None))
