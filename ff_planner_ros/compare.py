@@ -60,15 +60,12 @@ def compare(
     output: Path,
     of_the_paper: bool,
 ) -> bool:
-    """Let every method answer, print the tables, and write figures and scene.
+    """Plan with every method, print the tables, draw, and tell whether any method made a motion.
 
     Args:
-        problem: Every method sets its own objective.
+        problem: Its objective does not matter: every method sets its own.
         output: Directory for the pictures, made if it is not there.
-        of_the_paper: Whether the problem is the paper's, and its ratios mean something.
-
-    Returns:
-        Whether any method gave a motion.
+        of_the_paper: Whether the problem is the paper's, whose ratios are then compared.
 
     Raises:
         InvalidInput: The start violates what every plan must keep.

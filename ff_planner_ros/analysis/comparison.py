@@ -105,8 +105,7 @@ def ratio_rows(answers: Mapping[Method, Answer]) -> Iterator[tuple[str, ...]]:
         above, below = (answers[method].plan for method in (ratio.above, ratio.below))
         here = _NOTHING
         if isinstance(above, Plan) and isinstance(below, Plan):
-            here = (
-                f"{getattr(above.metrics, ratio.metric) / getattr(below.metrics, ratio.metric):.3f}"
-            )
+            quotient = getattr(above.metrics, ratio.metric) / getattr(below.metrics, ratio.metric)
+            here = f"{quotient:.3f}"
         words = f"{ratio.words}, {ratio.above.name} / {ratio.below.name}"
         yield words, f"{ratio.printed:.3f}", here

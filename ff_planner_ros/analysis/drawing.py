@@ -20,7 +20,7 @@ def draw(problem: PlanningProblem, plan: Plan, directory: Path) -> list[Path]:
     Returns:
         The PNG files and the scene, `scene.html`.
     """
-    pictures = save_figures(problem, {PLANNED: plan.trajectory}, directory)
-    scene = directory / "scene.html"
-    save_scene(problem, {PLANNED: plan.trajectory}, {PLANNED}, scene)
+    motions, scene = {PLANNED: plan.trajectory}, directory / "scene.html"
+    pictures = save_figures(problem, motions, directory)
+    save_scene(problem, motions, motions, scene)
     return [*pictures, scene]

@@ -32,14 +32,10 @@ _DOTS_PER_INCH = 150
 def save_figures(
     problem: PlanningProblem, motions: Mapping[Method, Trajectory], directory: Path
 ) -> list[Path]:
-    """Draw the motions of several plans in each figure, as PDF and PNG.
+    """Draw one or more motions in each figure, as PNG and PDF, and return the PNG files.
 
     Args:
-        motions: At least one; drawn in this order.
         directory: Made if it is not there; figures of the same name in it are replaced.
-
-    Returns:
-        The PNG files written; each has a PDF beside it.
     """
     directory.mkdir(parents=True, exist_ok=True)
     figures = {
@@ -106,15 +102,9 @@ def _draw(grid: Sequence[Axes], quantity: Quantity, motions: Mapping[Method, Tra
 
 
 def _draw_panel(axes: Axes, panel: Panel) -> None:
-    for method, (time, values) in panel.curves.items():
-        axes.plot(
-            time,
-            values,
-            color=method.colour,
-            linestyle=method.dash,
-            linewidth=1.8,
-            label=method.label,
-        )
+    for method, curve in panel.curves.items():
+        style: dict[str, Any] = {"color": method.colour, "linestyle": method.dash, "linewidth": 1.8}
+        axes.plot(*curve, label=method.label, **style)
     for number, level in enumerate(panel.levels):
         axes.axhline(level, label="joint limits" if number == 0 else None, **_LIMIT)
     axes.set_ylabel(panel.label)

@@ -1,4 +1,4 @@
-"""An answer of the planner as a dictionary that JSON can hold, and back."""
+"""A plan, or a refusal, as a dictionary that JSON can hold, and back."""
 
 from __future__ import annotations
 
@@ -31,11 +31,7 @@ class PlanDocument:
 
 
 def plan_dictionary(plan: Plan, task: PlanningTask, solve_time: float) -> dict[str, Any]:
-    """Return a plan, the robot it is for and what it avoids: SI units, radians, a row per point.
-
-    Args:
-        solve_time: Wall clock of the answer [s].
-    """
+    """Return a plan, its robot and its problem: SI units, radians, a row per point."""
     motion, problem = plan.trajectory, task.problem
     return {
         "status": Status.SOLVED.name.lower(),
@@ -66,8 +62,7 @@ def refusal_dictionary(
     """Return a refusal: its cause, and how near the best attempt came; never a trajectory.
 
     Args:
-        solve_time: Wall clock of the answer [s].
-        digest: Of the task; None: none came to be.
+        digest: Of the task; None where there is no task.
     """
     refusal: dict[str, Any] = {"status": error.status.name.lower(), "message": str(error)}
     if digest is not None:
@@ -78,13 +73,7 @@ def refusal_dictionary(
 
 
 def planned_motion(answer: object) -> tuple[Robot, Trajectory]:
-    """Read robot and motion back out of a plan's dictionary.
-
-    Args:
-        answer: Of `plan_dictionary`, as JSON gives it back.
-
-    Returns:
-        The robot, and arrays of whatever shape they have in the dictionary.
+    """Read robot and motion of a plan's dictionary; nothing checks the shapes of the motion.
 
     Raises:
         InvalidInput: It is no plan, or lacks something.
@@ -105,10 +94,7 @@ def planned_motion(answer: object) -> tuple[Robot, Trajectory]:
 
 
 def plan_document(answer: object) -> PlanDocument:
-    """Read a plan back out of its dictionary.
-
-    Args:
-        answer: Of `plan_dictionary`, as JSON gives it back; objective and obstacles may be missing.
+    """Read a plan's dictionary; objective and obstacles may be missing.
 
     Raises:
         InvalidInput: It is no plan, lacks something, or its motion is none of its robot.
@@ -139,12 +125,9 @@ def plan_document(answer: object) -> PlanDocument:
     return PlanDocument(robot, plan, solve_time, *_asked_for(answer))
 
 
-def _asked_for(
-    answer: object,
-) -> tuple[tuple[float, float] | None, tuple[Sphere, ...] | None]:
+def _asked_for(answer: Any) -> tuple[tuple[float, float] | None, tuple[Sphere, ...] | None]:
     """Return what was minimised and what was avoided; older dictionaries tell neither."""
-    told = answer if isinstance(answer, dict) else {}
-    objective, obstacles = told.get("objective"), told.get("obstacles")
+    objective, obstacles = answer.get("objective"), answer.get("obstacles")
     try:
         return (
             None if objective is None else astuple(Objective(**objective)),

@@ -7,37 +7,48 @@ import pinocchio as pin
 
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.errors import Status
+from ff_planner_ros.planning.metrics import METRICS, Metric
 from ff_planner_ros.planning.plan import Plan
 from ff_planner_ros.planning.problem import Limits
 from ff_planner_ros.planning.task import PlanningTask
 from ff_planner_ros.robot.model import Robot
 
+# What a user wants to know first.
+_SHOWN = {
+    "joint_path_length",
+    "max_chaser_euler",
+    "min_clearance",
+    "min_joint_margin",
+    "min_velocity_margin",
+    "peak_joint_torques",
+    "final_position_error",
+    "final_orientation_error",
+    "momentum_error",
+}
+
 
 def plan_rows(plan: Plan, task: PlanningTask, solve_time: float) -> list[tuple[str, str]]:
-    """Return name and value of what a user wants to know first of a plan.
-
-    Args:
-        solve_time: Wall clock that it took [s].
-    """
-    metrics, solver = plan.metrics, plan.solver
-    clearance = metrics.min_clearance
+    """Return name and value of what a user wants to know first of a plan; solve time in [s]."""
+    solver = plan.solver
     return [
         ("status", Status.SOLVED.name.lower()),
         ("limits kept", _limits(task.problem.limits)),
-        ("joint path length", f"{metrics.joint_path_length:.4f} rad"),
-        ("largest chaser attitude", f"{np.rad2deg(metrics.max_chaser_euler):.2f} deg"),
-        ("clearance", f"{clearance * 1e3:.1f} mm" if np.isfinite(clearance) else "no obstacles"),
-        ("margin to joint limits", f"{np.rad2deg(metrics.min_joint_margin):.1f} deg"),
-        ("margin to velocity limits", f"{np.rad2deg(metrics.min_velocity_margin):.2f} deg/s"),
-        ("peak joint torque", _peak_torque(plan)),
-        ("final position error", f"{metrics.final_position_error * 1e3:.4f} mm"),
-        ("final orientation error", f"{np.rad2deg(metrics.final_orientation_error):.5f} deg"),
-        ("momentum error", f"{metrics.momentum_error:.1e} relative"),
+        *((metric.label, _in_words(metric, plan)) for metric in METRICS if metric.name in _SHOWN),
         ("solver", solver.stop_reason),
         ("optimality", f"{solver.optimality:.1e}" if np.isfinite(solver.optimality) else "none"),
         ("search", f"{solver.starts} starts, {solver.rollouts} rollouts, {solve_time:.2f} s"),
         ("digest of the task", task.digest),
     ]
+
+
+def _in_words(metric: Metric, plan: Plan) -> str:
+    value = getattr(plan.metrics, metric.name)
+    words = f"{metric.shown(value)} {metric.shown_unit}"
+    if metric.name == "min_clearance" and not np.isfinite(value):
+        return "no obstacles"
+    if metric.name == "peak_joint_torques":
+        return f"{words}, {plan.joint_names[int(np.argmax(value))]}"
+    return words
 
 
 def _limits(limits: Limits) -> str:
@@ -47,11 +58,6 @@ def _limits(limits: Limits) -> str:
     if np.isfinite(limits.chaser_attitude):
         kept.append(f"chaser attitude {np.rad2deg(limits.chaser_attitude):.2f} deg")
     return ", ".join(kept)
-
-
-def _peak_torque(plan: Plan) -> str:
-    peaks = plan.metrics.peak_joint_torques
-    return f"{max(peaks):.4g} N m, {plan.joint_names[int(np.argmax(peaks))]}"
 
 
 def robot_rows(robot: Robot) -> list[tuple[str, str]]:

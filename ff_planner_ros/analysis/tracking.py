@@ -1,4 +1,4 @@
-"""How far what was measured is from what was planned, at every time of a measurement."""
+"""How far a measured motion is from the plan, at the time of every measurement."""
 
 from __future__ import annotations
 
@@ -34,13 +34,10 @@ class Deviations:
 
 
 def measured_motion(robot: Robot, time: Array, states: list[SystemState]) -> Trajectory:
-    """Return measured states as a motion, with the end effector where the joints have it.
+    """Return measured states as a motion; accelerations and torques are NaN.
 
     Args:
         time: Of the states, from the start of the plan. Shape (times,) [s].
-
-    Returns:
-        The motion; accelerations and torques are not measured: NaN.
     """
     q, v = (np.array(rows) for rows in zip(*(configuration(robot, s) for s in states), strict=True))
     return to_trajectory(robot, time, q, v, np.full(v.shape, np.nan))

@@ -82,18 +82,12 @@ def with_zero_momentum(problem: PlanningProblem) -> PlanningProblem:
 
 
 def executed(problem: PlanningProblem, planned: Plan, settings: PlannerSettings) -> Plan:
-    """Return the motion of the true system whose joints follow a plan exactly.
+    """Return the motion of the true system whose joints follow a plan exactly, not yet judged.
 
     Between the points the joints move as a trajectory controller makes them: on the quintic
     through positions, velocities and accelerations. The momentum is that of the problem's own
     start; where the plan's first joint rates differ from it, the joints jump and momentum stays.
-
-    Args:
-        problem: The true one.
-        planned: With the problem's points and duration.
-
-    Returns:
-        A plan with metrics, not yet judged; its final errors are the miss.
+    The final errors in its metrics are the miss.
     """
     robot = problem.robot
     start, v_start = configuration(robot, problem.start)

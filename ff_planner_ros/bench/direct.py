@@ -33,12 +33,7 @@ class Stop:
 
 
 def solve_directly(settings: PlannerSettings, program: PathProgram, max_iterations: int) -> Stop:
-    """Solve by SLSQP with finite differences.
-
-    Args:
-        settings: For the penalty's g1 and g2.
-        program: For its problem and path family.
-    """
+    """Solve a program's problem by SLSQP with finite differences; settings for g1 and g2."""
     # Objective, penalty and smallest joint margin, by the bytes of x: one motion serves all three.
     known: dict[bytes, tuple[float, float, float]] = {}
 

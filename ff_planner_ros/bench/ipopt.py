@@ -1,4 +1,7 @@
-"""IPOPT on the planner's own functions and exact derivatives, where CasADi is installed."""
+"""IPOPT on the planner's own functions and exact derivatives, where CasADi is installed.
+
+The Hessian is IPOPT's own approximation.
+"""
 
 from __future__ import annotations
 
@@ -15,11 +18,7 @@ from ff_planner_ros.planning.program import PathProgram
 
 
 def solve_by_ipopt(program: PathProgram, max_iterations: int) -> Stop | None:
-    """Solve by IPOPT with exact gradients and its own approximation of the Hessian.
-
-    Returns:
-        None where `casadi`, which brings IPOPT along, is not installed.
-    """
+    """Solve by IPOPT with exact gradients; None where `casadi`, which brings it, is missing."""
     try:
         casadi = importlib.import_module("casadi")
     except ModuleNotFoundError:

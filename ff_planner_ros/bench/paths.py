@@ -51,13 +51,7 @@ def within_limits(
     singular_value_bound: float,
     points: int | None = None,
 ) -> bool:
-    """Tell whether a path keeps joint limits and stays away from singularities.
-
-    Args:
-        coefficients: Shape (6, 3).
-        singular_value_bound: Least singular value of the generalised Jacobian.
-        points: Where to look; None: as many as the problem asks for.
-    """
+    """Tell whether a path keeps joint limits and the bound of the generalised Jacobian's values."""
     robot = problem.robot
     try:
         rollout = roll_out(problem, coefficients, points)

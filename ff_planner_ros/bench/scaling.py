@@ -33,11 +33,7 @@ class Growth:
 def with_spheres(
     problem: PlanningProblem, settings: PlannerSettings, sizes: Sequence[int], runs: int
 ) -> Iterator[Growth]:
-    """Yield the times with more and more spheres, which leave the plan as it is.
-
-    Args:
-        sizes: Numbers of spheres, not fewer than the problem has.
-    """
+    """Yield the times with more and more spheres than the problem has; the plan stays."""
     shortest = perform(PlanningTask(problem, settings))
     q, _ = from_trajectory(problem.robot, shortest.trajectory)
     positions = arm_points(problem.robot, q)

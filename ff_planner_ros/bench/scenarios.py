@@ -1,8 +1,8 @@
-"""Planning problems that are known to have an answer, drawn at random, always the same.
+"""Planning problems that are known to have a plan, drawn at random, always the same.
 
 First a path is drawn, the witness: of the planner's own polynomial family, within the limits of
-joint positions and velocities and away from singularities. Then spheres that the witness clears
-and the straight path (xi = 0) hits. Nothing here knows how the planner searches.
+joint positions and velocities and away from singularities. Then spheres are drawn that the witness
+clears and the straight path (xi = 0) hits. Nothing here knows how the planner searches.
 
 Every scenario has a twin, the same physics seen from another inertial frame. The paper's Euler
 angles, and with them the straight path's turning, depend on that frame; the spheres are drawn so
@@ -44,7 +44,7 @@ LARGEST_CHASER_VELOCITY, LARGEST_CHASER_RATE = 0.06, np.deg2rad(3.0)
 SINGULAR_VALUE_BOUND = 0.05
 
 _POINTS = 50
-# Enough to turn down most of the paths that leave the limits, at a quarter of the price.
+# Enough to reject most of the paths that leave the limits, in a quarter of the time.
 _SCREENING_POINTS = 13
 # Spheres that are drawn at once to choose from, and their radii in lengths of the stretched arm.
 _CANDIDATES = 200
@@ -84,8 +84,6 @@ def scenario(kind: str, robot: str, number: int, *, turned: bool) -> Scenario:
     """Return one scenario; the same arguments give the same.
 
     Args:
-        kind: Key of `KINDS`.
-        robot: Name for `bench_robot`.
         turned: Whether to return the twin, with the inertial frame turned and shifted.
     """
     return _twins(kind, robot, number)[turned]

@@ -80,11 +80,7 @@ def attempt(kind: str, robot: str, number: int, turned: bool, settings: PlannerS
 def timed_plans(
     problems: Iterable[PlanningProblem], settings: PlannerSettings, warm_up: int = 0
 ) -> tuple[list[Plan], float]:
-    """Return the plans of those problems that are solved, and the median time of a plan [s].
-
-    Args:
-        warm_up: The time of so many first plans does not count.
-    """
+    """Return plans of all problems that are solved, and their median time [s] after the warm-up."""
     plans, seconds, stopwatch = [], [], Stopwatch()
     for problem in problems:
         try:

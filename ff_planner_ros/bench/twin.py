@@ -55,12 +55,11 @@ def same_path(
 ) -> Array:
     """Return the coefficients with which the twin's end effector takes the same path.
 
-    Positions are the same; the orientation is, in the twin's reading, no polynomial, and its
-    nearest one is taken.
+    Its positions are the same. In the twin's reading its orientation is no polynomial, and the
+    nearest polynomial is taken.
 
     Args:
         coefficients: Of the problem's path. Shape (6, 3).
-        twin: Of `seen_from`.
         frame: The first frame in the other.
     """
     _, rotations = end_effector_paths(problem).polynomial.pose(coefficients, _SAMPLES)

@@ -1,7 +1,7 @@
 """The free-floating robot in MuJoCo, read from its URDF by MuJoCo's own code.
 
-Of Pinocchio's model nothing is looked at here: masses, inertias, kinematics, the chaser's frame and
-the momentum are what MuJoCo makes of the URDF.
+Nothing here uses Pinocchio's model: masses, inertias, kinematics, the chaser's frame and the
+momentum are what MuJoCo makes of the URDF.
 """
 
 from __future__ import annotations
@@ -56,10 +56,7 @@ class Engine:
     """
 
     def __init__(self, robot: Robot) -> None:
-        """Read the robot's URDF.
-
-        Args:
-            robot: Only its URDF and the names of its links and joints are used.
+        """Read a robot's URDF; only this and the names of links and joints are used.
 
         Raises:
             InvalidInput: MuJoCo refuses the URDF.
@@ -75,11 +72,7 @@ class Engine:
         self.arm_bodies = np.flatnonzero(self.model.body_weldid > 1)
 
     def state(self, start: SystemState) -> Array:
-        """Return the state vector of a chaser pose and twist and joint positions and rates.
-
-        Args:
-            start: Inertial frame.
-        """
+        """Return the state vector of a system state."""
         data = self._data
         mujoco.mj_resetData(self.model, data)
         data.qpos[:7] = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]  # the root link in the inertial frame
@@ -99,11 +92,7 @@ class Engine:
         return np.concatenate([data.qpos, data.qvel])
 
     def derivative(self, state: Array, joint_torques: Array) -> Array:
-        """Return the rate of change of a state under joint torques: forward dynamics.
-
-        Args:
-            joint_torques: Shape (joints,) [N m].
-        """
+        """Return the rate of change of a state under joint torques [N m]: forward dynamics."""
         data = self._data
         data.qfrc_applied[self._rates] = joint_torques
         self._forward(state)
@@ -137,24 +126,13 @@ class Engine:
         return state[self._joints], state[self.model.nq :][self._rates]
 
     def scale_inertias(self, bodies: NDArray[np.int64], masses: Array, inertias: Array) -> None:
-        """Make links heavier or lighter than the URDF says.
-
-        Args:
-            bodies: Numbers of the links. Shape (links,).
-            masses: A factor for each. Shape (links,).
-            inertias: A factor for each, of its inertia about its centre of mass. Shape (links,).
-        """
+        """Scale masses, and inertias about the centres of mass, by a factor for each link."""
         self.model.body_mass[bodies] *= masses
         self.model.body_inertia[bodies] *= inertias[:, None]
         mujoco.mj_setConst(self.model, self._data)
 
     def add_friction(self, viscous: Array, dry: Array) -> None:
-        """Give the joints friction.
-
-        Args:
-            viscous: Shape (joints,) [N m s/rad].
-            dry: Largest torque that it resists with. Shape (joints,) [N m].
-        """
+        """Give each joint viscous [N m s/rad] and dry friction, its largest torque [N m]."""
         self.model.dof_damping[self._rates] = viscous
         self.model.dof_frictionloss[self._rates] = dry
         # By default a joint that friction holds would still get a tenth of its acceleration.

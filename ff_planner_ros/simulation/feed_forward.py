@@ -30,13 +30,12 @@ def feed_forward(robot: Robot, trajectory: Trajectory, steps_per_point: int) -> 
     """Return the torques of a plan at its points and between them.
 
     Between two points each joint follows the quintic through both positions, velocities and
-    accelerations, as ROS's `joint_trajectory_controller` lets it, and the torques are those that
-    this motion needs: it is back on the plan at every point. A spline through the torques alone is
-    as near to them at any one time, but what it is off by adds up, twice integrated; a light wrist
-    shows it (`torque_spline`).
+    accelerations, as ROS's `joint_trajectory_controller` lets it. The torques are those that this
+    motion needs, so that it is back on the plan at every point. A spline through the torques alone
+    (`torque_spline`) has small errors, but they add up over the motion; a light wrist shows it.
 
-    At the points the torques are the plan's own: where it differs there from what its motion needs,
-    the difference is added in between, too, linearly. For a sound plan that is rounding.
+    At the points the torques are the plan's own. Where these differ from what the motion needs, the
+    difference is interpolated linearly. For a sound plan it is rounding.
     """
     time = _half_steps(trajectory, steps_per_point)
     torques = _torques_of_motion(robot, trajectory, time)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 
 import numpy as np
 
@@ -14,17 +14,17 @@ from ff_planner_ros.simulation.engine import Engine
 from ff_planner_ros.simulation.execution import Execution, execute, start_state
 from ff_planner_ros.simulation.feed_forward import feed_forward
 
-# What the planner's check lets the final pose of a plan be off its target, so that physics may not
-# add more than the plan itself may lack; ten times and more what interpolation and integration do.
+# As much as the planner's check allows a plan to miss its target: physics may not add more. Errors
+# of interpolation and integration are less than a tenth of this.
 POSITION_TOLERANCE = 1e-3  # [m]
 ORIENTATION_TOLERANCE = np.deg2rad(0.05)  # [rad]
 
-# Relative. Nothing pushes the system: what changes its momentum is an integration that is too
-# coarse for the motion, and then the poses prove nothing. Those of sound plans are below 1e-7.
+# Relative. Nothing pushes the system. If its momentum changes, the integration is too coarse for
+# the motion, and the poses prove nothing. Sound plans stay below 1e-7.
 MOMENTUM_TOLERANCE = 1e-6
 
-# In one step no joint and not the chaser turns further [rad]: RK4 is then below a hundredth of the
-# tolerances. Four steps, because the motion between two points has features of its own.
+# In one step neither a joint nor the chaser turns further [rad]: the error of RK4 is then below a
+# hundredth of the tolerances. At least four steps, because the motion varies between two points.
 STEP_TURN, MIN_STEPS_PER_POINT = 0.01, 4
 
 
@@ -38,6 +38,11 @@ class Deviation:
     max_chaser_orientation_error: float  # of the chaser, at the worst of all points [rad]
 
 
+ALLOWED = Deviation(
+    POSITION_TOLERANCE, ORIENTATION_TOLERANCE, POSITION_TOLERANCE, ORIENTATION_TOLERANCE
+)
+
+
 @dataclass(frozen=True, eq=False)
 class Verification:
     """What became of a plan in the independent engine."""
@@ -49,21 +54,13 @@ class Verification:
     @property
     def passed(self) -> bool:
         """Whether the plan came true within the tolerances."""
-        off = self.deviation
-        return (
-            off.final_position_error <= POSITION_TOLERANCE
-            and off.final_orientation_error <= ORIENTATION_TOLERANCE
-            and off.max_chaser_position_error <= POSITION_TOLERANCE
-            and off.max_chaser_orientation_error <= ORIENTATION_TOLERANCE
-            and self.momentum_drift <= MOMENTUM_TOLERANCE
-        )
+        found, allowed = astuple(self.deviation), astuple(ALLOWED)
+        kept = all(value <= most for value, most in zip(found, allowed, strict=True))
+        return kept and self.momentum_drift <= MOMENTUM_TOLERANCE
 
 
 def verify(robot: Robot, trajectory: Trajectory) -> Verification:
-    """Execute a plan open loop in MuJoCo and compare what happens with what it says.
-
-    Args:
-        trajectory: The plan's samples, its torques among them.
+    """Execute a plan's torques open loop in MuJoCo, and compare the motion with the plan.
 
     Raises:
         InvalidInput: The samples cannot be executed, or MuJoCo refuses the robot's URDF.
