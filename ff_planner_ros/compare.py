@@ -1,4 +1,4 @@
-"""Every method on one scenario: a table, the figures of the paper, a scene for the browser."""
+"""Every method on one scenario: tables, the figures of the paper, a scene for the browser."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def compare(
     output.mkdir(parents=True, exist_ok=True)
     answers = {}
     for method, solve in _solvers(field).items():
-        # Those that have no objective of their own are there to be compared with min(L).
+        # Methods without an objective of their own are compared with min(L).
         asked = replace(problem, objective=OBJECTIVES.get(method, OBJECTIVES[SHORTEST]))
         begun = time.perf_counter()
         made = attempted(PlanningTask(asked, settings), solve)

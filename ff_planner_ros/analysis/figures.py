@@ -9,7 +9,7 @@ from typing import Any
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ff_planner_ros.analysis.methods import Method
+from ff_planner_ros.analysis.methods import PLANNED, Method
 from ff_planner_ros.analysis.panels import (
     CHASER_POSE,
     CHASER_VELOCITY,
@@ -20,13 +20,29 @@ from ff_planner_ros.analysis.panels import (
     joint_angles,
     panels,
 )
-from ff_planner_ros.planning.plan import Trajectory
+from ff_planner_ros.analysis.scene import save_scene
+from ff_planner_ros.planning.plan import Plan, Trajectory
 from ff_planner_ros.planning.problem import PlanningProblem
 from ff_planner_ros.robot.model import Robot
 
 _FORBIDDEN = "0.85"  # light grey, beside which every method's colour stands out
 _LIMIT: dict[str, Any] = {"color": "0.35", "linewidth": 1.0, "linestyle": (0, (6, 3))}
 _DOTS_PER_INCH = 150
+
+
+def draw(problem: PlanningProblem, plan: Plan, directory: Path) -> list[Path]:
+    """Draw a plan: figures over time, each as PNG and PDF, and a scene that turns in a browser.
+
+    Args:
+        directory: Made if it is not there; files of the same name in it are replaced.
+
+    Returns:
+        The PNG files and the scene, `scene.html`.
+    """
+    motions, scene = {PLANNED: plan.trajectory}, directory / "scene.html"
+    pictures = save_figures(problem, motions, directory)
+    save_scene(problem, motions, motions, scene)
+    return [*pictures, scene]
 
 
 def save_figures(

@@ -105,21 +105,18 @@ def plan_document(answer: object) -> PlanDocument:
     found = {item.name: _entry(metrics, item.name, "metrics.") for item in fields(Metrics)}
     peaks = tuple(_numbers("metrics.peak_joint_torques", found.pop("peak_joint_torques")).tolist())
     numbers = {name: _number(f"metrics.{name}", value) for name, value in found.items()}
-    counts = {
-        name: int(finite_number(f"solver.{name}", _entry(solver, name, "solver.")))
-        for name in ("starts", "iterations", "rollouts")
-    }
+    told = {item.name: _entry(solver, item.name, "solver.") for item in fields(SolverReport)}
+    for name in ("starts", "iterations", "rollouts"):
+        told[name] = int(finite_number(f"solver.{name}", told[name]))
+    told["optimality"] = _number("solver.optimality", told["optimality"])
+    told["stop_reason"] = str(told["stop_reason"])
     plan = Plan(
         joint_names=robot.joint_names,
         trajectory=trajectory,
         xi=_numbers("xi", _entry(answer, "xi")),
         orientation_reading=str(_entry(answer, "orientation_reading")),
         metrics=Metrics(peak_joint_torques=peaks, **numbers),
-        solver=SolverReport(
-            **counts,
-            optimality=_number("solver.optimality", _entry(solver, "optimality", "solver.")),
-            stop_reason=str(_entry(solver, "stop_reason", "solver.")),
-        ),
+        solver=SolverReport(**told),
     )
     solve_time = _number("solver.solve_time", _entry(solver, "solve_time", "solver."))
     return PlanDocument(robot, plan, solve_time, *_asked_for(answer))

@@ -46,11 +46,7 @@ def save_scene(
     shown: Collection[Method],
     path: Path,
 ) -> None:
-    """Write the scene as one HTML file that needs nothing else.
-
-    Args:
-        shown: Methods that are shown from the start; a click in the legend shows the others.
-    """
+    """Write the scene of `scene_figure` as one HTML file that needs nothing else."""
     # The name of the scene's element is fixed: the same motions give the same file.
     goal = problem.target.position
     element = scene_figure(problem.robot, problem.obstacles, goal, motions, shown).to_html(

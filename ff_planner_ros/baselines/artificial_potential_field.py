@@ -104,7 +104,7 @@ class _Motion:
         self._goal_twist = np.concatenate([target.linear_velocity, target.angular_velocity])
 
     def twist_ee(self, q: Array, v: Array) -> Array:
-        """Return the end effector's twist, inertial axes. Shape (6,)."""
+        """Return the end effector's twist in inertial axes. Shape (6,)."""
         robot = self._problem.robot
         pin.forwardKinematics(robot.model, self._data, q, v)
         frame, axes = robot.tip_frame_id, pin.LOCAL_WORLD_ALIGNED

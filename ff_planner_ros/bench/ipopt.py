@@ -29,23 +29,15 @@ def solve_by_ipopt(program: PathProgram, max_iterations: int) -> Stop | None:
     rows, size = len(functions.constraints(start)), len(start)
     objective = _with_jacobian(casadi, (1, size), functions.objective, functions.gradient)
     constraints = _with_jacobian(casadi, (rows, size), functions.constraints, functions.jacobian)
+    program_in_casadi = {"x": variables, "f": objective(variables), "g": constraints(variables)}
+    limits = {"max_iter": max_iterations, "tol": TOLERANCE}
+    quiet = {"print_level": 0, "sb": "yes"}
+    options = {"hessian_approximation": "limited-memory", **limits, **quiet}
     solver = casadi.nlpsol(
-        "solver",
-        "ipopt",
-        {"x": variables, "f": objective(variables), "g": constraints(variables)},
-        {
-            "print_time": False,
-            "ipopt": {
-                "print_level": 0,
-                "sb": "yes",
-                "max_iter": max_iterations,
-                "tol": TOLERANCE,
-                "hessian_approximation": "limited-memory",
-            },
-        },
+        "solver", "ipopt", program_in_casadi, {"print_time": False, "ipopt": options}
     )
     result = solver(x0=start, lbg=0.0, ubg=np.inf)
-    return functions.answer(np.array(result["x"]).ravel(), solver.stats()["return_status"])
+    return functions.stop(np.array(result["x"]).ravel(), solver.stats()["return_status"])
 
 
 def _with_jacobian(

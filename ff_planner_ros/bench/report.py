@@ -1,7 +1,7 @@
 """The tables of the benchmark.
 
-One process makes them all, on one core, warm before a clock runs. It is a process of its own
-because numerical libraries read from the environment, when they load, how many threads to use.
+One process makes them all, on one core, and warms up before it takes times. It is a process of its
+own, because numerical libraries read the number of threads from the environment when they load.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from ff_planner_ros.text_table import print_table
 # Variables with which the numerical libraries are told to use one thread.
 ONE_THREAD = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 
-# Scenarios of each class whose plans are executed: as many as in the check published by others.
+# Scenarios of each class whose plans are executed: as many as in a published check by others.
 _EXECUTED = 40
 
 
@@ -43,9 +43,8 @@ def run_on_one_core(quick: bool, scenarios: int | None, json_file: Path | None) 
     """Print the tables from a process of their own, and return its exit code.
 
     Args:
-        quick: Whether to measure with smaller sizes and to stop the other methods early.
+        quick: Whether to use smaller sizes and to stop the other methods early.
         scenarios: Of each class; None: 200, or 4 if quick.
-        json_file: Where to write all figures; None: nowhere.
     """
     arguments = [str(int(quick)), str(scenarios or (4 if quick else 200)), str(json_file or "")]
     command = [sys.executable, "-u", "-m", "ff_planner_ros.bench.report", *arguments]

@@ -48,11 +48,6 @@ class Engine:
     A state is a vector: position of the root link's origin, its quaternion (w first), joint
     positions; then the origin's velocity in inertial axes, the turn rate in axes of the root link,
     joint rates.
-
-    Attributes:
-        model: MuJoCo's.
-        chaser_bodies: Numbers of the links that make up the chaser. Shape (links,).
-        arm_bodies: Numbers of all other links. Shape (links,).
     """
 
     def __init__(self, robot: Robot) -> None:
@@ -67,7 +62,7 @@ class Engine:
         self._tip = self._data.body(robot.tip_link)
         self._joints = np.array([self.model.joint(name).qposadr[0] for name in robot.joint_names])
         self._rates = np.array([self.model.joint(name).dofadr[0] for name in robot.joint_names])
-        # Number 0 is the universe, 1 the root link.
+        # Numbers of the links: 0 is the universe, 1 the root link.
         self.chaser_bodies = np.flatnonzero(self.model.body_weldid == 1)
         self.arm_bodies = np.flatnonzero(self.model.body_weldid > 1)
 

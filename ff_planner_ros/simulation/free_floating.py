@@ -85,12 +85,9 @@ def carried_back(robot: Robot, state: SystemState, seconds: float) -> SystemStat
 
 
 def _reversed(state: SystemState) -> SystemState:
-    return replace(
-        state,
-        linear_velocity_chaser_in_inertial=-state.linear_velocity_chaser_in_inertial,
-        angular_velocity_chaser_in_inertial=-state.angular_velocity_chaser_in_inertial,
-        joint_velocities=-state.joint_velocities,
-    )
+    velocities = "linear_velocity_chaser_in_inertial", "angular_velocity_chaser_in_inertial"
+    turned = {name: -getattr(state, name) for name in (*velocities, "joint_velocities")}
+    return replace(state, **turned)
 
 
 def _between(motion: JointMotion, begin: float, end: float) -> JointMotion:

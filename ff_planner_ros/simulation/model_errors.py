@@ -22,11 +22,11 @@ SHARES = (0.01, 0.05, 0.10)  # of masses, inertias and friction
 # Draws of independent errors of all links; of these the worst is shown.
 DRAWS, SEED = 10, 0
 
-# What a good estimate of the chaser's motion, and good encoders, may be off by at the start.
+# Errors at the start of a good estimate of the chaser's motion, and of good encoders.
 SPEED_ERROR = 1e-3  # [m/s]
 TURN_ERROR = np.deg2rad(0.01)  # [rad/s]
 
-# MuJoCo's dry friction brings a joint to rest within 0.02 s: half of it changes no position by 1 %.
+# MuJoCo's dry friction stops a joint within 0.02 s; half of that changes no position by 1 %.
 LONGEST_STEP = 0.02  # [s]
 
 
