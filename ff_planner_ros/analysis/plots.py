@@ -63,7 +63,7 @@ def clearance_plot(
 def panel_plot(
     drawn: Sequence[Panel], columns: int = 2, titles: Sequence[str] = (), rows_high: int = 1
 ) -> go.Figure:
-    """Draw panels row by row, so many usual rows high each, with one legend for all."""
+    """Draw panels row by row, each as high as `rows_high` usual ones, with one legend for all."""
     rows = -(-len(drawn) // columns)
     figure = make_subplots(
         rows,

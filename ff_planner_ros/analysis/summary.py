@@ -28,7 +28,7 @@ _SHOWN = {
 
 
 def plan_rows(plan: Plan, task: PlanningTask, solve_time: float) -> list[tuple[str, str]]:
-    """Return name and value of what a user wants to know first of a plan; solve time in [s]."""
+    """Return name and value of what a user wants to know first of a plan; `solve_time` in [s]."""
     solver = plan.solver
     return [
         ("status", Status.SOLVED.name.lower()),

@@ -77,7 +77,7 @@ def load_parameters(path: Path) -> PotentialFieldParameters:
 
 
 def attraction(offset: Array, parameters: PotentialFieldParameters) -> Array:
-    """Return the acceleration over an offset to the goal, shape (6,): [m], rotation vector [rad].
+    """Return the acceleration towards a goal at an offset [m], rotation vector [rad]; shape (6,).
 
     Its magnitude is constant except close to the goal. There it is that of a critically damped
     spring: the end effector comes to rest without overshoot.

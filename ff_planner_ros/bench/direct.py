@@ -33,7 +33,7 @@ class Stop:
 
 
 def solve_directly(settings: PlannerSettings, program: PathProgram, max_iterations: int) -> Stop:
-    """Solve a program's problem by SLSQP with finite differences; settings for g1 and g2."""
+    """Solve by SLSQP with finite differences; `settings` has g1 and g2 of the penalty."""
     # Objective, penalty and smallest joint margin, by the bytes of x: one motion serves all three.
     known: dict[bytes, tuple[float, float, float]] = {}
 

@@ -51,7 +51,7 @@ def within_limits(
     singular_value_bound: float,
     points: int | None = None,
 ) -> bool:
-    """Tell whether a path keeps joint limits and the bound of the generalised Jacobian's values."""
+    """Tell whether a path keeps joint limits and a least singular value of the Jacobian J_D."""
     robot = problem.robot
     try:
         rollout = roll_out(problem, coefficients, points)

@@ -127,7 +127,7 @@ class Engine:
         mujoco.mj_setConst(self.model, self._data)
 
     def add_friction(self, viscous: Array, dry: Array) -> None:
-        """Give each joint viscous [N m s/rad] and dry friction, its largest torque [N m]."""
+        """Give each joint viscous friction [N m s/rad] and dry friction, at most so large [N m]."""
         self.model.dof_damping[self._rates] = viscous
         self.model.dof_frictionloss[self._rates] = dry
         # By default a joint that friction holds would still get a tenth of its acceleration.
