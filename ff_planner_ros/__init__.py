@@ -7,7 +7,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from ff_planner_ros.analysis.drawing import draw as draw
+    from ff_planner_ros.analysis.figures import draw as draw
     from ff_planner_ros.errors import FfPlannerError as FfPlannerError
     from ff_planner_ros.errors import InvalidInput as InvalidInput
     from ff_planner_ros.errors import NoPlanFound as NoPlanFound
@@ -46,7 +46,7 @@ _MODULES = {
     "planning.plan": ("Plan", "Trajectory"),
     "planning.metrics": ("Metrics",),
     "simulation.verification": ("verify_plan", "Verification"),
-    "analysis.drawing": ("draw",),
+    "analysis.figures": ("draw",),
     "share": ("share_directory",),
     "errors": ("FfPlannerError", "InvalidInput", "NoPlanFound"),
 }

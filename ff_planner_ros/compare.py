@@ -1,4 +1,4 @@
-"""Every method on one scenario: a table, the figures of the paper, a scene for the browser."""
+"""Every method on one scenario: tables, the figures of the paper, a scene for the browser."""
 
 from __future__ import annotations
 
@@ -60,15 +60,12 @@ def compare(
     output: Path,
     of_the_paper: bool,
 ) -> bool:
-    """Let every method answer, print the tables, and write figures and scene.
+    """Plan with every method, print the tables, draw, and tell whether any method made a motion.
 
     Args:
-        problem: Every method sets its own objective.
+        problem: Its objective does not matter: every method sets its own.
         output: Directory for the pictures, made if it is not there.
-        of_the_paper: Whether the problem is the paper's, and its ratios mean something.
-
-    Returns:
-        Whether any method gave a motion.
+        of_the_paper: Whether the problem is the paper's, whose ratios are then compared.
 
     Raises:
         InvalidInput: The start violates what every plan must keep.
@@ -78,7 +75,7 @@ def compare(
     output.mkdir(parents=True, exist_ok=True)
     answers = {}
     for method, solve in _solvers(field).items():
-        # Those that have no objective of their own are there to be compared with min(L).
+        # Methods without an objective of their own are compared with min(L).
         asked = replace(problem, objective=OBJECTIVES.get(method, OBJECTIVES[SHORTEST]))
         begun = time.perf_counter()
         made = attempted(PlanningTask(asked, settings), solve)

@@ -1,4 +1,4 @@
-"""Put a plan to the test in the independent engine, and say how it went."""
+"""Execute a plan in the independent engine, and print how far the motion is from the plan."""
 
 from __future__ import annotations
 
@@ -9,29 +9,21 @@ from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.simulation.engine import ENGINE
 from ff_planner_ros.simulation.model_errors import model_errors
 from ff_planner_ros.simulation.verification import (
+    ALLOWED,
     MOMENTUM_TOLERANCE,
-    ORIENTATION_TOLERANCE,
-    POSITION_TOLERANCE,
     Deviation,
-    Verification,
     verify,
 )
 from ff_planner_ros.text_table import print_table
 
 _COLUMNS = ("end effector [mm]", "[deg]", "chaser [mm]", "[deg]")
-_ALLOWED = Deviation(
-    POSITION_TOLERANCE, ORIENTATION_TOLERANCE, POSITION_TOLERANCE, ORIENTATION_TOLERANCE
-)
 
 
 def print_verdict(name: str, robot: Robot, trajectory: Trajectory, sensitivity: bool) -> bool:
-    """Execute a plan open loop, print how far it is from coming true, and the verdict.
+    """Execute a plan open loop, print deviations and verdict, and tell whether it passed.
 
     Args:
         sensitivity: Whether to execute it with errors in the model, too.
-
-    Returns:
-        Whether it passed.
 
     Raises:
         InvalidInput: The samples cannot be executed, or MuJoCo refuses the robot's URDF.
@@ -42,10 +34,15 @@ def print_verdict(name: str, robot: Robot, trajectory: Trajectory, sensitivity: 
         ("", *_COLUMNS, "momentum"),
         [
             ("off the plan", *_cells(found.deviation, 4), f"{found.momentum_drift:.1e}"),
-            ("allowed", *_cells(_ALLOWED, 4), f"{MOMENTUM_TOLERANCE:.1e}"),
+            ("allowed", *_cells(ALLOWED, 4), f"{MOMENTUM_TOLERANCE:.1e}"),
         ],
     )
-    print(f"verdict: {_verdict(found)}")
+    verdict = "passed"
+    if not found.momentum_drift <= MOMENTUM_TOLERANCE:
+        verdict = "failed: the momentum changes, the motion is too fast to be integrated"
+    elif not found.passed:
+        verdict = "failed: the system does not do what the plan says"
+    print(f"verdict: {verdict}")
     if sensitivity:
         print_table(
             f"{name}, open loop with something wrong: how far off the plan",
@@ -55,19 +52,10 @@ def print_verdict(name: str, robot: Robot, trajectory: Trajectory, sensitivity: 
     return found.passed
 
 
-def _verdict(found: Verification) -> str:
-    if found.passed:
-        return "passed"
-    if not found.momentum_drift <= MOMENTUM_TOLERANCE:
-        return "failed: the momentum changes, the motion is too fast to be integrated"
-    return "failed: the system does not do what the plan says"
-
-
 def _cells(deviation: Deviation, digits: int) -> list[str]:
-    values = (
-        deviation.final_position_error * 1e3,
-        np.rad2deg(deviation.final_orientation_error),
-        deviation.max_chaser_position_error * 1e3,
-        np.rad2deg(deviation.max_chaser_orientation_error),
-    )
+    meters = deviation.final_position_error, deviation.max_chaser_position_error
+    turns = deviation.final_orientation_error, deviation.max_chaser_orientation_error
+    values = [
+        value for m, rad in zip(meters, turns, strict=True) for value in (m * 1e3, np.rad2deg(rad))
+    ]
     return [f"{value:.{digits}f}" for value in values]

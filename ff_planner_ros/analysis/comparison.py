@@ -35,17 +35,11 @@ _NOTHING = "-"
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """What a method made of the problem.
+    """What a method made of the problem."""
 
-    Attributes:
-        plan: The motion that follows, sound or not; or why there is none.
-        failures: What is wrong with the motion.
-        seconds: Wall clock until then.
-    """
-
-    plan: Plan | FfPlannerError
-    failures: tuple[Failure, ...]
-    seconds: float
+    plan: Plan | FfPlannerError  # the motion that follows, sound or not; or why there is none
+    failures: tuple[Failure, ...]  # what is wrong with the motion
+    seconds: float  # wall clock until then
 
 
 @dataclass(frozen=True)
@@ -111,8 +105,7 @@ def ratio_rows(answers: Mapping[Method, Answer]) -> Iterator[tuple[str, ...]]:
         above, below = (answers[method].plan for method in (ratio.above, ratio.below))
         here = _NOTHING
         if isinstance(above, Plan) and isinstance(below, Plan):
-            here = (
-                f"{getattr(above.metrics, ratio.metric) / getattr(below.metrics, ratio.metric):.3f}"
-            )
+            quotient = getattr(above.metrics, ratio.metric) / getattr(below.metrics, ratio.metric)
+            here = f"{quotient:.3f}"
         words = f"{ratio.words}, {ratio.above.name} / {ratio.below.name}"
         yield words, f"{ratio.printed:.3f}", here

@@ -9,7 +9,7 @@ from typing import Any
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ff_planner_ros.analysis.methods import Method
+from ff_planner_ros.analysis.methods import PLANNED, Method
 from ff_planner_ros.analysis.panels import (
     CHASER_POSE,
     CHASER_VELOCITY,
@@ -20,7 +20,8 @@ from ff_planner_ros.analysis.panels import (
     joint_angles,
     panels,
 )
-from ff_planner_ros.planning.plan import Trajectory
+from ff_planner_ros.analysis.scene import save_scene
+from ff_planner_ros.planning.plan import Plan, Trajectory
 from ff_planner_ros.planning.problem import PlanningProblem
 from ff_planner_ros.robot.model import Robot
 
@@ -29,17 +30,28 @@ _LIMIT: dict[str, Any] = {"color": "0.35", "linewidth": 1.0, "linestyle": (0, (6
 _DOTS_PER_INCH = 150
 
 
+def draw(problem: PlanningProblem, plan: Plan, directory: Path) -> list[Path]:
+    """Draw a plan: figures over time, each as PNG and PDF, and a scene that turns in a browser.
+
+    Args:
+        directory: Made if it is not there; files of the same name in it are replaced.
+
+    Returns:
+        The PNG files and the scene, `scene.html`.
+    """
+    motions, scene = {PLANNED: plan.trajectory}, directory / "scene.html"
+    pictures = save_figures(problem, motions, directory)
+    save_scene(problem, motions, motions, scene)
+    return [*pictures, scene]
+
+
 def save_figures(
     problem: PlanningProblem, motions: Mapping[Method, Trajectory], directory: Path
 ) -> list[Path]:
-    """Draw the motions of several plans in each figure, as PDF and PNG.
+    """Draw one or more motions in each figure, as PNG and PDF, and return the PNG files.
 
     Args:
-        motions: At least one; drawn in this order.
         directory: Made if it is not there; figures of the same name in it are replaced.
-
-    Returns:
-        The PNG files written; each has a PDF beside it.
     """
     directory.mkdir(parents=True, exist_ok=True)
     figures = {
@@ -106,15 +118,9 @@ def _draw(grid: Sequence[Axes], quantity: Quantity, motions: Mapping[Method, Tra
 
 
 def _draw_panel(axes: Axes, panel: Panel) -> None:
-    for method, (time, values) in panel.curves.items():
-        axes.plot(
-            time,
-            values,
-            color=method.colour,
-            linestyle=method.dash,
-            linewidth=1.8,
-            label=method.label,
-        )
+    for method, curve in panel.curves.items():
+        style: dict[str, Any] = {"color": method.colour, "linestyle": method.dash, "linewidth": 1.8}
+        axes.plot(*curve, label=method.label, **style)
     for number, level in enumerate(panel.levels):
         axes.axhline(level, label="joint limits" if number == 0 else None, **_LIMIT)
     axes.set_ylabel(panel.label)

@@ -45,28 +45,23 @@ _XYZ = ("x", "y", "z")
 _POSITION = tuple(f"{axis} [m]" for axis in _XYZ)
 _EULER = ("roll $φ$ (x) [deg]", "pitch $θ$ (y) [deg]", "yaw $ψ$ (z) [deg]")
 
-# Fig. 3 of the paper.
-END_EFFECTOR_POSE = (
-    Quantity("end effector position", _POSITION, lambda motion: motion.ee_positions),
-    Quantity(
-        "end effector orientation, Euler ZYX",
-        _EULER,
-        lambda motion: _euler_deg(motion.ee_quaternions_xyzw),
-        turns=True,
-    ),
-)
-# Fig. 4.
-CHASER_POSE = (
-    Quantity("chaser position", _POSITION, lambda motion: motion.chaser_positions),
-    Quantity(
-        "chaser attitude, Euler ZYX",
-        _EULER,
-        lambda motion: _euler_deg(motion.chaser_quaternions_xyzw),
-        turns=True,
-    ),
-)
-# Fig. 5.
-CHASER_VELOCITY = (
+
+def _pose(frame: str, position: str, orientation: str) -> tuple[Quantity, Quantity]:
+    """Return position and orientation of a frame, `ee` or `chaser`."""
+    return (
+        Quantity(position, _POSITION, lambda motion: getattr(motion, f"{frame}_positions")),
+        Quantity(
+            f"{orientation}, Euler ZYX",
+            _EULER,
+            lambda motion: _euler_deg(getattr(motion, f"{frame}_quaternions_xyzw")),
+            turns=True,
+        ),
+    )
+
+
+END_EFFECTOR_POSE = _pose("ee", "end effector position", "end effector orientation")  # Fig. 3
+CHASER_POSE = _pose("chaser", "chaser position", "chaser attitude")  # Fig. 4
+CHASER_VELOCITY = (  # Fig. 5
     Quantity(
         "chaser linear velocity",
         tuple(f"$v_{axis}$ [m/s]" for axis in _XYZ),
@@ -81,11 +76,7 @@ CHASER_VELOCITY = (
 
 
 def clearance(robot: Robot, obstacles: Sequence[Sphere]) -> Quantity:
-    """Return the distance of the arm's centre lines to the closest obstacle: Fig. 6.
-
-    Args:
-        obstacles: Without any, nothing is close: the values are NaN.
-    """
+    """Return the distance of the arm's centre lines to the closest obstacle, NaN without any."""
 
     def of(motion: Trajectory) -> Array:
         if not obstacles:
@@ -97,32 +88,29 @@ def clearance(robot: Robot, obstacles: Sequence[Sphere]) -> Quantity:
 
 def joint_angles(robot: Robot) -> Quantity:
     """Return every joint's angle with its limits."""
-    limits = np.rad2deg([robot.lower_position_limits, robot.upper_position_limits]).T
-    return Quantity(
-        "joint angles",
-        tuple(f"{name} [deg]" for name in robot.joint_names),
-        lambda motion: np.rad2deg(motion.joint_positions),
-        levels=tuple((lower, upper) for lower, upper in limits.tolist()),
-    )
+    lower, upper = robot.lower_position_limits, robot.upper_position_limits
+    return _of_joints(robot, "joint angles", "deg", "joint_positions", lower, upper)
 
 
 def joint_rates(robot: Robot) -> Quantity:
     """Return every joint's rate with its limits."""
-    limits = np.rad2deg(robot.velocity_limits).tolist()
+    limits = robot.velocity_limits
+    return _of_joints(robot, "joint rates", "deg/s", "joint_velocities", -limits, limits)
+
+
+def _of_joints(
+    robot: Robot, title: str, unit: str, field: str, lower: Array, upper: Array
+) -> Quantity:
     return Quantity(
-        "joint rates",
-        tuple(f"{name} [deg/s]" for name in robot.joint_names),
-        lambda motion: np.rad2deg(motion.joint_velocities),
-        levels=tuple((-limit, limit) for limit in limits),
+        title,
+        tuple(f"{name} [{unit}]" for name in robot.joint_names),
+        lambda motion: np.rad2deg(getattr(motion, field)),
+        levels=tuple(zip(*np.rad2deg([lower, upper]).tolist(), strict=True)),
     )
 
 
 def panels(quantity: Quantity, motions: Mapping[Method, Trajectory]) -> list[Panel]:
-    """Return a panel for each number of a quantity.
-
-    Args:
-        motions: At least one; where angles turn, the others are drawn near the first.
-    """
+    """Return a panel for each number of a quantity; angles are drawn near the first motion's."""
     values = {method: quantity.of(motion) for method, motion in motions.items()}
     first, *others = motions
     if quantity.turns:
@@ -141,11 +129,7 @@ def panels(quantity: Quantity, motions: Mapping[Method, Trajectory]) -> list[Pan
 
 
 def closest_clearance(robot: Robot, obstacles: Sequence[Sphere], trajectory: Trajectory) -> Array:
-    """Return the distance between the arm's lines and the nearest sphere's surface.
-
-    Returns:
-        Shape (points,) [m].
-    """
+    """Return the distance of the arm's lines to the nearest sphere. Shape (points,) [m]."""
     q, _ = from_trajectory(robot, trajectory)
     positions = arm_points(robot, q)
     distance = clearances(positions, segments(positions), obstacles).distance

@@ -1,4 +1,4 @@
-"""An answer of the planner as a dictionary that JSON can hold, and back."""
+"""A plan, or a refusal, as a dictionary that JSON can hold, and back."""
 
 from __future__ import annotations
 
@@ -20,29 +20,19 @@ _ROBOT = ("urdf", "base_link", "tip_link")
 
 @dataclass(frozen=True, eq=False)
 class PlanDocument:
-    """A plan as its dictionary tells of it.
-
-    Attributes:
-        robot: That it is for.
-        plan: The plan.
-        solve_time: Wall clock of the answer [s].
-        weights: Of joint path length and chaser attitude; None: the dictionary does not tell.
-        obstacles: What was planned around; None: the dictionary does not tell.
-    """
+    """A plan as its dictionary tells of it."""
 
     robot: Robot
     plan: Plan
-    solve_time: float
+    solve_time: float  # wall clock [s]
+    # Of joint path length and chaser attitude; None: the dictionary does not tell
     weights: tuple[float, float] | None
+    # What was planned around; None: the dictionary does not tell
     obstacles: tuple[Sphere, ...] | None
 
 
 def plan_dictionary(plan: Plan, task: PlanningTask, solve_time: float) -> dict[str, Any]:
-    """Return a plan, the robot it is for and what it avoids: SI units, radians, a row per point.
-
-    Args:
-        solve_time: Wall clock of the answer [s].
-    """
+    """Return a plan, its robot and its problem: SI units, radians, a row per point."""
     motion, problem = plan.trajectory, task.problem
     return {
         "status": Status.SOLVED.name.lower(),
@@ -73,8 +63,7 @@ def refusal_dictionary(
     """Return a refusal: its cause, and how near the best attempt came; never a trajectory.
 
     Args:
-        solve_time: Wall clock of the answer [s].
-        digest: Of the task; None: none came to be.
+        digest: Of the task; None where there is no task.
     """
     refusal: dict[str, Any] = {"status": error.status.name.lower(), "message": str(error)}
     if digest is not None:
@@ -85,13 +74,7 @@ def refusal_dictionary(
 
 
 def planned_motion(answer: object) -> tuple[Robot, Trajectory]:
-    """Read robot and motion back out of a plan's dictionary.
-
-    Args:
-        answer: Of `plan_dictionary`, as JSON gives it back.
-
-    Returns:
-        The robot, and arrays of whatever shape they have in the dictionary.
+    """Read robot and motion of a plan's dictionary; nothing checks the shapes of the motion.
 
     Raises:
         InvalidInput: It is no plan, or lacks something.
@@ -112,10 +95,7 @@ def planned_motion(answer: object) -> tuple[Robot, Trajectory]:
 
 
 def plan_document(answer: object) -> PlanDocument:
-    """Read a plan back out of its dictionary.
-
-    Args:
-        answer: Of `plan_dictionary`, as JSON gives it back; objective and obstacles may be missing.
+    """Read a plan's dictionary; objective and obstacles may be missing.
 
     Raises:
         InvalidInput: It is no plan, lacks something, or its motion is none of its robot.
@@ -126,32 +106,26 @@ def plan_document(answer: object) -> PlanDocument:
     found = {item.name: _entry(metrics, item.name, "metrics.") for item in fields(Metrics)}
     peaks = tuple(_numbers("metrics.peak_joint_torques", found.pop("peak_joint_torques")).tolist())
     numbers = {name: _number(f"metrics.{name}", value) for name, value in found.items()}
-    counts = {
-        name: int(finite_number(f"solver.{name}", _entry(solver, name, "solver.")))
-        for name in ("starts", "iterations", "rollouts")
-    }
+    told = {item.name: _entry(solver, item.name, "solver.") for item in fields(SolverReport)}
+    for name in ("starts", "iterations", "rollouts"):
+        told[name] = int(finite_number(f"solver.{name}", told[name]))
+    told["optimality"] = _number("solver.optimality", told["optimality"])
+    told["stop_reason"] = str(told["stop_reason"])
     plan = Plan(
         joint_names=robot.joint_names,
         trajectory=trajectory,
         xi=_numbers("xi", _entry(answer, "xi")),
         orientation_reading=str(_entry(answer, "orientation_reading")),
         metrics=Metrics(peak_joint_torques=peaks, **numbers),
-        solver=SolverReport(
-            **counts,
-            optimality=_number("solver.optimality", _entry(solver, "optimality", "solver.")),
-            stop_reason=str(_entry(solver, "stop_reason", "solver.")),
-        ),
+        solver=SolverReport(**told),
     )
     solve_time = _number("solver.solve_time", _entry(solver, "solve_time", "solver."))
     return PlanDocument(robot, plan, solve_time, *_asked_for(answer))
 
 
-def _asked_for(
-    answer: object,
-) -> tuple[tuple[float, float] | None, tuple[Sphere, ...] | None]:
+def _asked_for(answer: Any) -> tuple[tuple[float, float] | None, tuple[Sphere, ...] | None]:
     """Return what was minimised and what was avoided; older dictionaries tell neither."""
-    told = answer if isinstance(answer, dict) else {}
-    objective, obstacles = told.get("objective"), told.get("obstacles")
+    objective, obstacles = answer.get("objective"), answer.get("obstacles")
     try:
         return (
             None if objective is None else astuple(Objective(**objective)),

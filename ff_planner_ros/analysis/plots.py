@@ -1,4 +1,4 @@
-"""The figures over time for a browser, where they can be zoomed and read point by point."""
+"""Plots over time for a browser, where a user can zoom and read single points."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _FORBIDDEN, _LIMIT = "#d9d9d9", "#595959"
 _AXIS: dict[str, Any] = {"gridcolor": "#e6e6e6", "zeroline": False, "linecolor": _LIMIT}
 # Heights on the screen [px].
 _ROW, _EDGES, _TITLE = 150, 110, 24
-# A curve that varies by less is flat; what is drawn there is not rounding.
+# A curve that varies by less is drawn flat, so that rounding is not magnified.
 _FLAT = 1e-3
 
 
@@ -52,14 +52,9 @@ def clearance_plot(
     figure.add_hrect(
         y0=2 * bottom, y1=0.0, fillcolor=_FORBIDDEN, line_width=0, layer="below", opacity=1
     )
+    font = {"size": 11, "color": _LIMIT}
     figure.add_annotation(
-        text="inside an obstacle",
-        x=1.0,
-        y=0.0,
-        xref="paper",
-        yanchor="top",
-        showarrow=False,
-        font={"size": 11, "color": _LIMIT},
+        text="inside an obstacle", x=1, y=0, xref="paper", yanchor="top", showarrow=False, font=font
     )
     figure.update_yaxes(range=[1.2 * bottom, top + 0.05 * (top - bottom)])
     return figure
@@ -68,11 +63,7 @@ def clearance_plot(
 def panel_plot(
     drawn: Sequence[Panel], columns: int = 2, titles: Sequence[str] = (), rows_high: int = 1
 ) -> go.Figure:
-    """Draw panels row by row, with one legend for all.
-
-    Args:
-        rows_high: How much higher a panel is than usual.
-    """
+    """Draw panels row by row, each as high as `rows_high` usual ones, with one legend for all."""
     rows = -(-len(drawn) // columns)
     figure = make_subplots(
         rows,
@@ -82,16 +73,11 @@ def panel_plot(
         horizontal_spacing=0.11,
         vertical_spacing=min(0.05, 0.2 / rows),
     )
-    figure.add_traces(
-        [
-            _curve(method, time, values, number)
-            for number, panel in enumerate(drawn)
-            for method, (time, values) in panel.curves.items()
-        ]
-    )
+    curves = []
     # Everything at once: plotly checks the whole layout at every change.
     layout: dict[str, Any] = {"shapes": []}
     for number, panel in enumerate(drawn):
+        curves += [_curve(method, *curve, number) for method, curve in panel.curves.items()]
         is_lowest = number + columns >= len(drawn)
         layout[_axis("xaxis", number)] = _AXIS | (
             {"title": {"text": "time [s]"}, "showticklabels": True} if is_lowest else {}
@@ -102,6 +88,7 @@ def panel_plot(
             **_range_of(panel),
         }
         layout["shapes"] += _levels(panel, number)
+    figure.add_traces(curves)
     figure.update_layout(
         **layout,
         height=_ROW * rows * rows_high + _EDGES,
@@ -160,7 +147,7 @@ def _levels(panel: Panel, number: int) -> list[dict[str, Any]]:
 
 
 def _range_of(panel: Panel) -> dict[str, Any]:
-    """Return what to show of a panel with limits: its curves; a double click shows the limits."""
+    """Return the range of a panel with limits: that of its curves; a double click shows all."""
     if not np.isfinite(panel.levels).any():
         return {}
     values = np.concatenate([values for _, values in panel.curves.values()])

@@ -1,7 +1,7 @@
-"""A scene that turns in a browser: obstacles, chaser, arm and their paths, with a time slider.
+"""A scene in a browser: obstacles, chaser, arm and their paths, with a time slider.
 
-Plotly draws it because one HTML file then holds everything, with neither server nor network, and
-because its legend shows and hides each method without any code of ours.
+Plotly draws it, because one HTML file then holds everything, without server or network, and its
+legend shows and hides each method.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from ff_planner_ros.planning.problem import PlanningProblem, Sphere
 from ff_planner_ros.robot.box import uniform_box
 from ff_planner_ros.robot.model import Robot
 
-# As many as the eye needs; each holds all methods, and the file grows by it.
+# Enough for the eye; the file grows with each, which holds all methods.
 _MOST_FRAMES = 50
 _FRAME_DURATION = 100  # [ms] on the screen
 # Number of times at which the arm is drawn along its path.
@@ -46,11 +46,7 @@ def save_scene(
     shown: Collection[Method],
     path: Path,
 ) -> None:
-    """Write the scene as one HTML file that needs nothing else.
-
-    Args:
-        shown: Methods that are shown from the start; a click in the legend shows the others.
-    """
+    """Write the scene of `scene_figure` as one HTML file that needs nothing else."""
     # The name of the scene's element is fixed: the same motions give the same file.
     goal = problem.target.position
     element = scene_figure(problem.robot, problem.obstacles, goal, motions, shown).to_html(
@@ -120,7 +116,8 @@ class _Motion:
 def _motion(robot: Robot, method: Method, trajectory: Trajectory) -> _Motion:
     q, _ = from_trajectory(robot, trajectory)
     turns = Rotation.from_quat(trajectory.chaser_quaternions_xyzw).as_matrix()
-    corners = np.einsum("pij,cj->pci", turns, _box(robot))
+    box, signs = uniform_box(robot), np.array(list(product((-0.5, 0.5), repeat=3)))
+    corners = np.einsum("pij,cj->pci", turns, (signs * box.edges) @ box.rotation_box_to_chaser.T)
     return _Motion(
         method=method,
         time=trajectory.time,
@@ -128,14 +125,6 @@ def _motion(robot: Robot, method: Method, trajectory: Trajectory) -> _Motion:
         box=trajectory.chaser_positions[:, None] + corners,
         arm=arm_points(robot, q),
     )
-
-
-def _box(robot: Robot) -> Array:
-    """Return the corners of the box that stands for the chaser, in its frame. Shape (8, 3) [m]."""
-    box = uniform_box(robot)
-    signs = np.array(list(product((-0.5, 0.5), repeat=3)))
-    corners: Array = (signs * box.edges) @ box.rotation_box_to_chaser.T
-    return corners
 
 
 # Corners of the box that an edge joins: those that differ in one sign.
@@ -174,11 +163,8 @@ def _lines(
 ) -> go.Scatter3d:
     """Draw lines as one trace, with gaps between them."""
     gap = np.full((1, 3), np.nan)
-    x, y, z = np.vstack([row for line in lines for row in (line, gap)]).T
     return go.Scatter3d(
-        x=x,
-        y=y,
-        z=z,
+        **_xyz(np.vstack([row for line in lines for row in (line, gap)])),
         mode="lines+markers" if marker_size else "lines",
         line={"color": method.colour, "width": width},
         marker={"color": method.colour, "size": marker_size},
@@ -190,15 +176,17 @@ def _lines(
     )
 
 
+def _xyz(points: Array) -> dict[str, Array]:
+    """Return points, shape (points, 3), as plotly takes them."""
+    return dict(zip("xyz", points.T, strict=True))
+
+
 def _obstacles(obstacles: Sequence[Sphere]) -> list[go.Mesh3d]:
     corners, triangles = _unit_sphere()
-    i, j, k = triangles.T
     return [
         go.Mesh3d(
-            **dict(zip("xyz", (sphere.center + sphere.radius * corners).T, strict=True)),
-            i=i,
-            j=j,
-            k=k,
+            **_xyz(sphere.center + sphere.radius * corners),
+            **dict(zip("ijk", triangles.T, strict=True)),
             color=_OBSTACLE,
             opacity=0.55,
             name="obstacles",
@@ -228,11 +216,8 @@ def _unit_sphere() -> tuple[Array, Any]:
 
 
 def _goal(position: Array) -> go.Scatter3d:
-    x, y, z = position[:, None]
     return go.Scatter3d(
-        x=x,
-        y=y,
-        z=z,
+        **_xyz(position[None]),
         mode="markers",
         marker={"symbol": "diamond-open", "size": 8, "color": _GOAL},
         name="goal",
@@ -241,16 +226,10 @@ def _goal(position: Array) -> go.Scatter3d:
 
 
 def _lay_out(figure: go.Figure) -> None:
-    """Fix axes and camera, so that nothing but the robot moves, and add the controls."""
+    """Fix axes and camera, so that only the robot moves, and add the controls."""
     drawn = [*figure.data, *(trace for frame in figure.frames for trace in frame.data)]
-    corners = np.array(
-        [
-            [f(np.asarray(trace[axis], float)) for axis in "xyz"]
-            for trace in drawn
-            for f in (np.nanmin, np.nanmax)
-        ]
-    )
-    low, high = corners.min(axis=0), corners.max(axis=0)
+    points = np.hstack([[np.asarray(trace[axis], float) for axis in "xyz"] for trace in drawn])
+    low, high = np.nanmin(points, axis=1), np.nanmax(points, axis=1)
     margin = 0.05 * (high - low).max()
     spans = high - low + 2 * margin
     axes = {

@@ -1,9 +1,9 @@
-"""How far what was measured is from what was planned, at every time of a measurement."""
+"""How far a measured motion is from the plan, at the time of every measurement."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal, TypeAlias
+from typing import Literal
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -34,13 +34,10 @@ class Deviations:
 
 
 def measured_motion(robot: Robot, time: Array, states: list[SystemState]) -> Trajectory:
-    """Return measured states as a motion, with the end effector where the joints have it.
+    """Return measured states as a motion; accelerations and torques are NaN.
 
     Args:
         time: Of the states, from the start of the plan. Shape (times,) [s].
-
-    Returns:
-        The motion; accelerations and torques are not measured: NaN.
     """
     q, v = (np.array(rows) for rows in zip(*(configuration(robot, s) for s in states), strict=True))
     return to_trajectory(robot, time, q, v, np.full(v.shape, np.nan))
@@ -83,12 +80,8 @@ def planned_poses(
     return poses_between(planned.time[points], x, q, v, omega, at)
 
 
-# Label, and the deviation in its unit.
-Shown: TypeAlias = tuple[str, Array]
-
-
-def in_shown_units(found: Deviations) -> list[Shown]:
-    """Return each deviation with name and unit, as people read it."""
+def in_shown_units(found: Deviations) -> list[tuple[str, Array]]:
+    """Return label and values of each deviation, in the unit that people read."""
     return [
         ("chaser [mm]", 1e3 * found.chaser_position),
         ("chaser [deg]", np.rad2deg(found.chaser_angle)),
@@ -101,10 +94,8 @@ def in_shown_units(found: Deviations) -> list[Shown]:
 
 def deviation_panels(found: Deviations, rows: slice | Array = slice(None)) -> list[Panel]:
     """Return a panel for each deviation."""
-    time = found.time[rows]
-    return [
-        Panel(label, {DEVIATION: (time, values[rows])}) for label, values in in_shown_units(found)
-    ]
+    shown, time = in_shown_units(found), found.time[rows]
+    return [Panel(label, {DEVIATION: (time, values[rows])}) for label, values in shown]
 
 
 def _turn(planned: Rotation, measured_xyzw: Array) -> Array:

@@ -1,8 +1,8 @@
 """The artificial potential field: the paper's second baseline, Sec. 4.1.
 
 A reference for the end effector, of unit mass, moves under the field's forces; Eq. (31) maps its
-twist to the joints. Nothing makes it arrive: it may come to rest in a local minimum, run out of
-time or be pushed into an obstacle, and the plan says so.
+twist to the joints. Nothing ensures that it arrives: it may come to rest in a local minimum, run
+out of time or be pushed into an obstacle. The plan then says so.
 """
 
 from __future__ import annotations
@@ -32,22 +32,15 @@ from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.momentum import total_momentum
 from ff_planner_ros.robot.velocity_map import VelocityMap, stacked
 
-# Under way to the goal, damping holds the attraction; in a local minimum repulsion does, and what
-# damping holds is less than this part.
+# On the way to the goal, damping balances the attraction. In a local minimum, repulsion does, and
+# damping balances less than this part.
 _HELD = 0.1
 
 
 def artificial_potential_field(
     problem: PlanningProblem, settings: PlannerSettings, parameters: PotentialFieldParameters
 ) -> Plan:
-    """Return the motion that the field leads to, wherever that is.
-
-    Args:
-        settings: The planner's tunables, for its tolerances.
-
-    Returns:
-        Measured and not judged: `solver.stop_reason` says how it ended, and `require_sound` tells
-        what is wrong with it.
+    """Return the motion in the field, not yet judged; `solver.stop_reason` tells how it ended.
 
     Raises:
         InvalidInput: The start violates what a plan must keep.
@@ -81,25 +74,15 @@ def artificial_potential_field(
 
 
 class _Sample(NamedTuple):
-    """The motion at one time.
+    """The motion at one time."""
 
-    Attributes:
-        q: Configuration. Shape (7 + joints,).
-        v: Tangent velocity. Shape (6 + joints,).
-        acceleration: dv/dt. Shape (6 + joints,).
-        attraction: Of the end effector; like the next two, linear, angular, shape (6,).
-        repulsion: Of the end effector.
-        damping: Of the end effector, relative to the goal's own motion.
-        nearest: Name of the obstacle that is nearest to the arm; empty if there is none.
-    """
-
-    q: Array
-    v: Array
-    acceleration: Array
-    attraction: Array
-    repulsion: Array
-    damping: Array
-    nearest: str
+    q: Array  # configuration; shape (7 + joints,)
+    v: Array  # tangent velocity; shape (6 + joints,)
+    acceleration: Array  # dv/dt; shape (6 + joints,)
+    attraction: Array  # of the end effector; like the next two, linear, angular, shape (6,)
+    repulsion: Array  # of the end effector
+    damping: Array  # of the end effector, relative to the goal's own motion
+    nearest: str  # name of the obstacle that is nearest to the arm; empty if there is none
 
     @property
     def force(self) -> Array:
@@ -122,7 +105,7 @@ class _Motion:
         self._goal_twist = np.concatenate([target.linear_velocity, target.angular_velocity])
 
     def twist_ee(self, q: Array, v: Array) -> Array:
-        """Return the end effector's twist, inertial axes. Shape (6,)."""
+        """Return the end effector's twist in inertial axes. Shape (6,)."""
         robot = self._problem.robot
         pin.forwardKinematics(robot.model, self._data, q, v)
         frame, axes = robot.tip_frame_id, pin.LOCAL_WORLD_ALIGNED
@@ -176,7 +159,7 @@ class _Motion:
 def _endings(
     problem: PlanningProblem, settings: PlannerSettings, metrics: Metrics, last: _Sample
 ) -> Iterator[str]:
-    """Yield how the motion ended, what can do most harm first."""
+    """Yield how the motion ended, the most harmful first."""
     if not metrics.min_clearance >= 0.0:
         yield "collision: the repulsion did not keep the arm out of the obstacles"
     if not metrics.final_position_error <= settings.position_tolerance:

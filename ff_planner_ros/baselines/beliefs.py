@@ -1,9 +1,9 @@
 """What a plan comes to on the true free-floating system, its joint motion followed exactly.
 
-Two plans that are made every day misjudge the chaser. *Fixed base*: it does not move at all.
-*Zero momentum*: it moves as the arm makes it, P0 = L0 = 0, and does not drift. Both are found by
-the planner itself, with every obstacle in its place, for the question as such a planner sees it;
-both know the chaser's pose and the joints at the start as they are.
+Two common kinds of plan misjudge the chaser. *Fixed base*: it does not move at all. *Zero
+momentum*: it moves as the arm makes it, P0 = L0 = 0, and does not drift. The planner itself finds
+both, with every obstacle in its place, for the problem as such a planner sees it. Both know the
+true pose of the chaser and the true joints at the start.
 """
 
 from __future__ import annotations
@@ -21,56 +21,48 @@ from ff_planner_ros.planning.problem import PlanningProblem
 from ff_planner_ros.planning.settings import PlannerSettings
 from ff_planner_ros.planning.task import PlanningTask, perform
 from ff_planner_ros.robot.configuration import configuration, system_state
-from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.momentum import base_twist, generalised_jacobian, total_momentum
 
-# A chaser so many times heavier does not move: what an arm does to it, microradians, is below
-# every tolerance.
+# A chaser so many times heavier moves by microradians, which is below every tolerance.
 _IMMOVABLE = 1e6
 
 
 def fixed_base(problem: PlanningProblem, settings: PlannerSettings) -> Plan:
-    """Plan as if the chaser did not move, and return what becomes of it on the true system.
-
-    Returns:
-        Of `executed`.
+    """Plan as if the chaser did not move, and return the plan as `executed`.
 
     Raises:
-        InvalidInput: As `plan`, for the question as this planner sees it.
+        InvalidInput: As `perform`, for the problem as this planner sees it.
         NoPlanFound: Likewise.
     """
     return _executed_as("a fixed base", problem, with_fixed_base(problem), settings)
 
 
 def zero_momentum(problem: PlanningProblem, settings: PlannerSettings) -> Plan:
-    """Plan as if P0 = L0 = 0, and return what becomes of it on the true system.
-
-    Returns:
-        Of `executed`.
-
-    Raises:
-        InvalidInput: As `plan`, for the question as this planner sees it.
-        NoPlanFound: Likewise.
-    """
+    """Plan as if P0 = L0 = 0, and return the plan as `executed`; errors as of `fixed_base`."""
     return _executed_as("zero momentum", problem, with_zero_momentum(problem), settings)
 
 
 def _executed_as(
     belief: str, problem: PlanningProblem, believed: PlanningProblem, settings: PlannerSettings
 ) -> Plan:
-    answer = perform(PlanningTask(believed, settings))
-    reason = f"planned for {belief}, {answer.solver.stop_reason}; executed on the true system"
-    motion = executed(problem, answer, settings)
-    return replace(motion, solver=replace(answer.solver, stop_reason=reason))
+    plan = perform(PlanningTask(believed, settings))
+    reason = f"planned for {belief}, {plan.solver.stop_reason}; executed on the true system"
+    motion = executed(problem, plan, settings)
+    return replace(motion, solver=replace(plan.solver, stop_reason=reason))
 
 
 def with_fixed_base(problem: PlanningProblem) -> PlanningProblem:
-    """Return the question as a planner sees it that holds the chaser for immovable.
+    """Return the problem as a planner sees it that takes the chaser to be immovable.
 
     The chaser rests in its start pose. The joint rates are the start's but for their part in the
     null space of the arm's own Jacobian, which Eq. (31) never has.
     """
-    robot = _immovable(problem.robot)
+    model = problem.robot.model.copy()
+    chaser = model.inertias[1]
+    model.inertias[1] = pin.Inertia(
+        _IMMOVABLE * chaser.mass, chaser.lever, _IMMOVABLE * chaser.inertia
+    )
+    robot = replace(problem.robot, model=model)
     q, v = configuration(robot, problem.start)
     jacobian = generalised_jacobian(robot, robot.model.createData(), q)
     rates = np.linalg.pinv(jacobian) @ jacobian @ v[6:]
@@ -79,7 +71,7 @@ def with_fixed_base(problem: PlanningProblem) -> PlanningProblem:
 
 
 def with_zero_momentum(problem: PlanningProblem) -> PlanningProblem:
-    """Return the question as a planner sees it that holds the total momentum for zero.
+    """Return the problem as a planner sees it that takes the total momentum to be zero.
 
     The joint rates are the start's, and the chaser's twist is what they would make it.
     """
@@ -90,19 +82,12 @@ def with_zero_momentum(problem: PlanningProblem) -> PlanningProblem:
 
 
 def executed(problem: PlanningProblem, planned: Plan, settings: PlannerSettings) -> Plan:
-    """Return the motion of the true system whose joints follow a plan exactly.
+    """Return the motion of the true system whose joints follow a plan exactly, not yet judged.
 
     Between the points the joints move as a trajectory controller makes them: on the quintic
     through positions, velocities and accelerations. The momentum is that of the problem's own
     start; where the plan's first joint rates differ from it, the joints jump and momentum stays.
-
-    Args:
-        problem: The true one: robot, start, and what the end effector shall reach.
-        planned: Its joint motion is followed; on the problem's points and duration.
-
-    Returns:
-        Measured against the problem and not judged: `final_position_error` and
-        `final_orientation_error` are the miss.
+    The final errors in its metrics are the miss.
     """
     robot = problem.robot
     start, v_start = configuration(robot, problem.start)
@@ -110,12 +95,3 @@ def executed(problem: PlanningProblem, planned: Plan, settings: PlannerSettings)
     points = np.linspace(0.0, 1.0, problem.points) * problem.duration
     q, v, accelerations = driven(robot, start, momentum, joint_motion(planned.trajectory), points)
     return plan_of_motion(problem, settings, q, v, accelerations, planned.solver)
-
-
-def _immovable(robot: Robot) -> Robot:
-    model = robot.model.copy()
-    chaser = model.inertias[1]
-    model.inertias[1] = pin.Inertia(
-        _IMMOVABLE * chaser.mass, chaser.lever, _IMMOVABLE * chaser.inertia
-    )
-    return replace(robot, model=model)

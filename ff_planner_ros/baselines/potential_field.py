@@ -66,10 +66,7 @@ class PotentialFieldParameters:
 
 
 def load_parameters(path: Path) -> PotentialFieldParameters:
-    """Read the parameters from the `artificial_potential_field` block of a file.
-
-    Args:
-        path: A file such as `config/baselines.yaml`.
+    """Read the block `artificial_potential_field` of a file such as `config/baselines.yaml`.
 
     Raises:
         InvalidInput: The file cannot be read, or a parameter is missing, unknown or out of range.
@@ -80,13 +77,10 @@ def load_parameters(path: Path) -> PotentialFieldParameters:
 
 
 def attraction(offset: Array, parameters: PotentialFieldParameters) -> Array:
-    """Return the acceleration towards the goal.
+    """Return the acceleration towards a goal at an offset [m], rotation vector [rad]; shape (6,).
 
-    Its magnitude is constant but for the last bit of the way, where it is that of a spring which
-    the damping makes critical: the end effector comes to rest without overshoot.
-
-    Args:
-        offset: Goal less end effector: position [m], rotation vector [rad]. Shape (6,).
+    Its magnitude is constant except close to the goal. There it is that of a critically damped
+    spring: the end effector comes to rest without overshoot.
     """
     stiffness = parameters.damping**2 / 4
     magnitudes = (parameters.attraction, parameters.angular_attraction)
@@ -102,8 +96,8 @@ def repulsion(
 ) -> tuple[Array, Array]:
     """Return the acceleration of the end effector away from the obstacles, and the distances.
 
-    The potential of a link at distance d is U = g exp(-decay d) / d. What it does to the end
-    effector follows from virtual work in the motion of Eq. (31) at zero momentum.
+    The potential of a link at distance d is U = g exp(-decay d) / d. Its force on the end effector
+    follows from virtual work in the motion of Eq. (31) at zero momentum.
 
     Args:
         q: Configuration. Shape (7 + joints,).

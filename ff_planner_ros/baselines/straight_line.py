@@ -16,10 +16,7 @@ from ff_planner_ros.planning.settings import PlannerSettings
 
 
 def straight_line(problem: PlanningProblem, settings: PlannerSettings) -> Plan:
-    """Return the motion along the path without free terms, Sec. 4.1 of the paper.
-
-    Returns:
-        Measured and not judged: `check.failures` tells what is wrong with it.
+    """Return the motion along the path without free terms, Sec. 4.1 of the paper, not yet judged.
 
     Raises:
         InvalidInput: The start violates what a plan must keep.

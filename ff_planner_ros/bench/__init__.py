@@ -1,1 +1,1 @@
-"""Benchmark: scenarios that have an answer, other methods to compare with, tables."""
+"""Benchmark: scenarios that have a plan, other methods to compare with, tables."""

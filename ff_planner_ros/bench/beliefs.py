@@ -22,27 +22,18 @@ from ff_planner_ros.planning.task import PlanningTask, attempted, perform, witho
 
 @dataclass(frozen=True)
 class BeliefResult:
-    """What became of one plan.
+    """What became of one plan."""
 
-    Attributes:
-        kind: The scenario's class.
-        robot: Its robot.
-        number: Its number.
-        belief: What the planner held the chaser for, and what it was; a key of `BELIEFS`.
-        status: Of the plan; solved does not say that it is any good.
-        position_miss: Of the end effector at the end [m]; None without a plan.
-        orientation_miss: Of the end effector at the end [rad]; likewise.
-        collides: Whether the arm is inside an obstacle at a point of the motion.
-    """
-
-    kind: str
+    kind: str  # class of the scenario
     robot: str
     number: int
-    belief: str
-    status: Status
-    position_miss: float | None
-    orientation_miss: float | None
-    collides: bool
+    belief: str  # how the planner thinks that the chaser moves; a key of `BELIEFS`
+    status: Status  # of the planner; solved does not mean that the plan arrives
+    position_miss: float | None = None  # of the end effector at the end [m]; None without a plan
+    orientation_miss: float | None = (
+        None  # of the end effector at the end [rad]; None without a plan
+    )
+    collides: bool = False  # whether the arm is inside an obstacle at a point of the motion
 
 
 def _free_floating(problem: PlanningProblem, settings: PlannerSettings) -> Plan:
@@ -73,23 +64,12 @@ def belief_results(kind: str, count: int, settings: PlannerSettings) -> Iterator
 def belief_result(
     kind: str, robot: str, number: int, belief: str, settings: PlannerSettings
 ) -> BeliefResult:
-    """Plan one scenario under one belief and execute the plan.
-
-    Args:
-        belief: Key of `BELIEFS`.
-    """
+    """Plan one scenario under one belief, a key of `BELIEFS`, and execute the plan."""
     problem = scenario(kind, robot, number, turned=False).problem
     made, _ = attempted(PlanningTask(problem, settings), without_search(BELIEFS[belief]))
     if isinstance(made, FfPlannerError):
-        return BeliefResult(kind, robot, number, belief, made.status, None, None, False)
+        return BeliefResult(kind, robot, number, belief, made.status)
     metrics = made.metrics
-    return BeliefResult(
-        kind,
-        robot,
-        number,
-        belief,
-        Status.SOLVED,
-        metrics.final_position_error,
-        metrics.final_orientation_error,
-        metrics.penalty > 0.0,
-    )
+    miss = metrics.final_position_error, metrics.final_orientation_error
+    collides = metrics.penalty > 0.0
+    return BeliefResult(kind, robot, number, belief, Status.SOLVED, *miss, collides)

@@ -1,7 +1,7 @@
 """The planner's own functions and exact derivatives for general-purpose solvers; SLSQP on them.
 
-Such solvers want a fixed number of rows. They are given the lowest margins in ascending order,
-which are continuous functions of the path, and one more variable above the peaks.
+Such solvers need a fixed number of rows. They get the lowest margins in ascending order, which are
+continuous functions of the path, and one more variable above the peaks.
 """
 
 from __future__ import annotations
@@ -31,25 +31,18 @@ def solve_by_slsqp(program: PathProgram, max_iterations: int) -> Stop:
         functions.start(),
         jac=functions.gradient,
         method="SLSQP",
-        constraints=[
-            {"type": "ineq", "fun": functions.constraints, "jac": functions.jacobian},
-        ],
+        constraints={"type": "ineq", "fun": functions.constraints, "jac": functions.jacobian},
         options={"maxiter": max_iterations, "ftol": TOLERANCE},
     )
-    return functions.answer(result.x, result.message)
+    return functions.stop(result.x, result.message)
 
 
 @dataclass(eq=False)
 class ExactFunctions:
-    """What the solvers call; consecutive calls with the same variables cost one linearisation.
-
-    Attributes:
-        program: Objective and constraints.
-        rollouts: So far.
-    """
+    """What the solvers call; consecutive calls with the same variables cost one linearisation."""
 
     program: PathProgram
-    rollouts: int = 0
+    rollouts: int = 0  # so far
     _x: Array = field(default_factory=lambda: np.empty(0))
     _here: Linearisation | None = None
 
@@ -75,7 +68,7 @@ class ExactFunctions:
         """Return the Jacobian of `constraints`."""
         return self._rows(z)[1]
 
-    def answer(self, z: Array, message: str) -> Stop:
+    def stop(self, z: Array, message: str) -> Stop:
         """Return where the solver stopped."""
         return Stop(z[: self._size], self.rollouts, message)
 

@@ -1,4 +1,7 @@
-"""IPOPT on the planner's own functions and exact derivatives, where CasADi is installed."""
+"""IPOPT on the planner's own functions and exact derivatives, where CasADi is installed.
+
+The Hessian is IPOPT's own approximation.
+"""
 
 from __future__ import annotations
 
@@ -15,11 +18,7 @@ from ff_planner_ros.planning.program import PathProgram
 
 
 def solve_by_ipopt(program: PathProgram, max_iterations: int) -> Stop | None:
-    """Solve by IPOPT with exact gradients and its own approximation of the Hessian.
-
-    Returns:
-        None where `casadi`, which brings IPOPT along, is not installed.
-    """
+    """Solve by IPOPT with exact gradients; None where `casadi`, which brings it, is missing."""
     try:
         casadi = importlib.import_module("casadi")
     except ModuleNotFoundError:
@@ -30,23 +29,15 @@ def solve_by_ipopt(program: PathProgram, max_iterations: int) -> Stop | None:
     rows, size = len(functions.constraints(start)), len(start)
     objective = _with_jacobian(casadi, (1, size), functions.objective, functions.gradient)
     constraints = _with_jacobian(casadi, (rows, size), functions.constraints, functions.jacobian)
+    program_in_casadi = {"x": variables, "f": objective(variables), "g": constraints(variables)}
+    limits = {"max_iter": max_iterations, "tol": TOLERANCE}
+    quiet = {"print_level": 0, "sb": "yes"}
+    options = {"hessian_approximation": "limited-memory", **limits, **quiet}
     solver = casadi.nlpsol(
-        "solver",
-        "ipopt",
-        {"x": variables, "f": objective(variables), "g": constraints(variables)},
-        {
-            "print_time": False,
-            "ipopt": {
-                "print_level": 0,
-                "sb": "yes",
-                "max_iter": max_iterations,
-                "tol": TOLERANCE,
-                "hessian_approximation": "limited-memory",
-            },
-        },
+        "solver", "ipopt", program_in_casadi, {"print_time": False, "ipopt": options}
     )
     result = solver(x0=start, lbg=0.0, ubg=np.inf)
-    return functions.answer(np.array(result["x"]).ravel(), solver.stats()["return_status"])
+    return functions.stop(np.array(result["x"]).ravel(), solver.stats()["return_status"])
 
 
 def _with_jacobian(
@@ -56,47 +47,31 @@ def _with_jacobian(
     jacobian: Callable[[Array], Array],
 ) -> Any:
     """Wrap a function and its Jacobian of a shape; the caller must keep what is returned alive."""
+    rows, size = shape
+    inputs = casadi.Sparsity.dense(size, 1), casadi.Sparsity.dense(rows, 1)
 
     class Function(casadi.Callback):  # type: ignore[misc]
-        def __init__(self) -> None:
+        def __init__(self, of: Callable[[Array], Any], columns: int, derivative: Any) -> None:
             casadi.Callback.__init__(self)
-            self.derivative = _jacobian(casadi, shape, jacobian)
+            self.of, self.shape_out, self.derivative = of, (rows, columns), derivative
             self.construct("function", {})
 
-        def get_sparsity_in(self, _: int) -> Any:
-            return casadi.Sparsity.dense(shape[1], 1)
+        def get_n_in(self) -> int:
+            return 1 if self.has_jacobian() else 2  # a Jacobian is given the value there, too
+
+        def get_sparsity_in(self, index: int) -> Any:
+            return inputs[index]
 
         def get_sparsity_out(self, _: int) -> Any:
-            return casadi.Sparsity.dense(shape[0], 1)
+            return casadi.Sparsity.dense(*self.shape_out)
 
         def eval(self, arguments: Any) -> list[Any]:
-            return [value(np.array(arguments[0]).ravel())]
+            return [np.reshape(self.of(np.array(arguments[0]).ravel()), self.shape_out)]
 
         def has_jacobian(self) -> bool:
-            return True
+            return self.derivative is not None
 
         def get_jacobian(self, *_: Any) -> Any:
             return self.derivative
 
-    return Function()
-
-
-def _jacobian(casadi: Any, shape: tuple[int, int], jacobian: Callable[[Array], Array]) -> Any:
-    class Jacobian(casadi.Callback):  # type: ignore[misc]
-        def __init__(self) -> None:
-            casadi.Callback.__init__(self)
-            self.construct("jacobian", {})
-
-        def get_n_in(self) -> int:
-            return 2  # the variables, and the function's value there
-
-        def get_sparsity_in(self, index: int) -> Any:
-            return casadi.Sparsity.dense(shape[1 - index], 1)
-
-        def get_sparsity_out(self, _: int) -> Any:
-            return casadi.Sparsity.dense(*shape)
-
-        def eval(self, arguments: Any) -> list[Any]:
-            return [jacobian(np.array(arguments[0]).ravel()).reshape(shape)]
-
-    return Jacobian()
+    return Function(value, 1, Function(jacobian, size, None))

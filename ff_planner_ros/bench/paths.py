@@ -11,8 +11,9 @@ from ff_planner_ros.errors import NoPlanFound
 from ff_planner_ros.planning.certificate import certified_clearance
 from ff_planner_ros.planning.clearance import arm_points, clearances, segments
 from ff_planner_ros.planning.end_effector_polynomial import end_effector_paths
+from ff_planner_ros.planning.objectives import chaser_euler, joint_path_length
 from ff_planner_ros.planning.path_family import Motion, singular_refusal
-from ff_planner_ros.planning.polynomial import COMPONENTS, FREE_TERMS, EndEffectorPolynomial
+from ff_planner_ros.planning.polynomial import COMPONENTS, FREE_TERMS
 from ff_planner_ros.planning.problem import PlanningProblem, Sphere
 from ff_planner_ros.robot.momentum import smallest_singular_values
 
@@ -20,16 +21,10 @@ from ff_planner_ros.robot.momentum import smallest_singular_values
 STRAIGHT = np.zeros((COMPONENTS, FREE_TERMS))
 
 
-def paths_of(problem: PlanningProblem) -> EndEffectorPolynomial:
-    """Return the end-effector paths among which the planner seeks."""
-    return end_effector_paths(problem).polynomial
-
-
 def roll_out(problem: PlanningProblem, coefficients: Array, points: int | None = None) -> Motion:
-    """Return the motion of a path.
+    """Return the motion of a path with given coefficients, shape (6, 3) or (18,).
 
     Args:
-        coefficients: Of the path's free terms. Shape (6, 3) or (18,).
         points: On the path; None: as many as the problem asks for.
 
     Raises:
@@ -41,19 +36,22 @@ def roll_out(problem: PlanningProblem, coefficients: Array, points: int | None =
     return motion
 
 
+def weighted_objective(problem: PlanningProblem, motion: Motion) -> float:
+    """Return the problem's objective for a regular motion [rad], whatever a method minimised."""
+    step = problem.duration / (problem.points - 1)
+    length = joint_path_length(motion.v[:, 6:], step)
+    attitude = float(np.abs(chaser_euler(problem.robot, motion.q)).max())
+    weights = problem.objective
+    return weights.joint_path_length * length + weights.chaser_attitude * attitude
+
+
 def within_limits(
     problem: PlanningProblem,
     coefficients: Array,
     singular_value_bound: float,
     points: int | None = None,
 ) -> bool:
-    """Tell whether a path keeps joint limits and stays away from singularities.
-
-    Args:
-        coefficients: Of the path's free terms. Shape (6, 3) or (18,).
-        singular_value_bound: Least singular value of the generalised Jacobian.
-        points: Where to look; None: as many as the problem asks for.
-    """
+    """Tell whether a path keeps joint limits and a least singular value of the Jacobian J_D."""
     robot = problem.robot
     try:
         rollout = roll_out(problem, coefficients, points)
@@ -69,24 +67,14 @@ def within_limits(
 
 
 def clearance_along(problem: PlanningProblem, coefficients: Array) -> float:
-    """Return a lower bound of a path's clearance, between the points too.
-
-    Args:
-        coefficients: Of the path's free terms. Shape (6, 3) or (18,).
-    """
+    """Return a lower bound of a path's clearance, between the points too."""
     rollout = roll_out(problem, coefficients)
     step = problem.duration / (problem.points - 1)
     return certified_clearance(problem.robot, rollout.q, rollout.v, step, problem.obstacles)
 
 
 def sweep_of(problem: PlanningProblem, coefficients: Array) -> Array:
-    """Return the arm's points at the points of a path and half-way between.
-
-    Args:
-        coefficients: Of the path's free terms. Shape (6, 3) or (18,).
-
-    Returns:
-        Shape (times, joints + 1, 3) [m].
+    """Return the arm at the points of a path and half-way. Shape (times, joints + 1, 3) [m].
 
     Raises:
         NoPlanFound: The path meets a dynamic singularity.
@@ -96,13 +84,6 @@ def sweep_of(problem: PlanningProblem, coefficients: Array) -> Array:
 
 
 def clearance_of(sweep: Array, spheres: Sequence[Sphere]) -> Array:
-    """Return each sphere's clearance from the arm on its way.
-
-    Args:
-        sweep: Of `sweep_of`.
-
-    Returns:
-        Shape (spheres,) [m].
-    """
+    """Return each sphere's clearance from the arm of `sweep_of`. Shape (spheres,) [m]."""
     lowest: Array = clearances(sweep, segments(sweep), spheres).distance.min(axis=(0, 1))
     return lowest

@@ -1,7 +1,7 @@
 """The tables of the benchmark.
 
-One process makes them all, on one core, warm before a clock runs. It is a process of its own
-because numerical libraries read from the environment, when they load, how many threads to use.
+One process makes them all, on one core, and warms up before it takes times. It is a process of its
+own, because numerical libraries read the number of threads from the environment when they load.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import os
 import platform
 import subprocess
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -36,7 +36,7 @@ from ff_planner_ros.text_table import print_table
 # Variables with which the numerical libraries are told to use one thread.
 ONE_THREAD = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 
-# Scenarios of each class whose plans are executed: as many as in the check published by others.
+# Scenarios of each class whose plans are executed: as many as in a published check by others.
 _EXECUTED = 40
 
 
@@ -44,9 +44,8 @@ def run_on_one_core(quick: bool, scenarios: int | None, json_file: Path | None) 
     """Print the tables from a process of their own, and return its exit code.
 
     Args:
-        quick: Whether to measure with smaller sizes and to stop the other methods early.
+        quick: Whether to use smaller sizes and to stop the other methods early.
         scenarios: Of each class; None: 200, or 4 if quick.
-        json_file: Where to write all figures; None: nowhere.
     """
     arguments = [str(int(quick)), str(scenarios or (4 if quick else 200)), str(json_file or "")]
     command = [sys.executable, "-u", "-m", "ff_planner_ros.bench.report", *arguments]
@@ -54,12 +53,7 @@ def run_on_one_core(quick: bool, scenarios: int | None, json_file: Path | None) 
 
 
 def main(quick: bool, scenarios: int, json_file: str) -> None:
-    """Print the tables.
-
-    Args:
-        quick: Whether to measure with smaller sizes and to stop the other methods early.
-        json_file: Where to write all figures; empty: nowhere.
-    """
+    """Print the tables, and write all figures to a JSON file if its name is not empty."""
     os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
     config = share_directory() / "config"
     problem = load_scenario(config / "scenarios" / "lemur_capture.yaml")
@@ -96,72 +90,56 @@ def machine() -> dict[str, str]:
 def print_methods(
     problem: PlanningProblem, settings: PlannerSettings, *, quick: bool
 ) -> list[dict[str, Any]]:
-    """Compare methods, and return the figures.
-
-    Args:
-        quick: Whether to stop the others early.
-    """
+    """Compare methods, stop the others early if quick, and return the figures."""
     runs, iterations = (1, 2) if quick else (7, 200)
     results = list(method_results(problem, settings, runs, iterations))
     ours = {result.objective: result for result in results if result.method == OURS}
-    print_table(
-        "The paper's capture, 50 points",
-        (
-            "objective", "method", "time / ours", "time [s]", "rollouts", "value [rad]",
-            "optimality", "clearance [mm]", "why it stopped",
-        ),
-        [
-            (
-                r.objective, r.method, f"{r.seconds / ours[r.objective].seconds:.1f}",
-                f"{r.seconds:.3f}", f"{r.rollouts}", f"{r.value:.4f}", f"{r.optimality:.1e}",
-                f"{r.clearance * 1e3:.1f}", r.message,
-            )
-            for r in results
-        ],
+    header = (
+        "objective", "method", "time / ours", "time [s]", "rollouts", "value [rad]",
+        "optimality", "clearance [mm]", "why it stopped",
     )  # fmt: skip
+    rows = [
+        (
+            r.objective, r.method, f"{r.seconds / ours[r.objective].seconds:.1f}",
+            f"{r.seconds:.3f}", f"{r.rollouts}", f"{r.value:.4f}", f"{r.optimality:.1e}",
+            f"{r.clearance * 1e3:.1f}", r.message,
+        )
+        for r in results
+    ]  # fmt: skip
+    print_table("The paper's capture, 50 points", header, rows)
     if not any(result.method.startswith("IPOPT") for result in results):
         print("IPOPT is not installed (`pip install casadi` brings it along)")
-    return [asdict(result) for result in results]
+    return _figures(results)
 
 
 def print_scaling(
     problem: PlanningProblem, settings: PlannerSettings, *, quick: bool
 ) -> list[dict[str, Any]]:
-    """Show how time grows, and return the figures.
-
-    Args:
-        quick: Whether to leave out the large sizes.
-    """
+    """Show how time grows, leave out the large sizes if quick, and return the figures."""
     runs, count = (1, 1) if quick else (5, 20)
     spheres, points = ((3, 30), (50, 100)) if quick else ((3, 30, 100, 1000), (50, 100, 200, 500))
     joints = (7, 6) if quick else (7, 6, 9)
     growth: list[Growth] = []
-    for what, rows in (
+    for what, found in (
         (
-            "spheres: the paper's capture, more that leave the answer as it is",
-            list(with_spheres(problem, settings, spheres, runs)),
+            "spheres: the paper's capture, more that leave the plan as it is",
+            with_spheres(problem, settings, spheres, runs),
         ),
-        ("points: the paper's capture", list(with_points(problem, settings, points, runs))),
+        ("points: the paper's capture", with_points(problem, settings, points, runs)),
         (
             f"joints: arms on {count} ordinary scenarios, medians",
-            list(with_joints(settings, joints, count)),
+            with_joints(settings, joints, count),
         ),
     ):
-        growth += rows
-        print_table(
-            f"Time grows with {what}",
-            (rows[0].of, f"time / {rows[0].size}", "time [s]", "rollouts"),
-            [
-                (
-                    f"{r.size}",
-                    f"{r.seconds / rows[0].seconds:.2f}",
-                    f"{r.seconds:.3f}",
-                    f"{r.rollouts:g}",
-                )
-                for r in rows
-            ],
-        )
-    return [asdict(row) for row in growth]
+        first, *others = found
+        growth += [first, *others]
+        rows = [
+            (f"{r.size}", f"{r.seconds / first.seconds:.2f}", f"{r.seconds:.3f}", f"{r.rollouts:g}")
+            for r in (first, *others)
+        ]
+        header = (first.of, f"time / {first.size}", "time [s]", "rollouts")
+        print_table(f"Time grows with {what}", header, rows)
+    return _figures(growth)
 
 
 def print_success(count: int, settings: PlannerSettings) -> list[dict[str, Any]]:
@@ -170,74 +148,75 @@ def print_success(count: int, settings: PlannerSettings) -> list[dict[str, Any]]
     groups: list[tuple[str, Callable[[Attempt], bool]]] = [("all", lambda _: True)]
     groups += [(robot, lambda a, robot=robot: a.robot == robot) for robot in ROBOTS]  # type: ignore[misc]
     groups += [("as drawn", lambda a: not a.turned), ("frame turned", lambda a: a.turned)]
-    rows = []
-    for kind in KINDS:
-        for name, belongs in groups:
-            group = [a for a in tried if a.kind == kind and belongs(a)]
-            rows.append((kind, name, *_summary(group)))
-    print_table(
-        "Scenarios that have a plan",
-        ("class", "which", "scenarios", "solved", "median [s]", "95 % [s]", "worst [s]", "starts"),
-        rows,
+    rows = [
+        (kind, name, *_summary([a for a in tried if a.kind == kind and belongs(a)]))
+        for kind in KINDS
+        for name, belongs in groups
+    ]
+    header = (
+        "class",
+        "which",
+        "scenarios",
+        "solved",
+        "median [s]",
+        "95 % [s]",
+        "worst [s]",
+        "starts",
     )
+    print_table("Scenarios that have a plan", header, rows)
     for a in tried:
         if not a.solved:
             twin = ", turned" if a.turned else ""
             print(f"missed: {a.kind} {a.robot} {a.number}{twin}: {a.status.name}: {a.message}")
-    return [asdict(attempt) | {"status": attempt.status.name} for attempt in tried]
+    return _figures(tried)
 
 
 def print_executions(count: int, settings: PlannerSettings) -> list[dict[str, Any]]:
     """Execute plans that misjudge the chaser on the true system, and return the figures."""
     done = [each for kind in KINDS for each in belief_results(kind, count, settings)]
-    print_table(
-        "Plans executed on the true free-floating system",
-        (
-            "class", "planned for", "scenarios", "plans", "collide", "miss, median [mm]",
-            "worst [mm]", "median [deg]", "worst [deg]",
-        ),
-        [
-            (
-                kind, belief,
-                *_misses([e for e in done if e.kind == kind and e.belief == belief]),
-            )
-            for kind in KINDS
-            for belief in BELIEFS
-        ],
+    rows = [
+        (kind, belief, *_misses([e for e in done if (e.kind, e.belief) == (kind, belief)]))
+        for kind in KINDS
+        for belief in BELIEFS
+    ]
+    header = (
+        "class", "planned for", "scenarios", "plans", "collide", "miss, median [mm]",
+        "worst [mm]", "median [deg]", "worst [deg]",
     )  # fmt: skip
-    return [asdict(each) | {"status": each.status.name} for each in done]
+    print_table("Plans executed on the true free-floating system", header, rows)
+    return _figures(done)
 
 
-def _misses(group: Sequence[BeliefResult]) -> tuple[str, ...]:
+def _figures(results: Iterable[Any]) -> list[dict[str, Any]]:
+    """Return results as dictionaries for JSON, with a status by its name."""
+    rows = [asdict(result) for result in results]
+    return [row | ({"status": row["status"].name} if "status" in row else {}) for row in rows]
+
+
+def _misses(group: Sequence[BeliefResult]) -> Iterator[str]:
     planned = [each for each in group if each.status is Status.SOLVED]
+    yield from (f"{len(group)}", f"{len(planned)}")
     if not planned:
-        return f"{len(group)}", "0", *"-----"
+        yield from "-----"
+        return
     miss = np.array([each.position_miss for each in planned], float) * 1e3
     turn = np.rad2deg(np.array([each.orientation_miss for each in planned], float))
-    return (
-        f"{len(group)}",
-        f"{len(planned)}",
-        f"{sum(each.collides for each in planned) / len(planned):.0%}",
-        f"{np.median(miss):.1f}",
-        f"{miss.max():.1f}",
-        f"{np.median(turn):.2f}",
-        f"{turn.max():.2f}",
-    )
+    yield f"{sum(each.collides for each in planned) / len(planned):.0%}"
+    yield from (f"{np.median(miss):.1f}", f"{miss.max():.1f}")
+    yield from (f"{np.median(turn):.2f}", f"{turn.max():.2f}")
 
 
-def _summary(group: Sequence[Attempt]) -> tuple[str, ...]:
+def _summary(group: Sequence[Attempt]) -> Iterator[str]:
+    yield f"{len(group)}"
     if not group:
-        return "0", "-", "-", "-", "-", "-"
+        yield from "-----"
+        return
     seconds = np.array([a.seconds for a in group])
     solved = [a for a in group if a.solved]
-    return (
-        f"{len(group)}",
-        f"{len(solved) / len(group):.1%}",
-        f"{np.median(seconds):.3f}",
-        f"{np.quantile(seconds, 0.95):.3f}",
-        f"{seconds.max():.3f}",
-        f"{max((a.starts for a in solved), default=0)}",
-    )
+    yield f"{len(solved) / len(group):.1%}"
+    for value in (np.median(seconds), np.quantile(seconds, 0.95), seconds.max()):
+        yield f"{value:.3f}"
+    yield f"{max((a.starts for a in solved), default=0)}"
 
 
 if __name__ == "__main__":

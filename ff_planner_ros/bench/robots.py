@@ -20,11 +20,7 @@ _SIDEWAYS = 0.08
 
 @cache
 def bench_robot(name: str) -> Robot:
-    """Return a robot by name.
-
-    Args:
-        name: `lemur`, or `arm` with the number of joints: `arm6` has six.
-    """
+    """Return `lemur`, or a generated arm by its number of joints: `arm6` has six."""
     if name == "lemur":
         urdf = share_directory() / "config" / "robots" / "lemur" / "lemur.urdf"
         return load_robot(urdf, "chaser", "end_effector")
@@ -32,10 +28,9 @@ def bench_robot(name: str) -> Robot:
 
 
 def arm_urdf(joints: int) -> str:
-    """Write a chaser with an arm whose joints roll and pitch in turn, along z at zero.
+    """Write a chaser with an arm whose joints roll and pitch in turn, along z at zero angles.
 
-    Args:
-        joints: At least 6; an even number does without the upper arm's roll.
+    It has six joints or more; without the upper arm's roll if their number is even.
     """
     axes = ["z", *("yz" * joints)[:joints]]
     if joints % 2 == 0:

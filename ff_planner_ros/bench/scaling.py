@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 import statistics
-import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ff_planner_ros.bench.methods import timed_plan
 from ff_planner_ros.bench.scenarios import scenario
-from ff_planner_ros.errors import NoPlanFound
+from ff_planner_ros.bench.success import timed_plans
 from ff_planner_ros.planning.clearance import arm_points, clearances, segments
 from ff_planner_ros.planning.motion import from_trajectory
-from ff_planner_ros.planning.planner import plan
 from ff_planner_ros.planning.problem import PlanningProblem, Sphere
 from ff_planner_ros.planning.settings import PlannerSettings
+from ff_planner_ros.planning.task import PlanningTask, perform
 
 # Added spheres fill a cube of this size around the chaser [m], this far from the arm on its way.
 _CUBE, _APART = 8.0, 0.05
@@ -24,30 +22,20 @@ _CUBE, _APART = 8.0, 0.05
 
 @dataclass(frozen=True)
 class Growth:
-    """Time at one size.
+    """Time at one size."""
 
-    Attributes:
-        of: What grows: spheres, points or joints.
-        size: How many.
-        seconds: Median time of a plan.
-        rollouts: That it took, the median.
-    """
-
-    of: str
+    of: str  # what grows: spheres, points or joints
     size: int
-    seconds: float
-    rollouts: float
+    seconds: float  # median time of a plan
+    rollouts: float  # median
 
 
 def with_spheres(
     problem: PlanningProblem, settings: PlannerSettings, sizes: Sequence[int], runs: int
 ) -> Iterator[Growth]:
-    """Yield the times with more and more spheres that leave the answer as it is.
-
-    Args:
-        sizes: Numbers of spheres, not fewer than the problem has.
-    """
-    q, _ = from_trajectory(problem.robot, plan(problem, settings).trajectory)
+    """Yield the times with more and more spheres than the problem has; the plan stays."""
+    shortest = perform(PlanningTask(problem, settings))
+    q, _ = from_trajectory(problem.robot, shortest.trajectory)
     positions = arm_points(problem.robot, q)
     rng = np.random.default_rng(0)
     spheres = list(problem.obstacles)
@@ -57,7 +45,8 @@ def with_spheres(
             sphere = Sphere(f"s{len(spheres)}", center, radius)
             if clearances(positions, segments(positions), [sphere]).distance.min() > _APART:
                 spheres.append(sphere)
-        yield _growth("spheres", size, replace(problem, obstacles=tuple(spheres)), settings, runs)
+        crowded = replace(problem, obstacles=tuple(spheres))
+        yield _growth("spheres", size, [crowded] * (1 + runs), settings, warm_up=1)
 
 
 def with_points(
@@ -65,30 +54,23 @@ def with_points(
 ) -> Iterator[Growth]:
     """Yield the times with more and more points."""
     for size in sizes:
-        yield _growth("points", size, replace(problem, points=size), settings, runs)
+        finer = replace(problem, points=size)
+        yield _growth("points", size, [finer] * (1 + runs), settings, warm_up=1)
 
 
 def with_joints(settings: PlannerSettings, sizes: Sequence[int], count: int) -> Iterator[Growth]:
-    """Yield the times of arms with more and more joints on ordinary scenarios.
-
-    Args:
-        count: Scenarios for each; those that are not solved do not count.
-    """
+    """Yield the times of arms with more and more joints, each on some ordinary scenarios."""
     for size in sizes:
-        seconds, rollouts = [], []
-        for number in range(count):
-            problem = scenario("ordinary", f"arm{size}", number, turned=False).problem
-            begun = time.perf_counter()
-            try:
-                rollouts.append(plan(problem, settings).solver.rollouts)
-            except NoPlanFound:
-                continue
-            seconds.append(time.perf_counter() - begun)
-        yield Growth("joints", size, statistics.median(seconds), statistics.median(rollouts))
+        drawn = [scenario("ordinary", f"arm{size}", n, turned=False) for n in range(count)]
+        yield _growth("joints", size, [each.problem for each in drawn], settings)
 
 
 def _growth(
-    of: str, size: int, problem: PlanningProblem, settings: PlannerSettings, runs: int
+    of: str,
+    size: int,
+    problems: Iterable[PlanningProblem],
+    settings: PlannerSettings,
+    warm_up: int = 0,
 ) -> Growth:
-    answer, seconds = timed_plan(problem, settings, runs)
-    return Growth(of, size, seconds, answer.solver.rollouts)
+    plans, seconds = timed_plans(problems, settings, warm_up)
+    return Growth(of, size, seconds, statistics.median(plan.solver.rollouts for plan in plans))

@@ -1,8 +1,8 @@
-"""Planning problems that are known to have an answer, drawn at random, always the same.
+"""Planning problems that are known to have a plan, drawn at random, always the same.
 
 First a path is drawn, the witness: of the planner's own polynomial family, within the limits of
-joint positions and velocities and away from singularities. Then spheres that the witness clears
-and the straight path (xi = 0) hits. Nothing here knows how the planner searches.
+joint positions and velocities and away from singularities. Then spheres are drawn that the witness
+clears and the straight path (xi = 0) hits. Nothing here knows how the planner searches.
 
 Every scenario has a twin, the same physics seen from another inertial frame. The paper's Euler
 angles, and with them the straight path's turning, depend on that frame; the spheres are drawn so
@@ -44,7 +44,7 @@ LARGEST_CHASER_VELOCITY, LARGEST_CHASER_RATE = 0.06, np.deg2rad(3.0)
 SINGULAR_VALUE_BOUND = 0.05
 
 _POINTS = 50
-# Enough to turn down most of the paths that leave the limits, at a quarter of the price.
+# Enough to reject most of the paths that leave the limits, in a quarter of the time.
 _SCREENING_POINTS = 13
 # Spheres that are drawn at once to choose from, and their radii in lengths of the stretched arm.
 _CANDIDATES = 200
@@ -55,23 +55,14 @@ _CERTIFICATE_ALLOWANCE = 1e-3
 
 @dataclass(frozen=True)
 class Kind:
-    """A class of scenarios.
+    """A class of scenarios."""
 
-    Attributes:
-        spheres: Fewest and most.
-        clearance: That the witness keeps [m].
-        blocking: So many spheres at least are hit by the straight path,
-        depth: so deep [m].
-        winding: Spread of the witness's position coefficients, in lengths of the stretched arm.
-        turning: Spread of its angle coefficients [rad].
-    """
-
-    spheres: tuple[int, int]
-    clearance: float
-    blocking: int
-    depth: float
-    winding: float
-    turning: float
+    spheres: tuple[int, int]  # fewest and most
+    clearance: float  # that the witness keeps [m]
+    blocking: int  # fewest spheres that the straight path hits
+    depth: float  # by which it is at least inside each of these [m]
+    winding: float  # spread of the witness's position coefficients, in lengths of the stretched arm
+    turning: float  # spread of its angle coefficients [rad]
 
 
 KINDS = {
@@ -82,15 +73,10 @@ KINDS = {
 
 @dataclass(frozen=True, eq=False)
 class Scenario:
-    """A problem and a path that solves it.
+    """A problem and a path that solves it."""
 
-    Attributes:
-        problem: To be planned.
-        witness: Coefficients of the path's free terms, in the problem's own reading of the
-            orientation. Shape (6, 3).
-    """
-
-    problem: PlanningProblem
+    problem: PlanningProblem  # to be planned
+    # Coefficients of the path's free terms, shape (6, 3), as the problem reads the orientation
     witness: Array
 
 
@@ -98,8 +84,6 @@ def scenario(kind: str, robot: str, number: int, *, turned: bool) -> Scenario:
     """Return one scenario; the same arguments give the same.
 
     Args:
-        kind: Key of `KINDS`.
-        robot: Name for `bench_robot`.
         turned: Whether to return the twin, with the inertial frame turned and shifted.
     """
     return _twins(kind, robot, number)[turned]

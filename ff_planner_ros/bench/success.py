@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import statistics
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.bench.robots import ROBOTS
 from ff_planner_ros.bench.scenarios import scenario
-from ff_planner_ros.errors import FfPlannerError, Status
+from ff_planner_ros.errors import FfPlannerError, NoPlanFound, Status
 from ff_planner_ros.planning.check import measure
 from ff_planner_ros.planning.plan import Plan
 from ff_planner_ros.planning.planner import plan
@@ -21,32 +22,39 @@ from ff_planner_ros.planning.watch import Watch
 
 @dataclass(frozen=True)
 class Attempt:
-    """What became of one scenario.
+    """What became of one scenario."""
 
-    Attributes:
-        kind: Its class.
-        robot: Its robot.
-        number: Its number.
-        turned: Whether its inertial frame is turned.
-        status: Of the answer; solved only if the plan passes the check once more.
-        message: Cause of a miss; empty if solved.
-        seconds: Time to the answer.
-        starts: First guesses tried; 0 for a miss.
-    """
-
-    kind: str
+    kind: str  # key of `KINDS`
     robot: str
     number: int
-    turned: bool
-    status: Status
-    message: str
-    seconds: float
-    starts: int
+    turned: bool  # whether its inertial frame is turned
+    status: Status  # solved only if the plan passes the check once more
+    message: str  # cause of a miss; empty if solved
+    seconds: float  # that the planner took
+    starts: int  # first guesses tried; 0 for a miss
 
     @property
     def solved(self) -> bool:
         """Whether there is a plan, and it is sound."""
         return self.status is Status.SOLVED
+
+
+@dataclass
+class Stopwatch:
+    """The planner as a method of `perform`, with the time that it takes."""
+
+    seconds: float = 0.0  # of the last plan; what `perform` does before and after does not count
+
+    def __call__(
+        self, problem: PlanningProblem, settings: PlannerSettings, watch: Watch, guess: Array | None
+    ) -> Plan:
+        """Plan, and compute the metrics anew instead of trusting the planner's."""
+        begun = time.perf_counter()
+        try:
+            made = plan(problem, settings, watch, guess)
+        finally:
+            self.seconds = time.perf_counter() - begun
+        return replace(made, metrics=measure(problem, made.trajectory, settings))
 
 
 def attempts(kind: str, count: int, settings: PlannerSettings) -> Iterator[Attempt]:
@@ -58,28 +66,26 @@ def attempts(kind: str, count: int, settings: PlannerSettings) -> Iterator[Attem
 
 
 def attempt(kind: str, robot: str, number: int, turned: bool, settings: PlannerSettings) -> Attempt:
-    """Plan one scenario.
-
-    Args:
-        turned: Whether its inertial frame is turned.
-    """
+    """Plan one scenario, its inertial frame turned or not."""
     problem = scenario(kind, robot, number, turned=turned).problem
-    begun, seconds = time.perf_counter(), 0.0
-
-    def planned(
-        problem: PlanningProblem, settings: PlannerSettings, watch: Watch, guess: Array | None
-    ) -> Plan:
-        """The planner, whose metrics are not taken on trust."""
-        nonlocal seconds
-        try:
-            made = plan(problem, settings, watch, guess)
-        finally:
-            seconds = time.perf_counter() - begun
-        return replace(made, metrics=measure(problem, made.trajectory, settings))
-
+    stopwatch = Stopwatch()
     status, message, starts = Status.SOLVED, "", 0
     try:
-        starts = perform(PlanningTask(problem, settings), method=planned).solver.starts
+        starts = perform(PlanningTask(problem, settings), method=stopwatch).solver.starts
     except FfPlannerError as error:
         status, message = error.status, str(error)
-    return Attempt(kind, robot, number, turned, status, message, seconds, starts)
+    return Attempt(kind, robot, number, turned, status, message, stopwatch.seconds, starts)
+
+
+def timed_plans(
+    problems: Iterable[PlanningProblem], settings: PlannerSettings, warm_up: int = 0
+) -> tuple[list[Plan], float]:
+    """Return plans of all problems that are solved, and their median time [s] after the warm-up."""
+    plans, seconds, stopwatch = [], [], Stopwatch()
+    for problem in problems:
+        try:
+            plans.append(perform(PlanningTask(problem, settings), method=stopwatch))
+        except NoPlanFound:
+            continue
+        seconds.append(stopwatch.seconds)
+    return plans, statistics.median(seconds[warm_up:])

@@ -8,7 +8,8 @@ import numpy as np
 import pinocchio as pin
 
 from ff_planner_ros.arrays import Array
-from ff_planner_ros.bench.paths import STRAIGHT, paths_of
+from ff_planner_ros.bench.paths import STRAIGHT
+from ff_planner_ros.planning.end_effector_polynomial import end_effector_paths
 from ff_planner_ros.planning.polynomial import COMPONENTS, FREE_TERMS
 from ff_planner_ros.planning.problem import PlanningProblem
 from ff_planner_ros.robot.rotation import euler_from_rotation
@@ -19,12 +20,7 @@ _UNITS = [np.tile(row, (COMPONENTS, 1)) for row in np.eye(FREE_TERMS)]
 
 
 def seen_from(problem: PlanningProblem, frame: pin.SE3) -> PlanningProblem:
-    """Return the same physics in another inertial frame.
-
-    Args:
-        problem: In the first frame.
-        frame: The first frame in the other.
-    """
+    """Return the same physics in another inertial frame, in which the first one is `frame`."""
     start, target, rotation = problem.start, problem.target, frame.rotation
 
     def turned(quaternion_xyzw: Array) -> Array:
@@ -59,17 +55,15 @@ def same_path(
 ) -> Array:
     """Return the coefficients with which the twin's end effector takes the same path.
 
-    Positions are the same; the orientation is, in the twin's reading, no polynomial, and its
-    nearest one is taken.
+    Its positions are the same. In the twin's reading its orientation is no polynomial, and the
+    nearest polynomial is taken.
 
     Args:
-        problem: In the first frame.
-        coefficients: Of its path. Shape (6, 3).
-        twin: Of `seen_from`.
+        coefficients: Of the problem's path. Shape (6, 3).
         frame: The first frame in the other.
     """
-    _, rotations = paths_of(problem).pose(coefficients, _SAMPLES)
-    there = paths_of(twin)
+    _, rotations = end_effector_paths(problem).polynomial.pose(coefficients, _SAMPLES)
+    there = end_effector_paths(twin).polynomial
     inner = there.rotation_outer.T @ frame.rotation @ rotations @ there.rotation_inner.T
     straight, _, _ = there.components(STRAIGHT, _SAMPLES)
     terms = np.stack(
@@ -82,11 +76,6 @@ def same_path(
 
 
 def seen_back(points: Array, frame: pin.SE3) -> Array:
-    """Return points of the other frame as the first frame sees them.
-
-    Args:
-        points: Shape (..., 3).
-        frame: The first frame in the other.
-    """
+    """Return points of the other frame, shape (..., 3), in the first frame."""
     seen: Array = (points - frame.translation) @ frame.rotation
     return seen

@@ -1,7 +1,7 @@
 """The free-floating robot in MuJoCo, read from its URDF by MuJoCo's own code.
 
-Of Pinocchio's model nothing is looked at here: masses, inertias, kinematics, the chaser's frame and
-the momentum are what MuJoCo makes of the URDF.
+Nothing here uses Pinocchio's model: masses, inertias, kinematics, the chaser's frame and the
+momentum are what MuJoCo makes of the URDF.
 """
 
 from __future__ import annotations
@@ -33,21 +33,13 @@ mujoco.set_mju_user_warning(lambda _: None)
 
 
 class Observation(NamedTuple):
-    """What is seen of the system in one state, in the inertial frame.
+    """What is seen of the system in one state, in the inertial frame."""
 
-    Attributes:
-        chaser_position: Of the chaser's centre of mass. Shape (3,) [m].
-        chaser_quaternion_xyzw: Of the base link's axes. Shape (4,).
-        ee_position: Shape (3,) [m].
-        ee_quaternion_xyzw: Shape (4,).
-        momentum: P [kg m/s] and L about the inertial origin [kg m2/s]. Shape (6,).
-    """
-
-    chaser_position: Array
-    chaser_quaternion_xyzw: Array
-    ee_position: Array
-    ee_quaternion_xyzw: Array
-    momentum: Array
+    chaser_position: Array  # of the chaser's centre of mass; shape (3,) [m]
+    chaser_quaternion_xyzw: Array  # of the base link's axes; shape (4,)
+    ee_position: Array  # shape (3,) [m]
+    ee_quaternion_xyzw: Array  # shape (4,)
+    momentum: Array  # P [kg m/s] and L about the inertial origin [kg m2/s]; shape (6,)
 
 
 class Engine:
@@ -56,18 +48,10 @@ class Engine:
     A state is a vector: position of the root link's origin, its quaternion (w first), joint
     positions; then the origin's velocity in inertial axes, the turn rate in axes of the root link,
     joint rates.
-
-    Attributes:
-        model: MuJoCo's.
-        chaser_bodies: Numbers of the links that make up the chaser. Shape (links,).
-        arm_bodies: Numbers of all other links. Shape (links,).
     """
 
     def __init__(self, robot: Robot) -> None:
-        """Read the robot's URDF.
-
-        Args:
-            robot: Only its URDF and the names of its links and joints are used.
+        """Read a robot's URDF; only this and the names of links and joints are used.
 
         Raises:
             InvalidInput: MuJoCo refuses the URDF.
@@ -78,16 +62,12 @@ class Engine:
         self._tip = self._data.body(robot.tip_link)
         self._joints = np.array([self.model.joint(name).qposadr[0] for name in robot.joint_names])
         self._rates = np.array([self.model.joint(name).dofadr[0] for name in robot.joint_names])
-        # Number 0 is the universe, 1 the root link.
+        # Numbers of the links: 0 is the universe, 1 the root link.
         self.chaser_bodies = np.flatnonzero(self.model.body_weldid == 1)
         self.arm_bodies = np.flatnonzero(self.model.body_weldid > 1)
 
     def state(self, start: SystemState) -> Array:
-        """Return the state vector of a chaser pose and twist and joint positions and rates.
-
-        Args:
-            start: Inertial frame.
-        """
+        """Return the state vector of a system state."""
         data = self._data
         mujoco.mj_resetData(self.model, data)
         data.qpos[:7] = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]  # the root link in the inertial frame
@@ -107,11 +87,7 @@ class Engine:
         return np.concatenate([data.qpos, data.qvel])
 
     def derivative(self, state: Array, joint_torques: Array) -> Array:
-        """Return the rate of change of a state under joint torques: forward dynamics.
-
-        Args:
-            joint_torques: Shape (joints,) [N m].
-        """
+        """Return the rate of change of a state under joint torques [N m]: forward dynamics."""
         data = self._data
         data.qfrc_applied[self._rates] = joint_torques
         self._forward(state)
@@ -145,24 +121,13 @@ class Engine:
         return state[self._joints], state[self.model.nq :][self._rates]
 
     def scale_inertias(self, bodies: NDArray[np.int64], masses: Array, inertias: Array) -> None:
-        """Make links heavier or lighter than the URDF says.
-
-        Args:
-            bodies: Numbers of the links. Shape (links,).
-            masses: A factor for each. Shape (links,).
-            inertias: A factor for each, of its inertia about its centre of mass. Shape (links,).
-        """
+        """Scale masses, and inertias about the centres of mass, by a factor for each link."""
         self.model.body_mass[bodies] *= masses
         self.model.body_inertia[bodies] *= inertias[:, None]
         mujoco.mj_setConst(self.model, self._data)
 
     def add_friction(self, viscous: Array, dry: Array) -> None:
-        """Give the joints friction.
-
-        Args:
-            viscous: Shape (joints,) [N m s/rad].
-            dry: Largest torque that it resists with. Shape (joints,) [N m].
-        """
+        """Give each joint viscous friction [N m s/rad] and dry friction, at most so large [N m]."""
         self.model.dof_damping[self._rates] = viscous
         self.model.dof_frictionloss[self._rates] = dry
         # By default a joint that friction holds would still get a tenth of its acceleration.

@@ -1,4 +1,4 @@
-"""Execute a plan open loop: its torques, and nothing that looks at where they lead."""
+"""Execute a plan open loop: its torques, without feedback."""
 
 from __future__ import annotations
 
@@ -17,27 +17,17 @@ from ff_planner_ros.simulation.feed_forward import FeedForward
 class Execution:
     """What the system did, at the times of the plan's points, in the inertial frame.
 
-    Not a number from where on the motion is beyond all bounds.
-
-    Attributes:
-        time: From the start of the plan. Shape (points,) [s].
-        joint_positions: Shape (points, joints) [rad].
-        joint_velocities: Shape (points, joints) [rad/s].
-        chaser_positions: Shape (points, 3) [m].
-        chaser_quaternions_xyzw: Shape (points, 4).
-        ee_positions: Shape (points, 3) [m].
-        ee_quaternions_xyzw: Shape (points, 4).
-        momentum: P [kg m/s] and L about the inertial origin [kg m2/s]. Shape (points, 6).
+    Where the motion is beyond all bounds, and from there on, all values are NaN.
     """
 
-    time: Array
-    joint_positions: Array
-    joint_velocities: Array
-    chaser_positions: Array
-    chaser_quaternions_xyzw: Array
-    ee_positions: Array
-    ee_quaternions_xyzw: Array
-    momentum: Array
+    time: Array  # from the start of the plan; shape (points,) [s]
+    joint_positions: Array  # shape (points, joints) [rad]
+    joint_velocities: Array  # shape (points, joints) [rad/s]
+    chaser_positions: Array  # shape (points, 3) [m]
+    chaser_quaternions_xyzw: Array  # shape (points, 4)
+    ee_positions: Array  # shape (points, 3) [m]
+    ee_quaternions_xyzw: Array  # shape (points, 4)
+    momentum: Array  # P [kg m/s] and L about the inertial origin [kg m2/s]; shape (points, 6)
 
     def __post_init__(self) -> None:
         """Replace every array by a read-only copy."""
@@ -48,9 +38,8 @@ class Execution:
 def execute(engine: Engine, start: SystemState, command: FeedForward) -> Execution:
     """Integrate the engine's forward dynamics under commanded torques, by RK4.
 
-    MuJoCo's own steps hold the torques, and compose the turn of a free body from the mean of its
-    rates: they are of second order. Here the quaternion is integrated as the four numbers that it
-    is, and the method keeps its fourth order.
+    MuJoCo's own steps hold the torques constant and are of second order in the turn of a free body.
+    Here the quaternion is integrated as four numbers, and the method keeps its fourth order.
     """
     state = engine.state(start)
     states = [state]
@@ -69,7 +58,7 @@ def execute(engine: Engine, start: SystemState, command: FeedForward) -> Executi
 
 
 def _step(engine: Engine, state: Array, time: Array, torques: Array) -> Array:
-    """Return the state after one step; times and torques are those of its begin, middle, end."""
+    """Return the state after one step, with times and torques of its begin, middle and end."""
     step = time[2] - time[0]
     k1 = engine.derivative(state, torques[0])
     k2 = engine.derivative(state + step / 2 * k1, torques[1])

@@ -18,31 +18,24 @@ from ff_planner_ros.robot.momentum import base_twist, total_momentum
 
 
 class FeedForward(NamedTuple):
-    """Torques to command, at the ends and in the middle of every step of an execution.
+    """Torques to command, at the ends and in the middle of every step of an execution."""
 
-    Attributes:
-        time: From the start of the plan; every point of the plan is one of the steps' ends. Shape
-            (2 * steps + 1,) [s].
-        torques: Shape (2 * steps + 1, joints) [N m].
-        steps_per_point: Steps between two points of the plan.
-    """
-
+    # From the start of the plan [s], shape (2 * steps + 1,); every point of the plan ends a step
     time: Array
-    torques: Array
-    steps_per_point: int
+    torques: Array  # shape (2 * steps + 1, joints) [N m]
+    steps_per_point: int  # steps between two points of the plan
 
 
 def feed_forward(robot: Robot, trajectory: Trajectory, steps_per_point: int) -> FeedForward:
     """Return the torques of a plan at its points and between them.
 
     Between two points each joint follows the quintic through both positions, velocities and
-    accelerations, as ROS's `joint_trajectory_controller` lets it, and the torques are those that
-    this motion needs: it is back on the plan at every point. A spline through the torques alone is
-    as near to them at any one time, but what it is off by adds up, twice integrated; a light wrist
-    shows it (`torque_spline`).
+    accelerations, as ROS's `joint_trajectory_controller` lets it. The torques are those that this
+    motion needs, so that it is back on the plan at every point. A spline through the torques alone
+    (`torque_spline`) has small errors, but they add up over the motion; a light wrist shows it.
 
-    At the points the torques are the plan's own: where it differs there from what its motion needs,
-    the difference is added in between, too, linearly. For a sound plan that is rounding.
+    At the points the torques are the plan's own. Where these differ from what the motion needs, the
+    difference is interpolated linearly. For a sound plan it is rounding.
     """
     time = _half_steps(trajectory, steps_per_point)
     torques = _torques_of_motion(robot, trajectory, time)

@@ -1,12 +1,12 @@
-"""A free-floating system whose joints do exactly what they are told: a plan's world without errors.
+"""A free-floating system whose joints move exactly as commanded.
 
-It is the planner's own model of motion, chaser and arm as momentum makes them, and so no proof of
-it; `simulation.execution` runs plans in an engine that shares nothing with it.
+It is the planner's own model of motion, and so no proof of that model. `simulation.execution` runs
+plans in an independent engine.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 
@@ -22,15 +22,10 @@ _LONGEST_STEP = 0.02
 
 
 class FreeFloatingSystem:
-    """Chaser and arm as time goes by; nothing pushes them."""
+    """Chaser and arm over time; nothing pushes them."""
 
     def __init__(self, robot: Robot, state: SystemState, time: float) -> None:
-        """Let it go.
-
-        Args:
-            state: At the first moment; until they are told otherwise the joints keep its rates.
-            time: That moment [s].
-        """
+        """Start from a state at a time [s]; without a command the joints keep their rates."""
         self._robot = robot
         self._time = time
         self._q, v = configuration(robot, state)
@@ -40,17 +35,18 @@ class FreeFloatingSystem:
 
     @property
     def time(self) -> float:
-        """The moment that it has come to [s]."""
+        """The time of its present state [s]."""
         return self._time
 
     def follow(self, motion: JointMotion) -> None:
-        """Tell the joints what to do.
+        """Command the joints.
 
-        They go on as before until the motion begins, and are held at its last point from its end
-        on. Where it begins elsewhere than they are they jump, without pushing the chaser.
+        They go on as before until the motion begins, and after its end they are held at its last
+        point. If the motion begins elsewhere than the joints are, they jump without pushing the
+        chaser.
 
         Args:
-            motion: Replaces every one that begins later; begins now or later.
+            motion: Begins now or later, and replaces every motion that begins later than itself.
         """
         begin = motion.time[0]
         kept = [told for told in self._motions if told.time[0] < begin]
@@ -59,14 +55,7 @@ class FreeFloatingSystem:
         self._motions = [*kept, motion, held]
 
     def advance(self, time: float) -> SystemState:
-        """Let time go by.
-
-        Args:
-            time: How far; nothing happens where that is over [s].
-
-        Returns:
-            The state at that time.
-        """
+        """Go on to a time [s], unless it is over, and return the state there."""
         # No step goes over the begin or the end of a motion.
         edges = sorted({float(edge) for told in self._motions for edge in told.time[[0, -1]]})
         for end in [*(edge for edge in edges if self._time < edge < time), time]:
@@ -96,18 +85,15 @@ def carried_back(robot: Robot, state: SystemState, seconds: float) -> SystemStat
 
 
 def _reversed(state: SystemState) -> SystemState:
-    return replace(
-        state,
-        linear_velocity_chaser_in_inertial=-state.linear_velocity_chaser_in_inertial,
-        angular_velocity_chaser_in_inertial=-state.angular_velocity_chaser_in_inertial,
-        joint_velocities=-state.joint_velocities,
-    )
+    velocities = "linear_velocity_chaser_in_inertial", "angular_velocity_chaser_in_inertial"
+    turned = {name: -getattr(state, name) for name in (*velocities, "joint_velocities")}
+    return replace(state, **turned)
 
 
 def _between(motion: JointMotion, begin: float, end: float) -> JointMotion:
-    """Return the part of a motion that matters from a time to another: interpolating is dear.
+    """Return the part of a motion that is needed between two times, to interpolate less.
 
-    Beyond its last point a motion is a steady one, and its polynomials would lose their digits.
+    Beyond its last point a motion is a steady one: its polynomials would lose digits there.
     """
     if begin >= motion.time[-1]:
         rates = motion.velocities[-1]
@@ -118,8 +104,5 @@ def _between(motion: JointMotion, begin: float, end: float) -> JointMotion:
     after = min(max(int(np.searchsorted(motion.time, end, side="left")), first + 1), last)
     part = slice(first, after + 1)
     return JointMotion(
-        motion.time[part],
-        motion.positions[part],
-        motion.velocities[part],
-        motion.accelerations[part],
+        **{item.name: getattr(motion, item.name)[part] for item in fields(motion)},
     )

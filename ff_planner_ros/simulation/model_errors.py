@@ -1,9 +1,10 @@
-"""How far open loop may be trusted: a plan executed by a system that is not as the model says."""
+"""How far open loop can be trusted: a plan executed by a system that differs from the model."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import astuple, dataclass, replace
+from itertools import chain
 
 import numpy as np
 
@@ -14,36 +15,27 @@ from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.simulation.engine import Engine
 from ff_planner_ros.simulation.execution import execute, start_state
 from ff_planner_ros.simulation.feed_forward import FeedForward, feed_forward, torque_spline
-from ff_planner_ros.simulation.verification import (
-    Deviation,
-    deviation,
-    steps_per_point,
-)
+from ff_planner_ros.simulation.verification import Deviation, deviation, steps_per_point
 
 SHARES = (0.01, 0.05, 0.10)  # of masses, inertias and friction
 
 # Draws of independent errors of all links; of these the worst is shown.
 DRAWS, SEED = 10, 0
 
-# What a good estimate of the chaser's motion, and good encoders, may be off by at the start.
+# Errors at the start of a good estimate of the chaser's motion, and of good encoders.
 SPEED_ERROR = 1e-3  # [m/s]
 TURN_ERROR = np.deg2rad(0.01)  # [rad/s]
 
-# MuJoCo's dry friction brings a joint to rest within 0.02 s: half of it changes no position by 1 %.
+# MuJoCo's dry friction stops a joint within 0.02 s; half of that changes no position by 1 %.
 LONGEST_STEP = 0.02  # [s]
 
 
 @dataclass(frozen=True)
 class ModelError:
-    """One row of the study.
+    """One row of the study."""
 
-    Attributes:
-        cause: What is not as the model says.
-        deviation: Of the execution from the plan; each number the worst of all variants.
-    """
-
-    cause: str
-    deviation: Deviation
+    cause: str  # what is not as the model says
+    deviation: Deviation  # of the execution from the plan; each number the worst of all variants
 
 
 # A system that is not as the model says, and where it starts.
@@ -53,11 +45,7 @@ _Variant = tuple[Engine, SystemState]
 def model_errors(robot: Robot, trajectory: Trajectory) -> tuple[ModelError, ...]:
     """Execute a plan again and again, open loop, each time with something else wrong.
 
-    Args:
-        robot: The robot as the plan knows it.
-
-    Returns:
-        The first row with nothing wrong.
+    The first row has nothing wrong.
 
     Raises:
         InvalidInput: The samples cannot be executed, or MuJoCo refuses the robot's URDF.
@@ -67,15 +55,13 @@ def model_errors(robot: Robot, trajectory: Trajectory) -> tuple[ModelError, ...]
     steps = max(steps_per_point(trajectory), int(np.ceil(longest / LONGEST_STEP)))
     command, spline = feed_forward(robot, trajectory, steps), torque_spline(trajectory, steps)
     start = start_state(trajectory)
+    right = [(Engine(robot), start)]
     cases: list[tuple[str, FeedForward, Iterable[_Variant]]] = [
-        ("nothing", command, [(Engine(robot), start)]),
-        ("cubic spline through the torques", spline, [(Engine(robot), start)]),
+        ("nothing", command, right),
+        ("cubic spline through the torques", spline, right),
     ]
-    for cause, variants in (
-        *_mass_errors(robot, start),
-        *_start_errors(robot, start),
-        *_friction(robot, trajectory, start),
-    ):
+    wrong = (_mass_errors(robot, start), _start_errors(robot, start))
+    for cause, variants in chain(*wrong, _friction(robot, trajectory, start)):
         cases.append((cause, command, variants))
     return tuple(
         ModelError(cause, _worst(executed, variants, trajectory))
@@ -93,28 +79,21 @@ def _worst(command: FeedForward, variants: Iterable[_Variant], trajectory: Traje
 
 def _mass_errors(robot: Robot, start: SystemState) -> Iterator[tuple[str, list[_Variant]]]:
     """Wrong masses and inertias: of the arm, of the chaser, of each link by its own factors."""
-
-    def heavier(part: str, share: float) -> Engine:
-        engine = Engine(robot)
-        bodies = engine.arm_bodies if part == "arm" else engine.chaser_bodies
-        factors = np.full(len(bodies), 1.0 + share)
-        engine.scale_inertias(bodies, factors, factors)
-        return engine
-
-    def drawn(rng: np.random.Generator, share: float) -> Engine:
-        engine = Engine(robot)
-        bodies = np.concatenate([engine.chaser_bodies, engine.arm_bodies])
-        masses, inertias = rng.uniform(1.0 - share, 1.0 + share, (2, len(bodies)))
-        engine.scale_inertias(bodies, masses, inertias)
-        return engine
-
     for part in ("arm", "chaser"):
         for share in SHARES:
-            yield f"{part} {share:.0%} heavier, inertias too", [(heavier(part, share), start)]
+            engine = Engine(robot)
+            bodies = engine.arm_bodies if part == "arm" else engine.chaser_bodies
+            engine.scale_inertias(bodies, *np.full((2, len(bodies)), 1.0 + share))
+            yield f"{part} {share:.0%} heavier, inertias too", [(engine, start)]
     for share in SHARES:
         rng = np.random.default_rng(SEED)
+        engines = [Engine(robot) for _ in range(DRAWS)]
+        for engine in engines:
+            bodies = np.concatenate([engine.chaser_bodies, engine.arm_bodies])
+            factors = rng.uniform(1.0 - share, 1.0 + share, (2, len(bodies)))
+            engine.scale_inertias(bodies, *factors)
         cause = f"every mass and inertia within {share:.0%}, worst of {DRAWS}"
-        yield cause, [(drawn(rng, share), start) for _ in range(DRAWS)]
+        yield cause, [(engine, start) for engine in engines]
 
 
 def _start_errors(robot: Robot, start: SystemState) -> Iterator[tuple[str, list[_Variant]]]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 
 import numpy as np
 
@@ -14,69 +14,53 @@ from ff_planner_ros.simulation.engine import Engine
 from ff_planner_ros.simulation.execution import Execution, execute, start_state
 from ff_planner_ros.simulation.feed_forward import feed_forward
 
-# What the planner's check lets the final pose of a plan be off its target, so that physics may not
-# add more than the plan itself may lack; ten times and more what interpolation and integration do.
+# As much as the planner's check allows a plan to miss its target: physics may not add more. Errors
+# of interpolation and integration are less than a tenth of this.
 POSITION_TOLERANCE = 1e-3  # [m]
 ORIENTATION_TOLERANCE = np.deg2rad(0.05)  # [rad]
 
-# Relative. Nothing pushes the system: what changes its momentum is an integration that is too
-# coarse for the motion, and then the poses prove nothing. Those of sound plans are below 1e-7.
+# Relative. Nothing pushes the system. If its momentum changes, the integration is too coarse for
+# the motion, and the poses prove nothing. Sound plans stay below 1e-7.
 MOMENTUM_TOLERANCE = 1e-6
 
-# In one step no joint and not the chaser turns further [rad]: RK4 is then below a hundredth of the
-# tolerances. Four steps, because the motion between two points has features of its own.
+# In one step neither a joint nor the chaser turns further [rad]: the error of RK4 is then below a
+# hundredth of the tolerances. At least four steps, because the motion varies between two points.
 STEP_TURN, MIN_STEPS_PER_POINT = 0.01, 4
 
 
 @dataclass(frozen=True)
 class Deviation:
-    """How far an execution is from a plan.
+    """How far an execution is from a plan."""
 
-    Attributes:
-        final_position_error: Of the end effector at the last point [m].
-        final_orientation_error: Of the end effector at the last point [rad].
-        max_chaser_position_error: Of the chaser, at the worst of all points [m].
-        max_chaser_orientation_error: Of the chaser, at the worst of all points [rad].
-    """
+    final_position_error: float  # of the end effector at the last point [m]
+    final_orientation_error: float  # of the end effector at the last point [rad]
+    max_chaser_position_error: float  # of the chaser, at the worst of all points [m]
+    max_chaser_orientation_error: float  # of the chaser, at the worst of all points [rad]
 
-    final_position_error: float
-    final_orientation_error: float
-    max_chaser_position_error: float
-    max_chaser_orientation_error: float
+
+ALLOWED = Deviation(
+    POSITION_TOLERANCE, ORIENTATION_TOLERANCE, POSITION_TOLERANCE, ORIENTATION_TOLERANCE
+)
 
 
 @dataclass(frozen=True, eq=False)
 class Verification:
-    """What became of a plan in the independent engine.
+    """What became of a plan in the independent engine."""
 
-    Attributes:
-        execution: What the system did.
-        deviation: From the plan.
-        momentum_drift: Largest change of the total momentum, relative.
-    """
-
-    execution: Execution
-    deviation: Deviation
-    momentum_drift: float
+    execution: Execution  # what the system did
+    deviation: Deviation  # from the plan
+    momentum_drift: float  # largest change of the total momentum, relative
 
     @property
     def passed(self) -> bool:
         """Whether the plan came true within the tolerances."""
-        off = self.deviation
-        return (
-            off.final_position_error <= POSITION_TOLERANCE
-            and off.final_orientation_error <= ORIENTATION_TOLERANCE
-            and off.max_chaser_position_error <= POSITION_TOLERANCE
-            and off.max_chaser_orientation_error <= ORIENTATION_TOLERANCE
-            and self.momentum_drift <= MOMENTUM_TOLERANCE
-        )
+        found, allowed = astuple(self.deviation), astuple(ALLOWED)
+        kept = all(value <= most for value, most in zip(found, allowed, strict=True))
+        return kept and self.momentum_drift <= MOMENTUM_TOLERANCE
 
 
 def verify(robot: Robot, trajectory: Trajectory) -> Verification:
-    """Execute a plan open loop in MuJoCo and compare what happens with what it says.
-
-    Args:
-        trajectory: The plan's samples, its torques among them.
+    """Execute a plan's torques open loop in MuJoCo, and compare the motion with the plan.
 
     Raises:
         InvalidInput: The samples cannot be executed, or MuJoCo refuses the robot's URDF.
