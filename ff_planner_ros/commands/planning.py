@@ -176,6 +176,8 @@ def show_robot(options: argparse.Namespace) -> int:
 
 def show_demo(options: argparse.Namespace) -> int:
     """Plan the paper's capture over ROS."""
+    import rclpy  # noqa: F401 (the processes of the demo need it: said before they start)
+
     from ff_planner_ros.demo.run import run_demo
 
     return run_demo(options.output)
