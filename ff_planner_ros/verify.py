@@ -20,10 +20,7 @@ _COLUMNS = ("end effector [mm]", "[deg]", "chaser [mm]", "[deg]")
 
 
 def print_verdict(name: str, robot: Robot, trajectory: Trajectory, sensitivity: bool) -> bool:
-    """Execute a plan open loop, print deviations and verdict, and tell whether it passed.
-
-    Args:
-        sensitivity: Whether to execute it with errors in the model, too.
+    """Execute a plan open loop, also with a wrong model if asked, and tell whether it passed.
 
     Raises:
         InvalidInput: The samples cannot be executed, or MuJoCo refuses the robot's URDF.

@@ -48,11 +48,7 @@ def draw(problem: PlanningProblem, plan: Plan, directory: Path) -> list[Path]:
 def save_figures(
     problem: PlanningProblem, motions: Mapping[Method, Trajectory], directory: Path
 ) -> list[Path]:
-    """Draw one or more motions in each figure, as PNG and PDF, and return the PNG files.
-
-    Args:
-        directory: Made if it is not there; figures of the same name in it are replaced.
-    """
+    """Draw motions as PNG and PDF into a directory, made if needed, and return the PNG files."""
     directory.mkdir(parents=True, exist_ok=True)
     figures = {
         "end_effector": two_column_figure(END_EFFECTOR_POSE, motions),

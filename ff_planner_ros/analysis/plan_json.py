@@ -52,6 +52,7 @@ def plan_dictionary(plan: Plan, task: PlanningTask, solve_time: float) -> dict[s
         "joint_names": list(plan.joint_names),
         **{item.name: getattr(motion, item.name).tolist() for item in fields(motion)},
         "xi": plan.xi.tolist(),
+        "coefficients": plan.coefficients.tolist(),
         "orientation_reading": plan.orientation_reading,
         **_how_good(plan, solve_time),
     }
@@ -60,11 +61,7 @@ def plan_dictionary(plan: Plan, task: PlanningTask, solve_time: float) -> dict[s
 def refusal_dictionary(
     error: FfPlannerError, solve_time: float, digest: str | None = None
 ) -> dict[str, Any]:
-    """Return a refusal: its cause, and how near the best attempt came; never a trajectory.
-
-    Args:
-        digest: Of the task; None where there is no task.
-    """
+    """Return a refusal: its cause, its task's digest, and how near the best attempt came."""
     refusal: dict[str, Any] = {"status": error.status.name.lower(), "message": str(error)}
     if digest is not None:
         refusal["digest"] = digest

@@ -22,11 +22,7 @@ _TOLD = (
 
 
 def plan_rows(plan: Plan, task: PlanningTask, solve_time: float) -> list[tuple[str, str]]:
-    """Return name and value of what a user wants to know first of a plan.
-
-    Args:
-        solve_time: Wall clock that it took [s].
-    """
+    """Return name and value of what a user wants to know first of a plan made in `solve_time` s."""
     solver, values = plan.solver, vars(plan.metrics)
     told = {name: METRIC_BY_NAME[name].text(values[name]) for name in _TOLD}
     told["peak_joint_torques"] += f", {plan.joint_names[np.argmax(values['peak_joint_torques'])]}"

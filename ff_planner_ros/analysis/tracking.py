@@ -34,11 +34,7 @@ class Deviations:
 
 
 def measured_motion(robot: Robot, time: Array, states: list[SystemState]) -> Trajectory:
-    """Return measured states as a motion; accelerations and torques are NaN.
-
-    Args:
-        time: Of the states, from the start of the plan. Shape (times,) [s].
-    """
+    """Return states measured at `time`, shape (times,) [s], as a motion; its torques are NaN."""
     q, v = (np.array(rows) for rows in zip(*(configuration(robot, s) for s in states), strict=True))
     return to_trajectory(robot, time, q, v, np.full(v.shape, np.nan))
 

@@ -189,10 +189,7 @@ class BagWriter:
                 self._is_on_disk = True
 
     def split(self) -> tuple[Path, Path]:
-        """Complete the file and go on in another one.
-
-        Returns:
-            The complete file, and the one that goes on.
+        """Complete the file, go on in another one, and return both.
 
         Raises:
             BagError: The bag is closed, or the disk failed.

@@ -81,11 +81,7 @@ class Scenario:
 
 
 def scenario(kind: str, robot: str, number: int, *, turned: bool) -> Scenario:
-    """Return one scenario; the same arguments give the same.
-
-    Args:
-        turned: Whether to return the twin, with the inertial frame turned and shifted.
-    """
+    """Return one scenario, always the same, or its twin in a turned and shifted inertial frame."""
     return _twins(kind, robot, number)[turned]
 
 

@@ -47,11 +47,7 @@ def failures(problem: PlanningProblem, plan: Plan, settings: PlannerSettings) ->
 def refusal(
     plan: Plan, found: Sequence[Failure], advice: Sequence[str] | None = None
 ) -> NoPlanFound:
-    """Return the error that tells of all failures of the best attempt; the first gives the status.
-
-    Args:
-        advice: What may help; None: what the failures advise.
-    """
+    """Return the error that tells of all failures, with their advice where `advice` is None."""
     starts = plan.solver.starts
     attempts = "the only attempt" if starts == 1 else f"{starts} attempts; in the best"
     if advice is None:

@@ -50,11 +50,7 @@ def base_twist(
 
 
 def smallest_singular_values(robot: Robot, q: Array) -> Array:
-    """Return the smallest singular value of J_D, zero in a dynamic singularity. Shape (points,).
-
-    Args:
-        q: Configurations. Shape (points, 7 + joints).
-    """
+    """Return the smallest singular value of J_D at each of q, shape (points, 7 + joints)."""
     data = robot.model.createData()
     jacobians = np.array([generalised_jacobian(robot, data, sample) for sample in q])
     return np.asarray(np.linalg.svd(jacobians, compute_uv=False)[:, -1], np.float64)

@@ -121,10 +121,7 @@ def replay(recorded: RecordedRequest) -> Replayed:
 
 
 def answer_again(recorded: RecordedRequest) -> tuple[PlanTrajectory.Response, float]:
-    """Answer a request as the node does, in the time that it takes.
-
-    Returns:
-        The answer, and the wall clock of the planning alone [s].
+    """Answer a request as the node does, and tell the wall clock of the planning alone [s].
 
     Raises:
         BagError: The request cannot be rebuilt.

@@ -100,10 +100,7 @@ def changed_request(recorded: RecordedRequest, changes: Sequence[Change]) -> Rec
 
 
 def print_what_if(bag: Path, settings: Sequence[str]) -> int:
-    """Plan the requests of a bag with changes, each a `key=value`; print both answers side by side.
-
-    Returns:
-        Exit code, always 0: another answer is what was asked for.
+    """Plan requests with changes, each a `key=value`, print both answers, and return exit code 0.
 
     Raises:
         BagError: The bag cannot be read, or holds no request.

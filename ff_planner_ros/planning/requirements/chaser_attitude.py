@@ -44,11 +44,7 @@ class ChaserAttitude(Requirement):
     def refuse_start(
         self, problem: PlanningProblem, q_start: Array, settings: PlannerSettings
     ) -> None:
-        """Refuse a chaser that is turned too far already.
-
-        Raises:
-            InvalidInput: Names the chaser's attitude.
-        """
+        """Refuse a chaser that is turned too far already."""
         limit = problem.limits.chaser_attitude
         angle = float(np.abs(chaser_euler(problem.robot, q_start[None])).max())
         if angle > limit + LIMIT_TOLERANCE:

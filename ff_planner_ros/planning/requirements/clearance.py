@@ -44,11 +44,7 @@ class Clearance(Requirement):
     def refuse_start(
         self, problem: PlanningProblem, q_start: Array, settings: PlannerSettings
     ) -> None:
-        """Refuse a start inside an obstacle.
-
-        Raises:
-            InvalidInput: Names the obstacle and the link.
-        """
+        """Refuse a start inside an obstacle."""
         positions = arm_points(problem.robot, q_start[None])
         starts = segments(positions)
         distance = clearances(positions, starts, problem.obstacles).distance[0]

@@ -30,11 +30,7 @@ class JointPositions(Requirement):
     def refuse_start(
         self, problem: PlanningProblem, q_start: Array, settings: PlannerSettings
     ) -> None:
-        """Refuse a joint outside its limits.
-
-        Raises:
-            InvalidInput: Names the joint.
-        """
+        """Refuse a joint outside its limits."""
         robot = problem.robot
         for name, position, lower, upper in zip(
             robot.joint_names,

@@ -33,11 +33,7 @@ class JointRates(Requirement):
     def refuse_start(
         self, problem: PlanningProblem, q_start: Array, settings: PlannerSettings
     ) -> None:
-        """Refuse a joint that is too fast.
-
-        Raises:
-            InvalidInput: Names the joint.
-        """
+        """Refuse a joint that is too fast."""
         if not problem.limits.joint_velocities:
             return
         robot = problem.robot

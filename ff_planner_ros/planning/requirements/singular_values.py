@@ -23,11 +23,7 @@ class SingularValues(Requirement):
     def refuse_start(
         self, problem: PlanningProblem, q_start: Array, settings: PlannerSettings
     ) -> None:
-        """Refuse a singular posture.
-
-        Raises:
-            InvalidInput: Names the posture.
-        """
+        """Refuse a singular posture."""
         smallest = float(smallest_singular_values(problem.robot, q_start[None])[0])
         if not smallest >= settings.singular_value_threshold - LIMIT_TOLERANCE:
             raise InvalidInput(
