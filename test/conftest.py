@@ -45,19 +45,27 @@ LONGEST_FIRST = (
 # and the processes that they start out.
 NOT_MEASURED = (
     "test_bag_fuzz",
+    "test_bag_without_ros",
     "test_bench_success",
+    "test_demo",
+    "test_docs",
     "test_dynamics",
     "test_examples",
     "test_forward",
+    "test_interoperation",
     "test_model_errors",
     "test_node_action",
     "test_node_answers",
     "test_node_hard_life",
     "test_node_lifecycle",
+    "test_node_refusals",
     "test_node_robustness",
     "test_planner",
     "test_planner_determinism",
+    "test_publish",
+    "test_recorder_killed",
     "test_rollout",
+    "test_without_ros",
 )
 
 

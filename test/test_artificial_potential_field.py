@@ -8,13 +8,14 @@ from judging import require_sound
 from robots import CONFIG
 
 from ff_planner_ros.baselines.artificial_potential_field import artificial_potential_field
-from ff_planner_ros.baselines.potential_field import load_parameters
+from ff_planner_ros.baselines.potential_field import load_parameters as load_field
 from ff_planner_ros.baselines.straight_line import straight_line
 from ff_planner_ros.errors import InvalidInput, NoPlanFound, Status
+from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.problem import Sphere
 
 SETTINGS = load_parameters().planner
-FIELD = load_parameters(CONFIG / "baselines.yaml")
+FIELD = load_field(CONFIG / "baselines.yaml")
 
 
 def led_by_field(problem, field=FIELD):
