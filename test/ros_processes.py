@@ -283,6 +283,9 @@ def private_domain() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         for name, value in private_environment().items():
             patch.setenv(name, value)
+        # One heap for all threads: how much memory a process holds is then a matter of what it
+        # keeps, not of which thread asked for it.
+        patch.setenv("MALLOC_ARENA_MAX", "1")
         yield
 
 
