@@ -40,8 +40,9 @@ from ff_planner_ros.planning.planner import plan
 from ff_planner_ros.planning.preconditions import require_plannable
 from ff_planner_ros.planning.problem import PlanningProblem
 from ff_planner_ros.planning.settings import PlannerSettings
+from ff_planner_ros.planning.system_frame import in_own_frame
 from ff_planner_ros.planning.task import Method as Solver
-from ff_planner_ros.planning.task import PlanningTask, attempted, without_search
+from ff_planner_ros.planning.task import PlanningTask, attempted, in_frame_of_user, without_search
 from ff_planner_ros.text_table import print_table
 
 _WHY_RATIOS_DIFFER = (
@@ -71,12 +72,13 @@ def compare(
         InvalidInput: The start violates what every plan must keep.
         NoPlanFound: The goal is out of reach.
     """
-    require_plannable(problem, settings)
+    require_plannable(in_own_frame(problem), settings)
     output.mkdir(parents=True, exist_ok=True)
     answers = {}
-    for method, solve in _solvers(field).items():
-        # Methods without an objective of their own are compared with min(L).
-        asked = replace(problem, objective=OBJECTIVES.get(method, OBJECTIVES[SHORTEST]))
+    # Methods without an objective of their own are compared with min(L).
+    shortest = replace(problem, objective=OBJECTIVES[SHORTEST])
+    for method, solve in _solvers(field, shortest).items():
+        asked = replace(shortest, objective=OBJECTIVES.get(method, shortest.objective))
         begun = time.perf_counter()
         made = attempted(PlanningTask(asked, settings), solve)
         answers[method] = Answer(*made, time.perf_counter() - begun)
@@ -93,13 +95,13 @@ def compare(
     return bool(plans)
 
 
-def _solvers(field: PotentialFieldParameters) -> dict[Method, Solver]:
+def _solvers(field: PotentialFieldParameters, problem: PlanningProblem) -> dict[Method, Solver]:
     return {
         STRAIGHT_LINE: without_search(straight_line),
         POTENTIAL_FIELD: without_search(partial(artificial_potential_field, parameters=field)),
         **dict.fromkeys((SHORTEST, STEADIEST, WEIGHTED), plan),
-        FIXED_BASE: without_search(fixed_base),
-        ZERO_MOMENTUM: without_search(zero_momentum),
+        FIXED_BASE: in_frame_of_user(fixed_base, problem),
+        ZERO_MOMENTUM: in_frame_of_user(zero_momentum, problem),
     }
 
 

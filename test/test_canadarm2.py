@@ -92,7 +92,8 @@ def test_the_system_has_momentum_and_the_straight_path_hits_two_obstacles(
     assert np.linalg.norm(momentum[3:]) > 3e3
     straight = end_effector_paths(capture).motion(np.zeros(18), capture.points)
     positions = arm_points(robot, straight.q)
-    distance = clearances(positions, segments(positions), capture.obstacles).distance
+    times = np.linspace(0.0, capture.duration, capture.points)
+    distance = clearances(positions, times, segments(positions), capture.obstacles).distance
     hit = {
         sphere.id
         for sphere, nearest in zip(capture.obstacles, distance.min(axis=(0, 1)), strict=True)

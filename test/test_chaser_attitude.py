@@ -5,9 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
-from ff_planner_ros.errors import InvalidInput, NoPlanFound, Status
+from ff_planner_ros.bench.twin import seen_from
+from ff_planner_ros.errors import NoPlanFound, Status
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.check import failures
 from ff_planner_ros.planning.end_effector_polynomial import end_effector_paths
@@ -19,6 +21,7 @@ from ff_planner_ros.planning.planner import plan
 from ff_planner_ros.planning.problem import Limits, Objective, PlanningProblem
 from ff_planner_ros.planning.program import path_program
 from ff_planner_ros.planning.solver import minimise
+from ff_planner_ros.planning.task import PlanningTask, perform
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.momentum import total_momentum
 
@@ -102,15 +105,20 @@ def test_a_limit_that_nothing_keeps_is_a_refusal_with_its_failures(
     assert refusal.value.status in {found.status for found in refusal.value.failures}
 
 
-def test_a_start_that_is_turned_further_is_refused_at_once(lemur_capture: PlanningProblem) -> None:
-    half = np.sin(0.15)
-    turned = replace(
-        lemur_capture.start,
-        quaternion_chaser_to_inertial_xyzw=np.array([half, 0.0, 0.0, np.sqrt(1.0 - half**2)]),
+def test_the_limit_is_on_the_turn_since_the_start(lemur_capture: PlanningProblem) -> None:
+    """A chaser that begins turned by more than the limit keeps it as one that does not."""
+    frame = pin.SE3(pin.rpy.rpyToMatrix(0.3, -0.5, 2.0), np.zeros(3))
+    straight, turned = (
+        perform(PlanningTask(problem, SETTINGS))
+        for problem in (
+            limited(lemur_capture, LIMIT),
+            seen_from(limited(lemur_capture, LIMIT), frame),
+        )
     )
-    with pytest.raises(InvalidInput, match=r"0\.300000 rad.*limits\.chaser_attitude") as refusal:
-        plan(replace(limited(lemur_capture, LIMIT), start=turned), SETTINGS)
-    assert refusal.value.status is Status.START_OUTSIDE_LIMITS
+    assert straight.metrics.max_chaser_euler <= LIMIT
+    assert turned.metrics.max_chaser_euler == pytest.approx(
+        straight.metrics.max_chaser_euler, abs=1e-6
+    )
 
 
 def test_rows_have_the_derivatives_of_differences(lemur_capture: PlanningProblem) -> None:

@@ -222,12 +222,12 @@ def test_a_pin_between_two_points_is_found_though_every_point_is_clear(problem, 
     q, v = from_trajectory(problem.robot, sound.trajectory)
     tip_a, tip_b = sound.trajectory.ee_positions[24:26]
     pin_head = Sphere("pin", (tip_a + tip_b) / 2, np.linalg.norm(tip_b - tip_a) * 0.3)
-    step = problem.duration / (problem.points - 1)
+    times = sound.trajectory.time
     positions = arm_points(problem.robot, q)
-    at_points = clearances(positions, segments(positions), [pin_head]).distance.min()
+    at_points = clearances(positions, times, segments(positions), [pin_head]).distance.min()
     if at_points <= 0.0:
         pytest.fail("the pin must be clear of the points for this test to say anything")
-    assert certified_clearance(problem.robot, q, v, step, [pin_head]) < 0.0
+    assert certified_clearance(problem.robot, q, v, times, [pin_head]) < 0.0
 
 
 @pytest.mark.parametrize("seed", range(8))
@@ -241,9 +241,13 @@ def test_the_certified_clearance_is_a_tight_lower_bound(problem, sound, seed):
         Sphere(str(k), random.uniform([0.0, -0.8, 0.0], [2.0, 1.2, 1.8]), random.uniform(0.02, 0.2))
         for k in range(3)
     ]
-    certified = certified_clearance(robot, q, v, step, spheres)
+    # Some rest, some move.
+    spheres = [
+        replace(s, velocity=random.normal(scale=k * 0.1, size=3)) for k, s in enumerate(spheres)
+    ]
+    certified = certified_clearance(robot, q, v, sound.trajectory.time, spheres)
 
-    dense = []
+    dense, times = [], []
     for i in range(len(q) - 1):
         whole = pin.difference(robot.model, q[i], q[i + 1])
         begin, end = step * v[i], step * v[i + 1].copy()
@@ -252,12 +256,21 @@ def test_the_certified_clearance_is_a_tight_lower_bound(problem, sound, seed):
             h = [s - 2 * s**2 + s**3, 3 * s**2 - 2 * s**3, s**3 - s**2]
             way = h[0] * begin + h[1] * whole + h[2] * end
             dense.append(pin.integrate(robot.model, q[i], way))
+            times.append((i + s) * step)
     positions = arm_points(robot, np.array(dense))
-    truth = clearances(positions, segments(positions), spheres).distance.min()
+    starts = segments(positions)
+    truth = min(
+        clearances(at[None], np.zeros(1), starts, moved(spheres, time)).distance.min()
+        for at, time in zip(positions, times, strict=True)
+    )
     assert certified <= truth + 1e-9, (seed, certified, truth)
     assert certified >= truth - 6e-4, (seed, certified, truth)
 
 
+def moved(spheres, time):
+    return [replace(s, center=s.center + time * s.velocity) for s in spheres]
+
+
 def test_without_obstacles_the_clearance_is_infinite(problem, sound):
     q, v = from_trajectory(problem.robot, sound.trajectory)
-    assert certified_clearance(problem.robot, q, v, 0.2, []) == np.inf
+    assert certified_clearance(problem.robot, q, v, sound.trajectory.time, []) == np.inf

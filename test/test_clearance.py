@@ -46,11 +46,18 @@ def random_configurations(robot: Robot, count: int, seed: int) -> Array:
 
 
 def random_spheres(positions: Array, count: int, seed: int) -> tuple[Sphere, ...]:
-    """Around the arm, some of them in its way."""
+    """Around the arm, some of them in its way, all of them moving."""
     rng = np.random.default_rng(seed)
     centers = positions.reshape(-1, 3)[rng.integers(positions.size // 3, size=count)]
     centers = centers + rng.normal(scale=0.3, size=(count, 3))
-    return tuple(sphere(center, rng.uniform(0.05, 0.4)) for center in centers)
+    return tuple(
+        Sphere("sphere", center, rng.uniform(0.05, 0.4), rng.normal(scale=0.05, size=3))
+        for center in centers
+    )
+
+
+def times_of(positions: Array) -> Array:
+    return np.linspace(0.0, 2.0, len(positions))
 
 
 def test_arm_points_are_the_joint_origins_and_the_end_effector(urdf: tuple[str, str, str]) -> None:
@@ -112,7 +119,7 @@ def aside(robot: Robot, q: Array, steps: Array) -> Array:
 def test_the_nearest_point_is_found_wherever_it_lies(
     center: list[float], distance: float, fraction: float, direction: list[float]
 ) -> None:
-    clear = clearances(SEGMENT, np.array([0]), [sphere(center, 0.75)])
+    clear = clearances(SEGMENT, np.zeros(1), np.array([0]), [sphere(center, 0.75)])
     assert clear.distance.shape == clear.fraction.shape == (1, 1, 1)
     assert clear.distance[0, 0, 0] == pytest.approx(distance - 0.75, abs=1e-15)
     assert clear.fraction[0, 0, 0] == pytest.approx(fraction, abs=1e-15)
@@ -120,7 +127,7 @@ def test_the_nearest_point_is_found_wherever_it_lies(
 
 
 def test_a_sphere_centred_on_the_arm_is_penetrated_by_its_radius_and_nothing_is_infinite() -> None:
-    clear = clearances(SEGMENT, np.array([0]), [sphere([0.5, 0.0, 0.0], 0.75)])
+    clear = clearances(SEGMENT, np.zeros(1), np.array([0]), [sphere([0.5, 0.0, 0.0], 0.75)])
     assert clear.distance[0, 0, 0] == -0.75
     assert np.isfinite(clear.direction).all()
 
@@ -129,13 +136,14 @@ def test_distances_are_those_of_densely_sampled_segments(urdf: tuple[str, str, s
     robot = robot_from_urdf_text(*urdf)
     positions = arm_points(robot, random_configurations(robot, count=4, seed=3))
     spheres, starts = random_spheres(positions, count=6, seed=3), segments(positions)
-    clear = clearances(positions, starts, spheres)
+    clear = clearances(positions, times_of(positions), starts, spheres)
     assert clear.distance.shape == (4, len(starts), 6)
     fractions = np.linspace(0.0, 1.0, 2001)[:, None]
     for point, segment, number in np.ndindex(clear.distance.shape):
         start, end = positions[point, starts[segment]], positions[point, starts[segment] + 1]
         samples = start + fractions * (end - start)
-        to_center = np.linalg.norm(samples - spheres[number].center, axis=1)
+        center = spheres[number].center + times_of(positions)[point] * spheres[number].velocity
+        to_center = np.linalg.norm(samples - center, axis=1)
         sampled = to_center.min() - spheres[number].radius
         found = clear.distance[point, segment, number]
         where = f"point {point}, segment {segment}, sphere {number}"
@@ -153,7 +161,7 @@ def test_gradients_of_distances_are_those_of_differences(urdf: tuple[str, str, s
     sensitivity = np.random.default_rng(4).normal(size=(6, 6 + robot.joints, 3))
     positions, derivatives = arm_points_with_derivatives(robot, q, sensitivity)
     spheres, starts = random_spheres(positions, count=5, seed=4), segments(positions)
-    clear = clearances(positions, starts, spheres)
+    clear = clearances(positions, times_of(positions), starts, spheres)
     assert np.any(clear.fraction == 0.0)
     assert np.any(clear.fraction == 1.0)
     assert np.any((clear.fraction > 0.0) & (clear.fraction < 1.0))
@@ -165,6 +173,7 @@ def test_gradients_of_distances_are_those_of_differences(urdf: tuple[str, str, s
         ahead, behind = (
             clearances(
                 arm_points(robot, aside(robot, q, sign * step * sensitivity[:, :, k])),
+                times_of(q),
                 starts,
                 spheres,
             ).distance[rows]
@@ -200,7 +209,7 @@ def test_the_penalty_is_that_of_eqs_46_and_47(exponent: float) -> None:
     # Around the elbow two segments are inside, of which the paper counts the deeper.
     spheres = tuple(sphere(positions[0, k] + 0.15, 0.3) for k in (0, 3, 4))
     starts = segments(positions)
-    distance = clearances(positions, starts, spheres).distance
+    distance = clearances(positions, times_of(positions), starts, spheres).distance
     assert np.any((distance < 0.0).sum(axis=1) > 1)
     expected, g1, hits = 0.0, 2.5, 0
     for k, obstacle in enumerate(spheres):
@@ -223,7 +232,7 @@ def test_without_spheres_there_are_no_distances_and_no_penalty(lemur: Robot) -> 
         lemur, random_configurations(lemur, count=3, seed=8), np.ones((3, 13, 2))
     )
     starts = segments(positions)
-    clear = clearances(positions, starts, ())
+    clear = clearances(positions, times_of(positions), starts, ())
     assert clear.distance.shape == (3, 3, 0)
     assert clearance_gradients(clear, derivatives, starts, np.nonzero(clear.distance)).shape == (
         0,
@@ -236,11 +245,14 @@ def test_the_broad_phase_keeps_every_sphere_that_an_arm_point_is_near_to() -> No
     rng = np.random.default_rng(4)
     positions = rng.uniform(-1.0, 1.0, (5, 4, 3))
     spheres = [
-        Sphere(str(k), rng.uniform(-4.0, 4.0, 3), rng.uniform(0.05, 0.5)) for k in range(200)
+        Sphere(str(k), rng.uniform(-4.0, 4.0, 3), rng.uniform(0.05, 0.5), moving)
+        for k, moving in enumerate(rng.choice([0.0, 0.5], (200, 1)) * rng.normal(size=(200, 3)))
     ]
-    kept = near_box(positions, spheres, 0.3)
-    clear = clearances(positions, segments(positions), spheres).distance.min(axis=(0, 1))
+    times = times_of(positions)
+    kept = near_box(positions, times, spheres, 0.3)
+    distance = clearances(positions, times, segments(positions), spheres).distance
+    clear = distance.min(axis=(0, 1))
     for sphere, distance in zip(spheres, clear, strict=True):
         assert sphere in kept or distance > 0.3, sphere.id
     assert 0 < len(kept) < len(spheres) / 2
-    assert near_box(positions, [], 0.3) == ()
+    assert near_box(positions, times, [], 0.3) == ()

@@ -129,7 +129,9 @@ def _distance(problem: PlanningProblem, sound: Plan, place: Any) -> float:
     q, _ = from_trajectory(problem.robot, sound.trajectory)
     positions = arm_points(problem.robot, q)
     point = Sphere("point", place, 1e-9)
-    return float(clearances(positions, segments(positions), [point]).distance.min())
+    return float(
+        clearances(positions, sound.trajectory.time, segments(positions), [point]).distance.min()
+    )
 
 
 def test_a_collision_between_the_points_is_told_as_such(

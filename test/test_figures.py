@@ -100,8 +100,13 @@ def test_every_curve_is_an_array_of_its_methods_plan(
     name: str, figures: dict[str, Figure], plans: dict[Method, Plan]
 ) -> None:
     panels = [axes for axes in figures[name].axes if axes.get_visible()]
+    # The chaser's attitude is that since the start, the same for all methods.
+    first = next(iter(plans.values())).trajectory.chaser_quaternions_xyzw[0]
     for method, plan in plans.items():
-        expected = DRAWN[name](plan.trajectory)
+        turned = Rotation.from_quat(first).inv() * Rotation.from_quat(
+            plan.trajectory.chaser_quaternions_xyzw
+        )
+        expected = DRAWN[name](replace(plan.trajectory, chaser_quaternions_xyzw=turned.as_quat()))
         for axes, curve in zip(panels, expected, strict=True):
             np.testing.assert_allclose(curves(axes)[method.label], curve, atol=1e-9)
             for line in axes.lines[: len(plans)]:

@@ -114,6 +114,27 @@ def test_an_arm_that_nothing_drives_goes_on_as_an_independent_integrator_says(
     assert off(state, expected) > 0.05
 
 
+@pytest.mark.parametrize(("speed", "away"), [(10.0, 0.0), (8e3, 7e6)])
+def test_ten_seconds_at_orbital_speed_turn_as_at_rest(speed: float, away: float) -> None:
+    """The laws are the same in every inertial frame; far away the ninth decimal of a metre ends."""
+    robot = robot_from_urdf_text(URDF, BASE, TIP)
+    state = moving(robot)
+    at_rest = by_the_papers_equations(state, [(0.0, 10.0, state.joint_velocities)])
+    velocity, origin = speed * np.array([0.6, 0.0, -0.8]), away * np.array([0.0, 0.6, 0.8])
+
+    def seen(state: SystemState, time: float) -> SystemState:
+        place = state.position_chaser_in_inertial + (origin + time * velocity)
+        rate = state.linear_velocity_chaser_in_inertial + velocity
+        return replace(
+            state, position_chaser_in_inertial=place, linear_velocity_chaser_in_inertial=rate
+        )
+
+    found = carried_forward(robot, seen(state, 0.0), 10.0, None)
+    assert off(found, seen(at_rest, 10.0)) < 1e-7
+    turn = found.angular_velocity_chaser_in_inertial - at_rest.angular_velocity_chaser_in_inertial
+    assert np.abs(turn).max() < 1e-9
+
+
 @pytest.mark.parametrize(
     ("begin", "seconds", "pieces"),
     [

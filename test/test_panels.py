@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from drawn_plans import POINTS, drawn_plan
+from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.analysis.methods import MEASURED, PLANNED
 from ff_planner_ros.analysis.panels import CHASER_POSE, joint_angles, joint_rates, panels
@@ -21,8 +22,8 @@ from ff_planner_ros.robot.model import Robot
 def test_what_was_measured_is_drawn_beside_what_was_planned_across_180_degrees(
     first: int, lemur: Robot
 ) -> None:
-    """Planned from 179 deg on, measured a little more: as angles from -180 on."""
-    planned = np.linspace([179.0, 0.0, 10.0], [560.0, 20.0, 60.0], POINTS)
+    """Planned beyond 180 deg, measured a little more: as angles from -180 on."""
+    planned = np.linspace([0.0, 0.0, 0.0], [560.0, 20.0, 60.0], POINTS)
     motions = {
         PLANNED: drawn_plan(lemur, 0, planned).trajectory,
         MEASURED: rows_of(drawn_plan(lemur, 0, planned + 2.0).trajectory, slice(first, None)),
@@ -30,6 +31,19 @@ def test_what_was_measured_is_drawn_beside_what_was_planned_across_180_degrees(
     for k, panel in enumerate(panels(CHASER_POSE[1], motions)):
         np.testing.assert_allclose(panel.curves[PLANNED][1], planned[:, k], atol=1e-6)
         np.testing.assert_allclose(panel.curves[MEASURED][1], planned[first:, k] + 2, atol=1e-6)
+
+
+def test_the_chaser_s_angles_are_those_from_the_start_of_the_plan(lemur: Robot) -> None:
+    """The largest of them is J_Theta, whatever the user's axes are."""
+    turn = Rotation.from_euler("xyz", [0.4, -0.9, 2.0])
+    plan = drawn_plan(lemur, 0).trajectory
+    attitudes = turn * Rotation.from_quat(plan.chaser_quaternions_xyzw)
+    motions = {PLANNED: replace(plan, chaser_quaternions_xyzw=attitudes.as_quat())}
+    motions[MEASURED] = rows_of(motions[PLANNED], slice(5, None))
+    relative = (attitudes[0].inv() * attitudes).as_euler("ZYX", degrees=True)[:, ::-1]
+    for k, panel in enumerate(panels(CHASER_POSE[1], motions)):
+        np.testing.assert_allclose(panel.curves[PLANNED][1], relative[:, k], atol=1e-9)
+        np.testing.assert_allclose(panel.curves[MEASURED][1], relative[5:, k], atol=1e-9)
 
 
 def rows_of(motion: Trajectory, rows: slice) -> Trajectory:

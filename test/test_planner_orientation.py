@@ -10,10 +10,12 @@ import pinocchio as pin
 import pytest
 
 from ff_planner_ros.arrays import Array
+from ff_planner_ros.errors import NoPlanFound
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.planner import plan
 from ff_planner_ros.planning.problem import PlanningProblem
 from ff_planner_ros.planning.settings import PlannerSettings
+from ff_planner_ros.planning.task import PlanningTask, perform
 from ff_planner_ros.robot.configuration import configuration
 
 
@@ -65,3 +67,30 @@ def test_a_turn_by_almost_half_a_circle_is_planned(
     turn = np.deg2rad(angle_deg) * np.array(axis) / np.linalg.norm(axis)
     found = planned_orientations(lemur_capture, settings, start @ pin.exp3(turn))
     assert found[0].angularDistance(found[-1]) == pytest.approx(np.deg2rad(angle_deg), abs=1e-3)
+
+
+@pytest.mark.parametrize("axis", [(0.0, 1.0, 0.0), (0.0, 0.0, 1.0)], ids=lambda axis: f"{axis}")
+def test_half_a_turn_plans_like_a_little_less_either_way_round(
+    lemur_capture: PlanningProblem, settings: PlannerSettings, axis: tuple[float, float, float]
+) -> None:
+    """As well as the better of both, and about the opposite axis it is the same goal."""
+    robot = lemur_capture.robot
+    data = robot.model.createData()
+    q, _ = configuration(robot, lemur_capture.start)
+    pin.forwardKinematics(robot.model, data, q)
+    start = pin.updateFramePlacement(robot.model, data, robot.tip_frame_id).rotation
+
+    def length(angle_deg: float) -> float:
+        goal = start @ pin.exp3(np.deg2rad(angle_deg) * np.array(axis))
+        target = replace(lemur_capture.target, quaternion_xyzw=pin.Quaternion(goal).coeffs())
+        problem = replace(lemur_capture, target=target, obstacles=())
+        try:
+            found = perform(PlanningTask(problem, replace(settings, starts=2)))
+        except NoPlanFound:
+            return np.inf
+        return found.metrics.joint_path_length
+
+    shorter = min(length(179.99), length(-179.99))
+    assert shorter < 10.0
+    assert length(180.0) == pytest.approx(shorter, rel=0.01)
+    assert length(-180.0) == pytest.approx(length(180.0), abs=1e-6)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pinocchio as pin
@@ -14,6 +15,7 @@ from ff_planner_ros.planning.polynomial import (
     EndEffectorMotion,
     EndEffectorPolynomial,
     end_effector_polynomial,
+    end_effector_polynomials,
 )
 from ff_planner_ros.planning.problem import PlanningProblem
 from ff_planner_ros.robot.configuration import configuration
@@ -346,3 +348,52 @@ def test_of_equal_angles_the_nearest_to_the_start_is_chosen(angle: int, side: fl
     progress = 10 * TIMES**3 - 15 * TIMES**4 + 6 * TIMES**5
     expected = start_deg + progress[:, None] * (end_deg - start_deg)
     np.testing.assert_allclose(np.rad2deg(value[:, 3:]), expected, rtol=0.0, atol=1e-10)
+
+
+AXES = {
+    "x": [1.0, 0.0, 0.0],
+    "y": [0.0, 1.0, 0.0],
+    "z": [0.0, 0.0, 1.0],
+    "-z": [0.0, 0.0, -1.0],
+    "x - y": [1.0, -1.0, 0.0],
+    "z - x": [-1.0, 0.0, 1.0],
+}
+
+
+@pytest.mark.parametrize("axis", AXES.values(), ids=AXES)
+def test_half_a_turn_goes_both_ways_round_whatever_rounding_says(axis: list[float]) -> None:
+    """The same two sets of paths from matrices that differ in their last digits."""
+    unit = np.array(axis) / np.linalg.norm(axis)
+    s, rng = np.linspace(0.0, 1.0, 11), np.random.default_rng(1)
+    coefficients = rng.normal(scale=0.2, size=(6, 3))
+    found = []
+    for _ in range(20):
+        start, end = (pin.exp3(rng.normal(scale=1e-14, size=3)) for _ in range(2))
+        ways = end_effector_polynomials(
+            at_rest(start), at_rest(end @ pin.exp3(np.pi * unit)), duration=10.0
+        )
+        assert len(ways) == 2
+        turned = [way.pose(np.zeros((6, 3)), s)[1] for way in ways]
+        for rotations in turned:
+            angles = [np.linalg.norm(pin.log3(a.T @ b)) for a, b in pairwise(rotations)]
+            assert sum(angles) == pytest.approx(np.pi, abs=1e-6)
+        assert np.linalg.norm(pin.log3(turned[0][5].T @ turned[1][5])) == pytest.approx(np.pi)
+        found.append([way.pose(coefficients, s)[1] for way in ways])
+    np.testing.assert_allclose(found, [found[0]] * len(found), rtol=0.0, atol=1e-9)
+
+
+@pytest.mark.parametrize("axis", AXES.values(), ids=AXES)
+@pytest.mark.parametrize("angle_deg", [150.0, 179.0, 179.99])
+def test_less_than_half_a_turn_goes_the_shorter_way_round(
+    angle_deg: float, axis: list[float]
+) -> None:
+    unit, angle = np.array(axis) / np.linalg.norm(axis), np.deg2rad(angle_deg)
+    start = rotation(0.0, 89.0, 0.0)  # where the paper's angles are not safe
+    end = start @ pin.exp3(angle * unit)
+    (way,) = end_effector_polynomials(at_rest(start), at_rest(end), duration=10.0)
+    s = np.linspace(0.0, 1.0, 11)
+    _, rotations = way.pose(np.zeros((6, 3)), s)
+    share = 10 * s**3 - 15 * s**4 + 6 * s**5  # the quintic from rest to rest
+    for found, part in zip(rotations, share, strict=True):
+        expected = start @ pin.exp3(part * angle * unit)
+        np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-7)

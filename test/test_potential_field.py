@@ -107,7 +107,7 @@ def test_the_repulsion_is_the_fall_of_the_potential_along_the_motion_of_eq_31(ro
     velocity_map = VelocityMap(robot)
     solution = velocity_map.solve(q, rng.normal(size=6), rng.normal(scale=0.1, size=6))
     _, own = velocity_map.derivatives(stacked([solution]))
-    force, distance = repulsion(problem_with(robot, state, spheres), field, q, own[0])
+    force, distance = repulsion(problem_with(robot, state, spheres), field, 0.0, q, own[0])
     assert force == pytest.approx(expected, rel=1e-5, abs=1e-6 * np.abs(expected).max())
     assert distance.min() > 0.04
 
@@ -121,7 +121,7 @@ def test_nearer_than_the_smallest_distance_the_repulsion_grows_no_more(lemur_cap
 
     def strength(gap):
         sphere = Sphere("s", tip + np.array([0.3 + gap, 0.0, -0.001]), 0.3)
-        force, _ = repulsion(replace(lemur_capture, obstacles=(sphere,)), FIELD, q, by_twist)
+        force, _ = repulsion(replace(lemur_capture, obstacles=(sphere,)), FIELD, 0.0, q, by_twist)
         return np.linalg.norm(force[:3])
 
     assert strength(0.1) < strength(0.05) < strength(0.02) < strength(0.011)
@@ -134,7 +134,7 @@ def test_nearer_than_the_smallest_distance_the_repulsion_grows_no_more(lemur_cap
 def test_without_obstacles_nothing_repels(lemur_capture):
     q, _ = configuration(lemur_capture.robot, lemur_capture.start)
     free = replace(lemur_capture, obstacles=())
-    force, distance = repulsion(free, FIELD, q, motion_by_twist(free.robot, q))
+    force, distance = repulsion(free, FIELD, 0.0, q, motion_by_twist(free.robot, q))
     assert np.array_equal(force, np.zeros(6))
     assert distance.size == 0
 

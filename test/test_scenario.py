@@ -227,6 +227,8 @@ def test_an_unknown_key_is_named(directory: Path, name: str) -> None:
         ("obstacles.1.id", "mast", "obstacles[1].id is mast: it must be unique"),
         ("obstacles.1.center", [7, 8], "obstacles[dish].center is [7. 8.]: it must have 3"),
         ("obstacles.1.radius", "big", "obstacles[1].radius is 'big': it must be a number"),
+        ("obstacles.1.velocity", [7, 8], "obstacles[dish].velocity is [7. 8.]: it must have 3"),
+        ("obstacles.1.velocity", 7, "obstacles[1].velocity is 7: it must be a list"),
         ("obstacles.1.radius", 0, "obstacles[dish].radius is 0.0: it must be greater than 0"),
         ("objective.chaser_attitude", -1, "objective.chaser_attitude is -1.0: it must not be neg"),
         ("objective", {"joint_path_length": 0, "chaser_attitude": 0}, "objective is all zero: one"),

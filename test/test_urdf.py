@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from robots import CANADARM2_URDF, LEMUR_URDF, random_urdf
 from scipy.spatial.transform import Rotation
 
+from ff_planner_ros.arrays import Array
 from ff_planner_ros.errors import InvalidInput, Status
-from ff_planner_ros.robot.model import robot_from_urdf_text
+from ff_planner_ros.robot.model import Robot, robot_from_urdf_text
 from ff_planner_ros.robot.urdf import checked_urdf
 
 LEMUR = LEMUR_URDF.read_text()
@@ -287,3 +290,53 @@ def _holds(visual: ElementTree.Element, point: np.ndarray) -> bool:
 
 def _numbers(text: str) -> np.ndarray:
     return np.array(text.split(), dtype=float)
+
+
+RESERVED = ("root_joint", "universe", "free_flyer", "world", "random", "bus", "link_1", "tool")
+
+
+@pytest.mark.parametrize("joint", ["joint_1", "joint_4", "joint_7", "bus_mount", "tool_mount"])
+def test_a_joint_may_have_any_name(joint: str) -> None:
+    """Masses, joints and motion are the URDF's own, whatever Pinocchio calls its root."""
+    given = random_urdf(7, seed=5)
+    plain = robot_from_urdf_text(given, "bus", "tool")
+    q = pin.neutral(plain.model)
+    q[7:] = np.linspace(-0.5, 0.5, 7)
+    place, center, mass = seen(plain, q)
+    assert mass == pytest.approx(sum_of_masses(given))
+    for name in RESERVED:
+        xml = given.replace(f'<joint name="{joint}"', f'<joint name="{name}"')
+        assert xml != given
+        robot = robot_from_urdf_text(xml, "bus", "tool")
+        names = [name if old == joint else old for old in plain.joint_names]
+        assert list(robot.joint_names) == names
+        there, its_center, its_mass = seen(robot, q)
+        assert its_mass == pytest.approx(sum_of_masses(xml)), name
+        np.testing.assert_allclose(there, place, rtol=0.0, atol=1e-12, err_msg=name)
+        np.testing.assert_allclose(its_center, center, rtol=0.0, atol=1e-12, err_msg=name)
+
+
+@pytest.mark.parametrize("link", ["root", "bus", "link_2", "camera", "tool"])
+def test_a_link_may_have_the_name_of_a_joint(link: str) -> None:
+    given = random_urdf(7, seed=5)
+    plain = robot_from_urdf_text(given, "bus", "tool")
+    q = pin.neutral(plain.model)
+    for name in ("root_joint", "universe", "free_flyer", "joint_3", "bus_mount", "tool_mount"):
+        xml = re.sub(rf'((?:link|link name)=)"{link}"', rf'\1"{name}"', given)
+        ends = [name if end == link else end for end in ("bus", "tool")]
+        robot = robot_from_urdf_text(xml, *ends)
+        for found, expected in zip(seen(robot, q), seen(plain, q), strict=True):
+            np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-12, err_msg=name)
+
+
+def sum_of_masses(xml: str) -> float:
+    return sum(float(mass.get("value", "")) for mass in ElementTree.fromstring(xml).iter("mass"))
+
+
+def seen(robot: Robot, q: Array) -> tuple[Array, Array, float]:
+    """End effector, centre of mass, total mass."""
+    data = robot.model.createData()
+    pin.forwardKinematics(robot.model, data, q)
+    tip = pin.updateFramePlacement(robot.model, data, robot.tip_frame_id)
+    center = pin.centerOfMass(robot.model, data, q)
+    return tip.homogeneous.copy(), center.copy(), pin.computeTotalMass(robot.model)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -27,6 +27,9 @@ class Quantity:
     labels: tuple[str, ...]  # name and unit of each number; `$v_x$` is a symbol with its index
     of: Callable[[Trajectory], Array]  # their values in a motion. Returns shape (points, labels)
     turns: bool = False  # whether they are angles that mean the same after a full turn
+    from_start: bool = (
+        False  # whether they are seen in the chaser's axes at the first motion's start
+    )
     # Limits of each number; shape (labels, 2), or empty
     levels: tuple[tuple[float, float], ...] = ()
 
@@ -55,12 +58,13 @@ def _pose(frame: str, position: str, orientation: str) -> tuple[Quantity, Quanti
             _EULER,
             lambda motion: _euler_deg(getattr(motion, f"{frame}_quaternions_xyzw")),
             turns=True,
+            from_start=frame == "chaser",
         ),
     )
 
 
 END_EFFECTOR_POSE = _pose("ee", "end effector position", "end effector orientation")  # Fig. 3
-CHASER_POSE = _pose("chaser", "chaser position", "chaser attitude")  # Fig. 4
+CHASER_POSE = _pose("chaser", "chaser position", "chaser attitude from the start")  # Fig. 4
 CHASER_VELOCITY = (  # Fig. 5
     Quantity(
         "chaser linear velocity",
@@ -111,8 +115,10 @@ def _of_joints(
 
 def panels(quantity: Quantity, motions: Mapping[Method, Trajectory]) -> list[Panel]:
     """Return a panel for each number of a quantity; angles are drawn near the first motion's."""
-    values = {method: quantity.of(motion) for method, motion in motions.items()}
     first, *others = motions
+    if quantity.from_start:
+        motions = _seen_from_start(motions[first], motions)
+    values = {method: quantity.of(motion) for method, motion in motions.items()}
     if quantity.turns:
         for method in others:
             time = motions[method].time[0]
@@ -132,9 +138,24 @@ def closest_clearance(robot: Robot, obstacles: Sequence[Sphere], trajectory: Tra
     """Return the distance of the arm's lines to the nearest sphere. Shape (points,) [m]."""
     q, _ = from_trajectory(robot, trajectory)
     positions = arm_points(robot, q)
-    distance = clearances(positions, segments(positions), obstacles).distance
+    distance = clearances(positions, trajectory.time, segments(positions), obstacles).distance
     closest: Array = distance.min(axis=(1, 2))
     return closest
+
+
+def _seen_from_start(
+    first: Trajectory, motions: Mapping[Method, Trajectory]
+) -> dict[Method, Trajectory]:
+    """Return motions with the chaser's attitude relative to that at the start of the first."""
+    to_start = Rotation.from_quat(first.chaser_quaternions_xyzw[0]).inv()
+    relative = {
+        method: (to_start * Rotation.from_quat(motion.chaser_quaternions_xyzw)).as_quat()
+        for method, motion in motions.items()
+    }
+    return {
+        method: replace(motion, chaser_quaternions_xyzw=relative[method])
+        for method, motion in motions.items()
+    }
 
 
 def _euler_deg(quaternions_xyzw: Array) -> Array:

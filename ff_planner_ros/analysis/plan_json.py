@@ -42,6 +42,7 @@ def plan_dictionary(plan: Plan, task: PlanningTask, solve_time: float) -> dict[s
         "objective": asdict(problem.objective),
         "obstacles": [
             {"id": sphere.id, "center": sphere.center.tolist(), "radius": sphere.radius}
+            | ({"velocity": sphere.velocity.tolist()} if sphere.velocity.any() else {})
             for sphere in problem.obstacles
         ],
         "limits": {

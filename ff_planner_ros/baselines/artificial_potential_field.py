@@ -122,7 +122,7 @@ class _Motion:
         if solution is None:
             raise singular_refusal(time, problem.duration)
         by_q, by_twist = self._velocity_map.derivatives(stacked([solution]))
-        push, distance = repulsion(problem, parameters, q, by_twist[0])
+        push, distance = repulsion(problem, parameters, time, q, by_twist[0])
         pull = attraction(self._offset(time, q), parameters)
         drag = -parameters.damping * (twist - self._goal_twist)
         nearest = ""

@@ -3,7 +3,8 @@
 Two common kinds of plan misjudge the chaser. *Fixed base*: it does not move at all. *Zero
 momentum*: it moves as the arm makes it, P0 = L0 = 0, and does not drift. The planner itself finds
 both, with every obstacle in its place, for the problem as such a planner sees it. Both know the
-true pose of the chaser and the true joints at the start.
+true pose of the chaser and the true joints at the start. Rest and zero momentum depend on the
+inertial frame: they mean that of the problem.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from ff_planner_ros.planning.plan import Plan
 from ff_planner_ros.planning.planner import plan_of_motion
 from ff_planner_ros.planning.problem import PlanningProblem
 from ff_planner_ros.planning.settings import PlannerSettings
+from ff_planner_ros.planning.system_frame import system_frame
 from ff_planner_ros.planning.task import PlanningTask, perform
 from ff_planner_ros.robot.configuration import configuration, system_state
 from ff_planner_ros.robot.momentum import base_twist, generalised_jacobian, total_momentum
@@ -89,9 +91,11 @@ def executed(problem: PlanningProblem, planned: Plan, settings: PlannerSettings)
     start; where the plan's first joint rates differ from it, the joints jump and momentum stays.
     The final errors in its metrics are the miss.
     """
-    robot = problem.robot
+    robot, frame = problem.robot, system_frame(problem.robot, problem.start)
+    problem = frame.problem(problem)
     start, v_start = configuration(robot, problem.start)
     momentum = total_momentum(robot, robot.model.createData(), start, v_start)
     points = np.linspace(0.0, 1.0, problem.points) * problem.duration
     q, v, accelerations = driven(robot, start, momentum, joint_motion(planned.trajectory), points)
-    return plan_of_motion(problem, settings, q, v, accelerations, planned.solver)
+    motion = plan_of_motion(problem, settings, q, v, accelerations, planned.solver)
+    return frame.plan_seen_by_user(motion)

@@ -92,7 +92,11 @@ def attraction(offset: Array, parameters: PotentialFieldParameters) -> Array:
 
 
 def repulsion(
-    problem: PlanningProblem, parameters: PotentialFieldParameters, q: Array, v_by_twist: Array
+    problem: PlanningProblem,
+    parameters: PotentialFieldParameters,
+    time: float,
+    q: Array,
+    v_by_twist: Array,
 ) -> tuple[Array, Array]:
     """Return the acceleration of the end effector away from the obstacles, and the distances.
 
@@ -100,6 +104,7 @@ def repulsion(
     follows from virtual work in the motion of Eq. (31) at zero momentum.
 
     Args:
+        time: From the plan's first point [s].
         q: Configuration. Shape (7 + joints,).
         v_by_twist: Derivative of the tangent velocity with respect to the end effector's twist,
             inertial axes. Shape (6 + joints, 6).
@@ -109,7 +114,7 @@ def repulsion(
     """
     positions, derivatives = arm_points_with_derivatives(problem.robot, q[None], v_by_twist[None])
     starts = segments(positions)
-    clear = clearances(positions, starts, problem.obstacles)
+    clear = clearances(positions, np.array([time]), starts, problem.obstacles)
     distance = np.maximum(clear.distance, parameters.smallest_distance)
     growth = 1.0 + parameters.decay * distance
     force = parameters.repulsion * np.exp(-parameters.decay * distance) * growth / distance**2

@@ -17,7 +17,7 @@ from ff_planner_ros.errors import FfPlannerError, Status
 from ff_planner_ros.planning.plan import Plan
 from ff_planner_ros.planning.problem import PlanningProblem
 from ff_planner_ros.planning.settings import PlannerSettings
-from ff_planner_ros.planning.task import PlanningTask, attempted, perform, without_search
+from ff_planner_ros.planning.task import PlanningTask, attempted, in_frame_of_user, perform
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ def belief_result(
 ) -> BeliefResult:
     """Plan one scenario under one belief, a key of `BELIEFS`, and execute the plan."""
     problem = scenario(kind, robot, number, turned=False).problem
-    made, _ = attempted(PlanningTask(problem, settings), without_search(BELIEFS[belief]))
+    made, _ = attempted(PlanningTask(problem, settings), in_frame_of_user(BELIEFS[belief], problem))
     if isinstance(made, FfPlannerError):
         return BeliefResult(kind, robot, number, belief, made.status)
     metrics = made.metrics

@@ -64,7 +64,8 @@ def _functions(
     if motion.singular_at is not None:
         return _WALL
     positions = arm_points(robot, motion.q)
-    distance = clearances(positions, segments(positions), problem.obstacles).distance
+    times = np.linspace(0.0, problem.duration, problem.points)
+    distance = clearances(positions, times, segments(positions), problem.obstacles).distance
     joints = motion.q[:, 7:]
     margins = np.minimum(robot.upper_position_limits - joints, joints - robot.lower_position_limits)
     return (

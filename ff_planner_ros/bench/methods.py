@@ -20,6 +20,7 @@ from ff_planner_ros.planning.end_effector_polynomial import end_effector_paths
 from ff_planner_ros.planning.problem import Objective, PlanningProblem
 from ff_planner_ros.planning.program import PathProgram, path_program
 from ff_planner_ros.planning.settings import PlannerSettings
+from ff_planner_ros.planning.system_frame import in_own_frame
 
 OBJECTIVES = {
     "min(L)": Objective(1.0, 0.0),
@@ -59,6 +60,7 @@ def method_results(
     for name, objective in OBJECTIVES.items():
         asked = replace(problem, objective=objective)
         yield _ours(name, asked, settings, runs)
+        asked = in_own_frame(asked)  # the others in the frame that ours plans in
         program = path_program(asked, end_effector_paths(asked), settings)
         for method, solve in (
             ("SLSQP, exact gradients", solve_by_slsqp),

@@ -69,8 +69,8 @@ def within_limits(
 def clearance_along(problem: PlanningProblem, coefficients: Array) -> float:
     """Return a lower bound of a path's clearance, between the points too."""
     rollout = roll_out(problem, coefficients)
-    step = problem.duration / (problem.points - 1)
-    return certified_clearance(problem.robot, rollout.q, rollout.v, step, problem.obstacles)
+    times = np.linspace(0.0, problem.duration, problem.points)
+    return certified_clearance(problem.robot, rollout.q, rollout.v, times, problem.obstacles)
 
 
 def sweep_of(problem: PlanningProblem, coefficients: Array) -> Array:
@@ -84,6 +84,7 @@ def sweep_of(problem: PlanningProblem, coefficients: Array) -> Array:
 
 
 def clearance_of(sweep: Array, spheres: Sequence[Sphere]) -> Array:
-    """Return each sphere's clearance from the arm of `sweep_of`. Shape (spheres,) [m]."""
-    lowest: Array = clearances(sweep, segments(sweep), spheres).distance.min(axis=(0, 1))
+    """Return each resting sphere's clearance from the arm of `sweep_of`. Shape (spheres,) [m]."""
+    times = np.zeros(len(sweep))  # at any time they are where they are
+    lowest: Array = clearances(sweep, times, segments(sweep), spheres).distance.min(axis=(0, 1))
     return lowest

@@ -43,7 +43,9 @@ def with_spheres(
         while len(spheres) < size:
             center, radius = rng.uniform(-_CUBE / 2, _CUBE / 2, 3), rng.uniform(0.05, 0.2)
             sphere = Sphere(f"s{len(spheres)}", center, radius)
-            if clearances(positions, segments(positions), [sphere]).distance.min() > _APART:
+            times = shortest.trajectory.time
+            distance = clearances(positions, times, segments(positions), [sphere]).distance
+            if distance.min() > _APART:
                 spheres.append(sphere)
         crowded = replace(problem, obstacles=tuple(spheres))
         yield _growth("spheres", size, [crowded] * (1 + runs), settings, warm_up=1)

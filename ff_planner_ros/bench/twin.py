@@ -46,7 +46,10 @@ def seen_from(problem: PlanningProblem, frame: pin.SE3) -> PlanningProblem:
             linear_acceleration=rotation @ target.linear_acceleration,
             angular_acceleration=rotation @ target.angular_acceleration,
         ),
-        obstacles=tuple(replace(s, center=frame.act(s.center)) for s in problem.obstacles),
+        obstacles=tuple(
+            replace(s, center=frame.act(s.center), velocity=rotation @ s.velocity)
+            for s in problem.obstacles
+        ),
     )
 
 

@@ -19,38 +19,41 @@ _CERTIFICATE_GAP = 5e-4
 
 
 def certified_clearance(
-    robot: Robot, q: Array, v: Array, step: float | Array, spheres: Sequence[Sphere]
+    robot: Robot, q: Array, v: Array, times: Array, spheres: Sequence[Sphere]
 ) -> float:
     """Return a lower bound of the clearance along the whole motion, between the points too.
 
     Between two points the motion is the cubic through both configurations and velocities. In a
-    piece of it no point of the arm moves further than its speed allows, so the clearance is at
-    least the mean of both ends' less half that way. Pieces whose bound is too low to tell are
-    halved. The bound is within `_CERTIFICATE_GAP` of the truth.
+    piece of it no point of the arm moves further than its speed allows, nor does a sphere, so the
+    clearance is at least the mean of both ends' less half both ways. Pieces whose bound is too low
+    to tell are halved. The bound is within `_CERTIFICATE_GAP` of the truth.
 
     Args:
         q: Configurations. Shape (points, 7 + joints).
         v: Tangent velocities. Shape (points, 6 + joints).
-        step: Time from each point to the next, shape (points - 1,), or the same for all [s].
+        times: Of the points, from the plan's first on. Shape (points,) [s].
 
     Returns:
         Clearance [m]; infinite without spheres.
     """
     if not spheres:
         return np.inf
-    steps = np.broadcast_to(step, len(q) - 1)
+    steps = np.diff(times)
     positions = arm_points(robot, q)
     starts = segments(positions)
-    by_sphere = clearances(positions, starts, spheres).distance.min(axis=1)
+    by_sphere = clearances(positions, times, starts, spheres).distance.min(axis=1)
     at_points = by_sphere.min(axis=1)
     cubics = _cubics_between(robot, q, v, steps)
-    farthest = _way_bounds(positions[0], q[0], cubics)
+    speeds = np.array([np.linalg.norm(sphere.velocity) for sphere in spheres])
+    # Of arm and sphere together, from each point to the next. Shape (points - 1, spheres).
+    ways = _way_bounds(positions[0], q[0], cubics)[:, None] + steps[:, None] * speeds
     index, begin, end = np.arange(len(cubics)), np.zeros(len(cubics)), np.ones(len(cubics))
     at_begin, at_end = at_points[:-1], at_points[1:]
     lowest = certified = float(at_points.min())
     # What no step can bring nearer than the nearest point need not be looked at again.
-    reachable = by_sphere.min(axis=0) <= lowest + farthest.max()
+    reachable = by_sphere.min(axis=0) <= lowest + ways.max(axis=0)
     spheres = [sphere for sphere, keep in zip(spheres, reachable, strict=True) if keep]
+    farthest = ways[:, reachable].max(axis=1)
     while True:
         bound = (at_begin + at_end - farthest[index] * (end - begin)) / 2
         open_ = bound < lowest - _CERTIFICATE_GAP
@@ -60,11 +63,12 @@ def certified_clearance(
         index, begin, end = index[open_], begin[open_], end[open_]
         middle = (begin + end) / 2
         powers = middle[:, None] ** np.array([1, 2, 3])
-        ways = np.einsum("ip,ipj->ij", powers, cubics[index])
+        moved = np.einsum("ip,ipj->ij", powers, cubics[index])
         between = np.array(
-            [pin.integrate(robot.model, *at) for at in zip(q[index], ways, strict=True)]
+            [pin.integrate(robot.model, *at) for at in zip(q[index], moved, strict=True)]
         )
-        at_middle = clearances(arm_points(robot, between), starts, spheres).distance
+        then = times[index] + middle * steps[index]
+        at_middle = clearances(arm_points(robot, between), then, starts, spheres).distance
         at_middle = at_middle.min(axis=(1, 2))
         lowest = min(lowest, float(at_middle.min()))
         index = np.concatenate([index, index])

@@ -4,7 +4,8 @@ The arm is the chain of line segments between consecutive joint origins, the las
 end effector. Segments without length, as in a spherical wrist, are left out.
 
 Throughout, q are configurations, shape (points, 7 + joints); `positions` are those of `arm_points`,
-and `starts` are the indices of `segments`.
+`times` are those of the points from the plan's first on, shape (points,) [s], and `starts` are the
+indices of `segments`.
 """
 
 from __future__ import annotations
@@ -67,11 +68,25 @@ def segments(positions: Array) -> Indices:
     return np.flatnonzero(length > _SAME_POINT)
 
 
-def near_box(positions: Array, spheres: Sequence[Sphere], distance: float) -> tuple[Sphere, ...]:
-    """Return the spheres within a distance [m] from the box around all points: the broad phase."""
-    low, high = positions.min(axis=(0, 1)), positions.max(axis=(0, 1))
+def centers_at(times: Array, spheres: Sequence[Sphere]) -> Array:
+    """Return where the spheres' centres are. Shape (points, spheres, 3) [m]."""
     centers = np.array([sphere.center for sphere in spheres]).reshape(-1, 3)
-    to_box = np.linalg.norm(centers - np.clip(centers, low, high), axis=1)
+    velocities = np.array([sphere.velocity for sphere in spheres]).reshape(-1, 3)
+    moved: Array = centers + times[:, None, None] * velocities
+    return moved
+
+
+def near_box(
+    positions: Array, times: Array, spheres: Sequence[Sphere], distance: float
+) -> tuple[Sphere, ...]:
+    """Return the spheres within a distance [m] from the box around all points: the broad phase.
+
+    A sphere that moves is nearer than the box around its centre's way.
+    """
+    low, high = positions.min(axis=(0, 1)), positions.max(axis=(0, 1))
+    first, last = centers_at(times[[times.argmin(), times.argmax()]], spheres)
+    beyond = np.maximum(np.minimum(first, last) - high, low - np.maximum(first, last))
+    to_box = np.linalg.norm(np.maximum(beyond, 0.0), axis=1)
     return tuple(
         sphere
         for sphere, gap in zip(spheres, to_box.tolist(), strict=True)
@@ -79,9 +94,11 @@ def near_box(positions: Array, spheres: Sequence[Sphere], distance: float) -> tu
     )
 
 
-def clearances(positions: Array, starts: Indices, spheres: Sequence[Sphere]) -> Clearances:
+def clearances(
+    positions: Array, times: Array, starts: Indices, spheres: Sequence[Sphere]
+) -> Clearances:
     """Return the surface distance of every segment from every sphere."""
-    centers = np.array([sphere.center for sphere in spheres]).reshape(-1, 3)
+    centers = centers_at(times, spheres)[:, None]
     radii = np.array([sphere.radius for sphere in spheres])
     start, end = positions[:, starts, None], positions[:, starts + 1, None]
     along = end - start

@@ -35,16 +35,21 @@ def scattered() -> Iterator[Array]:
         yield sequence.random(1)[0] * spread
 
 
-def detours(robot: Robot, straight: Motion, spheres: Sequence[Sphere]) -> Iterator[Array]:
+def detours(
+    robot: Robot, straight: Motion, duration: float, spheres: Sequence[Sphere]
+) -> Iterator[Array]:
     """Pass the sphere that the straight path runs deepest into on its four sides."""
     positions = arm_points(robot, straight.q)
-    clear = clearances(positions, segments(positions), spheres)
+    times = np.linspace(0.0, duration, len(positions))
+    clear = clearances(positions, times, segments(positions), spheres)
     if clear.distance.min(initial=np.inf) >= 0.0:
         return
     deepest = np.unravel_index(clear.distance.argmin(), clear.distance.shape)
     out = clear.direction[deepest]
-    radius, depth = spheres[int(deepest[2])].radius, -clear.distance[deepest]
-    aside = np.cross(out, positions[-1, -1] - positions[0, -1])
+    sphere, depth = spheres[int(deepest[2])], -clear.distance[deepest]
+    radius = sphere.radius
+    # The end effector's way as the sphere sees it.
+    aside = np.cross(out, positions[-1, -1] - positions[0, -1] - duration * sphere.velocity)
     aside /= max(float(np.linalg.norm(aside)), 1e-9)
     s = np.linspace(0.0, 1.0, 2 * len(positions) - 1)[2 * deepest[0]]
     bump = max(64.0 * s**3 * (1.0 - s) ** 3, _LEAST_BUMP)

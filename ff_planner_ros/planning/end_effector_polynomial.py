@@ -23,7 +23,7 @@ from ff_planner_ros.planning.polynomial import (
     PARAMETERS,
     EndEffectorMotion,
     EndEffectorPolynomial,
-    end_effector_polynomial,
+    end_effector_polynomials,
 )
 from ff_planner_ros.planning.problem import PlanningProblem, Sphere
 from ff_planner_ros.planning.runge_kutta import increment
@@ -75,7 +75,7 @@ class EndEffectorPaths:
         yield straight
         motion = self.motion(straight, points, damping)
         if motion.singular_at is None:
-            yield from detours(self.robot, motion, obstacles)
+            yield from detours(self.robot, motion, self.polynomial.duration, obstacles)
         yield from scattered()
 
     def motion(self, x: Array, points: int, damping: float = 0.0) -> Motion:
@@ -179,8 +179,11 @@ class EndEffectorPaths:
         return self._velocity_maps[damping]
 
 
-def end_effector_paths(problem: PlanningProblem) -> EndEffectorPaths:
-    """Return the paper's family of motions from the start state to the target."""
+def end_effector_families(problem: PlanningProblem) -> list[EndEffectorPaths]:
+    """Return the paper's family of motions from the start state to the target.
+
+    Where the end effector has half a turn to make there are two of them, a way round each.
+    """
     robot, target = problem.robot, problem.target
     q_start, v_start = configuration(robot, problem.start)
     data = robot.model.createData()
@@ -200,8 +203,15 @@ def end_effector_paths(problem: PlanningProblem) -> EndEffectorPaths:
         twist=np.concatenate([target.linear_velocity, target.angular_velocity]),
         acceleration=np.concatenate([target.linear_acceleration, target.angular_acceleration]),
     )
-    polynomial = end_effector_polynomial(start, end, problem.duration)
-    return EndEffectorPaths(robot, q_start, momentum, polynomial)
+    return [
+        EndEffectorPaths(robot, q_start, momentum, polynomial)
+        for polynomial in end_effector_polynomials(start, end, problem.duration)
+    ]
+
+
+def end_effector_paths(problem: PlanningProblem) -> EndEffectorPaths:
+    """Return the first, and nearly always the only one, of `end_effector_families`."""
+    return end_effector_families(problem)[0]
 
 
 def _ended(x: Array, time: float) -> Motion:

@@ -13,6 +13,7 @@ from ff_planner_ros.arrays import Array, finite_number
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.joint_motion import JointMotion, steady_motion
 from ff_planner_ros.planning.runge_kutta import runge_kutta_step
+from ff_planner_ros.planning.system_frame import system_frame
 from ff_planner_ros.robot.configuration import configuration, system_state
 from ff_planner_ros.robot.dynamics import base_acceleration
 from ff_planner_ros.robot.model import Robot
@@ -45,12 +46,13 @@ def carried_forward(
         )
     if seconds == 0.0:
         return state
-    q, v = configuration(robot, state)
+    frame = system_frame(robot, state)
+    q, v = configuration(robot, frame.start)
     momentum = total_momentum(robot, robot.model.createData(), q, v)
     for phase, begin, end in _phases(state, seconds, joints):
         time = _steps(robot, q, momentum, phase, begin, end)
         q, v, _ = (samples[-1] for samples in driven(robot, q, momentum, phase, time))
-    return system_state(robot, q, v)
+    return frame.state_seen_by_user(system_state(robot, q, v), seconds)
 
 
 def driven(
@@ -59,7 +61,8 @@ def driven(
     """Return the motion of a system whose joints are driven and that nothing pushes.
 
     Args:
-        q_start: Configuration at the first time; its joints are replaced. Shape (7 + joints,).
+        q_start: Configuration at the first time. Where the joints are elsewhere, they jump, and the
+            centre of mass stays. Shape (7 + joints,).
         momentum: Total P and L about the inertial origin. Shape (6,).
         time: Of the points; from each to the next it takes one step of Runge-Kutta, of order four
             where no point of `joints` lies between. Shape (points,) [s].
@@ -79,7 +82,17 @@ def driven(
         return np.concatenate([twist, rates[half_step]])
 
     q = np.empty((points, model.nq))
-    q[0] = np.concatenate([q_start[:7], positions[0]])
+    # The system's centre of mass moves uniformly: its place is known, whatever the steps come to.
+    center = pin.centerOfMass(model, data, q_start).copy()
+    drift = momentum[:3] / pin.computeTotalMass(model)
+
+    def placed(base: Array, point: int) -> Array:
+        whole = np.concatenate([base, positions[2 * point]])
+        there = center + (time[point] - time[0]) * drift
+        whole[:3] += there - pin.centerOfMass(model, data, whole)
+        return whole
+
+    q[0] = placed(q_start[:7], 0)
     for i in range(points - 1):
 
         def at_stage(stage: int, q: Array, i: int = i) -> Array:
@@ -87,7 +100,7 @@ def driven(
 
         step = runge_kutta_step(model, q[i], time[i + 1] - time[i], at_stage)
         after = pin.integrate(model, q[i], step)
-        q[i + 1] = np.concatenate([after[:7], positions[2 * i + 2]])
+        q[i + 1] = placed(after[:7], i + 1)
     v = np.array([velocity(2 * i, at) for i, at in enumerate(q)])
     of_joints = accelerations[::2]
     of_base = [

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ff_planner_ros.arrays import Array
+from ff_planner_ros.planning.metrics import Metrics
 from ff_planner_ros.planning.path_family import Motion, Sensitivity
 from ff_planner_ros.planning.problem import Objective
 from ff_planner_ros.planning.settings import PlannerSettings
@@ -62,6 +63,12 @@ def with_tie_break(objective: Objective, settings: PlannerSettings) -> Objective
         return objective
     tie_break = settings.joint_path_tie_break * objective.chaser_attitude
     return replace(objective, joint_path_length=tie_break)
+
+
+def weighted_sum(objective: Objective, metrics: Metrics) -> float:
+    """Return what a plan with these metrics is worth, less is better [rad]."""
+    length = objective.joint_path_length * metrics.joint_path_length
+    return length + objective.chaser_attitude * metrics.max_chaser_euler
 
 
 def joint_path_length(joint_velocities: Array, step: float) -> float:

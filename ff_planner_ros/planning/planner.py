@@ -7,10 +7,11 @@ from dataclasses import replace
 import numpy as np
 
 from ff_planner_ros.arrays import Array, finite_vector
-from ff_planner_ros.errors import OutOfTime
+from ff_planner_ros.errors import NoPlanFound, OutOfTime, Status
 from ff_planner_ros.planning.check import failures, measure, out_of_time, refusal
-from ff_planner_ros.planning.end_effector_polynomial import end_effector_paths
+from ff_planner_ros.planning.end_effector_polynomial import end_effector_families
 from ff_planner_ros.planning.motion import to_trajectory
+from ff_planner_ros.planning.objectives import weighted_sum
 from ff_planner_ros.planning.path_family import PathFamily, singular_refusal
 from ff_planner_ros.planning.plan import Plan, SolverReport
 from ff_planner_ros.planning.preconditions import require_plannable
@@ -45,7 +46,31 @@ def plan(
             the check refused the path that it found.
     """
     require_plannable(problem, settings)
-    family = end_effector_paths(problem)
+    ways = end_effector_families(problem)
+    if len(ways) == 1:
+        return _plan_in_family(problem, settings, ways[0], watch, first_guess)
+    plans: list[Plan] = []
+    refusals: list[NoPlanFound] = []
+    for family in ways:
+        try:
+            plans.append(_plan_in_family(problem, settings, family, watch, first_guess))
+        except NoPlanFound as refused:
+            if refused.status is Status.OUT_OF_TIME:
+                raise
+            refusals.append(refused)
+    if not plans:
+        raise refusals[0]
+    return min(plans, key=lambda found: weighted_sum(problem.objective, found.metrics))
+
+
+def _plan_in_family(
+    problem: PlanningProblem,
+    settings: PlannerSettings,
+    family: PathFamily,
+    watch: Watch,
+    first_guess: Array | None,
+) -> Plan:
+    """Return a plan from the paths of one family; `plan` says the rest."""
     if first_guess is not None:
         first_guess = finite_vector("first_guess", first_guess, family.variables)
     search = Search(path_program(problem, family, settings), settings, watch, first_guess)

@@ -8,7 +8,8 @@ coefficient. The paper's decision variables a6, a7, a8 are a linear map of them.
 
 The Euler angles are read in one of two ways, and R = A Rz(psi) Ry(theta) Rx(phi) B throughout:
 
-- `inertial`, the paper's: A = B = 1, the angles turn the end effector to the inertial frame;
+- `inertial`, the paper's: A = B = 1, the angles turn the end effector to the inertial frame that
+  the plan is made in, whose axes are the chaser's at the start (`system_frame`);
 - `along_turn`: A and B are such that the straight path is a rotation about the z axis between
   them, from zero to the whole turn. It is as far from the singularity as can be, and it does not
   depend on the choice of the inertial frame. Used where the paper's angles are not safe.
@@ -21,6 +22,7 @@ from functools import lru_cache
 
 import numpy as np
 import pinocchio as pin
+from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.arrays import Array, frozen
 from ff_planner_ros.robot.rotation import (
@@ -42,7 +44,11 @@ _FREE_TERM_COEFFICIENTS = np.array(
 # Beyond this pitch on the straight path the paper's angles are too near their singularity at
 # 90 deg; the paper's own goal, at 80 deg, is inside.
 _SAFE_PITCH = np.deg2rad(85.0)
+# Beyond this turn of one of them [rad] rounding might decide which way round it goes.
+_SAFE_TURN = np.pi - 1e-3
 _PITCH_SAMPLES = np.linspace(0.0, 1.0, 51)
+# Nearer to no turn, or to half a turn, or to zero as a component of its axis, is rounding.
+_ROUNDING = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,20 +127,48 @@ class EndEffectorPolynomial:
         return variables.ravel()
 
 
+def end_effector_polynomials(
+    start: EndEffectorMotion, end: EndEffectorMotion, duration: float
+) -> list[EndEffectorPolynomial]:
+    """Return the paths from `start` to `end` in `duration` seconds.
+
+    They are one set, but two where half a turn leads from the one orientation to the other: then
+    both ways round are equally far.
+    """
+    paths = _paths("inertial", np.eye(3), np.eye(3), start, end, duration)
+    straight, _, _ = paths.components(np.zeros((COMPONENTS, FREE_TERMS)), _PITCH_SAMPLES)
+    turned = np.abs(straight[-1, 3:] - straight[0, 3:]).max()
+    if np.abs(straight[:, 4]).max() <= _SAFE_PITCH and turned <= _SAFE_TURN:
+        return [paths]
+    axis, angles = _turns(start.rotation_ee_to_inertial.T @ end.rotation_ee_to_inertial)
+    to_axis = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), axis).toRotationMatrix()
+    outer, inner = start.rotation_ee_to_inertial @ to_axis, to_axis.T
+    return [_paths("along_turn", outer, inner, start, end, duration, angle) for angle in angles]
+
+
 def end_effector_polynomial(
     start: EndEffectorMotion, end: EndEffectorMotion, duration: float
 ) -> EndEffectorPolynomial:
-    """Return the paths from `start` to `end` in `duration` seconds."""
-    paths = _paths("inertial", np.eye(3), np.eye(3), start, end, duration)
-    straight, _, _ = paths.components(np.zeros((COMPONENTS, FREE_TERMS)), _PITCH_SAMPLES)
-    if np.abs(straight[:, 4]).max() <= _SAFE_PITCH:
-        return paths
-    turn = pin.log3(start.rotation_ee_to_inertial.T @ end.rotation_ee_to_inertial)
-    angle = float(np.linalg.norm(turn))
-    axis = turn / angle if angle > 0.0 else np.array([0.0, 0.0, 1.0])
-    to_axis = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), axis).toRotationMatrix()
-    outer, inner = start.rotation_ee_to_inertial @ to_axis, to_axis.T
-    return _paths("along_turn", outer, inner, start, end, duration)
+    """Return the first, and nearly always the only one, of `end_effector_polynomials`."""
+    return end_effector_polynomials(start, end, duration)[0]
+
+
+def _turns(rotation: Array) -> tuple[Array, list[float]]:
+    """Return a rotation's axis, shape (3,), and angle, within +-pi; both angles of half a turn."""
+    quaternion = Rotation.from_matrix(rotation).as_quat(canonical=True)
+    sine = float(np.linalg.norm(quaternion[:3]))
+    angle = 2.0 * np.arctan2(sine, quaternion[3])
+    if angle < _ROUNDING:
+        return np.array([0.0, 0.0, 1.0]), [0.0]
+    axis = np.asarray(quaternion[:3] / sine, np.float64)
+    # The shortest rotation from z to the opposite direction is not unique.
+    if axis[2] < _ROUNDING - 1.0:
+        axis, angle = -axis, -angle
+    if abs(angle) < np.pi - _ROUNDING:
+        return axis, [angle]
+    # An axis and its opposite are the same half turn: rounding must not decide between them.
+    deciding = next(part for part in axis[[2, 0, 1]] if abs(part) > _ROUNDING)
+    return axis * np.sign(deciding), [np.pi, -np.pi]
 
 
 def _paths(
@@ -144,12 +178,17 @@ def _paths(
     start: EndEffectorMotion,
     end: EndEffectorMotion,
     duration: float,
+    angle: float | None = None,
 ) -> EndEffectorPolynomial:
-    """Return the paths in one reading of the Euler angles, with its A and B."""
+    """Return the paths in one reading of the Euler angles, with its A and B.
+
+    Args:
+        angle: Of the turn, in the reading along it. None: each Euler angle goes the shorter way.
+    """
     conditions = [_components(motion, outer, inner) for motion in (start, end)]
-    # Of all angles that mean the same orientation, the nearest to the start's.
-    turn = conditions[1][0][3:] - conditions[0][0][3:]
-    conditions[1][0][3:] -= 2 * np.pi * np.round(turn / (2 * np.pi))
+    near = conditions[0][0][3:] if angle is None else np.array([0.0, 0.0, angle])
+    beyond = conditions[1][0][3:] - near
+    conditions[1][0][3:] -= 2 * np.pi * np.round(beyond / (2 * np.pi))
     ends = np.array([0.0, 1.0])
     system = np.concatenate([_powers(ends, order)[:, :6] / duration**order for order in range(3)])
     wanted = np.array([conditions[i][order] for order in range(3) for i in range(2)])

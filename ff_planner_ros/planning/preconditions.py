@@ -39,7 +39,8 @@ def _require_reachable_goal(problem: PlanningProblem, q_start: Array, momentum: 
     """
     robot, target = problem.robot, problem.target.position
     for sphere in problem.obstacles:
-        depth = sphere.radius - float(np.linalg.norm(target - sphere.center))
+        center = sphere.center + problem.duration * sphere.velocity
+        depth = sphere.radius - float(np.linalg.norm(target - center))
         if depth >= 0.0:
             raise NoPlanFound(
                 Status.COLLISION,

@@ -48,20 +48,23 @@ class Target:
 
 @dataclass(frozen=True, eq=False)
 class Sphere:
-    """A resting obstacle: a sphere that the arm's centre lines stay out of.
+    """An obstacle, at rest or in uniform motion: a sphere that the arm's centre lines stay out of.
 
     Raises:
         InvalidInput: Wrong size, not finite, or a radius that is not positive.
     """
 
     id: str  # name in messages
-    center: Array  # shape (3,), in the inertial frame [m]
+    center: Array  # at the plan's first point, in the inertial frame; shape (3,) [m]
     radius: float  # greater than zero [m]
+    velocity: Array = field(default_factory=_zeros)  # constant, likewise; shape (3,) [m/s]
 
     def __post_init__(self) -> None:
         """Check every value and replace it by a read-only copy."""
         name = f"obstacles[{self.id}]"
-        object.__setattr__(self, "center", finite_vector(f"{name}.center", self.center, 3))
+        for part in ("center", "velocity"):
+            checked = finite_vector(f"{name}.{part}", getattr(self, part), 3)
+            object.__setattr__(self, part, checked)
         object.__setattr__(self, "radius", finite_number(f"{name}.radius", self.radius, above=0.0))
 
 
@@ -126,7 +129,7 @@ class PlanningProblem:
     target: Target  # end effector at the last point of the plan
     duration: float  # time between the two, greater than zero [s]
     points: int  # number of points of the plan, n_p in the paper
-    obstacles: tuple[Sphere, ...]  # spheres at rest in the inertial frame
+    obstacles: tuple[Sphere, ...]
     objective: Objective
     limits: Limits = Limits()  # what to keep beside the joints' position limits
 

@@ -225,14 +225,16 @@ def _obstacles(value: object) -> tuple[Sphere, ...]:
     spheres: dict[str, Sphere] = {}
     for index, item in enumerate(sequence("obstacles", value)):
         field = f"obstacles[{index}]"
-        entry = mapping(field, item, required=("id", "center", "radius"))
+        entry = mapping(field, item, required=("id", "center", "radius"), optional=("velocity",))
         name = entry["id"]
         if not isinstance(name, str):
             raise InvalidInput(Status.OUT_OF_RANGE, f"{field}.id", repr(name), "it must be text")
         if name in spheres:
             raise InvalidInput(Status.OUT_OF_RANGE, f"{field}.id", name, "it must be unique")
         center = numbers(f"{field}.center", entry["center"])
-        spheres[name] = Sphere(name, center, number(f"{field}.radius", entry["radius"]))
+        radius = number(f"{field}.radius", entry["radius"])
+        velocity = numbers(f"{field}.velocity", entry.get("velocity", [0.0] * 3))
+        spheres[name] = Sphere(name, center, radius, velocity)
     return tuple(spheres.values())
 
 

@@ -65,6 +65,7 @@ def _problem(problem: PlanningProblem) -> dict[str, Any]:
         "points": int(problem.points),
         "obstacles": [
             {"id": str(sphere.id), "center": sphere.center.tolist(), "radius": sphere.radius}
+            | ({"velocity": sphere.velocity.tolist()} if sphere.velocity.any() else {})
             for sphere in problem.obstacles
         ],
         "objective": {name: float(weight) for name, weight in asdict(problem.objective).items()},

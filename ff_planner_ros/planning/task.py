@@ -19,13 +19,14 @@ from ff_planner_ros.planning.forward import carried_forward
 from ff_planner_ros.planning.joint_motion import JointMotion
 from ff_planner_ros.planning.plan import Plan
 from ff_planner_ros.planning.planner import NOBODY, plan
-from ff_planner_ros.planning.problem import PlanningProblem
+from ff_planner_ros.planning.problem import PlanningProblem, Sphere
 from ff_planner_ros.planning.settings import PlannerSettings
+from ff_planner_ros.planning.system_frame import system_frame
 from ff_planner_ros.planning.tail import EndBehaviour, with_tail
 from ff_planner_ros.planning.watch import Watch
 from ff_planner_ros.robot.model import Robot
 
-# Problem, settings, who watches, first guess.
+# Problem, in the frame that the plan is made in, settings, who watches, first guess.
 Method: TypeAlias = Callable[[PlanningProblem, PlannerSettings, Watch, Array | None], Plan]
 
 _DIGITS = 16  # of a digest
@@ -85,6 +86,9 @@ def _canonical(value: Any) -> Iterator[bytes]:
         yield from _canonical((value.urdf, value.base_link, value.tip_link))
     elif is_dataclass(value):
         for item in fields(value):
+            # A sphere at rest counts as it did before spheres could move.
+            if isinstance(value, Sphere) and item.name == "velocity" and not value.velocity.any():
+                continue
             yield from _canonical(item.name)
             yield from _canonical(getattr(value, item.name))
     elif value is None or isinstance(value, bool):
@@ -107,19 +111,45 @@ def without_search(solve: Callable[[PlanningProblem, PlannerSettings], Plan]) ->
     return lambda problem, settings, _watch, _guess: solve(problem, settings)
 
 
+def in_frame_of_user(
+    solve: Callable[[PlanningProblem, PlannerSettings], Plan], problem: PlanningProblem
+) -> Method:
+    """Return a method for one task whose motion depends on the frame: it solves the user's problem.
+
+    Args:
+        problem: The task's, from whose start it plans.
+    """
+    frame = system_frame(problem.robot, problem.start)
+    return lambda _problem, settings, _watch, _guess: frame.plan(solve(problem, settings))
+
+
 def perform(task: PlanningTask, watch: Watch = NOBODY, method: Method = plan) -> Plan:
     """Plan from where the system will be to the end of the tail, and judge the plan.
 
-    The same task gives the same plan.
+    The same task gives the same plan. It is made and judged in the frame of the system's centre of
+    mass (`system_frame`), where it does not depend on the frame of the task; the plan, and the
+    attempt of a refusal, are in the frame of the task.
 
     Raises:
         InvalidInput: The start violates what the plan must keep, or the tail is too long.
         NoPlanFound: The method found no plan, or what it found does not pass the check, with its
             tail or without; or the controller would not take it.
     """
-    problem, settings = task.problem, task.settings
+    problem = task.problem
     start = carried_forward(problem.robot, problem.start, task.ahead, task.running)
-    problem = replace(problem, start=start)
+    frame = system_frame(problem.robot, start)
+    problem = frame.problem(replace(problem, start=start))
+    try:
+        return frame.plan_seen_by_user(_performed(task, problem, watch, method))
+    except NoPlanFound as refused:
+        if isinstance(refused.attempt, Plan):
+            refused.attempt = frame.plan_seen_by_user(refused.attempt)
+        raise
+
+
+def _performed(task: PlanningTask, problem: PlanningProblem, watch: Watch, method: Method) -> Plan:
+    """Return the plan for a problem in the frame of the plan, judged."""
+    settings = task.settings
     to_goal = method(problem, settings, watch, task.first_guess)
     found = tuple(failures(problem, to_goal, settings))
     if found:
@@ -143,8 +173,9 @@ def attempted(
     try:
         return perform(task, method=kept), ()
     except FfPlannerError as error:
-        found = error.failures if isinstance(error, NoPlanFound) else ()
-        return (made[-1], found) if made else (error, ())
+        if made and isinstance(error, NoPlanFound) and isinstance(error.attempt, Plan):
+            return error.attempt, error.failures
+        return error, error.failures if isinstance(error, NoPlanFound) else ()
 
 
 def _refused(found: Plan, why: tuple[Failure, ...], is_planner: bool) -> NoPlanFound:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -79,7 +81,7 @@ def robot_from_urdf_text(text: str, base_link: str, tip_link: str) -> Robot:
     """
     xml = checked_urdf(text, base_link, tip_link)
     try:
-        model = pin.buildModelFromXML(xml, pin.JointModelFreeFlyer())
+        model = _pinocchio_model(xml)
     except (ValueError, RuntimeError) as error:
         raise InvalidInput(
             Status.BAD_ROBOT, "robot.urdf", "unreadable", f"Pinocchio says: {error}"
@@ -103,6 +105,27 @@ def robot_from_urdf_text(text: str, base_link: str, tip_link: str) -> Robot:
         velocity_limits=frozen(model.upperVelocityLimit[6:]),
         effort_limits=frozen(np.where(efforts == 0.0, np.inf, efforts)),
     )
+
+
+def _pinocchio_model(xml: str) -> pin.Model:
+    """Return the model on a free-flyer.
+
+    Pinocchio merges joints of the same name without a word: the free-flyer with a joint of the
+    URDF, and a fixed joint called `universe` with the inertial frame. Both get names of their own.
+    """
+    robot = ElementTree.fromstring(xml)
+    names = {element.get("name") for element in robot}
+    free_flyer = _unused_name("free_flyer", names)
+    for joint in robot.findall("joint[@type='fixed'][@name='universe']"):
+        joint.set("name", _unused_name("fixed", {*names, free_flyer}))
+    renamed = ElementTree.tostring(robot, encoding="unicode")
+    return pin.buildModelFromXML(renamed, pin.JointModelFreeFlyer(), free_flyer)
+
+
+def _unused_name(name: str, used: Collection[str | None]) -> str:
+    while name in used:
+        name += "_"
+    return name
 
 
 def _joint_axes(model: pin.Model) -> Array:

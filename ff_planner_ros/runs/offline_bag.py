@@ -124,6 +124,10 @@ def require_recordable(task: PlanningTask) -> None:
         ("target.linear_acceleration", target.linear_acceleration.any()),
         ("target.angular_acceleration", target.angular_acceleration.any()),
         ("start_after", task.ahead * NANOSECONDS % 1.0 != 0.0),
+        *(
+            (f"obstacles[{sphere.id}].velocity", sphere.velocity.any())
+            for sphere in task.problem.obstacles
+        ),
     ):
         if given:
             allowed = "a request to the node cannot ask for it: leave out --bag"

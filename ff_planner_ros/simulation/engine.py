@@ -6,6 +6,7 @@ momentum are what MuJoCo makes of the URDF.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -66,6 +67,11 @@ class Engine:
         self.chaser_bodies = np.flatnonzero(self.model.body_weldid == 1)
         self.arm_bodies = np.flatnonzero(self.model.body_weldid > 1)
 
+    @property
+    def mass(self) -> float:
+        """Mass of the whole system [kg]."""
+        return float(self.model.body_subtreemass[0])
+
     def state(self, start: SystemState) -> Array:
         """Return the state vector of a system state."""
         data = self._data
@@ -85,6 +91,21 @@ class Engine:
         data.qvel[3:6] = root_to_inertial.T @ omega
         data.qvel[self._rates] = start.joint_velocities
         return np.concatenate([data.qpos, data.qvel])
+
+    def center_of_mass(self, start: SystemState) -> tuple[Array, Array]:
+        """Return where the whole system's centre of mass is [m], and its velocity [m/s]."""
+        # Next to the chaser: far away, or where all moves fast, digits would be lost.
+        beside = replace(
+            start,
+            position_chaser_in_inertial=np.zeros(3),
+            linear_velocity_chaser_in_inertial=np.zeros(3),
+        )
+        self._forward(self.state(beside))
+        mujoco.mj_subtreeVel(self.model, self._data)
+        return (
+            start.position_chaser_in_inertial + self._data.subtree_com[0],
+            start.linear_velocity_chaser_in_inertial + self._data.subtree_linvel[0],
+        )
 
     def derivative(self, state: Array, joint_torques: Array) -> Array:
         """Return the rate of change of a state under joint torques [N m]: forward dynamics."""

@@ -12,6 +12,7 @@ import numpy as np
 
 from ff_planner_ros.planning.forward import carried_forward, driven
 from ff_planner_ros.planning.joint_motion import JointMotion, steady_motion
+from ff_planner_ros.planning.system_frame import system_frame
 from ff_planner_ros.robot.configuration import configuration, system_state
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.momentum import total_momentum
@@ -27,8 +28,9 @@ class FreeFloatingSystem:
     def __init__(self, robot: Robot, state: SystemState, time: float) -> None:
         """Start from a state at a time [s]; without a command the joints keep their rates."""
         self._robot = robot
-        self._time = time
-        self._q, v = configuration(robot, state)
+        self._begin = self._time = time
+        self._frame = system_frame(robot, state)
+        self._q, v = configuration(robot, self._frame.start)
         self._v = v
         self._momentum = total_momentum(robot, robot.model.createData(), self._q, v)
         self._motions = [steady_motion(time, time, state.joint_positions, state.joint_velocities)]
@@ -42,8 +44,8 @@ class FreeFloatingSystem:
         """Command the joints.
 
         They go on as before until the motion begins, and after its end they are held at its last
-        point. If the motion begins elsewhere than the joints are, they jump without pushing the
-        chaser.
+        point. If the motion begins elsewhere than the joints are, they jump, and the system's
+        centre of mass stays.
 
         Args:
             motion: Begins now or later, and replaces every motion that begins later than itself.
@@ -61,7 +63,8 @@ class FreeFloatingSystem:
         for end in [*(edge for edge in edges if self._time < edge < time), time]:
             if end > self._time:
                 self._integrate(end)
-        return system_state(self._robot, self._q, self._v)
+        state = system_state(self._robot, self._q, self._v)
+        return self._frame.state_seen_by_user(state, self._time - self._begin)
 
     def _integrate(self, end: float) -> None:
         """Go on to a time before which no motion begins or ends."""

@@ -15,7 +15,12 @@ from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.simulation.engine import Engine
 from ff_planner_ros.simulation.execution import execute, start_state
 from ff_planner_ros.simulation.feed_forward import FeedForward, feed_forward, torque_spline
-from ff_planner_ros.simulation.verification import Deviation, deviation, steps_per_point
+from ff_planner_ros.simulation.verification import (
+    Deviation,
+    beside_center_of_mass,
+    deviation,
+    steps_per_point,
+)
 
 SHARES = (0.01, 0.05, 0.10)  # of masses, inertias and friction
 
@@ -51,6 +56,7 @@ def model_errors(robot: Robot, trajectory: Trajectory) -> tuple[ModelError, ...]
         InvalidInput: The samples cannot be executed, or MuJoCo refuses the robot's URDF.
     """
     require_sound_samples(robot, trajectory)
+    trajectory = beside_center_of_mass(Engine(robot), trajectory)
     longest = np.diff(trajectory.time).max()
     steps = max(steps_per_point(trajectory), int(np.ceil(longest / LONGEST_STEP)))
     command, spline = feed_forward(robot, trajectory, steps), torque_spline(trajectory, steps)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import astuple, dataclass
+from dataclasses import astuple, dataclass, replace
 
 import numpy as np
 
@@ -24,8 +24,8 @@ ORIENTATION_TOLERANCE = np.deg2rad(0.05)  # [rad]
 MOMENTUM_TOLERANCE = 1e-6
 
 # In one step neither a joint nor the chaser turns further [rad]: the error of RK4 is then below a
-# hundredth of the tolerances. At least four steps, because the motion varies between two points.
-STEP_TURN, MIN_STEPS_PER_POINT = 0.01, 4
+# hundredth of the tolerances. At least eight steps, because the motion varies between two points.
+STEP_TURN, MIN_STEPS_PER_POINT = 0.01, 8
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ ALLOWED = Deviation(
 class Verification:
     """What became of a plan in the independent engine."""
 
-    execution: Execution  # what the system did
+    execution: Execution  # what the system did, in the plan's inertial frame
     deviation: Deviation  # from the plan
     momentum_drift: float  # largest change of the total momentum, relative
 
@@ -66,14 +66,50 @@ def verify(robot: Robot, trajectory: Trajectory) -> Verification:
         InvalidInput: The samples cannot be executed, or MuJoCo refuses the robot's URDF.
     """
     require_sound_samples(robot, trajectory)
-    command = feed_forward(robot, trajectory, steps_per_point(trajectory))
-    execution = execute(Engine(robot), start_state(trajectory), command)
+    engine = Engine(robot)
+    planned = beside_center_of_mass(engine, trajectory)
+    command = feed_forward(robot, planned, steps_per_point(planned))
+    execution = execute(engine, start_state(planned), command)
     change = np.linalg.norm(execution.momentum - execution.momentum[0], axis=1).max()
     # A system whose total is zero is measured against the chaser's own momentum.
-    speed = np.linalg.norm(trajectory.chaser_linear_velocities, axis=1).max()
+    speed = np.linalg.norm(planned.chaser_linear_velocities, axis=1).max()
     chaser_momentum = robot.model.inertias[1].mass * speed
     scale = max(np.linalg.norm(execution.momentum[0]), chaser_momentum, np.finfo(float).tiny)
-    return Verification(execution, deviation(execution, trajectory), float(change / scale))
+    origin, velocity = engine.center_of_mass(start_state(trajectory))
+    return Verification(
+        execution=_seen_in(execution, origin, velocity, engine.mass),
+        deviation=deviation(execution, planned),
+        momentum_drift=float(change / scale),
+    )
+
+
+def beside_center_of_mass(engine: Engine, trajectory: Trajectory) -> Trajectory:
+    """Return a plan in the inertial frame that moves with the system's centre of mass.
+
+    The axes stay. Far away, or where everything moves fast, MuJoCo would lose digits.
+    """
+    origin, velocity = engine.center_of_mass(start_state(trajectory))
+    way = np.outer(trajectory.time, velocity)
+    return replace(
+        trajectory,
+        chaser_positions=(trajectory.chaser_positions - origin) - way,
+        chaser_linear_velocities=trajectory.chaser_linear_velocities - velocity,
+        ee_positions=(trajectory.ee_positions - origin) - way,
+        ee_linear_velocities=trajectory.ee_linear_velocities - velocity,
+    )
+
+
+def _seen_in(execution: Execution, origin: Array, velocity: Array, mass: float) -> Execution:
+    """Return an execution in the frame in which its own moves: `beside_center_of_mass` undone."""
+    centers = origin + np.outer(execution.time, velocity)
+    linear, angular = np.split(execution.momentum, 2, axis=1)
+    linear = linear + mass * velocity
+    return replace(
+        execution,
+        chaser_positions=execution.chaser_positions + centers,
+        ee_positions=execution.ee_positions + centers,
+        momentum=np.hstack([linear, angular + np.cross(centers, linear)]),
+    )
 
 
 def steps_per_point(trajectory: Trajectory) -> int:

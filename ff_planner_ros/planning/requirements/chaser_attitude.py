@@ -1,6 +1,6 @@
 """The chaser turns no further than the problem allows, between the points too.
 
-Its attitude is the largest modulus of its Euler angles, as in Eq. (45).
+Its attitude is the largest modulus of its Euler angles, as in Eq. (45), relative to the start.
 """
 
 from __future__ import annotations
@@ -11,9 +11,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.arrays import Array
-from ff_planner_ros.errors import Failure, InvalidInput, Status
+from ff_planner_ros.errors import Failure, Status
 from ff_planner_ros.planning.metrics import Metrics
-from ff_planner_ros.planning.objectives import chaser_euler, chaser_euler_with_derivative
+from ff_planner_ros.planning.objectives import chaser_euler_with_derivative
 from ff_planner_ros.planning.path_family import Motion, Sensitivity
 from ff_planner_ros.planning.pose_motion import poses_between
 from ff_planner_ros.planning.problem import PlanningProblem
@@ -40,20 +40,6 @@ class ChaserAttitude(Requirement):
     """No Euler angle of the chaser exceeds its limit, if there is one."""
 
     name = "chaser_attitude"
-
-    def refuse_start(
-        self, problem: PlanningProblem, q_start: Array, settings: PlannerSettings
-    ) -> None:
-        """Refuse a chaser that is turned too far already."""
-        limit = problem.limits.chaser_attitude
-        angle = float(np.abs(chaser_euler(problem.robot, q_start[None])).max())
-        if angle > limit + LIMIT_TOLERANCE:
-            raise InvalidInput(
-                Status.START_OUTSIDE_LIMITS,
-                "chaser.quaternion_xyzw",
-                f"turned by {angle:.6f} rad",
-                f"its largest Euler angle must be at most limits.chaser_attitude, {limit:.6f} rad",
-            )
 
     def margin(self, problem: PlanningProblem, settings: PlannerSettings) -> float:
         """Return how far from the limit the search stays at the points [rad]."""

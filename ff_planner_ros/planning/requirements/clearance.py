@@ -47,7 +47,7 @@ class Clearance(Requirement):
         """Refuse a start inside an obstacle."""
         positions = arm_points(problem.robot, q_start[None])
         starts = segments(positions)
-        distance = clearances(positions, starts, problem.obstacles).distance[0]
+        distance = clearances(positions, np.zeros(1), starts, problem.obstacles).distance[0]
         if distance.min(initial=np.inf) <= 0.0:
             segment, sphere = np.unravel_index(distance.argmin(), distance.shape)
             raise InvalidInput(
@@ -71,26 +71,27 @@ class Clearance(Requirement):
             np.concatenate([motion.q[1:], motion.q_half_way]),
             np.concatenate([sensitivity.q[1:], sensitivity.q_half_way]),
         )
+        times = np.linspace(0.0, problem.duration, len(motion.q))
+        times = np.concatenate([times[1:], (times[:-1] + times[1:]) / 2])
         starts = segments(positions)
-        near = near_box(positions, problem.obstacles, OF_INTEREST)
-        clear = clearances(positions, starts, near)
+        near = near_box(positions, times, problem.obstacles, OF_INTEREST)
+        clear = clearances(positions, times, starts, near)
         rows = np.nonzero(clear.distance < OF_INTEREST)
         jacobian = clearance_gradients(clear, derivatives, starts, rows)
         return clear.distance[rows] - margin, jacobian
 
     def slack_between(self, problem: PlanningProblem, motion: Motion) -> float:
         """Return the certified clearance [m]."""
-        step = problem.duration / (len(motion.q) - 1)
-        return certified_clearance(problem.robot, motion.q, motion.v, step, problem.obstacles)
+        times = np.linspace(0.0, problem.duration, len(motion.q))
+        return certified_clearance(problem.robot, motion.q, motion.v, times, problem.obstacles)
 
     def metrics(self, samples: Samples) -> Mapping[str, float]:
         """Return certified clearance and R_obst."""
-        problem, settings = samples.problem, samples.settings
-        at_points = clearances(samples.arm, segments(samples.arm), problem.obstacles)
-        steps = np.diff(samples.trajectory.time)
+        problem, settings, times = samples.problem, samples.settings, samples.trajectory.time
+        at_points = clearances(samples.arm, times, segments(samples.arm), problem.obstacles)
         return {
             "min_clearance": certified_clearance(
-                problem.robot, *samples.q_and_v, steps, problem.obstacles
+                problem.robot, *samples.q_and_v, times, problem.obstacles
             ),
             "penalty": penalty(
                 at_points.distance, settings.penalty_gain, settings.penalty_exponent
@@ -101,10 +102,10 @@ class Clearance(Requirement):
         """Yield the deepest collision."""
         if metrics.min_clearance >= 0.0:
             return
-        starts = segments(samples.arm)
-        distance = clearances(samples.arm, starts, samples.problem.obstacles).distance
+        starts, obstacles = segments(samples.arm), samples.problem.obstacles
+        distance = clearances(samples.arm, samples.trajectory.time, starts, obstacles).distance
         point, segment, sphere = np.unravel_index(distance.argmin(), distance.shape)
-        depth, obstacle = -distance[point, segment, sphere], samples.problem.obstacles[sphere].id
+        depth, obstacle = -distance[point, segment, sphere], obstacles[sphere].id
         link, when = link_name(samples.problem.robot, int(starts[segment])), samples.when(point)
         if depth <= 0.0:
             yield Failure(

@@ -1,0 +1,168 @@
+"""The inertial frame that a plan is made in: it moves with the system's centre of mass.
+
+The laws of motion are the same in every inertial frame, but numbers are not: far from the origin,
+or where everything moves fast, differences lose digits, and an integration in steps turns a uniform
+motion into an error. Here the centre of mass rests at the origin, linear momentum is zero, and the
+chaser's axes at the first point are those of the frame. Its Euler angles are then those relative to
+its start attitude, whatever the user's frame is.
+
+A search that is sensitive may make two plans of two problems that differ by rounding. So a problem
+is rounded here, to far less than anything is measured to: seen from most frames it is then the same
+to the last bit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pinocchio as pin
+from scipy.spatial.transform import Rotation
+
+from ff_planner_ros.arrays import Array
+from ff_planner_ros.planning.plan import Plan
+from ff_planner_ros.planning.problem import PlanningProblem
+from ff_planner_ros.robot.configuration import configuration
+from ff_planner_ros.robot.model import Robot
+from ff_planner_ros.robot.state import SystemState
+
+# To multiples of these: a thousand times what 7000 km and 8 km/s leave of double precision, and a
+# thousandth of what a plan may miss its goal by [m, m/s]; and rad/s, m/s2, rad/s2 and quaternions.
+_PLACE, _SPEED, _OTHER = 2.0**-20, 2.0**-30, 2.0**-40
+_VELOCITIES = "linear_velocities", "angular_velocities"
+
+
+@dataclass(frozen=True, eq=False)
+class SystemFrame:
+    """An inertial frame, seen from the user's; both measure time from the same moment."""
+
+    origin: Array  # at time zero, in the user's frame; shape (3,) [m]
+    velocity: Array  # constant, in the user's frame; shape (3,) [m/s]
+    turn: Rotation  # its axes to the user's
+    start: SystemState  # of the system at time zero, in this frame
+
+    def problem(self, problem: PlanningProblem) -> PlanningProblem:
+        """Return a problem of the user's frame, whose first point is at time zero, in this one."""
+        target, end = problem.target, problem.duration
+        return replace(
+            problem,
+            start=self.start,
+            target=replace(
+                target,
+                position=self._place_here(target.position, end),
+                quaternion_xyzw=self._attitude_here(target.quaternion_xyzw),
+                linear_velocity=self._velocity_here(target.linear_velocity),
+                angular_velocity=self._vector_here(target.angular_velocity, _OTHER),
+                linear_acceleration=self._vector_here(target.linear_acceleration, _OTHER),
+                angular_acceleration=self._vector_here(target.angular_acceleration, _OTHER),
+            ),
+            obstacles=tuple(
+                replace(
+                    sphere,
+                    center=self._place_here(sphere.center, 0.0),
+                    velocity=self._velocity_here(sphere.velocity),
+                )
+                for sphere in problem.obstacles
+            ),
+        )
+
+    def state_seen_by_user(self, state: SystemState, time: float) -> SystemState:
+        """Return a state of this frame at a time [s] in the user's."""
+        axes = self.turn.as_matrix()
+        place = axes @ state.position_chaser_in_inertial + self.velocity * time
+        attitude = self.turn * Rotation.from_quat(state.quaternion_chaser_to_inertial_xyzw)
+        velocity = axes @ state.linear_velocity_chaser_in_inertial + self.velocity
+        return replace(
+            state,
+            position_chaser_in_inertial=self.origin + place,
+            quaternion_chaser_to_inertial_xyzw=attitude.as_quat(),
+            linear_velocity_chaser_in_inertial=velocity,
+            angular_velocity_chaser_in_inertial=axes @ state.angular_velocity_chaser_in_inertial,
+        )
+
+    def plan(self, plan: Plan) -> Plan:
+        """Return a plan of the user's frame, its first point at time zero, in this one."""
+        axes = self.turn.as_matrix()
+
+        def here(time: Array, x: Array, q: Array, v: Array, omega: Array) -> tuple[Array, ...]:
+            place = ((x - self.origin) - np.outer(time, self.velocity)) @ axes
+            attitude = self.turn.inv() * Rotation.from_quat(q)
+            return place, attitude.as_quat(), (v - self.velocity) @ axes, omega @ axes
+
+        return _with_motion(plan, here)
+
+    def plan_seen_by_user(self, plan: Plan) -> Plan:
+        """Return a plan of this frame, its first point at time zero, in the user's."""
+        axes = self.turn.as_matrix().T
+
+        def there(time: Array, x: Array, q: Array, v: Array, omega: Array) -> tuple[Array, ...]:
+            place = self.origin + (np.outer(time, self.velocity) + x @ axes)
+            attitude = self.turn * Rotation.from_quat(q)
+            return place, attitude.as_quat(), v @ axes + self.velocity, omega @ axes
+
+        return _with_motion(plan, there)
+
+    def _place_here(self, point: Array, time: float) -> Array:
+        # Subtracted before anything is multiplied: far away a turn would cost the last digits.
+        return self._vector_here((point - self.origin) - self.velocity * time, _PLACE)
+
+    def _velocity_here(self, velocity: Array) -> Array:
+        return self._vector_here(velocity - self.velocity, _SPEED)
+
+    def _vector_here(self, vector: Array, grid: float) -> Array:
+        return _rounded(vector @ self.turn.as_matrix(), grid)
+
+    def _attitude_here(self, quaternion_xyzw: Array) -> Array:
+        attitude = self.turn.inv() * Rotation.from_quat(quaternion_xyzw)
+        return _rounded(attitude.as_quat(canonical=True), _OTHER)
+
+
+def system_frame(robot: Robot, state: SystemState) -> SystemFrame:
+    """Return the frame of a system, the state being that at time zero."""
+    turn = Rotation.from_quat(state.quaternion_chaser_to_inertial_xyzw)
+    axes = turn.as_matrix()
+    # Relative to the chaser, so that no digit is lost to where the system is or how fast it moves.
+    beside_chaser = replace(
+        state,
+        position_chaser_in_inertial=np.zeros(3),
+        quaternion_chaser_to_inertial_xyzw=np.array([0.0, 0.0, 0.0, 1.0]),
+        linear_velocity_chaser_in_inertial=np.zeros(3),
+        angular_velocity_chaser_in_inertial=_rounded(
+            state.angular_velocity_chaser_in_inertial @ axes, _OTHER
+        ),
+    )
+    model, data = robot.model, robot.model.createData()
+    pin.centerOfMass(model, data, *configuration(robot, beside_chaser))
+    place, velocity = data.com[0], data.vcom[0]
+    return SystemFrame(
+        origin=state.position_chaser_in_inertial + axes @ place,
+        velocity=state.linear_velocity_chaser_in_inertial + axes @ velocity,
+        turn=turn,
+        start=replace(
+            beside_chaser,
+            position_chaser_in_inertial=-place,
+            linear_velocity_chaser_in_inertial=-velocity,
+        ),
+    )
+
+
+def in_own_frame(problem: PlanningProblem) -> PlanningProblem:
+    """Return a problem in the frame of its system at the first point."""
+    return system_frame(problem.robot, problem.start).problem(problem)
+
+
+def _rounded(values: Array, grid: float) -> Array:
+    rounded: Array = np.round(values / grid) * grid
+    return rounded
+
+
+def _with_motion(plan: Plan, seen: Callable[..., tuple[Array, ...]]) -> Plan:
+    """Return a plan with poses and twists of chaser and end effector as they are seen."""
+    motion, names = plan.trajectory, ("positions", "quaternions_xyzw", *_VELOCITIES)
+    arrays: dict[str, Array] = {}
+    for part in ("chaser", "ee"):
+        of_part = [f"{part}_{name}" for name in names]
+        values = seen(motion.time, *(getattr(motion, name) for name in of_part))
+        arrays |= dict(zip(of_part, values, strict=True))
+    return replace(plan, trajectory=replace(motion, **arrays))
