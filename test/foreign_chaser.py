@@ -84,6 +84,7 @@ class ChaserState(IdlStruct, typename="ff_planner_msgs::msg::dds_::ChaserState_"
     joint_names: sequence[str]
     joint_positions: sequence[float64]
     joint_velocities: sequence[float64]
+    joint_accelerations: sequence[float64]
 
 
 @dataclass
@@ -129,6 +130,7 @@ def main() -> None:
                 given["joint_names"],
                 given["joint_positions"],
                 given["joint_velocities"],
+                [],
             )
         )
         trajectory = next(reader.take_iter(timeout=duration(milliseconds=PERIOD)), None)

@@ -51,11 +51,11 @@ def momentum_of(robot: Robot, state: SystemState) -> Array:
 
 
 def off(one: SystemState, other: SystemState) -> float:
-    """Largest difference of any entry; quaternions by the angle between."""
+    """Largest difference of pose, joints and velocities; quaternions by the angle between."""
     differences = [
         np.abs(getattr(one, item.name) - getattr(other, item.name)).max()
         for item in fields(one)
-        if item.name != "quaternion_chaser_to_inertial_xyzw"
+        if item.name not in ("quaternion_chaser_to_inertial_xyzw", "joint_accelerations")
     ]
     turns = [Rotation.from_quat(at.quaternion_chaser_to_inertial_xyzw) for at in (one, other)]
     return float(max(*differences, (turns[0].inv() * turns[1]).magnitude()))
@@ -246,9 +246,11 @@ def test_a_system_that_only_drifts_takes_everything_along(robot: Robot) -> None:
     assert off(carried_forward(robot, state, 60.0, None), expected) < 1e-9
 
 
-def test_in_no_time_nothing_changes_to_the_last_bit(robot: Robot) -> None:
+@pytest.mark.parametrize("begin", [None, 0.5], ids=["no motion", "a motion that begins later"])
+def test_in_no_time_nothing_changes_to_the_last_bit(robot: Robot, begin: float | None) -> None:
     state = moving(robot)
-    after = carried_forward(robot, state, 0.0, swinging(robot, state.joint_positions, 0.0))
+    motion = None if begin is None else swinging(robot, state.joint_positions, begin)
+    after = carried_forward(robot, state, 0.0, motion)
     for item in fields(state):
         assert np.array_equal(getattr(after, item.name), getattr(state, item.name))
 
@@ -273,12 +275,41 @@ def test_the_tracking_error_stays_and_the_rates_are_the_motions(lemur: Robot) ->
     assert after.joint_velocities == pytest.approx(rates[0], abs=1e-12)
 
 
+@pytest.mark.parametrize("seconds", [0.0, 0.4, 1.1, 1.3, 1.9])
+def test_while_a_motion_runs_rates_and_accelerations_are_its_own(
+    lemur: Robot, seconds: float
+) -> None:
+    """At its first and last moment, too, and even if no time passes after the measurement."""
+    state = moving(lemur)
+    motion = swinging(lemur, state.joint_positions, 0.0)
+    after = carried_forward(lemur, state, seconds, motion)
+    _, rates, accelerations = motion.at(np.array([seconds]))
+    assert after.joint_velocities == pytest.approx(rates[0], abs=1e-12)
+    assert after.joint_accelerations == pytest.approx(accelerations[0], abs=1e-12)
+    assert momentum_of(lemur, after) == pytest.approx(momentum_of(lemur, state), abs=1e-8)
+
+
+@pytest.mark.parametrize("known", [True, False])
+@pytest.mark.parametrize("begin", [None, 3.0], ids=["no motion", "a motion that begins later"])
+def test_without_a_motion_accelerations_stay_what_they_are_known_to_be(
+    lemur: Robot, begin: float | None, known: bool
+) -> None:
+    state = moving(lemur)
+    accelerations = np.linspace(-0.1, 0.1, lemur.joints) if known else None
+    state = replace(state, joint_accelerations=accelerations)
+    motion = None if begin is None else swinging(lemur, state.joint_positions, begin)
+    after = carried_forward(lemur, state, 1.5, motion)
+    assert np.array_equal(after.joint_accelerations, accelerations)
+    assert after.joint_velocities == pytest.approx(state.joint_velocities, abs=1e-12)
+
+
 def test_after_its_end_a_motion_is_held(lemur: Robot) -> None:
     state = moving(lemur)
     motion = swinging(lemur, state.joint_positions, 0.0)
     after = carried_forward(lemur, state, 5.0, motion)
     assert after.joint_positions == pytest.approx(motion.positions[-1], abs=1e-12)
     assert np.array_equal(after.joint_velocities, np.zeros(lemur.joints))
+    assert np.array_equal(after.joint_accelerations, np.zeros(lemur.joints))
 
 
 def test_half_way_through_a_plan_the_system_is_where_the_plan_says(

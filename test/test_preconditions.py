@@ -32,8 +32,14 @@ def with_limits(problem: PlanningProblem, **limits: Array) -> PlanningProblem:
 
 
 def start_beyond(problem: PlanningProblem, limit: str, excess: float) -> PlanningProblem:
-    """The capture by a robot whose limits its start exceeds, at every joint."""
+    """The capture by a robot whose limits its start exceeds, at every joint.
+
+    Joints at their position limits stand still: none of them moves further beyond.
+    """
     positions, rates = problem.start.joint_positions, problem.start.joint_velocities
+    if limit != "velocity_limits":
+        start = replace(problem.start, joint_velocities=np.zeros_like(rates))
+        problem = replace(problem, start=start)
     beyond = {
         "upper_position_limits": positions - excess,
         "lower_position_limits": positions + excess,

@@ -17,6 +17,7 @@ VALUES: dict[str, Any] = {
     "angular_velocity_chaser_in_inertial": [0.4, 0.5, 0.6],
     "joint_positions": [1.1, 1.2, 1.3, 1.4, 1.5, 1.6],
     "joint_velocities": [0.01, 0.02, 0.03, 0.04, 0.05, 0.06],
+    "joint_accelerations": [0.1, -0.2, 0.3, -0.4, 0.5, -0.6],
 }
 # As a user of scenario files and messages knows them.
 PUBLIC_NAMES = {
@@ -26,6 +27,7 @@ PUBLIC_NAMES = {
     "angular_velocity_chaser_in_inertial": "chaser.angular_velocity",
     "joint_positions": "joints.position",
     "joint_velocities": "joints.velocity",
+    "joint_accelerations": "joints.acceleration",
 }
 
 

@@ -2,7 +2,7 @@
 
 At each stage of a Runge-Kutta step the velocity map gives joint rates and chaser twist, Eqs. (27)
 and (31). Start and goal fix the end effector's pose, twist and acceleration at both ends, whatever
-the decision variables are.
+the decision variables are. Null-space motion of the start fades on the way.
 """
 
 from __future__ import annotations
@@ -27,9 +27,8 @@ from ff_planner_ros.planning.polynomial import (
 )
 from ff_planner_ros.planning.problem import PlanningProblem, Sphere
 from ff_planner_ros.planning.runge_kutta import increment
-from ff_planner_ros.robot.configuration import configuration
+from ff_planner_ros.planning.start_motion import NullSpaceFade, start_motion
 from ff_planner_ros.robot.model import Robot
-from ff_planner_ros.robot.momentum import total_momentum
 from ff_planner_ros.robot.rotation import skew
 from ff_planner_ros.robot.velocity_map import VelocityMap, VelocitySolution, stacked
 
@@ -52,6 +51,7 @@ class EndEffectorPaths:
     q_start: Array  # configuration at the first point; shape (7 + joints,)
     momentum: Array  # constant total P and L about the inertial origin; shape (6,)
     polynomial: EndEffectorPolynomial
+    null_space: NullSpaceFade | None = None  # what the start has beyond Eq. (31); None: nothing
     # By damping. Their scratch space serves one thread, and so does a family.
     _velocity_maps: dict[float, VelocityMap] = field(default_factory=dict, init=False, repr=False)
 
@@ -84,6 +84,9 @@ class EndEffectorPaths:
         steps, h = points - 1, self.polynomial.duration / (points - 1)
         half_steps = np.linspace(0.0, 1.0, 2 * points - 1)
         twist = self.polynomial.twist(x.reshape(COMPONENTS, FREE_TERMS), half_steps)
+        bias: Sequence[Array | None] = [None] * len(half_steps)
+        if self.null_space is not None:
+            bias = list(self.null_space.at(half_steps * self.polynomial.duration)[0])
         q = np.empty((points, model.nq))
         increments = np.empty((steps, 4, model.nv))
         solutions: list[VelocitySolution] = []
@@ -92,7 +95,7 @@ class EndEffectorPaths:
         for count in range(4 * steps + 1):
             i, stage = divmod(count, 4)
             half_step = 2 * i + (stage + 1) // 2
-            solution = velocity_map.regular(there, self.momentum, twist[half_step])
+            solution = velocity_map.regular(there, self.momentum, twist[half_step], bias[half_step])
             if solution is None:
                 time = half_steps[half_step] * self.polynomial.duration
                 return _ended(x, time)
@@ -127,7 +130,8 @@ class EndEffectorPaths:
         size, h = self.robot.model.nv, self.polynomial.duration / steps
         half_steps = np.linspace(0.0, 1.0, 2 * steps + 1)
         coefficients = rollout.x.reshape(COMPONENTS, FREE_TERMS)
-        of_q, of_twist = self._velocity_map(damping).derivatives(rollout.stages)
+        velocity_map = self._velocity_map(damping)
+        of_q, of_twist = velocity_map.derivatives(rollout.stages)
         twist = self.polynomial.twist_derivative(coefficients, half_steps)
 
         def velocity(stage: int, displacement: Array) -> Array:
@@ -164,13 +168,18 @@ class EndEffectorPaths:
         for i in range(steps):
             q[i + 1] = step[i, :, :size] @ q[i] + step[i, :, size:]
         twist_rate = self.polynomial.acceleration(coefficients, half_steps[::2])
+        acceleration = np.einsum("pij,pj->pi", of_q[::4], rollout.v)
+        acceleration += np.einsum("pij,pj->pi", of_twist[::4], twist_rate)
+        if self.null_space is not None:
+            _, bias_rate = self.null_space.at(half_steps[::2] * self.polynomial.duration)
+            at_points = VelocitySolution(*(column[::4] for column in rollout.stages))
+            acceleration += np.einsum("pij,pj->pi", velocity_map.of_bias(at_points), bias_rate)
         return Sensitivity(
             q=q,
             v=of_q[::4] @ q + of_twist[::4] @ twist[::2],
             q_half_way=half_way[:, :, :size] @ q[:-1] + half_way[:, :, size:],
             goal_error=np.empty((0, PARAMETERS)),
-            acceleration=np.einsum("pij,pj->pi", of_q[::4], rollout.v)
-            + np.einsum("pij,pj->pi", of_twist[::4], twist_rate),
+            acceleration=acceleration,
         )
 
     def _velocity_map(self, damping: float) -> VelocityMap:
@@ -184,19 +193,8 @@ def end_effector_families(problem: PlanningProblem) -> list[EndEffectorPaths]:
 
     Where the end effector has half a turn to make there are two of them, a way round each.
     """
-    robot, target = problem.robot, problem.target
-    q_start, v_start = configuration(robot, problem.start)
-    data = robot.model.createData()
-    momentum = total_momentum(robot, data, q_start, v_start)
-    pin.forwardKinematics(robot.model, data, q_start, v_start)
-    placement = pin.updateFramePlacement(robot.model, data, robot.tip_frame_id)
-    twist = pin.getFrameVelocity(robot.model, data, robot.tip_frame_id, pin.LOCAL_WORLD_ALIGNED)
-    start = EndEffectorMotion(
-        position=placement.translation,
-        rotation_ee_to_inertial=placement.rotation,
-        twist=twist.vector,
-        acceleration=np.zeros(6),
-    )
+    target = problem.target
+    start = start_motion(problem.robot, problem.start, problem.duration)
     end = EndEffectorMotion(
         position=target.position,
         rotation_ee_to_inertial=pin.Quaternion(target.quaternion_xyzw).toRotationMatrix(),
@@ -204,8 +202,8 @@ def end_effector_families(problem: PlanningProblem) -> list[EndEffectorPaths]:
         acceleration=np.concatenate([target.linear_acceleration, target.angular_acceleration]),
     )
     return [
-        EndEffectorPaths(robot, q_start, momentum, polynomial)
-        for polynomial in end_effector_polynomials(start, end, problem.duration)
+        EndEffectorPaths(problem.robot, start.q, start.momentum, polynomial, start.null_space)
+        for polynomial in end_effector_polynomials(start.end_effector, end, problem.duration)
     ]
 
 

@@ -34,6 +34,10 @@ def carried_forward(
     these until it begins. While it runs they move as it does, from where they are measured, so that
     the controller's tracking error is neither lost nor turned into a jump. After its end they rest.
 
+    The joints' accelerations are those of the motion while it runs, and zero after its end. Without
+    one, or before it begins, they are the state's: steady rates are the better guess of where the
+    joints will be, and measured accelerations of how they move there.
+
     Args:
         joints: The motion that a controller runs, its time counted from the state's; None: none.
 
@@ -44,7 +48,7 @@ def carried_forward(
         raise InvalidInput(
             Status.OUT_OF_RANGE, "seconds", seconds, "a state can be carried forward only"
         )
-    if seconds == 0.0:
+    if seconds == 0.0 and (joints is None or joints.time[0] > 0.0):
         return state
     frame = system_frame(robot, state)
     q, v = configuration(robot, frame.start)
@@ -52,7 +56,8 @@ def carried_forward(
     for phase, begin, end in _phases(state, seconds, joints):
         time = _steps(robot, q, momentum, phase, begin, end)
         q, v, _ = (samples[-1] for samples in driven(robot, q, momentum, phase, time))
-    return frame.state_seen_by_user(system_state(robot, q, v), seconds)
+    there = frame.state_seen_by_user(system_state(robot, q, v), seconds)
+    return replace(there, joint_accelerations=_accelerations(state, seconds, joints))
 
 
 def driven(
@@ -123,7 +128,7 @@ def _phases(
         yield steady_motion(0.0, end, positions, rates), 0.0, end
         positions = positions + end * rates
     begin, end = np.clip([0.0, seconds], first, last).tolist()
-    if begin < end:
+    if begin < end or first <= seconds <= last:
         (at_begin, at_end), _, _ = running.at(np.array([begin, end]))
         off = positions - at_begin
         yield replace(running, positions=running.positions + off), begin, end
@@ -131,6 +136,16 @@ def _phases(
     if last < seconds:
         begin = max(last, 0.0)
         yield steady_motion(begin, seconds, positions, np.zeros_like(rates)), begin, seconds
+
+
+def _accelerations(state: SystemState, seconds: float, running: JointMotion | None) -> Array | None:
+    """Return the joints' accelerations after so many seconds [rad/s2]; None: not known."""
+    if running is None or seconds < running.time[0]:
+        return state.joint_accelerations
+    if seconds > running.time[-1]:
+        return np.zeros_like(state.joint_velocities)
+    _, _, (accelerations,) = running.at(np.array([seconds]))
+    return np.asarray(accelerations, np.float64)
 
 
 def _steps(

@@ -173,8 +173,12 @@ def _start(robot: Robot, chaser: object, joints: object) -> SystemState:
     names = ("position", "quaternion_xyzw", "linear_velocity", "angular_velocity")
     chaser_entry = mapping("chaser", chaser, required=names)
     joints_entry = mapping(
-        "joints", joints, required=("position",), optional=("velocity", "end_effector_at_rest")
+        "joints",
+        joints,
+        required=("position",),
+        optional=("velocity", "end_effector_at_rest", "acceleration"),
     )
+    accelerations = joints_entry.get("acceleration")
     entry = joints_entry.get("end_effector_at_rest", False)
     at_rest = boolean("joints.end_effector_at_rest", entry)
     if at_rest == ("velocity" in joints_entry):
@@ -195,6 +199,9 @@ def _start(robot: Robot, chaser: object, joints: object) -> SystemState:
         joint_velocities=np.zeros(robot.joints)
         if at_rest
         else numbers("joints.velocity", joints_entry["velocity"]),
+        joint_accelerations=None
+        if accelerations is None
+        else numbers("joints.acceleration", accelerations),
     )
     if at_rest:
         return replace(state, joint_velocities=joint_rates_with_ee_at_rest(robot, state))

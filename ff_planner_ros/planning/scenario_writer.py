@@ -45,7 +45,7 @@ def write_scenario(task: PlanningTask, path: Path) -> None:
 
 def _problem(problem: PlanningProblem) -> dict[str, Any]:
     start, limits = problem.start, problem.limits
-    angle = limits.chaser_attitude
+    angle, accelerations = limits.chaser_attitude, start.joint_accelerations
     return {
         "chaser": {
             "position": start.position_chaser_in_inertial.tolist(),
@@ -56,7 +56,8 @@ def _problem(problem: PlanningProblem) -> dict[str, Any]:
         "joints": {
             "position": start.joint_positions.tolist(),
             "velocity": start.joint_velocities.tolist(),
-        },
+        }
+        | ({} if accelerations is None else {"acceleration": accelerations.tolist()}),
         "target": {
             item.name: getattr(problem.target, item.name).tolist() for item in fields(Target)
         }

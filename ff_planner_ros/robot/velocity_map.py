@@ -3,10 +3,11 @@
 Given configuration, total momentum and wanted end-effector twist, the joint rates of Eq. (31)
 and the chaser twist of Eq. (27) are together the solution of
 
-    minimise 1/2 |theta_dot|^2   subject to   A v = b,   A = [H; J],   b = [h; w]
+    minimise 1/2 |theta_dot - z|^2   subject to   A v = b,   A = [H; J],   b = [h; w]
 
 with H the momentum map (first six rows of the mass matrix), J the end-effector Jacobian, h the
-momentum and w the wanted twist, the last two in the local frames of base and end effector.
+momentum and w the wanted twist, the last two in the local frames of base and end effector. The
+bias z is zero in the paper. Otherwise its part in the null space of J_D becomes null-space motion.
 """
 
 from __future__ import annotations
@@ -72,13 +73,20 @@ class VelocityMap:
         self._momentum_rows = np.empty((6, robot.joints + 1), order="F")
         self._twist_rows = np.empty((6, robot.joints + 1))
 
-    def solve(self, q: Array, momentum: Array, twist_ee_in_inertial: Array) -> VelocitySolution:
-        """Return the velocity with least joint rates, Eqs. (27) and (31).
+    def solve(
+        self,
+        q: Array,
+        momentum: Array,
+        twist_ee_in_inertial: Array,
+        bias: Array | None = None,
+    ) -> VelocitySolution:
+        """Return the velocity with least joint rates, Eqs. (27) and (31), or nearest to a bias.
 
         Args:
             q: Configuration. Shape (7 + joints,).
             momentum: Total P and L about the inertial origin, inertial axes. Shape (6,).
             twist_ee_in_inertial: Wanted linear and angular velocity. Shape (6,).
+            bias: Joint rates z; None: zero. Shape (joints,) [rad/s].
 
         Raises:
             numpy.linalg.LinAlgError: The generalised Jacobian is exactly singular.
@@ -101,18 +109,25 @@ class VelocityMap:
         rows[:, :-1], rows[:, -1] = jacobian[:, 6:], w
         rows = rows - jacobian[:, :6].dot(coupling)
         generalised = rows[:, :-1]  # J_D, Eq. (32)
-        mu = _solve_positive(generalised.dot(generalised.T) + self._damping, rows[:, -1])
+        slack = rows[:, -1] if bias is None else rows[:, -1] - generalised.dot(bias)
+        mu = _solve_positive(generalised.dot(generalised.T) + self._damping, slack)
         v = np.empty(len(self._no_motion))
         v[6:] = mu.dot(generalised)  # Eq. (31)
+        if bias is not None:
+            v[6:] += bias
         v[:6] = coupling[:, -1] - coupling[:, :-1].dot(v[6:])  # Eq. (27)
         return VelocitySolution(v, q, momentum_map, jacobian, mu, h, w, rotation_ee)
 
     def regular(
-        self, q: Array, momentum: Array, twist_ee_in_inertial: Array
+        self,
+        q: Array,
+        momentum: Array,
+        twist_ee_in_inertial: Array,
+        bias: Array | None = None,
     ) -> VelocitySolution | None:
         """Return what `solve` does where the arm can follow; None in a dynamic singularity."""
         try:
-            solution = self.solve(q, momentum, twist_ee_in_inertial)
+            solution = self.solve(q, momentum, twist_ee_in_inertial, bias)
         except np.linalg.LinAlgError:
             return None
         square = float(solution.v[6:] @ solution.v[6:])
@@ -125,7 +140,8 @@ class VelocityMap:
         [S A^T; A -D] [v; lambda] = [0; b], with S selecting the joints and D the damping.
         Differentiating it needs d(A^T lambda)/dq, d(A v)/dq and db/dq: derivatives of inverse
         dynamics and of forward kinematics, which Pinocchio has in closed form. Eliminating as
-        `solve` does, base first, gives the derivatives of joint rates and base twist.
+        `solve` does, base first, gives the derivatives of joint rates and base twist. A bias
+        changes the multipliers and none of these formulas.
 
         Args:
             at: Solutions of `solve` for this robot, `stacked`.
@@ -169,6 +185,17 @@ class VelocityMap:
         joints = joint_force + generalised_t @ np.linalg.solve(square, slack)
         solved = np.concatenate([drift - coupling @ joints, joints], axis=1)
         return solved[:, :, :size], solved[:, :, size:]
+
+    def of_bias(self, at: VelocitySolution) -> Array:
+        """Return dv/dz of solutions, `stacked`. Shape (solutions, 6 + joints, joints)."""
+        base, joints = at.momentum_map[:, :, :6], at.momentum_map[:, :, 6:]
+        coupling = np.linalg.solve(base, joints)
+        generalised = at.jacobian[:, :, 6:] - at.jacobian[:, :, :6] @ coupling
+        generalised_t = generalised.transpose(0, 2, 1)
+        square = generalised @ generalised_t + self._damping
+        # N: without damping, the projector on the null space of J_D.
+        null = np.eye(generalised.shape[2]) - generalised_t @ np.linalg.solve(square, generalised)
+        return np.concatenate([-coupling @ null, null], axis=1)
 
     def _differentiate_model(
         self, q: Array, v: Array, mu: Array, base_acceleration: Array

@@ -20,6 +20,7 @@ from ff_planner_ros.planning.requirements.requirement import (
     within,
 )
 from ff_planner_ros.planning.settings import PlannerSettings
+from ff_planner_ros.planning.start_motion import LEAST_EXCESS, least_highest_positions
 
 
 class JointPositions(Requirement):
@@ -30,7 +31,7 @@ class JointPositions(Requirement):
     def refuse_start(
         self, problem: PlanningProblem, q_start: Array, settings: PlannerSettings
     ) -> None:
-        """Refuse a joint outside its limits."""
+        """Refuse a joint outside its limits, or one that cannot stop before them."""
         robot = problem.robot
         for name, position, lower, upper in zip(
             robot.joint_names,
@@ -46,6 +47,7 @@ class JointPositions(Requirement):
                     f"{position:.6f} rad",
                     f"it must be within the joint's limits [{lower:.6f}, {upper:.6f}] rad",
                 )
+        _require_stops(problem)
 
     def rows(
         self, problem: PlanningProblem, motion: Motion, sensitivity: Sensitivity, margin: float
@@ -76,3 +78,28 @@ class JointPositions(Requirement):
             f"limits [{lower[joint]:.4f}, {upper[joint]:.4f}] rad at {samples.when(point)}",
             ("another goal orientation, start posture or duration", "more planner.starts"),
         )
+
+
+def _require_stops(problem: PlanningProblem) -> None:
+    """Refuse a joint whose motion at the start leads beyond its limits, whatever a plan does."""
+    robot, start = problem.robot, problem.start
+    positions, rates = start.joint_positions, start.joint_velocities
+    accelerations = start.joint_accelerations
+    if accelerations is None:
+        accelerations = np.zeros(robot.joints)
+    for sign, limits in (
+        (1.0, robot.upper_position_limits),
+        (-1.0, robot.lower_position_limits),
+    ):
+        highest = least_highest_positions(
+            sign * positions, sign * rates, sign * accelerations, problem.duration
+        )
+        beyond = highest - sign * limits
+        joint = int(beyond.argmax())
+        if beyond[joint] > LEAST_EXCESS:
+            raise InvalidInput(
+                Status.START_OUTSIDE_LIMITS,
+                f"joints.velocity[{robot.joint_names[joint]}]",
+                f"{rates[joint]:.6f} rad/s at {positions[joint]:.6f} rad",
+                f"no plan can stop the joint before its limit of {limits[joint]:.6f} rad",
+            )

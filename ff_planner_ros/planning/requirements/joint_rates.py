@@ -19,6 +19,7 @@ from ff_planner_ros.planning.requirements.requirement import (
     within,
 )
 from ff_planner_ros.planning.settings import PlannerSettings
+from ff_planner_ros.planning.start_motion import LEAST_EXCESS, least_highest_rates
 
 # A rate that is further from its limit than this part of it cannot reach it in one step of the
 # solver.
@@ -33,7 +34,7 @@ class JointRates(Requirement):
     def refuse_start(
         self, problem: PlanningProblem, q_start: Array, settings: PlannerSettings
     ) -> None:
-        """Refuse a joint that is too fast."""
+        """Refuse a joint that is too fast, or becomes so whatever a plan does."""
         if not problem.limits.joint_velocities:
             return
         robot = problem.robot
@@ -47,6 +48,20 @@ class JointRates(Requirement):
                     f"{rate:.6f} rad/s",
                     f"it must be at most {limit:.6f} rad/s either way, the joint's limit",
                 )
+        rates, accelerations = problem.start.joint_velocities, problem.start.joint_accelerations
+        if accelerations is None:
+            return
+        outward = np.copysign(1.0, rates)
+        highest = least_highest_rates(outward * rates, outward * accelerations)
+        joint = int((highest / robot.velocity_limits).argmax())
+        if highest[joint] > (1.0 + LEAST_EXCESS) * robot.velocity_limits[joint]:
+            raise InvalidInput(
+                Status.START_OUTSIDE_LIMITS,
+                f"joints.acceleration[{robot.joint_names[joint]}]",
+                f"{accelerations[joint]:.6f} rad/s2 at {rates[joint]:.6f} rad/s",
+                f"no plan can keep the joint within its limit of {robot.velocity_limits[joint]:.6f}"
+                " rad/s",
+            )
 
     def rows(
         self, problem: PlanningProblem, motion: Motion, sensitivity: Sensitivity, margin: float

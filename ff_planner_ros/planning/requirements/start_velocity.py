@@ -1,4 +1,8 @@
-"""The plan begins with the joint rates of the start."""
+"""The plan begins with the joint rates of the start.
+
+The planner's own plans do, by their construction. Other methods have no null-space motion, and a
+jump as large as that of the start.
+"""
 
 from __future__ import annotations
 
@@ -33,5 +37,5 @@ class StartVelocity(Requirement):
             "start_velocity_jump",
             samples.settings.start_velocity_tolerance + LIMIT_TOLERANCE,
             " rad/s",
-            "damping the null-space motion that the start's joint rates hold",
+            "--method optimal, which takes the start's null-space motion along",
         )

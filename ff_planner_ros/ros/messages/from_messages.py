@@ -106,6 +106,11 @@ def state_from_message(
     velocities = finite_vector(
         f"{source}.joint_velocities", list(message.joint_velocities), robot.joints
     )
+    accelerations = None
+    # A message decoded from a bag of an earlier version has no such field.
+    if len(given := getattr(message, "joint_accelerations", ())):
+        field = f"{source}.joint_accelerations"
+        accelerations = finite_vector(field, list(given), robot.joints)[order]
     with _fields_named(named_as):
         return SystemState(
             position_chaser_in_inertial=xyz(message.pose.position),
@@ -114,6 +119,7 @@ def state_from_message(
             angular_velocity_chaser_in_inertial=xyz(message.twist.angular),
             joint_positions=positions[order],
             joint_velocities=velocities[order],
+            joint_accelerations=accelerations,
         )
 
 

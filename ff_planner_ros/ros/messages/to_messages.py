@@ -63,6 +63,7 @@ def state_message(
     state: SystemState, joint_names: Sequence[str], stamp_ns: int, inertial_frame: str
 ) -> ChaserState:
     """Write a state at a time [ns] as a message."""
+    accelerations = state.joint_accelerations
     return ChaserState(
         header=Header(stamp=time_message(stamp_ns), frame_id=inertial_frame),
         pose=pose_message(
@@ -76,6 +77,7 @@ def state_message(
         joint_names=list(joint_names),
         joint_positions=state.joint_positions.tolist(),
         joint_velocities=state.joint_velocities.tolist(),
+        joint_accelerations=[] if accelerations is None else accelerations.tolist(),
     )
 
 
