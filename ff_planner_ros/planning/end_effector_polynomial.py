@@ -8,7 +8,7 @@ the decision variables are.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import ClassVar, cast
 
 import numpy as np
@@ -25,7 +25,7 @@ from ff_planner_ros.planning.polynomial import (
     EndEffectorPolynomial,
     end_effector_polynomial,
 )
-from ff_planner_ros.planning.problem import PlanningProblem, Sphere
+from ff_planner_ros.planning.problem import PlanningProblem, Sphere, Target
 from ff_planner_ros.planning.runge_kutta import increment
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import Robot
@@ -77,6 +77,10 @@ class EndEffectorPaths:
         if motion.singular_at is None:
             yield from detours(self.robot, motion, obstacles)
         yield from scattered()
+
+    def towards(self, target: Target) -> EndEffectorPaths:
+        """Return the motions to a target near this one; the coefficients keep their meaning."""
+        return replace(self, polynomial=self.polynomial.towards(_end(target)))
 
     def motion(self, x: Array, points: int, damping: float = 0.0) -> Motion:
         """Integrate the motion of one path; x: coefficients of the free terms, flattened."""
@@ -194,14 +198,18 @@ def end_effector_paths(problem: PlanningProblem) -> EndEffectorPaths:
         twist=twist.vector,
         acceleration=np.zeros(6),
     )
-    end = EndEffectorMotion(
+    polynomial = end_effector_polynomial(start, _end(target), problem.duration)
+    return EndEffectorPaths(robot, q_start, momentum, polynomial)
+
+
+def _end(target: Target) -> EndEffectorMotion:
+    """Return the end effector's motion at the target."""
+    return EndEffectorMotion(
         position=target.position,
         rotation_ee_to_inertial=pin.Quaternion(target.quaternion_xyzw).toRotationMatrix(),
         twist=np.concatenate([target.linear_velocity, target.angular_velocity]),
         acceleration=np.concatenate([target.linear_acceleration, target.angular_acceleration]),
     )
-    polynomial = end_effector_polynomial(start, end, problem.duration)
-    return EndEffectorPaths(robot, q_start, momentum, polynomial)
 
 
 def _ended(x: Array, time: float) -> Motion:
