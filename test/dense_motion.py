@@ -46,8 +46,12 @@ class Truth(NamedTuple):
     chaser_attitude: float  # largest modulus of an Euler angle [rad]
 
 
-def truth(problem: PlanningProblem, motion: Trajectory, dense: int = 20) -> Truth:
-    """Integrate the motion that comes of a plan's samples and measure it."""
+def truth(problem: PlanningProblem, motion: Trajectory) -> Truth:
+    """Integrate the motion that comes of a plan's samples and measure it.
+
+    From point to point at twenty times, and at a thousand times in all.
+    """
+    dense = max(20, 1000 // (len(motion.time) - 1))
     robot, model, data = problem.robot, problem.robot.model, problem.robot.model.createData()
     time, positions, rates, accelerations = joints_between(motion, dense)
     joints = motion.joint_positions, motion.joint_velocities, motion.joint_accelerations
