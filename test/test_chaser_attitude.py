@@ -79,11 +79,11 @@ def test_a_plan_beyond_the_limit_is_refused_with_time_and_amount(
 
 
 def test_a_turn_between_two_points_is_seen(lemur_capture: PlanningProblem) -> None:
-    """The points keep the limit. Their angular velocities say that the chaser swings past it."""
+    """The points keep the limit. Between the last two a joint swings and takes the chaser along."""
     found = plan(limited(lemur_capture, LIMIT), SETTINGS)
-    swinging = found.trajectory.chaser_angular_velocities.copy()
-    swinging[-2], swinging[-1] = [0.5, 0.5, 0.5], [-0.5, -0.5, -0.5]
-    motion = replace(found.trajectory, chaser_angular_velocities=swinging)
+    swinging = found.trajectory.joint_velocities.copy()
+    swinging[-2, 0], swinging[-1, 0] = 4.0, -4.0
+    motion = replace(found.trajectory, joint_velocities=swinging)
     (failure,) = (
         failure
         for failure in failures(

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 import pytest
+from dense_motion import truth
 from paper_equations import PaperTerms, coriolis_matrix, paper_terms
 from robots import ROBOTS, paper_velocity, random_path, random_state, tangent_per_paper_velocity
 from scipy.spatial.transform import Rotation
@@ -265,7 +266,9 @@ def test_the_torques_of_a_plan_are_those_of_eq_20_without_a_wrench_on_the_chaser
     near(motion.joint_torques[::7], np.array(expected), 1e-8)
 
 
-def test_the_peak_torques_of_a_plan_are_the_largest_at_its_points(capture_plan: Plan) -> None:
-    peaks = np.abs(capture_plan.trajectory.joint_torques).max(axis=0)
-    np.testing.assert_allclose(capture_plan.metrics.peak_joint_torques, peaks, rtol=1e-9)
+def test_the_peak_torques_of_a_plan_are_the_largest_at_any_time(
+    lemur_capture: PlanningProblem, capture_plan: Plan
+) -> None:
+    peaks = truth(lemur_capture, capture_plan.trajectory).torques
+    np.testing.assert_allclose(capture_plan.metrics.peak_joint_torques, peaks, rtol=5e-4)
     assert capture_plan.metrics.torque_error < 1e-12

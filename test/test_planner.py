@@ -6,6 +6,7 @@ from itertools import count
 import numpy as np
 import pinocchio as pin
 import pytest
+from dense_motion import joints_between
 
 from ff_planner_ros.errors import InvalidInput, NoPlanFound, OutOfTime, Status
 from ff_planner_ros.parameters import load_parameters
@@ -164,9 +165,13 @@ def test_a_stretched_arm_cannot_start(capture, settings):
 
 
 def test_rounding_beyond_a_joint_limit_is_not_refused(capture, settings):
-    """A joint that the sensor reads 1e-8 rad beyond its limit stands at its limit."""
+    """A joint that the sensor reads 1e-8 rad beyond its limit stands at its limit.
+
+    Its rate leads away from the limit, which it would leave behind otherwise whatever the path.
+    """
     upper = capture.robot.upper_position_limits.copy()
-    upper[0] = capture.start.joint_positions[0] - 1e-8
+    joint = int(capture.start.joint_velocities.argmin())
+    upper[joint] = capture.start.joint_positions[joint] - 1e-8
     robot = replace(capture.robot, upper_position_limits=upper)
     answer = plan(replace(capture, robot=robot, objective=LENGTH), settings)
     assert answer.metrics.min_joint_margin >= -1e-6
@@ -196,10 +201,11 @@ def test_joint_rates_are_kept_within_their_limits_where_they_are_limited(
     robot = replace(capture.robot, velocity_limits=np.full(7, limit))
     slow = replace(capture, robot=robot, objective=LENGTH, limits=Limits(joint_velocities=True))
     answer = plan(slow, replace(settings, starts=1))
-    rates = np.abs(answer.trajectory.joint_velocities)
-    assert rates.max() == pytest.approx(limit, abs=1e-5)
-    assert rates.max() <= limit + 1e-6
-    assert answer.metrics.min_velocity_margin == pytest.approx(limit - rates.max(), abs=1e-12)
+    _, _, rates, _ = joints_between(answer.trajectory, 1000)
+    fastest = np.abs(rates).max()
+    assert fastest == pytest.approx(limit, rel=3e-4)
+    assert fastest <= limit + 1e-6
+    assert answer.metrics.min_velocity_margin == pytest.approx(limit - fastest, abs=1e-8)
     longer = answer.metrics.joint_path_length / shortest.metrics.joint_path_length
     assert 1.0 < longer < 1.02
 
@@ -348,7 +354,7 @@ def test_the_search_goes_on_when_the_check_refuses_what_it_found(capture, settin
     """Near the workspace's edge the straight path leads the solver through a singularity."""
     edge = replace(capture.target, position=np.array([3.35, 0.4, 0.6]))
     problem = replace(capture, target=edge, obstacles=())
-    with pytest.raises(NoPlanFound, match="the only attempt, final_position_error"):
+    with pytest.raises(NoPlanFound, match=r"the only attempt, .*final_position_error"):
         plan(problem, replace(settings, starts=1))
     answer = plan(problem, settings)
     assert answer.solver.starts > 1

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from dense_motion import joints_between
 from judging import require_sound
 
 from ff_planner_ros.arrays import Array
@@ -83,8 +84,10 @@ def test_a_start_as_near_to_a_singularity_as_allowed_but_for_rounding_is_not_ref
 def test_a_plan_is_found_from_a_start_beyond_a_limit_by_rounding(
     lemur_capture: PlanningProblem,
 ) -> None:
+    """Its rate leads away from the limit, which it would leave behind otherwise."""
     upper = lemur_capture.robot.upper_position_limits.copy()
-    upper[0] = lemur_capture.start.joint_positions[0] - ROUNDING
+    joint = int(lemur_capture.start.joint_velocities.argmin())
+    upper[joint] = lemur_capture.start.joint_positions[joint] - ROUNDING
     answer = plan(with_limits(lemur_capture, upper_position_limits=upper), SETTINGS)
     assert answer.metrics.min_joint_margin == pytest.approx(-ROUNDING, abs=1e-12)
 
@@ -113,14 +116,15 @@ def beyond(
 ) -> tuple[PlanningProblem, Plan, PlannerSettings]:
     """The capture with its limits moved so that the plan exceeds one of them."""
     motion, settings = answer.trajectory, SETTINGS
+    _, positions, rates, _ = joints_between(motion, 1000)
     if quantity == "position":
-        upper = motion.joint_positions.max(axis=0) - excess
+        upper = positions.max(axis=0) - excess
         problem = with_limits(problem, upper_position_limits=upper)
     elif quantity == "rate":
-        fastest = np.abs(motion.joint_velocities).max(axis=0)
+        fastest = np.abs(rates).max(axis=0)
         problem = with_limits(problem, velocity_limits=fastest - excess)
     elif quantity == "torque":
-        peaks = np.abs(motion.joint_torques).max(axis=0)
+        peaks = np.array(answer.metrics.peak_joint_torques)
         problem = with_limits(problem, effort_limits=peaks - excess)
     elif quantity == "singular value":
         smallest = answer.metrics.min_singular_value
@@ -128,8 +132,8 @@ def beyond(
     else:
         jump = np.zeros(7)
         jump[2] = settings.start_velocity_tolerance + excess
-        rates = problem.start.joint_velocities + jump
-        problem = replace(problem, start=replace(problem.start, joint_velocities=rates))
+        at_start = problem.start.joint_velocities + jump
+        problem = replace(problem, start=replace(problem.start, joint_velocities=at_start))
         # Other start rates are another momentum; that is not the question here.
         settings = replace(settings, momentum_tolerance=1.0)
     return problem, replace(answer, metrics=measure(problem, motion, settings)), settings

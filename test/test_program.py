@@ -10,10 +10,12 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from robots import ROBOTS, random_path, random_state
+from scipy.interpolate import CubicHermiteSpline
 
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.planning.clearance import arm_points
 from ff_planner_ros.planning.end_effector_polynomial import EndEffectorPaths
+from ff_planner_ros.planning.path_family import Motion
 from ff_planner_ros.planning.problem import Limits, Objective, PlanningProblem, Sphere, Target
 from ff_planner_ros.planning.program import PathProgram
 from ff_planner_ros.planning.requirements import REQUIREMENTS
@@ -160,7 +162,9 @@ def distance_from_segment(point: Array, start: Array, end: Array) -> float:
 
 
 @pytest.mark.parametrize("side", ["lower", "upper"])
-def test_every_joint_near_or_beyond_a_limit_has_a_row_at_every_point(case: Case, side: str) -> None:
+def test_every_joint_near_or_beyond_a_limit_has_a_row_at_every_point_and_turn(
+    case: Case, side: str
+) -> None:
     rollout = case.program.family.motion(case.x, POINTS)
     joint = rollout.q[1:, 7 + 2]
     limit = np.median(joint)  # half of the points are beyond it
@@ -173,24 +177,40 @@ def test_every_joint_near_or_beyond_a_limit_has_a_row_at_every_point(case: Case,
         upper_position_limits=limits["upper"],
     )
     found = of_problem(case.program, robot=robot, obstacles=()).linearise(case.x).constraints
+    spline = joints_of(rollout)[2]
+    joint = np.append(joint, spline(spline.derivative().roots(False, False)))
     expected = np.sort(joint - limit if side == "lower" else limit - joint)
     expected = expected[expected < 0.25]
     assert expected[0] < 0.0 < expected[-1]
     np.testing.assert_allclose(np.sort(found), expected, rtol=0.0, atol=1e-14)
 
 
-def test_every_joint_rate_near_or_beyond_its_limit_has_a_row_at_every_point(case: Case) -> None:
+def joints_of(motion: Motion) -> list[CubicHermiteSpline]:
+    """What the search knows of each joint between the points."""
+    time, joints = (
+        np.linspace(0.0, DURATION, POINTS),
+        zip(motion.q.T[7:], motion.v.T[6:], strict=True),
+    )
+    return [CubicHermiteSpline(time, positions, rates) for positions, rates in joints]
+
+
+def test_every_joint_rate_near_or_beyond_its_limit_has_a_row_at_every_point_and_peak(
+    case: Case,
+) -> None:
     """The start's rates are what they are, whatever the path."""
     far = np.full(case.program.problem.robot.joints, 1e3)
     slow = _with_slow_joints(case)
     robot = replace(slow.problem.robot, lower_position_limits=-far, upper_position_limits=far)
     found = of_problem(slow, robot=robot, obstacles=()).linearise(case.x).constraints
-    rates = slow.family.motion(case.x, POINTS).v[1:, 6:]
+    rollout = slow.family.motion(case.x, POINTS)
+    rates = [spline.derivative() for spline in joints_of(rollout)]
     expected = [
         margin
-        for rate in rates
-        for one, limit in zip(rate, robot.velocity_limits, strict=True)
-        for margin in (limit - one, limit + one)
+        for spline, at_points, limit in zip(
+            rates, rollout.v[1:, 6:].T, robot.velocity_limits, strict=True
+        )
+        for rate in [*at_points, *spline(spline.derivative().roots(False, False))]
+        for margin in (limit - rate, limit + rate)
         if margin < 0.6 * limit
     ]
     assert min(expected) < 0.0 < max(expected)

@@ -8,7 +8,7 @@ the decision variables are. Null-space motion of the start fades on the way.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import ClassVar, cast
 
 import numpy as np
@@ -25,7 +25,7 @@ from ff_planner_ros.planning.polynomial import (
     EndEffectorPolynomial,
     end_effector_polynomials,
 )
-from ff_planner_ros.planning.problem import PlanningProblem, Sphere
+from ff_planner_ros.planning.problem import PlanningProblem, Sphere, Target
 from ff_planner_ros.planning.runge_kutta import increment
 from ff_planner_ros.planning.start_motion import NullSpaceFade, start_motion
 from ff_planner_ros.robot.model import Robot
@@ -77,6 +77,10 @@ class EndEffectorPaths:
         if motion.singular_at is None:
             yield from detours(self.robot, motion, self.polynomial.duration, obstacles)
         yield from scattered()
+
+    def towards(self, target: Target) -> EndEffectorPaths:
+        """Return the motions to a target near this one; the coefficients keep their meaning."""
+        return replace(self, polynomial=self.polynomial.towards(_end(target)))
 
     def motion(self, x: Array, points: int, damping: float = 0.0) -> Motion:
         """Integrate the motion of one path; x: coefficients of the free terms, flattened."""
@@ -193,14 +197,8 @@ def end_effector_families(problem: PlanningProblem) -> list[EndEffectorPaths]:
 
     Where the end effector has half a turn to make there are two of them, a way round each.
     """
-    target = problem.target
     start = start_motion(problem.robot, problem.start, problem.duration)
-    end = EndEffectorMotion(
-        position=target.position,
-        rotation_ee_to_inertial=pin.Quaternion(target.quaternion_xyzw).toRotationMatrix(),
-        twist=np.concatenate([target.linear_velocity, target.angular_velocity]),
-        acceleration=np.concatenate([target.linear_acceleration, target.angular_acceleration]),
-    )
+    end = _end(problem.target)
     return [
         EndEffectorPaths(problem.robot, start.q, start.momentum, polynomial, start.null_space)
         for polynomial in end_effector_polynomials(start.end_effector, end, problem.duration)
@@ -210,6 +208,16 @@ def end_effector_families(problem: PlanningProblem) -> list[EndEffectorPaths]:
 def end_effector_paths(problem: PlanningProblem) -> EndEffectorPaths:
     """Return the first, and nearly always the only one, of `end_effector_families`."""
     return end_effector_families(problem)[0]
+
+
+def _end(target: Target) -> EndEffectorMotion:
+    """Return the end effector's motion at the target."""
+    return EndEffectorMotion(
+        position=target.position,
+        rotation_ee_to_inertial=pin.Quaternion(target.quaternion_xyzw).toRotationMatrix(),
+        twist=np.concatenate([target.linear_velocity, target.angular_velocity]),
+        acceleration=np.concatenate([target.linear_acceleration, target.angular_acceleration]),
+    )
 
 
 def _ended(x: Array, time: float) -> Motion:

@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
+from math import comb
 
 import numpy as np
 from scipy.interpolate import BPoly
 
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.planning.plan import Trajectory
+
+# Extremes are found to this [rad, rad/s]: far below what any limit is measured to.
+_EXACT = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,9 +33,35 @@ class JointMotion:
 
         Before the first and after the last point their quintics go on.
         """
-        of_time = zip(self.positions, self.velocities, self.accelerations, strict=True)
-        quintics = BPoly.from_derivatives(self.time, list(of_time))
+        quintics = self._quintics
         return quintics(time), quintics(time, 1), quintics(time, 2)
+
+    def extremes(self, order: int = 0) -> tuple[Array, Array]:
+        """Return the lowest and highest value of each joint between first and last point, and when.
+
+        Args:
+            order: 0 for positions, 1 for rates.
+
+        Returns:
+            Values, exact to `_EXACT`, and their times: each of shape (2, joints).
+        """
+        pieces = self._quintics
+        for _ in range(order):
+            pieces = pieces.derivative()
+        both = np.concatenate([-pieces.c, pieces.c], axis=2)
+        values, times = _highest(both, self.time)
+        signs = np.array([[-1.0], [1.0]])
+        return signs * values.reshape(2, -1), times.reshape(2, -1)
+
+    @cached_property
+    def _quintics(self) -> BPoly:
+        """The quintics in Bernstein's form."""
+        step = np.diff(self.time)[:, None]
+        p, v, a = self.positions, step * self.velocities[:-1], step**2 * self.accelerations[:-1]
+        v_end, a_end = step * self.velocities[1:], step**2 * self.accelerations[1:]
+        first = [p[:-1], p[:-1] + v / 5, p[:-1] + 2 * v / 5 + a / 20]
+        last = [p[1:] - 2 * v_end / 5 + a_end / 20, p[1:] - v_end / 5, p[1:]]
+        return BPoly(np.array([*first, *last]), self.time)
 
 
 def joint_motion(trajectory: Trajectory, start: float = 0.0) -> JointMotion:
@@ -56,3 +87,39 @@ def steady_motion(begin: float, end: float, positions: Array, rates: Array) -> J
         none + rates,
         none,
     )
+
+
+def _highest(coefficients: Array, time: Array) -> tuple[Array, Array]:
+    """Return the highest value of each of several piecewise polynomials, and when.
+
+    No value of a polynomial is above its highest coefficient in Bernstein's form. Pieces whose
+    bound is above what was found are halved; their bounds close in on them by a quarter each time.
+
+    Args:
+        coefficients: In Bernstein's form. Shape (degree + 1, pieces, polynomials).
+        time: At which the pieces begin and end. Shape (pieces + 1,).
+    """
+    size, count, polynomials = coefficients.shape
+    halves = [_half(size), _half(size)[::-1, ::-1]]
+    which = np.tile(np.arange(polynomials), count)
+    begin, width = (np.repeat(at, polynomials) for at in (time[:-1], np.diff(time)))
+    pieces = coefficients.reshape(size, -1)
+    highest, when = np.full(polynomials, -np.inf), np.zeros(polynomials)
+    while pieces.size:
+        for at_end, times in ((pieces[0], begin), (pieces[-1], begin + width)):
+            order = np.argsort(at_end, kind="stable")  # of equal indices numpy keeps the last
+            found, found_when = highest.copy(), when.copy()
+            found[which[order]], found_when[which[order]] = at_end[order], times[order]
+            better = found > highest
+            highest, when = np.where(better, found, highest), np.where(better, found_when, when)
+        open_ = pieces.max(axis=0) > highest[which] + _EXACT
+        pieces = np.concatenate([half @ pieces[:, open_] for half in halves], axis=1)
+        which, width = np.tile(which[open_], 2), np.tile(width[open_] / 2, 2)
+        begin = np.tile(begin[open_], 2)
+        begin[len(begin) // 2 :] += width[len(begin) // 2 :]
+    return highest, when
+
+
+def _half(size: int) -> Array:
+    """Return the matrix that makes the first half's coefficients of those of a piece."""
+    return np.array([[comb(i, j) / 2**i for j in range(size)] for i in range(size)])

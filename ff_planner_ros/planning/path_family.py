@@ -12,7 +12,7 @@ from typing import Protocol
 
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.errors import NoPlanFound, Status
-from ff_planner_ros.planning.problem import Sphere
+from ff_planner_ros.planning.problem import Sphere, Target
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -67,6 +67,9 @@ class PathFamily(Protocol):
         self, obstacles: Sequence[Sphere], points: int, damping: float
     ) -> Iterator[Array]:
         """Yield decision variables to start motions from, always the same for one problem."""
+
+    def towards(self, target: Target) -> PathFamily:
+        """Return the motions to a target near this one; x keeps its meaning."""
 
     def decision_variables(self, x: Array) -> Array:
         """Return what the plan reports of a path: for the paper's family xi, Eq. (42)."""

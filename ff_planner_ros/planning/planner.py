@@ -10,6 +10,7 @@ from ff_planner_ros.arrays import Array, finite_vector
 from ff_planner_ros.errors import NoPlanFound, OutOfTime, Status
 from ff_planner_ros.planning.check import failures, measure, out_of_time, refusal
 from ff_planner_ros.planning.end_effector_polynomial import end_effector_families
+from ff_planner_ros.planning.followed import followed_path
 from ff_planner_ros.planning.motion import to_trajectory
 from ff_planner_ros.planning.objectives import weighted_sum
 from ff_planner_ros.planning.path_family import PathFamily, singular_refusal
@@ -20,8 +21,14 @@ from ff_planner_ros.planning.program import path_program
 from ff_planner_ros.planning.search import FoundPath, Search
 from ff_planner_ros.planning.settings import PlannerSettings
 from ff_planner_ros.planning.watch import Watch
+from ff_planner_ros.robot.dynamics import accelerations
+from ff_planner_ros.robot.kinematics import rotation_base_to_inertial
 
 NOBODY = Watch()
+
+# A hundredth of what the check allows at the goal [m, rad]. A path whose own motion is as near as
+# this to what comes of it is published as it is: its end effector's twist is exact at the goal.
+_NEAR = 1e-5
 
 
 def plan(
@@ -95,9 +102,15 @@ def _plan_in_family(
 def plan_of_path(
     problem: PlanningProblem, settings: PlannerSettings, family: PathFamily, path: FoundPath
 ) -> Plan:
-    """Return the regular motion along one path of the family, measured and not yet judged."""
-    motion, acceleration = path.at_x.motion, path.at_x.acceleration
-    plain = plan_of_motion(problem, settings, motion.q, motion.v, acceleration, path.report)
+    """Return what comes of a regular path of the family, measured and not yet judged."""
+    motion = path.at_x.motion
+    driven = followed_path(problem, motion.q, motion.v, path.at_x.acceleration)
+    q, v, acceleration = motion.q, motion.v, path.at_x.acceleration
+    at_points = driven.q[:: driven.pieces]
+    if len(at_points) < len(q) or not _is_near(at_points, q):
+        q, v = at_points, driven.v[:: driven.pieces]
+        acceleration = accelerations(problem.robot, q, v, driven.joints.accelerations)
+    plain = plan_of_motion(problem, settings, q, v, acceleration, path.report)
     return replace(
         plain,
         xi=family.decision_variables(motion.x),
@@ -105,6 +118,12 @@ def plan_of_path(
         family=family.name,
         coefficients=motion.x,
     )
+
+
+def _is_near(q: Array, others: Array) -> bool:
+    """Tell whether the base is where it is in other configurations, but for what nobody feels."""
+    turns = rotation_base_to_inertial(q) - rotation_base_to_inertial(others)
+    return bool(max(np.abs(q[:, :3] - others[:, :3]).max(), np.abs(turns).max()) <= _NEAR)
 
 
 def plan_of_motion(

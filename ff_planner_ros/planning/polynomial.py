@@ -17,7 +17,8 @@ The Euler angles are read in one of two ways, and R = A Rz(psi) Ry(theta) Rx(phi
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -120,6 +121,14 @@ class EndEffectorPolynomial:
         derivative[:, 3:] = np.einsum("ij,tjck->tick", self.rotation_outer, derivative[:, 3:])
         return derivative.reshape(len(s), COMPONENTS, PARAMETERS)
 
+    def towards(self, end: EndEffectorMotion) -> EndEffectorPolynomial:
+        """Return the paths to another end near this one, the angles read in the same way."""
+        ends = self.components(np.zeros((COMPONENTS, FREE_TERMS)), np.array([0.0, 1.0]))
+        value, rate, acceleration = _components(end, self.rotation_outer, self.rotation_inner)
+        value[3:] = _nearest(value[3:], ends[0][1, 3:])
+        conditions = [tuple(of_ends[0] for of_ends in ends), (value, rate, acceleration)]
+        return replace(self, quintic=_quintic(conditions, self.duration))
+
     def decision_variables(self, coefficients: Array) -> Array:
         """Return the paper's xi: a6, a7, a8 of each component, Eq. (42). Shape (18,)."""
         in_normalised_time = coefficients @ _FREE_TERM_COEFFICIENTS[6:].T
@@ -187,18 +196,28 @@ def _paths(
     """
     conditions = [_components(motion, outer, inner) for motion in (start, end)]
     near = conditions[0][0][3:] if angle is None else np.array([0.0, 0.0, angle])
-    beyond = conditions[1][0][3:] - near
-    conditions[1][0][3:] -= 2 * np.pi * np.round(beyond / (2 * np.pi))
-    ends = np.array([0.0, 1.0])
-    system = np.concatenate([_powers(ends, order)[:, :6] / duration**order for order in range(3)])
-    wanted = np.array([conditions[i][order] for order in range(3) for i in range(2)])
+    conditions[1][0][3:] = _nearest(conditions[1][0][3:], near)
     return EndEffectorPolynomial(
         duration=duration,
-        quintic=frozen(np.linalg.solve(system, wanted)),
+        quintic=_quintic(conditions, duration),
         reading=reading,
         rotation_outer=frozen(outer),
         rotation_inner=frozen(inner),
     )
+
+
+def _nearest(euler: Array, others: Array) -> Array:
+    """Return, of all angles that mean the same orientation, the nearest to others."""
+    nearest: Array = euler - 2 * np.pi * np.round((euler - others) / (2 * np.pi))
+    return nearest
+
+
+def _quintic(conditions: Sequence[tuple[Array, ...]], duration: float) -> Array:
+    """Return the quintic through components, rates and accelerations at both ends."""
+    ends = np.array([0.0, 1.0])
+    system = np.concatenate([_powers(ends, order)[:, :6] / duration**order for order in range(3)])
+    wanted = np.array([conditions[i][order] for order in range(3) for i in range(2)])
+    return frozen(np.linalg.solve(system, wanted))
 
 
 def _components(motion: EndEffectorMotion, outer: Array, inner: Array) -> tuple[Array, ...]:

@@ -3,17 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+import pinocchio as pin
 
 from ff_planner_ros.arrays import Array
+from ff_planner_ros.planning.followed import FollowedMotion, followed_path
 from ff_planner_ros.planning.objectives import terms, with_tie_break
 from ff_planner_ros.planning.path_family import Motion, PathFamily
-from ff_planner_ros.planning.problem import Objective, PlanningProblem
+from ff_planner_ros.planning.problem import Objective, PlanningProblem, Target
 from ff_planner_ros.planning.requirements import REQUIREMENTS
+from ff_planner_ros.planning.requirements.goal import beside, miss
 from ff_planner_ros.planning.settings import PlannerSettings
 from ff_planner_ros.planning.solver import Linearisation
+from ff_planner_ros.robot.configuration import configuration
+
+# A path is solved on so many intervals at least, whatever the plan shows of them: on fewer, its
+# motion is not exact to a tenth of what the check allows.
+_LEAST_INTERVALS = 40
+# From point to point a tumbling chaser turns no further [rad]; but this many intervals are enough.
+_GRID_TURN, _MOST_INTERVALS = 0.25, 200
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -25,6 +35,39 @@ class PathLinearisation(Linearisation):
 
 
 @dataclass(frozen=True, eq=False)
+class Correction:
+    """The way from a path's motion to the one that a controller makes of the plan's points.
+
+    It hardly changes with the path, so that its derivative is left out.
+    """
+
+    q: Array  # tangent steps at the points; shape (points, 6 + joints)
+    v: Array  # of the velocities at the points; shape (points, 6 + joints)
+    q_half_way: Array  # tangent steps half-way between; shape (points - 1, 6 + joints)
+
+    @staticmethod
+    def between(model: pin.Model, motion: Motion, driven: FollowedMotion) -> Correction:
+        """Return the way from one motion to the other; its steps end at the points, too."""
+        every = (len(driven.time) - 1) // (2 * len(motion.q) - 2)
+        steps = [
+            np.array([pin.difference(model, *at) for at in zip(q, to, strict=True)])
+            for q, to in (
+                (motion.q, driven.q[:: 2 * every]),
+                (motion.q_half_way, driven.q[every :: 2 * every]),
+            )
+        ]
+        return Correction(steps[0], driven.v[:: 2 * every] - motion.v, steps[1])
+
+    def of(self, model: pin.Model, motion: Motion) -> Motion:
+        """Return the motion that a controller makes of one near the path's."""
+        q, q_half_way = (
+            np.array([pin.integrate(model, *at) for at in zip(q, steps, strict=True)])
+            for q, steps in ((motion.q, self.q), (motion.q_half_way, self.q_half_way))
+        )
+        return replace(motion, q=q, v=motion.v + self.v, q_half_way=q_half_way)
+
+
+@dataclass(frozen=True, eq=False)
 class PathProgram:
     """Objectives and requirements of one planning problem on one time grid."""
 
@@ -32,8 +75,11 @@ class PathProgram:
     family: PathFamily
     objective: Objective
     margins: Mapping[str, float]  # kept more of each requirement at the points, by its name
-    points: int  # of the grid
+    points: int  # of the grid; the plan holds every one of them, every second, ...
     damping: float = 0.0  # of the motion, where a singularity in the way shall not stop the search
+    # From the path's motion to the one that a controller makes of it; None: not known yet
+    correction: Correction | None = None
+    aim: Target | None = None  # of the family, beside the problem's target; None: that itself
 
     def linearise(self, x: Array) -> PathLinearisation:
         """Return objective and constraints of a path with their derivatives."""
@@ -42,6 +88,7 @@ class PathProgram:
             return _undefined(motion)
         sensitivity = self.family.sensitivity(motion, self.damping)
         step, robot = self.problem.duration / (self.points - 1), self.problem.robot
+        driven = motion if self.correction is None else self.correction.of(robot.model, motion)
         variables = len(x)
         value, gradient = 0.0, np.zeros(variables)
         hessian = np.zeros((variables, variables))
@@ -52,7 +99,7 @@ class PathProgram:
             peaks.append(term.peaks)
             peaks_jacobian.append(term.peaks_jacobian)
         rows = [
-            required.rows(self.problem, motion, sensitivity, self.margins[required.name])
+            required.rows(self.problem, driven, sensitivity, self.margins[required.name])
             for required in REQUIREMENTS
         ]
         kept = [found for found in rows if found is not None]
@@ -68,11 +115,24 @@ class PathProgram:
             acceleration=sensitivity.acceleration,
         )
 
-    def slacks_between(self, motion: Motion) -> Mapping[str, float]:
-        """Return what is left of each requirement between the points; negative: it is violated."""
-        return {
-            required.name: required.slack_between(self.problem, motion) for required in REQUIREMENTS
-        }
+    def followed(self, at_x: PathLinearisation) -> FollowedMotion:
+        """Return what a controller makes of the points that a path's plan holds."""
+        return followed_path(self.problem, at_x.motion.q, at_x.motion.v, at_x.acceleration)
+
+    def corrected(self, motion: Motion, driven: FollowedMotion) -> PathProgram:
+        """Return the program that knows what a controller makes of a path, and aims accordingly."""
+        robot, target = self.problem.robot, self.problem.target
+        aim = beside(self.aim or target, *miss(robot, driven.q[-1], target))
+        return replace(
+            self,
+            family=self.family.towards(aim),
+            correction=Correction.between(robot.model, motion, driven),
+            aim=aim,
+        )
+
+    def slacks(self, motion: FollowedMotion) -> Mapping[str, float]:
+        """Return what is left of each requirement along a motion; negative: it is violated."""
+        return {required.name: required.slack(self.problem, motion) for required in REQUIREMENTS}
 
 
 def path_program(
@@ -81,7 +141,16 @@ def path_program(
     """Return the optimisation problem on all points of the plan."""
     margins = {required.name: required.margin(problem, settings) for required in REQUIREMENTS}
     objective = with_tie_break(problem.objective, settings)
-    return PathProgram(problem, family, objective, margins, problem.points)
+    return PathProgram(problem, family, objective, margins, _grid_points(problem))
+
+
+def _grid_points(problem: PlanningProblem) -> int:
+    """Return the number of points to solve on; the plan's are every one, every second, ..."""
+    _, v = configuration(problem.robot, problem.start)
+    turn = float(np.linalg.norm(v[3:6])) * problem.duration
+    intervals = problem.points - 1
+    wanted = max(_LEAST_INTERVALS, min(turn / _GRID_TURN, _MOST_INTERVALS))
+    return 1 + intervals * int(np.ceil(wanted / intervals))
 
 
 def _undefined(motion: Motion) -> PathLinearisation:

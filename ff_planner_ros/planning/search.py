@@ -7,12 +7,16 @@ from dataclasses import dataclass, replace
 from itertools import chain, islice
 from typing import TypeAlias
 
+import numpy as np
+
 from ff_planner_ros.arrays import Array
+from ff_planner_ros.planning.followed import FollowedMotion
 from ff_planner_ros.planning.plan import SolverReport
 from ff_planner_ros.planning.program import PathLinearisation, PathProgram
 from ff_planner_ros.planning.requirements.clearance import Clearance
+from ff_planner_ros.planning.requirements.goal import miss
 from ff_planner_ros.planning.settings import PlannerSettings
-from ff_planner_ros.planning.solver import Solution, minimise
+from ff_planner_ros.planning.solver import FEASIBILITY_TOLERANCE, Solution, minimise
 from ff_planner_ros.planning.watch import CHECKING, REFINING, SEARCHING, Progress, Watch
 
 PathSolution: TypeAlias = Solution[PathLinearisation]
@@ -41,8 +45,10 @@ _PROMISING_VIOLATION = 5e-3
 _PROMISING_OPTIMALITY = 0.1
 # On few points the solver gives up early: after this many guesses, go on from the best failure.
 _RECONSIDER = 5
-# Each round roughly halves what is missing between the points.
-_MARGIN_ROUNDS = 4
+# Each round leaves a tenth or less of what is missing between the points.
+_ROUNDS = 6
+# Of what the check allows at the goal, the part that a motion may miss.
+_MISS = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,14 +161,20 @@ class Search:
                 yield best
 
     def _solve_between_points(self, grid: _Grid, start: Array) -> PathSolution:
-        """Solve, and raise the margins at the points until the motion between them is sound too."""
-        solution = self._solve(grid, start)
-        for _ in range(_MARGIN_ROUNDS - 1):
+        """Solve until the motion that a controller makes of the plan is sound at all times."""
+        program = grid.program
+        if program.points > program.problem.points:
+            at_start = program.linearise(start)
+            if at_start.is_defined:
+                program = program.corrected(at_start.motion, program.followed(at_start))
+        solution = self._solve(replace(grid, program=program), start)
+        for _ in range(_ROUNDS):
             if not solution.feasible:
                 break
-            program = grid.program
-            slacks = program.slacks_between(solution.at_x.motion)
-            if all(slack >= 0.0 for slack in slacks.values()):
+            motion = program.followed(solution.at_x)
+            slacks = program.slacks(motion)
+            is_sound = min(slacks.values()) >= 0.0
+            if is_sound and self._is_at_goal(motion):
                 break
             # Beside what is missing, half the margin that the search began with.
             margins = {
@@ -171,9 +183,22 @@ class Search:
                 else margin
                 for name, margin in program.margins.items()
             }
-            grid = replace(grid, program=replace(program, margins=margins))
-            solution = self._solve(grid, solution.x)
+            program = replace(program.corrected(solution.at_x.motion, motion), margins=margins)
+            if is_sound:  # a better aim is all that is missing, and no reason to optimise again
+                aimed = program.linearise(solution.x)
+                if aimed.violation <= FEASIBILITY_TOLERANCE:
+                    solution = replace(solution, at_x=aimed)
+                    continue
+            solution = self._solve(replace(grid, program=program), solution.x)
         return solution
+
+    def _is_at_goal(self, motion: FollowedMotion) -> bool:
+        problem, settings = self._program.problem, self._settings
+        position, turn = np.linalg.norm(miss(problem.robot, motion.q[-1], problem.target), axis=1)
+        return bool(
+            position <= _MISS * settings.position_tolerance
+            and turn <= _MISS * settings.orientation_tolerance
+        )
 
     def _solve(self, grid: _Grid, start: Array) -> PathSolution:
         level = grid.level

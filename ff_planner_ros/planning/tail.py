@@ -19,13 +19,17 @@ from ff_planner_ros.planning.motion import from_trajectory, to_trajectory
 from ff_planner_ros.planning.path_family import singular_refusal
 from ff_planner_ros.planning.plan import Plan, Trajectory
 from ff_planner_ros.planning.problem import MAX_POINTS, PlanningProblem
+from ff_planner_ros.planning.requirements.requirement import Samples
 from ff_planner_ros.planning.runge_kutta import runge_kutta_step
 from ff_planner_ros.planning.settings import PlannerSettings
+from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.momentum import total_momentum
 from ff_planner_ros.robot.velocity_map import VelocityMap, VelocitySolution, stacked
 
-# The check looks at the points: on so many intervals it sees the peaks of a ramp within 2 %.
+# On so many intervals or more the quintics between the points are the motion, within 1e-6 rad.
 _LEAST_INTERVALS = 8
+# The motion takes so many steps of Runge-Kutta or more in as long as the plan takes to its goal.
+_STEPS = 40
 
 
 class EndBehaviour(StrEnum):
@@ -67,22 +71,28 @@ def with_tail(
     seconds = finite_number("tail_duration", seconds, above=0.0)
     name = f"{end_behaviour}, {seconds:g} s"
     time = np.linspace(0.0, seconds, 1 + _intervals(problem, motion, seconds))
+    # Few points are few points told, not a coarser motion.
+    steps = int(np.ceil(time[1] * _STEPS / problem.duration - 1e-9))
+    finer = np.interp(np.arange(steps * (len(time) - 1) + 1), steps * np.arange(len(time)), time)
     q, v = from_trajectory(robot, motion)
     momentum = total_momentum(robot, robot.model.createData(), q[0], v[0])
     if end_behaviour is EndBehaviour.HOLD_END_EFFECTOR:
         try:
-            tail = _holding(problem, q[-1], momentum, time)
+            tail = _holding(problem, q[-1], momentum, finer)
         except NoPlanFound as singular:
             raise _refusal(name, singular.status, str(singular), plan) from None
+        if steps > 1:  # what comes of the points, which are not all of the motion
+            samples = (rows[::steps] for rows in (tail[0][:, 7:], tail[1][:, 6:], tail[2][:, 6:]))
+            tail = driven(robot, q[-1], momentum, JointMotion(time, *samples), finer)
     else:
         ramp = _ramp(q[-1, 7:], v[-1, 6:], motion.joint_accelerations[-1], seconds)
-        tail = driven(robot, q[-1], momentum, ramp, time)
-    after = to_trajectory(robot, problem.duration + time, *tail)
+        tail = driven(robot, q[-1], momentum, ramp, finer)
+    after = to_trajectory(robot, problem.duration + time, *(rows[::steps] for rows in tail))
     whole = _joined(motion, after)
     longer = replace(plan, trajectory=whole, metrics=measure(problem, whole, settings))
     found = list(failures(problem, longer, settings))
     if end_behaviour is EndBehaviour.HOLD_END_EFFECTOR:
-        found += _lost_hold(problem, after, settings)
+        found += _lost_hold(problem, whole, settings)
     if found:
         findings = "; ".join(failure.finding for failure in found)
         raise _refusal(name, found[0].status, findings, longer)
@@ -162,15 +172,21 @@ def _joined(motion: Trajectory, after: Trajectory) -> Trajectory:
 
 
 def _lost_hold(
-    problem: PlanningProblem, after: Trajectory, settings: PlannerSettings
+    problem: PlanningProblem, whole: Trajectory, settings: PlannerSettings
 ) -> Iterator[Failure]:
-    """Yield where the end effector is not with the target, whose twist stays what it is."""
-    target, time = problem.target, after.time - problem.duration
+    """Yield where the end effector is not with the target, whose twist stays what it is.
+
+    It is looked at where it comes, and at the points where it should come.
+    """
+    samples, target = Samples(problem, settings, whole), problem.target
+    told, comes = slice(samples.goal, None), slice(samples.followed.pieces * samples.goal, None)
+    time = np.append(whole.time[told], samples.followed.time[comes]) - problem.duration
     positions = target.position + np.outer(time, target.linear_velocity)
     turns = Rotation.from_rotvec(np.outer(time, target.angular_velocity))
     rotations = turns * Rotation.from_quat(target.quaternion_xyzw)
-    away = np.linalg.norm(after.ee_positions - positions, axis=1)
-    turned = (rotations.inv() * Rotation.from_quat(after.ee_quaternions_xyzw)).magnitude()
+    tips = _tips(problem.robot, np.append(samples.q[told], samples.followed.q[comes], axis=0))
+    away = np.linalg.norm([tip.translation for tip in tips] - positions, axis=1)
+    turned = (rotations.inv() * Rotation.from_matrix([tip.rotation for tip in tips])).magnitude()
     for name, off, tolerance, unit in (
         ("position", away, settings.position_tolerance, "m"),
         ("orientation", turned, settings.orientation_tolerance, "rad"),
@@ -182,6 +198,15 @@ def _lost_hold(
                 f"{time[off.argmax()]:.2f} s after the goal, allowed is {tolerance:.3g} {unit}",
                 (),
             )
+
+
+def _tips(robot: Robot, q: Array) -> list[pin.SE3]:
+    """Return the end effector's pose in each configuration."""
+    data, tips = robot.model.createData(), []
+    for at in q:
+        pin.forwardKinematics(robot.model, data, at)
+        tips.append(pin.updateFramePlacement(robot.model, data, robot.tip_frame_id).copy())
+    return tips
 
 
 def _refusal(name: str, status: Status, finding: str, attempt: Plan) -> NoPlanFound:

@@ -39,6 +39,16 @@ def joint_torques(robot: Robot, q: Array, v: Array, joint_accelerations: Array) 
     return np.array(torques)
 
 
+def accelerations(robot: Robot, q: Array, v: Array, joint_accelerations: Array) -> Array:
+    """Return dv/dt of samples while nothing pushes the base. Shape (points, 6 + joints).
+
+    Like the joint accelerations [rad/s2], q and v hold a row a point.
+    """
+    data, samples = robot.model.createData(), zip(q, v, joint_accelerations, strict=True)
+    of_base = [base_acceleration(robot, data, *sample) for sample in samples]
+    return np.hstack([of_base, joint_accelerations])
+
+
 def base_acceleration(
     robot: Robot, data: pin.Data, q: Array, v: Array, joint_acceleration: Array
 ) -> Array:

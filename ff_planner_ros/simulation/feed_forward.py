@@ -5,16 +5,16 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from scipy.interpolate import CubicHermiteSpline, CubicSpline
-from scipy.spatial.transform import Rotation, RotationSpline
+from scipy.interpolate import CubicSpline
 
 from ff_planner_ros.arrays import Array
+from ff_planner_ros.planning.forward import carried_base
 from ff_planner_ros.planning.joint_motion import joint_motion
 from ff_planner_ros.planning.motion import from_trajectory
 from ff_planner_ros.planning.plan import Trajectory
-from ff_planner_ros.robot.dynamics import base_acceleration, inverse_dynamics
+from ff_planner_ros.robot.dynamics import joint_torques
 from ff_planner_ros.robot.model import Robot
-from ff_planner_ros.robot.momentum import base_twist, total_momentum
+from ff_planner_ros.robot.momentum import total_momentum
 
 
 class FeedForward(NamedTuple):
@@ -60,19 +60,8 @@ def _half_steps(trajectory: Trajectory, steps_per_point: int) -> Array:
 
 def _torques_of_motion(robot: Robot, trajectory: Trajectory, time: Array) -> Array:
     """Return the torques that the motion between the points needs. Shape (times, joints)."""
-    data = robot.model.createData()
     q, v = from_trajectory(robot, trajectory)
-    momentum = total_momentum(robot, data, q[0], v[0])
-    attitudes = Rotation.from_quat(q[:, 3:7])
-    base = CubicHermiteSpline(trajectory.time, q[:, :3], attitudes.apply(v[:, :3]))
-    turn = RotationSpline(trajectory.time, attitudes)
-    positions, *derivatives = joint_motion(trajectory).at(time)
-    configurations = np.hstack([base(time), turn(time).as_quat(), positions])
-    torques = []
-    for sample, rates, acceleration in zip(configurations, *derivatives, strict=True):
-        twist = base_twist(robot, data, sample, momentum, rates)
-        velocity = np.concatenate([twist, rates])
-        of_base = base_acceleration(robot, data, sample, velocity, acceleration)
-        whole = np.concatenate([of_base, acceleration])
-        torques.append(inverse_dynamics(robot, data, sample, velocity, whole)[6:])
-    return np.array(torques)
+    momentum = total_momentum(robot, robot.model.createData(), q[0], v[0])
+    joints = joint_motion(trajectory)
+    _, _, accelerations = joints.at(time)
+    return joint_torques(robot, *carried_base(robot, q[0], momentum, joints, time), accelerations)

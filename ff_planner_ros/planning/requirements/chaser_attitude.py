@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.errors import Failure, Status
+from ff_planner_ros.planning.followed import FollowedMotion
 from ff_planner_ros.planning.metrics import Metrics
 from ff_planner_ros.planning.objectives import chaser_euler_with_derivative
 from ff_planner_ros.planning.path_family import Motion, Sensitivity
@@ -27,13 +28,14 @@ from ff_planner_ros.planning.requirements.requirement import (
 )
 from ff_planner_ros.planning.settings import PlannerSettings
 from ff_planner_ros.robot.kinematics import rotation_base_to_inertial
+from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.rotation import euler_from_rotation
 
 # The search keeps this much more at the points [rad], but never more than this part of the limit.
 _MARGIN, _PART = 5e-4, 0.02
-# Times to look at from each point to the next. Between two of them the largest angle of a motion
-# of 50 points rises by less than 1e-6 rad.
-_TIMES = 20
+# Times to look at in each step of the motion's integration. Between two of them the largest angle
+# rises by less than 1e-6 rad.
+_TIMES = 10
 
 
 class ChaserAttitude(Requirement):
@@ -57,26 +59,20 @@ class ChaserAttitude(Requirement):
         euler, jacobian = chaser_euler_with_derivative(problem.robot, q, of_q)
         return within(euler, jacobian, -limits, limits, OF_INTEREST)
 
-    def slack_between(self, problem: PlanningProblem, motion: Motion) -> float:
+    def slack(self, problem: PlanningProblem, motion: FollowedMotion) -> float:
         """Return how far the chaser stays from the limit [rad]."""
         limit = problem.limits.chaser_attitude
         if np.isinf(limit):
             return np.inf
-        rotations = rotation_base_to_inertial(motion.q)
-        angular_velocities = np.einsum("pij,pj->pi", rotations, motion.v[:, 3:6])
-        axes = Rotation.from_matrix(rotations @ problem.robot.rotation_chaser_to_base)
-        times = np.linspace(0.0, problem.duration, len(motion.q))
-        _, angles = _angles_between(times, axes.as_quat(), angular_velocities)
+        _, angles = _angles(problem.robot, motion)
         return limit - float(angles.max())
 
     def failures(self, samples: Samples, metrics: Metrics) -> Iterator[Failure]:
         """Yield the time at which the chaser is turned furthest."""
-        limit, motion = samples.problem.limits.chaser_attitude, samples.trajectory
+        limit = samples.problem.limits.chaser_attitude
         if np.isinf(limit):
             return
-        times, angles = _angles_between(
-            motion.time, motion.chaser_quaternions_xyzw, motion.chaser_angular_velocities
-        )
+        times, angles = _angles(samples.problem.robot, samples.followed)
         worst = int(angles.argmax())
         if not angles[worst] <= limit + LIMIT_TOLERANCE:
             yield Failure(
@@ -92,19 +88,14 @@ class ChaserAttitude(Requirement):
             )
 
 
-def _angles_between(
-    times: Array, quaternions_xyzw: Array, angular_velocities: Array
-) -> tuple[Array, Array]:
-    """Return times at and between the points, and the largest modulus of an Euler angle there.
-
-    Args:
-        times: Of the points. Shape (points,) [s].
-        quaternions_xyzw: Of the chaser. Shape (points, 4).
-        angular_velocities: Of the chaser, inertial axes. Shape (points, 3) [rad/s].
-    """
-    count = len(times) - 1
-    at = np.interp(np.arange(_TIMES * count + 1), _TIMES * np.arange(count + 1), times)
-    still = np.zeros((len(times), 3))
-    _, rotations = poses_between(times, still, quaternions_xyzw, still, angular_velocities, at)
-    angles: Array = np.abs(euler_from_rotation(rotations.as_matrix())).max(axis=1)
+def _angles(robot: Robot, motion: FollowedMotion) -> tuple[Array, Array]:
+    """Return times along a motion, and the largest modulus of an Euler angle at each of them."""
+    rotations = rotation_base_to_inertial(motion.q)
+    angular_velocities = np.einsum("pij,pj->pi", rotations, motion.v[:, 3:6])
+    axes = Rotation.from_matrix(rotations @ robot.rotation_chaser_to_base)
+    count = len(motion.time) - 1
+    at = np.interp(np.arange(_TIMES * count + 1), _TIMES * np.arange(count + 1), motion.time)
+    still = np.zeros((count + 1, 3))
+    _, between = poses_between(motion.time, still, axes.as_quat(), still, angular_velocities, at)
+    angles: Array = np.abs(euler_from_rotation(between.as_matrix())).max(axis=1)
     return at, angles

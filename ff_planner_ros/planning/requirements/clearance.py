@@ -23,6 +23,7 @@ from ff_planner_ros.planning.clearance import (
     penalty,
     segments,
 )
+from ff_planner_ros.planning.followed import FollowedMotion
 from ff_planner_ros.planning.metrics import Metrics
 from ff_planner_ros.planning.path_family import Motion, Sensitivity
 from ff_planner_ros.planning.problem import PlanningProblem
@@ -80,19 +81,16 @@ class Clearance(Requirement):
         jacobian = clearance_gradients(clear, derivatives, starts, rows)
         return clear.distance[rows] - margin, jacobian
 
-    def slack_between(self, problem: PlanningProblem, motion: Motion) -> float:
+    def slack(self, problem: PlanningProblem, motion: FollowedMotion) -> float:
         """Return the certified clearance [m]."""
-        times = np.linspace(0.0, problem.duration, len(motion.q))
-        return certified_clearance(problem.robot, motion.q, motion.v, times, problem.obstacles)
+        return _certified(problem, motion)
 
     def metrics(self, samples: Samples) -> Mapping[str, float]:
         """Return certified clearance and R_obst."""
         problem, settings, times = samples.problem, samples.settings, samples.trajectory.time
         at_points = clearances(samples.arm, times, segments(samples.arm), problem.obstacles)
         return {
-            "min_clearance": certified_clearance(
-                problem.robot, *samples.q_and_v, times, problem.obstacles
-            ),
+            "min_clearance": _certified(problem, samples.followed) if problem.obstacles else np.inf,
             "penalty": penalty(
                 at_points.distance, settings.penalty_gain, settings.penalty_exponent
             ),
@@ -102,16 +100,19 @@ class Clearance(Requirement):
         """Yield the deepest collision."""
         if metrics.min_clearance >= 0.0:
             return
-        starts, obstacles = segments(samples.arm), samples.problem.obstacles
-        distance = clearances(samples.arm, samples.trajectory.time, starts, obstacles).distance
-        point, segment, sphere = np.unravel_index(distance.argmin(), distance.shape)
-        depth, obstacle = -distance[point, segment, sphere], obstacles[sphere].id
-        link, when = link_name(samples.problem.robot, int(starts[segment])), samples.when(point)
+        motion, obstacles = samples.followed, samples.problem.obstacles
+        arm = arm_points(samples.problem.robot, motion.q)
+        starts = segments(arm)
+        distance = clearances(arm, motion.time, starts, obstacles).distance
+        time, segment, sphere = np.unravel_index(distance.argmin(), distance.shape)
+        depth, obstacle = -distance[time, segment, sphere], obstacles[sphere].id
+        link = link_name(samples.problem.robot, int(starts[segment]))
+        when = samples.at(float(motion.time[time]))
         if depth <= 0.0:
             yield Failure(
                 Status.COLLISION,
-                f"{link} may touch obstacle {obstacle} between two points near {when}: all that is "
-                f"certain is a clearance of {metrics.min_clearance * 1e3:.2f} mm",
+                f"{link} may touch obstacle {obstacle} near {when}: all that is certain is a "
+                f" clearance of {metrics.min_clearance * 1e3:.2f} mm",
                 ("more points", "a larger planner.clearance_margin"),
             )
             return
@@ -126,6 +127,12 @@ class Clearance(Requirement):
                 *([margin] if depth < samples.settings.clearance_margin else []),
             ),
         )
+
+
+def _certified(problem: PlanningProblem, motion: FollowedMotion) -> float:
+    """Return a lower bound of the clearance along a motion [m]."""
+    steps = np.diff(motion.time)
+    return certified_clearance(problem.robot, motion.q, motion.v, steps, problem.obstacles)
 
 
 def link_name(robot: Robot, start: int) -> str:

@@ -8,6 +8,8 @@ import numpy as np
 
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.errors import Failure, InvalidInput, Status
+from ff_planner_ros.planning.followed import FollowedMotion
+from ff_planner_ros.planning.joint_motion import JointMotion
 from ff_planner_ros.planning.metrics import Metrics
 from ff_planner_ros.planning.path_family import Motion, Sensitivity
 from ff_planner_ros.planning.problem import PlanningProblem
@@ -19,12 +21,17 @@ from ff_planner_ros.planning.requirements.requirement import (
     Samples,
     within,
 )
+from ff_planner_ros.planning.requirements.turns import beyond, joined, turns
 from ff_planner_ros.planning.settings import PlannerSettings
 from ff_planner_ros.planning.start_motion import LEAST_EXCESS, least_highest_positions
+from ff_planner_ros.robot.model import Robot
+
+# Between 50 points the quintics and the cubics that the search knows differ by less [rad].
+_MARGIN = 1e-5
 
 
 class JointPositions(Requirement):
-    """The joints stay within their position limits at the points."""
+    """The joints stay within their position limits, between the points too."""
 
     name = "joint_positions"
 
@@ -49,33 +56,45 @@ class JointPositions(Requirement):
                 )
         _require_stops(problem)
 
+    def margin(self, problem: PlanningProblem, settings: PlannerSettings) -> float:
+        """Return how far from the limits the search stays [rad]."""
+        return _MARGIN
+
     def rows(
         self, problem: PlanningProblem, motion: Motion, sensitivity: Sensitivity, margin: float
     ) -> Rows:
-        """Return the distances of interest to the limits [rad]."""
+        """Return the distances of interest to the limits, at the points and the turns [rad]."""
         lower, upper = problem.robot.lower_position_limits, problem.robot.upper_position_limits
-        return within(motion.q[1:, 7:], sensitivity.q[1:, 6:], lower, upper, OF_INTEREST)
+        at_start = motion.q[0, 7:]
+        lower = lower + np.clip(at_start - lower, 0.0, margin)
+        upper = upper - np.clip(upper - at_start, 0.0, margin)
+        at_points = within(motion.q[1:, 7:], sensitivity.q[1:, 6:], lower, upper, OF_INTEREST)
+        step = problem.duration / (len(motion.q) - 1)
+        between = turns(motion, sensitivity, step)
+        return joined(at_points, beyond(between, lower, upper, OF_INTEREST))
+
+    def slack(self, problem: PlanningProblem, motion: FollowedMotion) -> float:
+        """Return how far the joints stay from their limits [rad]."""
+        return float(_distances(problem.robot, motion.joints)[0].min()) + LIMIT_TOLERANCE
 
     def metrics(self, samples: Samples) -> Mapping[str, float]:
         """Return the distance to the nearest limit."""
-        robot, joints = samples.problem.robot, samples.trajectory.joint_positions
-        margins = np.minimum(
-            robot.upper_position_limits - joints, joints - robot.lower_position_limits
-        )
-        return {"min_joint_margin": float(margins.min())}
+        distances, _ = _distances(samples.problem.robot, samples.followed.joints)
+        return {"min_joint_margin": float(distances.min())}
 
     def failures(self, samples: Samples, metrics: Metrics) -> Iterator[Failure]:
         """Yield the joint that is furthest outside."""
         if metrics.min_joint_margin >= -LIMIT_TOLERANCE:
             return
-        robot, joints = samples.problem.robot, samples.trajectory.joint_positions
+        robot = samples.problem.robot
         lower, upper = robot.lower_position_limits, robot.upper_position_limits
-        excess = np.maximum(joints - upper, lower - joints)
-        point, joint = np.unravel_index(excess.argmax(), excess.shape)
+        distances, times = _distances(robot, samples.followed.joints)
+        side, joint = np.unravel_index(distances.argmin(), distances.shape)
         yield Failure(
             Status.LIMIT_VIOLATED,
-            f"joint {robot.joint_names[joint]} is {excess[point, joint]:.3g} rad outside its "
-            f"limits [{lower[joint]:.4f}, {upper[joint]:.4f}] rad at {samples.when(point)}",
+            f"joint {robot.joint_names[joint]} is {-distances[side, joint]:.3g} rad outside its "
+            f"limits [{lower[joint]:.4f}, {upper[joint]:.4f}] rad at "
+            f"{samples.at(times[side, joint])}",
             ("another goal orientation, start posture or duration", "more planner.starts"),
         )
 
@@ -103,3 +122,10 @@ def _require_stops(problem: PlanningProblem) -> None:
                 f"{rates[joint]:.6f} rad/s at {positions[joint]:.6f} rad",
                 f"no plan can stop the joint before its limit of {limits[joint]:.6f} rad",
             )
+
+
+def _distances(robot: Robot, joints: JointMotion) -> tuple[Array, Array]:
+    """Return how near each joint comes to both limits, lower first, and when: (2, joints)."""
+    (lowest, highest), times = joints.extremes()
+    lower, upper = robot.lower_position_limits, robot.upper_position_limits
+    return np.array([lowest - lower, upper - highest]), times

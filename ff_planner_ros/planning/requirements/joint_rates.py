@@ -8,6 +8,8 @@ import numpy as np
 
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.errors import Failure, InvalidInput, Status
+from ff_planner_ros.planning.followed import FollowedMotion
+from ff_planner_ros.planning.joint_motion import JointMotion
 from ff_planner_ros.planning.metrics import Metrics
 from ff_planner_ros.planning.path_family import Motion, Sensitivity
 from ff_planner_ros.planning.problem import PlanningProblem
@@ -18,16 +20,20 @@ from ff_planner_ros.planning.requirements.requirement import (
     Samples,
     within,
 )
+from ff_planner_ros.planning.requirements.turns import beyond, joined, peak_rates
 from ff_planner_ros.planning.settings import PlannerSettings
 from ff_planner_ros.planning.start_motion import LEAST_EXCESS, least_highest_rates
+from ff_planner_ros.robot.model import Robot
 
 # A rate that is further from its limit than this part of it cannot reach it in one step of the
 # solver.
 _OF_INTEREST = 0.4
+# Between 50 points the rates of quintics and of the cubics that the search knows differ by less.
+_MARGIN = 1e-4
 
 
 class JointRates(Requirement):
-    """The joints stay within their velocity limits at the points."""
+    """The joints stay within their velocity limits, between the points too."""
 
     name = "joint_rates"
 
@@ -63,34 +69,56 @@ class JointRates(Requirement):
                 " rad/s",
             )
 
+    def margin(self, problem: PlanningProblem, settings: PlannerSettings) -> float:
+        """Return how far from the limits the search stays, in parts of them."""
+        return _MARGIN
+
     def rows(
         self, problem: PlanningProblem, motion: Motion, sensitivity: Sensitivity, margin: float
     ) -> Rows | None:
-        """Return the distances of interest to the limits [rad/s]."""
+        """Return the distances of interest to the limits, at the points and the peaks [rad/s]."""
         if not problem.limits.joint_velocities:
             return None
         limits = problem.robot.velocity_limits
         interest = (1.0 - _OF_INTEREST) * limits
-        return within(motion.v[1:, 6:], sensitivity.v[1:, 6:], -limits, limits, interest)
+        limits = limits - np.clip(limits - np.abs(motion.v[0, 6:]), 0.0, margin * limits)
+        at_points = within(motion.v[1:, 6:], sensitivity.v[1:, 6:], -limits, limits, interest)
+        step = problem.duration / (len(motion.q) - 1)
+        between = peak_rates(motion, sensitivity, step)
+        return joined(at_points, beyond(between, -limits, limits, interest))
+
+    def slack(self, problem: PlanningProblem, motion: FollowedMotion) -> float:
+        """Return how far the rates stay from their limits, in parts of them."""
+        if not problem.limits.joint_velocities:
+            return np.inf
+        distances, _ = _distances(problem.robot, motion.joints)
+        return float(((distances + LIMIT_TOLERANCE) / problem.robot.velocity_limits).min())
 
     def metrics(self, samples: Samples) -> Mapping[str, float]:
         """Return the distance to the nearest limit."""
-        rates, limits = samples.trajectory.joint_velocities, samples.problem.robot.velocity_limits
-        return {"min_velocity_margin": float((limits - np.abs(rates)).min())}
+        distances, _ = _distances(samples.problem.robot, samples.followed.joints)
+        return {"min_velocity_margin": float(distances.min())}
 
     def failures(self, samples: Samples, metrics: Metrics) -> Iterator[Failure]:
         """Yield the joint whose rate exceeds its limit by most."""
         limited = samples.problem.limits.joint_velocities
         if not limited or metrics.min_velocity_margin >= -LIMIT_TOLERANCE:
             return
-        robot, rates = samples.problem.robot, samples.trajectory.joint_velocities
-        limits = robot.velocity_limits
-        excess = np.abs(rates) - limits
-        point, joint = np.unravel_index(excess.argmax(), excess.shape)
+        robot, limits = samples.problem.robot, samples.problem.robot.velocity_limits
+        distances, times = _distances(robot, samples.followed.joints)
+        side, joint = np.unravel_index(distances.argmin(), distances.shape)
+        excess = -distances[side, joint]
+        rate = (limits[joint] + excess) * (1.0 if side else -1.0)
         yield Failure(
             Status.LIMIT_VIOLATED,
-            f"joint {robot.joint_names[joint]} turns at {rates[point, joint]:.4f} rad/s, "
-            f"{excess[point, joint]:.3g} rad/s faster than its limit of {limits[joint]:.4f} rad/s, "
-            f"at {samples.when(point)}",
+            f"joint {robot.joint_names[joint]} turns at {rate:.4f} rad/s, {excess:.3g} rad/s "
+            f"faster than its limit of {limits[joint]:.4f} rad/s, at "
+            f"{samples.at(times[side, joint])}",
             ("a longer duration", "more planner.starts"),
         )
+
+
+def _distances(robot: Robot, joints: JointMotion) -> tuple[Array, Array]:
+    """Return how near each rate comes to its limit either way, and when, of shape (2, joints)."""
+    (lowest, highest), times = joints.extremes(order=1)
+    return np.array([robot.velocity_limits + lowest, robot.velocity_limits - highest]), times

@@ -15,6 +15,8 @@ import numpy as np
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.errors import Failure, Status
 from ff_planner_ros.planning.clearance import arm_points
+from ff_planner_ros.planning.followed import FollowedMotion, followed
+from ff_planner_ros.planning.joint_motion import joint_motion
 from ff_planner_ros.planning.metrics import Metrics
 from ff_planner_ros.planning.motion import from_trajectory
 from ff_planner_ros.planning.path_family import Motion, Sensitivity
@@ -35,7 +37,7 @@ Rows: TypeAlias = tuple[Array, Array]
 
 @dataclass(frozen=True, eq=False)
 class Samples:
-    """A plan's samples, and what several requirements work out from them."""
+    """A plan's samples, what comes of them, and what several requirements work out from them."""
 
     problem: PlanningProblem
     settings: PlannerSettings  # for tolerances
@@ -50,6 +52,12 @@ class Samples:
     def q(self) -> Array:
         """Configurations. Shape (points, 7 + joints)."""
         return self.q_and_v[0]
+
+    @cached_property
+    def followed(self) -> FollowedMotion:
+        """What the system does, at the points and between them, when a controller follows them."""
+        q, v = self.q_and_v
+        return followed(self.problem.robot, q[0], v[0], joint_motion(self.trajectory))
 
     @cached_property
     def arm(self) -> Array:
@@ -112,8 +120,11 @@ class Requirement:
         """
         return None
 
-    def slack_between(self, problem: PlanningProblem, motion: Motion) -> float:
-        """Return what is left of the requirement between the points; negative: it is violated."""
+    def slack(self, problem: PlanningProblem, motion: FollowedMotion) -> float:
+        """Return what is left of it along a motion, in the unit of the margin; negative: nothing.
+
+        What the search cannot mend by a larger margin has a slack without end.
+        """
         return np.inf
 
     def metrics(self, samples: Samples) -> Mapping[str, float | tuple[float, ...]]:

@@ -1,0 +1,100 @@
+"""Joints between the points, as the search sees them: where they turn back, where they are fastest.
+
+Between two points the search knows a joint by the cubic through both positions and rates, which are
+what it has derivatives of. At the time of an extreme the cubic's value does not change with the
+time, so that its derivative is that at a fixed time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from ff_planner_ros.arrays import Array
+from ff_planner_ros.planning.clearance import Indices
+from ff_planner_ros.planning.path_family import Motion, Sensitivity
+from ff_planner_ros.planning.requirements.requirement import Rows
+
+
+class Between(NamedTuple):
+    """Values of joints between the points, with derivatives."""
+
+    joint: Indices  # whose value it is; shape (values,)
+    value: Array  # shape (values,)
+    jacobian: Array  # shape (values, variables)
+
+
+def turns(motion: Motion, sensitivity: Sensitivity, step: float) -> Between:
+    """Return the positions at which the joints turn back between two points.
+
+    Args:
+        step: Time from point to point [s].
+    """
+    p, v = motion.q[:, 7:], motion.v[:, 6:]
+    # The rate along a cubic, times the step: a s^2 + b s + c with s from 0 to 1.
+    c, way = step * v[:-1], np.diff(p, axis=0)
+    a, b = 3 * (c + step * v[1:]) - 6 * way, 6 * way - 4 * c - 2 * step * v[1:]
+    square = b**2 - 4 * a * c
+    q = -(b + np.copysign(np.sqrt(np.maximum(square, 0.0)), b)) / 2
+    with np.errstate(divide="ignore", invalid="ignore"):
+        s = np.stack([q / a, c / q])
+    root, interval, joint = np.nonzero((s > 0.0) & (s < 1.0) & (square > 0.0))
+    s = s[root, interval, joint]
+    of_end = s**2 * (3 - 2 * s)
+    weights = (1 - of_end, of_end, step * s * (1 - s) ** 2, step * s**2 * (s - 1))
+    return _weighted(interval, joint, weights, motion, sensitivity)
+
+
+def peak_rates(motion: Motion, sensitivity: Sensitivity, step: float) -> Between:
+    """Return the rates at which the joints are fastest between two points; see `turns`."""
+    p, v = motion.q[:, 7:], motion.v[:, 6:]
+    way = np.diff(p, axis=0) / step
+    curvature, slope = 6 * (v[:-1] + v[1:] - 2 * way), 6 * way - 4 * v[:-1] - 2 * v[1:]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        s = -slope / curvature
+    interval, joint = np.nonzero((s > 0.0) & (s < 1.0))
+    s = s[interval, joint]
+    of_way = 6 * s * (1 - s) / step
+    weights = (-of_way, of_way, (1 - s) * (1 - 3 * s), s * (3 * s - 2))
+    return _weighted(interval, joint, weights, motion, sensitivity)
+
+
+def beyond(between: Between, lower: Array, upper: Array, interest: Array | float) -> Rows:
+    """Return the distances to both limits that are below the interest; see `within`."""
+    joint, value, jacobian = between
+    margins = np.stack([upper[joint] - value, value - lower[joint]])
+    rows = np.nonzero(margins < np.broadcast_to(interest, lower.shape)[joint])
+    return margins[rows], np.stack([-jacobian, jacobian])[rows]
+
+
+def joined(*rows: Rows) -> Rows:
+    """Return the rows of several."""
+    values, jacobians = zip(*rows, strict=True)
+    return np.concatenate(values), np.concatenate(jacobians)
+
+
+def _weighted(
+    interval: Indices,
+    joint: Indices,
+    weights: Sequence[Array],
+    motion: Motion,
+    sensitivity: Sensitivity,
+) -> Between:
+    """Return weighted sums of positions and rates at both ends of intervals.
+
+    Args:
+        interval: Of each value, as its joint. Shape (values,).
+        weights: Of the position at begin and end, then of the rate. Each of shape (values,).
+    """
+    ends = (interval, joint), (interval + 1, joint)
+    of_both = (motion.q[:, 7:], sensitivity.q[:, 6:]), (motion.v[:, 6:], sensitivity.v[:, 6:])
+    values, jacobians = zip(
+        *[(x[end], of_x[end]) for x, of_x in of_both for end in ends], strict=True
+    )
+    return Between(
+        joint,
+        np.einsum("wv,wv->v", weights, values),
+        np.einsum("wv,wvx->vx", weights, jacobians),
+    )
