@@ -131,8 +131,7 @@ class Clearance(Requirement):
 
 def _certified(problem: PlanningProblem, motion: FollowedMotion) -> float:
     """Return a lower bound of the clearance along a motion [m]."""
-    steps = np.diff(motion.time)
-    return certified_clearance(problem.robot, motion.q, motion.v, steps, problem.obstacles)
+    return certified_clearance(problem.robot, motion.q, motion.v, motion.time, problem.obstacles)
 
 
 def link_name(robot: Robot, start: int) -> str:
