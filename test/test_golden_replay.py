@@ -23,6 +23,10 @@ GOLDEN = Path(__file__).parent / "golden_bags"
 BAGS = sorted(path for path in GOLDEN.iterdir() if path.is_dir())
 # To the last bit on the machine that recorded them; others may round otherwise.
 SAME = (Verdict.IDENTICAL, Verdict.WITHIN_TOLERANCE)
+# Their chaser starts turned, by a few degrees. The paper's Euler angles, of the end effector's path
+# and of the chaser, were then those of the user's axes and are now those from the start on: the
+# paths bend a little otherwise, and are as short.
+TURNED = ("node",)
 SEEDS = range(12)
 
 
@@ -36,7 +40,13 @@ def test_every_answer_in_a_golden_bag_comes_again(path: Path) -> None:
         run = recorded_run(bag)
     for recorded in run.requests:
         found = replay(recorded)
-        assert found.verdict in SAME, (recorded.name, found.words, *map(str, found.differences))
+        differences = {one.quantity: one.amount for one in found.differences}
+        told = (recorded.name, found.words, *map(str, found.differences))
+        if path.name in TURNED and recorded.status == Status.SOLVED:
+            assert differences["metrics.joint_path_length"] < 1e-3, told
+            assert differences["joint_positions"] < 0.02, told
+        else:
+            assert found.verdict in SAME, told
     statuses = [recorded.status for recorded in run.requests]
     if path.name == "node":
         assert any("do not say when their requests were taken up" in note for note in run.notes)
