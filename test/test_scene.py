@@ -79,6 +79,25 @@ def test_every_obstacle_is_a_closed_sphere_of_its_size_in_its_place(
     assert [mesh.showlegend for mesh in meshes] == [True, False, False]
 
 
+def test_the_slider_moves_a_moving_obstacle(
+    lemur_capture: PlanningProblem, plans: dict[Method, Plan]
+) -> None:
+    velocity = np.array([0.1, -0.2, 0.05])
+    first, *others = lemur_capture.obstacles
+    problem = replace(lemur_capture, obstacles=(*others, replace(first, velocity=velocity)))
+    figure = scene(problem, plans, set(plans))
+    index = len(others)
+    for point in (0, 13, POINTS - 1):
+        frame = figure.frames[point]
+        mesh = frame.data[frame.traces.index(index)]
+        center = first.center + point * DURATION / (POINTS - 1) * velocity
+        away = np.linalg.norm(coordinates(mesh) - center, axis=1)
+        np.testing.assert_allclose(away, first.radius)
+        (arm,) = lines(frame.data[frame.traces.index(len(problem.obstacles) + 2)])
+        (expected,) = lines(drawn(figure, next(iter(plans)), "arm", point))
+        np.testing.assert_array_equal(arm, expected)
+
+
 def test_paths_are_those_of_end_effector_and_chaser(
     figure: go.Figure, plans: dict[Method, Plan]
 ) -> None:

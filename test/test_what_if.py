@@ -11,9 +11,8 @@ from ff_planner_ros.cli import main
 from ff_planner_ros.errors import InvalidInput, NoPlanFound, Status
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.plan import Plan
-from ff_planner_ros.planning.planner import plan
 from ff_planner_ros.planning.problem import Objective, PlanningProblem
-from ff_planner_ros.planning.task import PlanningTask
+from ff_planner_ros.planning.task import PlanningTask, perform
 from ff_planner_ros.runs.offline_bag import record_answer
 from ff_planner_ros.runs.what_if import allowed_keys, parsed
 
@@ -39,7 +38,7 @@ def test_the_answer_is_that_of_the_changed_problem(
     options = [word for change in changes for word in ("--with", change)]
     assert main(["replay", str(bag), *options, "--with", "planner.joint_path_tie_break=0.01"]) == 0
     changed = replace(lemur_capture, objective=Objective(0.0, 1.0), points=30)
-    wanted = plan(changed, replace(SETTINGS, joint_path_tie_break=0.01))
+    wanted = perform(PlanningTask(changed, replace(SETTINGS, joint_path_tie_break=0.01)))
     lengths = [one.metrics.joint_path_length for one in (lemur_plan, wanted)]
     clearances = [one.metrics.min_clearance * 1e3 for one in (lemur_plan, wanted)]
     (row,) = (line for line in capsys.readouterr().out.splitlines() if line.startswith("bag "))

@@ -77,7 +77,8 @@ def scene_figure(
     """
     drawn = [_motion(robot, method, trajectory) for method, trajectory in motions.items()]
     figure = go.Figure([*_obstacles(obstacles), _goal(goal)])
-    moving: list[int] = []
+    passing = [sphere for sphere in obstacles if sphere.velocity.any()]
+    moving = [number for number, sphere in enumerate(obstacles) if sphere.velocity.any()]
     for motion in drawn:
         traces = [*_bodies(motion, 0), *_paths(motion)]
         moving += [len(figure.data), len(figure.data) + 1]
@@ -90,9 +91,12 @@ def scene_figure(
         go.Frame(
             name=f"{time:.2f}",
             data=[
-                {axis: getattr(trace, axis) for axis in "xyz"} | {"type": "scatter3d"}
-                for motion in drawn
-                for trace in _bodies(motion, int(np.abs(motion.time - time).argmin()))
+                *({"type": "mesh3d", **_surface(sphere, time)} for sphere in passing),
+                *(
+                    {axis: getattr(trace, axis) for axis in "xyz"} | {"type": "scatter3d"}
+                    for motion in drawn
+                    for trace in _bodies(motion, int(np.abs(motion.time - time).argmin()))
+                ),
             ],
             traces=moving,
         )
@@ -182,10 +186,10 @@ def _xyz(points: Array) -> dict[str, Array]:
 
 
 def _obstacles(obstacles: Sequence[Sphere]) -> list[go.Mesh3d]:
-    corners, triangles = _unit_sphere()
+    _, triangles = _unit_sphere()
     return [
         go.Mesh3d(
-            **_xyz(sphere.center + sphere.radius * corners),
+            **_surface(sphere, 0.0),
             **dict(zip("ijk", triangles.T, strict=True)),
             color=_OBSTACLE,
             opacity=0.55,
@@ -196,6 +200,12 @@ def _obstacles(obstacles: Sequence[Sphere]) -> list[go.Mesh3d]:
         )
         for number, sphere in enumerate(obstacles)
     ]
+
+
+def _surface(sphere: Sphere, time: float) -> dict[str, Array]:
+    """Return the points of a sphere's surface at a time [s]."""
+    corners, _ = _unit_sphere()
+    return _xyz(sphere.center + time * sphere.velocity + sphere.radius * corners)
 
 
 def _unit_sphere() -> tuple[Array, Any]:
