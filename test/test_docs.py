@@ -27,7 +27,7 @@ README = SOURCE_TREE / "README.md"
 PAGES = [README, SOURCE_TREE / "CONTRIBUTING.md", *sorted((SOURCE_TREE / "docs").glob("*.md"))]
 INTERFACES = SOURCE_TREE / "docs" / "interfaces.md"
 CAPTURE = SOURCE_TREE / "config" / "scenarios" / "lemur_capture.yaml"
-GOLDEN_BAG = SOURCE_TREE / "test" / "golden_bags" / "node"
+GOLDEN_BAG = SOURCE_TREE / "test" / "golden_bags" / "offline_solved"
 # Of these, words are checked and nothing is run: they take long, need ROS or change the machine.
 ONLY_PARSED = re.compile(
     r"make |ros2 |pip |.*ff-planner (node|bench|demo|compare)|.*--sensitivity|.*_(te|ex)"

@@ -16,13 +16,17 @@ from ff_planner_ros.cli import main
 from ff_planner_ros.errors import NoPlanFound, Status
 from ff_planner_ros.ros.messages.from_messages import plan_from_response
 from ff_planner_ros.runs import replay as replaying
-from ff_planner_ros.runs.recorded_run import RecordedRequest, recorded_run
-from ff_planner_ros.runs.replay import Replayed, Verdict, replay
+from ff_planner_ros.runs.recorded_run import recorded_run
+from ff_planner_ros.runs.replay import Verdict, replay
 
 GOLDEN = Path(__file__).parent / "golden_bags"
 BAGS = sorted(path for path in GOLDEN.iterdir() if path.is_dir())
 # To the last bit on the machine that recorded them; others may round otherwise.
 SAME = (Verdict.IDENTICAL, Verdict.WITHIN_TOLERANCE)
+# Their chaser starts turned, by a few degrees. The paper's Euler angles, of the end effector's path
+# and of the chaser, were then those of the user's axes and are now those from the start on: the
+# paths bend a little otherwise, and are as short.
+TURNED = ("node",)
 SEEDS = range(12)
 
 
@@ -36,34 +40,18 @@ def test_every_answer_in_a_golden_bag_comes_again(path: Path) -> None:
         run = recorded_run(bag)
     for recorded in run.requests:
         found = replay(recorded)
-        if _jumped(recorded):
-            _require_joined(recorded, found)
-            continue
-        assert found.verdict in SAME, (recorded.name, found.words, *map(str, found.differences))
+        differences = {one.quantity: one.amount for one in found.differences}
+        told = (recorded.name, found.words, *map(str, found.differences))
+        if path.name in TURNED and recorded.status == Status.SOLVED:
+            assert differences["metrics.joint_path_length"] < 1e-3, told
+            assert differences["joint_positions"] < 0.02, told
+        else:
+            assert found.verdict in SAME, told
     statuses = [recorded.status for recorded in run.requests]
     if path.name == "node":
         assert any("do not say when their requests were taken up" in note for note in run.notes)
         assert [recorded.door for recorded in run.requests].count("action") == 2
         assert statuses.count(Status.SOLVED) == 2
-
-
-def _jumped(recorded: RecordedRequest) -> bool:
-    """Tell whether the plan did not begin with the joint rates of its start.
-
-    Versions up to 0.2 left out null-space motion of up to `planner.start_velocity_tolerance`.
-    """
-    response = recorded.response
-    return response is not None and response.metrics.start_velocity_jump > 1e-6
-
-
-def _require_joined(recorded: RecordedRequest, found: Replayed) -> None:
-    """Hold that the new plan has no jump and is as short as the old one."""
-    assert found.answer is not None
-    assert recorded.response is not None
-    assert found.answer.status.code == recorded.response.status.code
-    assert found.answer.metrics.start_velocity_jump < 1e-9
-    length = recorded.response.metrics.joint_path_length
-    assert found.answer.metrics.joint_path_length == pytest.approx(length, rel=0.01)
 
 
 @pytest.mark.parametrize("path", BAGS, ids=lambda path: path.name)
