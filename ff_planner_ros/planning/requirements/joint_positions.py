@@ -20,7 +20,7 @@ from ff_planner_ros.planning.requirements.requirement import (
     within,
 )
 from ff_planner_ros.planning.settings import PlannerSettings
-from ff_planner_ros.planning.start_motion import LEAST_EXCESS, least_highest_positions
+from ff_planner_ros.planning.start_motion import ALLOWED_EXCESS, least_highest_positions
 
 
 class JointPositions(Requirement):
@@ -96,7 +96,7 @@ def _require_stops(problem: PlanningProblem) -> None:
         )
         beyond = highest - sign * limits
         joint = int(beyond.argmax())
-        if beyond[joint] > LEAST_EXCESS:
+        if beyond[joint] > ALLOWED_EXCESS:
             raise InvalidInput(
                 Status.START_OUTSIDE_LIMITS,
                 f"joints.velocity[{robot.joint_names[joint]}]",
