@@ -94,9 +94,9 @@ def _require_stops(problem: PlanningProblem) -> None:
         highest = least_highest_positions(
             sign * positions, sign * rates, sign * accelerations, problem.duration
         )
-        beyond = highest - sign * limits
-        joint = int(beyond.argmax())
-        if beyond[joint] > ALLOWED_EXCESS:
+        excess = highest - sign * limits
+        joint = int(excess.argmax())
+        if excess[joint] > ALLOWED_EXCESS:
             raise InvalidInput(
                 Status.START_OUTSIDE_LIMITS,
                 f"joints.velocity[{robot.joint_names[joint]}]",
