@@ -219,9 +219,39 @@ def test_joints_are_put_in_the_robots_order(lemur_capture: PlanningProblem) -> N
     message.joint_names = [robot.joint_names[i] for i in order]
     message.joint_positions = [float(i) for i in order]
     message.joint_velocities = [10.0 * i for i in order]
+    message.joint_accelerations = [100.0 * i for i in order]
     state = state_from_message(message, "chaser_state", robot, FRAME)
     assert state.joint_positions.tolist() == [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0]
     assert state.joint_velocities.tolist() == [0.0, 10.0, 20.0, 30.0, 40.0, 50.0, 60.0]
+    assert state.joint_accelerations is not None
+    assert state.joint_accelerations.tolist() == [0.0, 100.0, 200.0, 300.0, 400.0, 500.0, 600.0]
+
+
+def test_accelerations_come_back_out_of_a_message_and_none_are_not_known(
+    lemur_capture: PlanningProblem,
+) -> None:
+    robot = lemur_capture.robot
+    for accelerations in (None, np.linspace(-0.3, 0.3, 7)):
+        start = replace(lemur_capture.start, joint_accelerations=accelerations)
+        message = state_message(start, robot.joint_names, STAMP_NS, FRAME)
+        state = state_from_message(message, "chaser_state", robot, FRAME)
+        np.testing.assert_array_equal(state.joint_accelerations, accelerations)
+
+
+@pytest.mark.parametrize(
+    ("accelerations", "status"),
+    [([0.1] * 6, Status.WRONG_SIZE), ([0.1] * 6 + [np.nan], Status.NOT_FINITE)],
+)
+def test_accelerations_that_are_none_are_refused_by_name(
+    lemur_capture: PlanningProblem, accelerations: list[float], status: Status
+) -> None:
+    robot = lemur_capture.robot
+    message = state_message(lemur_capture.start, robot.joint_names, STAMP_NS, FRAME)
+    message.joint_accelerations = accelerations
+    with pytest.raises(InvalidInput) as refusal:
+        state_from_message(message, "start_state", robot, FRAME)
+    assert refusal.value.status is status
+    assert refusal.value.field == "start_state.joint_accelerations"
 
 
 def test_a_target_twist_is_kept(lemur_capture: PlanningProblem) -> None:

@@ -16,13 +16,17 @@ from ff_planner_ros.cli import main
 from ff_planner_ros.errors import NoPlanFound, Status
 from ff_planner_ros.ros.messages.from_messages import plan_from_response
 from ff_planner_ros.runs import replay as replaying
-from ff_planner_ros.runs.recorded_run import RecordedRequest, recorded_run
-from ff_planner_ros.runs.replay import Replayed, Verdict, replay
+from ff_planner_ros.runs.recorded_run import recorded_run
+from ff_planner_ros.runs.replay import Verdict, replay
 
 GOLDEN = Path(__file__).parent / "golden_bags"
 BAGS = sorted(path for path in GOLDEN.iterdir() if path.is_dir())
 # To the last bit on the machine that recorded them; others may round otherwise.
 SAME = (Verdict.IDENTICAL, Verdict.WITHIN_TOLERANCE)
+# Their chaser starts turned, by a few degrees. The paper's Euler angles, of the end effector's path
+# and of the chaser, were then those of the user's axes and are now those from the start on: the
+# paths bend a little otherwise, and are as short.
+TURNED = ("node",)
 SEEDS = range(12)
 
 

@@ -176,6 +176,14 @@ def test_a_missing_key_is_named(directory: Path, name: str) -> None:
     assert (error.field, error.value) == (name, "missing")
 
 
+def test_accelerations_of_the_joints_may_be_given(directory: Path) -> None:
+    assert load_scenario(saved(directory)).start.joint_accelerations is None
+    given = [0.1, -0.2, 0.3, -0.4, 0.5, -0.6, 0.7]
+    found = load_scenario(saved(directory, "joints.acceleration", given)).start
+    assert found.joint_accelerations is not None
+    assert found.joint_accelerations.tolist() == given
+
+
 @pytest.mark.parametrize("key", ["id", "center", "radius"])
 def test_a_missing_key_of_an_obstacle_is_named(directory: Path, key: str) -> None:
     error = refusal_of(saved(directory, f"obstacles.1.{key}"))
@@ -210,6 +218,8 @@ def test_an_unknown_key_is_named(directory: Path, name: str) -> None:
         ("chaser.angular_velocity", [float("inf")] * 3, "chaser.angular_velocity is [inf inf inf]"),
         ("joints", [], "joints is []: it must hold position, velocity, end_effector_at_rest"),
         ("joints.position", [0.0] * 6, "joints.position is [0. 0. 0. 0. 0. 0.]: it must have 7"),
+        ("joints.acceleration", [0.0] * 8, "joints.acceleration is [0. 0. 0. 0. 0. 0. 0. 0.]: it"),
+        ("joints.acceleration", None, "joints.acceleration is None"),
         ("joints.velocity", [0.0] * 8, "joints.velocity is [0. 0. 0. 0. 0. 0. 0. 0.]: it must h"),
         ("joints.end_effector_at_rest", True, "joints.velocity is given twice: give it or"),
         ("joints.end_effector_at_rest", 1, "joints.end_effector_at_rest is 1: it must be true or"),

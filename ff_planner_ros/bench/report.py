@@ -24,6 +24,7 @@ from ff_planner_ros.bench.methods import OURS, method_results
 from ff_planner_ros.bench.robots import ROBOTS
 from ff_planner_ros.bench.scaling import Growth, with_joints, with_points, with_spheres
 from ff_planner_ros.bench.scenarios import KINDS
+from ff_planner_ros.bench.starts import StartAttempt, joins, null_space_starts
 from ff_planner_ros.bench.success import Attempt, attempts
 from ff_planner_ros.errors import Status
 from ff_planner_ros.parameters import load_parameters
@@ -38,6 +39,8 @@ ONE_THREAD = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_
 
 # Scenarios of each class whose plans are executed: as many as in a published check by others.
 _EXECUTED = 40
+# Scenarios that are planned from starts in motion.
+_STARTS = 20
 
 
 def run_on_one_core(quick: bool, scenarios: int | None, json_file: Path | None) -> int:
@@ -64,6 +67,7 @@ def main(quick: bool, scenarios: int, json_file: str) -> None:
     figures["methods"] = print_methods(problem, settings, quick=quick)
     figures["scaling"] = print_scaling(problem, settings, quick=quick)
     figures["scenarios"] = print_success(scenarios, settings)
+    figures["starts"] = print_starts(min(scenarios, _STARTS), settings)
     figures["executions"] = print_executions(1 if quick else min(scenarios, _EXECUTED), settings)
     if json_file:
         Path(json_file).write_text(json.dumps(figures, indent=1) + "\n", encoding="utf-8")
@@ -171,6 +175,21 @@ def print_success(count: int, settings: PlannerSettings) -> list[dict[str, Any]]
     return _figures(tried)
 
 
+def print_starts(count: int, settings: PlannerSettings) -> list[dict[str, Any]]:
+    """Plan from starts in motion, and return the figures."""
+    tried = [*joins(count, settings), *null_space_starts(count, settings)]
+    rows = [
+        (kind, *_joined([each for each in tried if each.kind == kind]))
+        for kind in dict.fromkeys(each.kind for each in tried)
+    ]
+    header = ("start", "tried", "solved", "largest jump [rad/s]", "[rad/s2]")
+    print_table("Starts in motion, ordinary scenarios", header, rows)
+    for each in tried:
+        if each.status is not Status.SOLVED:
+            print(f"missed: {each.kind}, {each.robot} {each.number}: {each.message}")
+    return _figures(tried)
+
+
 def print_executions(count: int, settings: PlannerSettings) -> list[dict[str, Any]]:
     """Execute plans that misjudge the chaser on the true system, and return the figures."""
     done = [each for kind in KINDS for each in belief_results(kind, count, settings)]
@@ -204,6 +223,14 @@ def _misses(group: Sequence[BeliefResult]) -> Iterator[str]:
     yield f"{sum(each.collides for each in planned) / len(planned):.0%}"
     yield from (f"{np.median(miss):.1f}", f"{miss.max():.1f}")
     yield from (f"{np.median(turn):.2f}", f"{turn.max():.2f}")
+
+
+def _joined(group: Sequence[StartAttempt]) -> Iterator[str]:
+    solved = [each for each in group if each.status is Status.SOLVED]
+    yield from (f"{len(group)}", f"{len(solved)}")
+    for jumps in ([s.rate_jump for s in solved], [s.acceleration_jump for s in solved]):
+        known = [jump for jump in jumps if not np.isnan(jump)]
+        yield f"{max(known):.0e}" if known else "-"
 
 
 def _summary(group: Sequence[Attempt]) -> Iterator[str]:

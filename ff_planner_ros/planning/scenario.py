@@ -178,7 +178,6 @@ def _start(robot: Robot, chaser: object, joints: object) -> SystemState:
         required=("position",),
         optional=("velocity", "end_effector_at_rest", "acceleration"),
     )
-    accelerations = joints_entry.get("acceleration")
     entry = joints_entry.get("end_effector_at_rest", False)
     at_rest = boolean("joints.end_effector_at_rest", entry)
     if at_rest == ("velocity" in joints_entry):
@@ -199,9 +198,9 @@ def _start(robot: Robot, chaser: object, joints: object) -> SystemState:
         joint_velocities=np.zeros(robot.joints)
         if at_rest
         else numbers("joints.velocity", joints_entry["velocity"]),
-        joint_accelerations=None
-        if accelerations is None
-        else numbers("joints.acceleration", accelerations),
+        joint_accelerations=numbers("joints.acceleration", joints_entry["acceleration"])
+        if "acceleration" in joints_entry
+        else None,
     )
     if at_rest:
         return replace(state, joint_velocities=joint_rates_with_ee_at_rest(robot, state))

@@ -71,7 +71,8 @@ class PlannerSettings:
         maximum=1.0,
     )
     start_velocity_tolerance: float = tunable(
-        "Allowed difference between the plan's first joint rates and the start state's",
+        "Allowed difference between the plan's first joint rates and the start state's; the "
+        "planner's own plans have none",
         minimum=0.0,
         maximum=10.0,
         unit="rad/s",

@@ -28,7 +28,7 @@ _FADING_PART = 0.5
 # reaches 8.
 _FASTEST_CHANGE = 10.0
 # So far beyond a limit, in rad, or in parts of a rate limit, a motion between points may be.
-LEAST_EXCESS = 1e-4
+ALLOWED_EXCESS = 1e-4
 
 
 @dataclass(frozen=True, eq=False)

@@ -86,8 +86,7 @@ def _canonical(value: Any) -> Iterator[bytes]:
         yield from _canonical((value.urdf, value.base_link, value.tip_link))
     elif is_dataclass(value):
         for item in fields(value):
-            # A sphere at rest counts as it did before spheres could move.
-            if isinstance(value, Sphere) and item.name == "velocity" and not value.velocity.any():
+            if _is_absent(value, item.name):
                 continue
             yield from _canonical(item.name)
             yield from _canonical(getattr(value, item.name))
@@ -104,6 +103,13 @@ def _canonical(value: Any) -> Iterator[bytes]:
             yield from _canonical(entry)
     else:
         yield b"d" + struct.pack("<d", value)
+
+
+def _is_absent(value: Any, name: str) -> bool:
+    """Tell whether a field that older versions did not have says what they took for granted."""
+    if name == "velocity" and isinstance(value, Sphere):
+        return not value.velocity.any()
+    return name == "joint_accelerations" and getattr(value, name) is None
 
 
 def without_search(solve: Callable[[PlanningProblem, PlannerSettings], Plan]) -> Method:

@@ -23,7 +23,7 @@ from ff_planner_ros.planning.requirements.requirement import (
 )
 from ff_planner_ros.planning.requirements.turns import beyond, joined, turns
 from ff_planner_ros.planning.settings import PlannerSettings
-from ff_planner_ros.planning.start_motion import LEAST_EXCESS, least_highest_positions
+from ff_planner_ros.planning.start_motion import ALLOWED_EXCESS, least_highest_positions
 from ff_planner_ros.robot.model import Robot
 
 # Between 50 points the quintics and the cubics that the search knows differ by less [rad].
@@ -113,9 +113,9 @@ def _require_stops(problem: PlanningProblem) -> None:
         highest = least_highest_positions(
             sign * positions, sign * rates, sign * accelerations, problem.duration
         )
-        beyond = highest - sign * limits
-        joint = int(beyond.argmax())
-        if beyond[joint] > LEAST_EXCESS:
+        excess = highest - sign * limits
+        joint = int(excess.argmax())
+        if excess[joint] > ALLOWED_EXCESS:
             raise InvalidInput(
                 Status.START_OUTSIDE_LIMITS,
                 f"joints.velocity[{robot.joint_names[joint]}]",

@@ -22,7 +22,7 @@ from ff_planner_ros.planning.requirements.requirement import (
 )
 from ff_planner_ros.planning.requirements.turns import beyond, joined, peak_rates
 from ff_planner_ros.planning.settings import PlannerSettings
-from ff_planner_ros.planning.start_motion import LEAST_EXCESS, least_highest_rates
+from ff_planner_ros.planning.start_motion import ALLOWED_EXCESS, least_highest_rates
 from ff_planner_ros.robot.model import Robot
 
 # A rate that is further from its limit than this part of it cannot reach it in one step of the
@@ -60,7 +60,7 @@ class JointRates(Requirement):
         outward = np.copysign(1.0, rates)
         highest = least_highest_rates(outward * rates, outward * accelerations)
         joint = int((highest / robot.velocity_limits).argmax())
-        if highest[joint] > (1.0 + LEAST_EXCESS) * robot.velocity_limits[joint]:
+        if highest[joint] > (1.0 + ALLOWED_EXCESS) * robot.velocity_limits[joint]:
             raise InvalidInput(
                 Status.START_OUTSIDE_LIMITS,
                 f"joints.acceleration[{robot.joint_names[joint]}]",
