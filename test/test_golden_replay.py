@@ -36,7 +36,17 @@ def test_every_answer_in_a_golden_bag_comes_again(path: Path) -> None:
         run = recorded_run(bag)
     for recorded in run.requests:
         found = replay(recorded)
-        assert found.verdict in SAME, (recorded.name, found.words, *map(str, found.differences))
+        told = (recorded.name, found.words, *map(str, found.differences))
+        if recorded.status is Status.SOLVED:
+            # Of 15 points: 0.1.0 solved on these alone, and the quintics through them missed the
+            # goal. The path is nearly the same.
+            assert found.verdict is Verdict.DIFFERENT, told
+            assert found.answer is not None, told
+            assert found.answer.status.code == Status.SOLVED, told
+            (off,) = (one for one in found.differences if one.quantity == "joint_positions")
+            assert off.amount < 0.05, told
+        else:
+            assert found.verdict in SAME, told
     statuses = [recorded.status for recorded in run.requests]
     if path.name == "node":
         assert any("do not say when their requests were taken up" in note for note in run.notes)
