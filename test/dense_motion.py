@@ -49,9 +49,9 @@ class Truth(NamedTuple):
 def truth(problem: PlanningProblem, motion: Trajectory) -> Truth:
     """Integrate the motion that comes of a plan's samples and measure it.
 
-    From point to point at twenty times, and at a thousand times in all.
+    From point to point at twenty times, and at four hundred times in all.
     """
-    dense = max(20, 1000 // (len(motion.time) - 1))
+    dense = max(20, 400 // (len(motion.time) - 1))
     robot, model, data = problem.robot, problem.robot.model, problem.robot.model.createData()
     time, positions, rates, accelerations = joints_between(motion, dense)
     joints = motion.joint_positions, motion.joint_velocities, motion.joint_accelerations

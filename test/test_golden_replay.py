@@ -16,8 +16,8 @@ from ff_planner_ros.cli import main
 from ff_planner_ros.errors import NoPlanFound, Status
 from ff_planner_ros.ros.messages.from_messages import plan_from_response
 from ff_planner_ros.runs import replay as replaying
-from ff_planner_ros.runs.recorded_run import recorded_run
-from ff_planner_ros.runs.replay import Verdict, replay
+from ff_planner_ros.runs.recorded_run import RecordedRequest, recorded_run
+from ff_planner_ros.runs.replay import Replayed, Verdict, replay
 
 GOLDEN = Path(__file__).parent / "golden_bags"
 BAGS = sorted(path for path in GOLDEN.iterdir() if path.is_dir())

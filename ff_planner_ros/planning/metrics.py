@@ -57,12 +57,13 @@ class Metrics:
     max_chaser_euler: float = _metric("rad", "largest chaser attitude", _RAD, "deg", ".2f")
     # Of any link line from any sphere, between the points too; infinite without obstacles.
     min_clearance: float = _metric("m", "clearance", _METRE, "mm", ".1f")
+    # At any time: between two points the joints are on the quintics through them.
     min_joint_margin: float = _metric("rad", "margin to joint limits", _RAD, "deg", ".1f")
-    # To the URDF's limits, at the points; may be negative where the problem does not limit rates.
+    # To the URDF's limits, at any time; may be negative where the problem does not limit rates.
     min_velocity_margin: float = _metric(
         "rad/s", "margin to velocity limits", _RAD_S, "deg/s", ".2f"
     )
-    # Largest absolute torque of each joint at the points; between them nothing is certified.
+    # Largest absolute torque of each joint at any time, exact to 5e-4 of it.
     peak_joint_torques: tuple[float, ...] = _metric(
         "N m", "peak joint torque", _TORQUE, "N m", ".4g"
     )
@@ -70,6 +71,7 @@ class Metrics:
     torque_error: float = _metric("N m", "torque error", _TORQUE, "N m", ".1e")
     # R_obst of Eqs. (46) and (47); zero for a plan without collision.
     penalty: float = _metric("", "penalty", _ONE, "", ".3g")
+    # Where the end effector comes, or where the plan says that it comes: the worse of the two.
     final_position_error: float = _metric("m", "final position error", _METRE, "mm", ".4f")
     final_orientation_error: float = _metric("rad", "final orientation error", _RAD, "deg", ".5f")
     momentum_error: float = _metric("", "momentum error", _ONE, "relative", ".1e")

@@ -104,8 +104,8 @@ def plan_of_path(
 ) -> Plan:
     """Return what comes of a regular path of the family, measured and not yet judged."""
     motion = path.at_x.motion
-    driven = followed_path(problem, motion.q, motion.v, path.at_x.acceleration)
     q, v, acceleration = motion.q, motion.v, path.at_x.acceleration
+    driven = path.followed or followed_path(problem, q, v, acceleration)
     at_points = driven.q[:: driven.pieces]
     if len(at_points) < len(q) or not _is_near(at_points, q):
         q, v = at_points, driven.v[:: driven.pieces]

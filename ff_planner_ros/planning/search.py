@@ -57,6 +57,7 @@ class FoundPath:
 
     at_x: PathLinearisation  # its motion may be singular
     report: SolverReport  # counts are those of the whole search so far
+    followed: FollowedMotion | None = None  # what comes of it; None: not worked out yet
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,10 +106,10 @@ class Search:
             for grid in self._grids[1:-1]:
                 finer = self._solve(grid, solution.x)
                 solution = finer if finer.at_x.is_defined else solution
-            found = self._solve_between_points(self._grids[-1], solution.x)
+            found, followed = self._solve_between_points(self._grids[-1], solution.x)
             if found.at_x.is_defined:
                 self._watch.report(self._progress(CHECKING, found.at_x))
-                yield self._found(found)
+                yield replace(self._found(found), followed=followed)
                 self._on_all_points.append(found)
 
     def best(self) -> FoundPath | None:
@@ -160,8 +161,14 @@ class Search:
                 postponed.remove(best)
                 yield best
 
-    def _solve_between_points(self, grid: _Grid, start: Array) -> PathSolution:
-        """Solve until the motion that a controller makes of the plan is sound at all times."""
+    def _solve_between_points(
+        self, grid: _Grid, start: Array
+    ) -> tuple[PathSolution, FollowedMotion | None]:
+        """Solve until the motion that a controller makes of the plan is sound at all times.
+
+        Returns:
+            The path, and what comes of it, where that is sound.
+        """
         program = grid.program
         if program.points > program.problem.points:
             at_start = program.linearise(start)
@@ -175,7 +182,7 @@ class Search:
             slacks = program.slacks(motion)
             is_sound = min(slacks.values()) >= 0.0
             if is_sound and self._is_at_goal(motion):
-                break
+                return solution, motion
             # Beside what is missing, half the margin that the search began with.
             margins = {
                 name: margin + (self._program.margins[name] / 2 - slacks[name])
@@ -190,7 +197,7 @@ class Search:
                     solution = replace(solution, at_x=aimed)
                     continue
             solution = self._solve(replace(grid, program=program), solution.x)
-        return solution
+        return solution, None
 
     def _is_at_goal(self, motion: FollowedMotion) -> bool:
         problem, settings = self._program.problem, self._settings

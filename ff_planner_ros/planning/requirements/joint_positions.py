@@ -70,6 +70,10 @@ class JointPositions(Requirement):
         upper = upper - np.clip(upper - at_start, 0.0, margin)
         at_points = within(motion.q[1:, 7:], sensitivity.q[1:, 6:], lower, upper, OF_INTEREST)
         step = problem.duration / (len(motion.q) - 1)
+        # No cubic leaves the span of its ends and of its two control points between them.
+        p, reach = motion.q[:, 7:], step / 3 * np.abs(motion.v[:, 6:])
+        if (p + reach < upper - OF_INTEREST).all() and (p - reach > lower + OF_INTEREST).all():
+            return at_points
         between = turns(motion, sensitivity, step)
         return joined(at_points, beyond(between, lower, upper, OF_INTEREST))
 
