@@ -12,7 +12,7 @@ from ff_planner_ros.planning.plan import SolverReport
 from ff_planner_ros.planning.program import PathLinearisation, PathProgram
 from ff_planner_ros.planning.requirements.clearance import Clearance
 from ff_planner_ros.planning.settings import PlannerSettings
-from ff_planner_ros.planning.solver import Solution, minimise
+from ff_planner_ros.planning.solver import FIRST_RADIUS, Solution, minimise
 from ff_planner_ros.planning.watch import CHECKING, REFINING, SEARCHING, Progress, Watch
 
 PathSolution: TypeAlias = Solution[PathLinearisation]
@@ -28,6 +28,7 @@ class _Level:
     progress: float
     iterations: int
     damping: float  # where a singularity in the way shall not stop the search
+    first_radius: float = FIRST_RADIUS  # of the solver's trust region
 
 
 # Few points find the way around the obstacles at a tenth of the price; the next grid brings the
@@ -156,7 +157,9 @@ class Search:
 
     def _solve_between_points(self, grid: _Grid, start: Array) -> PathSolution:
         """Solve, and raise the margins at the points until the motion between them is sound too."""
-        solution = self._solve(grid, start)
+        return self._kept_between_points(grid, self._solve(grid, start))
+
+    def _kept_between_points(self, grid: _Grid, solution: PathSolution) -> PathSolution:
         for _ in range(_MARGIN_ROUNDS - 1):
             if not solution.feasible:
                 break
@@ -175,7 +178,7 @@ class Search:
             solution = self._solve(grid, solution.x)
         return solution
 
-    def _solve(self, grid: _Grid, start: Array) -> PathSolution:
+    def _solve(self, grid: _Grid, start: Array, curvature: Array | None = None) -> PathSolution:
         level = grid.level
         phase = REFINING if level is self._grids[-1].level else SEARCHING
 
@@ -187,7 +190,15 @@ class Search:
                 self._watch.report(self._progress(phase, at_x))
             return at_x
 
-        solution = minimise(linearise, start, level.iterations, level.optimality, level.progress)
+        solution = minimise(
+            linearise,
+            start,
+            level.iterations,
+            level.optimality,
+            level.progress,
+            level.first_radius,
+            curvature,
+        )
         self._solved.append(solution)
         return solution
 
