@@ -94,7 +94,7 @@ def truth(problem: PlanningProblem, motion: Trajectory) -> Truth:
     clear = np.inf
     if problem.obstacles:
         arm = arm_points(robot, q)
-        clear = clearances(arm, segments(arm), problem.obstacles).distance.min()
+        clear = clearances(arm, time, segments(arm), problem.obstacles).distance.min()
     axes = Rotation.from_quat(q[:, 3:7]).as_matrix() @ robot.rotation_chaser_to_base
     upper, lower = robot.upper_position_limits, robot.lower_position_limits
     return Truth(

@@ -41,6 +41,10 @@ def test_the_quick_benchmark_prints_its_tables_and_writes_its_figures(tmp_path, 
     assert {row["of"] for row in figures["scaling"]} == {"spheres", "points", "joints"}
     assert {row["kind"] for row in figures["scenarios"]} == {"ordinary", "cluttered"}
     assert {row["belief"] for row in figures["executions"]} == set(BELIEFS)
+    assert all(
+        row["shortest"] >= row["steadiest"] >= 0.9 * row["best_known"]
+        for row in figures["steadiness"]
+    )
     ours = [row for row in figures["methods"] if row["method"] == "ff_planner"]
     assert [row["objective"] for row in ours] == ["min(L)", "min(Theta)", "L + Theta"]
     assert all(row["clearance"] > 0.0 and row["seconds"] > 0.0 for row in ours)

@@ -19,6 +19,7 @@ from typing import Any
 
 import numpy as np
 
+from ff_planner_ros.bench.attitude import BEST_KNOWN, Steadiness, steadiness
 from ff_planner_ros.bench.beliefs import BELIEFS, BeliefResult, belief_results
 from ff_planner_ros.bench.methods import OURS, method_results
 from ff_planner_ros.bench.robots import ROBOTS
@@ -68,6 +69,7 @@ def main(quick: bool, scenarios: int, json_file: str) -> None:
     figures["scaling"] = print_scaling(problem, settings, quick=quick)
     figures["scenarios"] = print_success(scenarios, settings)
     figures["starts"] = print_starts(min(scenarios, _STARTS), settings)
+    figures["steadiness"] = print_steadiness(2 if quick else len(BEST_KNOWN), settings)
     figures["executions"] = print_executions(1 if quick else min(scenarios, _EXECUTED), settings)
     if json_file:
         Path(json_file).write_text(json.dumps(figures, indent=1) + "\n", encoding="utf-8")
@@ -188,6 +190,33 @@ def print_starts(count: int, settings: PlannerSettings) -> list[dict[str, Any]]:
         if each.status is not Status.SOLVED:
             print(f"missed: {each.kind}, {each.robot} {each.number}: {each.message}")
     return _figures(tried)
+
+
+def print_steadiness(count: int, settings: PlannerSettings) -> list[dict[str, Any]]:
+    """Compare plans of least attitude with the best that are known, and return the figures."""
+    done = [each for rounds in (1, 4) for each in steadiness(count, rounds, settings)]
+    rows = [
+        (f"{rounds}", *_nearness([each for each in done if each.rounds == rounds]))
+        for rounds in (1, 4)
+    ]
+    header = (
+        "rounds", "scenarios", "min(L)", "min(Theta) too", "worse than min(L)",
+        "attitude / best, median",
+        "worst", "processor time, median [s]", "worst [s]",
+    )  # fmt: skip
+    print_table("Chaser attitude beside the best that is known", header, rows)
+    return _figures(done)
+
+
+def _nearness(group: Sequence[Steadiness]) -> Iterator[str]:
+    pairs = [(each.shortest, each.steadiest) for each in group if each.shortest is not None]
+    both = [(short, steady) for short, steady in pairs if steady is not None]
+    yield from (f"{len(group)}", f"{len(pairs)}", f"{len(both)}")
+    yield f"{sum(steady > short for short, steady in both)}"
+    ratios = [e.steadiest / e.best_known for e in group if e.steadiest is not None]
+    seconds = [each.seconds for each in group]
+    yield from (f"{np.median(ratios):.2f}", f"{max(ratios):.2f}")
+    yield from (f"{np.median(seconds):.2f}", f"{max(seconds):.2f}")
 
 
 def print_executions(count: int, settings: PlannerSettings) -> list[dict[str, Any]]:

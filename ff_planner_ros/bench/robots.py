@@ -17,13 +17,24 @@ _ARM_LENGTH, _ARM_MASS, _CHASER_MASS = 2.8, 21.0, 200.0
 # Each pitch joint sits beside the one before [m], so that no wrist is spherical.
 _SIDEWAYS = 0.08
 
+# Robots that are read from the share directory, by name.
+_BASE_LINKS = {"lemur": "chaser", "canadarm2": "station"}
+# Where the chaser of `off7` has its centre of mass and axes.
+_OFF_THE_BASE = '<origin xyz="0.3 -0.2 0.25" rpy="0.3 -0.2 0.5"/>'
+
 
 @cache
 def bench_robot(name: str) -> Robot:
-    """Return `lemur`, or a generated arm by its number of joints: `arm6` has six."""
-    if name == "lemur":
-        urdf = share_directory() / "config" / "robots" / "lemur" / "lemur.urdf"
-        return load_robot(urdf, "chaser", "end_effector")
+    """Return `lemur`, `canadarm2`, or a generated arm by its number of joints: `arm6` has six.
+
+    `off7` has seven, and the centre of mass of its chaser is off the base link's frame.
+    """
+    if name in _BASE_LINKS:
+        urdf = share_directory() / "config" / "robots" / name / f"{name}.urdf"
+        return load_robot(urdf, _BASE_LINKS[name], "end_effector")
+    if name == "off7":
+        moved = arm_urdf(7).replace('<origin xyz="0 0 0.0"/>', _OFF_THE_BASE, 1)
+        return robot_from_urdf_text(moved, "chaser", "end_effector")
     return robot_from_urdf_text(arm_urdf(int(name.removeprefix("arm"))), "chaser", "end_effector")
 
 

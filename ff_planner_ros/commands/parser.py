@@ -82,6 +82,15 @@ def command_parser() -> ArgumentParser:
     plan.add_argument(
         "--bag", type=Path, metavar="DIR", help="write task and answer as a new bag (needs ROS)"
     )
+    plan.add_argument(
+        "--front",
+        action="store_true",
+        help="plan with several weights, from least joint path to least chaser attitude; print "
+        "and draw what they trade",
+    )
+    plan.add_argument(
+        "--output", type=Path, default="front", metavar="DIR", help="of the picture of --front"
+    )
 
     replay = add(
         "replay",
@@ -159,7 +168,10 @@ def command_parser() -> ArgumentParser:
 def _how_to_plan() -> ArgumentParser:
     options = ArgumentParser(add_help=False)
     options.add_argument(
-        "--objective", choices=planning.OBJECTIVES, help="instead of the scenario's weights"
+        "--objective",
+        metavar="{length,attitude,L,THETA}",
+        help="instead of the scenario's weights: one of the two names, or a pair such as 1,10: "
+        "weights of joint path length and chaser attitude",
     )
     options.add_argument(
         "--method",

@@ -40,6 +40,8 @@ METHODS = (OPTIMAL, "straight", "apf")
 
 def plan_scenario(options: argparse.Namespace) -> int:
     """Plan a scenario file, print what came of it, and write it down."""
+    if options.front:
+        return _plan_front(options)
     try:
         task, watch = _task(options.scenario, options)
         if options.bag is not None:
@@ -69,6 +71,30 @@ def plan_scenario(options: argparse.Namespace) -> int:
     return SOLVED
 
 
+def _plan_front(options: argparse.Namespace) -> int:
+    """Plan a scenario with one pair of weights after the other, and show what they trade."""
+    from ff_planner_ros.analysis import front
+    from ff_planner_ros.text_table import print_table as print_columns
+
+    for name, default in (("objective", None), ("method", OPTIMAL), ("bag", None)):
+        value = getattr(options, name)
+        if value != default:
+            allowed = "not beside --front, which plans with weights of its own"
+            raise InvalidInput(Status.UNSUPPORTED, f"--{name}", value, allowed)
+    begun = time.perf_counter()
+    try:
+        points = front.front(*_task(options.scenario, options), time.perf_counter)
+    except FfPlannerError as error:
+        _write_json(options.json, refusal_dictionary(error, time.perf_counter() - begun))
+        raise
+    _write_json(options.json, front.front_dictionary(points))
+    title = "Joint path against chaser attitude"
+    print_columns(title, front.COLUMNS, front.front_rows(points))
+    print()
+    print(front.save_front(points, options.output))
+    return SOLVED
+
+
 def _write_json(file: Path | None, answer: dict[str, Any]) -> None:
     if file is not None:
         file.write_text(json.dumps(answer) + "\n")
@@ -85,9 +111,21 @@ def _task(scenario: Path, options: argparse.Namespace) -> tuple[PlanningTask, Wa
         budget = budget or parameters.time_budget
     task = load_task(scenario, defaults)
     if options.objective is not None:
-        problem = replace(task.problem, objective=OBJECTIVES[options.objective])
+        problem = replace(task.problem, objective=_weights(options.objective))
         task = replace(task, problem=problem)
     return task, Watch() if budget is None else TimeBudget(budget)
+
+
+def _weights(text: str) -> Objective:
+    """Return the weights that `--objective` names or gives."""
+    if text in OBJECTIVES:
+        return OBJECTIVES[text]
+    try:
+        length, attitude = map(float, text.split(","))
+    except ValueError:
+        allowed = f"it must be one of {', '.join(OBJECTIVES)}, or two weights such as 1,10"
+        raise InvalidInput(Status.UNSUPPORTED, "--objective", text, allowed) from None
+    return Objective(length, attitude)
 
 
 def _method(name: str) -> Method:

@@ -8,7 +8,14 @@ import numpy as np
 
 from ff_planner_ros.arrays import Array, finite_vector
 from ff_planner_ros.errors import NoPlanFound, OutOfTime, Status
-from ff_planner_ros.planning.check import failures, measure, out_of_time, refusal
+from ff_planner_ros.planning.attitude_search import AttitudeSearch
+from ff_planner_ros.planning.check import (
+    failures,
+    measure,
+    out_of_time,
+    out_of_time_beside,
+    refusal,
+)
 from ff_planner_ros.planning.end_effector_polynomial import end_effector_families
 from ff_planner_ros.planning.followed import followed_path
 from ff_planner_ros.planning.motion import to_trajectory
@@ -16,15 +23,17 @@ from ff_planner_ros.planning.objectives import weighted_sum
 from ff_planner_ros.planning.path_family import PathFamily, singular_refusal
 from ff_planner_ros.planning.plan import Plan, SolverReport
 from ff_planner_ros.planning.preconditions import require_plannable
-from ff_planner_ros.planning.problem import PlanningProblem
+from ff_planner_ros.planning.problem import Objective, PlanningProblem
 from ff_planner_ros.planning.program import path_program
-from ff_planner_ros.planning.search import FoundPath, Search
+from ff_planner_ros.planning.search import FoundPath
 from ff_planner_ros.planning.settings import PlannerSettings
 from ff_planner_ros.planning.watch import Watch
 from ff_planner_ros.robot.dynamics import accelerations
 from ff_planner_ros.robot.kinematics import rotation_base_to_inertial
 
 NOBODY = Watch()
+# Weights of the plan at which a search for a better attitude begins.
+SHORTEST = Objective(1.0, 0.0)
 
 # A hundredth of what the check allows at the goal [m, rad]. A path whose own motion is as near as
 # this to what comes of it is published as it is: its end effector's twist is exact at the goal.
@@ -38,6 +47,9 @@ def plan(
     first_guess: Array | None = None,
 ) -> Plan:
     """Plan a trajectory: optimal, collision-free, checked.
+
+    Where the chaser's attitude has a weight, the search begins at the plan of least joint path and
+    never answers one that is worse. Where there is no such plan, it searches for any.
 
     The same problem, settings and first guess give the same plan. The time that a search may take
     decides only whether there is a plan, never which one.
@@ -80,15 +92,29 @@ def _plan_in_family(
     """Return a plan from the paths of one family; `plan` says the rest."""
     if first_guess is not None:
         first_guess = finite_vector("first_guess", first_guess, family.variables)
-    search = Search(path_program(problem, family, settings), settings, watch, first_guess)
-    ended = None
-    try:
-        for path in search.paths():
-            found = plan_of_path(problem, settings, family, path)
-            if not any(failures(problem, found, settings)):
+
+    def judged(path: FoundPath) -> Plan | None:
+        """Return the plan along a path if it is sound."""
+        found = plan_of_path(problem, settings, family, path)
+        return None if any(failures(problem, found, settings)) else found
+
+    asked = problem.objective
+    ended, shortest = None, None
+    for objective in (asked,) if asked.chaser_attitude == 0.0 else (SHORTEST, asked):
+        program = path_program(replace(problem, objective=objective), family, settings)
+        search = AttitudeSearch(program, settings, watch, first_guess)
+        try:
+            found = next((made for path in search.paths() if (made := judged(path))), None)
+            if found is not None and objective is not asked:
+                shortest = found
+                found = search.improved(asked, shortest, judged)
+            if found is not None:
                 return found
-    except OutOfTime as end:
-        ended = end
+        except OutOfTime as end:
+            ended = end
+            break
+    if shortest is not None and ended is not None:
+        raise out_of_time_beside(ended, shortest)
     best = search.best()
     singular_at = None if best is None else best.at_x.motion.singular_at
     if best is None or singular_at is not None:

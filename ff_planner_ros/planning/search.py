@@ -16,7 +16,12 @@ from ff_planner_ros.planning.program import PathLinearisation, PathProgram
 from ff_planner_ros.planning.requirements.clearance import Clearance
 from ff_planner_ros.planning.requirements.goal import miss
 from ff_planner_ros.planning.settings import PlannerSettings
-from ff_planner_ros.planning.solver import FEASIBILITY_TOLERANCE, Solution, minimise
+from ff_planner_ros.planning.solver import (
+    FEASIBILITY_TOLERANCE,
+    FIRST_RADIUS,
+    Solution,
+    minimise,
+)
 from ff_planner_ros.planning.watch import CHECKING, REFINING, SEARCHING, Progress, Watch
 
 PathSolution: TypeAlias = Solution[PathLinearisation]
@@ -32,6 +37,7 @@ class _Level:
     progress: float
     iterations: int
     damping: float  # where a singularity in the way shall not stop the search
+    first_radius: float = FIRST_RADIUS  # of the solver's trust region
 
 
 # Few points find the way around the obstacles at a tenth of the price; the next grid brings the
@@ -61,7 +67,7 @@ class FoundPath:
 
 
 @dataclass(frozen=True, eq=False)
-class _Grid:
+class Grid:
     """The optimisation problem of one level."""
 
     level: _Level
@@ -120,13 +126,13 @@ class Search:
         attempts = self._on_all_points or self._solved
         return self._found(min(attempts, key=rank)) if attempts else None
 
-    def _grid(self, level: _Level) -> _Grid:
+    def _grid(self, level: _Level) -> Grid:
         margins = dict(self._program.margins)
         margins[Clearance.name] += level.extra_margin
         program = replace(
             self._program, points=level.points, margins=margins, damping=level.damping
         )
-        return _Grid(level, program)
+        return Grid(level, program)
 
     def _found(self, solution: PathSolution) -> FoundPath:
         report = SolverReport(
@@ -162,19 +168,21 @@ class Search:
                 yield best
 
     def _solve_between_points(
-        self, grid: _Grid, start: Array
+        self, grid: Grid, start: Array
     ) -> tuple[PathSolution, FollowedMotion | None]:
         """Solve until the motion that a controller makes of the plan is sound at all times.
 
         Returns:
             The path, and what comes of it, where that is sound.
         """
+        grid = corrected(grid, start)
+        return self._kept_between_points(grid, self._solve(grid, start))
+
+    def _kept_between_points(
+        self, grid: Grid, solution: PathSolution
+    ) -> tuple[PathSolution, FollowedMotion | None]:
+        """Solve on from a solution until it is sound at all times; see `_solve_between_points`."""
         program = grid.program
-        if program.points > program.problem.points:
-            at_start = program.linearise(start)
-            if at_start.is_defined:
-                program = program.corrected(at_start.motion, program.followed(at_start))
-        solution = self._solve(replace(grid, program=program), start)
         for _ in range(_ROUNDS):
             if not solution.feasible:
                 break
@@ -207,7 +215,7 @@ class Search:
             and turn <= _MISS * settings.orientation_tolerance
         )
 
-    def _solve(self, grid: _Grid, start: Array) -> PathSolution:
+    def _solve(self, grid: Grid, start: Array, curvature: Array | None = None) -> PathSolution:
         level = grid.level
         phase = REFINING if level is self._grids[-1].level else SEARCHING
 
@@ -219,9 +227,30 @@ class Search:
                 self._watch.report(self._progress(phase, at_x))
             return at_x
 
-        solution = minimise(linearise, start, level.iterations, level.optimality, level.progress)
+        solution = minimise(
+            linearise,
+            start,
+            level.iterations,
+            level.optimality,
+            level.progress,
+            level.first_radius,
+            curvature,
+        )
         self._solved.append(solution)
         return solution
+
+
+def corrected(grid: Grid, x: Array) -> Grid:
+    """Return a grid whose program knows what a controller makes of a path, if points are left out.
+
+    Where the plan holds every point of the grid, that hardly differs from the path.
+    """
+    program = grid.program
+    if program.points > program.problem.points:
+        at_x = program.linearise(x)
+        if at_x.is_defined:
+            program = program.corrected(at_x.motion, program.followed(at_x))
+    return replace(grid, program=program)
 
 
 def _is_promising(rough: PathSolution) -> bool:

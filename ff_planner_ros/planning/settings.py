@@ -47,6 +47,12 @@ class PlannerSettings:
         minimum=1,
         maximum=1_000,
     )
+    attitude_rounds: int = tunable(
+        "Rounds of search for a better attitude where it has a weight: each tries more first "
+        "guesses and keeps the best; more of them never give a worse plan",
+        minimum=1,
+        maximum=1_000,
+    )
     max_iterations: int = tunable(
         "Iterations allowed to the solver from each start", minimum=1, maximum=10_000
     )

@@ -1,15 +1,15 @@
 """A trust-region SQP method for  minimise f(x) + max_j p_j(x)  subject to  g(x) >= 0.
 
 Each iteration solves a convex quadratic program by an interior-point method (PIQP): the
-Gauss-Newton Hessian of f, the peaks p in epigraph form, the constraints linearised with one
-elastic slack, the step bounded by the trust region. A step is taken when the exact L-infinity
-merit function confirms what the quadratic program promised.
+Gauss-Newton Hessian of f, the peaks p in epigraph form with a curvature learned from the steps
+before, the constraints linearised with one elastic slack, the step bounded by the trust region. A
+step is taken when the exact L-infinity merit function confirms what the quadratic program promised.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Generic, TypeVar
 
 import numpy as np
@@ -26,7 +26,7 @@ _INSIDE = 5.0 * FEASIBILITY_TOLERANCE
 
 # Trust region, infinity norm, in units of x. The end effector path's coefficients are metres and
 # radians: half a unit is a bold first step, four are more than any arm's workspace has room for.
-_FIRST_RADIUS, _LARGEST_RADIUS, _SMALLEST_RADIUS = 0.5, 4.0, 1e-7
+FIRST_RADIUS, _LARGEST_RADIUS, _SMALLEST_RADIUS = 0.5, 4.0, 1e-7
 # A step of this part of the radius is limited by it.
 _AT_BOUND = 0.9
 # Price of a violated constraint in the merit function: where it begins, its bounds, its steps.
@@ -40,6 +40,11 @@ _REGULARISATION = 1e-4
 _STUCK, _PATIENCE, _SMALL_VIOLATION = 0.7, 4, 2e-3
 # A smaller promise is rounding; no step can be judged by it.
 _LEAST_PROMISE = 1e-12
+# The objective is known to six good digits where no step promises a tenth of the sixth: what the
+# steps after it would bring, too, is not ten times as much.
+_SIX_DIGITS = 1e-7
+# An update of the curvature by a step that is so nearly orthogonal to it is rounding.
+_ORTHOGONAL = 1e-8
 # A step is taken if it brings this part of the promised decrease; the trust region shrinks below
 # the second value and grows above the third.
 _ACCEPT, _SHRINK, _GROW = 0.1, 0.25, 0.7
@@ -80,11 +85,13 @@ class Solution(Generic[AtX]):
     at_x: AtX  # functions and derivatives there
     # Largest entry of the Lagrangian's gradient, or of a constraint times its multiplier
     optimality: float
-    # No constraint is violated; the optimality is within tolerance, or no step promises progress
+    # No constraint is violated, and the objective is known to six good digits
     converged: bool
     iterations: int  # quadratic programs solved
     evaluations: int  # calls of the function
     stop_reason: str  # a sentence
+    # Of the peaks as weighed by their multipliers; shape (variables, variables), None if unknown
+    curvature: Array | None = None
 
     @property
     def feasible(self) -> bool:
@@ -98,6 +105,8 @@ def minimise(
     max_iterations: int,
     tolerance: float,
     progress: float,
+    first_radius: float = FIRST_RADIUS,
+    curvature: Array | None = None,
 ) -> Solution[AtX]:
     """Minimise from a start; not converging is a result, not an error.
 
@@ -105,40 +114,39 @@ def minimise(
         linearise: Returns functions and derivatives at x; no step leads to where they are not.
         tolerance: First-order optimality at which to stop.
         progress: Part of the objective; a step that promises less is not worth an evaluation.
+        first_radius: Largest entry of the first step: small where the start is nearly optimal.
+        curvature: Of the peaks, as another solution learned it. None: nothing is known of it.
     """
     x, here = start, linearise(start)
+    if curvature is None:
+        curvature = np.zeros((len(x), len(x)))
     if not here.is_defined:
         return Solution(x, here, np.inf, False, 0, 0, "the functions are not defined at the start")
-    radius, price = _FIRST_RADIUS, _FIRST_PRICE
+    radius, price = first_radius, _FIRST_PRICE
     evaluations, optimality = 1, np.inf
     violations = [here.violation]
     converged, reason = False, f"stopped after {max_iterations} iterations, before convergence"
     iterations = 0
     while iterations < max_iterations:
         iterations += 1
-        step, price = _step_at_fair_price(here, radius, price)
+        step, price = _step_at_fair_price(_curved(here, curvature), radius, price)
         optimality = step.optimality
-        if optimality <= tolerance and here.violation <= FEASIBILITY_TOLERANCE:
-            converged, reason = True, "converged: first-order optimal"
-            break
-
         promised = here.objective - step.objective + price * (here.violation - step.violation)
         length = float(np.abs(step.dx).max())
-        kept, free = here.violation <= FEASIBILITY_TOLERANCE, length < _AT_BOUND * radius
-        if kept and free and promised <= progress * abs(here.objective):
-            converged = True
-            reason = f"converged: no step promises more than {progress:g} of the objective"
+        free = length < _AT_BOUND * radius
+        enough = _enough(here, step, promised, free, tolerance, progress)
+        if enough is not None:
+            converged, reason = enough
             break
         there = linearise(x + step.dx)
         evaluations += there.is_defined
         gained = _gained(here, there, price)
+        if there.is_defined:
+            curvature = _learned(curvature, here, there, step)
         ratio = gained / promised if promised > _LEAST_PROMISE else -np.inf
         if ratio > _ACCEPT:
-            x, here = x + step.dx, there
-        if ratio < _SHRINK:
-            radius = 0.4 * length
-        elif ratio > _GROW and length > _AT_BOUND * radius:
-            radius = min(2.0 * radius, _LARGEST_RADIUS)
+            x, here, optimality = x + step.dx, there, np.nan
+        radius = _next_radius(radius, ratio, length)
         violations.append(here.violation)
         if _is_stuck(violations):
             reason = "stuck: the violation of the constraints no longer falls"
@@ -146,7 +154,69 @@ def minimise(
         if radius < _SMALLEST_RADIUS:
             reason = "stalled: no step within the smallest trust region brings progress"
             break
-    return Solution(x, here, optimality, converged, iterations, evaluations, reason)
+    if not np.isfinite(optimality):  # that of x is not known yet
+        optimality = _step_at_fair_price(here, FIRST_RADIUS, price)[0].optimality
+    return Solution(x, here, optimality, converged, iterations, evaluations, reason, curvature)
+
+
+def _next_radius(radius: float, ratio: float, length: float) -> float:
+    """Return the trust region after a step that brought a part of what it promised."""
+    if ratio < _SHRINK:
+        return 0.4 * length
+    if ratio > _GROW and length > _AT_BOUND * radius:
+        return min(2.0 * radius, _LARGEST_RADIUS)
+    return radius
+
+
+def _enough(
+    here: Linearisation,
+    step: _Step,
+    promised: float,
+    free: bool,
+    tolerance: float,
+    progress: float,
+) -> tuple[bool, str] | None:
+    """Return whether the solver has converged, and why it stops here; None: it goes on.
+
+    Args:
+        promised: By the step.
+        free: Whether the trust region leaves the step free.
+    """
+    if here.violation > FEASIBILITY_TOLERANCE:
+        return None
+    if step.optimality <= tolerance:
+        enough = f"first-order optimality is within {tolerance:g}"
+    elif free and promised <= progress * abs(here.objective):
+        enough = f"no step promises more than {progress:g} of the objective"
+    else:
+        return None
+    known = max(_SIX_DIGITS * abs(here.objective), _LEAST_PROMISE)
+    converged = free and bool(abs(promised) <= known)
+    return converged, f"{'converged' if converged else 'good enough'}: {enough}"
+
+
+def _curved(here: AtX, curvature: Array) -> AtX:
+    """Return functions and derivatives with the curvature of the peaks in the Hessian."""
+    if not here.peaks.size:
+        return here
+    values, vectors = np.linalg.eigh(here.hessian + curvature)
+    return replace(here, hessian=(vectors * np.maximum(values, 0.0)) @ vectors.T)
+
+
+def _learned(curvature: Array, here: Linearisation, there: Linearisation, step: _Step) -> Array:
+    """Return the curvature of the peaks as their multipliers weigh it, updated by one step (SR1).
+
+    The constraints' curvature is not learned: those near an obstacle come and go.
+    """
+    if not here.peaks.size:
+        return curvature
+    turned = (there.peaks_jacobian - here.peaks_jacobian).T @ step.on_peaks
+    missing = turned - curvature @ step.dx
+    along = float(missing @ step.dx)
+    if abs(along) <= _ORTHOGONAL * np.linalg.norm(missing) * np.linalg.norm(step.dx):
+        return curvature
+    learned: Array = curvature + np.outer(missing, missing) / along
+    return learned
 
 
 def _gained(here: Linearisation, there: Linearisation, price: float) -> float:
@@ -192,6 +262,7 @@ class _Step:
     objective: float  # promised at the end of the step
     violation: float  # what remains of the linearised one
     pull: float  # sum of the constraints' multipliers, at most the price of violating them
+    on_peaks: Array  # multipliers of the peaks; shape (peaks,)
     optimality: float  # first-order optimality at the step's beginning, with its multipliers
 
 
@@ -246,6 +317,7 @@ def _solve_quadratic_program(here: Linearisation, radius: float, price: float) -
         objective=here.value + float(here.gradient @ dx + 0.5 * dx @ here.hessian @ dx) + peak,
         violation=_violation(here.constraints + here.constraints_jacobian @ dx),
         pull=float(on_constraints.sum()),
+        on_peaks=on_peaks,
         optimality=float(max(np.abs(lagrangian).max(), complementarity.max(initial=0.0))),
     )
 

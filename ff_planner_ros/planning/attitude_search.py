@@ -1,0 +1,232 @@
+"""From a plan of least joint path to one that weighs the chaser's attitude, too.
+
+The attitude has many local optima, the joint path few. So the search begins at the plan of least
+joint path, raises the weight of the attitude rung by rung, and tries other first guesses beside.
+Most of it is done on few points, where it is cheap. Nothing is answered that is worse than the
+plan of least joint path in the objective asked for, as the plans' metrics measure it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, fields, replace
+from itertools import islice
+from typing import Any
+
+from ff_planner_ros.arrays import Array
+from ff_planner_ros.planning.followed import FollowedMotion
+from ff_planner_ros.planning.objectives import weighted_sum, with_tie_break
+from ff_planner_ros.planning.plan import Plan
+from ff_planner_ros.planning.problem import Objective
+from ff_planner_ros.planning.program import PathLinearisation, PathProgram
+from ff_planner_ros.planning.search import FoundPath, Grid, PathSolution, Search, corrected, rank
+from ff_planner_ros.planning.solver import FEASIBILITY_TOLERANCE
+from ff_planner_ros.planning.watch import CHECKING
+
+# Returns the plan along a path, or None where it does not pass the check.
+Judge = Callable[[FoundPath], Plan | None]
+
+# Rungs of the ladder: weights of the attitude, where the joint path's is one. Each about three
+# times the last; below the first the joint path alone decides.
+_RUNGS = (6.0, 15.0, 45.0)
+# Iterations on few points: enough to see what a guess is worth; a rung is only a way to the next.
+_RUNG_ITERATIONS, _GUESS_ITERATIONS, _POLISH_ITERATIONS = 5, 12, 16
+# Other first guesses of each round. Every second one of the later rounds is near the best plan.
+_GUESSES, _NEAR_THE_BEST = 6, 0.3
+# Of each round, so many are solved on all points at most, until one is better than the best.
+_TRIES = 2
+# Iterations on more points: they begin near the optimum.
+_FINE_ITERATIONS = 12
+# First trust regions: near an optimum, and where only a small violation is to be undone.
+_NEAR, _TINY = 0.1, 0.02
+# A violation smaller than this is undone by so many small steps [unit of the constraint].
+_SMALL_VIOLATION, _CLOSING_ITERATIONS = 5e-3, 4
+# A joint path or an angle known to this part is known well enough to compare two.
+_POLISH_OPTIMALITY, _POLISH_PROGRESS, _FINE_PROGRESS = 1e-3, 5e-4, 2e-4
+# Two paths whose objectives differ by less than this part are the same path.
+_SAME = 1e-3
+
+NO_BETTER = "good enough: no better attitude was found than that of the least joint path"
+
+
+class AttitudeSearch(Search):
+    """Looks for a path of least joint path, and from there for a better attitude."""
+
+    def improved(self, asked: Objective, shortest: Plan, judge: Judge) -> Plan:
+        """Return the best plan found, at worst the plan of least joint path.
+
+        More rounds never give a worse plan: each begins where the one before it ended.
+
+        Raises:
+            OutOfTime: By the watch.
+        """
+        objective, best = with_tie_break(asked, self._settings), shortest
+        for path in self._paths_at_guess(objective):
+            best = _better(asked, best, judge(path))
+        grid, family = self._grids[0], self._program.family
+        others = family.first_guesses(
+            self._program.problem.obstacles, grid.level.points, grid.level.damping
+        )
+        seen = list[float]()
+        for number in range(self._settings.attitude_rounds):
+            guesses = list(islice(others, _GUESSES))
+            if number > 0:
+                near = [best.coefficients + _NEAR_THE_BEST * guess for guess in guesses[1::2]]
+                guesses[1::2] = near
+            rough = [self._rough_path(objective, guess, _GUESS_ITERATIONS) for guess in guesses]
+            if number == 0:
+                rough.append(self._top_of_ladder(objective, shortest.coefficients))
+            for path in self._refined(objective, rough, seen):
+                better = _better(asked, best, judge(path))
+                if better is not best:
+                    best = better
+                    break
+        if best is shortest:
+            _, at_best = self._path_at(objective, best.coefficients)
+            optimality, reason = at_best.optimality, NO_BETTER
+        else:
+            optimality, reason = best.solver.optimality, best.solver.stop_reason
+        effort = self._found(self._solved[-1]).report
+        return replace(best, solver=replace(effort, optimality=optimality, stop_reason=reason))
+
+    def _paths_at_guess(self, objective: Objective) -> Iterator[FoundPath]:
+        """Yield the path of the first guess, as it is and improved: it may be worth more."""
+        if self._first_guess is None:
+            return
+        as_it_is = self._kept_between_points(*self._path_at(objective, self._first_guess))
+        yield from self._checkable(*as_it_is)
+        yield from self._path_near(objective, self._first_guess, None)
+
+    def _top_of_ladder(self, objective: Objective, x: Array) -> PathSolution:
+        """Raise the weight of the attitude from a path of least joint path on."""
+        curvature = None
+        for rung in _RUNGS:
+            if rung * objective.joint_path_length >= objective.chaser_attitude:
+                break
+            lower = replace(objective, joint_path_length=objective.chaser_attitude / rung)
+            path = self._rough_path(lower, x, _RUNG_ITERATIONS, curvature)
+            if path.at_x.is_defined:
+                x, curvature = path.x, path.curvature
+        return self._rough_path(objective, x, _GUESS_ITERATIONS, curvature)
+
+    def _refined(
+        self, objective: Objective, rough: Sequence[PathSolution], seen: list[float]
+    ) -> Iterator[FoundPath]:
+        """Yield paths on all points, from the best rough ones; seen: objectives tried before."""
+        ranked = sorted((path for path in rough if path.at_x.is_defined), key=rank)
+        if ranked:
+            polished = self._polished(objective, ranked[0])
+            ranked = sorted([polished, *ranked[1:]], key=rank)
+        tried = 0
+        for path in ranked:
+            value = path.at_x.objective
+            is_new = all(abs(value - other) > _SAME * abs(value) for other in seen)
+            if tried < _TRIES and is_new and path.at_x.violation <= _SMALL_VIOLATION:
+                tried += 1
+                seen.append(value)
+                yield from self._path_near(objective, path.x, path.curvature)
+
+    def _rough_path(
+        self, objective: Objective, guess: Array, iterations: int, curvature: Array | None = None
+    ) -> PathSolution:
+        """Return where the solver comes to on few points."""
+        self._starts += 1
+        grid = self._toward(objective)[0]
+        return self._solve_feasibly(_with(grid, iterations=iterations), guess, curvature)
+
+    def _polished(self, objective: Objective, rough: PathSolution) -> PathSolution:
+        """Return the best path on few points near one of them."""
+        grid = _with(
+            self._toward(objective)[0],
+            optimality=_POLISH_OPTIMALITY,
+            progress=_POLISH_PROGRESS,
+            iterations=_POLISH_ITERATIONS,
+            first_radius=_NEAR,
+        )
+        polished = self._solve_feasibly(grid, rough.x, rough.curvature)
+        return min(rough, polished, key=rank) if polished.at_x.is_defined else rough
+
+    def _path_near(
+        self, objective: Objective, x: Array, curvature: Array | None
+    ) -> Iterator[FoundPath]:
+        """Yield the best path on all points near x, if there is one."""
+        coarse, *finer = self._toward(objective)
+        grids = finer or [coarse]
+        for grid in grids:
+            careful = _with(
+                corrected(grid, x) if grid is grids[-1] else grid,
+                progress=max(grid.level.progress, _FINE_PROGRESS),
+                iterations=_FINE_ITERATIONS,
+                first_radius=_NEAR,
+            )
+            found = self._solve_feasibly(careful, x, curvature)
+            if found.at_x.is_defined:
+                x, curvature = found.x, found.curvature
+        closing = _with(careful, iterations=_CLOSING_ITERATIONS, first_radius=_TINY)
+        yield from self._checkable(*self._kept_between_points(closing, found))
+
+    def _checkable(
+        self, path: PathSolution, followed: FollowedMotion | None
+    ) -> Iterator[FoundPath]:
+        """Yield a path with what comes of it, if it is defined."""
+        if path.at_x.is_defined:
+            self._watch.report(self._progress(CHECKING, path.at_x))
+            yield replace(self._found(path), followed=followed)
+
+    def _path_at(self, objective: Objective, x: Array) -> tuple[Grid, PathSolution]:
+        """Return the path of x as it is, on all points, with its grid; it may be singular."""
+        grid = _with(corrected(self._toward(objective)[-1], x), iterations=0)
+        return grid, self._solve(grid, x)
+
+    def _solve_feasibly(self, grid: Grid, x: Array, curvature: Array | None) -> PathSolution:
+        """Solve, and return the best feasible path on the way if the solver does not end at one.
+
+        Steps along curved constraints violate them a little until the solver converges; small
+        steps undo that.
+        """
+        program = _Remembering(
+            **{item.name: getattr(grid.program, item.name) for item in fields(PathProgram)}
+        )
+        grid = replace(grid, program=program)
+        solution = self._solve(grid, x, curvature)
+        if FEASIBILITY_TOLERANCE < solution.at_x.violation < _SMALL_VIOLATION:
+            closing = _with(grid, iterations=_CLOSING_ITERATIONS, first_radius=_TINY)
+            self._solve(closing, solution.x, solution.curvature)
+        if solution.feasible or not program.feasible:
+            return solution
+        best = min(program.feasible, key=lambda at_x: at_x.objective)
+        at_best = self._solve(_with(grid, iterations=0), best.motion.x)
+        return replace(at_best, stop_reason=solution.stop_reason, curvature=solution.curvature)
+
+    def _toward(self, objective: Objective) -> list[Grid]:
+        """Return the grids, coarse to fine, with another objective."""
+        return [
+            replace(grid, program=replace(grid.program, objective=objective))
+            for grid in self._grids
+        ]
+
+
+@dataclass(frozen=True, eq=False)
+class _Remembering(PathProgram):
+    """A program that remembers the feasible paths that it was asked for."""
+
+    feasible: list[PathLinearisation] = field(default_factory=list)
+
+    def linearise(self, x: Array) -> PathLinearisation:
+        """Return objective and constraints of a path with their derivatives."""
+        at_x = super().linearise(x)
+        if at_x.violation <= FEASIBILITY_TOLERANCE:
+            self.feasible.append(at_x)
+        return at_x
+
+
+def _with(grid: Grid, **of_level: Any) -> Grid:
+    """Return a grid that is solved in another way."""
+    return replace(grid, level=replace(grid.level, **of_level))
+
+
+def _better(objective: Objective, best: Plan, other: Plan | None) -> Plan:
+    """Return the better of two plans, the first where they are equal."""
+    if other is None:
+        return best
+    return min(best, other, key=lambda plan: weighted_sum(objective, plan.metrics))

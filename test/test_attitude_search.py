@@ -1,0 +1,111 @@
+"""Where min(L) has a plan, so has every other objective, and none is worse in its own."""
+
+from dataclasses import replace
+
+import pytest
+from robots import CANADARM2_SCENARIO, LEMUR_SCENARIO
+
+from ff_planner_ros.bench.robots import arm_urdf
+from ff_planner_ros.bench.scenarios import scenario
+from ff_planner_ros.errors import NoPlanFound, OutOfTime, Status
+from ff_planner_ros.parameters import load_parameters
+from ff_planner_ros.planning.check import failures
+from ff_planner_ros.planning.planner import plan
+from ff_planner_ros.planning.problem import Objective
+from ff_planner_ros.planning.scenario import load_scenario
+from ff_planner_ros.planning.watch import Watch
+from ff_planner_ros.robot.model import robot_from_urdf_text
+
+SETTINGS = load_parameters().planner
+LENGTH, ATTITUDE = Objective(1.0, 0.0), Objective(0.0, 1.0)
+WEIGHTED = (Objective(1.0, 1.0), Objective(1.0, 20.0))
+
+
+def value(objective, made):
+    """Return the weighted sum of the published metrics."""
+    metrics = made.metrics
+    return (
+        objective.joint_path_length * metrics.joint_path_length
+        + objective.chaser_attitude * metrics.max_chaser_euler
+    )
+
+
+def off_base(problem):
+    """Return the problem of an arm with its chaser's centre of mass moved off the base frame."""
+    urdf = arm_urdf(6).replace(
+        '<link name="chaser"><inertial><origin xyz="0 0 0.0"/>',
+        '<link name="chaser"><inertial><origin xyz="0.1 -0.1 0.15" rpy="0.3 -0.2 0.5"/>',
+    )
+    assert urdf != arm_urdf(6)
+    return replace(problem, robot=robot_from_urdf_text(urdf, "chaser", "end_effector"))
+
+
+def problems(times):
+    """Yield a name and a problem each."""
+    yield "lemur", load_scenario(LEMUR_SCENARIO)
+    yield "canadarm2", load_scenario(CANADARM2_SCENARIO)
+    for number in range(times(1, 20)):
+        for robot in ("lemur", "arm6"):
+            for kind in ("ordinary", "cluttered"):
+                drawn = scenario(kind, robot, number, turned=False).problem
+                yield f"{kind} {robot} {number}", drawn
+                if robot == "arm6" and kind == "ordinary":
+                    yield f"off its base {number}", replace(off_base(drawn), obstacles=())
+
+
+def test_no_objective_has_a_worse_plan_than_the_shortest_and_all_have_one(times):
+    solved = 0
+    for name, problem in problems(times):
+        try:
+            shortest = plan(replace(problem, objective=LENGTH), SETTINGS)
+        except NoPlanFound:
+            continue
+        solved += 1
+        objective = (ATTITUDE, *WEIGHTED)[solved % 3]
+        asked = replace(problem, objective=objective)
+        made = plan(asked, SETTINGS)
+        assert value(objective, made) <= value(objective, shortest), (name, objective)
+        assert not list(failures(asked, made, SETTINGS)), (name, objective)
+    assert solved >= 6
+
+
+def test_more_rounds_and_a_first_guess_never_make_it_worse():
+    problem = replace(scenario("ordinary", "lemur", 4, turned=False).problem, objective=ATTITUDE)
+    made = [plan(problem, replace(SETTINGS, attitude_rounds=rounds)) for rounds in (1, 2)]
+    angles = [each.metrics.max_chaser_euler for each in made]
+    assert angles == sorted(angles, reverse=True)
+    # The best plan as a first guess: not lost, though one round alone would not find it.
+    again = plan(problem, SETTINGS, first_guess=made[-1].coefficients)
+    assert again.metrics.max_chaser_euler <= angles[-1] + 1e-12
+
+
+def test_the_attitude_is_near_the_best_that_was_ever_found(times):
+    """The best of 100 starts: each solved on 13 points, the best fifteen on all points [rad]."""
+    best = {("ordinary", "lemur", 4): 0.1011, ("cluttered", "lemur", 3): 0.0689}
+    for key, angle in best.items():
+        problem = replace(scenario(*key, turned=False).problem, objective=ATTITUDE)
+        made = plan(problem, replace(SETTINGS, attitude_rounds=times(2, 8)))
+        assert made.metrics.max_chaser_euler <= 1.3 * angle, key
+
+
+class Patience(Watch):
+    """Ends a search after so many looks."""
+
+    def __init__(self, looks):
+        self.looks = looks
+
+    def require_time(self):
+        if self.looks == 0:
+            raise OutOfTime("the patience is over")
+        self.looks -= 1
+
+
+def test_a_search_that_is_ended_tells_that_there_is_a_shortest_plan():
+    problem = replace(load_scenario(LEMUR_SCENARIO), objective=ATTITUDE)
+    needed = plan(replace(problem, objective=LENGTH), SETTINGS).solver.rollouts
+    with pytest.raises(NoPlanFound, match="a plan of least joint path was found") as refused:
+        plan(problem, SETTINGS, Patience(needed + 20))
+    assert refused.value.status is Status.OUT_OF_TIME
+    assert refused.value.attempt.metrics.joint_path_length < 1.2
+    with pytest.raises(NoPlanFound, match="whether there is a plan is not known"):
+        plan(problem, SETTINGS, Patience(needed - 5))
