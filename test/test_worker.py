@@ -18,10 +18,9 @@ from ros_processes import DEADLINE
 from ff_planner_ros.errors import FfPlannerError, Interrupted, InvalidInput, NoPlanFound, Status
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.plan import Plan
-from ff_planner_ros.planning.planner import plan
 from ff_planner_ros.planning.problem import PlanningProblem, Target
 from ff_planner_ros.planning.settings import PlannerSettings
-from ff_planner_ros.planning.task import PlanningTask
+from ff_planner_ros.planning.task import PlanningTask, perform
 from ff_planner_ros.planning.watch import Progress
 from ff_planner_ros.ros.requests.worker import Worker
 
@@ -81,7 +80,8 @@ class Unlucky(Exception):
 def test_a_plan_is_the_same_to_the_last_bit_as_without_it(
     worker: Worker, lemur_capture: PlanningProblem, settings: PlannerSettings
 ) -> None:
-    here, there = plan(lemur_capture, settings), solve(worker, lemur_capture, settings)
+    here = perform(PlanningTask(lemur_capture, settings))
+    there = solve(worker, lemur_capture, settings)
     assert there.metrics == here.metrics
     np.testing.assert_array_equal(there.xi, here.xi)
     np.testing.assert_array_equal(there.trajectory.joint_positions, here.trajectory.joint_positions)

@@ -55,7 +55,8 @@ class Plan:
 
     joint_names: tuple[str, ...]  # in the order of the trajectory's columns
     trajectory: Trajectory
-    # The paper's a6..a8 of the six components, Eq. (42), shape (18,); empty for another path
+    # The paper's a6..a8 of the six components, Eq. (42), in the chaser's axes at the first point;
+    # shape (18,), empty for another path
     xi: Array
     orientation_reading: str  # what the last nine of them describe (see `polynomial`), or empty
     metrics: Metrics

@@ -30,7 +30,6 @@ from ff_planner_ros.robot.state import SystemState
 # To multiples of these: a thousand times what 7000 km and 8 km/s leave of double precision, and a
 # thousandth of what a plan may miss its goal by [m, m/s]; and rad/s, m/s2, rad/s2 and quaternions.
 _PLACE, _SPEED, _OTHER = 2.0**-20, 2.0**-30, 2.0**-40
-_VELOCITIES = "linear_velocities", "angular_velocities"
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,10 +158,10 @@ def _rounded(values: Array, grid: float) -> Array:
 
 def _with_motion(plan: Plan, seen: Callable[..., tuple[Array, ...]]) -> Plan:
     """Return a plan with poses and twists of chaser and end effector as they are seen."""
-    motion, names = plan.trajectory, ("positions", "quaternions_xyzw", *_VELOCITIES)
-    arrays: dict[str, Array] = {}
+    motion, arrays = plan.trajectory, dict[str, Array]()
+    quantities = ("positions", "quaternions_xyzw", "linear_velocities", "angular_velocities")
     for part in ("chaser", "ee"):
-        of_part = [f"{part}_{name}" for name in names]
-        values = seen(motion.time, *(getattr(motion, name) for name in of_part))
-        arrays |= dict(zip(of_part, values, strict=True))
+        names = [f"{part}_{quantity}" for quantity in quantities]
+        values = seen(motion.time, *(getattr(motion, name) for name in names))
+        arrays |= dict(zip(names, values, strict=True))
     return replace(plan, trajectory=replace(motion, **arrays))
