@@ -35,8 +35,8 @@ def carried_forward(
     the controller's tracking error is neither lost nor turned into a jump. After its end they rest.
 
     The joints' accelerations are those of the motion while it runs, and zero after its end. Without
-    one, or before it begins, they are the state's: steady rates are the better guess of where the
-    joints will be, and measured accelerations of how they move there.
+    one, or before it begins, they stay the state's. Along a plan of 10 s that is nearer to the
+    truth than zero for 0.5 s; to carry rates on with them goes astray after 2 s.
 
     Args:
         joints: The motion that a controller runs, its time counted from the state's; None: none.

@@ -22,7 +22,8 @@ _ROUNDING_RATE, _ROUNDING_ACCELERATION = 1e-11, 1e-9
 
 
 # The part of a plan in which the null-space motion of its start fades. Shorter, it needs more
-# torque; longer, the joints go further astray.
+# torque; longer, the joints go further astray. Of 24 starts of the lemur with 0.3 rad/s, parts of
+# 0.3, 0.5 and 1 left a plan to 21, 22 and 21.
 _FADING_PART = 0.5
 # No plan changes joint accelerations faster [rad/s3]: one that turns a joint by 1 rad in 2 s
 # reaches 8.
