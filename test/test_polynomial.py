@@ -346,3 +346,28 @@ def test_of_equal_angles_the_nearest_to_the_start_is_chosen(angle: int, side: fl
     progress = 10 * TIMES**3 - 15 * TIMES**4 + 6 * TIMES**5
     expected = start_deg + progress[:, None] * (end_deg - start_deg)
     np.testing.assert_allclose(np.rad2deg(value[:, 3:]), expected, rtol=0.0, atol=1e-10)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_paths_towards_another_end_keep_their_start_and_meet_it(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    start, end, beside = (
+        EndEffectorMotion(
+            position=rng.normal(size=3),
+            rotation_ee_to_inertial=pin.exp3(rng.normal(scale=0.5, size=3)),
+            twist=rng.normal(size=6),
+            acceleration=rng.normal(size=6),
+        )
+        for _ in range(3)
+    )
+    paths = end_effector_polynomial(start, end, 3.0)
+    other = paths.towards(beside)
+    assert other.reading == paths.reading
+    coefficients, ends = rng.normal(scale=0.1, size=(6, 3)), np.array([0.0, 1.0])
+    positions, rotations = other.pose(coefficients, ends)
+    for i, wanted in enumerate((start, beside)):
+        assert positions[i] == pytest.approx(wanted.position, abs=1e-10)
+        assert rotations[i] == pytest.approx(wanted.rotation_ee_to_inertial, abs=1e-10)
+        assert other.twist(coefficients, ends)[i] == pytest.approx(wanted.twist, abs=1e-9)
+        found = other.acceleration(coefficients, ends)[i]
+        assert found == pytest.approx(wanted.acceleration, abs=1e-8)
