@@ -86,8 +86,10 @@ def test_plan_writes_every_field_of_the_contract(tmp_path, capsys):
     assert written["metrics"]["joint_path_length"] <= 1.115
     shown = capsys.readouterr().out
     assert re.search(r"joint path length +1\.1", shown)
-    peaks = np.abs(written["joint_torques"]).max(axis=0)
-    assert written["metrics"]["peak_joint_torques"] == pytest.approx(peaks, rel=1e-9)
+    peaks = np.array(written["metrics"]["peak_joint_torques"])
+    at_points = np.abs(written["joint_torques"]).max(axis=0)
+    assert (at_points * (1.0 - 1e-9) <= peaks).all()
+    assert peaks == pytest.approx(at_points, rel=0.03)  # they are higher between the points
     assert re.search(rf"peak joint torque +{peaks.max():.4g} N m, joint_4", shown)
 
 

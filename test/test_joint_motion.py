@@ -57,3 +57,19 @@ def test_a_steady_motion_keeps_its_rates_however_short_it_is() -> None:
             assert found[0] == pytest.approx(positions + (time - 4.0) * rates, abs=1e-12)
             assert speed[0] == pytest.approx(rates, abs=1e-12)
             assert acceleration[0] == pytest.approx([0.0, 0.0], abs=1e-12)
+
+
+def test_extremes_are_those_of_dense_samples_with_their_times() -> None:
+    rng = np.random.default_rng(4)
+    motion = JointMotion(np.cumsum(rng.uniform(0.2, 1.0, 12)), *rng.normal(size=(3, 12, 5)))
+    dense = np.linspace(motion.time[0], motion.time[-1], 200_001)
+    for order in (0, 1):
+        samples = motion.at(dense)[order]
+        (lowest, highest), times = motion.extremes(order)
+        assert lowest == pytest.approx(samples.min(axis=0), abs=1e-6)
+        assert highest == pytest.approx(samples.max(axis=0), abs=1e-6)
+        assert (lowest <= samples.min(axis=0) + 1e-8).all()
+        assert (highest >= samples.max(axis=0) - 1e-8).all()
+        for at, values in zip(times, (lowest, highest), strict=True):
+            there = np.diagonal(motion.at(at)[order])
+            assert there == pytest.approx(values, abs=1e-12)

@@ -166,7 +166,8 @@ def test_the_benchmark_is_solved_as_well_through_the_service(
     assert run.from_topics.metrics.penalty == 0.0
     rates = np.array([point.velocities for point in run.from_topics.joint_trajectory.points])
     margin = (lemur_capture.robot.velocity_limits - np.abs(rates)).min()
-    assert run.from_topics.metrics.min_velocity_margin == pytest.approx(margin, abs=1e-12)
+    found = run.from_topics.metrics.min_velocity_margin
+    assert margin - 1e-3 < found <= margin + 1e-9  # less is left between the points
     assert len(run.from_topics.xi) == 18
     assert run.from_topics.solver.solve_time > 0.0
 

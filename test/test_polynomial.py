@@ -397,3 +397,28 @@ def test_less_than_half_a_turn_goes_the_shorter_way_round(
     for found, part in zip(rotations, share, strict=True):
         expected = start @ pin.exp3(part * angle * unit)
         np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-7)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_paths_towards_another_end_keep_their_start_and_meet_it(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    start, end, beside = (
+        EndEffectorMotion(
+            position=rng.normal(size=3),
+            rotation_ee_to_inertial=pin.exp3(rng.normal(scale=0.5, size=3)),
+            twist=rng.normal(size=6),
+            acceleration=rng.normal(size=6),
+        )
+        for _ in range(3)
+    )
+    paths = end_effector_polynomial(start, end, 3.0)
+    other = paths.towards(beside)
+    assert other.reading == paths.reading
+    coefficients, ends = rng.normal(scale=0.1, size=(6, 3)), np.array([0.0, 1.0])
+    positions, rotations = other.pose(coefficients, ends)
+    for i, wanted in enumerate((start, beside)):
+        assert positions[i] == pytest.approx(wanted.position, abs=1e-10)
+        assert rotations[i] == pytest.approx(wanted.rotation_ee_to_inertial, abs=1e-10)
+        assert other.twist(coefficients, ends)[i] == pytest.approx(wanted.twist, abs=1e-9)
+        found = other.acceleration(coefficients, ends)[i]
+        assert found == pytest.approx(wanted.acceleration, abs=1e-8)

@@ -81,6 +81,8 @@ class AttitudeSearch(Search):
                 if better is not best:
                     best = better
                     break
+            if number == 0 and best is shortest:
+                best = self._climbed(asked, shortest, judge)
         if best is shortest:
             _, at_best = self._path_at(objective, best.coefficients)
             optimality, reason = at_best.optimality, NO_BETTER
@@ -100,14 +102,26 @@ class AttitudeSearch(Search):
     def _top_of_ladder(self, objective: Objective, x: Array) -> PathSolution:
         """Raise the weight of the attitude from a path of least joint path on."""
         curvature = None
-        for rung in _RUNGS:
-            if rung * objective.joint_path_length >= objective.chaser_attitude:
-                break
-            lower = replace(objective, joint_path_length=objective.chaser_attitude / rung)
+        for lower in _lower_rungs(objective):
             path = self._rough_path(lower, x, _RUNG_ITERATIONS, curvature)
             if path.at_x.is_defined:
                 x, curvature = path.x, path.curvature
         return self._rough_path(objective, x, _GUESS_ITERATIONS, curvature)
+
+    def _climbed(self, asked: Objective, shortest: Plan, judge: Judge) -> Plan:
+        """Raise the weight of the attitude on all points, as long as the plans pass the check.
+
+        Near the least attitude there may be no plan, because of a singularity or a limit that the
+        search does not keep. Below it there often is one.
+        """
+        best = shortest
+        for lower in _lower_rungs(asked):
+            judged = [judge(path) for path in self._path_near(lower, best.coefficients, None)]
+            better = _better(asked, best, *judged)
+            if better is best:
+                break
+            best = better
+        return best
 
     def _refined(
         self, objective: Objective, rough: Sequence[PathSolution], seen: list[float]
@@ -225,8 +239,15 @@ def _with(grid: Grid, **of_level: Any) -> Grid:
     return replace(grid, level=replace(grid.level, **of_level))
 
 
-def _better(objective: Objective, best: Plan, other: Plan | None) -> Plan:
-    """Return the better of two plans, the first where they are equal."""
-    if other is None:
-        return best
-    return min(best, other, key=lambda plan: weighted_sum(objective, plan.metrics))
+def _lower_rungs(objective: Objective) -> Iterator[Objective]:
+    """Yield objectives from the lowest rung of the ladder to the last one below an objective."""
+    for rung in _RUNGS:
+        if rung * objective.joint_path_length >= objective.chaser_attitude:
+            return
+        yield replace(objective, joint_path_length=objective.chaser_attitude / rung)
+
+
+def _better(objective: Objective, best: Plan, *others: Plan | None) -> Plan:
+    """Return the best of several plans, the first where they are equal."""
+    plans = [best, *(other for other in others if other is not None)]
+    return min(plans, key=lambda plan: weighted_sum(objective, plan.metrics))
