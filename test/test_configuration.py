@@ -27,6 +27,9 @@ def test_a_state_survives_the_round_trip(robot: Robot, seed: int) -> None:
     back = system_state(robot, *configuration(robot, state))
     for name in state.__dataclass_fields__:
         expected, found = getattr(state, name), getattr(back, name)
+        if name == "joint_accelerations":  # a configuration holds none
+            assert found is None
+            continue
         if name == "quaternion_chaser_to_inertial_xyzw":
             found = found * np.sign(found @ expected)  # both signs are the same attitude
         np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-13, err_msg=name)
