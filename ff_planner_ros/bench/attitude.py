@@ -24,6 +24,7 @@ BEST_KNOWN = {
     ("cluttered", "lemur", 1): 0.1064,
     ("ordinary", "lemur", 2): 0.3592,
     ("cluttered", "lemur", 3): 0.0689,
+    ("cluttered", "lemur", 5): 0.0682,
     ("ordinary", "arm6", 0): 0.4130,
     ("ordinary", "arm6", 2): 0.3411,
     ("cluttered", "arm6", 3): 0.1910,
