@@ -96,26 +96,29 @@ def carried_base(
     of_momentum = np.linalg.inv(maps[:, :, :6])
     of_rates = (of_momentum @ (maps[:, :, 6:] @ rates[:, :, None]))[:, :, 0]
     force, base = pin.Force(momentum), pin.XYZQUATToSE3(q_start[:7])
+    prepared = list(zip(of_momentum, of_rates, strict=True))
+    # The system's centre of mass moves uniformly: its place is known, whatever the steps come to.
+    # In the base frame the map holds it: mass times its cross-product matrix.
     mass = pin.computeTotalMass(model)
-    # Of the whole system in the base frame: the map holds mass times its cross-product matrix.
-    centers = maps[:, [5, 3, 4], [1, 2, 0]] / mass
+    in_base = maps[::2, [5, 3, 4], [1, 2, 0]] / mass
+    drift = np.outer(time - time[0], momentum[:3] / mass)
+    centers = pin.centerOfMass(model, data, q_start) + drift
 
     def twist(half_step: int, placement: pin.SE3) -> Array:
-        in_base = placement.actInv(force).vector
-        of_base: Array = of_momentum[half_step].dot(in_base) - of_rates[half_step]
+        by_momentum, by_rates = prepared[half_step]
+        of_base: Array = by_momentum.dot(placement.actInv(force).vector) - by_rates
         return of_base
 
-    # The system's centre of mass moves uniformly: its place is known, whatever the steps come to.
-    center = pin.centerOfMass(model, data, q_start).copy()
-    drift = momentum[:3] / mass
+    steps: list[float] = np.diff(time).tolist()
     q, v = np.empty((points, model.nq)), np.empty((points, model.nv))
     q[:, 7:], v[:, 6:] = positions[::2], rates[::2]
     for i in range(points):
-        base.translation = center + (time[i] - time[0]) * drift - base.rotation @ centers[2 * i]
-        q[i, :7], v[i, :6] = pin.SE3ToXYZQUAT(base), twist(2 * i, base)
+        base.translation = centers[i] - base.rotation.dot(in_base[i])
+        velocities = [twist(2 * i, base)]
+        q[i, :7], v[i, :6] = pin.SE3ToXYZQUAT(base), velocities[0]
         if i == points - 1:
             break
-        step, velocities = time[i + 1] - time[i], [v[i, :6]]
+        step = steps[i]
         for half_step in (2 * i + 1, 2 * i + 1, 2 * i + 2):
             there = base * pin.exp6(pin.Motion(increment(step, velocities)))
             velocities.append(twist(half_step, there))

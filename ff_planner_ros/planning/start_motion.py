@@ -19,8 +19,6 @@ from ff_planner_ros.robot.velocity_map import VelocityMap, stacked
 # Null-space motion that is so slow [rad/s], or changes so slowly [rad/s2], is rounding: a start
 # without any plans as Eq. (31) says.
 _ROUNDING_RATE, _ROUNDING_ACCELERATION = 1e-11, 1e-9
-
-
 # The part of a plan in which the null-space motion of its start fades. Shorter, it needs more
 # torque; longer, the joints go further astray. Of 24 starts of the lemur with 0.3 rad/s, parts of
 # 0.3, 0.5 and 1 left a plan to 21, 22 and 21.
@@ -28,8 +26,6 @@ _FADING_PART = 0.5
 # No plan changes joint accelerations faster [rad/s3]: one that turns a joint by 1 rad in 2 s
 # reaches 8.
 _FASTEST_CHANGE = 10.0
-# So far beyond a limit, in rad, or in parts of a rate limit, a motion between points may be.
-ALLOWED_EXCESS = 1e-4
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,6 +14,7 @@ from ff_planner_ros.planning.metrics import Metrics
 from ff_planner_ros.planning.path_family import Motion, Sensitivity
 from ff_planner_ros.planning.problem import PlanningProblem
 from ff_planner_ros.planning.requirements.requirement import (
+    ALLOWED_EXCESS,
     LIMIT_TOLERANCE,
     OF_INTEREST,
     Requirement,
@@ -23,7 +24,7 @@ from ff_planner_ros.planning.requirements.requirement import (
 )
 from ff_planner_ros.planning.requirements.turns import beyond, joined, turns
 from ff_planner_ros.planning.settings import PlannerSettings
-from ff_planner_ros.planning.start_motion import ALLOWED_EXCESS, least_highest_positions
+from ff_planner_ros.planning.start_motion import least_highest_positions
 from ff_planner_ros.robot.model import Robot
 
 # Between 50 points the quintics and the cubics that the search knows differ by less [rad].
@@ -88,7 +89,7 @@ class JointPositions(Requirement):
 
     def failures(self, samples: Samples, metrics: Metrics) -> Iterator[Failure]:
         """Yield the joint that is furthest outside."""
-        if metrics.min_joint_margin >= -LIMIT_TOLERANCE:
+        if metrics.min_joint_margin >= -ALLOWED_EXCESS:
             return
         robot = samples.problem.robot
         lower, upper = robot.lower_position_limits, robot.upper_position_limits

@@ -14,6 +14,7 @@ from ff_planner_ros.planning.metrics import Metrics
 from ff_planner_ros.planning.path_family import Motion, Sensitivity
 from ff_planner_ros.planning.problem import PlanningProblem
 from ff_planner_ros.planning.requirements.requirement import (
+    ALLOWED_EXCESS,
     LIMIT_TOLERANCE,
     Requirement,
     Rows,
@@ -22,7 +23,7 @@ from ff_planner_ros.planning.requirements.requirement import (
 )
 from ff_planner_ros.planning.requirements.turns import beyond, joined, peak_rates
 from ff_planner_ros.planning.settings import PlannerSettings
-from ff_planner_ros.planning.start_motion import ALLOWED_EXCESS, least_highest_rates
+from ff_planner_ros.planning.start_motion import least_highest_rates
 from ff_planner_ros.robot.model import Robot
 
 # A rate that is further from its limit than this part of it cannot reach it in one step of the
@@ -101,12 +102,14 @@ class JointRates(Requirement):
 
     def failures(self, samples: Samples, metrics: Metrics) -> Iterator[Failure]:
         """Yield the joint whose rate exceeds its limit by most."""
-        limited = samples.problem.limits.joint_velocities
-        if not limited or metrics.min_velocity_margin >= -LIMIT_TOLERANCE:
+        if not samples.problem.limits.joint_velocities:
             return
         robot, limits = samples.problem.robot, samples.problem.robot.velocity_limits
         distances, times = _distances(robot, samples.followed.joints)
-        side, joint = np.unravel_index(distances.argmin(), distances.shape)
+        parts = distances / limits
+        if parts.min() >= -ALLOWED_EXCESS:
+            return
+        side, joint = np.unravel_index(parts.argmin(), parts.shape)
         excess = -distances[side, joint]
         rate = (limits[joint] + excess) * (1.0 if side else -1.0)
         yield Failure(

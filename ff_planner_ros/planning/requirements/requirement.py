@@ -28,6 +28,9 @@ from ff_planner_ros.robot.dynamics import joint_torques
 # A limit violated by less is violated by rounding; no arm and no motor feels it. In the unit of the
 # limit: rad, rad/s, N m, and that of singular values.
 LIMIT_TOLERANCE = 1e-6
+# So far beyond a limit, in rad or in parts of a rate limit, a plan may be: a joint that is measured
+# at its limit and moves outward cannot stop at once. The search keeps the limits themselves.
+ALLOWED_EXCESS = 1e-4
 # A joint or the chaser further from its limit [rad], or a link further from a sphere [m], cannot
 # reach it in one step of the solver that the linearisation still describes.
 OF_INTEREST = 0.25
