@@ -112,9 +112,13 @@ def read_request(request: PlanTrajectory.Request, knowledge: Knowledge) -> ReadR
         if start_ns / NANOSECONDS + tail + problem.duration > MAX_MESSAGE_SECONDS:
             field, allowed = "duration", "the plan must end before 2038"
             raise InvalidInput(Status.OUT_OF_RANGE, field, problem.duration, allowed)
-        running = _running(knowledge.published, measured, parameters.following_tolerance)
-        if knowledge.published is not None and running is not None:
-            provenance = replace(provenance, following=knowledge.published.plan_id)
+        # A plan that begins with the new one moves nothing before.
+        published = knowledge.published
+        if published is not None and published.start_ns == start_ns:
+            published = None
+        running = _running(published, measured, parameters.following_tolerance)
+        if published is not None and running is not None:
+            provenance = replace(provenance, following=published.plan_id)
         task = PlanningTask(
             problem=problem,
             settings=parameters.planner,
