@@ -36,8 +36,8 @@ from ff_planner_ros.planning.requirements.requirement import (
 from ff_planner_ros.planning.settings import PlannerSettings
 from ff_planner_ros.robot.model import Robot
 
-
-# A motion of more times is looked at first at every second of them: between these, where it matters.
+# Of a motion at more times, every second is enough to begin with: between two of them it is looked
+# at where it matters.
 _ENOUGH = 98
 
 

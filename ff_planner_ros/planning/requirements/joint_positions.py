@@ -75,8 +75,9 @@ class JointPositions(Requirement):
         p, reach = motion.q[:, 7:], step / 3 * np.abs(motion.v[:, 6:])
         if (p + reach < upper - OF_INTEREST).all() and (p - reach > lower + OF_INTEREST).all():
             return at_points
-        between = turns(motion, sensitivity, step)
-        return joined(at_points, beyond(between, lower, upper, OF_INTEREST))
+        between = turns(motion, step)
+        at_turns = beyond(between, motion, sensitivity, lower, upper, OF_INTEREST)
+        return joined(at_points, at_turns)
 
     def slack(self, problem: PlanningProblem, motion: FollowedMotion) -> float:
         """Return how far the joints stay from their limits [rad]."""

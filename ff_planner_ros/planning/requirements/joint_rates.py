@@ -85,8 +85,8 @@ class JointRates(Requirement):
         limits = limits - np.clip(limits - np.abs(motion.v[0, 6:]), 0.0, margin * limits)
         at_points = within(motion.v[1:, 6:], sensitivity.v[1:, 6:], -limits, limits, interest)
         step = problem.duration / (len(motion.q) - 1)
-        between = peak_rates(motion, sensitivity, step)
-        return joined(at_points, beyond(between, -limits, limits, interest))
+        between = peak_rates(motion, step)
+        return joined(at_points, beyond(between, motion, sensitivity, -limits, limits, interest))
 
     def slack(self, problem: PlanningProblem, motion: FollowedMotion) -> float:
         """Return how far the rates stay from their limits, in parts of them."""

@@ -19,14 +19,15 @@ from ff_planner_ros.planning.requirements.requirement import Rows
 
 
 class Between(NamedTuple):
-    """Values of joints between the points, with derivatives."""
+    """Values of joints between the points: weighted sums over both ends of an interval."""
 
+    interval: Indices  # of each value; shape (values,)
     joint: Indices  # whose value it is; shape (values,)
-    value: Array  # shape (values,)
-    jacobian: Array  # shape (values, variables)
+    # Of the position at the interval's begin and end, then of the rate. Each of shape (values,)
+    weights: Sequence[Array]
 
 
-def turns(motion: Motion, sensitivity: Sensitivity, step: float) -> Between:
+def turns(motion: Motion, step: float) -> Between:
     """Return the positions at which the joints turn back between two points.
 
     Args:
@@ -44,10 +45,10 @@ def turns(motion: Motion, sensitivity: Sensitivity, step: float) -> Between:
     s = s[root, interval, joint]
     of_end = s**2 * (3 - 2 * s)
     weights = (1 - of_end, of_end, step * s * (1 - s) ** 2, step * s**2 * (s - 1))
-    return _weighted(interval, joint, weights, motion, sensitivity)
+    return Between(interval, joint, weights)
 
 
-def peak_rates(motion: Motion, sensitivity: Sensitivity, step: float) -> Between:
+def peak_rates(motion: Motion, step: float) -> Between:
     """Return the rates at which the joints are fastest between two points; see `turns`."""
     p, v = motion.q[:, 7:], motion.v[:, 6:]
     way = np.diff(p, axis=0) / step
@@ -58,15 +59,24 @@ def peak_rates(motion: Motion, sensitivity: Sensitivity, step: float) -> Between
     s = s[interval, joint]
     of_way = 6 * s * (1 - s) / step
     weights = (-of_way, of_way, (1 - s) * (1 - 3 * s), s * (3 * s - 2))
-    return _weighted(interval, joint, weights, motion, sensitivity)
+    return Between(interval, joint, weights)
 
 
-def beyond(between: Between, lower: Array, upper: Array, interest: Array | float) -> Rows:
+def beyond(
+    between: Between,
+    motion: Motion,
+    sensitivity: Sensitivity,
+    lower: Array,
+    upper: Array,
+    interest: Array | float,
+) -> Rows:
     """Return the distances to both limits that are below the interest; see `within`."""
-    joint, value, jacobian = between
+    joint, value = between.joint, _weighted(between, motion.q[:, 7:], motion.v[:, 6:])
     margins = np.stack([upper[joint] - value, value - lower[joint]])
-    rows = np.nonzero(margins < np.broadcast_to(interest, lower.shape)[joint])
-    return margins[rows], np.stack([-jacobian, jacobian])[rows]
+    side, row = np.nonzero(margins < np.broadcast_to(interest, lower.shape)[joint])
+    near = Between(between.interval[row], joint[row], tuple(one[row] for one in between.weights))
+    jacobian = _weighted(near, sensitivity.q[:, 6:], sensitivity.v[:, 6:])
+    return margins[side, row], np.where(side == 0, -1.0, 1.0)[:, None] * jacobian
 
 
 def joined(*rows: Rows) -> Rows:
@@ -75,26 +85,12 @@ def joined(*rows: Rows) -> Rows:
     return np.concatenate(values), np.concatenate(jacobians)
 
 
-def _weighted(
-    interval: Indices,
-    joint: Indices,
-    weights: Sequence[Array],
-    motion: Motion,
-    sensitivity: Sensitivity,
-) -> Between:
-    """Return weighted sums of positions and rates at both ends of intervals.
-
-    Args:
-        interval: Of each value, as its joint. Shape (values,).
-        weights: Of the position at begin and end, then of the rate. Each of shape (values,).
-    """
-    ends = (interval, joint), (interval + 1, joint)
-    of_both = (motion.q[:, 7:], sensitivity.q[:, 6:]), (motion.v[:, 6:], sensitivity.v[:, 6:])
-    values, jacobians = zip(
-        *[(x[end], of_x[end]) for x, of_x in of_both for end in ends], strict=True
-    )
-    return Between(
-        joint,
-        np.einsum("wv,wv->v", weights, values),
-        np.einsum("wv,wvx->vx", weights, jacobians),
-    )
+def _weighted(between: Between, positions: Array, rates: Array) -> Array:
+    """Return the values of what positions and rates of the joints, or their derivatives, are."""
+    begin = between.interval, between.joint
+    end = between.interval + 1, between.joint
+    terms = positions[begin], positions[end], rates[begin], rates[end]
+    total = np.zeros_like(terms[0])
+    for weight, term in zip(between.weights, terms, strict=True):
+        total += weight.reshape(-1, *[1] * (term.ndim - 1)) * term
+    return total
