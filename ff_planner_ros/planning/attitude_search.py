@@ -20,7 +20,7 @@ from ff_planner_ros.planning.plan import Plan
 from ff_planner_ros.planning.problem import Objective
 from ff_planner_ros.planning.program import PathLinearisation, PathProgram
 from ff_planner_ros.planning.search import FoundPath, Grid, PathSolution, Search, corrected, rank
-from ff_planner_ros.planning.solver import FEASIBILITY_TOLERANCE
+from ff_planner_ros.planning.solver import FEASIBILITY_TOLERANCE, nearest_feasible
 from ff_planner_ros.planning.watch import CHECKING
 
 # Returns the plan along a path, or None where it does not pass the check.
@@ -40,7 +40,7 @@ _FINE_ITERATIONS = 12
 # First trust regions: near an optimum, and where only a small violation is to be undone.
 _NEAR, _TINY = 0.1, 0.02
 # A violation smaller than this is undone by so many small steps [unit of the constraint].
-_SMALL_VIOLATION, _CLOSING_ITERATIONS = 5e-3, 4
+_SMALL_VIOLATION, _CLOSING_ITERATIONS = 3e-2, 6
 # A joint path or an angle known to this part is known well enough to compare two.
 _POLISH_OPTIMALITY, _POLISH_PROGRESS, _FINE_PROGRESS = 1e-3, 5e-4, 2e-4
 # Two paths whose objectives differ by less than this part are the same path.
@@ -204,13 +204,31 @@ class AttitudeSearch(Search):
         grid = replace(grid, program=program)
         solution = self._solve(grid, x, curvature)
         if FEASIBILITY_TOLERANCE < solution.at_x.violation < _SMALL_VIOLATION:
-            closing = _with(grid, iterations=_CLOSING_ITERATIONS, first_radius=_TINY)
-            self._solve(closing, solution.x, solution.curvature)
+            mended = self._mended(grid, solution)
+            if mended.feasible:
+                solution = replace(mended, optimality=solution.optimality)
         if solution.feasible or not program.feasible:
             return solution
         best = min(program.feasible, key=lambda at_x: at_x.objective)
         at_best = self._solve(_with(grid, iterations=0), best.motion.x)
         return replace(at_best, stop_reason=solution.stop_reason, curvature=solution.curvature)
+
+    def _mended(self, grid: Grid, solution: PathSolution) -> PathSolution:
+        """Return the nearest path that keeps the constraints, where a few steps lead there."""
+        mended = nearest_feasible(
+            self._watched(grid), solution.x, solution.at_x, _CLOSING_ITERATIONS
+        )
+        self._solved.append(mended)
+        return replace(mended, curvature=solution.curvature, stop_reason=solution.stop_reason)
+
+    def _solve_again(self, grid: Grid, start: Array) -> PathSolution:
+        """Solve from a path that hardly misses what the grid's program demands."""
+        solution = self._solve(grid, start)
+        return (
+            solution
+            if solution.feasible or not solution.at_x.is_defined
+            else self._mended(grid, solution)
+        )
 
     def _toward(self, objective: Objective) -> list[Grid]:
         """Return the grids, coarse to fine, with another objective."""

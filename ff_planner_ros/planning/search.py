@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from itertools import chain, islice
 from typing import TypeAlias
@@ -204,7 +204,7 @@ class Search:
                 if aimed.violation <= FEASIBILITY_TOLERANCE:
                     solution = replace(solution, at_x=aimed)
                     continue
-            solution = self._solve(replace(grid, program=program), solution.x)
+            solution = self._solve_again(replace(grid, program=program), solution.x)
         return solution, None
 
     def _is_at_goal(self, motion: FollowedMotion) -> bool:
@@ -215,20 +215,14 @@ class Search:
             and turn <= _MISS * settings.orientation_tolerance
         )
 
+    def _solve_again(self, grid: Grid, start: Array) -> PathSolution:
+        """Solve from a path that hardly misses what the grid's program demands."""
+        return self._solve(grid, start)
+
     def _solve(self, grid: Grid, start: Array, curvature: Array | None = None) -> PathSolution:
         level = grid.level
-        phase = REFINING if level is self._grids[-1].level else SEARCHING
-
-        def linearise(x: Array) -> PathLinearisation:
-            self._watch.require_time()
-            at_x = grid.program.linearise(x)
-            if at_x.is_defined:
-                self._looks += 1
-                self._watch.report(self._progress(phase, at_x))
-            return at_x
-
         solution = minimise(
-            linearise,
+            self._watched(grid),
             start,
             level.iterations,
             level.optimality,
@@ -238,6 +232,20 @@ class Search:
         )
         self._solved.append(solution)
         return solution
+
+    def _watched(self, grid: Grid) -> Callable[[Array], PathLinearisation]:
+        """Return what linearises a path of the grid's program while the watch looks on."""
+        phase = REFINING if grid.level is self._grids[-1].level else SEARCHING
+
+        def linearise(x: Array) -> PathLinearisation:
+            self._watch.require_time()
+            at_x = grid.program.linearise(x)
+            if at_x.is_defined:
+                self._looks += 1
+                self._watch.report(self._progress(phase, at_x))
+            return at_x
+
+        return linearise
 
 
 def corrected(grid: Grid, x: Array) -> Grid:

@@ -48,6 +48,9 @@ _ORTHOGONAL = 1e-8
 # A step is taken if it brings this part of the promised decrease; the trust region shrinks below
 # the second value and grows above the third.
 _ACCEPT, _SHRINK, _GROW = 0.1, 0.25, 0.7
+# On the way to the nearest feasible x: the first trust region, and a price that buys feasibility
+# at any length of step.
+_RESTORING_RADIUS, _RESTORING_PRICE = 0.2, 1e3
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,6 +160,38 @@ def minimise(
     if not np.isfinite(optimality):  # that of x is not known yet
         optimality = _step_at_fair_price(here, FIRST_RADIUS, price)[0].optimality
     return Solution(x, here, optimality, converged, iterations, evaluations, reason, curvature)
+
+
+def nearest_feasible(
+    linearise: Callable[[Array], AtX], start: Array, here: AtX, max_iterations: int
+) -> Solution[AtX]:
+    """Go to the nearest x that keeps every constraint, whatever the objective is there.
+
+    Each step is the shortest one that keeps the linearised constraints: near a feasible x the
+    violation falls quadratically, where `minimise` would trade it for the objective.
+
+    Args:
+        here: Functions and derivatives at the start.
+    """
+    x, radius, iterations, evaluations = start, _RESTORING_RADIUS, 0, 0
+    while here.violation > FEASIBILITY_TOLERANCE and iterations < max_iterations:
+        iterations += 1
+        model = replace(
+            here,
+            gradient=np.zeros(len(x)),
+            hessian=np.eye(len(x)),
+            peaks=here.peaks[:0],
+            peaks_jacobian=here.peaks_jacobian[:0],
+        )
+        dx = _solve_quadratic_program(model, radius, _RESTORING_PRICE).dx
+        there = linearise(x + dx)
+        evaluations += there.is_defined
+        if there.violation < here.violation:
+            x, here = x + dx, there
+        else:
+            radius = _SHRINK * float(np.abs(dx).max())
+    reason = "good enough: the nearest path that keeps the constraints"
+    return Solution(x, here, np.nan, False, iterations, evaluations, reason)
 
 
 def _next_radius(radius: float, ratio: float, length: float) -> float:
