@@ -19,6 +19,7 @@ from ff_planner_ros.planning.objectives import weighted_sum, with_tie_break
 from ff_planner_ros.planning.plan import Plan
 from ff_planner_ros.planning.problem import Objective
 from ff_planner_ros.planning.program import PathLinearisation, PathProgram
+from ff_planner_ros.planning.requirements.singular_values import SingularValues
 from ff_planner_ros.planning.search import FoundPath, Grid, PathSolution, Search, corrected, rank
 from ff_planner_ros.planning.solver import FEASIBILITY_TOLERANCE, nearest_feasible
 from ff_planner_ros.planning.watch import CHECKING
@@ -30,7 +31,7 @@ Judge = Callable[[FoundPath], Plan | None]
 # times the last; below the first the joint path alone decides.
 _RUNGS = (6.0, 15.0, 45.0)
 # Iterations on few points: enough to see what a guess is worth; a rung is only a way to the next.
-_RUNG_ITERATIONS, _GUESS_ITERATIONS, _POLISH_ITERATIONS = 5, 12, 16
+_RUNG_ITERATIONS, _GUESS_ITERATIONS, _POLISH_ITERATIONS = 5, 8, 24
 # Other first guesses of each round. Every second one of the later rounds is near the best plan.
 _GUESSES, _NEAR_THE_BEST = 6, 0.3
 # Of each round, so many are solved on all points at most, until one is better than the best.
@@ -40,6 +41,9 @@ _FINE_ITERATIONS = 12
 # First trust regions: near an optimum, and where only a small violation is to be undone.
 _NEAR, _TINY = 0.1, 0.02
 # A violation smaller than this is undone by so many small steps [unit of the constraint].
+# The search keeps singular values so many times above their threshold: they fall between the points.
+_AWAY = 1.2
+_TOLERATED, _FINE_TOLERATED = 2e-2, 5e-3
 _SMALL_VIOLATION, _CLOSING_ITERATIONS = 3e-2, 6
 # A joint path or an angle known to this part is known well enough to compare two.
 _POLISH_OPTIMALITY, _POLISH_PROGRESS, _FINE_PROGRESS = 1e-3, 5e-4, 2e-4
@@ -146,7 +150,8 @@ class AttitudeSearch(Search):
         """Return where the solver comes to on few points."""
         self._starts += 1
         grid = self._toward(objective)[0]
-        return self._solve_feasibly(_with(grid, iterations=iterations), guess, curvature)
+        grid = _with(grid, iterations=iterations, tolerated=_TOLERATED)
+        return self._solve_feasibly(grid, guess, curvature)
 
     def _polished(self, objective: Objective, rough: PathSolution) -> PathSolution:
         """Return the best path on few points near one of them."""
@@ -155,6 +160,7 @@ class AttitudeSearch(Search):
             optimality=_POLISH_OPTIMALITY,
             progress=_POLISH_PROGRESS,
             iterations=_POLISH_ITERATIONS,
+            tolerated=_TOLERATED,
             first_radius=_NEAR,
         )
         polished = self._solve_feasibly(grid, rough.x, rough.curvature)
@@ -171,6 +177,7 @@ class AttitudeSearch(Search):
                 corrected(grid, x) if grid is grids[-1] else grid,
                 progress=max(grid.level.progress, _FINE_PROGRESS),
                 iterations=_FINE_ITERATIONS,
+                tolerated=_FINE_TOLERATED,
                 first_radius=_NEAR,
             )
             found = self._solve_feasibly(careful, x, curvature)
@@ -231,11 +238,18 @@ class AttitudeSearch(Search):
         )
 
     def _toward(self, objective: Objective) -> list[Grid]:
-        """Return the grids, coarse to fine, with another objective."""
-        return [
-            replace(grid, program=replace(grid.program, objective=objective))
-            for grid in self._grids
-        ]
+        """Return the grids, coarse to fine, with another objective.
+
+        None is damped: what damping leads through a singularity would be refused in the end.
+        """
+        threshold = self._settings.singular_value_threshold
+        found = []
+        for grid in self._grids:
+            away = _AWAY * threshold
+            margins = {**grid.program.margins, SingularValues.name: away}
+            program = replace(grid.program, objective=objective, damping=0.0, margins=margins)
+            found.append(replace(grid, program=program))
+        return found
 
 
 @dataclass(frozen=True, eq=False)

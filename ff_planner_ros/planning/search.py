@@ -38,6 +38,7 @@ class _Level:
     iterations: int
     damping: float  # where a singularity in the way shall not stop the search
     first_radius: float = FIRST_RADIUS  # of the solver's trust region
+    tolerated: float = 0.0  # violation that does not stop the solver's steps
 
 
 # Few points find the way around the obstacles at a tenth of the price; the next grid brings the
@@ -229,6 +230,7 @@ class Search:
             level.progress,
             level.first_radius,
             curvature,
+            level.tolerated,
         )
         self._solved.append(solution)
         return solution

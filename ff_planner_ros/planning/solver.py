@@ -110,6 +110,7 @@ def minimise(
     progress: float,
     first_radius: float = FIRST_RADIUS,
     curvature: Array | None = None,
+    tolerated: float = 0.0,
 ) -> Solution[AtX]:
     """Minimise from a start; not converging is a result, not an error.
 
@@ -119,6 +120,8 @@ def minimise(
         progress: Part of the objective; a step that promises less is not worth an evaluation.
         first_radius: Largest entry of the first step: small where the start is nearly optimal.
         curvature: Of the peaks, as another solution learned it. None: nothing is known of it.
+        tolerated: A smaller violation does not stop a step that brings what it promised of the
+            objective: long steps along curved constraints. The solution may violate as much.
     """
     x, here = start, linearise(start)
     if curvature is None:
@@ -147,6 +150,9 @@ def minimise(
         if there.is_defined:
             curvature = _learned(curvature, here, there, step)
         ratio = gained / promised if promised > _LEAST_PROMISE else -np.inf
+        fall = here.objective - step.objective
+        if fall > _LEAST_PROMISE and max(here.violation, there.violation) <= tolerated:
+            ratio = max(ratio, (here.objective - there.objective) / fall)
         if ratio > _ACCEPT:
             x, here, optimality = x + step.dx, there, np.nan
         radius = _next_radius(radius, ratio, length)
