@@ -13,6 +13,8 @@ from dataclasses import dataclass, field, fields, replace
 from itertools import islice
 from typing import Any
 
+import numpy as np
+
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.planning.followed import FollowedMotion
 from ff_planner_ros.planning.objectives import weighted_sum, with_tie_break
@@ -38,13 +40,16 @@ _GUESSES, _NEAR_THE_BEST = 6, 0.3
 _TRIES = 2
 # Iterations on more points: they begin near the optimum.
 _FINE_ITERATIONS = 12
-# First trust regions: near an optimum, and where only a small violation is to be undone.
-_NEAR, _TINY = 0.1, 0.02
-# A violation smaller than this is undone by so many small steps [unit of the constraint].
-# The search keeps singular values so many times above their threshold: they fall between the points.
-_AWAY = 1.2
+# First trust region near an optimum.
+_NEAR = 0.2
+# Violations that do not stop the solver's steps, on few points and on more; the nearest path that
+# keeps all constraints is so few steps away from a smaller one [unit of the constraint].
 _TOLERATED, _FINE_TOLERATED = 2e-2, 5e-3
-_SMALL_VIOLATION, _CLOSING_ITERATIONS = 3e-2, 6
+_SMALL_VIOLATION, _MENDING_ITERATIONS = 3e-2, 6
+# Singular values stay so many times above their threshold: they may fall between the points.
+_AWAY = 1.2
+# Of the best plan's objective: a path on few points that is not below it is not refined.
+_PROMISING = 1.02
 # A joint path or an angle known to this part is known well enough to compare two.
 _POLISH_OPTIMALITY, _POLISH_PROGRESS, _FINE_PROGRESS = 1e-3, 5e-4, 2e-4
 # Two paths whose objectives differ by less than this part are the same path.
@@ -80,7 +85,10 @@ class AttitudeSearch(Search):
             rough = [self._rough_path(objective, guess, _GUESS_ITERATIONS) for guess in guesses]
             if number == 0:
                 rough.append(self._top_of_ladder(objective, shortest.coefficients))
-            for path in self._refined(objective, rough, seen):
+            worth = (
+                np.inf if best is shortest else _PROMISING * weighted_sum(objective, best.metrics)
+            )
+            for path in self._refined(objective, rough, worth, seen):
                 better = _better(asked, best, judge(path))
                 if better is not best:
                     best = better
@@ -128,7 +136,11 @@ class AttitudeSearch(Search):
         return best
 
     def _refined(
-        self, objective: Objective, rough: Sequence[PathSolution], seen: list[float]
+        self,
+        objective: Objective,
+        rough: Sequence[PathSolution],
+        worth: float,
+        seen: list[float],
     ) -> Iterator[FoundPath]:
         """Yield paths on all points, from the best rough ones; seen: objectives tried before."""
         ranked = sorted((path for path in rough if path.at_x.is_defined), key=rank)
@@ -139,7 +151,12 @@ class AttitudeSearch(Search):
         for path in ranked:
             value = path.at_x.objective
             is_new = all(abs(value - other) > _SAME * abs(value) for other in seen)
-            if tried < _TRIES and is_new and path.at_x.violation <= _SMALL_VIOLATION:
+            if (
+                tried < _TRIES
+                and is_new
+                and value < worth
+                and path.at_x.violation <= _SMALL_VIOLATION
+            ):
                 tried += 1
                 seen.append(value)
                 yield from self._path_near(objective, path.x, path.curvature)
@@ -183,8 +200,8 @@ class AttitudeSearch(Search):
             found = self._solve_feasibly(careful, x, curvature)
             if found.at_x.is_defined:
                 x, curvature = found.x, found.curvature
-        closing = _with(careful, iterations=_CLOSING_ITERATIONS, first_radius=_TINY)
-        yield from self._checkable(*self._kept_between_points(closing, found))
+        again = _with(careful, iterations=_MENDING_ITERATIONS)
+        yield from self._checkable(*self._kept_between_points(again, found))
 
     def _checkable(
         self, path: PathSolution, followed: FollowedMotion | None
@@ -223,7 +240,7 @@ class AttitudeSearch(Search):
     def _mended(self, grid: Grid, solution: PathSolution) -> PathSolution:
         """Return the nearest path that keeps the constraints, where a few steps lead there."""
         mended = nearest_feasible(
-            self._watched(grid), solution.x, solution.at_x, _CLOSING_ITERATIONS
+            self._watched(grid), solution.x, solution.at_x, _MENDING_ITERATIONS
         )
         self._solved.append(mended)
         return replace(mended, curvature=solution.curvature, stop_reason=solution.stop_reason)

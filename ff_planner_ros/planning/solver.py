@@ -149,10 +149,7 @@ def minimise(
         gained = _gained(here, there, price)
         if there.is_defined:
             curvature = _learned(curvature, here, there, step)
-        ratio = gained / promised if promised > _LEAST_PROMISE else -np.inf
-        fall = here.objective - step.objective
-        if fall > _LEAST_PROMISE and max(here.violation, there.violation) <= tolerated:
-            ratio = max(ratio, (here.objective - there.objective) / fall)
+        ratio = _part_brought(here, there, step, gained, promised, tolerated)
         if ratio > _ACCEPT:
             x, here, optimality = x + step.dx, there, np.nan
         radius = _next_radius(radius, ratio, length)
@@ -265,6 +262,28 @@ def _gained(here: Linearisation, there: Linearisation, price: float) -> float:
     if not there.is_defined:
         return -np.inf
     return (here.objective - there.objective) + price * (here.violation - there.violation)
+
+
+def _part_brought(
+    here: Linearisation,
+    there: Linearisation,
+    step: _Step,
+    gained: float,
+    promised: float,
+    tolerated: float,
+) -> float:
+    """Return what part a step brought of what it promised.
+
+    Args:
+        gained: Of the merit function.
+        promised: Of the merit function.
+        tolerated: While the violation is smaller, the step may be judged by the objective alone.
+    """
+    ratio = gained / promised if promised > _LEAST_PROMISE else -np.inf
+    fall = here.objective - step.objective
+    if fall > _LEAST_PROMISE and max(here.violation, there.violation) <= tolerated:
+        ratio = max(ratio, (here.objective - there.objective) / fall)
+    return ratio
 
 
 def _step_at_fair_price(here: Linearisation, radius: float, price: float) -> tuple[_Step, float]:
