@@ -245,3 +245,23 @@ def test_far_from_everything_there_are_no_rows(case: Case) -> None:
     assert at_x.constraints.shape == (0,)
     assert at_x.constraints_jacobian.shape == (0, 18)
     assert at_x.violation == 0.0
+
+
+def test_what_the_smallest_singular_values_have_more_than_a_margin_has_the_right_derivative(case):
+    (required,) = (each for each in REQUIREMENTS if each.name == "singular_values")
+    program, x = case.program, case.x
+
+    def rows(x):
+        motion = program.family.motion(x, POINTS)
+        sensitivity = program.family.sensitivity(motion)
+        return required.rows(program.problem, motion, sensitivity, margin)
+
+    margin = 0.0
+    assert rows(x) is None
+    margin = 0.5
+    values, jacobian = rows(x)
+    assert jacobian.shape == (len(values), len(x))
+    assert len(values) > 0
+    direction = np.random.default_rng(0).normal(size=len(x))
+    after, before = (rows(x + 1e-6 * sign * direction)[0] for sign in (1.0, -1.0))
+    assert (after - before) / 2e-6 == pytest.approx(jacobian @ direction, rel=1e-4, abs=1e-6)

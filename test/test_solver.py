@@ -10,7 +10,7 @@ from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.end_effector_polynomial import end_effector_paths
 from ff_planner_ros.planning.problem import Objective
 from ff_planner_ros.planning.program import path_program
-from ff_planner_ros.planning.solver import Linearisation, minimise
+from ff_planner_ros.planning.solver import Linearisation, minimise, nearest_feasible
 
 NO_ROWS = (np.empty(0), np.empty((0, 2)))
 NOWHERE = Linearisation(np.inf, np.zeros(2), np.zeros((2, 2)), *NO_ROWS, *NO_ROWS, is_defined=False)
@@ -203,3 +203,40 @@ def test_converged_means_that_solving_on_changes_no_more_than_the_seventh_digit(
         assert not (progress == 1e-8 and solution.feasible and weights.chaser_attitude == 0.0) or (
             solution.converged
         ), told
+
+
+def on_a_parabola(x):
+    """Least x1 while x1 >= x0^2 - 1: a curved valley whose lowest point is (0, -1)."""
+    constraint = np.array([x[1] - x[0] ** 2 + 1.0]), np.array([[-2.0 * x[0], 1.0]])
+    peaks = np.array([x[1]]), np.array([[0.0, 1.0]])
+    return Linearisation(0.0, np.zeros(2), np.zeros((2, 2)), *peaks, *constraint)
+
+
+def test_the_nearest_feasible_point_is_where_the_normal_of_the_curve_leads():
+    for distance in (0.1, 1e-2, 1e-3):
+        on_curve, inward = np.array([1.0, 0.0]), np.array([-2.0, 1.0]) / np.sqrt(5.0)
+        start = on_curve - distance * inward
+        mended = nearest_feasible(on_a_parabola, start, on_a_parabola(start), 6)
+        assert mended.feasible
+        # The curve's normal is followed to first order of what is missing.
+        assert mended.x == pytest.approx(on_curve, abs=distance**2 + 1e-4), distance
+
+
+def test_a_tolerated_violation_lets_long_steps_along_a_curve_pass():
+    """The example of Maratos, least at (1, 0) on the unit circle: each step leaves the circle."""
+
+    def linearise(x):
+        beside = x @ x - 1.0
+        gradient = 4.0 * x - np.array([1.0, 0.0])
+        constraints = np.array([beside, -beside]), np.array([2.0 * x, -2.0 * x])
+        return Linearisation(2.0 * beside - x[0], gradient, np.eye(2), *NO_ROWS, *constraints)
+
+    start = np.array([np.cos(1.5), np.sin(1.5)])
+    angles = {}
+    for tolerated in (0.0, 0.3):
+        found = minimise(linearise, start, 5, 1e-6, 0.0, 0.5, None, tolerated)
+        assert found.at_x.violation <= tolerated
+        mended = nearest_feasible(linearise, found.x, found.at_x, 6)
+        assert mended.feasible
+        angles[tolerated] = np.arctan2(mended.x[1], mended.x[0])
+    assert abs(angles[0.3]) < 0.6 < 1.4 < angles[0.0]

@@ -13,14 +13,17 @@ from dataclasses import dataclass, field, fields, replace
 from itertools import islice
 from typing import Any
 
+import numpy as np
+
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.planning.followed import FollowedMotion
 from ff_planner_ros.planning.objectives import weighted_sum, with_tie_break
 from ff_planner_ros.planning.plan import Plan
 from ff_planner_ros.planning.problem import Objective
 from ff_planner_ros.planning.program import PathLinearisation, PathProgram
+from ff_planner_ros.planning.requirements.singular_values import SingularValues
 from ff_planner_ros.planning.search import FoundPath, Grid, PathSolution, Search, corrected, rank
-from ff_planner_ros.planning.solver import FEASIBILITY_TOLERANCE
+from ff_planner_ros.planning.solver import FEASIBILITY_TOLERANCE, nearest_feasible
 from ff_planner_ros.planning.watch import CHECKING
 
 # Returns the plan along a path, or None where it does not pass the check.
@@ -30,17 +33,23 @@ Judge = Callable[[FoundPath], Plan | None]
 # times the last; below the first the joint path alone decides.
 _RUNGS = (6.0, 15.0, 45.0)
 # Iterations on few points: enough to see what a guess is worth; a rung is only a way to the next.
-_RUNG_ITERATIONS, _GUESS_ITERATIONS, _POLISH_ITERATIONS = 5, 12, 16
+_RUNG_ITERATIONS, _GUESS_ITERATIONS, _POLISH_ITERATIONS = 5, 8, 24
 # Other first guesses of each round. Every second one of the later rounds is near the best plan.
 _GUESSES, _NEAR_THE_BEST = 6, 0.3
 # Of each round, so many are solved on all points at most, until one is better than the best.
 _TRIES = 2
 # Iterations on more points: they begin near the optimum.
 _FINE_ITERATIONS = 12
-# First trust regions: near an optimum, and where only a small violation is to be undone.
-_NEAR, _TINY = 0.1, 0.02
-# A violation smaller than this is undone by so many small steps [unit of the constraint].
-_SMALL_VIOLATION, _CLOSING_ITERATIONS = 5e-3, 4
+# First trust region near an optimum.
+_NEAR = 0.2
+# Violations that do not stop the solver's steps, on few points and on more; the nearest path that
+# keeps all constraints is so few steps away from a smaller one [unit of the constraint].
+_TOLERATED, _FINE_TOLERATED = 2e-2, 5e-3
+_SMALL_VIOLATION, _MENDING_ITERATIONS = 3e-2, 6
+# Singular values stay so many times above their threshold: they may fall between the points.
+_AWAY = 1.2
+# Of the best plan's objective: a path on few points that is not below it is not refined.
+_PROMISING = 1.02
 # A joint path or an angle known to this part is known well enough to compare two.
 _POLISH_OPTIMALITY, _POLISH_PROGRESS, _FINE_PROGRESS = 1e-3, 5e-4, 2e-4
 # Two paths whose objectives differ by less than this part are the same path.
@@ -76,7 +85,10 @@ class AttitudeSearch(Search):
             rough = [self._rough_path(objective, guess, _GUESS_ITERATIONS) for guess in guesses]
             if number == 0:
                 rough.append(self._top_of_ladder(objective, shortest.coefficients))
-            for path in self._refined(objective, rough, seen):
+            worth = (
+                np.inf if best is shortest else _PROMISING * weighted_sum(objective, best.metrics)
+            )
+            for path in self._refined(objective, rough, worth, seen):
                 better = _better(asked, best, judge(path))
                 if better is not best:
                     best = better
@@ -124,7 +136,11 @@ class AttitudeSearch(Search):
         return best
 
     def _refined(
-        self, objective: Objective, rough: Sequence[PathSolution], seen: list[float]
+        self,
+        objective: Objective,
+        rough: Sequence[PathSolution],
+        worth: float,
+        seen: list[float],
     ) -> Iterator[FoundPath]:
         """Yield paths on all points, from the best rough ones; seen: objectives tried before."""
         ranked = sorted((path for path in rough if path.at_x.is_defined), key=rank)
@@ -135,7 +151,12 @@ class AttitudeSearch(Search):
         for path in ranked:
             value = path.at_x.objective
             is_new = all(abs(value - other) > _SAME * abs(value) for other in seen)
-            if tried < _TRIES and is_new and path.at_x.violation <= _SMALL_VIOLATION:
+            if (
+                tried < _TRIES
+                and is_new
+                and value < worth
+                and path.at_x.violation <= _SMALL_VIOLATION
+            ):
                 tried += 1
                 seen.append(value)
                 yield from self._path_near(objective, path.x, path.curvature)
@@ -146,7 +167,8 @@ class AttitudeSearch(Search):
         """Return where the solver comes to on few points."""
         self._starts += 1
         grid = self._toward(objective)[0]
-        return self._solve_feasibly(_with(grid, iterations=iterations), guess, curvature)
+        grid = _with(grid, iterations=iterations, tolerated=_TOLERATED)
+        return self._solve_feasibly(grid, guess, curvature)
 
     def _polished(self, objective: Objective, rough: PathSolution) -> PathSolution:
         """Return the best path on few points near one of them."""
@@ -155,6 +177,7 @@ class AttitudeSearch(Search):
             optimality=_POLISH_OPTIMALITY,
             progress=_POLISH_PROGRESS,
             iterations=_POLISH_ITERATIONS,
+            tolerated=_TOLERATED,
             first_radius=_NEAR,
         )
         polished = self._solve_feasibly(grid, rough.x, rough.curvature)
@@ -171,13 +194,14 @@ class AttitudeSearch(Search):
                 corrected(grid, x) if grid is grids[-1] else grid,
                 progress=max(grid.level.progress, _FINE_PROGRESS),
                 iterations=_FINE_ITERATIONS,
+                tolerated=_FINE_TOLERATED,
                 first_radius=_NEAR,
             )
             found = self._solve_feasibly(careful, x, curvature)
             if found.at_x.is_defined:
                 x, curvature = found.x, found.curvature
-        closing = _with(careful, iterations=_CLOSING_ITERATIONS, first_radius=_TINY)
-        yield from self._checkable(*self._kept_between_points(closing, found))
+        again = _with(careful, iterations=_MENDING_ITERATIONS)
+        yield from self._checkable(*self._kept_between_points(again, found))
 
     def _checkable(
         self, path: PathSolution, followed: FollowedMotion | None
@@ -204,20 +228,45 @@ class AttitudeSearch(Search):
         grid = replace(grid, program=program)
         solution = self._solve(grid, x, curvature)
         if FEASIBILITY_TOLERANCE < solution.at_x.violation < _SMALL_VIOLATION:
-            closing = _with(grid, iterations=_CLOSING_ITERATIONS, first_radius=_TINY)
-            self._solve(closing, solution.x, solution.curvature)
+            mended = self._mended(grid, solution)
+            if mended.feasible:
+                solution = replace(mended, optimality=solution.optimality)
         if solution.feasible or not program.feasible:
             return solution
         best = min(program.feasible, key=lambda at_x: at_x.objective)
         at_best = self._solve(_with(grid, iterations=0), best.motion.x)
         return replace(at_best, stop_reason=solution.stop_reason, curvature=solution.curvature)
 
+    def _mended(self, grid: Grid, solution: PathSolution) -> PathSolution:
+        """Return the nearest path that keeps the constraints, where a few steps lead there."""
+        mended = nearest_feasible(
+            self._watched(grid), solution.x, solution.at_x, _MENDING_ITERATIONS
+        )
+        self._solved.append(mended)
+        return replace(mended, curvature=solution.curvature, stop_reason=solution.stop_reason)
+
+    def _solve_again(self, grid: Grid, start: Array) -> PathSolution:
+        """Solve from a path that hardly misses what the grid's program demands."""
+        solution = self._solve(grid, start)
+        return (
+            solution
+            if solution.feasible or not solution.at_x.is_defined
+            else self._mended(grid, solution)
+        )
+
     def _toward(self, objective: Objective) -> list[Grid]:
-        """Return the grids, coarse to fine, with another objective."""
-        return [
-            replace(grid, program=replace(grid.program, objective=objective))
-            for grid in self._grids
-        ]
+        """Return the grids, coarse to fine, with another objective.
+
+        None is damped: what damping leads through a singularity would be refused in the end.
+        """
+        threshold = self._settings.singular_value_threshold
+        found = []
+        for grid in self._grids:
+            away = _AWAY * threshold
+            margins = {**grid.program.margins, SingularValues.name: away}
+            program = replace(grid.program, objective=objective, damping=0.0, margins=margins)
+            found.append(replace(grid, program=program))
+        return found
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from itertools import chain, islice
 from typing import TypeAlias
@@ -38,6 +38,7 @@ class _Level:
     iterations: int
     damping: float  # where a singularity in the way shall not stop the search
     first_radius: float = FIRST_RADIUS  # of the solver's trust region
+    tolerated: float = 0.0  # violation that does not stop the solver's steps
 
 
 # Few points find the way around the obstacles at a tenth of the price; the next grid brings the
@@ -204,7 +205,7 @@ class Search:
                 if aimed.violation <= FEASIBILITY_TOLERANCE:
                     solution = replace(solution, at_x=aimed)
                     continue
-            solution = self._solve(replace(grid, program=program), solution.x)
+            solution = self._solve_again(replace(grid, program=program), solution.x)
         return solution, None
 
     def _is_at_goal(self, motion: FollowedMotion) -> bool:
@@ -215,9 +216,28 @@ class Search:
             and turn <= _MISS * settings.orientation_tolerance
         )
 
+    def _solve_again(self, grid: Grid, start: Array) -> PathSolution:
+        """Solve from a path that hardly misses what the grid's program demands."""
+        return self._solve(grid, start)
+
     def _solve(self, grid: Grid, start: Array, curvature: Array | None = None) -> PathSolution:
         level = grid.level
-        phase = REFINING if level is self._grids[-1].level else SEARCHING
+        solution = minimise(
+            self._watched(grid),
+            start,
+            level.iterations,
+            level.optimality,
+            level.progress,
+            level.first_radius,
+            curvature,
+            level.tolerated,
+        )
+        self._solved.append(solution)
+        return solution
+
+    def _watched(self, grid: Grid) -> Callable[[Array], PathLinearisation]:
+        """Return what linearises a path of the grid's program while the watch looks on."""
+        phase = REFINING if grid.level is self._grids[-1].level else SEARCHING
 
         def linearise(x: Array) -> PathLinearisation:
             self._watch.require_time()
@@ -227,17 +247,7 @@ class Search:
                 self._watch.report(self._progress(phase, at_x))
             return at_x
 
-        solution = minimise(
-            linearise,
-            start,
-            level.iterations,
-            level.optimality,
-            level.progress,
-            level.first_radius,
-            curvature,
-        )
-        self._solved.append(solution)
-        return solution
+        return linearise
 
 
 def corrected(grid: Grid, x: Array) -> Grid:

@@ -48,6 +48,9 @@ _ORTHOGONAL = 1e-8
 # A step is taken if it brings this part of the promised decrease; the trust region shrinks below
 # the second value and grows above the third.
 _ACCEPT, _SHRINK, _GROW = 0.1, 0.25, 0.7
+# On the way to the nearest feasible x: the first trust region, and a price that buys feasibility
+# at any length of step.
+_RESTORING_RADIUS, _RESTORING_PRICE = 0.2, 1e3
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,6 +110,7 @@ def minimise(
     progress: float,
     first_radius: float = FIRST_RADIUS,
     curvature: Array | None = None,
+    tolerated: float = 0.0,
 ) -> Solution[AtX]:
     """Minimise from a start; not converging is a result, not an error.
 
@@ -116,6 +120,8 @@ def minimise(
         progress: Part of the objective; a step that promises less is not worth an evaluation.
         first_radius: Largest entry of the first step: small where the start is nearly optimal.
         curvature: Of the peaks, as another solution learned it. None: nothing is known of it.
+        tolerated: A smaller violation does not stop a step that brings what it promised of the
+            objective: long steps along curved constraints. The solution may violate as much.
     """
     x, here = start, linearise(start)
     if curvature is None:
@@ -143,7 +149,7 @@ def minimise(
         gained = _gained(here, there, price)
         if there.is_defined:
             curvature = _learned(curvature, here, there, step)
-        ratio = gained / promised if promised > _LEAST_PROMISE else -np.inf
+        ratio = _part_brought(here, there, step, gained, promised, tolerated)
         if ratio > _ACCEPT:
             x, here, optimality = x + step.dx, there, np.nan
         radius = _next_radius(radius, ratio, length)
@@ -157,6 +163,38 @@ def minimise(
     if not np.isfinite(optimality):  # that of x is not known yet
         optimality = _step_at_fair_price(here, FIRST_RADIUS, price)[0].optimality
     return Solution(x, here, optimality, converged, iterations, evaluations, reason, curvature)
+
+
+def nearest_feasible(
+    linearise: Callable[[Array], AtX], start: Array, here: AtX, max_iterations: int
+) -> Solution[AtX]:
+    """Go to the nearest x that keeps every constraint, whatever the objective is there.
+
+    Each step is the shortest one that keeps the linearised constraints: near a feasible x the
+    violation falls quadratically, where `minimise` would trade it for the objective.
+
+    Args:
+        here: Functions and derivatives at the start.
+    """
+    x, radius, iterations, evaluations = start, _RESTORING_RADIUS, 0, 0
+    while here.violation > FEASIBILITY_TOLERANCE and iterations < max_iterations:
+        iterations += 1
+        model = replace(
+            here,
+            gradient=np.zeros(len(x)),
+            hessian=np.eye(len(x)),
+            peaks=here.peaks[:0],
+            peaks_jacobian=here.peaks_jacobian[:0],
+        )
+        dx = _solve_quadratic_program(model, radius, _RESTORING_PRICE).dx
+        there = linearise(x + dx)
+        evaluations += there.is_defined
+        if there.violation < here.violation:
+            x, here = x + dx, there
+        else:
+            radius = _SHRINK * float(np.abs(dx).max())
+    reason = "good enough: the nearest path that keeps the constraints"
+    return Solution(x, here, np.nan, False, iterations, evaluations, reason)
 
 
 def _next_radius(radius: float, ratio: float, length: float) -> float:
@@ -224,6 +262,28 @@ def _gained(here: Linearisation, there: Linearisation, price: float) -> float:
     if not there.is_defined:
         return -np.inf
     return (here.objective - there.objective) + price * (here.violation - there.violation)
+
+
+def _part_brought(
+    here: Linearisation,
+    there: Linearisation,
+    step: _Step,
+    gained: float,
+    promised: float,
+    tolerated: float,
+) -> float:
+    """Return what part a step brought of what it promised.
+
+    Args:
+        gained: Of the merit function.
+        promised: Of the merit function.
+        tolerated: While the violation is smaller, the step may be judged by the objective alone.
+    """
+    ratio = gained / promised if promised > _LEAST_PROMISE else -np.inf
+    fall = here.objective - step.objective
+    if fall > _LEAST_PROMISE and max(here.violation, there.violation) <= tolerated:
+        ratio = max(ratio, (here.objective - there.objective) / fall)
+    return ratio
 
 
 def _step_at_fair_price(here: Linearisation, radius: float, price: float) -> tuple[_Step, float]:

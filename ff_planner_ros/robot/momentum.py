@@ -52,5 +52,7 @@ def base_twist(
 def smallest_singular_values(robot: Robot, q: Array) -> Array:
     """Return the smallest singular value of J_D at each of q, shape (points, 7 + joints)."""
     data = robot.model.createData()
-    jacobians = np.array([generalised_jacobian(robot, data, sample) for sample in q])
+    jacobians = np.empty((len(q), 6, robot.joints))
+    for jacobian, sample in zip(jacobians, q, strict=True):
+        jacobian[:] = generalised_jacobian(robot, data, sample)
     return np.asarray(np.linalg.svd(jacobians, compute_uv=False)[:, -1], np.float64)

@@ -9,10 +9,21 @@ import numpy as np
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.errors import Failure, InvalidInput, Status
 from ff_planner_ros.planning.metrics import Metrics
+from ff_planner_ros.planning.path_family import Motion, Sensitivity
 from ff_planner_ros.planning.problem import PlanningProblem
-from ff_planner_ros.planning.requirements.requirement import LIMIT_TOLERANCE, Requirement, Samples
+from ff_planner_ros.planning.requirements.requirement import (
+    LIMIT_TOLERANCE,
+    Requirement,
+    Rows,
+    Samples,
+)
 from ff_planner_ros.planning.settings import PlannerSettings
 from ff_planner_ros.robot.momentum import smallest_singular_values
+
+# A singular value of so many margins does not become smaller than one in one step of the solver.
+_OF_INTEREST = 4.0
+# Derivatives by central differences so wide [rad] are exact to nine digits.
+_ASIDE = 1e-5
 
 
 class SingularValues(Requirement):
@@ -34,6 +45,29 @@ class SingularValues(Requirement):
                 f"singular value of the generalised Jacobian is {smallest:.3g}, allowed is "
                 f"{settings.singular_value_threshold:g}",
             )
+
+    def rows(
+        self, problem: PlanningProblem, motion: Motion, sensitivity: Sensitivity, margin: float
+    ) -> Rows | None:
+        """Return what the small singular values at the points have more than the margin.
+
+        The search keeps them only where it is told by how much: it costs time, and the shortest
+        paths seldom come near a singularity.
+        """
+        if margin == 0.0:
+            return None
+        robot = problem.robot
+        values = smallest_singular_values(robot, motion.q)
+        margin = min(margin, values[0])
+        (near,) = np.nonzero(values[1:] < _OF_INTEREST * margin)
+        near += 1
+        # They depend on the joints alone.
+        nudges = np.zeros((2, robot.joints, motion.q.shape[1]))
+        nudges[:, :, 7:] = _ASIDE * np.array([-np.eye(robot.joints), np.eye(robot.joints)])
+        beside = (motion.q[near, None, None] + nudges).reshape(-1, motion.q.shape[1])
+        at_both = smallest_singular_values(robot, beside).reshape(len(near), 2, robot.joints)
+        by_joints = (at_both[:, 1] - at_both[:, 0]) / (2.0 * _ASIDE)
+        return values[near] - margin, np.einsum("pj,pjx->px", by_joints, sensitivity.q[near, 6:])
 
     def metrics(self, samples: Samples) -> Mapping[str, float]:
         """Return the smallest singular value."""
