@@ -229,13 +229,13 @@ class AttitudeSearch(Search):
         solution = self._solve(grid, x, curvature)
         if FEASIBILITY_TOLERANCE < solution.at_x.violation < _SMALL_VIOLATION:
             mended = self._mended(grid, solution)
-            if mended.feasible:
-                solution = replace(mended, optimality=solution.optimality)
+            solution = mended if mended.feasible else solution
         if solution.feasible or not program.feasible:
             return solution
         best = min(program.feasible, key=lambda at_x: at_x.objective)
         at_best = self._solve(_with(grid, iterations=0), best.motion.x)
-        return replace(at_best, stop_reason=solution.stop_reason, curvature=solution.curvature)
+        reason = "good enough: the best on the way that keeps the constraints"
+        return replace(at_best, stop_reason=reason, curvature=solution.curvature)
 
     def _mended(self, grid: Grid, solution: PathSolution) -> PathSolution:
         """Return the nearest path that keeps the constraints, where a few steps lead there."""
@@ -243,7 +243,7 @@ class AttitudeSearch(Search):
             self._watched(grid), solution.x, solution.at_x, _MENDING_ITERATIONS
         )
         self._solved.append(mended)
-        return replace(mended, curvature=solution.curvature, stop_reason=solution.stop_reason)
+        return replace(mended, curvature=solution.curvature)
 
     def _solve_again(self, grid: Grid, start: Array) -> PathSolution:
         """Solve from a path that hardly misses what the grid's program demands."""

@@ -193,8 +193,9 @@ def nearest_feasible(
             x, here = x + dx, there
         else:
             radius = _SHRINK * float(np.abs(dx).max())
-    reason = "good enough: the nearest path that keeps the constraints"
-    return Solution(x, here, np.nan, False, iterations, evaluations, reason)
+    optimality = _step_at_fair_price(here, FIRST_RADIUS, _FIRST_PRICE)[0].optimality
+    reason = "good enough: the nearest that keeps the constraints to where the solver came"
+    return Solution(x, here, optimality, False, iterations, evaluations, reason)
 
 
 def _next_radius(radius: float, ratio: float, length: float) -> float:
