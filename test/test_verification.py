@@ -102,7 +102,7 @@ def test_the_error_falls_with_the_fourth_power_of_the_step(
         found = execute(Engine(problem.robot), start, command)
         return found.ee_positions[-1], found.joint_positions[-1]
 
-    truth, coarse, fine = (final_positions(steps) for steps in (64, 6, 12))
+    truth, coarse, fine = (final_positions(steps) for steps in (128, 20, 40))
     for wanted, at_coarse, at_fine in zip(truth, coarse, fine, strict=True):
         ratio = np.linalg.norm(at_coarse - wanted) / np.linalg.norm(at_fine - wanted)
         assert 2**4 * 0.85 < ratio < 2**4 * 1.2
