@@ -40,6 +40,16 @@ def planned_orientations(
     return found
 
 
+def rotation_at_start(problem: PlanningProblem) -> Array:
+    """Return the rotation of the end effector to the inertial frame."""
+    robot = problem.robot
+    data = robot.model.createData()
+    q, _ = configuration(robot, problem.start)
+    pin.forwardKinematics(robot.model, data, q)
+    rotation: Array = pin.updateFramePlacement(robot.model, data, robot.tip_frame_id).rotation
+    return rotation.copy()
+
+
 @pytest.mark.parametrize(
     "roll_yaw_deg", [(0.0, 0.0), (-65.0, -85.0), (0.0, 90.0)], ids=lambda pair: f"{pair}"
 )
@@ -59,11 +69,7 @@ def test_a_turn_by_almost_half_a_circle_is_planned(
     angle_deg: float,
     axis: tuple[float, float, float],
 ) -> None:
-    robot = lemur_capture.robot
-    data = robot.model.createData()
-    q, _ = configuration(robot, lemur_capture.start)
-    pin.forwardKinematics(robot.model, data, q)
-    start = pin.updateFramePlacement(robot.model, data, robot.tip_frame_id).rotation
+    start = rotation_at_start(lemur_capture)
     turn = np.deg2rad(angle_deg) * np.array(axis) / np.linalg.norm(axis)
     found = planned_orientations(lemur_capture, settings, start @ pin.exp3(turn))
     assert found[0].angularDistance(found[-1]) == pytest.approx(np.deg2rad(angle_deg), abs=1e-3)
@@ -74,11 +80,7 @@ def test_half_a_turn_plans_like_a_little_less_either_way_round(
     lemur_capture: PlanningProblem, settings: PlannerSettings, axis: tuple[float, float, float]
 ) -> None:
     """As well as the better of both, and about the opposite axis it is the same goal."""
-    robot = lemur_capture.robot
-    data = robot.model.createData()
-    q, _ = configuration(robot, lemur_capture.start)
-    pin.forwardKinematics(robot.model, data, q)
-    start = pin.updateFramePlacement(robot.model, data, robot.tip_frame_id).rotation
+    start = rotation_at_start(lemur_capture)
 
     def length(angle_deg: float) -> float:
         goal = start @ pin.exp3(np.deg2rad(angle_deg) * np.array(axis))
