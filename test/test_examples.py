@@ -20,6 +20,7 @@ from ros_processes import DEADLINE, private_domain, running_planner
 from ff_planner_ros.errors import Status
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
+DRIFT = 5  # from the scenario's start to that of a plan, about as with PATIENT [s]
 PATIENT = ("-p", "planning_allowance:=5.0")  # a busy machine takes its time
 
 
@@ -45,36 +46,40 @@ def world(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
         yield directory
 
 
-def fly(directory: Path, scenario: Path, *options: str) -> tuple[int, dict[str, Any], str]:
-    """Run the executive; return its exit code, its report, and what it said.
+def fly(
+    directory: Path, scenario: Path, *options: str, testbed: tuple[str, ...] = ()
+) -> tuple[int, dict[str, Any], str]:
+    """Run testbed and executive; return the latter's exit code, its report, and what it said.
 
-    Where the machine is too slow for a start as soon as possible, it asks for a later one.
+    Where the machine is too slow for a start as soon as possible, it asks for a later one of a
+    testbed that passes through the scenario's start as much later: meanwhile it drifts away.
     """
     file = directory / "report.json"
     command = [sys.executable, str(EXAMPLES / "mission_executive.py"), str(scenario)]
     command += ["--json", str(file)]
-    start: tuple[str, ...] = ()
-    for lead in (20, 60, 0):
+    for lead in (0, 20, 60):
         file.unlink(missing_ok=True)
-        ended = subprocess.run(
-            [*command, *start, *options],
-            capture_output=True,
-            text=True,
-            timeout=2 * DEADLINE,
-            check=False,
-        )
+        start = math.ceil(time.time()) + lead
+        later = ("--start", str(start)) if lead else ()
+        epoch = ("--epoch", str(start - DRIFT)) if lead else ()
+        with running_testbed(scenario, *epoch, *testbed):
+            ended = subprocess.run(
+                [*command, *later, *options],
+                capture_output=True,
+                text=True,
+                timeout=2 * DEADLINE,
+                check=False,
+            )
         report = json.loads(file.read_text("utf-8"))
         if report["status"] not in (Status.TOO_LATE, Status.START_IN_PAST):
             break
-        start = ("--start", str(math.ceil(time.time()) + lead))
     return ended.returncode, report, ended.stdout + ended.stderr
 
 
 @pytest.mark.usefixtures("world")
 def test_a_capture_is_flown_and_comes_out_as_predicted(tmp_path: Path) -> None:
     scenario = quick_capture(tmp_path)
-    with running_testbed(scenario):
-        code, report, said = fly(tmp_path, scenario)
+    code, report, said = fly(tmp_path, scenario)
     assert (code, report["status"]) == (0, Status.SOLVED), said
     # As soon as possible: the chaser drifted in between, at 5 cm/s, and the plan knew.
     assert report["error"]["position"] < 1e-4
@@ -87,33 +92,26 @@ def test_a_capture_is_flown_and_comes_out_as_predicted(tmp_path: Path) -> None:
 @pytest.mark.usefixtures("world")
 def test_a_testbed_with_faults_makes_a_difference_that_is_seen(tmp_path: Path) -> None:
     scenario = quick_capture(tmp_path)
-    with running_testbed(scenario, "--command-delay", "0.5"):
-        code, report, said = fly(tmp_path, scenario)
+    code, report, said = fly(tmp_path, scenario, testbed=("--command-delay", "0.5"))
     assert code == 0, said
     # Half a second late at the end, and carried by the drifting chaser meanwhile.
     assert report["error"]["position"] > 1e-3
-    with running_testbed(scenario, "--position-noise", "0.02"):
-        code, report, said = fly(tmp_path, scenario)
+    code, report, said = fly(tmp_path, scenario, testbed=("--position-noise", "0.02"))
     assert code == 0, said
     assert report["worst_chaser_error"]["position"] > 0.02
 
 
 def test_a_planner_in_a_namespace_is_flown_from_there(tmp_path: Path) -> None:
     scenario, names = quick_capture(tmp_path), ("--ros-args", "-r", "__ns:=/chaser_1")
-    with (
-        private_domain(),
-        running_planner(tmp_path, *names[1:], *PATIENT),
-        running_testbed(scenario, *names),
-    ):
-        code, report, said = fly(tmp_path, scenario, *names)
+    with private_domain(), running_planner(tmp_path, *names[1:], *PATIENT):
+        code, report, said = fly(tmp_path, scenario, *names, testbed=names)
     assert (code, report["status"]) == (0, Status.SOLVED), said
 
 
 @pytest.mark.usefixtures("world")
 def test_a_mission_refuses_a_plan_that_turns_the_chaser_too_far(tmp_path: Path) -> None:
     scenario = quick_capture(tmp_path)
-    with running_testbed(scenario):
-        code, report, said = fly(tmp_path, scenario, "--max-attitude-deg", "0.001")
+    code, report, said = fly(tmp_path, scenario, "--max-attitude-deg", "0.001")
     assert (code, report["status"]) == (3, Status.LIMIT_VIOLATED)
     assert "this mission allows 0.001 deg" in said
     assert "committed" not in said
@@ -123,8 +121,7 @@ def test_a_mission_refuses_a_plan_that_turns_the_chaser_too_far(tmp_path: Path) 
 def test_the_planners_refusal_is_the_executives(tmp_path: Path) -> None:
     target = {"position": [10.0, 0.0, 0.0], "euler_xyz_deg": [0.0, 0.0, 0.0]}
     scenario = quick_capture(tmp_path, target=target)
-    with running_testbed(scenario):
-        code, report, said = fly(tmp_path, scenario)
+    code, report, said = fly(tmp_path, scenario)
     assert (code, report["status"]) == (3, Status.GOAL_OUT_OF_REACH)
     assert report["message"] in said
 
