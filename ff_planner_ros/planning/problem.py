@@ -30,6 +30,14 @@ class Orientation(enum.StrEnum):
     ABOUT_AXIS = "about_axis"  # free to turn about one axis of the end effector
 
 
+class Parametrisation(enum.StrEnum):
+    """Which motions a plan is looked for among; but for `AUTO` the name of a path family."""
+
+    AUTO = "auto"  # the paper's; joint splines where it does not apply or finds no plan
+    END_EFFECTOR_POLYNOMIAL = "end_effector_polynomial"
+    JOINT_SPLINE = "joint_spline"
+
+
 @dataclass(frozen=True, eq=False)
 class Target:
     """What the end effector shall do at the end of the plan, in the inertial frame.
@@ -145,6 +153,7 @@ class PlanningProblem:
     obstacles: tuple[Sphere, ...]
     objective: Objective
     limits: Limits = Limits()  # what to keep beside the joints' position limits
+    parametrisation: Parametrisation = Parametrisation.AUTO
 
     def __post_init__(self) -> None:
         """Check what the parts cannot check by themselves."""

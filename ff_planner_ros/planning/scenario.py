@@ -14,7 +14,14 @@ from ff_planner_ros.arrays import Array, finite_vector
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.controller_rules import Controller
 from ff_planner_ros.planning.joint_motion import JointMotion
-from ff_planner_ros.planning.problem import Limits, Objective, PlanningProblem, Sphere, Target
+from ff_planner_ros.planning.problem import (
+    Limits,
+    Objective,
+    Parametrisation,
+    PlanningProblem,
+    Sphere,
+    Target,
+)
 from ff_planner_ros.planning.settings import PlannerSettings
 from ff_planner_ros.planning.tail import EndBehaviour
 from ff_planner_ros.planning.task import PlanningTask
@@ -40,7 +47,7 @@ SCENARIO_FRAME = "inertial"
 _NO_LIMITS = Limits()
 
 _REQUIRED = ("robot", "chaser", "joints", "target", "duration", "obstacles", "objective")
-_OF_PROBLEM = ("points", "limits")
+_OF_PROBLEM = ("points", "limits", "parametrisation")
 _OF_TASK = (
     *("start_after", "running", "end_behaviour", "tail_duration", "controller", "planner"),
     "first_guess",
@@ -112,6 +119,18 @@ def end_behaviour_of(word: str) -> EndBehaviour:
     return EndBehaviour(word)
 
 
+def parametrisation_of(word: str) -> Parametrisation:
+    """Return what a word stands for.
+
+    Raises:
+        InvalidInput: It is not known.
+    """
+    if word not in tuple(Parametrisation):
+        allowed = f"it must be {', '.join(Parametrisation)}"
+        raise InvalidInput(Status.OUT_OF_RANGE, "parametrisation", repr(word), allowed)
+    return Parametrisation(word)
+
+
 def _document(path: Path) -> dict[str, Any]:
     return mapping("", read_yaml(path), _REQUIRED, optional=(*_OF_PROBLEM, *_OF_TASK))
 
@@ -131,6 +150,9 @@ def _problem(
         obstacles=_obstacles(scenario["obstacles"]),
         objective=_objective(scenario["objective"]),
         limits=_limits(scenario.get("limits", {}), limits),
+        parametrisation=parametrisation_of(
+            text("parametrisation", scenario.get("parametrisation", "auto"))
+        ),
     )
 
 
