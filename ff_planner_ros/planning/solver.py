@@ -159,8 +159,7 @@ def minimise(
         if ratio > _ACCEPT:
             x, here, optimality = x + step.dx, there, np.nan
         radius = _next_radius(radius, ratio, float(np.abs(step.dx).max()))
-        # With equalities the first steps are often too long; a step that is not taken says nothing.
-        violations += [here.violation] * bool(ratio > _ACCEPT or not here.equalities.size)
+        violations += [here.violation] * _tells_of_violation(here, step, ratio)
         if _is_stuck(violations):
             reason = "stuck: the violation of the constraints no longer falls"
             break
@@ -354,6 +353,17 @@ def _step_at_fair_price(here: Linearisation, radius: float, price: float) -> tup
     if step.violation > FEASIBILITY_TOLERANCE:
         return step, price
     return step, max(_MARKUP * step.pull, _LOWEST_PRICE)
+
+
+def _tells_of_violation(here: Linearisation, step: _Step, ratio: float) -> bool:
+    """Tell whether the violation after a step says that it will not become zero.
+
+    With equalities the first steps are often too long, and not taken; and while the linearised
+    ones can hold, the violation only waits for the objective.
+    """
+    if not here.equalities.size:
+        return True
+    return bool(ratio > _ACCEPT and step.violation > FEASIBILITY_TOLERANCE)
 
 
 def _is_stuck(violations: list[float]) -> bool:
