@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import enum
+import math
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Collection
 from dataclasses import dataclass
@@ -21,6 +22,18 @@ class Base(enum.StrEnum):
 
     FREE_FLYER = "free_flyer"
     PLANAR = "planar"  # on an air-bearing table: x, y and the turn about z, inertial axes
+
+    @property
+    def rows(self) -> list[int]:
+        """Entries of a twist, linear first, in which the chaser can move and nothing pushes it.
+
+        They are the same in base axes and in inertial axes: on a table both have z in common.
+        """
+        return [0, 1, 5] if self is Base.PLANAR else [0, 1, 2, 3, 4, 5]
+
+
+# An axis in the plane's normal as URDFs write it: rpy="1.57 0 0" is a right angle.
+MAX_AXIS_TILT = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +63,7 @@ class Robot:
         return len(self.joint_names)
 
 
-def load_robot(urdf: Path, base_link: str, tip_link: str) -> Robot:
+def load_robot(urdf: Path, base_link: str, tip_link: str, base: Base = Base.FREE_FLYER) -> Robot:
     """Load a robot from a URDF file.
 
     See `robot_from_urdf_text` for what it must hold.
@@ -58,7 +71,7 @@ def load_robot(urdf: Path, base_link: str, tip_link: str) -> Robot:
     Raises:
         InvalidInput: The file cannot be read, or its content is refused.
     """
-    return robot_from_urdf_text(read_urdf(urdf), base_link, tip_link)
+    return robot_from_urdf_text(read_urdf(urdf), base_link, tip_link, base)
 
 
 def read_urdf(urdf: Path) -> str:
@@ -76,17 +89,20 @@ def read_urdf(urdf: Path) -> str:
         ) from None
 
 
-def robot_from_urdf_text(text: str, base_link: str, tip_link: str) -> Robot:
+def robot_from_urdf_text(
+    text: str, base_link: str, tip_link: str, base: Base = Base.FREE_FLYER
+) -> Robot:
     """Build a robot from a URDF.
 
     Args:
-        text: The URDF's XML: one chain of revolute joints from base to tip, at least six, each
-            with limits; every other joint fixed.
+        text: The URDF's XML: one chain of revolute joints from base to tip, each with limits; every
+            other joint fixed.
         base_link: Link that carries the arm; it is the root or fixed to it.
         tip_link: Link whose frame is the end effector.
 
     Raises:
-        InvalidInput: The URDF is something else, or a link's inertia is one that no body has.
+        InvalidInput: The URDF is something else, a link's inertia is one that no body has, or an
+            arm on a planar base does not move in the plane.
     """
     xml = checked_urdf(text, base_link, tip_link)
     try:
@@ -99,6 +115,8 @@ def robot_from_urdf_text(text: str, base_link: str, tip_link: str) -> Robot:
     base_frame = model.frames[model.getFrameId(base_link, pin.FrameType.BODY)]
     # The first two joints are Pinocchio's: the universe and the free-flyer.
     efforts = np.array(model.upperEffortLimit[6:])
+    if base is Base.PLANAR:
+        _require_planar(model, base_frame)
     return Robot(
         model=model,
         urdf=xml,
@@ -113,7 +131,29 @@ def robot_from_urdf_text(text: str, base_link: str, tip_link: str) -> Robot:
         upper_position_limits=frozen(model.upperPositionLimit[7:]),
         velocity_limits=frozen(model.upperVelocityLimit[6:]),
         effort_limits=frozen(np.where(efforts == 0.0, np.inf, efforts)),
+        base=base,
     )
+
+
+def _require_planar(model: pin.Model, base_frame: pin.Frame) -> None:
+    """Check that all joints turn about z of the base link, which is z of the root link, too."""
+    data = model.createData()
+    pin.computeJointJacobians(model, data, pin.neutral(model))
+    axes = [("base link's z axis", base_frame.placement.rotation[:, 2])]
+    for joint in range(2, model.njoints):
+        turn = pin.getJointJacobian(model, data, joint, pin.WORLD)[3:, model.idx_vs[joint]]
+        axes.append((f"joint '{model.names[joint]}' axis", turn))
+    for name, axis in axes:
+        angle = math.atan2(math.hypot(axis[0], axis[1]), abs(axis[2]))
+        if not angle <= MAX_AXIS_TILT:
+            raise InvalidInput(
+                Status.BAD_ROBOT,
+                name,
+                f"{math.degrees(angle):.4g} degrees off z of the root link",
+                "with robot.base planar every joint must turn about the normal of the table, which "
+                f"is z of base link and root link; {math.degrees(MAX_AXIS_TILT):.2g} degrees are "
+                "let pass as rounding",
+            )
 
 
 def _pinocchio_model(xml: str) -> pin.Model:

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.errors import FfPlannerError, InvalidInput, Status
-from ff_planner_ros.robot.model import Robot
+from ff_planner_ros.robot.model import Base, Robot
 from ff_planner_ros.robot.state import SystemState
 
 try:
@@ -28,6 +28,9 @@ except ModuleNotFoundError:
     ) from None
 
 ENGINE = f"MuJoCo {mujoco.__version__}"
+
+# An inertia that nothing on a table moves [kg, kg m2].
+_TABLE = 1e12
 
 # It would write a file wherever the process stands; what went wrong is seen in the numbers.
 mujoco.set_mju_user_warning(lambda _: None)
@@ -44,7 +47,7 @@ class Observation(NamedTuple):
 
 
 class Engine:
-    """A robot whose base is free and on which nothing acts but its joint torques.
+    """A robot whose base is free, or on a table, and on which nothing acts but its joint torques.
 
     A state is a vector: position of the root link's origin, its quaternion (w first), joint
     positions; then the origin's velocity in inertial axes, the turn rate in axes of the root link,
@@ -57,7 +60,7 @@ class Engine:
         Raises:
             InvalidInput: MuJoCo refuses the URDF.
         """
-        self.model = _model(robot.urdf)
+        self.model = _model(robot.urdf, robot.base)
         self._data = mujoco.MjData(self.model)
         self._base = self._data.body(robot.base_link)
         self._tip = self._data.body(robot.tip_link)
@@ -164,8 +167,11 @@ class Engine:
         return np.asarray(masses @ self._data.xipos[self.chaser_bodies] / masses.sum(), np.float64)
 
 
-def _model(urdf: str) -> mujoco.MjModel:
-    """Return MuJoCo's model of a URDF, its root link free, with nothing that MuJoCo adds."""
+def _model(urdf: str, base: Base) -> mujoco.MjModel:
+    """Return MuJoCo's model of a URDF, its root link free, with nothing that MuJoCo adds.
+
+    On a planar base nothing lifts or tilts the root link off the table.
+    """
     try:
         spec = mujoco.MjSpec.from_string(urdf)
         spec.compiler.fusestatic = False  # else links fixed to others lose their names
@@ -181,6 +187,8 @@ def _model(urdf: str) -> mujoco.MjModel:
     model.opt.gravity = 0.0
     model.dof_damping = 0.0  # the planner leaves a URDF's <dynamics> aside, too
     model.dof_frictionloss = 0.0
+    borne = np.setdiff1d(range(6), base.rows)
+    model.dof_armature[borne] = _TABLE
     model.opt.disableflags = mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_LIMIT
     return model
 
