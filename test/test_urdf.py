@@ -27,7 +27,11 @@ REFUSALS = {
     "no_xml": (LEMUR, "no robot at all", "robot.urdf is not XML: "),
     "cut_off": (LEMUR[-500:], "", "robot.urdf is not XML: "),
     "another_document": (LEMUR, "<sdf/>", "robot.urdf is a <sdf>: its outermost tag must be"),
-    "nameless_link": ('<link name="link_5">', "<link>", "a link of the URDF is nameless"),
+    "nameless_link": (
+        '<link name="link_5">',
+        "<link>",
+        "link number 7 is nameless: it must have a n",
+    ),
     "link_twice": ('<link name="link_5">', '<link name="link_4">', "link 'link_4' is there twice"),
     "joint_twice": ('name="joint_2"', 'name="joint_1"', "joint 'joint_1' is there twice"),
     "no_parent": (
@@ -48,7 +52,7 @@ REFUSALS = {
     "loop": (
         '<parent link="link_1"/>',
         '<parent link="link_5"/>',
-        "link 'end_effector' is in a loop of joints: the links must form a tree",
+        "link 'end_effector' is in a loop of joints, or hangs on one: the links must form a tree",
     ),
     "two_roots": (
         "</robot>",
@@ -182,7 +186,10 @@ def test_a_urdf_with_a_fault_is_refused_by_the_name_of_what_is_at_fault(name: st
     with pytest.raises(InvalidInput) as refusal:
         checked_urdf(faulty, "chaser", "end_effector")
     assert refusal.value.status is Status.BAD_ROBOT
-    assert str(refusal.value).startswith(message)
+    told = str(refusal.value)
+    if told.startswith("robot.urdf is at fault in "):  # what follows from the fault is told, too
+        told = told.partition("places: ")[2]
+    assert told.startswith(message)
 
 
 @pytest.mark.parametrize(
@@ -192,7 +199,6 @@ def test_a_urdf_with_a_fault_is_refused_by_the_name_of_what_is_at_fault(name: st
         ("chaser", "hand", "robot.tip_link is hand: it must be one of the URDF's links: chaser, "),
         ("chaser", "chaser", "robot.tip_link is chaser: it must hang on the base link 'chaser'"),
         ("link_3", "link_1", "robot.tip_link is link_1: it must hang on the base link 'link_3'"),
-        ("chaser", "link_6", "joint 'joint_7' is movable but not between base and tip: make it f"),
         ("link_1", "end_effector", "joint 'joint_1' is movable but not between base and tip: mak"),
     ],
 )
@@ -256,7 +262,7 @@ def test_numbers_are_read_once(capfd: pytest.CaptureFixture[str]) -> None:
 
 def test_the_urdf_checked_moves_like_the_urdf_given() -> None:
     given = ElementTree.fromstring(LEMUR)
-    checked = ElementTree.fromstring(checked_urdf(LEMUR, "chaser", "end_effector"))
+    checked = ElementTree.fromstring(checked_urdf(LEMUR, "chaser", "end_effector").xml)
     for tag in ("link", "joint"):
         assert [e.get("name") for e in checked.findall(tag)] == [
             e.get("name") for e in given.findall(tag)
