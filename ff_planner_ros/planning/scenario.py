@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from ff_planner_ros.arrays import Array, finite_vector
+from ff_planner_ros.arrays import Array, finite_number, finite_vector
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.controller_rules import Controller
 from ff_planner_ros.planning.joint_motion import JointMotion
@@ -170,14 +170,24 @@ def from_urdf(field: str, source: object) -> bool:
 
 
 def _robot(value: object, directory: Path) -> Robot:
-    entry = mapping("robot", value, required=("urdf", "base_link", "tip_link"), optional=("base",))
+    names = ("urdf", "base_link", "tip_link")
+    entry = mapping("robot", value, required=names, optional=("base", "held_joints"))
+    held = entry.get("held_joints", {})
+    if not isinstance(held, dict) or not all(isinstance(name, str) for name in held):
+        allowed = "it must hold a position for each name of a joint"
+        raise InvalidInput(Status.OUT_OF_RANGE, "robot.held_joints", held, allowed)
+    held_at = {
+        name: finite_number(f"robot.held_joints.{name}", number(f"robot.held_joints.{name}", at))
+        for name, at in held.items()
+    }
     base = entry.get("base", Base.FREE_FLYER)
     if base not in tuple(Base):
         allowed = f"it must be {', '.join(Base)}"
         raise InvalidInput(Status.OUT_OF_RANGE, "robot.base", repr(base), allowed)
     urdf = resolve_uri(text("robot.urdf", entry["urdf"]), relative_to=directory)
     base_link = text("robot.base_link", entry["base_link"])
-    return load_robot(urdf, base_link, text("robot.tip_link", entry["tip_link"]), Base(base))
+    tip_link = text("robot.tip_link", entry["tip_link"])
+    return load_robot(urdf, base_link, tip_link, Base(base), held_at)
 
 
 def _start(robot: Robot, chaser: object, joints: object) -> SystemState:

@@ -6,6 +6,7 @@ momentum are what MuJoCo makes of the URDF.
 
 from __future__ import annotations
 
+import xml.etree.ElementTree as ElementTree
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -26,6 +27,8 @@ except ModuleNotFoundError:
         "executing a plan needs MuJoCo: pip install 'ff_planner_ros[simulation]', or where this "
         "package came without pip, pip install mujoco-core",
     ) from None
+
+_INERTIAL_FRAME = "world"  # to MuJoCo
 
 ENGINE = f"MuJoCo {mujoco.__version__}"
 
@@ -60,10 +63,12 @@ class Engine:
         Raises:
             InvalidInput: MuJoCo refuses the URDF.
         """
-        self.model = _model(robot.urdf, robot.base)
+        tree = ElementTree.fromstring(robot.urdf)
+        names = _names_of_links(tree)
+        self.model = _model(ElementTree.tostring(tree, encoding="unicode"), robot.base)
         self._data = mujoco.MjData(self.model)
-        self._base = self._data.body(robot.base_link)
-        self._tip = self._data.body(robot.tip_link)
+        self._base = self._data.body(names[robot.base_link])
+        self._tip = self._data.body(names[robot.tip_link])
         self._joints = np.array([self.model.joint(name).qposadr[0] for name in robot.joint_names])
         self._rates = np.array([self.model.joint(name).dofadr[0] for name in robot.joint_names])
         # Numbers of the links: 0 is the universe, 1 the root link.
@@ -167,6 +172,19 @@ class Engine:
         return np.asarray(masses @ self._data.xipos[self.chaser_bodies] / masses.sum(), np.float64)
 
 
+def _names_of_links(urdf: ElementTree.Element) -> dict[str, str]:
+    """Return what links are called in MuJoCo, where `world` is the inertial frame; rename it."""
+    names = {link.get("name", ""): link.get("name", "") for link in urdf.findall("link")}
+    if _INERTIAL_FRAME in names:
+        while names[_INERTIAL_FRAME] in (_INERTIAL_FRAME, *names):
+            names[_INERTIAL_FRAME] += "_"
+        for element in urdf.iter():
+            for key in ("name", "link"):
+                if element.tag in ("link", "parent", "child") and key in element.attrib:
+                    element.set(key, names[element.attrib[key]])
+    return names
+
+
 def _model(urdf: str, base: Base) -> mujoco.MjModel:
     """Return MuJoCo's model of a URDF, its root link free, with nothing that MuJoCo adds.
 
@@ -175,12 +193,10 @@ def _model(urdf: str, base: Base) -> mujoco.MjModel:
     try:
         spec = mujoco.MjSpec.from_string(urdf)
         spec.compiler.fusestatic = False  # else links fixed to others lose their names
-        if len(spec.worldbody.bodies) != 1:
-            raise ValueError("a link called 'world' is the inertial frame to MuJoCo: rename it")
         spec.worldbody.first_body().add_freejoint()
         model = spec.compile()
     except ValueError as error:
-        reason = " ".join(str(error).split())
+        reason = " ".join(str(error).split())[:300]
         raise InvalidInput(
             Status.BAD_ROBOT, "robot.urdf", "refused", f"MuJoCo says: {reason}"
         ) from None
