@@ -198,17 +198,6 @@ def test_a_urdf_that_mujoco_refuses_is_refused_in_its_words() -> None:
         Engine(robot)
 
 
-def test_two_links_on_a_root_called_world_are_refused() -> None:
-    """MuJoCo takes such a root for the inertial frame, and what hangs on it for two robots."""
-    urdf, base_link, tip_link = ROBOTS["six joints"]
-    world = urdf.replace('"root"', '"world"')
-    twice = world.replace('<parent link="bus"/><child link="antenna"/>',
-                          '<parent link="world"/><child link="antenna"/>')  # fmt: skip
-    assert twice != world
-    with pytest.raises(InvalidInput, match=r"'world' is the inertial frame to MuJoCo: rename it"):
-        Engine(robot_from_urdf_text(twice, base_link, tip_link))
-
-
 def test_without_mujoco_the_message_says_how_to_get_it(tmp_path: Path) -> None:
     code = (
         "import sys; sys.modules['mujoco'] = None\n"
@@ -223,14 +212,19 @@ def test_without_mujoco_the_message_says_how_to_get_it(tmp_path: Path) -> None:
     assert "Traceback" not in done.stderr
 
 
-def test_one_link_on_a_root_called_world_is_the_same_system(
-    rng: np.random.Generator,
-) -> None:
+@pytest.mark.parametrize("link", ["root", "bus", "antenna", "link_1", "tool"])
+def test_a_link_called_world_is_a_link_like_others(rng: np.random.Generator, link: str) -> None:
+    """MuJoCo calls the inertial frame so: what hangs on such a link would be several robots."""
     urdf, base_link, tip_link = ROBOTS["six joints"]
-    robot = robot_from_urdf_text(urdf.replace('"root"', '"world"'), base_link, tip_link)
+    given = urdf.replace('"bus"/><child link="antenna"', '"root"/><child link="antenna"')
+    plain = robot_from_urdf_text(given, base_link, tip_link)
+    ends = ["world" if end == link else end for end in (base_link, tip_link)]
+    renamed = given.replace(f'"{link}"', '"world"').replace('"camera"', '"world_"')
+    robot = robot_from_urdf_text(renamed, *ends)
     start = random_state(robot, rng)
-    engine = Engine(robot)
-    seen = engine.observe(engine.state(start))
+    seen, expected = (one.observe(one.state(start)) for one in (Engine(robot), Engine(plain)))
+    for found, same in zip(seen, expected, strict=True):
+        assert found == pytest.approx(same, abs=1e-12 * max(1.0, np.abs(same).max()))
     q, v = configuration(robot, start)
     momentum = total_momentum(robot, robot.model.createData(), q, v)
     assert seen.chaser_position == pytest.approx(start.position_chaser_in_inertial, abs=1e-12)

@@ -27,7 +27,11 @@ REFUSALS = {
     "no_xml": (LEMUR, "no robot at all", "robot.urdf is not XML: "),
     "cut_off": (LEMUR[-500:], "", "robot.urdf is not XML: "),
     "another_document": (LEMUR, "<sdf/>", "robot.urdf is a <sdf>: its outermost tag must be"),
-    "nameless_link": ('<link name="link_5">', "<link>", "a link of the URDF is nameless"),
+    "nameless_link": (
+        '<link name="link_5">',
+        "<link>",
+        "link number 7 is nameless: it must have a n",
+    ),
     "link_twice": ('<link name="link_5">', '<link name="link_4">', "link 'link_4' is there twice"),
     "joint_twice": ('name="joint_2"', 'name="joint_1"', "joint 'joint_1' is there twice"),
     "no_parent": (
@@ -48,22 +52,12 @@ REFUSALS = {
     "loop": (
         '<parent link="link_1"/>',
         '<parent link="link_5"/>',
-        "link 'end_effector' is in a loop of joints: the links must form a tree",
+        "link 'end_effector' is in a loop of joints, or hangs on one: the links must form a tree",
     ),
     "two_roots": (
         "</robot>",
         '<link name="debris"/></robot>',
         "root link is chaser, debris: there must be exactly one",
-    ),
-    "prismatic": (
-        'name="joint_3" type="revolute"',
-        'name="joint_3" type="prismatic"',
-        "joint 'joint_3' is prismatic: it must be revolute or fixed",
-    ),
-    "continuous": (
-        'name="joint_3" type="revolute"',
-        'name="joint_3" type="continuous"',
-        "joint 'joint_3' is continuous: make it revolute and give it limits",
     ),
     "untyped": (
         'name="joint_3" type="revolute"',
@@ -182,7 +176,10 @@ def test_a_urdf_with_a_fault_is_refused_by_the_name_of_what_is_at_fault(name: st
     with pytest.raises(InvalidInput) as refusal:
         checked_urdf(faulty, "chaser", "end_effector")
     assert refusal.value.status is Status.BAD_ROBOT
-    assert str(refusal.value).startswith(message)
+    told = str(refusal.value)
+    if told.startswith("robot.urdf is at fault in "):  # what follows from the fault is told, too
+        told = told.partition("places: ")[2]
+    assert told.startswith(message)
 
 
 @pytest.mark.parametrize(
@@ -192,8 +189,7 @@ def test_a_urdf_with_a_fault_is_refused_by_the_name_of_what_is_at_fault(name: st
         ("chaser", "hand", "robot.tip_link is hand: it must be one of the URDF's links: chaser, "),
         ("chaser", "chaser", "robot.tip_link is chaser: it must hang on the base link 'chaser'"),
         ("link_3", "link_1", "robot.tip_link is link_1: it must hang on the base link 'link_3'"),
-        ("chaser", "link_6", "joint 'joint_7' is movable but not between base and tip: make it f"),
-        ("link_1", "end_effector", "joint 'joint_1' is movable but not between base and tip: mak"),
+        ("link_1", "end_effector", "joint 'joint_1' is movable and carries the base link: make it"),
     ],
 )
 def test_links_that_do_not_hold_the_arm_are_refused(base: str, tip: str, message: str) -> None:
@@ -203,9 +199,15 @@ def test_links_that_do_not_hold_the_arm_are_refused(base: str, tip: str, message
     assert str(refusal.value).startswith(message)
 
 
-def test_an_arm_of_five_joints_is_refused() -> None:
-    with pytest.raises(InvalidInput, match=r"joints from base to tip is 5: it must be at least 6"):
-        checked_urdf(random_urdf(joints=5, seed=0), "bus", "tool")
+@pytest.mark.parametrize("joints", [1, 2, 5])
+def test_an_arm_may_have_any_number_of_joints_but_none(joints: int) -> None:
+    urdf = random_urdf(joints=max(joints, 3), seed=0)
+    names = [f"joint_{k + 1}" for k in range(max(joints, 3))]
+    held = dict.fromkeys(names[joints:], 0.0)
+    robot = robot_from_urdf_text(urdf, "bus", "tool", held_at=held)
+    assert robot.joint_names == tuple(names[:joints])
+    with pytest.raises(InvalidInput, match=r"joints from base to tip is 0: at least one must turn"):
+        checked_urdf(urdf, "bus", "tool", dict.fromkeys(names, 0.0))
 
 
 def test_a_base_without_mass_is_refused_by_link_name() -> None:
@@ -256,7 +258,7 @@ def test_numbers_are_read_once(capfd: pytest.CaptureFixture[str]) -> None:
 
 def test_the_urdf_checked_moves_like_the_urdf_given() -> None:
     given = ElementTree.fromstring(LEMUR)
-    checked = ElementTree.fromstring(checked_urdf(LEMUR, "chaser", "end_effector"))
+    checked = ElementTree.fromstring(checked_urdf(LEMUR, "chaser", "end_effector").xml)
     for tag in ("link", "joint"):
         assert [e.get("name") for e in checked.findall(tag)] == [
             e.get("name") for e in given.findall(tag)

@@ -27,7 +27,6 @@ from ff_planner_ros.planning.scenario import Defaults, load_scenario, load_task
 from ff_planner_ros.planning.task import Method, PlanningTask, perform, without_search
 from ff_planner_ros.planning.watch import Watch
 from ff_planner_ros.robot.model import Robot, read_urdf, robot_from_urdf_text
-from ff_planner_ros.robot.urdf import only_leaf_link, root_link
 from ff_planner_ros.share import share_directory
 from ff_planner_ros.time_budget import TimeBudget
 
@@ -208,10 +207,9 @@ def run_benchmark(options: argparse.Namespace) -> int:
 
 def show_robot(options: argparse.Namespace) -> int:
     """Show what the planner makes of a URDF."""
-    text = read_urdf(options.urdf)
-    base_link = options.base_link or root_link(text)
-    tip_link = options.tip_link or only_leaf_link(text)
-    print_table(robot_rows(robot_from_urdf_text(text, base_link, tip_link)))
+    robot = robot_from_urdf_text(read_urdf(options.urdf), options.base_link, options.tip_link)
+    print_notes(robot.notes)
+    print_table(robot_rows(robot))
     return SOLVED
 
 

@@ -16,7 +16,7 @@ from ff_planner_ros.planning.runge_kutta import increment
 from ff_planner_ros.planning.system_frame import system_frame
 from ff_planner_ros.robot.configuration import configuration, system_state
 from ff_planner_ros.robot.dynamics import accelerations
-from ff_planner_ros.robot.model import Robot
+from ff_planner_ros.robot.model import Base, Robot
 from ff_planner_ros.robot.momentum import base_twist, total_momentum
 from ff_planner_ros.robot.state import SystemState
 
@@ -93,7 +93,9 @@ def carried_base(
     of_joints = np.empty((len(half_steps), model.nq))
     of_joints[:, :7], of_joints[:, 7:] = q_start[:7], positions
     maps = np.array([pin.crba(model, data, q)[:6] for q in of_joints])
-    of_momentum = np.linalg.inv(maps[:, :, :6])
+    rows = np.ix_(range(len(maps)), robot.base.rows, robot.base.rows)
+    of_momentum = np.zeros((len(maps), 6, 6))
+    of_momentum[rows] = np.linalg.inv(maps[rows])
     of_rates = (of_momentum @ (maps[:, :, 6:] @ rates[:, :, None]))[:, :, 0]
     force, base = pin.Force(momentum), pin.XYZQUATToSE3(q_start[:7])
     prepared = list(zip(of_momentum, of_rates, strict=True))
@@ -113,7 +115,10 @@ def carried_base(
     q, v = np.empty((points, model.nq)), np.empty((points, model.nv))
     q[:, 7:], v[:, 6:] = positions[::2], rates[::2]
     for i in range(points):
-        base.translation = centers[i] - base.rotation.dot(in_base[i])
+        place = centers[i] - base.rotation.dot(in_base[i])
+        if robot.base is Base.PLANAR:
+            place[2] = q_start[2]
+        base.translation = place
         velocities = [twist(2 * i, base)]
         q[i, :7], v[i, :6] = pin.SE3ToXYZQUAT(base), velocities[0]
         if i == points - 1:

@@ -8,10 +8,29 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ff_planner_ros.arrays import Array, finite_number, finite_vector, unit_quaternion
+from ff_planner_ros.arrays import Array, finite_number, finite_vector
 from ff_planner_ros.errors import InvalidInput, Status
-from ff_planner_ros.robot.model import Robot
+from ff_planner_ros.planning.target import (
+    Orientation,
+    Target,
+    require_enough_joints,
+    target_on_the_table,
+)
+from ff_planner_ros.robot.model import Base, Robot
+from ff_planner_ros.robot.plane import on_the_table
 from ff_planner_ros.robot.state import SystemState
+
+__all__ = [
+    "MAX_POINTS",
+    "MIN_POINTS",
+    "Limits",
+    "Objective",
+    "Orientation",
+    "Parametrisation",
+    "PlanningProblem",
+    "Sphere",
+    "Target",
+]
 
 # Five points hold a plan's start, end and middle; above ten thousand the answer no longer
 # fits a service response that a mission executive would want to read.
@@ -22,49 +41,12 @@ def _zeros() -> Array:
     return np.zeros(3)
 
 
-class Orientation(enum.StrEnum):
-    """What a target says about the end effector's orientation."""
-
-    FIXED = "fixed"
-    FREE = "free"
-    ABOUT_AXIS = "about_axis"  # free to turn about one axis of the end effector
-
-
 class Parametrisation(enum.StrEnum):
     """Which motions a plan is looked for among; but for `AUTO` the name of a path family."""
 
     AUTO = "auto"  # the paper's; joint splines where it does not apply or finds no plan
     END_EFFECTOR_POLYNOMIAL = "end_effector_polynomial"
     JOINT_SPLINE = "joint_spline"
-
-
-@dataclass(frozen=True, eq=False)
-class Target:
-    """What the end effector shall do at the end of the plan, in the inertial frame.
-
-    Raises:
-        InvalidInput: Wrong size, not finite, or a quaternion not of unit length.
-    """
-
-    position: Array  # shape (3,) [m]
-    quaternion_xyzw: Array  # shape (4,), end effector to inertial, unit length
-    linear_velocity: Array = field(default_factory=_zeros)  # shape (3,) [m/s]
-    angular_velocity: Array = field(default_factory=_zeros)  # shape (3,) [rad/s]
-    linear_acceleration: Array = field(default_factory=_zeros)  # shape (3,) [m/s2]
-    angular_acceleration: Array = field(default_factory=_zeros)  # shape (3,) [rad/s2]
-    orientation: Orientation = Orientation.FIXED
-    free_axis_in_ee: Array | None = None  # unit length where orientation is ABOUT_AXIS, else None
-
-    def __post_init__(self) -> None:
-        """Check every value and replace it by a read-only copy."""
-        for name in self.__dataclass_fields__:
-            if name in ("orientation", "free_axis_in_ee"):
-                continue
-            if name == "quaternion_xyzw":
-                checked = unit_quaternion("target.quaternion_xyzw", self.quaternion_xyzw)
-            else:
-                checked = finite_vector(f"target.{name}", getattr(self, name), 3)
-            object.__setattr__(self, name, checked)
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,7 +124,8 @@ class PlanningProblem:
 
     Raises:
         InvalidInput: A duration that is not positive, a number of points out of range, or a
-            state whose number of joints is not the robot's.
+            state whose number of joints is not the robot's or that leaves the plane of a planar
+            base.
     """
 
     robot: Robot
@@ -166,3 +149,8 @@ class PlanningProblem:
                 f"it must be from {MIN_POINTS} to {MAX_POINTS}",
             )
         finite_vector("joints.position", self.start.joint_positions, self.robot.joints)
+        if self.robot.base is Base.PLANAR:
+            object.__setattr__(self, "start", on_the_table(self.start))
+            target = target_on_the_table(self.robot, self.start, self.target)
+            object.__setattr__(self, "target", target)
+        require_enough_joints(self.robot, self.target)

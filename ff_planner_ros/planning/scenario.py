@@ -10,13 +10,14 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from ff_planner_ros.arrays import Array, finite_vector
+from ff_planner_ros.arrays import Array, finite_number, finite_vector
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.controller_rules import Controller
 from ff_planner_ros.planning.joint_motion import JointMotion
 from ff_planner_ros.planning.problem import (
     Limits,
     Objective,
+    Orientation,
     Parametrisation,
     PlanningProblem,
     Sphere,
@@ -36,7 +37,7 @@ from ff_planner_ros.planning.yaml_file import (
     text,
 )
 from ff_planner_ros.robot.ee_at_rest import joint_rates_with_ee_at_rest
-from ff_planner_ros.robot.model import Robot, load_robot
+from ff_planner_ros.robot.model import Base, Robot, load_robot
 from ff_planner_ros.robot.rotation import rotation_from_euler
 from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.share import resolve_uri
@@ -185,10 +186,24 @@ def from_urdf(field: str, source: object) -> bool:
 
 
 def _robot(value: object, directory: Path) -> Robot:
-    entry = mapping("robot", value, required=("urdf", "base_link", "tip_link"))
+    names = ("urdf", "base_link", "tip_link")
+    entry = mapping("robot", value, required=names, optional=("base", "held_joints"))
+    held = entry.get("held_joints", {})
+    if not isinstance(held, dict) or not all(isinstance(name, str) for name in held):
+        allowed = "it must hold a position for each name of a joint"
+        raise InvalidInput(Status.OUT_OF_RANGE, "robot.held_joints", held, allowed)
+    held_at = {
+        name: finite_number(f"robot.held_joints.{name}", number(f"robot.held_joints.{name}", at))
+        for name, at in held.items()
+    }
+    base = entry.get("base", Base.FREE_FLYER)
+    if base not in tuple(Base):
+        allowed = f"it must be {', '.join(Base)}"
+        raise InvalidInput(Status.OUT_OF_RANGE, "robot.base", repr(base), allowed)
     urdf = resolve_uri(text("robot.urdf", entry["urdf"]), relative_to=directory)
     base_link = text("robot.base_link", entry["base_link"])
-    return load_robot(urdf, base_link, text("robot.tip_link", entry["tip_link"]))
+    tip_link = text("robot.tip_link", entry["tip_link"])
+    return load_robot(urdf, base_link, tip_link, Base(base), held_at)
 
 
 def _start(robot: Robot, chaser: object, joints: object) -> SystemState:
@@ -231,16 +246,32 @@ def _start(robot: Robot, chaser: object, joints: object) -> SystemState:
 
 def _target(value: object) -> Target:
     optional = [item.name for item in fields(Target)[1:6]]
-    optional.insert(1, "euler_xyz_deg")
-    entry = mapping("target", value, required=("position",), optional=optional)
-    if ("quaternion_xyzw" in entry) == ("euler_xyz_deg" in entry):
-        found = "given twice" if "euler_xyz_deg" in entry else "missing"
+    optional[1:1] = ["euler_xyz_deg", "orientation", "free_axis"]
+    entry = dict(mapping("target", value, required=("position",), optional=optional))
+    orientation = orientation_of("target.orientation", entry.pop("orientation", "fixed"))
+    attitudes = [name for name in ("quaternion_xyzw", "euler_xyz_deg") if name in entry]
+    if len(attitudes) > 1 or (not attitudes and orientation is not Orientation.FREE):
+        found = "given twice" if attitudes else "missing"
         allowed = "give it or euler_xyz_deg"
         raise InvalidInput(Status.BAD_QUATERNION, "target.quaternion_xyzw", found, allowed)
     vectors: dict[str, Any] = {key: numbers(f"target.{key}", entry[key]) for key in entry}
     if "euler_xyz_deg" in vectors:
         vectors["quaternion_xyzw"] = _quaternion(vectors.pop("euler_xyz_deg"))
-    return Target(**vectors)
+    vectors.setdefault("quaternion_xyzw", [0.0, 0.0, 0.0, 1.0])
+    vectors["free_axis_in_ee"] = vectors.pop("free_axis", None)
+    return Target(**vectors, orientation=orientation)
+
+
+def orientation_of(field: str, word: object) -> Orientation:
+    """Return what a word stands for.
+
+    Raises:
+        InvalidInput: It is not known.
+    """
+    if word not in tuple(Orientation):
+        allowed = f"it must be {', '.join(Orientation)}"
+        raise InvalidInput(Status.OUT_OF_RANGE, field, repr(word), allowed)
+    return Orientation(str(word))
 
 
 def _quaternion(euler_xyz_deg: Array) -> Array:

@@ -11,9 +11,10 @@ import yaml
 
 from ff_planner_ros.arrays import normalising_to
 from ff_planner_ros.errors import InvalidInput, Status
-from ff_planner_ros.planning.problem import PlanningProblem, Target
+from ff_planner_ros.planning.problem import Orientation, PlanningProblem, Target
 from ff_planner_ros.planning.scenario import Defaults, load_task
 from ff_planner_ros.planning.task import PlanningTask
+from ff_planner_ros.robot.model import Base
 
 
 def write_scenario(task: PlanningTask, path: Path) -> None:
@@ -29,7 +30,8 @@ def write_scenario(task: PlanningTask, path: Path) -> None:
     urdf = path.with_suffix(".urdf")
     urdf.write_text(robot.urdf, encoding="utf-8", newline="")
     content = {
-        "robot": {"urdf": urdf.name, "base_link": robot.base_link, "tip_link": robot.tip_link},
+        "robot": {"urdf": urdf.name, "base_link": robot.base_link, "tip_link": robot.tip_link}
+        | ({} if robot.base is Base.FREE_FLYER else {"base": robot.base.value}),
         **_problem(task.problem),
         **_beyond_the_problem(task),
     }
@@ -61,7 +63,8 @@ def _problem(problem: PlanningProblem) -> dict[str, Any]:
         "target": {
             item.name: getattr(problem.target, item.name).tolist() for item in fields(Target)[:6]
         }
-        | {"quaternion_xyzw": normalising_to(problem.target.quaternion_xyzw).tolist()},
+        | {"quaternion_xyzw": normalising_to(problem.target.quaternion_xyzw).tolist()}
+        | _orientation(problem.target),
         "duration": float(problem.duration),
         "points": int(problem.points),
         "obstacles": [
@@ -77,6 +80,16 @@ def _problem(problem: PlanningProblem) -> dict[str, Any]:
         },
         "parametrisation": problem.parametrisation.value,
     }
+
+
+def _orientation(target: Target) -> dict[str, Any]:
+    """Return what counts of the orientation, where it is not all of it."""
+    if target.orientation is Orientation.FIXED:
+        return {}
+    axis = target.free_axis_in_ee
+    return {"orientation": target.orientation.value} | (
+        {} if axis is None else {"free_axis": axis.tolist()}
+    )
 
 
 def _beyond_the_problem(task: PlanningTask) -> dict[str, Any]:

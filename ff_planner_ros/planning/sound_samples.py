@@ -36,7 +36,7 @@ def require_sound_samples(robot: Robot, trajectory: Trajectory) -> None:
             )
         if not np.isfinite(values).all():
             raise InvalidInput(Status.NOT_FINITE, item.name, "not finite", "every entry must be")
-        if columns == (4,):
+        if item.name.endswith("quaternions_xyzw"):
             for quaternion in values:
                 unit_quaternion(item.name, quaternion)
     if not (np.diff(trajectory.time) > 0.0).all():

@@ -55,9 +55,12 @@ def base_acceleration(
     """Return the acceleration that joint accelerations [rad/s2] give a base that nothing pushes.
 
     The first six entries of dv/dt: the solution of the first six rows of Eq. (20) with zero on
-    their right-hand side.
+    their right-hand side. On a planar base three of the rows: the table bears the other three.
     """
+    rows = robot.base.rows
     base_at_rest = np.concatenate([np.zeros(6), joint_acceleration])
     wrench = inverse_dynamics(robot, data, q, v, base_at_rest)[:6]
     mass_matrix = pin.crba(robot.model, data, q)
-    return np.asarray(np.linalg.solve(mass_matrix[:6, :6], -wrench), np.float64)
+    acceleration = np.zeros(6)
+    acceleration[rows] = np.linalg.solve(mass_matrix[np.ix_(rows, rows)], -wrench[rows])
+    return acceleration

@@ -33,6 +33,8 @@ def joint_rates_with_ee_at_rest(robot: Robot, state: SystemState) -> Array:
     row_space = generalised_jacobian(robot, data, q).T
     pin.computeJointJacobians(robot.model, data, q)
     jacobian = pin.getFrameJacobian(robot.model, data, robot.tip_frame_id, pin.LOCAL_WORLD_ALIGNED)
+    rows = robot.base.rows
+    jacobian = jacobian[rows]
     rates_to_twist = jacobian[:, 6:] @ row_space
     condition = np.linalg.cond(rates_to_twist)
     if not condition < MAX_CONDITION:
@@ -42,5 +44,5 @@ def joint_rates_with_ee_at_rest(robot: Robot, state: SystemState) -> Array:
             np.array2string(state.joint_positions, precision=4),
             "in this posture no joint rates hold the end effector at rest",
         )
-    rates: Array = row_space @ np.linalg.solve(rates_to_twist, -jacobian[:, :6] @ v[:6])
+    rates: Array = row_space @ np.linalg.solve(rates_to_twist, -jacobian[:, rows] @ v[rows])
     return rates

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import enum
+import math
+import stat
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,7 +15,8 @@ import pinocchio as pin
 
 from ff_planner_ros.arrays import Array, frozen
 from ff_planner_ros.errors import InvalidInput, Status
-from ff_planner_ros.robot.urdf import checked_urdf
+from ff_planner_ros.robot.urdf import NOTHING_HELD, checked_urdf
+from ff_planner_ros.robot.urdf_xml import MAX_CHARACTERS
 
 
 class Base(enum.StrEnum):
@@ -21,6 +24,18 @@ class Base(enum.StrEnum):
 
     FREE_FLYER = "free_flyer"
     PLANAR = "planar"  # on an air-bearing table: x, y and the turn about z, inertial axes
+
+    @property
+    def rows(self) -> list[int]:
+        """Entries of a twist, linear first, in which the chaser can move and nothing pushes it.
+
+        They are the same in base axes and in inertial axes: on a table both have z in common.
+        """
+        return [0, 1, 5] if self is Base.PLANAR else [0, 1, 2, 3, 4, 5]
+
+
+# An axis in the plane's normal as URDFs write it: rpy="1.57 0 0" is a right angle.
+MAX_AXIS_TILT = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,6 +57,7 @@ class Robot:
     velocity_limits: Array  # shape (joints,) [rad/s]
     # Infinite where the URDF says zero: exporters write so that a limit is not known
     effort_limits: Array  # shape (joints,) [N m]
+    notes: tuple[str, ...] = ()  # what a user should know: joints that are held, say
     base: Base = Base.FREE_FLYER
 
     @property
@@ -50,7 +66,13 @@ class Robot:
         return len(self.joint_names)
 
 
-def load_robot(urdf: Path, base_link: str, tip_link: str) -> Robot:
+def load_robot(
+    urdf: Path,
+    base_link: str,
+    tip_link: str,
+    base: Base = Base.FREE_FLYER,
+    held_at: Mapping[str, float] = NOTHING_HELD,
+) -> Robot:
     """Load a robot from a URDF file.
 
     See `robot_from_urdf_text` for what it must hold.
@@ -58,7 +80,7 @@ def load_robot(urdf: Path, base_link: str, tip_link: str) -> Robot:
     Raises:
         InvalidInput: The file cannot be read, or its content is refused.
     """
-    return robot_from_urdf_text(read_urdf(urdf), base_link, tip_link)
+    return robot_from_urdf_text(read_urdf(urdf), base_link, tip_link, base, held_at)
 
 
 def read_urdf(urdf: Path) -> str:
@@ -68,44 +90,61 @@ def read_urdf(urdf: Path) -> str:
         InvalidInput: The file cannot be read.
     """
     try:
-        return urdf.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "not UTF-8"
-        raise InvalidInput(
-            Status.BAD_ROBOT, "robot.urdf", urdf, f"it cannot be read: {reason}"
-        ) from None
+        if stat.S_ISREG(urdf.stat().st_mode):  # to open a pipe may last for ever
+            with urdf.open("rb") as file:
+                content = file.read(MAX_CHARACTERS + 1)
+            if len(content) <= MAX_CHARACTERS:
+                return content.decode("utf-8")
+            reason = f"it has more than {MAX_CHARACTERS} bytes"
+        else:
+            reason = "Is a directory" if urdf.is_dir() else "it is no regular file"
+    except UnicodeDecodeError:
+        reason = "not UTF-8"
+    except OSError as error:
+        reason = str(error.strerror)
+    raise InvalidInput(Status.BAD_ROBOT, "robot.urdf", urdf, f"it cannot be read: {reason}")
 
 
-def robot_from_urdf_text(text: str, base_link: str, tip_link: str) -> Robot:
+def robot_from_urdf_text(
+    text: str,
+    base_link: str | None = None,
+    tip_link: str | None = None,
+    base: Base = Base.FREE_FLYER,
+    held_at: Mapping[str, float] = NOTHING_HELD,
+) -> Robot:
     """Build a robot from a URDF.
 
     Args:
-        text: The URDF's XML: one chain of revolute joints from base to tip, at least six, each
-            with limits; every other joint fixed.
-        base_link: Link that carries the arm; it is the root or fixed to it.
-        tip_link: Link whose frame is the end effector.
+        text: The URDF's XML, with a chain from base to tip of joints that turn. All others are
+            held.
+        base_link: Link that carries the arm; it is the root or fixed to it. None: the root.
+        tip_link: Link whose frame is the end effector. None: the only link that carries no other.
+        held_at: Where joints are held that the URDF lets move [rad], or [m] where they slide.
 
     Raises:
-        InvalidInput: The URDF is something else, or a link's inertia is one that no body has.
+        InvalidInput: The URDF is something else, a link's inertia is one that no body has, or an
+            arm on a planar base does not move in the plane.
     """
-    xml = checked_urdf(text, base_link, tip_link)
+    checked = checked_urdf(text, base_link, tip_link, held_at)
     try:
-        model = _pinocchio_model(xml)
+        model = _pinocchio_model(checked.xml)
     except (ValueError, RuntimeError) as error:
         raise InvalidInput(
-            Status.BAD_ROBOT, "robot.urdf", "unreadable", f"Pinocchio says: {error}"
+            Status.BAD_ROBOT, "robot.urdf", "unreadable", f"Pinocchio says: {str(error)[:200]}"
         ) from None
     model.gravity = pin.Motion.Zero()
-    base_frame = model.frames[model.getFrameId(base_link, pin.FrameType.BODY)]
+    base_frame = model.frames[model.getFrameId(checked.base_link, pin.FrameType.BODY)]
     # The first two joints are Pinocchio's: the universe and the free-flyer.
     efforts = np.array(model.upperEffortLimit[6:])
+    if base is Base.PLANAR:
+        _require_planar(model, base_frame)
     return Robot(
         model=model,
-        urdf=xml,
+        urdf=checked.xml,
         joint_names=tuple(model.names)[2:],
-        base_link=base_link,
-        tip_link=tip_link,
-        tip_frame_id=model.getFrameId(tip_link, pin.FrameType.BODY),
+        base_link=checked.base_link,
+        tip_link=checked.tip_link,
+        tip_frame_id=model.getFrameId(checked.tip_link, pin.FrameType.BODY),
         position_chaser_in_base=frozen(model.inertias[1].lever),
         rotation_chaser_to_base=frozen(base_frame.placement.rotation),
         joint_axes=frozen(_joint_axes(model)),
@@ -113,7 +152,30 @@ def robot_from_urdf_text(text: str, base_link: str, tip_link: str) -> Robot:
         upper_position_limits=frozen(model.upperPositionLimit[7:]),
         velocity_limits=frozen(model.upperVelocityLimit[6:]),
         effort_limits=frozen(np.where(efforts == 0.0, np.inf, efforts)),
+        notes=checked.notes,
+        base=base,
     )
+
+
+def _require_planar(model: pin.Model, base_frame: pin.Frame) -> None:
+    """Check that all joints turn about z of the base link, which is z of the root link, too."""
+    data = model.createData()
+    pin.computeJointJacobians(model, data, pin.neutral(model))
+    axes = [("base link's z axis", base_frame.placement.rotation[:, 2])]
+    for joint in range(2, model.njoints):
+        turn = pin.getJointJacobian(model, data, joint, pin.WORLD)[3:, model.idx_vs[joint]]
+        axes.append((f"joint '{model.names[joint]}' axis", turn))
+    for name, axis in axes:
+        angle = math.atan2(math.hypot(axis[0], axis[1]), abs(axis[2]))
+        if not angle <= MAX_AXIS_TILT:
+            raise InvalidInput(
+                Status.BAD_ROBOT,
+                name,
+                f"{math.degrees(angle):.4g} degrees off z of the root link",
+                "with robot.base planar every joint must turn about the normal of the table, which "
+                f"is z of base link and root link; {math.degrees(MAX_AXIS_TILT):.2g} degrees are "
+                "let pass as rounding",
+            )
 
 
 def _pinocchio_model(xml: str) -> pin.Model:

@@ -2,7 +2,8 @@
 
 Throughout, `data` is scratch space of the robot's model, q a configuration, shape (7 + joints,),
 and v a tangent velocity, shape (6 + joints,). A momentum is P [kg m/s] and L about the inertial
-origin [kg m2/s], in inertial axes, shape (6,).
+origin [kg m2/s], in inertial axes, shape (6,). On a planar base only P_x, P_y and L_z are constant:
+the table takes up the rest, and no function here reads it.
 """
 
 from __future__ import annotations
@@ -24,14 +25,18 @@ def total_momentum(robot: Robot, data: pin.Data, q: Array, v: Array) -> Array:
 def generalised_jacobian(robot: Robot, data: pin.Data, q: Array) -> Array:
     """Return J_D of Eq. (32): end-effector twist per joint rate at zero momentum.
 
-    Linear rows first, inertial axes. Shape (6, joints).
+    Linear rows first, inertial axes; those in which the base can move. Shape (rows, joints).
     """
+    rows = robot.base.rows
     mass_matrix = pin.crba(robot.model, data, q)
     pin.computeJointJacobians(robot.model, data, q)
     pin.updateFramePlacement(robot.model, data, robot.tip_frame_id)
     jacobian = pin.getFrameJacobian(robot.model, data, robot.tip_frame_id, pin.LOCAL_WORLD_ALIGNED)
-    base_rate_per_joint_rate = -np.linalg.solve(mass_matrix[:6, :6], mass_matrix[:6, 6:])
-    generalised: Array = jacobian[:, 6:] + jacobian[:, :6] @ base_rate_per_joint_rate
+    base_rate_per_joint_rate = -np.linalg.solve(
+        mass_matrix[np.ix_(rows, rows)], mass_matrix[rows, 6:]
+    )
+    jacobian = jacobian[rows]
+    generalised: Array = jacobian[:, 6:] + jacobian[:, rows] @ base_rate_per_joint_rate
     return generalised
 
 
@@ -42,17 +47,21 @@ def base_twist(
 
     In the base frame. Shape (6,).
     """
-    momentum_map = pin.crba(robot.model, data, q)[:6]
+    rows = robot.base.rows
+    momentum_map = pin.crba(robot.model, data, q)[rows]
     pin.forwardKinematics(robot.model, data, q)
-    in_base = data.oMi[1].actInv(pin.Force(momentum)).vector
-    twist: Array = np.linalg.solve(momentum_map[:, :6], in_base - momentum_map[:, 6:] @ joint_rates)
+    in_base = data.oMi[1].actInv(pin.Force(momentum)).vector[rows]
+    twist = np.zeros(6)
+    twist[rows] = np.linalg.solve(
+        momentum_map[:, rows], in_base - momentum_map[:, 6:] @ joint_rates
+    )
     return twist
 
 
 def smallest_singular_values(robot: Robot, q: Array) -> Array:
     """Return the smallest singular value of J_D at each of q, shape (points, 7 + joints)."""
     data = robot.model.createData()
-    jacobians = np.empty((len(q), 6, robot.joints))
+    jacobians = np.empty((len(q), len(robot.base.rows), robot.joints))
     for jacobian, sample in zip(jacobians, q, strict=True):
         jacobian[:] = generalised_jacobian(robot, data, sample)
     return np.asarray(np.linalg.svd(jacobians, compute_uv=False)[:, -1], np.float64)

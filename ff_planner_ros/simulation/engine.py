@@ -6,6 +6,7 @@ momentum are what MuJoCo makes of the URDF.
 
 from __future__ import annotations
 
+import xml.etree.ElementTree as ElementTree
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -15,7 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.errors import FfPlannerError, InvalidInput, Status
-from ff_planner_ros.robot.model import Robot
+from ff_planner_ros.robot.model import Base, Robot
 from ff_planner_ros.robot.state import SystemState
 
 try:
@@ -27,7 +28,12 @@ except ModuleNotFoundError:
         "package came without pip, pip install mujoco-core",
     ) from None
 
+_INERTIAL_FRAME = "world"  # to MuJoCo
+
 ENGINE = f"MuJoCo {mujoco.__version__}"
+
+# An inertia that nothing on a table moves [kg, kg m2].
+_TABLE = 1e12
 
 # It would write a file wherever the process stands; what went wrong is seen in the numbers.
 mujoco.set_mju_user_warning(lambda _: None)
@@ -44,7 +50,7 @@ class Observation(NamedTuple):
 
 
 class Engine:
-    """A robot whose base is free and on which nothing acts but its joint torques.
+    """A robot whose base is free, or on a table, and on which nothing acts but its joint torques.
 
     A state is a vector: position of the root link's origin, its quaternion (w first), joint
     positions; then the origin's velocity in inertial axes, the turn rate in axes of the root link,
@@ -57,10 +63,12 @@ class Engine:
         Raises:
             InvalidInput: MuJoCo refuses the URDF.
         """
-        self.model = _model(robot.urdf)
+        tree = ElementTree.fromstring(robot.urdf)
+        names = _names_of_links(tree)
+        self.model = _model(ElementTree.tostring(tree, encoding="unicode"), robot.base)
         self._data = mujoco.MjData(self.model)
-        self._base = self._data.body(robot.base_link)
-        self._tip = self._data.body(robot.tip_link)
+        self._base = self._data.body(names[robot.base_link])
+        self._tip = self._data.body(names[robot.tip_link])
         self._joints = np.array([self.model.joint(name).qposadr[0] for name in robot.joint_names])
         self._rates = np.array([self.model.joint(name).dofadr[0] for name in robot.joint_names])
         # Numbers of the links: 0 is the universe, 1 the root link.
@@ -164,23 +172,39 @@ class Engine:
         return np.asarray(masses @ self._data.xipos[self.chaser_bodies] / masses.sum(), np.float64)
 
 
-def _model(urdf: str) -> mujoco.MjModel:
-    """Return MuJoCo's model of a URDF, its root link free, with nothing that MuJoCo adds."""
+def _names_of_links(urdf: ElementTree.Element) -> dict[str, str]:
+    """Return what links are called in MuJoCo, where `world` is the inertial frame; rename it."""
+    names = {link.get("name", ""): link.get("name", "") for link in urdf.findall("link")}
+    if _INERTIAL_FRAME in names:
+        while names[_INERTIAL_FRAME] in (_INERTIAL_FRAME, *names):
+            names[_INERTIAL_FRAME] += "_"
+        for element in urdf.iter():
+            for key in ("name", "link"):
+                if element.tag in ("link", "parent", "child") and key in element.attrib:
+                    element.set(key, names[element.attrib[key]])
+    return names
+
+
+def _model(urdf: str, base: Base) -> mujoco.MjModel:
+    """Return MuJoCo's model of a URDF, its root link free, with nothing that MuJoCo adds.
+
+    On a planar base nothing lifts or tilts the root link off the table.
+    """
     try:
         spec = mujoco.MjSpec.from_string(urdf)
         spec.compiler.fusestatic = False  # else links fixed to others lose their names
-        if len(spec.worldbody.bodies) != 1:
-            raise ValueError("a link called 'world' is the inertial frame to MuJoCo: rename it")
         spec.worldbody.first_body().add_freejoint()
         model = spec.compile()
     except ValueError as error:
-        reason = " ".join(str(error).split())
+        reason = " ".join(str(error).split())[:300]
         raise InvalidInput(
             Status.BAD_ROBOT, "robot.urdf", "refused", f"MuJoCo says: {reason}"
         ) from None
     model.opt.gravity = 0.0
     model.dof_damping = 0.0  # the planner leaves a URDF's <dynamics> aside, too
     model.dof_frictionloss = 0.0
+    borne = np.setdiff1d(range(6), base.rows)
+    model.dof_armature[borne] = _TABLE
     model.opt.disableflags = mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_LIMIT
     return model
 

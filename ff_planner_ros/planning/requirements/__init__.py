@@ -8,6 +8,7 @@ from ff_planner_ros.planning.requirements.goal import Goal
 from ff_planner_ros.planning.requirements.joint_positions import JointPositions
 from ff_planner_ros.planning.requirements.joint_rates import JointRates
 from ff_planner_ros.planning.requirements.momentum import Momentum
+from ff_planner_ros.planning.requirements.plane import Plane
 from ff_planner_ros.planning.requirements.requirement import Requirement
 from ff_planner_ros.planning.requirements.singular_values import SingularValues
 from ff_planner_ros.planning.requirements.start_velocity import StartVelocity
@@ -21,6 +22,7 @@ REQUIREMENTS: tuple[Requirement, ...] = (
     SingularValues(),
     Torques(),  # after the singularity, near which torques are a symptom
     Goal(),
+    Plane(),
     Momentum(),
     StartVelocity(),
 )

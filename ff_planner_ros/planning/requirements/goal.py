@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 
@@ -11,7 +12,7 @@ import pinocchio as pin
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.errors import Failure
 from ff_planner_ros.planning.metrics import Metrics
-from ff_planner_ros.planning.problem import Target
+from ff_planner_ros.planning.problem import Orientation, Target
 from ff_planner_ros.planning.requirements.requirement import (
     Requirement,
     Samples,
@@ -24,7 +25,7 @@ _FOLLOW = "more points, or a nearer goal if it is at the edge of the workspace"
 
 
 class Goal(Requirement):
-    """The end effector is at the target, in position and orientation.
+    """The end effector is at the target, in position and what counts of the orientation.
 
     The search brings to zero what a path family does not hold there by itself.
     """
@@ -49,14 +50,37 @@ class Goal(Requirement):
 def miss(robot: Robot, q: Array, target: Target) -> Array:
     """Return the way [m] and the turn [rad] from the end effector to a target, inertial axes.
 
+    Only what the target asks for counts, and on a planar base what lies in the plane.
+
     Returns:
         Shape (2, 3).
     """
     data = robot.model.createData()
     pin.forwardKinematics(robot.model, data, q)
     tip = pin.updateFramePlacement(robot.model, data, robot.tip_frame_id)
+    missed = np.concatenate(
+        [target.position - tip.translation, _turn_to(target, np.asarray(tip.rotation))]
+    )
+    off_plane = np.setdiff1d(range(6), robot.base.rows)
+    missed[off_plane] = 0.0
+    return missed.reshape(2, 3)
+
+
+def _turn_to(target: Target, rotation: Array) -> Array:
+    """Return the least turn to the target's orientation [rad], inertial axes; zero where free."""
     to_inertial = pin.Quaternion(target.quaternion_xyzw).toRotationMatrix()
-    return np.array([target.position - tip.translation, pin.log3(to_inertial @ tip.rotation.T)])
+    if target.orientation is Orientation.FREE:
+        return np.zeros(3)
+    if target.free_axis_in_ee is None:
+        return np.asarray(pin.log3(to_inertial @ rotation.T), np.float64)
+    here, there = rotation @ target.free_axis_in_ee, to_inertial @ target.free_axis_in_ee
+    normal = np.cross(here, there)
+    sine = float(np.linalg.norm(normal))
+    if sine == 0.0:  # the same axis, or the opposite one: about any axis across it
+        across = np.eye(3)[int(np.abs(here).argmin())]
+        normal = np.cross(here, across)
+    angle = math.atan2(sine, float(here @ there))
+    return np.asarray(angle * normal / np.linalg.norm(normal), np.float64)
 
 
 def beside(target: Target, way: Array, turn: Array) -> Target:

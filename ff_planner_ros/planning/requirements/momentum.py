@@ -44,7 +44,7 @@ class Momentum(Requirement):
             max(_chaser_momentum(robot, *at) for at in zip(*samples.q_and_v, strict=True)),
             mass * way / problem.duration,
         )
-        off = np.linalg.norm(momentum - wanted, axis=1).max()
+        off = np.linalg.norm((momentum - wanted)[:, robot.base.rows], axis=1).max()
         return {
             "momentum_error": float(off / scale),
             "torque_error": float(np.abs(trajectory.joint_torques - samples.torques).max()),

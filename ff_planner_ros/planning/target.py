@@ -1,0 +1,206 @@
+"""What the end effector shall do at the end of a plan, and how much of it counts."""
+
+from __future__ import annotations
+
+import enum
+import math
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from ff_planner_ros.arrays import Array, finite_vector, frozen, unit_quaternion
+from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.robot.configuration import configuration
+from ff_planner_ros.robot.model import Base, Robot
+from ff_planner_ros.robot.plane import MAX_HEIGHT_ERROR, MAX_TILT, flattened, in_plane
+from ff_planner_ros.robot.state import SystemState
+
+# A shorter axis is a rounded zero.
+SHORTEST_FREE_AXIS = 1e-6
+UNIT_TOLERANCE = 1e-12
+# What rounding leaves of a turn that was meant to be across the free axis [rad/s, rad/s2].
+FREE_TURN_TOLERANCE = 1e-6
+
+
+def _zeros() -> Array:
+    return np.zeros(3)
+
+
+class Orientation(enum.StrEnum):
+    """What a target says about the end effector's orientation."""
+
+    FIXED = "fixed"
+    FREE = "free"
+    ABOUT_AXIS = "about_axis"  # free to turn about one axis of the end effector
+
+
+@dataclass(frozen=True, eq=False)
+class Target:
+    """What the end effector shall do at the end of the plan, in the inertial frame.
+
+    Raises:
+        InvalidInput: Wrong size, not finite, a quaternion not of unit length, a free axis that
+            is missing, of no length or not asked for, or a turn wanted in a direction that is free.
+    """
+
+    position: Array  # shape (3,) [m]
+    # Shape (4,), end effector to inertial, unit length; of no meaning where orientation is FREE
+    quaternion_xyzw: Array
+    linear_velocity: Array = field(default_factory=_zeros)  # shape (3,) [m/s]
+    angular_velocity: Array = field(default_factory=_zeros)  # shape (3,) [rad/s]
+    linear_acceleration: Array = field(default_factory=_zeros)  # shape (3,) [m/s2]
+    angular_acceleration: Array = field(default_factory=_zeros)  # shape (3,) [rad/s2]
+    orientation: Orientation = Orientation.FIXED
+    # That the end effector is free to turn about, unit length; None unless it is ABOUT_AXIS
+    free_axis_in_ee: Array | None = None
+
+    def __post_init__(self) -> None:
+        """Check every value and replace it by a read-only copy."""
+        for name in self.__dataclass_fields__:
+            if name in ("orientation", "free_axis_in_ee"):
+                continue
+            if name == "quaternion_xyzw":
+                checked = unit_quaternion("target.quaternion_xyzw", self.quaternion_xyzw)
+            else:
+                checked = finite_vector(f"target.{name}", getattr(self, name), 3)
+            object.__setattr__(self, name, checked)
+        self._check_free_axis()
+        if self.orientation is Orientation.FREE:
+            object.__setattr__(self, "quaternion_xyzw", frozen([0.0, 0.0, 0.0, 1.0]))
+        for name in ("angular_velocity", "angular_acceleration"):
+            self._refuse_free_turn(name)
+
+    def _check_free_axis(self) -> None:
+        name, axis = "target.free_axis", self.free_axis_in_ee
+        if self.orientation is not Orientation.ABOUT_AXIS:
+            if axis is not None:
+                allowed = "it may be given where orientation is about_axis"
+                raise InvalidInput(Status.OUT_OF_RANGE, name, axis, allowed)
+            return
+        if axis is None:
+            allowed = "orientation about_axis needs the axis, in the end effector's frame"
+            raise InvalidInput(Status.OUT_OF_RANGE, name, "missing", allowed)
+        axis = finite_vector(name, axis, 3)
+        largest = float(np.abs(axis).max())
+        # First by its largest entry: the square of a length may be zero or infinite.
+        if not largest >= SHORTEST_FREE_AXIS:
+            allowed = f"it must be longer than {SHORTEST_FREE_AXIS:g}: it has no direction"
+            raise InvalidInput(Status.OUT_OF_RANGE, name, axis.tolist(), allowed)
+        length = float(np.linalg.norm(axis / largest))
+        # One of unit length stays as it is, to the last bit, however often it is checked.
+        if abs(length * largest - 1.0) > UNIT_TOLERANCE:
+            axis = frozen(axis / largest / length)
+        object.__setattr__(self, "free_axis_in_ee", axis)
+
+    def _refuse_free_turn(self, name: str) -> None:
+        wanted, where = getattr(self, name), "is free"
+        axis = self.free_axis_in_ee
+        if self.orientation is Orientation.FIXED:
+            return
+        if axis is not None:
+            to_inertial = pin.Quaternion(self.quaternion_xyzw).toRotationMatrix()
+            wanted, where = wanted @ to_inertial @ axis, "about free_axis is free"
+        if float(np.linalg.norm(wanted)) > FREE_TURN_TOLERANCE:
+            raise InvalidInput(
+                Status.OUT_OF_RANGE,
+                f"target.{name}",
+                getattr(self, name).tolist(),
+                f"with orientation {self.orientation} the turn {where}: none can be wanted there",
+            )
+
+
+def target_on_the_table(robot: Robot, start: SystemState, target: Target) -> Target:
+    """Return a target on a planar base without what the end effector cannot do there.
+
+    Raises:
+        InvalidInput: It is further off the plane in which the end effector moves than a measurement
+            is off by.
+    """
+    data = robot.model.createData()
+    pin.forwardKinematics(robot.model, data, *configuration(robot, start))
+    tip = pin.updateFramePlacement(robot.model, data, robot.tip_frame_id)
+    height = float(target.position[2] - tip.translation[2])
+    if abs(height) > MAX_HEIGHT_ERROR:
+        raise InvalidInput(
+            Status.OUT_OF_RANGE,
+            "target.position",
+            target.position.tolist(),
+            f"with robot.base planar the end effector stays at z = {tip.translation[2]:.6g} m; "
+            f"{MAX_HEIGHT_ERROR:g} m beside it are let pass as an error of measurement",
+        )
+    if target.free_axis_in_ee is not None:
+        target = _without_free_axis(tip.rotation @ target.free_axis_in_ee, target)
+    if target.orientation is Orientation.FIXED:
+        wanted = pin.Quaternion(target.quaternion_xyzw) * pin.Quaternion(tip.rotation.T)
+        heading, tilt = flattened(wanted.coeffs())
+        upside_down = abs(heading[3]) + abs(heading[2]) == 0.0
+        if tilt > MAX_TILT or upside_down:
+            raise InvalidInput(
+                Status.OUT_OF_RANGE,
+                "target.quaternion_xyzw",
+                target.quaternion_xyzw.tolist(),
+                "with robot.base planar the end effector turns about z only: its start attitude, "
+                f"{np.round(pin.Quaternion(tip.rotation).coeffs(), 6).tolist()}, turned about z",
+            )
+        if tilt > 0.0:
+            turned = pin.Quaternion(heading) * pin.Quaternion(tip.rotation)
+            target = replace(target, quaternion_xyzw=turned.normalized().coeffs())
+    place = np.append(target.position[:2], tip.translation[2])
+    vectors: dict[str, Any] = {
+        f"{kind}_{quantity}": in_plane(
+            f"target.{kind}_{quantity}", getattr(target, f"{kind}_{quantity}"), rows, unit
+        )
+        for kind, rows, units in (("linear", [2], "m"), ("angular", [0, 1], "rad"))
+        for quantity, unit in (("velocity", f"{units}/s"), ("acceleration", f"{units}/s2"))
+    }
+    return replace(target, position=place, **vectors)
+
+
+def _without_free_axis(axis: Array, target: Target) -> Target:
+    """Return a target on a planar base whose heading is free, for the free axis is the normal.
+
+    Raises:
+        InvalidInput: It is another.
+    """
+    if math.hypot(axis[0], axis[1]) > MAX_TILT:
+        raise InvalidInput(
+            Status.OUT_OF_RANGE,
+            "target.free_axis",
+            target.free_axis_in_ee,
+            "with robot.base planar the end effector turns about the normal of the table only; "
+            "orientation must be fixed or free",
+        )
+    return replace(target, orientation=Orientation.FREE, free_axis_in_ee=None)
+
+
+def require_enough_joints(robot: Robot, target: Target) -> None:
+    """Refuse a goal with more conditions than the arm has joints.
+
+    Raises:
+        InvalidInput: It has; the text names them.
+    """
+    planar = robot.base is Base.PLANAR
+    conditions = {"position": 2 if planar else 3}
+    if target.orientation is Orientation.FIXED:
+        conditions["heading" if planar else "orientation"] = 1 if planar else 3
+    elif target.orientation is Orientation.ABOUT_AXIS:
+        conditions["direction of free_axis"] = 2
+    count = sum(conditions.values())
+    if count <= robot.joints:
+        return
+    words = " and ".join(f"{name} ({number})" for name, number in conditions.items())
+    if conditions["position"] > robot.joints:
+        field, value = "target.position", "given"
+        advice = f"no goal has fewer than {conditions['position']}"
+    else:
+        field, value = "target.orientation", str(target.orientation)
+        advice = "orientation free has fewer"
+    raise InvalidInput(
+        Status.UNSUPPORTED,
+        field,
+        value,
+        f"{words} are {count} conditions, the arm has {robot.joints} "
+        f"joint{'s' if robot.joints != 1 else ''}; {advice}",
+    )

@@ -1,0 +1,82 @@
+"""What a planar base means for a state: the table carries height, roll and pitch.
+
+The table's normal is z of the inertial frame, of the base link and of the root link.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from ff_planner_ros.arrays import Array
+from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.robot.state import SystemState
+
+# What cameras that track a flat table are off by; it is left out. What is more is refused [rad],
+# [m], [m/s], [rad/s].
+MAX_TILT, MAX_HEIGHT_ERROR, MAX_SPEED_OFF_PLANE = 0.02, 0.01, 0.01
+
+
+def on_the_table(state: SystemState) -> SystemState:
+    """Return a state without what a planar base cannot have.
+
+    Raises:
+        InvalidInput: It has more than a measurement is off by.
+    """
+    flat, tilt = flattened(state.quaternion_chaser_to_inertial_xyzw)
+    if tilt > MAX_TILT:
+        raise InvalidInput(
+            Status.OUT_OF_RANGE,
+            "chaser.quaternion_xyzw",
+            state.quaternion_chaser_to_inertial_xyzw.tolist(),
+            f"with robot.base planar the chaser's z axis is that of the inertial frame; it is "
+            f"{math.degrees(tilt):.3g} degrees off, and {math.degrees(MAX_TILT):.2g} are let pass "
+            "as an error of measurement",
+        )
+    velocity = in_plane(
+        "chaser.linear_velocity", state.linear_velocity_chaser_in_inertial, [2], "m/s"
+    )
+    omega = in_plane(
+        "chaser.angular_velocity", state.angular_velocity_chaser_in_inertial, [0, 1], "rad/s"
+    )
+    return replace(
+        state,
+        quaternion_chaser_to_inertial_xyzw=flat,
+        linear_velocity_chaser_in_inertial=velocity,
+        angular_velocity_chaser_in_inertial=omega,
+    )
+
+
+def in_plane(field: str, vector: Array, off_plane: list[int], unit: str) -> Array:
+    """Return a velocity of a body on the table without what leaves the plane.
+
+    Args:
+        off_plane: Entries that must be zero.
+
+    Raises:
+        InvalidInput: They are greater than an error of measurement.
+    """
+    off = float(np.linalg.norm(vector[off_plane]))
+    if off > MAX_SPEED_OFF_PLANE:
+        what = "along z" if off_plane == [2] else "about x and y"
+        raise InvalidInput(
+            Status.OUT_OF_RANGE,
+            field,
+            vector.tolist(),
+            f"with robot.base planar it leaves the plane: {what} it must be zero, and "
+            f"{MAX_SPEED_OFF_PLANE:g} {unit} are let pass as an error of measurement",
+        )
+    kept = vector.copy()
+    kept[off_plane] = 0.0
+    return kept
+
+
+def flattened(quaternion_xyzw: Array) -> tuple[Array, float]:
+    """Return the nearest attitude with z up or down, and how far it is away [rad]."""
+    upright = math.hypot(*quaternion_xyzw[2:]) >= math.hypot(*quaternion_xyzw[:2])
+    flat = np.where([not upright, not upright, upright, upright], quaternion_xyzw, 0.0)
+    kept = float(np.linalg.norm(flat))
+    tilt = 2.0 * math.atan2(float(np.linalg.norm(quaternion_xyzw - flat)), kept)
+    return (quaternion_xyzw, 0.0) if tilt == 0.0 else (flat / kept, tilt)

@@ -1,0 +1,193 @@
+"""The bodies of a URDF: links that are fixed to each other weigh and turn as one."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from typing import NamedTuple, TypeAlias
+from xml.etree.ElementTree import Element, SubElement
+
+import numpy as np
+import pinocchio as pin
+
+from ff_planner_ros.arrays import Array
+from ff_planner_ros.robot.urdf_faults import Faults
+from ff_planner_ros.robot.urdf_tree import Tree, link_of
+
+# Inertias are written with few digits: for a thin rod, where the triangle inequality holds
+# with equality, rounding must not count as a fault.
+TRIANGLE_TOLERANCE = 1e-6
+
+# The smallest part of a robot is heavier [kg], and harder to turn [kg m2]: this is no inertia.
+SMALLEST = 1e-12
+
+
+# Part of a link, its value, what is allowed.
+Fault: TypeAlias = tuple[str, object, str]
+
+_ENTRIES = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
+_ROWS_AND_COLUMNS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
+
+
+class Weight(NamedTuple):
+    """Mass and inertia of links, in the frame of one of them."""
+
+    mass: float  # [kg]
+    center: Array  # of mass; shape (3,) [m]
+    inertia: Array  # about the centre of mass; shape (3, 3) [kg m2]
+
+
+def placement(element: Element | None) -> pin.SE3:
+    """Return what an `<origin>` with sound numbers says."""
+    xyz, rpy = (
+        np.array((element.get(key) or "0 0 0").split() if element is not None else 3 * [0], float)
+        for key in ("xyz", "rpy")
+    )
+    return pin.SE3(pin.rpy.rpyToMatrix(rpy), xyz)
+
+
+def check_bodies(
+    tree: Tree, placements: dict[str, pin.SE3 | None], base_link: str, faults: Faults
+) -> list[str]:
+    """Check what every body weighs, and write it in a way that every reader of URDFs takes.
+
+    What counts is the body: a link that is fixed to another may be a point, with a mass and nothing
+    to turn, or be careless about a small inertia. Where a body has such links, its first link gets
+    the mass and inertia of all. Returns notes on what was careless.
+
+    Args:
+        placements: Of each link in the frame of the one that carries it; None: faulty.
+    """
+    in_links = {name: _weight_of_link(name, link, faults) for name, link in tree.links.items()}
+    notes = []
+    for body, places in _bodies(tree, placements).items():
+        weights = {link: _placed(in_links[link], place) for link, place in places.items()}
+        # What is faulty, or hangs on nothing, has been told of.
+        members = {link: weight for link, weight in weights.items() if weight is not None}
+        if len(members) < len(weights) or (len(tree.roots) > 1 and body in tree.roots):
+            continue
+        total = _sum(members.values())
+        fault = _no_body(total)
+        careless = {link: _no_link(weight) for link, weight in members.items()}
+        for link, wrong in careless.items():
+            if wrong and (fault or link == body):
+                faults.add("link", link, *wrong)
+            elif wrong:
+                part, value, _ = wrong
+                notes.append(
+                    f"link {link!r} {part} is {value}, which no body has: it counts as written, "
+                    "as part of what it is fixed to"
+                )
+        if fault and not any(careless.values()):
+            faults.add("link", base_link if base_link in members else body, *fault)
+        if not fault and any(_weighs(weight) and _no_body(weight) for weight in members.values()):
+            for link in members:
+                _write_inertia(tree.links[link], total if link == body else None)
+    return notes
+
+
+def _bodies(
+    tree: Tree, placements: dict[str, pin.SE3 | None]
+) -> dict[str, dict[str, pin.SE3 | None]]:
+    """Return, by its first link, the links of each body, and where they are in its frame."""
+    first_link: dict[str, str] = {}
+    bodies: dict[str, dict[str, pin.SE3 | None]] = {}
+    for link in tree.order:
+        joint = tree.above.get(link)
+        if joint is None or joint.get("type") != "fixed":
+            first_link[link] = link
+            bodies[link] = {link: pin.SE3.Identity()}
+            continue
+        parent = link_of(joint, "parent")
+        body = first_link[link] = first_link[parent]
+        carrier, placed = bodies[body][parent], placements[link]
+        bodies[body][link] = carrier * placed if carrier and placed else None
+    return bodies
+
+
+def _weight_of_link(name: str, link: Element, faults: Faults) -> Weight | None:
+    """Return what a link weighs, in its own frame; None: that is faulty."""
+    inertial = link.find("inertial")
+    if inertial is None:
+        return Weight(0.0, np.zeros(3), np.zeros((3, 3)))
+    told = len(faults)
+    origin, inertia = inertial.find("origin"), inertial.find("inertia")
+    faults.vectors("link", name, "inertial origin", origin)
+    mass = faults.number("link", name, "mass", inertial.find("mass"), "value")
+    entries = 6 * [0.0]
+    if inertia is not None:
+        entries = [faults.number("link", name, f"inertia {key}", inertia, key) for key in _ENTRIES]
+    if mass < 0.0:
+        faults.add("link", name, "mass", mass, "it must not be negative")
+    if len(faults) > told:
+        return None
+    if mass == 0.0 and not any(entries):
+        link.remove(inertial)
+    matrix = np.empty((3, 3))
+    for entry, (row, column) in zip(entries, _ROWS_AND_COLUMNS, strict=True):
+        matrix[row, column] = matrix[column, row] = entry
+    return _placed(Weight(mass, np.zeros(3), matrix), placement(origin))
+
+
+def _placed(weight: Weight | None, place: pin.SE3 | None) -> Weight | None:
+    """Return a weight as seen in the frame in which its own frame is placed."""
+    if weight is None or place is None:
+        return None
+    turn = place.rotation
+    return Weight(weight.mass, place.act(weight.center), turn @ weight.inertia @ turn.T)
+
+
+def _sum(weights: Collection[Weight]) -> Weight:
+    """Return what links that are fixed to each other weigh: Steiner's theorem."""
+    mass = sum(weight.mass for weight in weights)
+    center = sum((weight.mass * weight.center for weight in weights), np.zeros(3))
+    if mass > 0.0:
+        center = center / mass
+    inertia = np.zeros((3, 3))
+    for weight in weights:
+        arm = weight.center - center
+        inertia += weight.inertia + weight.mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
+    return Weight(mass, center, inertia)
+
+
+def _weighs(weight: Weight) -> bool:
+    return bool(weight.mass > 0.0 or weight.inertia.any())
+
+
+def _no_link(weight: Weight) -> Fault | None:
+    """Say why a link can have no such inertia; it may be a frame or a point."""
+    if weight.mass == 0.0 and weight.inertia.any():
+        return "mass", weight.mass, "it must be positive: the link has an inertia"
+    return _impossible(weight, least=-TRIANGLE_TOLERANCE * np.abs(weight.inertia).max())
+
+
+def _no_body(weight: Weight) -> Fault | None:
+    """Say why a body that moves can have no such inertia."""
+    if weight.mass < SMALLEST:
+        allowed = "a link that moves must have mass, its own or of links fixed to it"
+        return "mass", weight.mass, allowed
+    return _impossible(weight, least=SMALLEST)
+
+
+def _impossible(weight: Weight, least: float) -> Fault | None:
+    smallest, middle, largest = np.linalg.eigvalsh(weight.inertia)
+    value = f"of principal moments {smallest:.6g}, {middle:.6g}, {largest:.6g}"
+    if smallest < least:
+        return "inertia", value, f"all three must be positive, at least {SMALLEST:g}"
+    if largest > (smallest + middle) * (1.0 + TRIANGLE_TOLERANCE):
+        return "inertia", value, "the largest must not exceed the sum of the others"
+    return None
+
+
+def _write_inertia(link: Element, weight: Weight | None) -> None:
+    """Write what a link weighs in the link's frame; None: the link weighs nothing."""
+    before = link.find("inertial")
+    if before is not None:
+        link.remove(before)
+    if weight is None:
+        return
+    written = SubElement(link, "inertial")
+    SubElement(written, "origin", xyz=" ".join(repr(float(x)) for x in weight.center))
+    SubElement(written, "mass", value=repr(float(weight.mass)))
+    entries = (weight.inertia[place] for place in _ROWS_AND_COLUMNS)
+    values = {key: repr(float(entry)) for key, entry in zip(_ENTRIES, entries, strict=True)}
+    SubElement(written, "inertia", values)

@@ -1,0 +1,151 @@
+"""The faults of a URDF, collected, so that a user learns of all of them in one run."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from typing import NamedTuple
+from xml.etree.ElementTree import Element
+
+from ff_planner_ros.errors import InvalidInput, Status
+
+# Nothing in space is heavier [kg], longer [m] or stronger [N m], and squares stay finite.
+LARGEST = 1e12
+
+_LONGEST_TEXT = 850  # characters of all faults together: a message has at most 1,000
+_LONGEST_LIST = 400  # characters of a list of names
+_LONGEST_WORD = 40  # characters of one name or value
+_LONGEST_NUMBERS = 1000  # characters that three numbers may take
+
+
+class Fault(NamedTuple):
+    """Something in a URDF that cannot be planned with."""
+
+    kind: str  # of element, or parameter at fault: `joint`, `robot.tip_link`
+    name: str  # of the element; empty: it has none
+    part: str  # of the element: `limit velocity`; empty: the element itself
+    value: str
+    allowed: str
+
+    @property
+    def field(self) -> str:
+        """What is at fault."""
+        name = repr(shortened(self.name)) if self.name else ""
+        return " ".join(word for word in (self.kind, name, self.part) if word)
+
+
+class Faults:
+    """The faults found so far."""
+
+    def __init__(self) -> None:
+        """Begin with none."""
+        self._found: list[Fault] = []
+
+    def add(self, kind: str, name: str, part: str, value: object, allowed: str) -> None:
+        """Note a fault; the arguments are those of `Fault`."""
+        self._found.append(Fault(kind, name, part, str(value), allowed))
+
+    def __len__(self) -> int:
+        """How many."""
+        return len(self._found)
+
+    def refuse_if_any(self) -> None:
+        """Raise one error for all.
+
+        Raises:
+            InvalidInput: There are faults.
+        """
+        if len(self._found) == 1:
+            (only,) = self._found
+            raise InvalidInput(Status.BAD_ROBOT, only.field, only.value, only.allowed)
+        if self._found:
+            count = f"at fault in {len(self._found)} places"
+            raise InvalidInput(Status.BAD_ROBOT, "robot.urdf", count, _told(self._found))
+
+    def number(self, kind: str, name: str, part: str, element: Element | None, key: str) -> float:
+        """Return a number, NaN if it is a fault, and write it back: nobody reads it otherwise."""
+        text = None if element is None else element.get(key)
+        if element is None or text is None:
+            self.add(kind, name, part, "missing", "it must be a number")
+            return math.nan
+        numbers = _finite_numbers(text)
+        if len(numbers) != 1:
+            self.add(kind, name, part, repr(shortened(text)), "it must be a finite number")
+            return math.nan
+        if abs(numbers[0]) > LARGEST:
+            self.add(kind, name, part, numbers[0], f"its size must be at most {LARGEST:g}")
+            return math.nan
+        element.set(key, repr(numbers[0]))
+        return numbers[0]
+
+    def vectors(self, kind: str, name: str, part: str, element: Element | None) -> bool:
+        """Write the `xyz` and `rpy` of an element back as read; tell whether they are sound."""
+        told = len(self)
+        if element is None:
+            return True
+        for key, text in element.items():
+            numbers = _finite_numbers(text)
+            if key == "quat_xyzw":
+                self.add(kind, name, part, "a quaternion", "write it as rpy")
+            elif len(numbers) != 3:
+                value = repr(shortened(text))
+                self.add(kind, name, f"{part} {key}", value, "it must be three finite numbers")
+            elif max(map(abs, numbers)) > LARGEST:
+                allowed = f"their size must be at most {LARGEST:g}"
+                self.add(kind, name, f"{part} {key}", shortened(text), allowed)
+            else:
+                element.set(key, " ".join(map(repr, numbers)))
+        return len(self) == told
+
+
+def listed(names: Iterable[str], longest: int = _LONGEST_LIST) -> str:
+    """Return names with commas, the first ones of many."""
+    words = [shortened(name) for name in names]
+    text = ", ".join(words)
+    while len(text) > longest:
+        words.pop()
+        text = ", ".join(words)
+        if len(text) <= longest:
+            return f"{text} and more"
+    return text
+
+
+def shortened(text: str) -> str:
+    """Return a name or value that a line of a message can hold."""
+    printable = "".join(one if one.isprintable() else "?" for one in text[: _LONGEST_WORD + 1])
+    return printable if len(text) <= _LONGEST_WORD else f"{printable[:_LONGEST_WORD]}..."
+
+
+def _finite_numbers(text: str) -> list[float]:
+    """Return the numbers of a text; none where a word of it is no finite number."""
+    if len(text) > _LONGEST_NUMBERS:
+        return []
+    try:
+        numbers = [float(word) for word in text.split()]
+    except ValueError:
+        return []
+    return numbers if all(map(math.isfinite, numbers)) else []
+
+
+def _told(faults: list[Fault]) -> str:
+    """Return all faults as one text: those of one kind together, and as many names as fit."""
+    alike: dict[tuple[str, str, str], list[Fault]] = {}
+    for fault in faults:
+        alike.setdefault((fault.kind, fault.part, fault.allowed), []).append(fault)
+    text = ""
+    for names_at_most in (len(faults), 20, 10, 5, 2, 1):
+        text = "; ".join(_of_one_kind(group, names_at_most) for group in alike.values())
+        if len(text) <= _LONGEST_TEXT:
+            return text
+    return f"{text[:_LONGEST_TEXT]}..."
+
+
+def _of_one_kind(faults: list[Fault], names_at_most: int) -> str:
+    first, *others = faults
+    text = f"{first.field} is {shortened(first.value)}: {first.allowed}"
+    if others:
+        names = ", ".join(repr(shortened(fault.name)) for fault in others[: names_at_most - 1])
+        left_out = len(others) - len(others[: names_at_most - 1])
+        more = f"{left_out} more" if left_out else ""
+        text += f" (likewise {' and '.join(part for part in (names, more) if part)})"
+    return text

@@ -1,0 +1,133 @@
+"""The links of a URDF as a tree: which joints are the arm's, and which links move as one body."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from xml.etree.ElementTree import Element
+
+from ff_planner_ros.robot.urdf_faults import Faults, listed, shortened
+from ff_planner_ros.robot.urdf_xml import MAX_LINKS
+
+_LONGEST_NAME = 200  # characters: names travel in every state and every plan
+
+
+@dataclass(frozen=True)
+class Tree:
+    """Links and joints by name; what a fault makes meaningless is left out."""
+
+    links: dict[str, Element]
+    joints: dict[str, Element]
+    above: dict[str, Element]  # the joint above each link
+    order: tuple[str, ...]  # links, each after the one that carries it; none that is in a loop
+
+    @property
+    def roots(self) -> list[str]:
+        """Links that hang on no other."""
+        return [link for link in self.links if link not in self.above]
+
+    @property
+    def leaves(self) -> list[str]:
+        """Links that carry no other."""
+        carriers = {link_of(joint, "parent") for joint in self.above.values()}
+        return [link for link in self.links if link not in carriers]
+
+    def chain(self, base_link: str, tip_link: str) -> list[Element] | None:
+        """Return the joints from base to tip; None where the tip does not hang on the base."""
+        chain: list[Element] = []
+        for joint in self.upwards(tip_link):
+            chain.insert(0, joint)
+            if link_of(joint, "parent") == base_link:
+                return chain
+        return None
+
+    def upwards(self, link: str) -> Iterator[Element]:
+        """Yield the joints from the one above a link to the one below the root."""
+        for _ in range(len(self.links)):  # more steps than that are a loop
+            if link not in self.above:
+                return
+            yield self.above[link]
+            link = link_of(self.above[link], "parent")
+
+
+def tree_of(robot: Element, faults: Faults) -> Tree:
+    """Return the tree of a `<robot>`; what is no tree is a fault."""
+    links, joints = (_by_name(robot, tag, faults) for tag in ("link", "joint"))
+    if not links:
+        allowed = "it must have links; a xacro file has to be expanded first"
+        faults.add("robot.urdf", "", "", "without links", allowed)
+    above: dict[str, Element] = {}
+    for name, joint in joints.items():
+        _hang_up(name, joint, links, above, faults)
+    order = _from_the_root(links, above)
+    # A link below a faulty joint hangs on something: of that the joint's fault tells.
+    children = {link_of(joint, "child") for joint in robot.findall("joint")}
+    roots = [link for link in links if link not in children]
+    if len(roots) > 1:
+        faults.add("root link", "", "", listed(roots), "there must be exactly one")
+    looped = links.keys() - set(order)
+    for link in links:
+        if link in looped:
+            allowed = "the links must form a tree"
+            faults.add("link", link, "", "in a loop of joints, or hangs on one", allowed)
+    return Tree(links, joints, above, order)
+
+
+def link_of(joint: Element, end: str) -> str:
+    """Return the link at one end of a joint, `parent` or `child`; empty: none is named."""
+    element = joint.find(end)
+    return "" if element is None else element.get("link", "")
+
+
+def one_of(links: dict[str, Element]) -> str:
+    """Say which links there are."""
+    return f"it must be one of the URDF's links: {listed(links)}"
+
+
+def _by_name(robot: Element, tag: str, faults: Faults) -> dict[str, Element]:
+    found: dict[str, Element] = {}
+    elements = robot.findall(tag)
+    if len(elements) > MAX_LINKS:
+        faults.add("number of", "", f"{tag}s", len(elements), f"it must be at most {MAX_LINKS}")
+        elements = elements[:MAX_LINKS]
+    for number, element in enumerate(elements, start=1):
+        name = element.get("name")
+        if not name:
+            faults.add(tag, "", f"number {number}", "nameless", "it must have a name")
+        elif len(name) > _LONGEST_NAME:
+            value = f"a name of {len(name)} characters"
+            faults.add(tag, name, "", value, f"it must have at most {_LONGEST_NAME}")
+        elif name in found:
+            faults.add(tag, name, "", "there twice", "names must be unique")
+        else:
+            found[name] = element
+    return found
+
+
+def _hang_up(
+    name: str, joint: Element, links: dict[str, Element], above: dict[str, Element], faults: Faults
+) -> None:
+    """Put a joint above its child."""
+    parent, child = (link_of(joint, end) for end in ("parent", "child"))
+    sound = True
+    for end, link in (("parent", parent), ("child", child)):
+        if link not in links:
+            faults.add("joint", name, end, link or "missing", one_of(links))
+            sound = False
+    if child in above:
+        carrier = shortened(above[child].get("name", ""))
+        allowed = f"joint {carrier!r} carries that link already"
+        faults.add("joint", name, "child", child, allowed)
+    elif sound:
+        above[child] = joint
+
+
+def _from_the_root(links: dict[str, Element], above: dict[str, Element]) -> tuple[str, ...]:
+    """Return links, each after the one that carries it."""
+    carried: dict[str, list[str]] = {link: [] for link in links}
+    for link, joint in above.items():
+        carried[link_of(joint, "parent")].append(link)
+    order = [link for link in links if link not in above]
+    for link in order:  # grows
+        order.extend(carried[link])
+    return tuple(order)

@@ -1,0 +1,103 @@
+"""The XML of a URDF: whatever the text is, only what weighs or moves is kept."""
+
+from __future__ import annotations
+
+from typing import Any, NoReturn
+from xml.etree.ElementTree import Element, SubElement
+from xml.parsers import expat
+
+from ff_planner_ros.errors import InvalidInput, Status
+
+# Twenty times the largest robots that ROS users share; a text of this size is read in a second.
+MAX_CHARACTERS = 4_000_000
+
+# A humanoid with both hands has two hundred. The time to build a model grows with the square.
+MAX_LINKS = 1000
+
+# What may stand in what, and the attributes of each that are read; all else is passed over: a
+# missing mesh shall not stop a plan.
+_PARTS: dict[str, Any] = {
+    "link": {"inertial": {"origin": {}, "mass": {}, "inertia": {}}},
+    "joint": {"origin": {}, "parent": {}, "child": {}, "axis": {}, "limit": {}, "mimic": {}},
+}
+_ATTRIBUTES = {
+    "link": ("name",),
+    "joint": ("name", "type"),
+    "inertial": (),
+    "origin": ("xyz", "rpy", "quat_xyzw"),
+    "mass": ("value",),
+    "inertia": ("ixx", "iyy", "izz", "ixy", "ixz", "iyz"),
+    "parent": ("link",),
+    "child": ("link",),
+    "axis": ("xyz",),
+    "limit": ("lower", "upper", "velocity", "effort"),
+    "mimic": ("joint",),
+}
+
+
+def read_elements(text: str) -> Element:
+    """Return the `<robot>` with its links and joints, without shapes and simulator tags.
+
+    Raises:
+        InvalidInput: No XML, another document, too large, or with declarations of its own.
+    """
+    if len(text) > MAX_CHARACTERS:
+        _refuse(f"{len(text)} characters long", f"it must be at most {MAX_CHARACTERS}")
+    reader = _Reader()
+    parser = expat.ParserCreate("utf-8")
+    parser.StartElementHandler = reader.start
+    parser.EndElementHandler = reader.end
+    parser.StartDoctypeDeclHandler = reader.document_type
+    try:
+        parser.Parse(text, True)
+    except (expat.ExpatError, UnicodeEncodeError) as error:
+        _refuse("not XML", str(error)[:200])
+    return reader.robot
+
+
+class _Reader:
+    """Builds elements; what is passed over may be nested as deep as it likes."""
+
+    def __init__(self) -> None:
+        self.robot = Element("robot")
+        self._open: list[Element] = []
+        self._parts: list[dict[str, Any]] = []
+        self._passed_over = 0  # elements open, the innermost ones
+
+    def start(self, tag: str, attributes: dict[str, str]) -> None:
+        if not self._open:
+            if tag != "robot":
+                _refuse(f"a <{tag[:50]}>", "its outermost tag must be <robot>")
+            self.robot.set("name", attributes.get("name") or "robot")
+            self._enter(self.robot, _PARTS)
+            return
+        parent, parts = self._open[-1], self._parts[-1].get(tag)
+        # Of two parts of one kind the first one counts, as for every reader of URDFs.
+        again = parent is not self.robot and parent.find(tag) is not None
+        if self._passed_over or parts is None or again:
+            self._passed_over += 1
+            return
+        if parent is self.robot and len(parent) == 2 * MAX_LINKS:
+            _refuse("too large", f"it must have at most {MAX_LINKS} links and as many joints")
+        kept = {key: attributes[key] for key in _ATTRIBUTES[tag] if key in attributes}
+        self._enter(SubElement(parent, tag, kept), parts)
+
+    def end(self, _tag: str) -> None:
+        if self._passed_over:
+            self._passed_over -= 1
+        else:
+            self._open.pop()
+            self._parts.pop()
+
+    def document_type(self, *declaration: Any) -> None:
+        # An entity, or an attribute's default, of a few bytes may stand for gigabytes.
+        if declaration[-1]:
+            _refuse("with declarations in its <!DOCTYPE>", "a URDF must have none")
+
+    def _enter(self, element: Element, parts: dict[str, Any]) -> None:
+        self._open.append(element)
+        self._parts.append(parts)
+
+
+def _refuse(value: str, allowed: str) -> NoReturn:
+    raise InvalidInput(Status.BAD_ROBOT, "robot.urdf", value, allowed)

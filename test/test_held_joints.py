@@ -1,0 +1,96 @@
+"""Joints that do not belong to the arm, that slide, or that turn without end."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from planar_model import TESTBED, planar_urdf
+from robots import LEMUR_URDF, random_urdf
+
+from ff_planner_ros.arrays import Array
+from ff_planner_ros.errors import InvalidInput
+from ff_planner_ros.robot.model import Base, Robot, robot_from_urdf_text
+from ff_planner_ros.robot.urdf import TURN_OF_CONTINUOUS, checked_urdf
+from ff_planner_ros.simulation.engine import Engine
+
+
+def two_arms() -> str:
+    """A bus with an arm on each side, both of the same three links."""
+    rng = np.random.default_rng(0)
+    arm = planar_urdf(TESTBED, rng)
+    other = arm.replace("body_", "other_").replace("joint_", "other_joint_").replace("tip", "hand")
+    bus = other.index("</link>") + len("</link>")
+    other = other[bus : other.index("</robot>")].replace("other_0", "body_0")
+    return arm.replace("</robot>", f"{other}</robot>")
+
+
+def whole_inertia(robot: Robot, joints: Array) -> Array:
+    """Return the system's inertia about the base's origin with the arm so."""
+    q = np.concatenate([pin.neutral(robot.model)[:7], joints])
+    data = robot.model.createData()
+    return np.array(pin.crba(robot.model, data, q))[:6, :6]
+
+
+def test_one_arm_is_planned_while_the_other_is_held() -> None:
+    held = {"other_joint_1": 0.4, "other_joint_2": -1.1, "other_joint_3": 0.7}
+    robot = robot_from_urdf_text(two_arms(), "body_0", "tip", Base.PLANAR, held)
+    assert robot.joint_names == ("joint_1", "joint_2", "joint_3")
+    (note,) = robot.notes
+    assert "other_joint_1 at 0.4 rad" in note
+    # The whole system as Pinocchio reads the URDF itself, with both arms.
+    both = pin.buildModelFromXML(two_arms(), pin.JointModelFreeFlyer())
+    q = pin.neutral(both)
+    angles = {"joint_1": 0.2, "joint_2": 0.3, "joint_3": -0.4}
+    for name, angle in (held | angles).items():
+        q[both.joints[both.getJointId(name)].idx_q] = angle
+    expected = np.array(pin.crba(both, both.createData(), q))[:6, :6]
+    found = whole_inertia(robot, np.array([*angles.values()]))
+    np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-12 * np.abs(expected).max())
+    assert Engine(robot).mass == pytest.approx(robot.model.inertias[1].mass + 2.913 + 2.646 + 1.699)
+
+
+def test_a_joint_that_slides_is_held_where_it_is_said_to_be() -> None:
+    rail = LEMUR_URDF.read_text().replace(
+        '<joint name="joint_1" type="revolute">', '<joint name="joint_1" type="prismatic">'
+    )
+    robot = robot_from_urdf_text(rail, "chaser", "end_effector", held_at={"joint_1": 0.25})
+    assert robot.joint_names == tuple(f"joint_{k}" for k in range(2, 8))
+    assert "joint_1 at 0.25 m" in robot.notes[0]
+    free = robot_from_urdf_text(LEMUR_URDF.read_text(), "chaser", "end_effector")
+    slid, at_zero = (r.model.jointPlacements[2] for r in (robot, free))
+    data = free.model.createData()
+    pin.forwardKinematics(free.model, data, pin.neutral(free.model))
+    np.testing.assert_allclose(
+        slid.translation - data.oMi[3].translation, [0.0, 0.0, 0.25], rtol=0.0, atol=1e-12
+    )
+    assert at_zero.translation[2] == 0.4
+
+
+def test_without_a_word_a_joint_is_held_at_zero() -> None:
+    robot = robot_from_urdf_text(two_arms(), "body_0", "tip", Base.PLANAR)
+    assert "other_joint_3 at 0 rad" in robot.notes[0]
+
+
+def test_a_joint_that_turns_without_end_is_planned() -> None:
+    text = LEMUR_URDF.read_text().replace(
+        '<joint name="joint_3" type="revolute">', '<joint name="joint_3" type="continuous">'
+    )
+    robot = robot_from_urdf_text(text, "chaser", "end_effector")
+    assert robot.joints == 7
+    assert robot.upper_position_limits[2] == -robot.lower_position_limits[2] == TURN_OF_CONTINUOUS
+    limits = 'lower="-3.141592653589793" upper="3.141592653589793" '
+    before, joint, after = text.partition('<joint name="joint_3"')
+    assert limits in after
+    without = before + joint + after.replace(limits, "", 1)
+    assert robot_from_urdf_text(without, "chaser", "end_effector").joints == 7
+
+
+def test_a_joint_to_be_held_that_is_not_there_is_refused() -> None:
+    with pytest.raises(InvalidInput, match=r"robot\.held_joints.*elbow.*joint_1, joint_2, joint_3"):
+        checked_urdf(random_urdf(3, 0), "bus", "tool", {"elbow": 0.0})
+
+
+def test_what_is_fixed_cannot_be_held_elsewhere() -> None:
+    with pytest.raises(InvalidInput, match=r"robot\.held_joints"):
+        checked_urdf(random_urdf(3, 0), "bus", "tool", {"tool_mount": 0.3})
