@@ -124,8 +124,10 @@ class TurnDerivatives(NamedTuple):
     turns: Array  # at the points; shape (points, 3, variables)
     half_way: Array  # shape (points - 1, 3, variables)
     rates: Array  # at the points; shape (points, 3, variables)
-    # At the points: derivative of the linear momentum by the joints. Shape (points, 3, joints)
+    # At the points, the derivatives of both momenta by the joints, all velocities being fixed: each
+    # has the shape (points, 3, joints)
     of_linear: Array
+    of_angular: Array
 
 
 def turn_derivatives(
@@ -184,6 +186,7 @@ def turn_derivatives(
         half_way=to_half_way[:, :, :3] @ turns[:-1] + to_half_way[:, :, 3:],
         rates=by_turn[::4] @ turns + of_x[::4],
         of_linear=of_linear[::4],
+        of_angular=of_angular[::4],
     )
 
 
