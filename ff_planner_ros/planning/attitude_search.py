@@ -76,11 +76,15 @@ class AttitudeSearch(Search):
         others = family.first_guesses(
             self._program.problem.obstacles, grid.level.points, grid.level.damping
         )
-        seen = list[float]()
+        seen, straight = list[float](), np.empty(0)
         for number in range(self._settings.attitude_rounds):
             guesses = list(islice(others, _GUESSES))
+            straight = guesses[0] if number == 0 else straight
             if number > 0:
-                near = [best.coefficients + _NEAR_THE_BEST * guess for guess in guesses[1::2]]
+                near = [
+                    best.coefficients + _NEAR_THE_BEST * (guess - straight)
+                    for guess in guesses[1::2]
+                ]
                 guesses[1::2] = near
             rough = [self._rough_path(objective, guess, _GUESS_ITERATIONS) for guess in guesses]
             if number == 0:

@@ -59,7 +59,7 @@ class JointSplines:
 
     name: ClassVar[str] = "joint_spline"
     reading: ClassVar[str] = ""
-    stride: ClassVar[float] = 0.2  # 0.1 rad is a bold first step
+    stride: ClassVar[float] = 0.4  # 0.2 rad is a bold first step
 
     @property
     def robot(self) -> Robot:
