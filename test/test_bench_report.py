@@ -40,6 +40,8 @@ def test_the_quick_benchmark_prints_its_tables_and_writes_its_figures(tmp_path, 
     figures = json.loads((tmp_path / "b.json").read_text())
     assert {row["of"] for row in figures["scaling"]} == {"spheres", "points", "joints"}
     assert {row["kind"] for row in figures["scenarios"]} == {"ordinary", "cluttered"}
+    solved = [row["kind"] for row in figures["families"] if row["status"] == "SOLVED"]
+    assert {"ordinary", "cluttered", "planar", "singular starts"} <= set(solved)
     assert {row["belief"] for row in figures["executions"]} == set(BELIEFS)
     assert all(
         row["shortest"] >= row["steadiest"] >= 0.9 * row["best_known"]

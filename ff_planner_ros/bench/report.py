@@ -21,6 +21,7 @@ import numpy as np
 
 from ff_planner_ros.bench.attitude import BEST_KNOWN, Steadiness, steadiness
 from ff_planner_ros.bench.beliefs import BELIEFS, BeliefResult, belief_results
+from ff_planner_ros.bench.families import HEADER, family_attempts, side_by_side
 from ff_planner_ros.bench.methods import OURS, method_results
 from ff_planner_ros.bench.robots import ROBOTS
 from ff_planner_ros.bench.scaling import Growth, with_joints, with_points, with_spheres
@@ -29,7 +30,7 @@ from ff_planner_ros.bench.starts import StartAttempt, joins, null_space_starts
 from ff_planner_ros.bench.success import Attempt, attempts
 from ff_planner_ros.errors import Status
 from ff_planner_ros.parameters import load_parameters
-from ff_planner_ros.planning.problem import PlanningProblem
+from ff_planner_ros.planning.problem import Parametrisation, PlanningProblem
 from ff_planner_ros.planning.scenario import load_scenario
 from ff_planner_ros.planning.settings import PlannerSettings
 from ff_planner_ros.share import share_directory
@@ -42,6 +43,8 @@ ONE_THREAD = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_
 _EXECUTED = 40
 # Scenarios that are planned from starts in motion.
 _STARTS = 20
+# Problems of each class that are planned in both path families.
+_FAMILIES = 40
 
 
 def run_on_one_core(quick: bool, scenarios: int | None, json_file: Path | None) -> int:
@@ -69,6 +72,7 @@ def main(quick: bool, scenarios: int, json_file: str) -> None:
     figures["scaling"] = print_scaling(problem, settings, quick=quick)
     figures["scenarios"] = print_success(scenarios, settings)
     figures["starts"] = print_starts(min(scenarios, _STARTS), settings)
+    figures["families"] = print_families(min(scenarios, _FAMILIES), settings)
     figures["steadiness"] = print_steadiness(2 if quick else len(BEST_KNOWN), settings)
     figures["executions"] = print_executions(1 if quick else min(scenarios, _EXECUTED), settings)
     if json_file:
@@ -189,6 +193,16 @@ def print_starts(count: int, settings: PlannerSettings) -> list[dict[str, Any]]:
     for each in tried:
         if each.status is not Status.SOLVED:
             print(f"missed: {each.kind}, {each.robot} {each.number}: {each.message}")
+    return _figures(tried)
+
+
+def print_families(count: int, settings: PlannerSettings) -> list[dict[str, Any]]:
+    """Plan the same problems in both path families, and return the figures."""
+    tried = list(family_attempts(count, settings))
+    print_table("Path families side by side", HEADER, list(side_by_side(tried)))
+    for each in tried:
+        if not each.solved and each.parametrisation is Parametrisation.JOINT_SPLINE:
+            print(f"missed: {each.kind} {each.number}, {each.objective}: {each.message}")
     return _figures(tried)
 
 
