@@ -35,6 +35,7 @@ from ff_planner_ros.robot.state import SystemState
 def request_message(problem: PlanningProblem, inertial_frame: str) -> PlanTrajectory.Request:
     """Write a problem as a request that starts from the latest published state and obstacles."""
     target, angle = problem.target, problem.limits.chaser_attitude
+    axis = target.free_axis_in_ee
     return PlanTrajectory.Request(
         target_pose=PoseStamped(
             header=Header(frame_id=inertial_frame),
@@ -46,6 +47,8 @@ def request_message(problem: PlanningProblem, inertial_frame: str) -> PlanTrajec
         weight_chaser_attitude=problem.objective.chaser_attitude,
         points=problem.points,
         limit_chaser_attitude=angle if math.isfinite(angle) else 0.0,
+        orientation=target.orientation.value,
+        free_axis=_vector(axis.tolist() if axis is not None else [0.0] * 3),
     )
 
 
