@@ -24,7 +24,10 @@ from ff_planner_ros.analysis.methods import (
     PAPERS_METHODS,
     POTENTIAL_FIELD,
     SHORTEST,
+    SHORTEST_SPLINE,
+    SPLINES,
     STEADIEST,
+    STEADIEST_SPLINE,
     STRAIGHT_LINE,
     WEIGHTED,
     ZERO_MOMENTUM,
@@ -38,7 +41,7 @@ from ff_planner_ros.baselines.straight_line import straight_line
 from ff_planner_ros.planning.plan import Plan
 from ff_planner_ros.planning.planner import plan
 from ff_planner_ros.planning.preconditions import require_plannable
-from ff_planner_ros.planning.problem import PlanningProblem
+from ff_planner_ros.planning.problem import Parametrisation, PlanningProblem
 from ff_planner_ros.planning.settings import PlannerSettings
 from ff_planner_ros.planning.system_frame import in_own_frame
 from ff_planner_ros.planning.task import Method as Solver
@@ -51,6 +54,7 @@ _WHY_RATIOS_DIFFER = (
     "may be other local ones. The values of its potential field are not printed: ours were chosen "
     "to come near its results, so that what involves APF proves nothing."
 )
+_PAPERS, _SPLINES = Parametrisation.END_EFFECTOR_POLYNOMIAL, Parametrisation.JOINT_SPLINE
 _WIDTH = 100  # of the text on the terminal
 
 
@@ -78,7 +82,11 @@ def compare(
     # Methods without an objective of their own are compared with min(L).
     shortest = replace(problem, objective=OBJECTIVES[SHORTEST])
     for method, solve in _solvers(field, shortest).items():
-        asked = replace(shortest, objective=OBJECTIVES.get(method, shortest.objective))
+        asked = replace(
+            shortest,
+            objective=OBJECTIVES.get(method, shortest.objective),
+            parametrisation=_SPLINES if method in SPLINES else _PAPERS,
+        )
         begun = time.perf_counter()
         made = attempted(PlanningTask(asked, settings), solve)
         answers[method] = Answer(*made, time.perf_counter() - begun)
@@ -99,7 +107,7 @@ def _solvers(field: PotentialFieldParameters, problem: PlanningProblem) -> dict[
     return {
         STRAIGHT_LINE: without_search(straight_line),
         POTENTIAL_FIELD: without_search(partial(artificial_potential_field, parameters=field)),
-        **dict.fromkeys((SHORTEST, STEADIEST, WEIGHTED), plan),
+        **dict.fromkeys((SHORTEST, SHORTEST_SPLINE, STEADIEST, STEADIEST_SPLINE, WEIGHTED), plan),
         FIXED_BASE: in_frame_of_user(fixed_base, problem),
         ZERO_MOMENTUM: in_frame_of_user(zero_momentum, problem),
     }

@@ -11,7 +11,7 @@ from dense_motion import joints_between
 from ff_planner_ros.errors import InvalidInput, NoPlanFound, OutOfTime, Status
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.planner import plan
-from ff_planner_ros.planning.problem import Limits, Objective, Sphere
+from ff_planner_ros.planning.problem import Limits, Objective, Parametrisation, Sphere
 from ff_planner_ros.planning.scenario import load_scenario
 from ff_planner_ros.planning.watch import Watch
 from ff_planner_ros.robot.state import SystemState
@@ -19,6 +19,7 @@ from ff_planner_ros.share import share_directory
 
 CONFIG = share_directory() / "config"
 LENGTH, ATTITUDE = Objective(1.0, 0.0), Objective(0.0, 1.0)
+PAPERS = Parametrisation.END_EFFECTOR_POLYNOMIAL
 
 
 @pytest.fixture(scope="module")
@@ -155,12 +156,13 @@ def test_a_start_outside_the_joint_limits_is_refused_by_joint(capture, settings)
     assert refusal.value.status is Status.START_OUTSIDE_LIMITS
 
 
-def test_a_stretched_arm_cannot_start(capture, settings):
+def test_a_stretched_arm_cannot_start_on_the_papers_path(capture, settings):
     """Elbow at 90 deg: upper arm and forearm in line, nothing moves the wrist along them."""
     joints = np.array([0.3, 0.0, 0.0, np.pi / 2, 0.5, 0.0, 0.1])
     start = replace(capture.start, joint_positions=joints)
+    papers = replace(capture, start=start, obstacles=(), parametrisation=PAPERS)
     with pytest.raises(InvalidInput, match="every direction") as refusal:
-        plan(replace(capture, start=start, obstacles=()), settings)
+        plan(papers, settings)
     assert refusal.value.status is Status.START_SINGULAR
 
 
@@ -282,7 +284,7 @@ def test_a_plan_is_a_first_guess_for_another_plan(capture, settings, shortest):
 
 def test_the_guess_of_a_caller_is_one_of_the_starts(capture, settings, shortest):
     """From a path far away the search finds nothing, and goes on with its own guesses."""
-    problem = replace(capture, objective=LENGTH)
+    problem = replace(capture, objective=LENGTH, parametrisation=PAPERS)
     alone = replace(settings, starts=1)
     far = np.full(shortest.coefficients.shape, 3.0)
     with pytest.raises(NoPlanFound):
@@ -345,15 +347,16 @@ def test_a_goal_behind_a_wall_is_refused_with_the_collision_and_the_attempt(capt
 
 def test_a_goal_beyond_the_edge_of_the_workspace_is_refused_as_singular(capture, settings):
     beyond = replace(capture.target, position=np.array([3.6, 0.4, 0.6]))
+    problem = replace(capture, target=beyond, obstacles=(), parametrisation=PAPERS)
     with pytest.raises(NoPlanFound, match=r"singularity at .*t = \d") as refusal:
-        plan(replace(capture, target=beyond, obstacles=()), replace(settings, starts=1))
+        plan(problem, replace(settings, starts=1))
     assert refusal.value.status is Status.SINGULAR
 
 
 def test_the_search_goes_on_when_the_check_refuses_what_it_found(capture, settings):
     """Near the workspace's edge the straight path leads the solver through a singularity."""
     edge = replace(capture.target, position=np.array([3.35, 0.4, 0.6]))
-    problem = replace(capture, target=edge, obstacles=())
+    problem = replace(capture, target=edge, obstacles=(), parametrisation=PAPERS)
     with pytest.raises(NoPlanFound, match=r"the only attempt, .*final_position_error"):
         plan(problem, replace(settings, starts=1))
     answer = plan(problem, settings)

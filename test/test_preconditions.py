@@ -16,7 +16,7 @@ from ff_planner_ros.planning.check import measure
 from ff_planner_ros.planning.plan import Plan
 from ff_planner_ros.planning.planner import plan
 from ff_planner_ros.planning.preconditions import require_plannable
-from ff_planner_ros.planning.problem import Limits, PlanningProblem
+from ff_planner_ros.planning.problem import Limits, Parametrisation, PlanningProblem
 from ff_planner_ros.planning.settings import PlannerSettings
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.momentum import smallest_singular_values
@@ -76,9 +76,11 @@ def test_a_start_as_near_to_a_singularity_as_allowed_but_for_rounding_is_not_ref
 ) -> None:
     q, _ = configuration(lemur_capture.robot, lemur_capture.start)
     smallest = float(smallest_singular_values(lemur_capture.robot, q[None])[0])
-    require_plannable(lemur_capture, with_threshold(smallest + ROUNDING))
+    papers = Parametrisation.END_EFFECTOR_POLYNOMIAL
+    problem = replace(lemur_capture, parametrisation=papers)
+    require_plannable(problem, with_threshold(smallest + ROUNDING))
     with pytest.raises(InvalidInput) as refused:
-        require_plannable(lemur_capture, with_threshold(smallest + MORE))
+        require_plannable(problem, with_threshold(smallest + MORE))
     assert refused.value.status is Status.START_SINGULAR
 
 

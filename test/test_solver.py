@@ -240,3 +240,51 @@ def test_a_tolerated_violation_lets_long_steps_along_a_curve_pass():
         assert mended.feasible
         angles[tolerated] = np.arctan2(mended.x[1], mended.x[0])
     assert abs(angles[0.3]) < 0.6 < 1.4 < angles[0.0]
+
+
+def on_circle(x):
+    """The distance to (2, 1), on the unit circle."""
+    equality = np.array([x @ x - 1.0]), 2.0 * x[None]
+    value = quadratic(x, np.array([2.0, 1.0]))
+    return Linearisation(*value, *NO_ROWS, *NO_ROWS, *equality)
+
+
+@pytest.mark.parametrize("start", [(0.1, -0.2), (3.0, 0.5), (-0.9, 0.1)])
+def test_an_equality_holds_and_the_rest_is_as_good_as_it_leaves_it(start):
+    """The nearest point of the circle is where the way to the target crosses it."""
+    solution = minimise(on_circle, np.array(start), 60, 1e-9, 1e-14, 0.1)
+    assert solution.feasible
+    assert solution.x == pytest.approx(np.array([2.0, 1.0]) / np.sqrt(5.0), abs=1e-6)
+
+
+def test_equalities_and_inequalities_hold_together():
+    """The line x + y = 1 and y >= 0.7, nearest to the origin: (0.3, 0.7)."""
+
+    def linearise(x):
+        above = np.array([x[1] - 0.7]), np.array([[0.0, 1.0]])
+        line = np.array([x.sum() - 1.0]), np.ones((1, 2))
+        return Linearisation(*quadratic(x, np.zeros(2)), *NO_ROWS, *above, *line)
+
+    solution = minimise(linearise, np.array([5.0, -3.0]), 60, 1e-8, 1e-12)
+    assert solution.feasible
+    assert solution.x == pytest.approx([0.3, 0.7], abs=1e-5)
+
+
+def test_equalities_that_cannot_hold_are_violated_evenly_and_said_to_be_stuck():
+    """X = 0 and x = 1."""
+
+    def linearise(x):
+        equalities = np.array([x[0], x[0] - 1.0]), np.array([[1.0, 0.0], [1.0, 0.0]])
+        return Linearisation(*quadratic(x, np.zeros(2)), *NO_ROWS, *NO_ROWS, *equalities)
+
+    solution = minimise(linearise, np.array([4.0, 1.0]), 60, 1e-6, 1e-9)
+    assert not solution.feasible
+    assert solution.x[0] == pytest.approx(0.5, abs=1e-3)
+    assert "stuck" in solution.stop_reason or "stalled" in solution.stop_reason
+
+
+def test_the_nearest_feasible_point_of_equalities_is_found():
+    start = np.array([0.65, 0.85])
+    solution = nearest_feasible(on_circle, start, on_circle(start), 12)
+    assert solution.feasible
+    assert solution.x == pytest.approx(start / np.linalg.norm(start), abs=1e-3)

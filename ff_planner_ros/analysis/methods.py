@@ -26,6 +26,8 @@ POTENTIAL_FIELD = Method("APF", "#e69f00", "dashdot")
 SHORTEST = Method("min(L)", "#0072b2", "solid")
 STEADIEST = Method("min(Theta)", "#d55e00", "dashed")
 WEIGHTED = Method("L + 50 Theta", "#009e73", "solid")
+SHORTEST_SPLINE = Method("min(L), joint splines", "#0072b2", "dashdot")
+STEADIEST_SPLINE = Method("min(Theta), joint splines", "#d55e00", "dashdot")
 FIXED_BASE = Method("fixed base", "#cc79a7", "dashdot")
 ZERO_MOMENTUM = Method("zero momentum", "#56b4e9", "dashed")
 
@@ -38,7 +40,11 @@ OBJECTIVES = {
     SHORTEST: Objective(joint_path_length=1.0, chaser_attitude=0.0),
     STEADIEST: Objective(joint_path_length=0.0, chaser_attitude=1.0),
     WEIGHTED: Objective(joint_path_length=1.0, chaser_attitude=50.0),
+    SHORTEST_SPLINE: Objective(joint_path_length=1.0, chaser_attitude=0.0),
+    STEADIEST_SPLINE: Objective(joint_path_length=0.0, chaser_attitude=1.0),
 }
+# Whose paths are joint splines; those of the planner's other plans are the paper's.
+SPLINES = (SHORTEST_SPLINE, STEADIEST_SPLINE)
 
 # Of one plan: the prediction, the measurement, and the difference.
 PLANNED = Method("planned", "#0072b2", "solid")

@@ -30,6 +30,7 @@ def plan_rows(plan: Plan, task: PlanningTask, solve_time: float) -> list[tuple[s
         ("status", Status.SOLVED.name.lower()),
         ("limits kept", _limits(task.problem.limits)),
         *((METRIC_BY_NAME[name].label, text) for name, text in told.items()),
+        *([("parametrisation", plan.family)] if plan.family else []),
         ("solver", solver.stop_reason),
         ("optimality", f"{solver.optimality:.1e}" if np.isfinite(solver.optimality) else "none"),
         ("search", f"{solver.starts} starts, {solver.rollouts} rollouts, {solve_time:.2f} s"),

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from ff_planner_ros.commands import bags, planning
+from ff_planner_ros.planning.problem import Parametrisation
 
 _A_BAG = "a directory or .mcap file"
 
@@ -179,6 +180,12 @@ def _how_to_plan() -> ArgumentParser:
         default=planning.OPTIMAL,
         help="optimal, or a baseline to compare with: the straight path or an artificial potential "
         "field (config/baselines.yaml)",
+    )
+    options.add_argument(
+        "--parametrisation",
+        choices=[one.value for one in Parametrisation],
+        help="instead of the scenario's: the paths that the plan is looked for among; auto takes "
+        "the paper's, and joint splines where these do not apply or hold no plan",
     )
     parameters_help = (
         "the node's parameters, all or some: they count where the scenario does not say"

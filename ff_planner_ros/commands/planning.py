@@ -22,7 +22,7 @@ from ff_planner_ros.errors import FfPlannerError, InvalidInput, Status
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.plan import Plan, Trajectory
 from ff_planner_ros.planning.planner import plan
-from ff_planner_ros.planning.problem import Objective
+from ff_planner_ros.planning.problem import Objective, Parametrisation
 from ff_planner_ros.planning.scenario import Defaults, load_scenario, load_task
 from ff_planner_ros.planning.task import Method, PlanningTask, perform, without_search
 from ff_planner_ros.planning.watch import Watch
@@ -112,6 +112,9 @@ def _task(scenario: Path, options: argparse.Namespace) -> tuple[PlanningTask, Wa
     if options.objective is not None:
         problem = replace(task.problem, objective=_weights(options.objective))
         task = replace(task, problem=problem)
+    if options.parametrisation is not None:
+        named = Parametrisation(options.parametrisation)
+        task = replace(task, problem=replace(task.problem, parametrisation=named))
     return task, Watch() if budget is None else TimeBudget(budget)
 
 

@@ -15,7 +15,7 @@ from ff_planner_ros.errors import Failure, NoPlanFound, OutOfTime, Status
 from ff_planner_ros.planning.metrics import Metrics
 from ff_planner_ros.planning.objectives import chaser_euler, joint_path_length
 from ff_planner_ros.planning.plan import Plan, Trajectory
-from ff_planner_ros.planning.problem import PlanningProblem
+from ff_planner_ros.planning.problem import Parametrisation, PlanningProblem
 from ff_planner_ros.planning.requirements import REQUIREMENTS
 from ff_planner_ros.planning.requirements.requirement import Samples
 from ff_planner_ros.planning.settings import PlannerSettings
@@ -39,7 +39,8 @@ def measure(problem: PlanningProblem, trajectory: Trajectory, settings: PlannerS
 
 def failures(problem: PlanningProblem, plan: Plan, settings: PlannerSettings) -> Iterator[Failure]:
     """Yield every requirement that a measured plan does not meet, the most harmful first."""
-    samples = Samples(problem, settings, plan.trajectory)
+    inverts_nothing = plan.family == Parametrisation.JOINT_SPLINE
+    samples = Samples(problem, settings, plan.trajectory, inverts_nothing)
     for required in REQUIREMENTS:
         yield from required.failures(samples, plan.metrics)
 

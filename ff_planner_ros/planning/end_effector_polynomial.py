@@ -25,12 +25,15 @@ from ff_planner_ros.planning.polynomial import (
     EndEffectorPolynomial,
     end_effector_polynomials,
 )
-from ff_planner_ros.planning.problem import PlanningProblem, Sphere, Target
+from ff_planner_ros.planning.problem import Orientation, PlanningProblem, Sphere, Target
 from ff_planner_ros.planning.runge_kutta import increment
 from ff_planner_ros.planning.start_motion import NullSpaceFade, start_motion
-from ff_planner_ros.robot.model import Robot
+from ff_planner_ros.robot.model import Base, Robot
 from ff_planner_ros.robot.rotation import skew
 from ff_planner_ros.robot.velocity_map import VelocityMap, VelocitySolution, stacked
+
+# An end effector's pose takes as many joints at least.
+PAPERS_JOINTS = 6
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -57,6 +60,7 @@ class EndEffectorPaths:
 
     name: ClassVar[str] = "end_effector_polynomial"
     variables: ClassVar[int] = PARAMETERS  # coefficients of six components
+    stride: ClassVar[float] = 1.0
 
     @property
     def reading(self) -> str:
@@ -190,6 +194,15 @@ class EndEffectorPaths:
         if damping not in self._velocity_maps:
             self._velocity_maps[damping] = VelocityMap(self.robot, damping)
         return self._velocity_maps[damping]
+
+
+def applies(problem: PlanningProblem) -> bool:
+    """Tell whether arm, base and target are such that these motions are defined."""
+    return (
+        problem.robot.joints >= PAPERS_JOINTS
+        and problem.robot.base is Base.FREE_FLYER
+        and problem.target.orientation is Orientation.FIXED
+    )
 
 
 def end_effector_families(problem: PlanningProblem) -> list[EndEffectorPaths]:

@@ -36,16 +36,30 @@ class Term(NamedTuple):
 
 
 def terms(
-    weights: Objective, robot: Robot, motion: Motion, sensitivity: Sensitivity, step: float
+    weights: Objective,
+    robot: Robot,
+    motion: Motion,
+    sensitivity: Sensitivity,
+    step: float,
+    smoothing: float = 0.0,
 ) -> list[Term]:
-    """Return the terms of all objectives that have a weight."""
+    """Return the terms of all objectives that have a weight.
+
+    Args:
+        smoothing: Weight of `smoothness`, where the joint path's is one.
+    """
     found = []
     variables = len(motion.x)
     weight, nothing = weights.joint_path_length, np.zeros((variables, variables))
     if weight > 0.0:
         rates, by_x = motion.v[:, 6:], sensitivity.v[:, 6:]
+        value = joint_path_length(rates, step)
         gradient, hessian = joint_path_length_derivatives(rates, by_x, step)
-        value = weight * joint_path_length(rates, step)
+        if smoothing > 0.0:
+            smooth, of_smooth, curvature = smoothness(rates, by_x, step)
+            value += smoothing * smooth
+            gradient, hessian = gradient + smoothing * of_smooth, hessian + smoothing * curvature
+        value = weight * value
         found.append(Term(value, weight * gradient, weight * hessian, nothing[0, :0], nothing[:0]))
     weight = weights.chaser_attitude
     if weight > 0.0:
@@ -90,6 +104,27 @@ def joint_path_length_derivatives(
     across = sensitivity[:-1] - direction[:, :, None] * along[:, None]
     scaled = across / np.sqrt(speed)[:, None, None]
     return along.sum(axis=0) * step, np.einsum("pjc,pjd->cd", scaled, scaled) * step
+
+
+def smoothness(
+    joint_velocities: Array, sensitivity: Array, step: float
+) -> tuple[float, Array, Array]:
+    """Return T times the integral of the squared joint rates, its gradient and Hessian [rad2].
+
+    By the trapezoidal rule. It is the squared joint path where the joints are run evenly along a
+    straight way, and more otherwise.
+
+    Args:
+        sensitivity: Of the joint velocities. Shape (points, joints, variables).
+    """
+    intervals = len(joint_velocities) - 1
+    weights = np.full(intervals + 1, step)
+    weights[[0, -1]] /= 2.0
+    weights *= intervals * step
+    of_rates = np.tensordot(weights[:, None] * joint_velocities, sensitivity, 2)
+    rows = (np.sqrt(weights)[:, None, None] * sensitivity).reshape(-1, sensitivity.shape[2])
+    value = float(weights @ (joint_velocities**2).sum(axis=1))
+    return value, 2.0 * of_rates, 2.0 * rows.T @ rows
 
 
 def chaser_euler(robot: Robot, q: Array) -> Array:

@@ -15,6 +15,14 @@ from ff_planner_ros.errors import NoPlanFound, Status
 from ff_planner_ros.planning.problem import Sphere, Target
 
 
+@dataclass(frozen=True, eq=False)
+class JointHull:
+    """Points of which no joint leaves the range, at any time, or their derivatives by x."""
+
+    positions: Array  # shape (points, joints) or (points, joints, variables)
+    rates: Array  # likewise
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Motion:
     """A motion at each point, as Pinocchio writes it."""
@@ -26,6 +34,7 @@ class Motion:
     goal_error: Array  # what the family does not fix there, to become zero; shape (rows,)
     # Time of a dynamic singularity, where the motion ends [s]; then only x has a meaning
     singular_at: float | None = None
+    hull: JointHull | None = None  # where the family knows it
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,6 +46,7 @@ class Sensitivity:
     q_half_way: Array  # shape (points - 1, 6 + joints, variables)
     goal_error: Array  # shape (rows, variables)
     acceleration: Array  # dv/dt itself at each point; shape (points, 6 + joints)
+    hull: JointHull | None = None
 
 
 class PathFamily(Protocol):
@@ -49,6 +59,10 @@ class PathFamily(Protocol):
     @property
     def variables(self) -> int:
         """Number of decision variables."""
+
+    @property
+    def stride(self) -> float:
+        """How long a step is bold, the paper's coefficients being 1 [m, rad]."""
 
     @property
     def reading(self) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -16,14 +17,14 @@ from ff_planner_ros.planning.check import (
     out_of_time_beside,
     refusal,
 )
-from ff_planner_ros.planning.end_effector_polynomial import end_effector_families
+from ff_planner_ros.planning.families import path_families
 from ff_planner_ros.planning.followed import followed_path
 from ff_planner_ros.planning.motion import to_trajectory
 from ff_planner_ros.planning.objectives import weighted_sum
 from ff_planner_ros.planning.path_family import PathFamily, singular_refusal
 from ff_planner_ros.planning.plan import Plan, SolverReport
 from ff_planner_ros.planning.preconditions import require_plannable
-from ff_planner_ros.planning.problem import Objective, PlanningProblem
+from ff_planner_ros.planning.problem import Objective, Parametrisation, PlanningProblem
 from ff_planner_ros.planning.program import path_program
 from ff_planner_ros.planning.search import FoundPath
 from ff_planner_ros.planning.settings import PlannerSettings
@@ -51,13 +52,16 @@ def plan(
     Where the chaser's attitude has a weight, the search begins at the plan of least joint path and
     never answers one that is worse. Where there is no such plan, it searches for any.
 
+    Where the parametrisation is left to the planner, the paper's paths come first, if they apply,
+    and joint splines if there is no plan among those.
+
     The same problem, settings and first guess give the same plan. The time that a search may take
     decides only whether there is a plan, never which one.
 
     Args:
         watch: May end the search, and is told how far it has come.
-        first_guess: Coefficients of a path, as in `Plan.coefficients`: tried first. None: the
-            path family's own guesses alone.
+        first_guess: Coefficients of a path, as in `Plan.coefficients`: tried first in the family
+            that has as many. None: the families' own guesses alone.
 
     Raises:
         InvalidInput: The start violates what the plan must keep, or the first guess is no path.
@@ -65,7 +69,32 @@ def plan(
             the check refused the path that it found.
     """
     require_plannable(problem, settings)
-    ways = end_effector_families(problem)
+    groups = path_families(problem, settings)
+    if first_guess is not None and all(len(first_guess) != ways[0].variables for ways in groups):
+        finite_vector("first_guess", first_guess, groups[0][0].variables)
+    refusals: list[NoPlanFound] = []
+    for ways in groups:
+        fits = first_guess is not None and len(first_guess) == ways[0].variables
+        try:
+            return _best_plan(problem, settings, ways, watch, first_guess if fits else None)
+        except NoPlanFound as refused:
+            if refused.status is Status.OUT_OF_TIME:
+                raise
+            refusals.append(refused)
+    # That one family meets a singularity is no reason why there is no plan.
+    others = [refused for refused in refusals if refused.status is not Status.SINGULAR]
+    raise (others or refusals)[0]
+
+
+def _best_plan(
+    problem: PlanningProblem,
+    settings: PlannerSettings,
+    ways: Sequence[PathFamily],
+    watch: Watch,
+    first_guess: Array | None,
+) -> Plan:
+    """Return the better plan of several ways round; `plan` says the rest."""
+    problem = replace(problem, parametrisation=Parametrisation(ways[0].name))
     if len(ways) == 1:
         return _plan_in_family(problem, settings, ways[0], watch, first_guess)
     plans: list[Plan] = []

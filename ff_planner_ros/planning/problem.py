@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import enum
 import math
 from dataclasses import dataclass, field
 
@@ -25,6 +26,7 @@ __all__ = [
     "Limits",
     "Objective",
     "Orientation",
+    "Parametrisation",
     "PlanningProblem",
     "Sphere",
     "Target",
@@ -37,6 +39,14 @@ MIN_POINTS, MAX_POINTS = 5, 10_000
 
 def _zeros() -> Array:
     return np.zeros(3)
+
+
+class Parametrisation(enum.StrEnum):
+    """Which motions a plan is looked for among; but for `AUTO` the name of a path family."""
+
+    AUTO = "auto"  # the paper's; joint splines where it does not apply or finds no plan
+    END_EFFECTOR_POLYNOMIAL = "end_effector_polynomial"
+    JOINT_SPLINE = "joint_spline"
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,6 +136,7 @@ class PlanningProblem:
     obstacles: tuple[Sphere, ...]
     objective: Objective
     limits: Limits = Limits()  # what to keep beside the joints' position limits
+    parametrisation: Parametrisation = Parametrisation.AUTO
 
     def __post_init__(self) -> None:
         """Check what the parts cannot check by themselves."""

@@ -10,6 +10,7 @@ import pinocchio as pin
 
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.planning.followed import FollowedMotion, followed_path
+from ff_planner_ros.planning.joint_spline import JointSplines
 from ff_planner_ros.planning.objectives import terms, with_tie_break
 from ff_planner_ros.planning.path_family import Motion, PathFamily
 from ff_planner_ros.planning.problem import Objective, PlanningProblem, Target
@@ -80,6 +81,7 @@ class PathProgram:
     # From the path's motion to the one that a controller makes of it; None: not known yet
     correction: Correction | None = None
     aim: Target | None = None  # of the family, beside the problem's target; None: that itself
+    smoothing: float = 0.0  # weight of evenly run joints, beside that of the joint path
 
     def linearise(self, x: Array) -> PathLinearisation:
         """Return objective and constraints of a path with their derivatives."""
@@ -93,7 +95,7 @@ class PathProgram:
         value, gradient = 0.0, np.zeros(variables)
         hessian = np.zeros((variables, variables))
         peaks, peaks_jacobian = [np.empty(0)], [np.empty((0, variables))]
-        for term in terms(self.objective, robot, motion, sensitivity, step):
+        for term in terms(self.objective, robot, motion, sensitivity, step, self.smoothing):
             value, gradient = value + term.value, gradient + term.gradient
             hessian = hessian + term.hessian
             peaks.append(term.peaks)
@@ -111,6 +113,8 @@ class PathProgram:
             peaks_jacobian=np.concatenate(peaks_jacobian),
             constraints=np.concatenate([values for values, _ in kept]),
             constraints_jacobian=np.concatenate([jacobian for _, jacobian in kept]),
+            equalities=motion.goal_error,
+            equalities_jacobian=sensitivity.goal_error,
             motion=motion,
             acceleration=sensitivity.acceleration,
         )
@@ -141,7 +145,10 @@ def path_program(
     """Return the optimisation problem on all points of the plan."""
     margins = {required.name: required.margin(problem, settings) for required in REQUIREMENTS}
     objective = with_tie_break(problem.objective, settings)
-    return PathProgram(problem, family, objective, margins, _grid_points(problem))
+    # A path of the end effector is run as its polynomials say; a spline may be run in any way.
+    smoothing = settings.joint_spline_smoothing if isinstance(family, JointSplines) else 0.0
+    points = _grid_points(problem)
+    return PathProgram(problem, family, objective, margins, points, smoothing=smoothing)
 
 
 def _grid_points(problem: PlanningProblem) -> int:

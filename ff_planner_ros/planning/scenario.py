@@ -18,6 +18,7 @@ from ff_planner_ros.planning.problem import (
     Limits,
     Objective,
     Orientation,
+    Parametrisation,
     PlanningProblem,
     Sphere,
     Target,
@@ -47,7 +48,7 @@ SCENARIO_FRAME = "inertial"
 _NO_LIMITS = Limits()
 
 _REQUIRED = ("robot", "chaser", "joints", "target", "duration", "obstacles", "objective")
-_OF_PROBLEM = ("points", "limits")
+_OF_PROBLEM = ("points", "limits", "parametrisation")
 _OF_TASK = (
     *("start_after", "running", "end_behaviour", "tail_duration", "controller", "planner"),
     "first_guess",
@@ -119,6 +120,18 @@ def end_behaviour_of(word: str) -> EndBehaviour:
     return EndBehaviour(word)
 
 
+def parametrisation_of(word: str) -> Parametrisation:
+    """Return what a word stands for.
+
+    Raises:
+        InvalidInput: It is not known.
+    """
+    if word not in tuple(Parametrisation):
+        allowed = f"it must be {', '.join(Parametrisation)}"
+        raise InvalidInput(Status.OUT_OF_RANGE, "parametrisation", repr(word), allowed)
+    return Parametrisation(word)
+
+
 def _document(path: Path) -> dict[str, Any]:
     return mapping("", read_yaml(path), _REQUIRED, optional=(*_OF_PROBLEM, *_OF_TASK))
 
@@ -138,6 +151,9 @@ def _problem(
         obstacles=_obstacles(scenario["obstacles"]),
         objective=_objective(scenario["objective"]),
         limits=_limits(scenario.get("limits", {}), limits),
+        parametrisation=parametrisation_of(
+            text("parametrisation", scenario.get("parametrisation", "auto"))
+        ),
     )
 
 

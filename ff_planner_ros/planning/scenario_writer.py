@@ -78,6 +78,7 @@ def _problem(problem: PlanningProblem) -> dict[str, Any]:
             "velocity": "from_urdf" if limits.joint_velocities else "none",
             "chaser_attitude": float(angle) if math.isfinite(angle) else "none",
         },
+        "parametrisation": problem.parametrisation.value,
     }
 
 

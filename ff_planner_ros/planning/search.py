@@ -228,7 +228,7 @@ class Search:
             level.iterations,
             level.optimality,
             level.progress,
-            level.first_radius,
+            level.first_radius * self._program.family.stride,
             curvature,
             level.tolerated,
         )

@@ -53,6 +53,18 @@ class PlannerSettings:
         minimum=1,
         maximum=1_000,
     )
+    joint_spline_spans: int = tunable(
+        "Spans of each joint's spline: more of them follow more winding ways around obstacles, at "
+        "a higher price",
+        minimum=1,
+        maximum=100,
+    )
+    joint_spline_smoothing: float = tunable(
+        "Weight of T times the integral of the squared joint rates beside the joint path, for "
+        "joint splines: the joint path alone leaves free when the joints move",
+        minimum=0.0,
+        maximum=100.0,
+    )
     max_iterations: int = tunable(
         "Iterations allowed to the solver from each start", minimum=1, maximum=10_000
     )

@@ -1,15 +1,19 @@
-"""A trust-region SQP method for  minimise f(x) + max_j p_j(x)  subject to  g(x) >= 0.
+"""A trust-region SQP method: minimise f(x) + max_j p_j(x)  subject to  g(x) >= 0, h(x) = 0.
 
 Each iteration solves a convex quadratic program by an interior-point method (PIQP): the
 Gauss-Newton Hessian of f, the peaks p in epigraph form with a curvature learned from the steps
 before, the constraints linearised with one elastic slack, the step bounded by the trust region. A
 step is taken when the exact L-infinity merit function confirms what the quadratic program promised.
+
+The linearised equalities hold without slack where the trust region has room for it, or else with
+the same slack either way: their multipliers are not to be trusted then. Where a step brings little
+because the equalities are curved, another one corrects what they became at its end.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Generic, TypeVar
 
 import numpy as np
@@ -64,6 +68,9 @@ class Linearisation:
     peaks_jacobian: Array  # shape (peaks, variables)
     constraints: Array  # g; shape (constraints,), may be empty
     constraints_jacobian: Array  # shape (constraints, variables)
+    equalities: Array = field(default_factory=lambda: np.empty(0))  # h; may be empty
+    # Shape (equalities, variables); ignored where there are none
+    equalities_jacobian: Array = field(default_factory=lambda: np.empty((0, 0)))
     is_defined: bool = True  # whether the functions are defined at x; if not, only x has a meaning
 
     @property
@@ -74,7 +81,7 @@ class Linearisation:
     @property
     def violation(self) -> float:
         """By how much the worst constraint is violated; zero if none is."""
-        return _violation(self.constraints) if self.is_defined else np.inf
+        return _violation(self.constraints, self.equalities) if self.is_defined else np.inf
 
 
 AtX = TypeVar("AtX", bound=Linearisation)
@@ -144,16 +151,15 @@ def minimise(
         if enough is not None:
             converged, reason = enough
             break
-        there = linearise(x + step.dx)
-        evaluations += there.is_defined
-        gained = _gained(here, there, price)
+        trial = _tried(linearise, x, here, step, radius, price, promised, tolerated)
+        there, step, ratio = trial.there, trial.step, trial.ratio
+        evaluations += trial.evaluations
         if there.is_defined:
             curvature = _learned(curvature, here, there, step)
-        ratio = _part_brought(here, there, step, gained, promised, tolerated)
         if ratio > _ACCEPT:
             x, here, optimality = x + step.dx, there, np.nan
-        radius = _next_radius(radius, ratio, length)
-        violations.append(here.violation)
+        radius = _next_radius(radius, ratio, float(np.abs(step.dx).max()))
+        violations += [here.violation] * _tells_of_violation(here, step, ratio)
         if _is_stuck(violations):
             reason = "stuck: the violation of the constraints no longer falls"
             break
@@ -196,6 +202,44 @@ def nearest_feasible(
     optimality = _step_at_fair_price(here, FIRST_RADIUS, _FIRST_PRICE)[0].optimality
     reason = "good enough: the nearest that keeps the constraints to where the solver came"
     return Solution(x, here, optimality, False, iterations, evaluations, reason)
+
+
+@dataclass(frozen=True, eq=False)
+class _Trial(Generic[AtX]):
+    """Where a step leads."""
+
+    there: AtX
+    step: _Step
+    ratio: float  # what part it brought of what was promised
+    evaluations: int
+
+
+def _tried(
+    linearise: Callable[[Array], AtX],
+    x: Array,
+    here: AtX,
+    step: _Step,
+    radius: float,
+    price: float,
+    promised: float,
+    tolerated: float,
+) -> _Trial[AtX]:
+    """Try a step and, where it brings little, the one that knows how the equalities are curved."""
+    there = linearise(x + step.dx)
+    gained = _gained(here, there, price)
+    ratio = _part_brought(here, there, step, gained, promised, tolerated)
+    first = _Trial(there, step, ratio, int(there.is_defined))
+    if ratio >= _SHRINK or not there.is_defined or not here.equalities.size:
+        return first
+    curved = there.equalities - here.equalities_jacobian @ step.dx
+    dx = _solve_quadratic_program(replace(here, equalities=curved), radius, price).dx
+    beyond = linearise(x + dx)
+    better = _gained(here, beyond, price)
+    if better <= max(gained, 0.0):
+        return replace(first, evaluations=1 + beyond.is_defined)
+    corrected = replace(step, dx=dx)
+    ratio = _part_brought(here, beyond, corrected, better, promised, tolerated)
+    return _Trial(beyond, corrected, ratio, 2)
 
 
 def _next_radius(radius: float, ratio: float, length: float) -> float:
@@ -294,7 +338,10 @@ def _step_at_fair_price(here: Linearisation, radius: float, price: float) -> tup
     nothing is left, the price follows the multipliers. Too high a price makes the solver refuse
     good steps along curved constraints.
     """
-    steps = [_solve_quadratic_program(here, radius, price)]
+    hard = _solved(here, radius, price) if here.equalities.size else None
+    if hard is None and here.equalities.size:
+        here = _elastic(here)
+    steps = [hard or _solve_quadratic_program(here, radius, price)]
     prices = [price]
     while steps[-1].violation > FEASIBILITY_TOLERANCE and prices[-1] < _HIGHEST_PRICE:
         prices.append(_DEARER * prices[-1])
@@ -306,6 +353,17 @@ def _step_at_fair_price(here: Linearisation, radius: float, price: float) -> tup
     if step.violation > FEASIBILITY_TOLERANCE:
         return step, price
     return step, max(_MARKUP * step.pull, _LOWEST_PRICE)
+
+
+def _tells_of_violation(here: Linearisation, step: _Step, ratio: float) -> bool:
+    """Tell whether the violation after a step says that it will not become zero.
+
+    With equalities the first steps are often too long, and not taken; and while the linearised
+    ones can hold, the violation only waits for the objective.
+    """
+    if not here.equalities.size:
+        return True
+    return bool(ratio > _ACCEPT and step.violation > FEASIBILITY_TOLERANCE)
 
 
 def _is_stuck(violations: list[float]) -> bool:
@@ -329,6 +387,35 @@ class _Step:
 
 def _solve_quadratic_program(here: Linearisation, radius: float, price: float) -> _Step:
     """Minimise the model of the merit function over (dx, peak, slack)."""
+    if here.equalities.size:
+        hard = _solved(here, radius, price)
+        if hard is not None:
+            return hard
+        here = _elastic(here)
+    elastic = _solved(here, radius, price)
+    if elastic is None:  # nothing but slack is asked for
+        raise RuntimeError("a program without equalities has a solution")
+    return elastic
+
+
+def _elastic(here: Linearisation) -> Linearisation:
+    """Return functions whose equalities are pairs of constraints, which may be violated."""
+    off, by_x = here.equalities, here.equalities_jacobian
+    return Linearisation(
+        here.value,
+        here.gradient,
+        here.hessian,
+        here.peaks,
+        here.peaks_jacobian,
+        np.concatenate([here.constraints, off, -off]),
+        np.concatenate([here.constraints_jacobian, by_x, -by_x]),
+    )
+
+
+def _solved(here: Linearisation, radius: float, price: float) -> _Step | None:
+    """Solve it with equalities that hold; None: within the trust region they cannot."""
+    equal, equal_jacobian = here.equalities, here.equalities_jacobian
+    equalities = len(equal)
     n, peaks, constraints = len(here.gradient), len(here.peaks), len(here.constraints)
     hessian = np.zeros((n + 2, n + 2))
     hessian[:n, :n] = here.hessian
@@ -351,15 +438,17 @@ def _solve_quadratic_program(here: Linearisation, radius: float, price: float) -
     solver.setup(
         hessian,
         gradient,
-        None,
-        None,
+        np.pad(equal_jacobian, ((0, 0), (0, 2))) if equalities else None,
+        -equal if equalities else None,
         rows,
         None,
         upper,
         np.concatenate([-bound, [lowest_peak, 0.0]]),
         np.concatenate([bound, [np.inf if peaks else 0.0, np.inf]]),
     )
-    solver.solve()
+    status = solver.solve()
+    if equalities and status != piqp.PIQP_SOLVED:
+        return None
     result = solver.result
     dx = result.x[:n]
     multipliers = np.maximum(result.z_u, 0.0)
@@ -369,6 +458,9 @@ def _solve_quadratic_program(here: Linearisation, radius: float, price: float) -
         - here.constraints_jacobian.T @ on_constraints
         + here.peaks_jacobian.T @ on_peaks
     )
+    on_equalities = result.y if equalities else equal
+    if equalities:
+        lagrangian = lagrangian + equal_jacobian.T @ on_equalities
     complementarity = np.concatenate(
         [on_constraints * np.maximum(here.constraints, 0.0), on_peaks * (top - here.peaks)]
     )
@@ -376,13 +468,17 @@ def _solve_quadratic_program(here: Linearisation, radius: float, price: float) -
     return _Step(
         dx=dx,
         objective=here.value + float(here.gradient @ dx + 0.5 * dx @ here.hessian @ dx) + peak,
-        violation=_violation(here.constraints + here.constraints_jacobian @ dx),
-        pull=float(on_constraints.sum()),
+        violation=_violation(
+            here.constraints + here.constraints_jacobian @ dx,
+            equal + equal_jacobian @ dx if equalities else equal,
+        ),
+        pull=float(on_constraints.sum() + np.abs(on_equalities).sum()),
         on_peaks=on_peaks,
         optimality=float(max(np.abs(lagrangian).max(), complementarity.max(initial=0.0))),
     )
 
 
-def _violation(constraints: Array) -> float:
-    """Return by how much the worst of them is below zero."""
-    return float(max(0.0, -constraints.min(initial=0.0)))
+def _violation(constraints: Array, equalities: Array) -> float:
+    """Return by how much the worst constraint is below zero, or the worst equality is off it."""
+    below = -constraints.min(initial=0.0)
+    return float(max(0.0, below, np.abs(equalities).max(initial=0.0)))

@@ -19,7 +19,7 @@ from ff_planner_ros.planning.forward import carried_forward
 from ff_planner_ros.planning.joint_motion import JointMotion
 from ff_planner_ros.planning.plan import Plan
 from ff_planner_ros.planning.planner import NOBODY, plan
-from ff_planner_ros.planning.problem import Orientation, PlanningProblem, Sphere
+from ff_planner_ros.planning.problem import Orientation, Parametrisation, PlanningProblem, Sphere
 from ff_planner_ros.planning.settings import PlannerSettings
 from ff_planner_ros.planning.system_frame import system_frame
 from ff_planner_ros.planning.tail import EndBehaviour, with_tail
@@ -112,6 +112,8 @@ def _is_absent(value: Any, name: str) -> bool:
     """Tell whether a field that older versions did not have says what they took for granted."""
     if name == "velocity" and isinstance(value, Sphere):
         return not value.velocity.any()
+    if name == "parametrisation":
+        return getattr(value, name) is Parametrisation.AUTO
     if name == "orientation":
         return getattr(value, name) is Orientation.FIXED
     return name in ("joint_accelerations", "free_axis_in_ee") and getattr(value, name) is None

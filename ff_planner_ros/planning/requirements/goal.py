@@ -12,33 +12,25 @@ import pinocchio as pin
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.errors import Failure
 from ff_planner_ros.planning.metrics import Metrics
-from ff_planner_ros.planning.path_family import Motion, Sensitivity
-from ff_planner_ros.planning.problem import Orientation, PlanningProblem, Target
+from ff_planner_ros.planning.problem import Orientation, Target
 from ff_planner_ros.planning.requirements.requirement import (
     Requirement,
-    Rows,
     Samples,
     too_large,
 )
 from ff_planner_ros.robot.model import Robot
 
-# The solver keeps each row of a family's goal error within this; a tenth of what the check allows.
-_BAND = 1e-5
 # A motion leaves its path where steps are long, or where a singularity lies between two.
 _FOLLOW = "more points, or a nearer goal if it is at the edge of the workspace"
 
 
 class Goal(Requirement):
-    """The end effector is at the target, in position and what counts of the orientation."""
+    """The end effector is at the target, in position and what counts of the orientation.
+
+    The search brings to zero what a path family does not hold there by itself.
+    """
 
     name = "goal"
-
-    def rows(
-        self, problem: PlanningProblem, motion: Motion, sensitivity: Sensitivity, margin: float
-    ) -> Rows:
-        """Return what the family does not hold at the goal by itself, within a narrow band."""
-        error, jacobian = motion.goal_error, sensitivity.goal_error
-        return np.append(_BAND - error, _BAND + error), np.concatenate([-jacobian, jacobian])
 
     def metrics(self, samples: Samples) -> Mapping[str, float]:
         """Return how far the end effector is from the target: where it comes, or should come."""

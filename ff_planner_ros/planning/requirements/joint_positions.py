@@ -69,6 +69,9 @@ class JointPositions(Requirement):
         at_start = motion.q[0, 7:]
         lower = lower + np.clip(at_start - lower, 0.0, margin)
         upper = upper - np.clip(upper - at_start, 0.0, margin)
+        if motion.hull is not None and sensitivity.hull is not None:
+            hull, by_x = motion.hull.positions, sensitivity.hull.positions
+            return within(hull, by_x, lower, upper, OF_INTEREST)
         at_points = within(motion.q[1:, 7:], sensitivity.q[1:, 6:], lower, upper, OF_INTEREST)
         step = problem.duration / (len(motion.q) - 1)
         # No cubic leaves the span of its ends and of its two control points between them.

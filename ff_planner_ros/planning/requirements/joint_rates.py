@@ -83,6 +83,8 @@ class JointRates(Requirement):
         limits = problem.robot.velocity_limits
         interest = (1.0 - _OF_INTEREST) * limits
         limits = limits - np.clip(limits - np.abs(motion.v[0, 6:]), 0.0, margin * limits)
+        if motion.hull is not None and sensitivity.hull is not None:
+            return within(motion.hull.rates, sensitivity.hull.rates, -limits, limits, interest)
         at_points = within(motion.v[1:, 6:], sensitivity.v[1:, 6:], -limits, limits, interest)
         step = problem.duration / (len(motion.q) - 1)
         between = peak_rates(motion, step)

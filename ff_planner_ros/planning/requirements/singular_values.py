@@ -10,7 +10,7 @@ from ff_planner_ros.arrays import Array
 from ff_planner_ros.errors import Failure, InvalidInput, Status
 from ff_planner_ros.planning.metrics import Metrics
 from ff_planner_ros.planning.path_family import Motion, Sensitivity
-from ff_planner_ros.planning.problem import PlanningProblem
+from ff_planner_ros.planning.problem import Parametrisation, PlanningProblem
 from ff_planner_ros.planning.requirements.requirement import (
     LIMIT_TOLERANCE,
     Requirement,
@@ -18,6 +18,7 @@ from ff_planner_ros.planning.requirements.requirement import (
     Samples,
 )
 from ff_planner_ros.planning.settings import PlannerSettings
+from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.momentum import smallest_singular_values
 
 # A singular value of so many margins does not become smaller than one in one step of the solver.
@@ -27,16 +28,21 @@ _ASIDE = 1e-5
 
 
 class SingularValues(Requirement):
-    """The smallest singular value of the generalised Jacobian stays above its threshold."""
+    """The smallest singular value of the generalised Jacobian stays above its threshold.
+
+    Joint splines do not invert it: for them a singular posture is one as any other.
+    """
 
     name = "singular_values"
 
     def refuse_start(
         self, problem: PlanningProblem, q_start: Array, settings: PlannerSettings
     ) -> None:
-        """Refuse a singular posture."""
-        smallest = float(smallest_singular_values(problem.robot, q_start[None])[0])
-        if not smallest >= settings.singular_value_threshold - LIMIT_TOLERANCE:
+        """Refuse a singular posture, unless joint splines may begin there."""
+        if problem.parametrisation is not Parametrisation.END_EFFECTOR_POLYNOMIAL:
+            return
+        if not is_regular(problem.robot, q_start, settings):
+            smallest = float(smallest_singular_values(problem.robot, q_start[None])[0])
             raise InvalidInput(
                 Status.START_SINGULAR,
                 "joints.position",
@@ -54,7 +60,7 @@ class SingularValues(Requirement):
         The search keeps them only where it is told by how much: it costs time, and the shortest
         paths seldom come near a singularity.
         """
-        if margin == 0.0:
+        if margin == 0.0 or problem.parametrisation is Parametrisation.JOINT_SPLINE:
             return None
         robot = problem.robot
         values = smallest_singular_values(robot, motion.q)
@@ -77,7 +83,7 @@ class SingularValues(Requirement):
     def failures(self, samples: Samples, metrics: Metrics) -> Iterator[Failure]:
         """Yield the most singular posture."""
         threshold = samples.settings.singular_value_threshold
-        if metrics.min_singular_value >= threshold - LIMIT_TOLERANCE:
+        if samples.inverts_nothing or metrics.min_singular_value >= threshold - LIMIT_TOLERANCE:
             return
         point = smallest_singular_values(samples.problem.robot, samples.q).argmin()
         yield Failure(
@@ -87,3 +93,9 @@ class SingularValues(Requirement):
             f"allowed is {threshold:g}",
             ("a nearer goal", "another goal orientation, start posture or duration"),
         )
+
+
+def is_regular(robot: Robot, q: Array, settings: PlannerSettings) -> bool:
+    """Tell whether the smallest singular value is above its threshold; q: shape (7 + joints,)."""
+    smallest = float(smallest_singular_values(robot, q[None])[0])
+    return smallest >= settings.singular_value_threshold - LIMIT_TOLERANCE

@@ -1,0 +1,60 @@
+"""Which path families a plan is looked for in, by the problem's parametrisation."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.planning.end_effector_polynomial import (
+    PAPERS_JOINTS,
+    applies,
+    end_effector_families,
+)
+from ff_planner_ros.planning.joint_spline import joint_splines
+from ff_planner_ros.planning.path_family import PathFamily
+from ff_planner_ros.planning.problem import Orientation, Parametrisation, PlanningProblem
+from ff_planner_ros.planning.requirements.singular_values import is_regular
+from ff_planner_ros.planning.settings import PlannerSettings
+from ff_planner_ros.robot.configuration import configuration
+from ff_planner_ros.robot.model import Base
+
+
+def path_families(
+    problem: PlanningProblem, settings: PlannerSettings
+) -> list[Sequence[PathFamily]]:
+    """Return families in the order in which they are tried, each as its ways round.
+
+    Raises:
+        InvalidInput: The paper's is asked for, but not made for the arm, its base or the target.
+    """
+    asked = problem.parametrisation
+    if asked is Parametrisation.END_EFFECTOR_POLYNOMIAL:
+        _require_papers(problem)
+        return [end_effector_families(problem)]
+    splines = [joint_splines(problem, settings)]
+    if asked is Parametrisation.JOINT_SPLINE or not applies(problem):
+        return [splines]
+    q_start, _ = configuration(problem.robot, problem.start)
+    if not is_regular(problem.robot, q_start, settings):
+        return [splines]
+    return [end_effector_families(problem), splines]
+
+
+def _require_papers(problem: PlanningProblem) -> None:
+    """Refuse what the paper's path is not defined for."""
+    robot = problem.robot
+    reasons = {
+        f"an arm of {robot.joints} joints": robot.joints < PAPERS_JOINTS,
+        "a planar base": robot.base is Base.PLANAR,
+        "a target that leaves the orientation free": (
+            problem.target.orientation is not Orientation.FIXED
+        ),
+    }
+    for reason, holds in reasons.items():
+        if holds:
+            raise InvalidInput(
+                Status.UNSUPPORTED,
+                "parametrisation",
+                problem.parametrisation.value,
+                f"with {reason} it must be auto or joint_spline",
+            )

@@ -1,0 +1,67 @@
+"""Quintic B-splines in time: the functions that joint splines are made of."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.interpolate import BSpline
+
+from ff_planner_ros.arrays import Array
+
+DEGREE = 5
+# Start angle, rate and acceleration fix the first control points, however many follow.
+FIXED = 3
+
+
+@dataclass(frozen=True)
+class SplineBasis:
+    """The quintic B-splines on equal spans of a duration; the motion's jerk is continuous."""
+
+    duration: float  # [s]
+    spans: int
+
+    @property
+    def count(self) -> int:
+        """Number of control points."""
+        return self.spans + DEGREE
+
+    def rows(self, s: Array, order: int = 0) -> Array:
+        """Return what control points contribute to a derivative at parts s of the duration.
+
+        Shape (times, control points) [1/s^order].
+        """
+        spline = BSpline(self._knots, np.eye(self.count), DEGREE)
+        rows: Array = spline(s, nu=order) / self.duration**order
+        return rows
+
+    def start(self, positions: Array, rates: Array, accelerations: Array) -> Array:
+        """Return the control points that a start fixes. Shape (3, joints)."""
+        at_start = np.array([self.rows(np.zeros(1), order)[0, :FIXED] for order in range(3)])
+        fixed: Array = np.linalg.solve(at_start, np.array([positions, rates, accelerations]))
+        return fixed
+
+    def hull(self, order: int = 0) -> Array:
+        """Return the matrix from control points to points that span a derivative's values.
+
+        They are the control points of the same derivative on half spans: no value of it is outside
+        their range, and they are four times nearer to it than those on whole spans. Shape
+        (points, control points) [1/s^order].
+        """
+        finer = SplineBasis(self.duration, 2 * self.spans)
+        knots = finer._knots
+        # Both splines are the same function, and so they agree at the Greville abscissae.
+        at = np.array([knots[k + 1 : k + 1 + DEGREE].mean() for k in range(finer.count)])
+        points = np.linalg.solve(finer.rows(at), self.rows(at))
+        for lower in range(order):
+            degree = DEGREE - lower
+            inner = knots[lower : len(knots) - lower]
+            width = self.duration * (inner[degree + 1 : -1] - inner[1 : -1 - degree])
+            points = degree * np.diff(points, axis=0) / width[:, None]
+        return np.asarray(points, np.float64)
+
+    @cached_property
+    def _knots(self) -> Array:
+        ends = np.zeros(DEGREE), np.ones(DEGREE)
+        return np.concatenate([ends[0], np.linspace(0.0, 1.0, self.spans + 1), ends[1]])

@@ -1,0 +1,207 @@
+"""Joint splines: the motion against textbook laws, its derivatives against finite differences."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from robots import random_state, random_urdf
+
+from ff_planner_ros.arrays import Array
+from ff_planner_ros.bench.robots import bench_robot
+from ff_planner_ros.bench.witnessed import drawn_problem
+from ff_planner_ros.parameters import load_parameters
+from ff_planner_ros.planning.forward import driven
+from ff_planner_ros.planning.joint_motion import JointMotion
+from ff_planner_ros.planning.joint_spline import JointSplines, joint_splines
+from ff_planner_ros.planning.problem import (
+    Objective,
+    Orientation,
+    Parametrisation,
+    PlanningProblem,
+    Target,
+)
+from ff_planner_ros.planning.task import PlanningTask, perform
+from ff_planner_ros.robot.configuration import configuration
+from ff_planner_ros.robot.model import Robot, robot_from_urdf_text
+from ff_planner_ros.robot.momentum import total_momentum
+
+SETTINGS = load_parameters().planner
+DURATION, POINTS = 9.0, 21
+SPLINES = Parametrisation.JOINT_SPLINE
+AXIS = np.array([0.48, -0.6, 0.64])
+
+
+def tumbling_problem(robot: Robot, orientation: Orientation, seed: int = 0) -> PlanningProblem:
+    """A tumbling, drifting start with known accelerations, and a moving target."""
+    rng = np.random.default_rng(seed)
+    start = random_state(robot, rng)
+    start = replace(start, joint_accelerations=rng.normal(scale=0.02, size=robot.joints))
+    quaternion = rng.normal(size=4)
+    small = rng.normal(scale=0.03, size=(4, 3))
+    target = Target(
+        rng.uniform(-3.0, 3.0, 3),
+        quaternion / np.linalg.norm(quaternion),
+        *small,
+        orientation=orientation,
+        free_axis_in_ee=AXIS if orientation is Orientation.ABOUT_AXIS else None,
+    )
+    return PlanningProblem(robot, start, target, DURATION, 50, (), Objective(1.0, 0.0))
+
+
+def drawn_splines(
+    orientation: Orientation = Orientation.FIXED, joints: int = 7
+) -> tuple[JointSplines, Array]:
+    robot = robot_from_urdf_text(random_urdf(joints, seed=1), "bus", "tool")
+    family = joint_splines(tumbling_problem(robot, orientation), SETTINGS)
+    count = family.variables // joints
+    hold = np.tile(family.fixed[2][:, None], count)
+    rng = np.random.default_rng(2)
+    return family, (hold + rng.normal(scale=0.2, size=(joints, count))).ravel()
+
+
+@pytest.mark.parametrize("orientation", list(Orientation))
+def test_all_derivatives_are_those_of_finite_differences(orientation: Orientation) -> None:
+    family, x = drawn_splines(orientation)
+    model, step = family.robot.model, 1e-5
+    way = np.random.default_rng(3).normal(size=len(x))
+    sensitivity = family.sensitivity(family.motion(x, POINTS))
+    before, after = (family.motion(x + side * step * way, POINTS) for side in (-1.0, 1.0))
+
+    def moved(q: Array, to: Array) -> Array:
+        return np.array([pin.difference(model, *at) for at in zip(q, to, strict=True)])
+
+    for exact, differences in (
+        (sensitivity.q, moved(before.q, after.q)),
+        (sensitivity.q_half_way, moved(before.q_half_way, after.q_half_way)),
+        (sensitivity.v, after.v - before.v),
+        (sensitivity.goal_error, after.goal_error - before.goal_error),
+        (sensitivity.hull.positions, after.hull.positions - before.hull.positions),
+        (sensitivity.hull.rates, after.hull.rates - before.hull.rates),
+    ):
+        expected = differences / (2.0 * step)
+        scale = max(1.0, np.abs(expected).max())
+        np.testing.assert_allclose(exact @ way, expected, rtol=0.0, atol=1e-8 * scale)
+
+
+def test_a_motion_begins_exactly_as_the_start_moves() -> None:
+    family, x = drawn_splines()
+    motion = family.motion(x, POINTS)
+    q, v = configuration(family.robot, family.problem.start)
+    assert np.abs(pin.difference(family.robot.model, motion.q[0], q)).max() < 1e-12
+    np.testing.assert_allclose(motion.v[0], v, rtol=0.0, atol=1e-12)
+    begun = family.sensitivity(motion).acceleration[0, 6:]
+    np.testing.assert_allclose(begun, family.problem.start.joint_accelerations, atol=1e-12)
+
+
+def test_momentum_is_constant_and_the_base_is_where_an_independent_integration_puts_it() -> None:
+    family, x = drawn_splines()
+    robot, points = family.robot, 121
+    motion = family.motion(x, points)
+    data = robot.model.createData()
+    momenta = [total_momentum(robot, data, *at) for at in zip(motion.q, motion.v, strict=True)]
+    np.testing.assert_allclose(momenta, momenta[:1] * points, rtol=0.0, atol=1e-10)
+    time = np.linspace(0.0, DURATION, points)
+    accelerations = family.sensitivity(motion).acceleration[:, 6:]
+    joints = JointMotion(time, motion.q[:, 7:], motion.v[:, 6:], accelerations)
+    q, v, _ = driven(robot, motion.q[0], momenta[0], joints, np.linspace(0.0, DURATION, 961))
+    apart = pin.difference(robot.model, motion.q[-1], q[-1])
+    assert np.abs(apart).max() < 1e-6
+    np.testing.assert_allclose(motion.v[-1], v[-1], rtol=0.0, atol=1e-6)
+
+
+def test_velocities_and_accelerations_are_those_of_the_configurations() -> None:
+    """The motion on very many points, differentiated once and twice in time."""
+    family, x = drawn_splines()
+    points = 2001
+    motion, step = family.motion(x, points), DURATION / (points - 1)
+    pairs = zip(motion.q[:-2], motion.q[2:], strict=True)
+    rates = np.array([pin.difference(family.robot.model, *pair) for pair in pairs]) / (2.0 * step)
+    # The base's difference is in axes of its first point: half a step's turn off.
+    np.testing.assert_allclose(rates[:, 6:], motion.v[1:-1, 6:], rtol=0.0, atol=1e-4)
+    acceleration = family.sensitivity(motion).acceleration
+    changes = (motion.v[2:] - motion.v[:-2]) / (2.0 * step)
+    np.testing.assert_allclose(changes, acceleration[1:-1], rtol=0.0, atol=1e-4)
+
+
+def tip_along(family: JointSplines, x: Array, points: int) -> list[pin.SE3]:
+    robot, data = family.robot, family.robot.model.createData()
+    poses = []
+    for q in family.motion(x, points).q:
+        pin.forwardKinematics(robot.model, data, q)
+        poses.append(pin.updateFramePlacement(robot.model, data, robot.tip_frame_id).copy())
+    return poses
+
+
+def test_the_goal_error_is_what_the_end_effector_misses_in_inertial_axes() -> None:
+    """Twist and acceleration by differences in time of the pose, scaled with T/4 and its square."""
+    family, x = drawn_splines()
+    points = 1801
+    poses, step = tip_along(family, x, points)[-7:], DURATION / (points - 1)
+    positions = np.array([pose.translation for pose in poses])
+    last = poses[-1].rotation
+    turns = np.array([pin.log3(pose.rotation @ last.T) for pose in poses])
+    time = step * np.arange(-6.0, 1.0)
+    curves = [np.polynomial.polynomial.polyfit(time, rows, 5) for rows in (positions, turns)]
+    target, scale = family.problem.target, DURATION / 4.0
+    wanted = pin.Quaternion(target.quaternion_xyzw).toRotationMatrix()
+    error = family.motion(x, points).goal_error
+    np.testing.assert_allclose(error[:3], positions[-1] - target.position, atol=1e-12)
+    np.testing.assert_allclose(pin.exp3(error[3:6]), wanted.T @ last, atol=1e-12)
+    for order, rows in ((1, error[6:12]), (2, error[12:18])):
+        moving = order * curves[0][order] - (
+            target.linear_velocity if order == 1 else target.linear_acceleration
+        )
+        turning = order * curves[1][order] - (
+            target.angular_velocity if order == 1 else target.angular_acceleration
+        )
+        expected = scale**order * np.concatenate([moving, turning])
+        np.testing.assert_allclose(rows, expected, rtol=0.0, atol=2e-4)
+
+
+def test_a_target_free_about_an_axis_does_not_care_for_a_turn_about_it() -> None:
+    family, x = drawn_splines(Orientation.ABOUT_AXIS)
+    target = family.problem.target
+    turned = pin.Quaternion(target.quaternion_xyzw) * pin.Quaternion(pin.exp3(1.1 * AXIS))
+    other = replace(target, quaternion_xyzw=turned.coeffs())
+    error, of_other = (f.motion(x, POINTS).goal_error for f in (family, family.towards(other)))
+    assert len(error) == 15
+    np.testing.assert_allclose(of_other, error, rtol=0.0, atol=1e-9)
+
+
+@pytest.mark.parametrize("angle", [1e-7, 0.3, 3.1])
+def test_the_error_about_an_axis_is_the_angle_between_both_axes(angle: float) -> None:
+    family, x = drawn_splines(Orientation.ABOUT_AXIS)
+    last = tip_along(family, x, POINTS)[-1].rotation
+    across = np.cross(AXIS, [1.0, 0.0, 0.0])
+    off = last @ pin.exp3(angle * across / np.linalg.norm(across))
+    target = replace(family.problem.target, quaternion_xyzw=pin.Quaternion(off).coeffs())
+    error = family.towards(target).motion(x, POINTS).goal_error
+    assert np.linalg.norm(error[3:5]) == pytest.approx(angle, rel=1e-6)
+
+
+def test_no_joint_leaves_the_hull_at_any_time() -> None:
+    family, x = drawn_splines()
+    basis, controls = family.basis, family.control_points(x)
+    s = np.linspace(0.0, 1.0, 2001)
+    for order in (0, 1, 2):
+        values, hull = basis.rows(s, order) @ controls, basis.hull(order) @ controls
+        spread = np.ptp(values, axis=0)
+        assert (hull.max(axis=0) >= values.max(axis=0) - 1e-9).all()
+        assert (hull.min(axis=0) <= values.min(axis=0) + 1e-9).all()
+        assert (np.ptp(hull, axis=0) <= 1.5 * spread).all()
+
+
+@pytest.mark.parametrize("joints", [6, 10, 14])
+def test_arms_of_any_length_of_chain_are_planned_from_any_start(joints: int) -> None:
+    robot, rng = bench_robot(f"arm{joints}"), np.random.default_rng(joints)
+    posture = rng.uniform(-1.5, 1.5, joints)
+    posture[2] = 0.0
+    drawn = (drawn_problem(robot, posture, rng) for _ in range(100))
+    problem = next(found for found in drawn if found is not None)
+    found = perform(PlanningTask(replace(problem, parametrisation=SPLINES), SETTINGS))
+    assert found.family == "joint_spline"
+    assert found.metrics.final_position_error < 1e-5
+    assert found.coefficients.shape == (8 * joints,)
