@@ -23,7 +23,7 @@ from ff_planner_ros.planning.problem import (
     Sphere,
     Target,
 )
-from ff_planner_ros.planning.scenario import orientation_of
+from ff_planner_ros.planning.scenario import orientation_of, parametrisation_of
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.state import SystemState
 
@@ -96,6 +96,7 @@ def problem_from_request(
                 chaser_attitude=request.weight_chaser_attitude,
             ),
             limits=parameters.limits.limits(asked_attitude),
+            parametrisation=parametrisation_of(getattr(request, "parametrisation", "") or "auto"),
         )
 
 
@@ -167,6 +168,7 @@ def plan_from_response(response: PlanTrajectory.Response) -> Plan:
         trajectory=trajectory_in(response),
         xi=np.array(response.xi),
         orientation_reading=response.orientation_reading,
+        family=getattr(response, "parametrisation", ""),
         metrics=metrics_from_message(response.metrics),
         solver=solver_report_from_message(response.solver),
     )

@@ -47,6 +47,7 @@ def request_message(problem: PlanningProblem, inertial_frame: str) -> PlanTrajec
         weight_chaser_attitude=problem.objective.chaser_attitude,
         points=problem.points,
         limit_chaser_attitude=angle if math.isfinite(angle) else 0.0,
+        parametrisation=problem.parametrisation.value,
         orientation=target.orientation.value,
         free_axis=_vector(axis.tolist() if axis is not None else [0.0] * 3),
     )
@@ -141,6 +142,7 @@ def response_from_plan(
         end_effector_twists=_twists(motion.ee_linear_velocities, motion.ee_angular_velocities),
         xi=plan.xi.tolist(),
         orientation_reading=plan.orientation_reading,
+        parametrisation=plan.family,
         metrics=PlanMetrics(**asdict(plan.metrics)),
         solver=SolverReport(solve_time=solve_time, **asdict(plan.solver)),
     )
