@@ -17,7 +17,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from ff_planner_ros.arrays import Array
-from ff_planner_ros.robot.model import Base, Robot
+from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.rotation import skew
 
 Indices: TypeAlias = NDArray[np.intp]
@@ -52,12 +52,8 @@ class BaseTurn:
         return _half_steps(len(self.rotations) - 1)
 
 
-def momentum_maps(robot: Robot, angles: Array, rotation: Array) -> MomentumMaps:
-    """Return the maps at joint angles, shape (half steps, joints).
-
-    Args:
-        rotation: Of the base to inertial axes at the start. Shape (3, 3).
-    """
+def momentum_maps(robot: Robot, angles: Array) -> MomentumMaps:
+    """Return the maps at joint angles, shape (half steps, joints)."""
     model, data = robot.model, robot.model.createData()
     q, count = pin.neutral(model), len(angles)
     center, maps = np.empty((count, 3)), np.empty((count, 6, model.nv))
@@ -66,13 +62,15 @@ def momentum_maps(robot: Robot, angles: Array, rotation: Array) -> MomentumMaps:
         maps[i] = pin.computeCentroidalMap(model, data, q)
         center[i] = data.com[0]
     inertia = maps[:, 3:, 3:6]
-    turns = np.eye(3) if robot.base is Base.FREE_FLYER else rotation.T[:, 2:]
-    of_turns = np.linalg.inv(turns.T @ inertia @ turns)
+    turns = [row - 3 for row in robot.base.rows if row >= 3]
+    free = np.ix_(range(count), turns, turns)
+    to_rate = np.zeros((count, 3, 3))
+    to_rate[free] = np.linalg.inv(inertia[free])
     return MomentumMaps(
         center=center,
         of_center=maps[:, :3, 6:] / pin.computeTotalMass(model),
         coupling=maps[:, 3:, 6:],
-        to_rate=turns @ of_turns @ turns.T,
+        to_rate=to_rate,
     )
 
 
@@ -126,8 +124,10 @@ class TurnDerivatives(NamedTuple):
     turns: Array  # at the points; shape (points, 3, variables)
     half_way: Array  # shape (points - 1, 3, variables)
     rates: Array  # at the points; shape (points, 3, variables)
-    # At the points: derivative of the linear momentum by the joints. Shape (points, 3, joints)
+    # At the points, the derivatives of both momenta by the joints, all velocities being fixed: each
+    # has the shape (points, 3, joints)
     of_linear: Array
+    of_angular: Array
 
 
 def turn_derivatives(
@@ -186,6 +186,7 @@ def turn_derivatives(
         half_way=to_half_way[:, :, :3] @ turns[:-1] + to_half_way[:, :, 3:],
         rates=by_turn[::4] @ turns + of_x[::4],
         of_linear=of_linear[::4],
+        of_angular=of_angular[::4],
     )
 
 

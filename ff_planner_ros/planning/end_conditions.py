@@ -18,8 +18,6 @@ from ff_planner_ros.robot.rotation import skew
 
 # The cosine of a smaller angle is one but for rounding; there series replace quotients.
 _ALIGNED = 1e-9
-# Two axes with less between them are parallel; a planar target's are that or at right angles.
-_PARALLEL = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +65,7 @@ def end_conditions(
             angular = np.eye(3) if robot.base is Base.FREE_FLYER else np.eye(3)[2:]
             pairs.append((unit * angular @ turning.value, unit * angular @ turning.by_x))
             continue
-        across = _across(robot, target)
+        across = _across(target)
         in_ee = to_ee @ turning.value
         by_x = to_ee @ turning.by_x + skew(in_ee) @ turn
         pairs.append((unit * across @ in_ee, unit * across @ by_x))
@@ -77,12 +75,10 @@ def end_conditions(
 
 def pose_conditions(robot: Robot, target: Target) -> int:
     """Return how many of the conditions, the first ones, are on the pose."""
-    planar = robot.base is Base.PLANAR
-    if target.orientation is Orientation.FREE:
-        return 2 if planar else 3
     if target.orientation is Orientation.FIXED:
-        return 3 if planar else 6
-    return (2 if planar else 3) + len(_across(robot, target))
+        return len(robot.base.rows)
+    linear = sum(row < 3 for row in robot.base.rows)
+    return linear if target.orientation is Orientation.FREE else linear + 2
 
 
 def _errors(
@@ -138,19 +134,10 @@ def _acceleration_by_x(robot: Robot, data: pin.Data, end: EndPoint) -> Array:
     wrench = data.dtau_dq[:6] @ end.q_by_x + data.dtau_dv[:6] @ end.v_by_x
     inertia = pin.crba(model, data, end.q)[:6]
     wrench += inertia[:, 6:] @ end.joint_acceleration_by_x
-    free = base_motions(robot, end.q)
-    of_base = -free @ np.linalg.solve(free.T @ inertia[:, :6] @ free, free.T @ wrench)
+    rows = robot.base.rows
+    of_base = np.zeros_like(wrench)
+    of_base[rows] = -np.linalg.solve(inertia[np.ix_(rows, rows)], wrench[rows])
     return np.concatenate([of_base, end.joint_acceleration_by_x])
-
-
-def base_motions(robot: Robot, q: Array) -> Array:
-    """Return the twists that the base is free to make, in its own axes. Shape (6, motions)."""
-    if robot.base is Base.FREE_FLYER:
-        return np.eye(6)
-    axes = pin.Quaternion(q[3:7]).toRotationMatrix().T
-    free = np.zeros((6, 3))
-    free[:3, :2], free[3:, 2] = axes[:, :2], axes[:, 2]
-    return free
 
 
 def _orientation(robot: Robot, target: Target, rotation: Array, turn: Array) -> tuple[Array, Array]:
@@ -171,7 +158,7 @@ def _orientation(robot: Robot, target: Target, rotation: Array, turn: Array) -> 
             normal = wanted[2:]
             return normal @ value, normal @ by_x
         return value, by_x
-    axis, across = _free_axis(target), _across(robot, target)
+    axis, across = _free_axis(target), _across(target)
     there = rotation.T @ wanted @ axis
     there_by_x = skew(there) @ turn
     cosine = float(np.clip(axis @ there, -1.0 + _ALIGNED, 1.0))
@@ -186,16 +173,10 @@ def _orientation(robot: Robot, target: Target, rotation: Array, turn: Array) -> 
     return across @ (part * sines), across @ by_x
 
 
-def _across(robot: Robot, target: Target) -> Array:
-    """Return the axes of the end effector about which it is not free to turn. Shape (axes, 3)."""
-    axis = _free_axis(target)
-    _, _, rows = np.linalg.svd(axis[None])
-    if robot.base is Base.FREE_FLYER:
-        return np.asarray(rows[1:], np.float64)
-    # In the plane it turns about the normal alone, if that is not the free axis itself.
-    normal = pin.Quaternion(target.quaternion_xyzw).toRotationMatrix()[2]
-    normal = normal - (normal @ axis) * axis
-    across: Array = normal[None][: int(np.linalg.norm(normal) > _PARALLEL)]
+def _across(target: Target) -> Array:
+    """Return axes of the end effector across that about which it is free to turn. Shape (2, 3)."""
+    _, _, rows = np.linalg.svd(_free_axis(target)[None])
+    across: Array = rows[1:]
     return across
 
 

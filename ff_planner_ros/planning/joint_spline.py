@@ -18,7 +18,13 @@ import pinocchio as pin
 from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.arrays import Array
-from ff_planner_ros.planning.base_turn import BaseTurn, base_turn, momentum_maps, turn_derivatives
+from ff_planner_ros.planning.base_turn import (
+    BaseTurn,
+    TurnDerivatives,
+    base_turn,
+    momentum_maps,
+    turn_derivatives,
+)
 from ff_planner_ros.planning.end_conditions import EndPoint, end_conditions
 from ff_planner_ros.planning.path_family import JointHull, Motion, Sensitivity
 from ff_planner_ros.planning.problem import PlanningProblem, Sphere, Target
@@ -26,8 +32,8 @@ from ff_planner_ros.planning.settings import PlannerSettings
 from ff_planner_ros.planning.spline_basis import FIXED, SplineBasis
 from ff_planner_ros.planning.spline_guesses import spline_guesses
 from ff_planner_ros.robot.configuration import configuration
-from ff_planner_ros.robot.dynamics import accelerations, base_acceleration
-from ff_planner_ros.robot.model import Robot
+from ff_planner_ros.robot.dynamics import base_acceleration
+from ff_planner_ros.robot.model import Base, Robot
 from ff_planner_ros.robot.momentum import total_momentum
 from ff_planner_ros.robot.rotation import skew
 
@@ -89,7 +95,7 @@ class JointSplines:
         joints = tuple(rows @ controls for rows in _rows(self.basis, points))
         angles, rates, accelerated = joints
         rotation = pin.Quaternion(self.q_start[3:7]).toRotationMatrix()
-        maps = momentum_maps(robot, angles, rotation)
+        maps = momentum_maps(robot, angles)
         turn = base_turn(maps, rates, rotation, self.momentum[3:], duration / (points - 1))
         drift = self.momentum[:3] / pin.computeTotalMass(robot.model)
         centers = self.center + np.linspace(0.0, duration, len(angles))[:, None] * drift
@@ -107,6 +113,9 @@ class JointSplines:
         linear = drift @ turn.rotations - np.cross(base_rates, maps.center[::2])
         linear -= np.einsum("pij,pj->pi", maps.of_center[::2], rates[::2])
         v = np.hstack([linear, base_rates, rates[::2]])
+        if robot.base is Base.PLANAR:  # the table takes up what an axis is off its normal
+            q[:, 2] = q_half_way[:, 2] = self.q_start[2]
+            v[:, 2] = 0.0
         of_base = base_acceleration(robot, robot.model.createData(), q[-1], v[-1], accelerated[-1])
         none = np.empty((robot.model.nv, 0))
         end = EndPoint(q[-1], v[-1], np.append(of_base, accelerated[-1]), none, none, none[6:])
@@ -147,7 +156,9 @@ class JointSplines:
         linear -= of_turn.of_linear / mass @ of_angles[::2]
         linear -= maps.of_center[::2] @ of_rates[::2]
         v = np.concatenate([linear, of_turn.rates, of_rates[::2]], axis=1)
-        acceleration = accelerations(robot, motion.q, motion.v, motion.joints[2][::2])
+        if robot.base is Base.PLANAR:
+            q[:, 2] = q_half_way[:, 2] = v[:, 2] = 0.0
+        acceleration = self._acceleration(motion, of_turn)
         end = EndPoint(
             motion.q[-1], motion.v[-1], acceleration[-1], q[-1], v[-1], of_accelerations[-1]
         )
@@ -161,6 +172,24 @@ class JointSplines:
             acceleration=acceleration,
             hull=JointHull(*hulls),
         )
+
+    def _acceleration(self, motion: SplineMotion, of_turn: TurnDerivatives) -> Array:
+        """Return dv/dt at the points, from the momenta's derivative in time. (points, 6 + joints).
+
+        In base axes:  d/dt (I omega + A theta') = -omega x R^T L, and likewise for P.
+        """
+        maps, base_rates = motion.turn.maps, motion.turn.rates[::4]
+        _, rates, accelerated = (of_time[::2, :, None] for of_time in motion.joints)
+        mass = pin.computeTotalMass(self.robot.model)
+        drift = self.momentum[:3] / mass @ motion.turn.rotations
+        angular = -np.cross(base_rates, motion.turn.momenta[::4])
+        angular -= (of_turn.of_angular @ rates + maps.coupling[::2] @ accelerated)[:, :, 0]
+        angular = np.einsum("pij,pj->pi", maps.to_rate[::2], angular)
+        linear = -np.cross(base_rates, drift) - np.cross(angular, maps.center[::2])
+        linear -= (of_turn.of_linear / mass @ rates + maps.of_center[::2] @ accelerated)[:, :, 0]
+        if self.robot.base is Base.PLANAR:
+            linear[:, 2] = 0.0
+        return np.hstack([linear, angular, accelerated[:, :, 0]])
 
 
 def joint_splines(problem: PlanningProblem, settings: PlannerSettings) -> JointSplines:
