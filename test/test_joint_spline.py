@@ -199,7 +199,7 @@ def test_arms_of_any_length_of_chain_are_planned_from_any_start(joints: int) -> 
     robot, rng = bench_robot(f"arm{joints}"), np.random.default_rng(joints)
     posture = rng.uniform(-1.5, 1.5, joints)
     posture[2] = 0.0
-    drawn = (drawn_problem(robot, posture, rng) for _ in range(100))
+    drawn = (drawn_problem(robot, posture, Orientation.FIXED, 2, rng) for _ in range(100))
     problem = next(found for found in drawn if found is not None)
     found = perform(PlanningTask(replace(problem, parametrisation=SPLINES), SETTINGS))
     assert found.family == "joint_spline"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from functools import cache
 
-from ff_planner_ros.robot.model import Robot, load_robot, robot_from_urdf_text
+from ff_planner_ros.robot.model import Base, Robot, load_robot, robot_from_urdf_text
 from ff_planner_ros.share import share_directory
 
 # Robots of the scenarios. The second has no joint to spare and couples more strongly to its
@@ -14,6 +14,8 @@ ROBOTS = ("lemur", "arm6")
 # All generated arms have this length from the first pitch joint to the tip [m], this mass [kg]
 # and this chaser.
 _ARM_LENGTH, _ARM_MASS, _CHASER_MASS = 2.8, 21.0, 200.0
+# Those on a table have this length [m], this mass [kg] and this chaser.
+_TABLE_ARM, _TABLE_ARM_MASS, _TABLE_MASS = 1.2, 7.0, 60.0
 # Each pitch joint sits beside the one before [m], so that no wrist is spherical.
 _SIDEWAYS = 0.08
 
@@ -27,7 +29,8 @@ _OFF_THE_BASE = '<origin xyz="0.3 -0.2 0.25" rpy="0.3 -0.2 0.5"/>'
 def bench_robot(name: str) -> Robot:
     """Return `lemur`, `canadarm2`, or a generated arm by its number of joints: `arm6` has six.
 
-    `off7` has seven, and the centre of mass of its chaser is off the base link's frame.
+    `planar3` has three and its chaser floats on a table. `off7` has seven, and the centre of mass
+    of its chaser is off the base link's frame.
     """
     if name in _BASE_LINKS:
         urdf = share_directory() / "config" / "robots" / name / f"{name}.urdf"
@@ -35,7 +38,26 @@ def bench_robot(name: str) -> Robot:
     if name == "off7":
         moved = arm_urdf(7).replace('<origin xyz="0 0 0.0"/>', _OFF_THE_BASE, 1)
         return robot_from_urdf_text(moved, "chaser", "end_effector")
+    if name.startswith("planar"):
+        text = planar_urdf(int(name.removeprefix("planar")))
+        return robot_from_urdf_text(text, "chaser", "end_effector", Base.PLANAR)
     return robot_from_urdf_text(arm_urdf(int(name.removeprefix("arm"))), "chaser", "end_effector")
+
+
+def planar_urdf(joints: int) -> str:
+    """Write a chaser on a table with an arm whose joints turn about the table's normal."""
+    parts = [_link("chaser", _TABLE_MASS, (2.0, 2.0, 3.0), 0.0)]
+    parent, offset, length = "chaser", "0.25 0.05 0", _TABLE_ARM / joints
+    for number in range(1, joints + 1):
+        mass = _TABLE_ARM_MASS / joints
+        thin = mass * (0.002 + length**2 / 12)
+        link = _link(f"link_{number}", mass, (mass * 0.002, thin, thin), 0.0)
+        parts.append(link.replace('xyz="0 0 0.0"', f'xyz="{length / 2} 0 0"', 1))
+        parts.append(_joint(f"joint_{number}", "revolute", parent, f"link_{number}", offset, "z"))
+        parent, offset = f"link_{number}", f"{length} 0 0"
+    parts.append('<link name="end_effector"/>')
+    parts.append(_joint("hand", "fixed", parent, "end_effector", offset))
+    return f'<robot name="planar{joints}">{"".join(parts)}</robot>'
 
 
 def arm_urdf(joints: int) -> str:

@@ -1,11 +1,12 @@
-"""Problems that have a solution because a joint spline was drawn first: its end is the goal.
+"""Problems of every arm and goal that joint splines are for: a motion was drawn, its end is asked.
 
-The motions of any arm from any start: singular ones, and those of arms with many joints or few.
+That motion, the witness, is a quintic of each joint; the obstacles stay away from it.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
@@ -14,95 +15,194 @@ from scipy.optimize import minimize
 
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.bench.robots import bench_robot
+from ff_planner_ros.planning.clearance import arm_points, clearances, segments
 from ff_planner_ros.planning.forward import driven
 from ff_planner_ros.planning.joint_motion import JointMotion
-from ff_planner_ros.planning.problem import Limits, Objective, PlanningProblem, Target
+from ff_planner_ros.planning.problem import (
+    Limits,
+    Objective,
+    Orientation,
+    PlanningProblem,
+    Sphere,
+    Target,
+)
 from ff_planner_ros.robot.configuration import configuration
-from ff_planner_ros.robot.model import Robot
-from ff_planner_ros.robot.momentum import smallest_singular_values, total_momentum
+from ff_planner_ros.robot.model import Base, Robot
+from ff_planner_ros.robot.momentum import (
+    generalised_jacobian,
+    smallest_singular_values,
+    total_momentum,
+)
 from ff_planner_ros.robot.state import SystemState
 
 # Smallest singular value of a singular start at most; the planner's threshold is 0.02.
 SINGULAR = 1e-3
-# How far each joint turns at most on the way [rad], and how fast the chaser begins [m/s, rad/s].
-_TURN, _DRIFT, _SPIN = 0.9, 0.01, 0.01
-# Joints stay away from their limits [rad], and the witness's rates below so much of theirs.
-_FROM_LIMITS, _OF_RATES = 0.1, 0.6
+# At the goal that of the conditions is more, so that the end effector can rest there.
+_REGULAR = 0.08
+# How far each joint turns at most [rad], and how fast it and the chaser begin [rad/s, m/s, rad/s].
+_TURN, _MOVING, _DRIFT, _SPIN = 0.9, 0.03, 0.01, 0.01
+# Joints stay away from their limits [rad], and the witness's mean rates below so much of theirs.
+_FROM_LIMITS, _OF_RATES = 0.1, 0.3
+# From the witness's way the obstacles are so far away [m], and no smaller; they move slowly [m/s].
+_CLEAR, _SMALLEST, _LARGEST, _SLOW = 0.02, 0.04, 0.15, 0.005
+_CANDIDATES = 60
 _POINTS, _STEPS = 50, 100
 
 
+@dataclass(frozen=True)
+class Kind:
+    """A class of problems."""
+
+    robots: tuple[str, ...]  # in turn
+    orientations: tuple[Orientation, ...]  # in turn
+    spheres: int = 0  # at most
+    singular: bool = False  # whether they begin in a singular posture
+
+
+KINDS = {
+    "singular starts": Kind(("lemur", "arm6", "arm7"), (Orientation.FIXED,), singular=True),
+    "partial goals": Kind(
+        ("lemur", "arm6", "arm10"), (Orientation.FREE, Orientation.ABOUT_AXIS), spheres=3
+    ),
+    "many joints": Kind(("arm10", "arm14"), (Orientation.FIXED,), spheres=3),
+    "planar": Kind(
+        ("planar2", "planar3", "planar4", "planar3"),
+        (Orientation.FREE, Orientation.FIXED, Orientation.FIXED, Orientation.FREE),
+        spheres=2,
+    ),
+}
+
+
+def problems(kind: str, count: int) -> Iterator[PlanningProblem]:
+    """Yield the first problems of a class, always the same."""
+    for number in range(count):
+        yield problem(kind, number)
+
+
 @cache
-def singular_start(robot: str, number: int) -> PlanningProblem:
-    """Return a problem that begins in a singular posture, always the same one."""
-    arm = bench_robot(robot)
-    rng = np.random.default_rng([*f"singular {robot}".encode(), number])
+def problem(kind: str, number: int) -> PlanningProblem:
+    """Return one problem of a class, always the same."""
+    asked = KINDS[kind]
+    robot = bench_robot(asked.robots[number % len(asked.robots)])
+    orientation = asked.orientations[number % len(asked.orientations)]
+    rng = np.random.default_rng([*kind.encode(), number])
     while True:
-        posture = _singular_posture(arm, rng)
+        posture = _posture(robot, asked.singular, rng)
         if posture is not None:
-            problem = drawn_problem(arm, posture, rng)
-            if problem is not None:
-                return problem
+            drawn = drawn_problem(robot, posture, orientation, asked.spheres, rng)
+            if drawn is not None:
+                return drawn
 
 
-def drawn_problem(robot: Robot, posture: Array, rng: np.random.Generator) -> PlanningProblem | None:
-    """Draw a drifting chaser, a motion of the arm from a posture, and take its end as the goal.
+def drawn_problem(
+    robot: Robot,
+    posture: Array,
+    orientation: Orientation,
+    spheres: int,
+    rng: np.random.Generator,
+) -> PlanningProblem | None:
+    """Draw a moving system and a motion of its arm from a posture; at the goal it shall rest.
 
-    The end effector shall rest there. None: the motion would leave a joint's limits.
+    None: the motion leaves a joint's limits, or the end effector could not rest at its end.
     """
+    planar, joints = robot.base is Base.PLANAR, robot.joints
+    drift, spin = _DRIFT * rng.normal(size=3), _SPIN * rng.normal(size=3)
+    if planar:
+        drift[2] = spin[0] = spin[1] = 0.0
     start = SystemState(
         position_chaser_in_inertial=np.zeros(3),
         quaternion_chaser_to_inertial_xyzw=np.array([0.0, 0.0, 0.0, 1.0]),
-        linear_velocity_chaser_in_inertial=_DRIFT * rng.normal(size=3),
-        angular_velocity_chaser_in_inertial=_SPIN * rng.normal(size=3),
+        linear_velocity_chaser_in_inertial=drift,
+        angular_velocity_chaser_in_inertial=spin,
         joint_positions=posture,
-        joint_velocities=np.zeros(robot.joints),
+        joint_velocities=_MOVING * rng.uniform(-1.0, 1.0, joints),
     )
     duration = float(rng.uniform(8.0, 15.0))
-    end = posture + rng.uniform(-_TURN, _TURN, robot.joints)
-    lowest, highest = robot.lower_position_limits, robot.upper_position_limits
-    if (end < lowest + _FROM_LIMITS).any() or (end > highest - _FROM_LIMITS).any():
+    end = posture + rng.uniform(-_TURN, _TURN, joints)
+    lowest = robot.lower_position_limits + _FROM_LIMITS
+    highest = robot.upper_position_limits - _FROM_LIMITS
+    too_fast = np.abs(end - posture) / duration > _OF_RATES * robot.velocity_limits
+    if (end < lowest).any() or (end > highest).any() or too_fast.any():
         return None
-    # The fastest rate of a motion from rest to rest is 15/8 of the mean one.
-    if (15.0 / 8.0 * np.abs(end - posture) / duration > _OF_RATES * robot.velocity_limits).any():
-        return None
-    still = np.zeros((2, robot.joints))
-    joints = JointMotion(np.array([0.0, duration]), np.array([posture, end]), still, still)
+    still = np.zeros((2, joints))
+    rates = np.array([start.joint_velocities, still[1]])
+    witness = JointMotion(np.array([0.0, duration]), np.array([posture, end]), rates, still)
     q, v = configuration(robot, start)
     data = robot.model.createData()
     momentum = total_momentum(robot, data, q, v)
-    there, *_ = driven(robot, q, momentum, joints, np.linspace(0.0, duration, _STEPS + 1))
-    pin.forwardKinematics(robot.model, data, there[-1])
+    way, *_ = driven(robot, q, momentum, witness, np.linspace(0.0, duration, _STEPS + 1))
+    if _least_at_goal(robot, way[-1], orientation) < _REGULAR:
+        return None
+    pin.forwardKinematics(robot.model, data, way[-1])
     goal = pin.updateFramePlacement(robot.model, data, robot.tip_frame_id)
+    axis = rng.normal(size=3)
     return PlanningProblem(
         robot=robot,
         start=start,
         target=Target(
             position=goal.translation.copy(),
             quaternion_xyzw=pin.Quaternion(goal.rotation).coeffs(),
+            orientation=orientation,
+            free_axis_in_ee=axis if orientation is Orientation.ABOUT_AXIS else None,
         ),
         duration=duration,
         points=_POINTS,
-        obstacles=(),
+        obstacles=_spheres(robot, way, duration, spheres, rng),
         objective=Objective(1.0, 0.0),
         limits=Limits(joint_velocities=True),
     )
 
 
-def _singular_posture(robot: Robot, rng: np.random.Generator) -> Array | None:
-    """Return a singular posture well within the limits; None: none was found near a random one."""
-    lowest = robot.lower_position_limits + _FROM_LIMITS
-    highest = robot.upper_position_limits - _FROM_LIMITS
-    q = np.concatenate([np.zeros(6), [1.0], np.zeros(robot.joints)])
+def _posture(robot: Robot, singular: bool, rng: np.random.Generator) -> Array | None:
+    """Return a posture well within the limits; None: no singular one was found near what is drawn.
+
+    A joint without limits is drawn from one turn.
+    """
+    lowest = np.maximum(robot.lower_position_limits, -np.pi) + _FROM_LIMITS
+    highest = np.minimum(robot.upper_position_limits, np.pi) - _FROM_LIMITS
+    drawn = rng.uniform(lowest, highest)
+    if not singular:
+        return np.asarray(drawn, np.float64)
+    base = np.concatenate([np.zeros(6), [1.0]])
 
     def smallest(joints: Array) -> float:
-        return float(smallest_singular_values(robot, np.append(q[:7], joints)[None])[0])
+        return float(smallest_singular_values(robot, np.append(base, joints)[None])[0])
 
-    drawn = rng.uniform(lowest, highest)
     bounds = list(zip(lowest, highest, strict=True))
     found = minimize(smallest, drawn, method="Nelder-Mead", bounds=bounds)
     return np.asarray(found.x, np.float64) if found.fun < SINGULAR else None
 
 
-def with_objective(problem: PlanningProblem, objective: Objective) -> PlanningProblem:
-    """Return the same problem with another objective."""
-    return replace(problem, objective=objective)
+def _least_at_goal(robot: Robot, q: Array, orientation: Orientation) -> float:
+    """Return the smallest singular value of the conditions on the end effector's twist."""
+    jacobian = generalised_jacobian(robot, robot.model.createData(), q)
+    if orientation is not Orientation.FIXED:
+        jacobian = jacobian[: 2 if robot.base is Base.PLANAR else 3]
+    return float(np.linalg.svd(jacobian, compute_uv=False)[-1])
+
+
+def _spheres(
+    robot: Robot, way: Array, duration: float, most: int, rng: np.random.Generator
+) -> tuple[Sphere, ...]:
+    """Draw spheres near the arm's way, slowly moving, that stay away from it."""
+    points = arm_points(robot, way)
+    starts, times = segments(points), np.linspace(0.0, duration, len(way))
+    chosen = list[Sphere]()
+    for _ in range(_CANDIDATES if most else 0):
+        time, link = rng.integers(len(way)), rng.choice(starts)
+        along, radius = rng.uniform(), rng.uniform(_SMALLEST, _LARGEST)
+        aside, velocity = rng.normal(size=3), _SLOW * rng.normal(size=3)
+        if robot.base is Base.PLANAR:
+            aside[2] = velocity[2] = 0.0
+        at = (1.0 - along) * points[time, link] + along * points[time, link + 1]
+        at = at + aside / np.linalg.norm(aside) * (radius + _CLEAR)
+        sphere = Sphere(f"s{len(chosen) + 1}", at - times[time] * velocity, radius, velocity)
+        clear = float(clearances(points, times, starts, [sphere]).distance.min())
+        if clear < _CLEAR:
+            if radius + clear - _CLEAR < _SMALLEST:
+                continue
+            sphere = replace(sphere, radius=radius + clear - _CLEAR)
+        chosen.append(sphere)
+        if len(chosen) == most:
+            break
+    return tuple(chosen)
