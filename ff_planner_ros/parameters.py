@@ -9,7 +9,7 @@ from functools import cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar, get_type_hints
 
-from ff_planner_ros.arrays import finite_vector, unit_quaternion
+from ff_planner_ros.arrays import finite_number, finite_vector, unit_quaternion
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.controller_rules import Controller
 from ff_planner_ros.planning.problem import MAX_POINTS, MIN_POINTS, Limits
@@ -17,6 +17,7 @@ from ff_planner_ros.planning.scenario import Defaults, from_urdf
 from ff_planner_ros.planning.settings import PlannerSettings, tunable
 from ff_planner_ros.planning.tail import EndBehaviour
 from ff_planner_ros.planning.yaml_file import mapping, read_yaml
+from ff_planner_ros.robot.model import Base, Robot, robot_from_urdf_text
 from ff_planner_ros.share import share_directory
 
 if TYPE_CHECKING:
@@ -35,11 +36,51 @@ RELIABILITIES, DURABILITIES = ("best_effort", "reliable"), ("volatile", "transie
 
 @dataclass(frozen=True)
 class RobotParameters:
-    """Which robot to plan for."""
+    """Which robot to plan for.
+
+    Raises:
+        InvalidInput: A word that is not known, or a list of held joints that is none.
+    """
 
     urdf: str = tunable("URDF file: a path or a package:// URI")
     base_link: str = tunable("URDF link that carries the arm")
     tip_link: str = tunable("URDF link whose frame is the end effector")
+    base: str = tunable("How the chaser can move: free_flyer, or planar on an air-bearing table")
+    held_joints: str = tunable(
+        "Joints that are not planned and where they are [rad or m]: `rail: 0.2, hand: -1.0`"
+    )
+
+    def __post_init__(self) -> None:
+        """Check the word and the list."""
+        _require_word("robot.base", self.base, tuple(Base))
+        held_joints_of(self.held_joints)
+
+    def load(self, description: str) -> Robot:
+        """Return the robot of a URDF's text.
+
+        Raises:
+            InvalidInput: The URDF is refused.
+        """
+        held_at = held_joints_of(self.held_joints)
+        base = Base(self.base)
+        return robot_from_urdf_text(description, self.base_link, self.tip_link, base, held_at)
+
+
+def held_joints_of(text: str) -> dict[str, float]:
+    """Return where joints are held, from a text with commas.
+
+    Raises:
+        InvalidInput: It is no such text.
+    """
+    held_at: dict[str, float] = {}
+    for word in filter(None, map(str.strip, text.split(","))):
+        name, _, at = word.rpartition(":")
+        try:
+            held_at[name.strip()] = finite_number("robot.held_joints", float(at))
+        except ValueError:
+            allowed = "it must be names and positions: `rail: 0.2, hand: -1.0`"
+            raise InvalidInput(Status.OUT_OF_RANGE, "robot.held_joints", text, allowed) from None
+    return held_at
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ from typing import Any
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from ff_planner_ros.analysis.from_above import view_from_above
 from ff_planner_ros.analysis.methods import PLANNED, Method
 from ff_planner_ros.analysis.panels import (
     CHASER_POSE,
@@ -23,7 +24,7 @@ from ff_planner_ros.analysis.panels import (
 from ff_planner_ros.analysis.scene import save_scene
 from ff_planner_ros.planning.plan import Plan, Trajectory
 from ff_planner_ros.planning.problem import PlanningProblem
-from ff_planner_ros.robot.model import Robot
+from ff_planner_ros.robot.model import Base, Robot
 
 _FORBIDDEN = "0.85"  # light grey, beside which every method's colour stands out
 _LIMIT: dict[str, Any] = {"color": "0.35", "linewidth": 1.0, "linestyle": (0, (6, 3))}
@@ -57,6 +58,8 @@ def save_figures(
         "clearance": clearance_figure(problem, motions),
         "joint_angles": joint_angle_figure(problem.robot, motions),
     }
+    if problem.robot.base is Base.PLANAR:
+        figures["from_above"] = view_from_above(problem, motions)
     for name, figure in figures.items():
         figure.savefig(directory / f"{name}.png", dpi=_DOTS_PER_INCH)
         # Without a date in it: the same plans give the same file.

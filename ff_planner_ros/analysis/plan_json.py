@@ -13,7 +13,7 @@ from ff_planner_ros.planning.plan import Plan, SolverReport, Trajectory
 from ff_planner_ros.planning.problem import Objective, Sphere
 from ff_planner_ros.planning.sound_samples import require_sound_samples
 from ff_planner_ros.planning.task import PlanningTask
-from ff_planner_ros.robot.model import Robot, robot_from_urdf_text
+from ff_planner_ros.robot.model import Base, Robot, robot_from_urdf_text
 
 _ROBOT = ("urdf", "base_link", "tip_link")
 
@@ -38,7 +38,8 @@ def plan_dictionary(plan: Plan, task: PlanningTask, solve_time: float) -> dict[s
         "status": Status.SOLVED.name.lower(),
         "message": plan.solver.stop_reason,
         "digest": task.digest,
-        "robot": {name: getattr(problem.robot, name) for name in _ROBOT},
+        "robot": {name: getattr(problem.robot, name) for name in _ROBOT}
+        | {"base": problem.robot.base.value},
         "objective": asdict(problem.objective),
         "obstacles": [
             {"id": sphere.id, "center": sphere.center.tolist(), "radius": sphere.radius}
@@ -84,7 +85,11 @@ def planned_motion(answer: object) -> tuple[Robot, Trajectory]:
         raise InvalidInput(Status.UNSUPPORTED, "status", found, "only a plan has a motion")
     described = _entry(answer, "robot")
     urdf, base_link, tip_link = (str(_entry(described, name, "robot.")) for name in _ROBOT)
-    robot = robot_from_urdf_text(urdf, base_link, tip_link)
+    base = described.get("base", Base.FREE_FLYER)
+    if base not in tuple(Base):
+        allowed = f"it must be {', '.join(Base)}"
+        raise InvalidInput(Status.OUT_OF_RANGE, "robot.base", repr(base), allowed)
+    robot = robot_from_urdf_text(urdf, base_link, tip_link, Base(base))
     names = _entry(answer, "joint_names")
     if names != list(robot.joint_names):
         allowed = f"they must be those of the robot, {', '.join(robot.joint_names)}"

@@ -12,8 +12,9 @@ from ff_planner_ros.bag.exchanges import exchanges
 from ff_planner_ros.bag.plans import RecordedPlan, recorded_plan
 from ff_planner_ros.bag.reader import open_bag
 from ff_planner_ros.errors import BagError
+from ff_planner_ros.parameters import RobotParameters
 from ff_planner_ros.planning.plan import Trajectory
-from ff_planner_ros.robot.model import Robot, robot_from_urdf_text
+from ff_planner_ros.robot.model import Base, Robot
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,8 +67,11 @@ def attached_robot(bag: Path, attachments: Mapping[str, bytes]) -> Robot:
     try:
         links = yaml.safe_load(documents["parameters.yaml"])["/**"]["ros__parameters"]["robot"]
         base_link, tip_link = str(links["base_link"]), str(links["tip_link"])
+        # Bags of earlier versions do not tell: they know no other base.
+        base, held = str(links.get("base", Base.FREE_FLYER)), str(links.get("held_joints", ""))
     except (yaml.YAMLError, LookupError, TypeError):
         raise BagError(
             f"bag {bag}: its parameters.yaml does not name robot.base_link and robot.tip_link"
         ) from None
-    return robot_from_urdf_text(documents["robot.urdf"], base_link, tip_link)
+    robot = RobotParameters("robot.urdf", base_link, tip_link, base, held)
+    return robot.load(documents["robot.urdf"])

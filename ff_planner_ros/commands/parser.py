@@ -48,6 +48,12 @@ def command_parser() -> ArgumentParser:
     )
 
     demo = add("demo", planning.show_demo, "plan the paper's capture over ROS, show the result")
+    demo.add_argument(
+        "--testbed",
+        choices=("lemur", "planar"),
+        default="lemur",
+        help="lemur: the paper's capture in space (default); planar: one on an air-bearing table",
+    )
     demo.add_argument("--output", type=Path, default="demo_output", metavar="DIR")
 
     summary = "write the plans or the requests of a bag for other tools"

@@ -219,7 +219,7 @@ def show_demo(options: argparse.Namespace) -> int:
 
     from ff_planner_ros.demo.run import run_demo
 
-    return run_demo(options.output)
+    return run_demo(options.output, testbed=options.testbed)
 
 
 def run_node(options: argparse.Namespace) -> int:

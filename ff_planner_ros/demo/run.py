@@ -13,7 +13,7 @@ import time
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -39,8 +39,30 @@ _GRACE = 60.0  # [s] for a process to end after it was asked to: on a slow machi
 _LOOK_INTERVAL = 0.1  # [s] between looks at the processes
 
 
-def run_demo(output: Path = Path("demo_output"), scenario: Path | None = None) -> int:
-    """Plan and fly a capture (None: the paper's) for both objectives and show the result.
+class Testbed(NamedTuple):
+    """What is demonstrated."""
+
+    title: str
+    scenario: str  # in config/scenarios
+    parameters: str  # of the node, in config
+
+
+TESTBEDS: Mapping[str, Testbed] = {
+    "lemur": Testbed("The paper's capture", "lemur_capture.yaml", "planner.yaml"),
+    "planar": Testbed(
+        "A capture on an air-bearing table", "planar_capture.yaml", "planar_testbed.yaml"
+    ),
+}
+
+
+def run_demo(
+    output: Path = Path("demo_output"), scenario: Path | None = None, testbed: str = "lemur"
+) -> int:
+    """Plan and fly a capture for both objectives and show the result.
+
+    Args:
+        scenario: None: that of the testbed.
+        testbed: One of `TESTBEDS`.
 
     Returns:
         Exit code: 0 both flown, 2 something could not run, 3 a plan was not found,
@@ -50,11 +72,12 @@ def run_demo(output: Path = Path("demo_output"), scenario: Path | None = None) -
     stop = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stop.set())
-    scenario = scenario or share_directory() / "config" / "scenarios" / "lemur_capture.yaml"
+    shown, config = TESTBEDS[testbed], share_directory() / "config"
+    scenario = scenario or config / "scenarios" / shown.scenario
     directory = unique_directory(output.resolve(), "demo")
     try:
         directory.mkdir(parents=True)
-        _demonstrate(directory, scenario.resolve(), stop)
+        _demonstrate(shown.title, directory, scenario.resolve(), config / shown.parameters, stop)
     except KeyboardInterrupt:
         print("ff-planner demo: interrupted", file=sys.stderr)
         return 130
@@ -67,10 +90,12 @@ def run_demo(output: Path = Path("demo_output"), scenario: Path | None = None) -
     return 0
 
 
-def _demonstrate(directory: Path, scenario: Path, stop: threading.Event) -> None:
+def _demonstrate(
+    title: str, directory: Path, scenario: Path, parameters: Path, stop: threading.Event
+) -> None:
     problem = load_scenario(scenario)
     print(
-        f"The paper's capture ({_shown(scenario)}): {problem.robot.joints} joints, "
+        f"{title} ({_shown(scenario)}): {problem.robot.joints} joints, "
         f"{len(problem.obstacles)} obstacles, {problem.duration:g} s, {problem.points} points.\n"
         "Three processes talk over ROS 2: planner node, simulated testbed, mission executive. The\n"
         "chaser drifts while the planner plans ahead, and passes through the published start when\n"
@@ -79,7 +104,7 @@ def _demonstrate(directory: Path, scenario: Path, stop: threading.Event) -> None
     )
     os.environ.update(private_environment())
     flown: dict[Method, dict[str, Any]] = {}
-    with _running(_node(directory), directory / "node.log") as node:
+    with _running(_node(directory, parameters), directory / "node.log") as node:
         for method in _OBJECTIVES:
             flown[method] = _fly(method, scenario, directory, node, stop)
     (bag,) = (metadata.parent for metadata in directory.glob("*/metadata.yaml"))
@@ -158,10 +183,11 @@ def _fly(
     raise FfPlannerError(Status.INTERNAL_ERROR, "no lead to try")
 
 
-def _node(directory: Path) -> list[str]:
+def _node(directory: Path, parameters: Path) -> list[str]:
     # Quoted: ROS reads the value as YAML.
     bag = f"bag.directory:={json.dumps(str(directory))}"
-    return [sys.executable, "-m", "ff_planner_ros.ros.node", "--ros-args", "-p", bag]
+    node = [sys.executable, "-m", "ff_planner_ros.ros.node", "--ros-args"]
+    return [*node, "--params-file", str(parameters), "-p", bag]
 
 
 def _example(name: str) -> list[str]:

@@ -58,6 +58,8 @@ class Target:
 
     def __post_init__(self) -> None:
         """Check every value and replace it by a read-only copy."""
+        if self.orientation is Orientation.FREE:
+            object.__setattr__(self, "quaternion_xyzw", [0.0, 0.0, 0.0, 1.0])
         for name in self.__dataclass_fields__:
             if name in ("orientation", "free_axis_in_ee"):
                 continue
@@ -67,8 +69,6 @@ class Target:
                 checked = finite_vector(f"target.{name}", getattr(self, name), 3)
             object.__setattr__(self, name, checked)
         self._check_free_axis()
-        if self.orientation is Orientation.FREE:
-            object.__setattr__(self, "quaternion_xyzw", frozen([0.0, 0.0, 0.0, 1.0]))
         for name in ("angular_velocity", "angular_acceleration"):
             self._refuse_free_turn(name)
 

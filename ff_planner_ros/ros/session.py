@@ -15,7 +15,7 @@ from rclpy.lifecycle import LifecycleNode
 from ff_planner_ros.bag.decoding import NANOSECONDS
 from ff_planner_ros.bag.writer import unique_directory
 from ff_planner_ros.errors import InvalidInput, Status
-from ff_planner_ros.robot.model import read_urdf, robot_from_urdf_text
+from ff_planner_ros.robot.model import read_urdf
 from ff_planner_ros.ros.inputs.input_topics import heard_with
 from ff_planner_ros.ros.inputs.scene_input import SceneInput
 from ff_planner_ros.ros.inputs.state_input import Snapshot, StateInput
@@ -48,7 +48,7 @@ class Session:
         now = parameters.current
         urdf = resolve_uri(now.robot.urdf, relative_to=Path.cwd())
         self._description = read_urdf(urdf)
-        robot = robot_from_urdf_text(self._description, now.robot.base_link, now.robot.tip_link)
+        robot = now.robot.load(self._description)
         self._states = StateInput(robot, now.inertial_frame, now.state_source, now.odometry)
         self._scenes = SceneInput(now.inertial_frame)
         self._bag = unique_directory(Path(now.bag.directory).resolve(), "ff_planner")

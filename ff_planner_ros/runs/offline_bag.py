@@ -139,7 +139,13 @@ def _used(task: PlanningTask) -> dict[str, Any]:
     robot, limits, controller = task.problem.robot, task.problem.limits, task.controller
     angle = limits.chaser_attitude
     return {
-        "robot": {"urdf": "robot.urdf", "base_link": robot.base_link, "tip_link": robot.tip_link},
+        "robot": {
+            "urdf": "robot.urdf",
+            "base_link": robot.base_link,
+            "tip_link": robot.tip_link,
+            "base": robot.base.value,
+            "held_joints": "",
+        },
         "inertial_frame": SCENARIO_FRAME,
         "state_source": "chaser_state",
         "points": task.problem.points,

@@ -16,7 +16,14 @@ from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.parameters import NodeParameters
 from ff_planner_ros.planning.metrics import Metrics
 from ff_planner_ros.planning.plan import Plan, SolverReport
-from ff_planner_ros.planning.problem import Objective, PlanningProblem, Sphere, Target
+from ff_planner_ros.planning.problem import (
+    Objective,
+    Orientation,
+    PlanningProblem,
+    Sphere,
+    Target,
+)
+from ff_planner_ros.planning.scenario import orientation_of, parametrisation_of
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.state import SystemState
 
@@ -59,10 +66,16 @@ def problem_from_request(
         "target.quaternion_xyzw": "target_pose.pose.orientation",
         "target.linear_velocity": "target_twist.linear",
         "target.angular_velocity": "target_twist.angular",
+        "target.orientation": "orientation",
+        "target.free_axis": "free_axis",
         "objective.joint_path_length": "weight_joint_path_length",
         "objective.chaser_attitude": "weight_chaser_attitude",
         "objective": "weight_joint_path_length and weight_chaser_attitude",
     }
+    # A message decoded from a bag of an earlier version has no such fields.
+    orientation = orientation_of("orientation", getattr(request, "orientation", "") or "fixed")
+    axis = xyz(request.free_axis) if hasattr(request, "free_axis") else np.zeros(3)
+    given = orientation is Orientation.ABOUT_AXIS or axis.any()
     with _fields_named(named_as):
         return PlanningProblem(
             robot=robot,
@@ -72,6 +85,8 @@ def problem_from_request(
                 quaternion_xyzw=xyzw(request.target_pose.pose.orientation),
                 linear_velocity=xyz(request.target_twist.linear),
                 angular_velocity=xyz(request.target_twist.angular),
+                orientation=orientation,
+                free_axis_in_ee=axis if given else None,
             ),
             duration=request.duration,
             points=request.points or parameters.points,
@@ -81,6 +96,7 @@ def problem_from_request(
                 chaser_attitude=request.weight_chaser_attitude,
             ),
             limits=parameters.limits.limits(asked_attitude),
+            parametrisation=parametrisation_of(getattr(request, "parametrisation", "") or "auto"),
         )
 
 
@@ -152,6 +168,7 @@ def plan_from_response(response: PlanTrajectory.Response) -> Plan:
         trajectory=trajectory_in(response),
         xi=np.array(response.xi),
         orientation_reading=response.orientation_reading,
+        family=getattr(response, "parametrisation", ""),
         metrics=metrics_from_message(response.metrics),
         solver=solver_report_from_message(response.solver),
     )

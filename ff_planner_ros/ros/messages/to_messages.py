@@ -35,6 +35,7 @@ from ff_planner_ros.robot.state import SystemState
 def request_message(problem: PlanningProblem, inertial_frame: str) -> PlanTrajectory.Request:
     """Write a problem as a request that starts from the latest published state and obstacles."""
     target, angle = problem.target, problem.limits.chaser_attitude
+    axis = target.free_axis_in_ee
     return PlanTrajectory.Request(
         target_pose=PoseStamped(
             header=Header(frame_id=inertial_frame),
@@ -46,6 +47,9 @@ def request_message(problem: PlanningProblem, inertial_frame: str) -> PlanTrajec
         weight_chaser_attitude=problem.objective.chaser_attitude,
         points=problem.points,
         limit_chaser_attitude=angle if math.isfinite(angle) else 0.0,
+        parametrisation=problem.parametrisation.value,
+        orientation=target.orientation.value,
+        free_axis=_vector(axis.tolist() if axis is not None else [0.0] * 3),
     )
 
 
@@ -138,6 +142,7 @@ def response_from_plan(
         end_effector_twists=_twists(motion.ee_linear_velocities, motion.ee_angular_velocities),
         xi=plan.xi.tolist(),
         orientation_reading=plan.orientation_reading,
+        parametrisation=plan.family,
         metrics=PlanMetrics(**asdict(plan.metrics)),
         solver=SolverReport(solve_time=solve_time, **asdict(plan.solver)),
     )
