@@ -6,13 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from robots import CANADARM2_URDF, random_state, random_urdf
+from robots import CANADARM2_URDF, LEMUR_URDF, random_state, random_urdf
 
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.problem import PlanningProblem
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.ee_at_rest import joint_rates_with_ee_at_rest
-from ff_planner_ros.robot.model import robot_from_urdf_text
+from ff_planner_ros.robot.model import load_robot, robot_from_urdf_text
 from ff_planner_ros.robot.momentum import total_momentum
 from ff_planner_ros.robot.velocity_map import VelocityMap
 
@@ -56,3 +56,11 @@ def test_a_singular_posture_is_refused(lemur_capture: PlanningProblem) -> None:
             lemur_capture.robot, replace(lemur_capture.start, joint_positions=stretched)
         )
     assert refusal.value.status is Status.START_SINGULAR
+
+
+def test_an_arm_with_too_few_joints_cannot_rest() -> None:
+    names = [f"joint_{k}" for k in range(4, 8)]
+    robot = load_robot(LEMUR_URDF, "chaser", "end_effector", held_at=dict.fromkeys(names, 0.0))
+    state = random_state(robot, np.random.default_rng(0))
+    with pytest.raises(InvalidInput, match=r"to rest is 6 conditions, the arm has 3 joints"):
+        joint_rates_with_ee_at_rest(robot, state)

@@ -29,6 +29,7 @@ from ff_planner_ros.robot.configuration import configuration, system_state
 from ff_planner_ros.robot.dynamics import base_acceleration, inverse_dynamics
 from ff_planner_ros.robot.model import Base, load_robot, robot_from_urdf_text
 from ff_planner_ros.robot.momentum import base_twist, generalised_jacobian, total_momentum
+from ff_planner_ros.simulation.engine import Engine
 from ff_planner_ros.simulation.verification import verify
 
 TESTBED_URDF = CONFIG / "robots/planar_testbed/planar_testbed.urdf"
@@ -246,3 +247,18 @@ def test_a_base_link_that_leans_is_refused() -> None:
     )
     with pytest.raises(InvalidInput, match="base link's z axis"):
         robot_from_urdf_text(text, "body_0", "tip", Base.PLANAR)
+
+
+def test_dry_friction_on_a_table_is_that_written_out() -> None:
+    """However small: the solver's tolerance must not be measured against the table's inertia."""
+    case = Case("testbed")
+    friction, rates = 1e-5, np.array([1e-3, -1e-3, 1e-3])
+    engine = Engine(case.robot)
+    engine.add_friction(np.zeros(3), np.full(3, friction))
+    state = engine.state(
+        planar_state(np.zeros(3), np.zeros(3), case.angles, rates, case.bodies[0], 0.0)
+    )
+    found = engine.derivative(state, np.zeros(3))[-3:]
+    forces = np.concatenate([np.zeros(3), -friction * np.sign(rates)])
+    expected = np.linalg.solve(mass_matrix(case.bodies, np.array([0.0, *case.angles])), forces)
+    np.testing.assert_allclose(found, expected[3:], rtol=0.05)

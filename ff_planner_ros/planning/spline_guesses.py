@@ -34,6 +34,7 @@ _CURVATURE = 3e-3
 _POINTS = 9
 # Gauss-Newton towards a posture: iterations, damping at first and how it falls and grows, and the
 # error [m, rad] that is small enough for a guess.
+_LEAST_DAMPING = 1e-9  # else a long arm with a joint to spare has a singular system in the end
 _ITERATIONS, _FIRST_DAMPING, _LESS, _MORE, _NEAR = 30, 1e-2, 0.25, 6.0, 1e-3
 # Other postures to begin at, and detours, are spread so wide [rad]; postures stay away from limits.
 _POSTURES, _DETOURS, _FROM_LIMITS = 1.0, 0.5, 0.02
@@ -108,7 +109,7 @@ def _way_to_posture(family: JointSplines, posture: Array) -> Array:
             if np.abs(error).max(initial=0.0) < _NEAR:
                 break
             jacobian = family.sensitivity(motion).goal_error[:rows] @ by_posture
-            damping *= _LESS
+            damping = max(_LESS * damping, _LEAST_DAMPING)
         else:
             damping *= _MORE
         normal = jacobian.T @ jacobian + damping * np.eye(robot.joints)

@@ -14,15 +14,16 @@ from ff_planner_ros.arrays import Array, finite_number
 from ff_planner_ros.errors import Failure, InvalidInput, NoPlanFound, Status
 from ff_planner_ros.planning.check import failures, measure
 from ff_planner_ros.planning.forward import driven
+from ff_planner_ros.planning.holding import holding_in_part
 from ff_planner_ros.planning.joint_motion import JointMotion
 from ff_planner_ros.planning.motion import from_trajectory, to_trajectory
 from ff_planner_ros.planning.path_family import singular_refusal
 from ff_planner_ros.planning.plan import Plan, Trajectory
-from ff_planner_ros.planning.problem import MAX_POINTS, PlanningProblem
+from ff_planner_ros.planning.problem import MAX_POINTS, Parametrisation, PlanningProblem
+from ff_planner_ros.planning.requirements.goal import miss
 from ff_planner_ros.planning.requirements.requirement import Samples
 from ff_planner_ros.planning.runge_kutta import runge_kutta_step
 from ff_planner_ros.planning.settings import PlannerSettings
-from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.momentum import total_momentum
 from ff_planner_ros.robot.velocity_map import VelocityMap, VelocitySolution, stacked
 
@@ -78,7 +79,8 @@ def with_tail(
     momentum = total_momentum(robot, robot.model.createData(), q[0], v[0])
     if end_behaviour is EndBehaviour.HOLD_END_EFFECTOR:
         try:
-            tail = _holding(problem, q[-1], momentum, finer)
+            hold = holding_in_part if plan.family == Parametrisation.JOINT_SPLINE else _holding
+            tail = hold(problem, q[-1], v[-1, 6:], momentum, finer)
         except NoPlanFound as singular:
             raise _refusal(name, singular.status, str(singular), plan) from None
         if steps > 1:  # what comes of the points, which are not all of the motion
@@ -116,9 +118,11 @@ def _intervals(problem: PlanningProblem, motion: Trajectory, seconds: float) -> 
 
 
 def _holding(
-    problem: PlanningProblem, q_goal: Array, momentum: Array, time: Array
+    problem: PlanningProblem, q_goal: Array, _rates: Array, momentum: Array, time: Array
 ) -> tuple[Array, Array, Array]:
     """Return the motion that lets the end effector go on with the target's twist, Eq. (31).
+
+    A path of the paper's family ends with its rates.
 
     Raises:
         NoPlanFound: It meets a dynamic singularity.
@@ -183,10 +187,13 @@ def _lost_hold(
     time = np.append(whole.time[told], samples.followed.time[comes]) - problem.duration
     positions = target.position + np.outer(time, target.linear_velocity)
     turns = Rotation.from_rotvec(np.outer(time, target.angular_velocity))
-    rotations = turns * Rotation.from_quat(target.quaternion_xyzw)
-    tips = _tips(problem.robot, np.append(samples.q[told], samples.followed.q[comes], axis=0))
-    away = np.linalg.norm([tip.translation for tip in tips] - positions, axis=1)
-    turned = (rotations.inv() * Rotation.from_matrix([tip.rotation for tip in tips])).magnitude()
+    rotations = (turns * Rotation.from_quat(target.quaternion_xyzw)).as_quat()
+    q = np.append(samples.q[told], samples.followed.q[comes], axis=0)
+    misses = [
+        miss(problem.robot, at, replace(target, position=position, quaternion_xyzw=rotation))
+        for at, position, rotation in zip(q, positions, rotations, strict=True)
+    ]
+    away, turned = np.linalg.norm(misses, axis=2).T
     for name, off, tolerance, unit in (
         ("position", away, settings.position_tolerance, "m"),
         ("orientation", turned, settings.orientation_tolerance, "rad"),
@@ -198,15 +205,6 @@ def _lost_hold(
                 f"{time[off.argmax()]:.2f} s after the goal, allowed is {tolerance:.3g} {unit}",
                 (),
             )
-
-
-def _tips(robot: Robot, q: Array) -> list[pin.SE3]:
-    """Return the end effector's pose in each configuration."""
-    data, tips = robot.model.createData(), []
-    for at in q:
-        pin.forwardKinematics(robot.model, data, at)
-        tips.append(pin.updateFramePlacement(robot.model, data, robot.tip_frame_id).copy())
-    return tips
 
 
 def _refusal(name: str, status: Status, finding: str, attempt: Plan) -> NoPlanFound:

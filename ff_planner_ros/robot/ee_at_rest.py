@@ -26,14 +26,22 @@ def joint_rates_with_ee_at_rest(robot: Robot, state: SystemState) -> Array:
     The joint rates of the state do not matter.
 
     Raises:
-        InvalidInput: The arm is in a singular posture.
+        InvalidInput: The arm is in a singular posture, or has too few joints.
     """
+    rows = robot.base.rows
+    if robot.joints < len(rows):
+        raise InvalidInput(
+            Status.UNSUPPORTED,
+            "joints.end_effector_at_rest",
+            "true",
+            f"to rest is {len(rows)} conditions, the arm has {robot.joints} joints; "
+            "give joints.velocity",
+        )
     data = robot.model.createData()
     q, v = configuration(robot, state)
     row_space = generalised_jacobian(robot, data, q).T
     pin.computeJointJacobians(robot.model, data, q)
     jacobian = pin.getFrameJacobian(robot.model, data, robot.tip_frame_id, pin.LOCAL_WORLD_ALIGNED)
-    rows = robot.base.rows
     jacobian = jacobian[rows]
     rates_to_twist = jacobian[:, 6:] @ row_space
     condition = np.linalg.cond(rates_to_twist)

@@ -205,6 +205,9 @@ def _model(urdf: str, base: Base) -> mujoco.MjModel:
     model.dof_frictionloss = 0.0
     borne = np.setdiff1d(range(6), base.rows)
     model.dof_armature[borne] = _TABLE
+    if len(borne):
+        # It is measured against the mean inertia: dry friction would be lost in the table's.
+        model.opt.tolerance /= _TABLE
     model.opt.disableflags = mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_LIMIT
     return model
 
