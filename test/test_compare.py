@@ -15,7 +15,8 @@ from ff_planner_ros.cli import main
 from ff_planner_ros.errors import NoPlanFound, Status
 
 METHODS = [
-    "straight line", "APF", "min(L)", "min(Theta)", "L + 50 Theta", "fixed base", "zero momentum",
+    "straight line", "APF", "min(L)", "min(L), joint splines", "min(Theta)",
+    "min(Theta), joint splines", "L + 50 Theta", "fixed base", "zero momentum",
 ]  # fmt: skip
 NAMES = ("end_effector", "chaser_pose", "chaser_velocity", "clearance", "joint_angles")
 PICTURES = {f"{name}.{kind}" for name in NAMES for kind in ("png", "pdf")} | {"scene.html"}

@@ -12,6 +12,7 @@ from robots import random_state, random_urdf
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.bench.robots import bench_robot
 from ff_planner_ros.bench.witnessed import drawn_problem
+from ff_planner_ros.bench.witnessed import problem as witnessed_problem
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.forward import driven
 from ff_planner_ros.planning.joint_motion import JointMotion
@@ -41,6 +42,12 @@ def tumbling_problem(robot: Robot, orientation: Orientation, seed: int = 0) -> P
     start = replace(start, joint_accelerations=rng.normal(scale=0.02, size=robot.joints))
     quaternion = rng.normal(size=4)
     small = rng.normal(scale=0.03, size=(4, 3))
+    # No turn can be wanted where it is free.
+    if orientation is Orientation.FREE:
+        small[[1, 3]] = 0.0
+    elif orientation is Orientation.ABOUT_AXIS:
+        axis = pin.Quaternion(quaternion).normalized().toRotationMatrix() @ AXIS
+        small[[1, 3]] -= np.outer(small[[1, 3]] @ axis, axis)
     target = Target(
         rng.uniform(-3.0, 3.0, 3),
         quaternion / np.linalg.norm(quaternion),
@@ -62,9 +69,14 @@ def drawn_splines(
     return family, (hold + rng.normal(scale=0.2, size=(joints, count))).ravel()
 
 
-@pytest.mark.parametrize("orientation", list(Orientation))
-def test_all_derivatives_are_those_of_finite_differences(orientation: Orientation) -> None:
-    family, x = drawn_splines(orientation)
+def planar_splines() -> tuple[JointSplines, Array]:
+    family = joint_splines(witnessed_problem("planar", 1), SETTINGS)
+    return family, np.random.default_rng(2).normal(scale=0.5, size=family.variables)
+
+
+@pytest.mark.parametrize("which", [*Orientation, "planar"])
+def test_all_derivatives_are_those_of_finite_differences(which: str) -> None:
+    family, x = planar_splines() if which == "planar" else drawn_splines(Orientation(which))
     model, step = family.robot.model, 1e-5
     way = np.random.default_rng(3).normal(size=len(x))
     sensitivity = family.sensitivity(family.motion(x, POINTS))
@@ -110,6 +122,18 @@ def test_momentum_is_constant_and_the_base_is_where_an_independent_integration_p
     apart = pin.difference(robot.model, motion.q[-1], q[-1])
     assert np.abs(apart).max() < 1e-6
     np.testing.assert_allclose(motion.v[-1], v[-1], rtol=0.0, atol=1e-6)
+
+
+def test_on_a_table_height_roll_and_pitch_stay_and_the_rest_of_the_momentum_is_constant() -> None:
+    family, x = planar_splines()
+    motion, robot = family.motion(x, 41), family.robot
+    data = robot.model.createData()
+    rows = zip(motion.q, motion.v, strict=True)
+    momenta = np.array([total_momentum(robot, data, *row) for row in rows])[:, [0, 1, 5]]
+    np.testing.assert_allclose(momenta, momenta[:1].repeat(41, 0), rtol=0.0, atol=1e-11)
+    assert np.abs(motion.v[:, [2, 3, 4]]).max() == 0.0
+    assert np.ptp(motion.q[:, 2]) == 0.0
+    assert np.abs(motion.q[:, 3:5]).max() < 1e-15
 
 
 def test_velocities_and_accelerations_are_those_of_the_configurations() -> None:
@@ -177,7 +201,12 @@ def test_the_error_about_an_axis_is_the_angle_between_both_axes(angle: float) ->
     last = tip_along(family, x, POINTS)[-1].rotation
     across = np.cross(AXIS, [1.0, 0.0, 0.0])
     off = last @ pin.exp3(angle * across / np.linalg.norm(across))
-    target = replace(family.problem.target, quaternion_xyzw=pin.Quaternion(off).coeffs())
+    target = replace(
+        family.problem.target,
+        quaternion_xyzw=pin.Quaternion(off).coeffs(),
+        angular_velocity=np.zeros(3),
+        angular_acceleration=np.zeros(3),
+    )
     error = family.towards(target).motion(x, POINTS).goal_error
     assert np.linalg.norm(error[3:5]) == pytest.approx(angle, rel=1e-6)
 

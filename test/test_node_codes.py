@@ -63,11 +63,13 @@ def _target_inside(request: PlanTrajectory.Request) -> None:
 
 
 def _stretched(request: PlanTrajectory.Request) -> None:
+    request.parametrisation = "end_effector_polynomial"  # joint splines begin there, too
     request.obstacles.spheres = []
     request.start_state.joint_positions[3] = math.pi / 2
 
 
 def _out_of_reach_but_for_a_bound(request: PlanTrajectory.Request) -> None:
+    request.parametrisation = "end_effector_polynomial"  # joint splines find a plan
     request.obstacles.spheres = []
     request.target_pose.pose.position.x = 3.6
 

@@ -92,8 +92,9 @@ def test_refused_attempts_have_numbers_and_others_have_none(
 ) -> None:
     attempt = NoPlanFound(Status.COLLISION, "too near", lemur_plan)
     record_answer(tmp_path / "bag", PlanningTask(lemur_capture, SETTINGS), attempt, 0.5)
-    far = ["--with", "planner.singular_value_threshold=0.9"]
-    assert main(["replay", str(tmp_path / "bag"), *far]) == 0
+    far = ("planner.singular_value_threshold=0.9", "parametrisation=end_effector_polynomial")
+    changes = [word for change in far for word in ("--with", change)]
+    assert main(["replay", str(tmp_path / "bag"), *changes]) == 0
     (row,) = (line for line in capsys.readouterr().out.splitlines() if line.startswith("bag "))
     assert f"COLLISION > START_SINGULAR  {lemur_plan.metrics.joint_path_length:.4f} > -" in row
 

@@ -28,6 +28,7 @@ _OF_REQUEST: Mapping[str, tuple[str, Callable[[str, object], object]]] = {
     "points": ("points", integer),
     "limits.chaser_attitude": ("limit_chaser_attitude", number),
     "end_behaviour": ("end_behaviour", text),
+    "parametrisation": ("parametrisation", text),
 }
 # Of the node's parameters: those that planning depends on. The others say where messages go, or
 # what a request is given that leaves open what `_OF_REQUEST` changes in every request.
