@@ -18,7 +18,7 @@ from ff_planner_ros.errors import InvalidInput, NoPlanFound, Status
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.metrics import Metrics
 from ff_planner_ros.planning.plan import Plan, SolverReport, Trajectory
-from ff_planner_ros.planning.problem import PlanningProblem
+from ff_planner_ros.planning.problem import Orientation, Parametrisation, PlanningProblem
 from ff_planner_ros.ros.messages.from_messages import (
     plan_from_response,
     problem_from_request,
@@ -229,6 +229,42 @@ def test_joints_are_put_in_the_robots_order(lemur_capture: PlanningProblem) -> N
     assert state.joint_velocities.tolist() == [0.0, 10.0, 20.0, 30.0, 40.0, 50.0, 60.0]
     assert state.joint_accelerations is not None
     assert state.joint_accelerations.tolist() == [0.0, 100.0, 200.0, 300.0, 400.0, 500.0, 600.0]
+
+
+def test_a_part_of_a_pose_comes_back_out_of_a_request(lemur_capture: PlanningProblem) -> None:
+    about = replace(
+        lemur_capture.target,
+        orientation=Orientation.ABOUT_AXIS,
+        free_axis_in_ee=np.array([0.6, 0.0, 0.8]),
+    )
+    free = replace(lemur_capture.target, orientation=Orientation.FREE)
+    for target in (about, free):
+        asked = replace(lemur_capture, target=target, parametrisation=Parametrisation.JOINT_SPLINE)
+        request = request_message(asked, FRAME)
+        start, obstacles = asked.start, asked.obstacles
+        back = problem_from_request(request, asked.robot, start, obstacles, load_parameters())
+        assert back.target.orientation is target.orientation
+        np.testing.assert_array_equal(back.target.free_axis_in_ee, target.free_axis_in_ee)
+        assert back.parametrisation is Parametrisation.JOINT_SPLINE
+
+
+@pytest.mark.parametrize(
+    ("orientation", "axis", "message"),
+    [
+        ("about_axis", 0.0, r"free_axis is \[0\.0, 0\.0, 0\.0\]: it must be longer"),
+        ("free", 1.0, r"free_axis is .*where orientation is about_axis"),
+        ("sideways", 0.0, r"orientation is 'sideways': it must be fixed, free, about_axis"),
+    ],
+)
+def test_a_part_of_a_pose_that_makes_no_sense_is_refused_by_its_field(
+    lemur_capture: PlanningProblem, orientation: str, axis: float, message: str
+) -> None:
+    request = request_message(lemur_capture, FRAME)
+    request.orientation, request.free_axis.z = orientation, axis
+    with pytest.raises(InvalidInput, match=message):
+        problem_from_request(
+            request, lemur_capture.robot, lemur_capture.start, (), load_parameters()
+        )
 
 
 def test_accelerations_come_back_out_of_a_message_and_none_are_not_known(

@@ -6,6 +6,7 @@ import os
 import signal
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -203,3 +204,26 @@ def test_an_output_directory_that_cannot_be_made_is_bad_input() -> None:
     assert ended.returncode == 2
     assert "/dev/null/out" in ended.stderr
     assert len(ended.stderr.splitlines()) == 1
+
+
+def test_a_capture_on_a_table_is_flown_and_seen_from_above(
+    tmp_path: Path, times: Callable[[int, int], int]
+) -> None:
+    if not times(0, 1):
+        pytest.skip("two flights in real time: at night")
+    ended = subprocess.run(
+        [sys.executable, "-m", "ff_planner_ros.cli", "demo", "--testbed", "planar"],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        timeout=3 * DEADLINE,
+        check=False,
+    )
+    assert ended.returncode == 0, ended.stderr
+    flown = rows(ended.stdout.splitlines(), "min(")
+    assert len(flown) == 2
+    for _, _, _, _, _, off, turned in flown:
+        assert float(off) < 1.0
+        assert float(turned) < 0.05
+    (picture,) = tmp_path.glob("demo_output/*/from_above.png")
+    assert picture.read_bytes().startswith(PNG)
