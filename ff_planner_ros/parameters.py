@@ -74,7 +74,7 @@ def held_joints_of(text: str) -> dict[str, float]:
     """
     held_at: dict[str, float] = {}
     for word in filter(None, map(str.strip, text.split(","))):
-        name, _, at = word.rpartition(":")
+        name, _, at = word.partition(":")
         try:
             held_at[name.strip()] = finite_number("robot.held_joints", float(at))
         except ValueError:
