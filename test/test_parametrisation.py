@@ -137,3 +137,12 @@ def test_a_scenario_and_the_command_line_name_the_family_and_the_answer_says_it(
     scenario.write_text(text + "\nparametrisation: splines\n")
     with pytest.raises(InvalidInput, match="auto, end_effector_polynomial, joint_spline"):
         load_scenario(scenario)
+
+
+@pytest.mark.parametrize("method", ["straight", "apf"])
+def test_baselines_are_refused_where_they_are_not_defined(
+    method: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    scenario = LEMUR_SCENARIO.parent / "planar_capture.yaml"
+    assert main(["plan", str(scenario), "--method", method]) == 2
+    assert "with an arm of 3 joints only the planner itself will do" in capsys.readouterr().err

@@ -20,6 +20,7 @@ from ff_planner_ros.baselines.potential_field import (
     attraction,
     repulsion,
 )
+from ff_planner_ros.planning.families import require_papers_paths
 from ff_planner_ros.planning.metrics import Metrics
 from ff_planner_ros.planning.path_family import singular_refusal
 from ff_planner_ros.planning.plan import Plan, SolverReport
@@ -43,9 +44,11 @@ def artificial_potential_field(
     """Return the motion in the field, not yet judged; `solver.stop_reason` tells how it ended.
 
     Raises:
-        InvalidInput: The start violates what a plan must keep.
+        InvalidInput: The start violates what a plan must keep, or the field is not made for the
+            arm, its base or the target.
         NoPlanFound: The goal is out of reach, or the motion meets a dynamic singularity.
     """
+    require_papers_paths(problem, "method", "APF", "only the planner itself will do")
     require_plannable(problem, settings)
     q, v = configuration(problem.robot, problem.start)
     momentum = total_momentum(problem.robot, problem.robot.model.createData(), q, v)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ff_planner_ros.planning.end_effector_polynomial import end_effector_paths
+from ff_planner_ros.planning.families import require_papers_paths
 from ff_planner_ros.planning.path_family import singular_refusal
 from ff_planner_ros.planning.plan import Plan, SolverReport
 from ff_planner_ros.planning.planner import plan_of_path
@@ -19,9 +20,11 @@ def straight_line(problem: PlanningProblem, settings: PlannerSettings) -> Plan:
     """Return the motion along the path without free terms, Sec. 4.1 of the paper, not yet judged.
 
     Raises:
-        InvalidInput: The start violates what a plan must keep.
+        InvalidInput: The start violates what a plan must keep, or there are no such paths for the
+            arm, its base or the target.
         NoPlanFound: The goal is out of reach, or the path meets a dynamic singularity.
     """
+    require_papers_paths(problem, "method", "straight line", "only the planner itself will do")
     require_plannable(problem, settings)
     family = end_effector_paths(problem)
     report = SolverReport(

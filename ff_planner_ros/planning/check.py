@@ -7,6 +7,7 @@ and clearance are recomputed by forward kinematics and dynamics from the samples
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -18,12 +19,13 @@ from ff_planner_ros.planning.plan import Plan, Trajectory
 from ff_planner_ros.planning.problem import Parametrisation, PlanningProblem
 from ff_planner_ros.planning.requirements import REQUIREMENTS
 from ff_planner_ros.planning.requirements.requirement import Samples
+from ff_planner_ros.planning.requirements.singular_values import SingularValues
 from ff_planner_ros.planning.settings import PlannerSettings
 
 
 def measure(problem: PlanningProblem, trajectory: Trajectory, settings: PlannerSettings) -> Metrics:
     """Return the metrics of a trajectory, computed from its samples alone."""
-    samples = Samples(problem, settings, trajectory)
+    samples = _samples(problem, settings, trajectory)
     to_goal = slice(samples.goal + 1)
     required: dict[str, Any] = {}
     for requirement in REQUIREMENTS:
@@ -39,10 +41,18 @@ def measure(problem: PlanningProblem, trajectory: Trajectory, settings: PlannerS
 
 def failures(problem: PlanningProblem, plan: Plan, settings: PlannerSettings) -> Iterator[Failure]:
     """Yield every requirement that a measured plan does not meet, the most harmful first."""
-    inverts_nothing = plan.family == Parametrisation.JOINT_SPLINE
-    samples = Samples(problem, settings, plan.trajectory, inverts_nothing)
+    samples = _samples(problem, settings, plan.trajectory)
     for required in REQUIREMENTS:
-        yield from required.failures(samples, plan.metrics)
+        if plan.family != Parametrisation.JOINT_SPLINE or required.name != SingularValues.name:
+            yield from required.failures(samples, plan.metrics)
+
+
+@lru_cache(maxsize=2)
+def _samples(
+    problem: PlanningProblem, settings: PlannerSettings, trajectory: Trajectory
+) -> Samples:
+    """Return the samples of a trajectory; what is measured first is judged soon after."""
+    return Samples(problem, settings, trajectory)
 
 
 def refusal(

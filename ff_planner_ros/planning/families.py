@@ -29,7 +29,8 @@ def path_families(
     """
     asked = problem.parametrisation
     if asked is Parametrisation.END_EFFECTOR_POLYNOMIAL:
-        _require_papers(problem)
+        advice = "it must be auto or joint_spline"
+        require_papers_paths(problem, "parametrisation", asked.value, advice)
         return [end_effector_families(problem)]
     splines = [joint_splines(problem, settings)]
     if asked is Parametrisation.JOINT_SPLINE or not applies(problem):
@@ -40,8 +41,16 @@ def path_families(
     return [end_effector_families(problem), splines]
 
 
-def _require_papers(problem: PlanningProblem) -> None:
-    """Refuse what the paper's path is not defined for."""
+def require_papers_paths(problem: PlanningProblem, field: str, value: str, advice: str) -> None:
+    """Refuse what the paper's paths are not defined for.
+
+    Args:
+        field: Whose value asks for them.
+        advice: What to choose instead.
+
+    Raises:
+        InvalidInput: The arm, its base or the target is such.
+    """
     robot = problem.robot
     reasons = {
         f"an arm of {robot.joints} joints": robot.joints < PAPERS_JOINTS,
@@ -52,9 +61,4 @@ def _require_papers(problem: PlanningProblem) -> None:
     }
     for reason, holds in reasons.items():
         if holds:
-            raise InvalidInput(
-                Status.UNSUPPORTED,
-                "parametrisation",
-                problem.parametrisation.value,
-                f"with {reason} it must be auto or joint_spline",
-            )
+            raise InvalidInput(Status.UNSUPPORTED, field, value, f"with {reason} {advice}")

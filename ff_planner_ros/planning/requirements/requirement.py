@@ -45,7 +45,6 @@ class Samples:
     problem: PlanningProblem
     settings: PlannerSettings  # for tolerances
     trajectory: Trajectory  # what comes after the problem's duration is its tail
-    inverts_nothing: bool = False  # whether a singular posture is one as any other for the motion
 
     @cached_property
     def q_and_v(self) -> tuple[Array, Array]:

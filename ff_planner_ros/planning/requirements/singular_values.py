@@ -83,7 +83,7 @@ class SingularValues(Requirement):
     def failures(self, samples: Samples, metrics: Metrics) -> Iterator[Failure]:
         """Yield the most singular posture."""
         threshold = samples.settings.singular_value_threshold
-        if samples.inverts_nothing or metrics.min_singular_value >= threshold - LIMIT_TOLERANCE:
+        if metrics.min_singular_value >= threshold - LIMIT_TOLERANCE:
             return
         point = smallest_singular_values(samples.problem.robot, samples.q).argmin()
         yield Failure(
