@@ -118,7 +118,7 @@ REFUSALS = {
     "no_velocity": (
         'velocity="0.5"',
         'velocity="0"',
-        "joint 'joint_1' limit velocity is 0.0: it must be greater than zero",
+        "joint 'joint_1' limit velocity is 0.0: it must be at least 1e-12",
     ),
     "velocity_in_words": (
         'velocity="0.5"',

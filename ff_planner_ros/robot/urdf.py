@@ -12,7 +12,7 @@ import numpy as np
 import pinocchio as pin
 
 from ff_planner_ros.arrays import Array
-from ff_planner_ros.robot.urdf_bodies import check_bodies, placement
+from ff_planner_ros.robot.urdf_bodies import SMALLEST, check_bodies, placement
 from ff_planner_ros.robot.urdf_faults import Faults, listed, shortened
 from ff_planner_ros.robot.urdf_tree import Tree, link_of, one_of, tree_of
 from ff_planner_ros.robot.urdf_xml import read_elements
@@ -175,8 +175,9 @@ def _check_limits(name: str, joint: Element, faults: Faults) -> None:
     )
     if lower >= upper:
         faults.add("joint", name, "limit lower", lower, f"it must be below upper, {upper:g}")
-    if velocity <= 0.0:
-        faults.add("joint", name, "limit velocity", velocity, "it must be greater than zero")
+    if velocity < SMALLEST:
+        allowed = f"it must be at least {SMALLEST:g}"
+        faults.add("joint", name, "limit velocity", velocity, allowed)
     if effort < 0.0:
         allowed = "it must not be negative; 0 means unknown"
         faults.add("joint", name, "limit effort", effort, allowed)
