@@ -31,8 +31,7 @@ JOINT_FAULTS = {
     "limit lower is ": set_limit("lower", "9"),
     "limit is missing": lambda joint: joint.remove(joint.find("limit")),
     "is a mimic": lambda joint: joint.append(Element("mimic", joint="joint_1")),
-    "is continuous": lambda joint: joint.set("type", "continuous"),
-    "is prismatic": lambda joint: joint.set("type", "prismatic"),
+    "is ball": lambda joint: joint.set("type", "ball"),
     "axis is ": lambda joint: joint.find("axis").set("xyz", "0 0 1e-200"),
     "origin xyz is ": lambda joint: joint.find("origin").set("xyz", "1 2"),
 }

@@ -94,7 +94,7 @@ def is_sound(robot: Robot) -> bool:
     bodies = list(robot.model.inertias)[1:]
     moments = np.array([np.linalg.eigvalsh(body.inertia) for body in bodies])
     return (
-        robot.joints >= 6
+        robot.joints >= 1
         and all(body.mass > 0.0 and np.isfinite(body.lever).all() for body in bodies)
         and bool((moments > 0.0).all() and np.isfinite(moments).all())
         and np.allclose(np.linalg.norm(robot.joint_axes, axis=1), 1.0)
