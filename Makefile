@@ -39,7 +39,7 @@ $(STAMP): setup.py package.xml constraints.txt $(shell find msg_defs -type f)
 	@touch $(VENV)/COLCON_IGNORE
 	@$(INSTALL) --upgrade pip
 	@$(INSTALL) --requirement <($(BIN)/python -c '$(BUILD_REQUIRES)')
-	@PYTHONWARNINGS=ignore $(INSTALL) --no-build-isolation ./msg_defs --editable '.[test]'
+	@PYTHONWARNINGS=ignore $(INSTALL) --no-build-isolation ./msg_defs --editable '.[test,robots]'
 	@touch $@
 
 demo: env

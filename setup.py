@@ -53,6 +53,8 @@ setup(
     extras_require={
         "ros": ROS,
         "simulation": SIMULATION,
+        # 131 MB that only tests read: the URDFs, as found, of arms and robots that others made.
+        "robots": ["example-robot-data>=6,<7"],
         "test": [
             *ROS,
             *SIMULATION,

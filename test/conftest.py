@@ -65,6 +65,7 @@ NOT_MEASURED = (
     "test_publish",
     "test_recorder_killed",
     "test_rollout",
+    "test_urdf_fuzz",
     "test_without_ros",
 )
 

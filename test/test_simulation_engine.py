@@ -198,6 +198,16 @@ def test_a_urdf_that_mujoco_refuses_is_refused_in_its_words() -> None:
         Engine(robot)
 
 
+def test_links_beyond_all_measure_are_taken_without_a_word(
+    recwarn: pytest.WarningsRecorder,
+) -> None:
+    urdf, base_link, tip_link = ROBOTS["lemur"]
+    far = urdf.replace('xyz="1.5 ', 'xyz="1e12 ')
+    assert far != urdf
+    Engine(robot_from_urdf_text(far, base_link, tip_link))
+    assert not recwarn.list
+
+
 def test_without_mujoco_the_message_says_how_to_get_it(tmp_path: Path) -> None:
     code = (
         "import sys; sys.modules['mujoco'] = None\n"

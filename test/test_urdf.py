@@ -108,7 +108,7 @@ REFUSALS = {
     "no_velocity": (
         'velocity="0.5"',
         'velocity="0"',
-        "joint 'joint_1' limit velocity is 0.0: it must be greater than zero",
+        "joint 'joint_1' limit velocity is 0.0: it must be at least 1e-12",
     ),
     "velocity_in_words": (
         'velocity="0.5"',
@@ -185,6 +185,12 @@ def test_a_urdf_with_a_fault_is_refused_by_the_name_of_what_is_at_fault(name: st
 @pytest.mark.parametrize(
     ("base", "tip", "message"),
     [
+        (
+            "",
+            "end_effector",
+            "robot.base_link is empty: it must be one of the URDF's links: chaser",
+        ),
+        ("chaser", "", "robot.tip_link is empty: it must be one of the URDF's links: chaser, end_"),
         ("body", "end_effector", "robot.base_link is body: it must be one of the URDF's links: c"),
         ("chaser", "hand", "robot.tip_link is hand: it must be one of the URDF's links: chaser, "),
         ("chaser", "chaser", "robot.tip_link is chaser: it must hang on the base link 'chaser'"),

@@ -109,6 +109,7 @@ def _task(scenario: Path, options: argparse.Namespace) -> tuple[PlanningTask, Wa
         defaults = parameters.of_scenarios()
         budget = budget or parameters.time_budget
     task = load_task(scenario, defaults)
+    print_notes(task.problem.robot.notes)
     if options.objective is not None:
         problem = replace(task.problem, objective=_weights(options.objective))
         task = replace(task, problem=problem)

@@ -13,7 +13,7 @@ import numpy as np
 import pinocchio as pin
 
 from ff_planner_ros.arrays import Array
-from ff_planner_ros.robot.urdf_bodies import check_bodies, placement
+from ff_planner_ros.robot.urdf_bodies import SMALLEST, check_bodies, placement
 from ff_planner_ros.robot.urdf_faults import Faults, listed, shortened
 from ff_planner_ros.robot.urdf_tree import Tree, link_of, one_of, tree_of
 from ff_planner_ros.robot.urdf_xml import read_elements
@@ -64,8 +64,10 @@ def checked_urdf(
     chain: Sequence[Element] | None = None
     if tree.links:
         broken = len(faults) > 0
-        base_link = base_link or next(iter(tree.roots), "")
-        tip_link = tip_link or _only_leaf(tree, faults)
+        if base_link is None:
+            base_link = next(iter(tree.roots), None)  # none: a loop, which is told
+        if tip_link is None:
+            tip_link = _only_leaf(tree, faults)
         chain = _chain(tree, base_link, tip_link, broken, faults)
     placements = {
         link: placement(joint.find("origin"))
@@ -97,16 +99,18 @@ def _only_leaf(tree: Tree, faults: Faults) -> str | None:
 
 
 def _chain(
-    tree: Tree, base_link: str, tip_link: str | None, broken: bool, faults: Faults
+    tree: Tree, base_link: str | None, tip_link: str | None, broken: bool, faults: Faults
 ) -> list[Element] | None:
     """Return the joints from base to tip; None where a fault hides them."""
-    known = tip_link is not None
+    known = True
     for field, link in (("robot.base_link", base_link), ("robot.tip_link", tip_link)):
         if link is not None and link not in tree.links:
-            faults.add(field, "", "", link, one_of(tree.links))
+            faults.add(field, "", "", link or "empty", one_of(tree.links))
             known = False
-    chain = tree.chain(base_link, tip_link) if known and tip_link else None
-    if known and chain is None and not broken:
+    if base_link is None or tip_link is None or not known:
+        return None
+    chain = tree.chain(base_link, tip_link)
+    if chain is None and not broken:
         allowed = f"it must hang on the base link {shortened(base_link)!r}"
         faults.add("robot.tip_link", "", "", tip_link, allowed)
     return chain
@@ -197,8 +201,9 @@ def _check_limits(name: str, joint: Element, faults: Faults) -> None:
     )
     if lower >= upper:
         faults.add("joint", name, "limit lower", lower, f"it must be below upper, {upper:g}")
-    if velocity <= 0.0:
-        faults.add("joint", name, "limit velocity", velocity, "it must be greater than zero")
+    if velocity < SMALLEST:
+        allowed = f"it must be at least {SMALLEST:g}"
+        faults.add("joint", name, "limit velocity", velocity, allowed)
     if effort < 0.0:
         allowed = "it must not be negative; 0 means unknown"
         faults.add("joint", name, "limit effort", effort, allowed)

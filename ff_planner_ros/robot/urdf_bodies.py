@@ -17,7 +17,8 @@ from ff_planner_ros.robot.urdf_tree import Tree, link_of
 # with equality, rounding must not count as a fault.
 TRIANGLE_TOLERANCE = 1e-6
 
-# The smallest part of a robot is heavier [kg], and harder to turn [kg m2]: this is no inertia.
+# The smallest part of a robot is heavier [kg], harder to turn [kg m2] and faster [rad/s]. What is
+# less than this is nothing but rounding.
 SMALLEST = 1e-12
 
 

@@ -100,13 +100,12 @@ class Faults:
 
 def listed(names: Iterable[str], longest: int = _LONGEST_LIST) -> str:
     """Return names with commas, the first ones of many."""
-    words = [shortened(name) for name in names]
-    text = ", ".join(words)
-    while len(text) > longest:
-        words.pop()
-        text = ", ".join(words)
-        if len(text) <= longest:
+    text = ""
+    for name in names:
+        longer = f"{text}, {shortened(name)}" if text else shortened(name)
+        if len(longer) > longest:
             return f"{text} and more"
+        text = longer
     return text
 
 

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from xml.etree.ElementTree import Element
 
 from ff_planner_ros.robot.urdf_faults import Faults, listed, shortened
-from ff_planner_ros.robot.urdf_xml import MAX_LINKS
 
 _LONGEST_NAME = 200  # characters: names travel in every state and every plan
 
@@ -86,11 +85,7 @@ def one_of(links: dict[str, Element]) -> str:
 
 def _by_name(robot: Element, tag: str, faults: Faults) -> dict[str, Element]:
     found: dict[str, Element] = {}
-    elements = robot.findall(tag)
-    if len(elements) > MAX_LINKS:
-        faults.add("number of", "", f"{tag}s", len(elements), f"it must be at most {MAX_LINKS}")
-        elements = elements[:MAX_LINKS]
-    for number, element in enumerate(elements, start=1):
+    for number, element in enumerate(robot.findall(tag), start=1):
         name = element.get("name")
         if not name:
             faults.add(tag, "", f"number {number}", "nameless", "it must have a name")

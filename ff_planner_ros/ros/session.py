@@ -49,6 +49,8 @@ class Session:
         urdf = resolve_uri(now.robot.urdf, relative_to=Path.cwd())
         self._description = read_urdf(urdf)
         robot = now.robot.load(self._description)
+        for note in robot.notes:
+            node.get_logger().warning(f"robot.urdf: {note}")
         self._states = StateInput(robot, now.inertial_frame, now.state_source, now.odometry)
         self._scenes = SceneInput(now.inertial_frame)
         self._bag = unique_directory(Path(now.bag.directory).resolve(), "ff_planner")

@@ -6,6 +6,7 @@ momentum are what MuJoCo makes of the URDF.
 
 from __future__ import annotations
 
+import warnings
 import xml.etree.ElementTree as ElementTree
 from dataclasses import replace
 from typing import Any, NamedTuple
@@ -194,7 +195,9 @@ def _model(urdf: str, base: Base) -> mujoco.MjModel:
         spec = mujoco.MjSpec.from_string(urdf)
         spec.compiler.fusestatic = False  # else links fixed to others lose their names
         spec.worldbody.first_body().add_freejoint()
-        model = spec.compile()
+        with warnings.catch_warnings():  # as above: what is nearly singular is seen in the numbers
+            warnings.simplefilter("ignore")
+            model = spec.compile()
     except ValueError as error:
         reason = " ".join(str(error).split())[:300]
         raise InvalidInput(
