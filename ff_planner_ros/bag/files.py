@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 import yaml
@@ -22,6 +22,9 @@ _FOREIGN = {
     ".bag": "is of ROS 1: convert it to a ROS 2 bag of the storage mcap first",
 }
 _DIGITS = re.compile(r"(\d+)")
+_NUMBER = re.compile(r"_\d+$")  # behind the name of a bag, of each of its files
+_MOST_NAMES = 5  # in a message
+_MOST_LOOKED_INTO = 1000  # directories, where bags are looked for
 
 
 @contextmanager
@@ -68,10 +71,38 @@ def _mcap_files(path: Path) -> tuple[list[Path], list[str]]:
     foreign = [file for file in found if file.suffix in _FOREIGN]
     if not files and foreign:
         raise BagError(f"bag {path}: {foreign[0].name} {_FOREIGN[foreign[0].suffix]}")
+    if not files and (bags := _bags_in(found)):
+        kind = "a bag" if len(bags) == 1 else f"{len(bags)} bags"
+        raise BagError(f"{path} is a directory with {kind}, {_some(bags)}: name a bag itself")
     if not files:
-        names = ", ".join(file.name for file in found) or "nothing"
-        raise BagError(f"bag {path} must hold .mcap files; found: {names}")
-    return files, _missing(path, files)
+        raise BagError(f"bag {path} must hold .mcap files; found: {_some(found) or 'nothing'}")
+    return files, [*_several(files), *_missing(path, files)]
+
+
+def _bags_in(found: list[Path]) -> list[Path]:
+    """Return the directories that hold bags, of whatever storage."""
+    suffixes = {".mcap", *_FOREIGN}
+    directories = [one for one in found if one.is_dir()][:_MOST_LOOKED_INTO]
+    bags = []
+    for directory in directories:
+        with suppress(OSError):
+            if any(file.suffix in suffixes for file in directory.iterdir()):
+                bags.append(directory)
+    return bags
+
+
+def _several(files: list[Path]) -> list[str]:
+    """Return a note if the files have names of several bags."""
+    stems = dict.fromkeys(_NUMBER.sub("", file.stem) for file in files)
+    if len(stems) == 1:
+        return []
+    names = _some([Path(stem) for stem in stems])
+    return [f"by their names its files are of {len(stems)} bags, {names}: they are read as one"]
+
+
+def _some(paths: list[Path]) -> str:
+    more = f" and {len(paths) - _MOST_NAMES} more" if len(paths) > _MOST_NAMES else ""
+    return ", ".join(path.name for path in paths[:_MOST_NAMES]) + more
 
 
 def _natural(file: Path) -> list[tuple[int, str]]:

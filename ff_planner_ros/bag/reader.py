@@ -15,6 +15,7 @@ from mcap.records import Channel
 from ff_planner_ros.bag.decoding import ENCODINGS
 from ff_planner_ros.bag.files import open_files
 from ff_planner_ros.bag.mcap_file import Block, McapFile, RawMessage
+from ff_planner_ros.bag.progress_bar import progress_bar
 from ff_planner_ros.errors import BagError
 
 
@@ -82,6 +83,23 @@ class Bag:
         """Note what is wrong with the bag, once."""
         if text not in self._notes:
             self._notes.append(text)
+
+    def damaged_blocks(self) -> list[tuple[str, Block]]:
+        """Read all blocks, and return those that are damaged, by name of the file and by place.
+
+        Raises:
+            BagError: The disk fails.
+        """
+        with progress_bar("checking", self.size) as progress:
+            for file in self._mcap_files:
+                for block in sorted(file.blocks, key=lambda block: block.offset):
+                    file.messages(block, ())
+                    progress(block.length)
+        return [
+            (file.path.name, block)
+            for file in self._mcap_files
+            for block in sorted(file.damaged, key=lambda block: block.offset)
+        ]
 
     def messages(self, *types_or_topics: str) -> Iterator[Message]:
         """Yield messages of some types or topics (none: all) by log time, across the files.
