@@ -36,6 +36,7 @@ class Exchange(Generic[Request, Response]):
     request: Request | None = None  # None where the bag holds the response alone
     response: Response | None = None  # None where the bag holds no response
     answered_ns: int = 0  # when the response went out, by the node's clock; zero without a response
+    answered_by: Message | None = None  # the event that holds the response; None without one
 
     @property
     def namespace(self) -> str:
@@ -72,7 +73,7 @@ def exchanges(
             if request is not None:
                 asked[key].append(Exchange(*at, stamp_ns, read_request(request)))
             elif (read := read_response(message, response)) is not None:
-                answered.append((key, Exchange(*at, response=read, answered_ns=stamp_ns)))
+                answered.append((key, Exchange(*at, 0, None, read, stamp_ns, message)))
     found = [_joined(asked[key], alone) for key, alone in answered]
     found += [exchange for waiting in asked.values() for exchange in waiting]
     return sorted(found, key=lambda exchange: exchange.logged_ns)
@@ -100,10 +101,21 @@ def _parts(message: Message, event: Any) -> Iterator[tuple[str, str, object, Any
             yield ACTION, name, (name, goal), None, one.result
 
 
+def response_in(event: Any) -> Any:
+    """Return the response in a decoded event that holds one; an action's is the result."""
+    response = event.response[0]
+    return getattr(response, "result", response)
+
+
 def _joined(
     waiting: deque[Exchange[Request, Response]], alone: Exchange[Request, Response]
 ) -> Exchange[Request, Response]:
     """Return a response with its request; alone where the bag does not hold the request."""
     if not waiting:
         return alone
-    return replace(waiting.popleft(), response=alone.response, answered_ns=alone.answered_ns)
+    return replace(
+        waiting.popleft(),
+        response=alone.response,
+        answered_ns=alone.answered_ns,
+        answered_by=alone.answered_by,
+    )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import struct
 from collections import Counter
-from collections.abc import Container, Iterator
+from collections.abc import Callable, Container, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import BinaryIO, NamedTuple
@@ -63,8 +63,15 @@ class McapFile:
     is_lossy: bool = False  # whether something that is or was in it cannot be read
     _decoders: dict[int, Decoder | BagError] = field(default_factory=dict)
 
-    def messages(self, block: Block, wanted: Container[int] | None) -> list[RawMessage]:
+    def messages(
+        self,
+        block: Block,
+        wanted: Container[int] | None,
+        only: Callable[[bytes], bool] | None = None,
+    ) -> list[RawMessage]:
         """Read the wanted channels (None: all) of a block; a damaged block gives a note only.
+
+        Of their messages those whose bytes `only` accepts (None: all).
 
         Raises:
             BagError: The disk fails.
@@ -75,6 +82,7 @@ class McapFile:
                 RawMessage(channel, log_time, publish_time, records[start:end])
                 for channel, log_time, publish_time, start, end in self.heads(records)
                 if wanted is None or channel in wanted
+                if only is None or only(records[start:end])
             ]
         except OSError as error:
             raise unreadable(self.path, error) from None
