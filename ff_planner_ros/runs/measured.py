@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from bisect import bisect_left, bisect_right
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TypeAlias
 
@@ -119,14 +119,32 @@ def _nearest(
     Of those equally near, the last heard are taken.
     """
     stamps = [[stamp_ns for stamp_ns, _ in messages] for messages in kept]
-    found: list[list[tuple[int, Message | None]]] = [[(0, None) for _ in of] for of in stamps]
+    # Between two messages kept, only the first and the last joint states can be the nearest.
+    first: list[dict[int, Stamped]] = [{} for _ in windows]
+    last: list[dict[int, Stamped]] = [{} for _ in windows]
     for number, stamp_ns, message in _stamped(bag, JOINT_STATES, windows):
-        after = bisect_left(stamps[number], stamp_ns)
-        for k in range(max(after - 1, 0), min(after + 1, len(stamps[number]))):
-            apart_ns = abs(stamps[number][k] - stamp_ns)
-            best_ns, best = found[number][k]
-            if best is None or apart_ns <= best_ns:
-                found[number][k] = apart_ns, message
+        gap = bisect_left(stamps[number], stamp_ns)
+        if gap not in first[number] or stamp_ns <= first[number][gap][0]:
+            first[number][gap] = stamp_ns, message
+        if gap not in last[number] or stamp_ns >= last[number][gap][0]:
+            last[number][gap] = stamp_ns, message
+    return [_nearest_of(*one) for one in zip(stamps, first, last, strict=True)]
+
+
+def _nearest_of(
+    stamps: Sequence[int], first: Mapping[int, Stamped], last: Mapping[int, Stamped]
+) -> list[tuple[int, Message | None]]:
+    """Return the nearest to each stamp, of what is first and last in the gap before it."""
+    before, after = list[Stamped | None](), list[Stamped | None]()
+    for k in range(len(stamps)):
+        before.append(last.get(k, before[-1] if before else None))
+    for k in range(len(stamps), 0, -1):
+        after.append(first.get(k, after[-1] if after else None))
+    found: list[tuple[int, Message | None]] = []
+    for stamp_ns, *both in zip(stamps, before, reversed(after), strict=True):
+        near = [(abs(at_ns - stamp_ns), one) for at_ns, one in filter(None, both)]
+        near.sort(key=lambda pair: (pair[0], -pair[1].log_time_ns))
+        found.append(near[0] if near else (0, None))
     return found
 
 
