@@ -51,6 +51,7 @@ NOT_MEASURED = (
     "test_docs",
     "test_dynamics",
     "test_examples",
+    "test_foreign_readers",
     "test_forward",
     "test_interoperation",
     "test_model_errors",
