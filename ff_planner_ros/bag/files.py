@@ -7,13 +7,14 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
-import yaml
-
 from ff_planner_ros.bag.mcap_file import McapFile
 from ff_planner_ros.bag.mcap_index import open_mcap
-from ff_planner_ros.bag.mcap_records import unreadable
+from ff_planner_ros.bag.mcap_records import printable, unreadable
 from ff_planner_ros.bag.progress_bar import progress_bar
-from ff_planner_ros.errors import BagError
+from ff_planner_ros.errors import BagError, InvalidInput
+from ff_planner_ros.planning.yaml_file import read_yaml
+from ff_planner_ros.shown import shown
+from ff_planner_ros.text_file import not_a_file
 
 _COMPRESSED = "compressed by rosbag2: `ros2 bag convert` it to plain mcap first"
 _FOREIGN = {
@@ -21,6 +22,7 @@ _FOREIGN = {
     ".zstd": f"is {_COMPRESSED}",
     ".bag": "is of ROS 1: convert it to a ROS 2 bag of the storage mcap first",
 }
+_MOST_NAMES = 10  # of files, in a message
 _DIGITS = re.compile(r"(\d+)")
 
 
@@ -40,8 +42,10 @@ def open_files(path: Path) -> Iterator[tuple[list[McapFile], list[str]]]:
         with progress_bar("reading", sum(map(_size, paths))) as progress:
             for one in paths:
                 try:
+                    if reason := not_a_file(one):
+                        raise BagError(f"bag {one}: {reason}")
                     files.append(open_mcap(one, stack.enter_context(one.open("rb")), progress))
-                except OSError as error:
+                except (OSError, ValueError) as error:  # a character that no path can have
                     refusals.append(unreadable(one, error))
                 except BagError as error:
                     refusals.append(error)
@@ -69,7 +73,7 @@ def _mcap_files(path: Path) -> tuple[list[Path], list[str]]:
     if not files and foreign:
         raise BagError(f"bag {path}: {foreign[0].name} {_FOREIGN[foreign[0].suffix]}")
     if not files:
-        names = ", ".join(file.name for file in found) or "nothing"
+        names = ", ".join(file.name for file in found[:_MOST_NAMES]) or "nothing"
         raise BagError(f"bag {path} must hold .mcap files; found: {names}")
     return files, _missing(path, files)
 
@@ -85,14 +89,16 @@ def _missing(directory: Path, files: list[Path]) -> list[str]:
     """Return a note for each file that the bag's metadata lists and that is not there."""
     path = directory / "metadata.yaml"
     try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))["rosbag2_bagfile_information"]
-        listed = [Path(str(name)).name for name in content["relative_file_paths"]]
+        content = read_yaml(path)["rosbag2_bagfile_information"]
+        listed = [Path(shown(name)).name for name in content["relative_file_paths"]]
         compression = str(content.get("compression_mode", "")).lower()
-    except (OSError, ValueError, yaml.YAMLError, LookupError, TypeError, AttributeError):
+    except (InvalidInput, ValueError, LookupError, TypeError, AttributeError):
         return []  # the files hold all that matters
     if compression == "message":
         raise BagError(f"bag {directory} holds messages that are {_COMPRESSED}")
     there = {file.name for file in files}
-    return [
-        f"metadata.yaml lists {name}, which is not there" for name in listed if name not in there
-    ]
+    missing = [name for name in dict.fromkeys(listed) if name not in there]
+    names = [printable(name) for name in missing[:_MOST_NAMES]]
+    if len(missing) > len(names):
+        names.append(f"{len(missing) - len(names)} more")
+    return [f"metadata.yaml lists {name}, which is not there" for name in names]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import struct
 from collections import Counter
 from collections.abc import Container, Iterator
@@ -11,12 +12,23 @@ from typing import BinaryIO, NamedTuple
 
 from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Metadata, Schema
-from mcap.stream_reader import get_chunk_data_stream
 
 from ff_planner_ros.bag.decoding import Decoder, decoder
-from ff_planner_ros.bag.mcap_records import FRAME, chunk_of, in_words, parsed, printable, unreadable
+from ff_planner_ros.bag.mcap_records import (
+    FRAME,
+    LARGEST,
+    chunk_of,
+    in_words,
+    parsed,
+    printable,
+    records_in,
+    unreadable,
+)
 from ff_planner_ros.errors import BagError
 
+# Of a chunk: more of them would be nearly empty, and take more memory than the chunk.
+_MOST_RECORDS = 500_000
+_MOST_NOTES = 100  # on a file: what is damaged everywhere need not be told everywhere
 _MESSAGE = struct.Struct("<HIQQ")  # channel, sequence number, log time, publish time
 
 
@@ -57,10 +69,12 @@ class McapFile:
     end_ns: int | None = None  # latest log time; None without messages
     attachments: list[Attachment] = field(default_factory=list)  # in the order of the file
     metadata: list[Metadata] = field(default_factory=list)  # in the order of the file
+    documents_size: int = 0  # of attachments and metadata [bytes]
     # Blocks that cannot be read, the one that is cut at the end included
     damaged: list[Block] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)  # what is wrong with the file
     is_lossy: bool = False  # whether something that is or was in it cannot be read
+    _left_out: set[Block] = field(default_factory=set)  # the same as `damaged`
     _decoders: dict[int, Decoder | BagError] = field(default_factory=dict)
 
     def messages(self, block: Block, wanted: Container[int] | None) -> list[RawMessage]:
@@ -90,9 +104,12 @@ class McapFile:
         Raises:
             Exception: They are damaged; whatever the library trips over.
         """
-        position, end = 0, len(records)
+        position, end, count = 0, len(records), 0
         known = self.channels
         while position < end:
+            count += 1
+            if count > _MOST_RECORDS:
+                raise ValueError(f"there are more than {_MOST_RECORDS} records in it")
             opcode, length = FRAME.unpack_from(records, position)
             start, position = position + FRAME.size, position + FRAME.size + length
             if position > end:
@@ -118,7 +135,7 @@ class McapFile:
             self.schemas.setdefault(schema.id, schema)
             return
         channel: Channel = parsed(Channel, body)
-        if channel.schema_id not in (0, *self.schemas):
+        if channel.schema_id and channel.schema_id not in self.schemas:
             raise ValueError(f"schema {channel.schema_id} of a channel is described nowhere")
         self.channels.setdefault(channel.id, channel)
 
@@ -147,18 +164,20 @@ class McapFile:
         """Return bytes of the file.
 
         Raises:
-            ValueError: The file does not have them.
+            ValueError: The file does not have them, or they are more than a record may have.
         """
+        if length > LARGEST:
+            raise ValueError(f"it is larger than {LARGEST >> 20} MiB")
         if offset + length <= self.size:
-            self.stream.seek(offset)
-            data = self.stream.read(length)
+            data = os.pread(self.stream.fileno(), length, offset)
             if len(data) == length:
                 return data
         raise ValueError("the file ends before")
 
     def leave_out(self, block: Block, reason: str) -> None:
         """Note that a block is not read."""
-        if block not in self.damaged:
+        if block not in self._left_out:
+            self._left_out.add(block)
             self.damaged.append(block)
             kind = "chunk" if block.is_chunk else "message"
             self.lose(f"the {kind} at byte {block.offset} {reason}")
@@ -171,8 +190,10 @@ class McapFile:
     def note(self, text: str) -> None:
         """Note what is wrong, once."""
         note = printable(f"{self.path.name}: {text}")
-        if note not in self.notes:
+        if len(self.notes) < _MOST_NOTES and note not in self.notes:
             self.notes.append(note)
+            if len(self.notes) == _MOST_NOTES:
+                self.notes.append(f"{self.path.name}: there are more faults like these")
 
     def _records(self, block: Block) -> bytes:
         """Return the records in a block; a chunk's are decompressed and their checksum holds."""
@@ -180,5 +201,4 @@ class McapFile:
         if not block.is_chunk:
             return data
         chunk, _ = chunk_of(data)
-        stream, length = get_chunk_data_stream(chunk, validate_crc=True)
-        return stream.read(length)
+        return records_in(chunk)
