@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import warnings
 from collections.abc import Sequence
 from io import TextIOWrapper
 from pathlib import Path
@@ -25,6 +26,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")  # a file's name may be any bytes
+    # Where numbers grow beyond all bounds, the answer says so.
+    warnings.filterwarnings("ignore", r".* encountered in ", RuntimeWarning)
     parser = command_parser()
     options, rest = parser.parse_known_args(arguments)
     if rest and options.command is not run_node:

@@ -56,5 +56,7 @@ def shortened(text: str, longest: int) -> str:
 def printable(text: str, longest: int) -> str:
     """Return the beginning of a text on one line, without control characters."""
     beginning = text[:longest]
-    one_line = "".join(character if character.isprintable() else "?" for character in beginning)
+    one_line = beginning
+    if not beginning.isprintable():
+        one_line = "".join(character if character.isprintable() else "?" for character in beginning)
     return one_line if len(text) <= longest else f"{one_line}..."

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 from ff_planner_ros.errors import InvalidInput, Status
-from ff_planner_ros.shown import quoted
 from ff_planner_ros.text_file import read_text
 
 # A plan of ten thousand points for fourteen joints has a million values in 18 MB. Whatever is
@@ -19,11 +17,16 @@ _DEEPEST = 32  # lists and objects within each other; ours have four
 # Strings, the last one perhaps without an end, and what begins and ends lists and objects.
 _TOKEN = re.compile(r'"[^"\\]*+(?:\\.[^"\\]*+)*+(?:"|\\?\Z)|[\[\]{},]', re.DOTALL)
 _LONG_NUMBER = re.compile(r"(?<!\d)\d{400}")  # longer than any that Python writes
-_SURROGATE = re.compile(r"\\u[dD][89a-fA-F]")
+# Half a character, which no file and no terminal takes, behind whole pairs of backslashes.
+_HALF = re.compile(
+    r"(?<!\\)((?:\\\\)*)(?:\\u[dD][89abAB]..(?!\\u[dD][c-fC-F])"
+    r"|(?<!\\u[dD][89abAB]..)\\u[dD][c-fC-F]..)",
+    re.DOTALL,
+)
 
 
 def read_json(path: Path) -> Any:
-    """Return the document in a JSON file.
+    """Return the document in a JSON file; half a character in a text becomes a question mark.
 
     Raises:
         InvalidInput: The file cannot be read, is not JSON, or too large or too deep to be ours.
@@ -31,16 +34,12 @@ def read_json(path: Path) -> Any:
     text = read_text(path, _MOST_BYTES, status=Status.UNSUPPORTED)
     try:
         _require_moderate(text)
-        document = json.loads(text)
-        if _SURROGATE.search(text):
-            _require_characters(document)
+        return json.loads(_HALF.sub(r"\1?", text) if "\\u" in text else text)
     except json.JSONDecodeError as error:
         reason = f"it is not JSON: {error}"
     except ValueError as error:
         number = _LONG_NUMBER.search(text)
         reason = f"a number is too long, {_place(text, number.start())}" if number else str(error)
-    else:
-        return document
     raise InvalidInput(Status.UNSUPPORTED, "file", path, reason)
 
 
@@ -64,31 +63,6 @@ def _require_moderate(text: str) -> None:
         if values > _MOST_VALUES:
             place = _place(text, token.start())
             raise ValueError(f"it holds more than {_MOST_VALUES} values, {place}")
-
-
-def _require_characters(document: object) -> None:
-    """Refuse halves of characters, which no file and no terminal takes.
-
-    Raises:
-        ValueError: There is one.
-    """
-    for name, text in _texts(document, ""):
-        try:
-            text.encode()
-        except UnicodeEncodeError:
-            raise ValueError(f"{name} holds half a character: {quoted(text)}") from None
-
-
-def _texts(value: object, name: str) -> Iterator[tuple[str, str]]:
-    if isinstance(value, str):
-        yield name or "it", value
-    elif isinstance(value, dict):
-        for key, entry in value.items():
-            yield f"a name in {name or 'it'}", key
-            yield from _texts(entry, f"{name}.{key}" if name else key)
-    elif isinstance(value, list):
-        for number, entry in enumerate(value):
-            yield from _texts(entry, f"{name}[{number}]")
 
 
 def _place(text: str, at: int) -> str:

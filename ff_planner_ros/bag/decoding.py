@@ -18,7 +18,8 @@ ENCODINGS = ("ros2msg", "ros2idl")  # of definitions, in the words of MCAP
 _TYPE_NAME = re.compile(r"[A-Za-z]\w*/([a-z]+/)?[A-Za-z]\w*")  # it becomes the name of a class
 _IDL_HEADING = re.compile(r"={80}\nIDL: \S*\n")
 # Nothing is decoded by them, and rosbags reads each for milliseconds.
-_IDL_CONSTANTS = re.compile(r"module \w+_Constants \{\n.*?\n\s*\};\n", re.DOTALL)
+_IDL_CONSTANTS = re.compile(r"module \w+_Constants \{\n[^{}]*\};\n")
+_LONGEST = 64_000  # [bytes] of a definition that is read; ours have 23,000
 
 
 def nanoseconds(stamp: Any) -> int:
@@ -36,6 +37,8 @@ def decoder(name: str, encoding: str, definition: bytes) -> Decoder:
     """
     if not _TYPE_NAME.fullmatch(name):
         raise BagError(f"{name!a} is no name of a message type")
+    if len(definition) > _LONGEST:
+        raise BagError(f"its definition is longer than {_LONGEST} bytes")
     text = definition.decode(errors="replace")
     try:
         if encoding == "ros2msg":

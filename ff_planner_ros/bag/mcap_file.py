@@ -28,6 +28,10 @@ from ff_planner_ros.errors import BagError
 
 # Of a chunk: more of them would be nearly empty, and take more memory than the chunk.
 _MOST_RECORDS = 500_000
+# Of a file beside one for each of its bytes: however well messages are compressed, the time of each
+# takes a byte. A few kilobytes must not keep us busy for minutes.
+_RECORDS_FOR_NOTHING = 1_000_000
+_MOST_CHANNELS = 4_000  # of a file: more topics than any system of robots has
 _MOST_NOTES = 100  # on a file: what is damaged everywhere need not be told everywhere
 _MESSAGE = struct.Struct("<HIQQ")  # channel, sequence number, log time, publish time
 
@@ -74,6 +78,8 @@ class McapFile:
     damaged: list[Block] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)  # what is wrong with the file
     is_lossy: bool = False  # whether something that is or was in it cannot be read
+    _read: set[Block] = field(default_factory=set)  # the blocks that were read
+    _records_read: int = 0  # in them
     _left_out: set[Block] = field(default_factory=set)  # the same as `damaged`
     _decoders: dict[int, Decoder | BagError] = field(default_factory=dict)
 
@@ -85,9 +91,11 @@ class McapFile:
         """
         try:
             records = self._records(block)
+            heads = self.heads(records, is_new=block not in self._read)
+            self._read.add(block)
             return [
                 RawMessage(channel, log_time, publish_time, records[start:end])
-                for channel, log_time, publish_time, start, end in self.heads(records)
+                for channel, log_time, publish_time, start, end in heads
                 if wanted is None or channel in wanted
             ]
         except OSError as error:
@@ -96,20 +104,25 @@ class McapFile:
             self.leave_out(block, f"is damaged: {in_words(error)}")
             return []
 
-    def heads(self, records: bytes) -> Iterator[tuple[int, int, int, int, int]]:
+    def heads(
+        self, records: bytes, is_new: bool = True
+    ) -> Iterator[tuple[int, int, int, int, int]]:
         """Yield channel, log time, publish time, start and end of every message among records.
 
-        Channels and schemas among them are taken up.
+        Channels and schemas among them are taken up. Those that were not read before, `is_new`,
+        count among the records of the file.
 
         Raises:
             Exception: They are damaged; whatever the library trips over.
         """
         position, end, count = 0, len(records), 0
         known = self.channels
+        most = min(_MOST_RECORDS, _RECORDS_FOR_NOTHING + self.size - self._records_read * is_new)
         while position < end:
             count += 1
-            if count > _MOST_RECORDS:
-                raise ValueError(f"there are more than {_MOST_RECORDS} records in it")
+            self._records_read += is_new
+            if count > most:
+                raise ValueError("there are more records in it than recorders write")
             opcode, length = FRAME.unpack_from(records, position)
             start, position = position + FRAME.size, position + FRAME.size + length
             if position > end:
@@ -135,6 +148,8 @@ class McapFile:
             self.schemas.setdefault(schema.id, schema)
             return
         channel: Channel = parsed(Channel, body)
+        if len(self.channels) >= _MOST_CHANNELS and channel.id not in self.channels:
+            raise ValueError(f"there are more than {_MOST_CHANNELS} channels")
         if channel.schema_id and channel.schema_id not in self.schemas:
             raise ValueError(f"schema {channel.schema_id} of a channel is described nowhere")
         self.channels.setdefault(channel.id, channel)
@@ -182,6 +197,10 @@ class McapFile:
             kind = "chunk" if block.is_chunk else "message"
             self.lose(f"the {kind} at byte {block.offset} {reason}")
 
+    def is_left_out(self, block: Block) -> bool:
+        """Tell whether a block was found to be damaged."""
+        return block in self._left_out
+
     def lose(self, text: str) -> None:
         """Note that something cannot be read."""
         self.is_lossy = True
@@ -189,8 +208,10 @@ class McapFile:
 
     def note(self, text: str) -> None:
         """Note what is wrong, once."""
+        if len(self.notes) >= _MOST_NOTES:
+            return
         note = printable(f"{self.path.name}: {text}")
-        if len(self.notes) < _MOST_NOTES and note not in self.notes:
+        if note not in self.notes:
             self.notes.append(note)
             if len(self.notes) == _MOST_NOTES:
                 self.notes.append(f"{self.path.name}: there are more faults like these")

@@ -170,9 +170,9 @@ class _Copy:
         for channel in file.channels:
             self._register(file, channel, writer, numbers)
         for block in sorted({*file.blocks, *file.damaged}, key=lambda block: block.offset):
-            found = [] if block in file.damaged else file.messages(block, None)
+            found = [] if file.is_left_out(block) else file.messages(block, None)
             # Reading may find that it is damaged.
-            for raw in salvaged(file, block) if block in file.damaged else found:
+            for raw in salvaged(file, block) if file.is_left_out(block) else found:
                 self._register(file, raw.channel, writer, numbers)
                 topic = file.channels[raw.channel].topic
                 writer.add_message(
