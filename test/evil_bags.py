@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import struct
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 
 import lz4.frame
 import zstandard
@@ -112,31 +112,38 @@ def chunk_named_often(times: int) -> bytes:
     return indexed(records, record(CHUNK_INDEX, entry) * times)
 
 
-def defined(encoding: str, definition: str, cdr: bytes = bytes(400)) -> bytes:
-    """Answers with a definition of their own."""
-    described = schema(1, SERVICE_EVENT, encoding, definition) + channel(1, TOPIC)
-    return HEAD + described + message(1, b"\0\1\0\0" + cdr) * 3 + END
+def defined(fields: str, held: str = "", cdr: bytes = b"\xff" * 400) -> bytes:
+    """Answers with a definition of their own, in IDL: its fields, and the types that they hold."""
+    event = f"{held} struct PlanTrajectory_Event {{ {fields} }};"
+    return described("ros2idl", f"module ff_planner_msgs {{ module srv {{ {event} }}; }};", cdr)
 
 
-def held(name: str, fields: Sequence[str]) -> str:
-    return "\n".join(["=" * 80, f"MSG: {name}", *fields, ""])
+def described(encoding: str, definition: str, cdr: bytes = bytes(400)) -> bytes:
+    records = schema(1, SERVICE_EVENT, encoding, definition) + channel(1, TOPIC)
+    return HEAD + records + message(1, b"\0\1\0\0" + cdr) * 3 + END
 
 
 def doubled_types(levels: int) -> str:
-    types = [held(f"a/B{i}", [f"a/B{i + 1} f{k}" for k in range(10)]) for i in range(levels)]
-    return "".join(["a/B0 x\n", *types, held(f"a/B{levels}", ["int32 x"])])
-
-
-def with_numbers_for_identities() -> str:
-    """`bytes` of a number are so many zeros."""
-    time = ["int32 sec", "uint32 nanosec"]
-    info = ["uint64 client_gid", "int64 sequence_number", "uint8 event_type"]
-    return (
-        "ff_planner_msgs/I info\nff_planner_msgs/Q[] request\nff_planner_msgs/Q[] response\n"
-        + held("ff_planner_msgs/I", [*info, "builtin_interfaces/Time stamp"])
-        + held("builtin_interfaces/Time", time)
-        + held("ff_planner_msgs/Q", ["int32 x"])
+    """Each type holds the next one ten times."""
+    fields = (
+        " ".join(f"ff_planner_msgs::srv::B{level + 1} f{k};" for k in range(10))
+        for level in range(levels)
     )
+    types = [f"struct B{level} {{ {text} }};" for level, text in enumerate(fields)]
+    return " ".join([*types, f"struct B{levels} {{ octet x; }};"])
+
+
+def with_numbers_for_identities() -> bytes:
+    """`bytes` of a number are so many zeros."""
+    held = """
+        struct T { long sec; unsigned long nanosec; };
+        struct I { unsigned long long client_gid; long long sequence_number; uint8 event_type;
+                   ff_planner_msgs::srv::T stamp; };
+        struct Q { long x; };
+    """
+    name = "ff_planner_msgs::srv::"
+    fields = f"{name}I info; sequence<{name}Q> request; sequence<{name}Q> response;"
+    return defined(fields, held, struct.pack("<QqBxxxiIIiI", 1 << 33, 0, 1, 0, 0, 1, 0, 0))
 
 
 EVIL_BAGS: Mapping[str, Callable[[], bytes]] = {
@@ -172,17 +179,19 @@ EVIL_BAGS: Mapping[str, Callable[[], bytes]] = {
     "times at the ends": lambda: (
         HEAD + EVENTS + b"".join(message(1, b"", time) for time in (0, 2**64 - 1, 2**63)) + END
     ),
-    "a definition that doubles": lambda: defined("ros2msg", doubled_types(12)),
-    "a definition of itself": lambda: defined("ros2msg", "a/B x\n" + held("a/B", ["a/B x"])),
-    "a deep definition": lambda: defined("ros2idl", "module a {" * 5_000),
-    "an open definition": lambda: defined("ros2idl", "module x_Constants {\n" * 2_800),
-    "4e9 of nothing": lambda: defined("ros2msg", "a/E[4000000000] x\n" + held("a/E", [])),
-    "4e9 strings": lambda: defined("ros2msg", "string[] x", b"\xff" * 400),
-    "4e9 numbers": lambda: defined("ros2msg", "float64[4000000000] x"),
-    "an array of 5000 digits": lambda: defined("ros2msg", f"uint8[{'9' * 5_000}] x"),
-    "numbers for identities": lambda: defined(
-        "ros2msg",
-        with_numbers_for_identities(),
-        struct.pack("<QqBxxxiIIi", 1 << 33, 0, 1, 0, 0, 1, 0),
+    "a definition that doubles": lambda: defined("ff_planner_msgs::srv::B0 x;", doubled_types(9)),
+    "a definition of itself": lambda: defined(
+        "ff_planner_msgs::srv::B x;", "struct B { ff_planner_msgs::srv::B x; };"
     ),
+    "a deep definition": lambda: described("ros2idl", "module a {" * 5_000),
+    "an open definition": lambda: described("ros2idl", "module x_Constants {\n" * 2_800),
+    "a long definition": lambda: described("ros2idl", "/*" * MEGABYTE),
+    "4e9 of nearly nothing": lambda: defined(
+        "ff_planner_msgs::srv::E x[4000000000];", "struct E { octet y; };"
+    ),
+    "4e9 strings": lambda: defined("sequence<string> x;"),
+    "4e8 strings of its own": lambda: defined("string x[400000000];"),
+    "4e9 numbers": lambda: defined("double x[4000000000];"),
+    "an array of 5000 digits": lambda: defined(f"octet x[{'9' * 5_000}];"),
+    "numbers for identities": with_numbers_for_identities,
 }

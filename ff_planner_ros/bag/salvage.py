@@ -9,7 +9,7 @@ import zstandard
 from ff_planner_ros.bag.mcap_file import Block, McapFile, RawMessage
 from ff_planner_ros.bag.mcap_records import LARGEST, chunk_of
 
-_PIECE = 4096  # [bytes] that are decompressed at once where it may break off
+_PIECE = 1024  # [bytes] that are decompressed at once where it may break off
 
 
 def salvaged(file: McapFile, block: Block) -> list[RawMessage]:
