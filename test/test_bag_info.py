@@ -130,7 +130,8 @@ def test_a_directory_of_bags_is_told_as_such(bag: Path, capsys: pytest.CaptureFi
 def test_files_of_several_bags_in_one_directory_are_told(bag: Path) -> None:
     assert not any("by their names" in line for line in info(bag))
     shutil.copy(bag / "run_0.mcap", bag / "rerun_0.mcap")
-    assert any("its files are of 2 bags, rerun, run" in line for line in info(bag))
+    assert any("are files of 2 bags, rerun, run: " in line for line in info(bag))
+    assert recover(bag, bag.parent / "recovered").is_whole
 
 
 def test_what_is_no_bag_is_refused_in_one_line(

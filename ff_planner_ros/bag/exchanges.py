@@ -84,7 +84,7 @@ def _parts(message: Message, event: Any) -> Iterator[tuple[str, str, object, Any
     kind, topic = event.info.event_type, message.topic
     if message.type_name == SERVICE_EVENT:
         name = topic.removesuffix(SERVICE_EVENTS)
-        key = (name, bytes(event.info.client_gid), int(event.info.sequence_number))
+        key = (name, _bytes(event.info.client_gid), int(event.info.sequence_number))
         if kind == _REQUEST_RECEIVED:
             yield from ((SERVICE, name, key, request, None) for request in event.request)
         elif kind == _RESPONSE_SENT:
@@ -92,10 +92,10 @@ def _parts(message: Message, event: Any) -> Iterator[tuple[str, str, object, Any
     elif message.type_name == GOAL_EVENT and kind == _REQUEST_RECEIVED:
         name = topic.removesuffix(GOAL_EVENTS)
         for one in event.request:
-            yield ACTION, name, (name, bytes(one.goal_id.uuid)), one.goal, None
+            yield ACTION, name, (name, _bytes(one.goal_id.uuid)), one.goal, None
     elif message.type_name == RESULT_EVENT and kind == _RESPONSE_SENT:
         name = topic.removesuffix(RESULT_EVENTS)
-        goals = [bytes(one.goal_id.uuid) for one in event.request]
+        goals = [_bytes(one.goal_id.uuid) for one in event.request]
         for number, one in enumerate(event.response):
             goal = goals[number] if number < len(goals) else None
             yield ACTION, name, (name, goal), None, one.result
@@ -105,6 +105,12 @@ def response_in(event: Any) -> Any:
     """Return the response in a decoded event that holds one; an action's is the result."""
     response = event.response[0]
     return getattr(response, "result", response)
+
+
+def _bytes(values: Any) -> bytes:
+    if isinstance(values, int):  # by another definition; `bytes` would make so many zeros of it
+        raise TypeError("an identity is one number")
+    return bytes(values)
 
 
 def _joined(

@@ -7,13 +7,14 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
-import yaml
-
 from ff_planner_ros.bag.mcap_file import McapFile
 from ff_planner_ros.bag.mcap_index import open_mcap
-from ff_planner_ros.bag.mcap_records import unreadable
+from ff_planner_ros.bag.mcap_records import printable, unreadable
 from ff_planner_ros.bag.progress_bar import progress_bar
-from ff_planner_ros.errors import BagError
+from ff_planner_ros.errors import BagError, InvalidInput
+from ff_planner_ros.planning.yaml_file import read_yaml
+from ff_planner_ros.shown import shown
+from ff_planner_ros.text_file import not_a_file
 
 _COMPRESSED = "compressed by rosbag2: `ros2 bag convert` it to plain mcap first"
 _FOREIGN = {
@@ -23,7 +24,7 @@ _FOREIGN = {
 }
 _DIGITS = re.compile(r"(\d+)")
 _NUMBER = re.compile(r"_\d+$")  # behind the name of a bag, of each of its files
-_MOST_NAMES = 5  # in a message
+_MOST_NAMES = 10  # of files, in a message
 _MOST_LOOKED_INTO = 1000  # directories, where bags are looked for
 
 
@@ -43,13 +44,16 @@ def open_files(path: Path) -> Iterator[tuple[list[McapFile], list[str]]]:
         with progress_bar("reading", sum(map(_size, paths))) as progress:
             for one in paths:
                 try:
+                    if reason := not_a_file(one):
+                        raise BagError(f"bag {one}: {reason}")
                     files.append(open_mcap(one, stack.enter_context(one.open("rb")), progress))
-                except OSError as error:
+                except (OSError, ValueError) as error:  # a character that no path can have
                     refusals.append(unreadable(one, error))
                 except BagError as error:
                     refusals.append(error)
         if not files:
             raise refusals[0]
+        _note_several(files)
         yield files, [*notes, *map(str, refusals)]
 
 
@@ -76,7 +80,7 @@ def _mcap_files(path: Path) -> tuple[list[Path], list[str]]:
         raise BagError(f"{path} is a directory with {kind}, {_some(bags)}: name a bag itself")
     if not files:
         raise BagError(f"bag {path} must hold .mcap files; found: {_some(found) or 'nothing'}")
-    return files, [*_several(files), *_missing(path, files)]
+    return files, _missing(path, files)
 
 
 def _bags_in(found: list[Path]) -> list[Path]:
@@ -91,18 +95,20 @@ def _bags_in(found: list[Path]) -> list[Path]:
     return bags
 
 
-def _several(files: list[Path]) -> list[str]:
-    """Return a note if the files have names of several bags."""
-    stems = dict.fromkeys(_NUMBER.sub("", file.stem) for file in files)
-    if len(stems) == 1:
-        return []
-    names = _some([Path(stem) for stem in stems])
-    return [f"by their names its files are of {len(stems)} bags, {names}: they are read as one"]
+def _note_several(files: list[McapFile]) -> None:
+    """Note where the files have names of several bags; nothing is lost by that."""
+    stems = dict.fromkeys(_NUMBER.sub("", file.path.stem) for file in files)
+    if len(stems) > 1:
+        names = _some([Path(stem) for stem in stems])
+        files[0].note(
+            f"by their names it and those beside it are files of {len(stems)} bags, {names}: they "
+            "are read as one"
+        )
 
 
 def _some(paths: list[Path]) -> str:
     more = f" and {len(paths) - _MOST_NAMES} more" if len(paths) > _MOST_NAMES else ""
-    return ", ".join(path.name for path in paths[:_MOST_NAMES]) + more
+    return ", ".join(printable(path.name) for path in paths[:_MOST_NAMES]) + more
 
 
 def _natural(file: Path) -> list[tuple[int, str]]:
@@ -116,14 +122,16 @@ def _missing(directory: Path, files: list[Path]) -> list[str]:
     """Return a note for each file that the bag's metadata lists and that is not there."""
     path = directory / "metadata.yaml"
     try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))["rosbag2_bagfile_information"]
-        listed = [Path(str(name)).name for name in content["relative_file_paths"]]
+        content = read_yaml(path)["rosbag2_bagfile_information"]
+        listed = [Path(shown(name)).name for name in content["relative_file_paths"]]
         compression = str(content.get("compression_mode", "")).lower()
-    except (OSError, ValueError, yaml.YAMLError, LookupError, TypeError, AttributeError):
+    except (InvalidInput, ValueError, LookupError, TypeError, AttributeError):
         return []  # the files hold all that matters
     if compression == "message":
         raise BagError(f"bag {directory} holds messages that are {_COMPRESSED}")
     there = {file.name for file in files}
-    return [
-        f"metadata.yaml lists {name}, which is not there" for name in listed if name not in there
-    ]
+    missing = [name for name in dict.fromkeys(listed) if name not in there]
+    names = [printable(name) for name in missing[:_MOST_NAMES]]
+    if len(missing) > len(names):
+        names.append(f"{len(missing) - len(names)} more")
+    return [f"metadata.yaml lists {name}, which is not there" for name in names]
