@@ -39,6 +39,7 @@ setup(
     zip_safe=False,
     # A reason for each is in README.md; what package.xml names is the same list in ROS's words.
     install_requires=[
+        "lz4>=4.3,<5",
         "matplotlib>=3.8,<4",
         "mcap>=1.6,<2",
         "numpy>=1.26,<3",

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, fields, is_dataclass, replace
+from difflib import get_close_matches
 from functools import cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar, get_type_hints
@@ -18,6 +20,7 @@ from ff_planner_ros.planning.settings import PlannerSettings, tunable
 from ff_planner_ros.planning.tail import EndBehaviour
 from ff_planner_ros.planning.yaml_file import mapping, read_yaml
 from ff_planner_ros.share import share_directory
+from ff_planner_ros.shown import quoted
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
@@ -27,6 +30,7 @@ Group = TypeVar("Group", bound="DataclassInstance")
 # Definitions and documents alone take a fifth of it [bytes].
 _MIN_FILE_SIZE = 1_000_000
 _MAX_DEPTH = 10_000
+_LONGEST_NAME = 100  # [characters] of a parameter, more than any has
 # What a request does that meets another one: parameter when_busy.
 REJECT, PREEMPT = "reject", "preempt"
 STATE_SOURCES = ("chaser_state", "odometry")
@@ -316,7 +320,7 @@ class NodeParameters:
 def _require_word(field: str, word: str, allowed: tuple[str, ...]) -> None:
     if word not in allowed:
         raise InvalidInput(
-            Status.OUT_OF_RANGE, field, repr(word), f"it must be {' or '.join(allowed)}"
+            Status.OUT_OF_RANGE, field, quoted(word), f"it must be {' or '.join(allowed)}"
         )
 
 
@@ -362,6 +366,7 @@ def _declarations(group: type[Any], prefix: str = "") -> dict[str, Declaration]:
 
 # By full name, `planner.starts`.
 DECLARATIONS: Mapping[str, Declaration] = _declarations(NodeParameters)
+_GROUPS = {name.rpartition(".")[0] for name in DECLARATIONS}
 
 
 def load_parameters(path: Path | None = None) -> NodeParameters:
@@ -374,7 +379,8 @@ def load_parameters(path: Path | None = None) -> NodeParameters:
     values = dict(default_values())
     for name, value in (flattened(read_yaml(path)) if path else {}).items():
         if name not in DECLARATIONS:
-            known = f"known are {', '.join(DECLARATIONS)}"
+            near = get_close_matches(name[:_LONGEST_NAME], DECLARATIONS, n=5, cutoff=0.0)
+            known = f"known are {', '.join(near)} and others: see config/planner.yaml"
             raise InvalidInput(Status.OUT_OF_RANGE, name, "an unknown parameter", known)
         values[name] = checked(name, value)
     return parameters_of(values)
@@ -402,11 +408,10 @@ def flattened(document: Any) -> dict[str, Any]:
 def _flatten(block: Any, prefix: str, values: dict[str, Any]) -> None:
     if not isinstance(block, dict):
         field = prefix.rstrip(".") or "ros__parameters"
-        raise InvalidInput(Status.OUT_OF_RANGE, field, repr(block), "it must hold parameters")
-    groups = {name.rpartition(".")[0] for name in DECLARATIONS}
+        raise InvalidInput(Status.OUT_OF_RANGE, field, quoted(block), "it must hold parameters")
     for name, value in block.items():
         full = f"{prefix}{name}"
-        if isinstance(value, dict) or full in groups:
+        if isinstance(value, dict) or full in _GROUPS:
             _flatten(value, f"{full}.", values)
         else:
             values[full] = value
@@ -423,7 +428,8 @@ def checked(name: str, value: Any) -> Any:
     is_array = declared.kind not in _KINDS
     kind: type[Any] = float if is_array else declared.kind
     if kind is float:
-        entries = [float(e) if isinstance(e, int) and type(e) is not bool else e for e in entries]
+        with suppress(OverflowError):  # what no float can hold stays whole, and is refused
+            entries = [float(e) if type(e) is int else e for e in entries]
     low = -math.inf if declared.minimum is None else declared.minimum
     high = math.inf if declared.maximum is None else declared.maximum
     sound = is_array == isinstance(value, list | tuple) and all(
@@ -432,7 +438,7 @@ def checked(name: str, value: Any) -> Any:
         for entry in entries
     )
     if not sound:
-        raise InvalidInput(Status.OUT_OF_RANGE, name, repr(value), declared.allowed)
+        raise InvalidInput(Status.OUT_OF_RANGE, name, quoted(value), declared.allowed)
     return tuple(entries) if is_array else entries[0]
 
 

@@ -6,7 +6,7 @@ import math
 from dataclasses import asdict, astuple, dataclass, fields
 from typing import Any
 
-from ff_planner_ros.arrays import Array, finite_number, frozen
+from ff_planner_ros.arrays import Array, finite_number, finite_vector, frozen
 from ff_planner_ros.errors import FfPlannerError, InvalidInput, NoPlanFound, Status
 from ff_planner_ros.planning.metrics import Metrics
 from ff_planner_ros.planning.plan import Plan, SolverReport, Trajectory
@@ -102,7 +102,8 @@ def plan_document(answer: object) -> PlanDocument:
     require_sound_samples(robot, trajectory)
     metrics, solver = _entry(answer, "metrics"), _entry(answer, "solver")
     found = {item.name: _entry(metrics, item.name, "metrics.") for item in fields(Metrics)}
-    peaks = tuple(_numbers("metrics.peak_joint_torques", found.pop("peak_joint_torques")).tolist())
+    peaks = _numbers("metrics.peak_joint_torques", found.pop("peak_joint_torques"))
+    peaks = finite_vector("metrics.peak_joint_torques", peaks, robot.joints)
     numbers = {name: _number(f"metrics.{name}", value) for name, value in found.items()}
     told = {item.name: _entry(solver, item.name, "solver.") for item in fields(SolverReport)}
     for name in ("starts", "iterations", "rollouts"):
@@ -114,7 +115,7 @@ def plan_document(answer: object) -> PlanDocument:
         trajectory=trajectory,
         xi=_numbers("xi", _entry(answer, "xi")),
         orientation_reading=str(_entry(answer, "orientation_reading")),
-        metrics=Metrics(peak_joint_torques=peaks, **numbers),
+        metrics=Metrics(peak_joint_torques=tuple(peaks.tolist()), **numbers),
         solver=SolverReport(**told),
     )
     solve_time = _number("solver.solve_time", _entry(solver, "solve_time", "solver."))
@@ -127,20 +128,26 @@ def _asked_for(answer: Any) -> tuple[tuple[float, float] | None, tuple[Sphere, .
     try:
         return (
             None if objective is None else astuple(Objective(**objective)),
-            None if obstacles is None else tuple(Sphere(**sphere) for sphere in obstacles),
+            None if obstacles is None else tuple(_sphere(sphere) for sphere in obstacles),
         )
-    except TypeError:
+    except (TypeError, LookupError):
         allowed = "`ff-planner plan --json` writes them"
         raise InvalidInput(
             Status.WRONG_SIZE, "objective or obstacles", "something else", allowed
         ) from None
 
 
+def _sphere(sphere: Any) -> Sphere:
+    if not isinstance(sphere["id"], str):
+        raise InvalidInput(Status.WRONG_SIZE, "obstacles", sphere["id"], "an id must be text")
+    return Sphere(**sphere)
+
+
 def _number(name: str, value: Any) -> float:
     """Return a number; null stands for infinity, which JSON does not know."""
     number = _numbers(name, math.inf if value is None else value)
-    if number.ndim:
-        raise InvalidInput(Status.WRONG_SIZE, name, "a list", "it must be one number")
+    if number.ndim or math.isnan(number):
+        raise InvalidInput(Status.WRONG_SIZE, name, value, "it must be one number, or null")
     return float(number)
 
 
@@ -154,7 +161,7 @@ def _entry(dictionary: object, name: str, prefix: str = "") -> Any:
 def _numbers(name: str, rows: Any) -> Array:
     try:
         return frozen(rows)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         allowed = "it must be numbers, as many in each row"
         raise InvalidInput(Status.WRONG_SIZE, name, "no array", allowed) from None
 

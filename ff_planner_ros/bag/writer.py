@@ -9,13 +9,14 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from threading import RLock
-from typing import Self
+from typing import Any, Self
 
 from mcap.writer import LIBRARY_IDENTIFIER, CompressionType, Writer
 
 from ff_planner_ros.bag.definition import Definition, message_definition, type_hash
 from ff_planner_ros.bag.rosbag2_metadata import (
     INT64_MAX,
+    ROSBAG2,
     FileInfo,
     QualityOfService,
     TopicInfo,
@@ -269,7 +270,9 @@ class BagWriter:
 
     def _end_file(self) -> None:
         self._flush()
-        self._write_metadata()
+        # Once, though rosbag2 does so at the start, too: other readers warn of the second record.
+        document = self._write_metadata()
+        self._mcap.add_metadata(ROSBAG2, {"serialized_metadata": as_yaml(document)})
         self._mcap.finish()
         self._file.close()
 
@@ -292,14 +295,14 @@ class BagWriter:
         self._mcap.flush()
         self._unflushed_ns, self._unflushed_size = None, 0
 
-    def _write_metadata(self) -> None:
-        """Write what rosbag2 reads first, beside the MCAP files and into the last of them."""
+    def _write_metadata(self) -> dict[str, Any]:
+        """Write what rosbag2 reads first beside the MCAP files, and return it."""
         document = metadata(self._files, self._topics, self.custom_data)
-        self._mcap.add_metadata("rosbag2", {"serialized_metadata": as_yaml(document)})
         path = self._directory / "metadata.yaml"
         partial = path.with_suffix(".partial")
         partial.write_text(as_yaml({"rosbag2_bagfile_information": document}), encoding="utf-8")
         partial.replace(path)
+        return document
 
     def _path(self, file: FileInfo) -> Path:
         return self._directory / file.name

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import json
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -75,11 +76,14 @@ def export_plans(options: argparse.Namespace) -> int:
 
 
 def show_bag(options: argparse.Namespace) -> int:
-    """Show what is in a bag."""
-    from ff_planner_ros.bag.info import info
+    """Show what is in a bag, to people or to programs."""
+    from ff_planner_ros.bag.info import bag_document, info
 
-    for line in info(options.bag):
-        print(line)
+    if options.json:
+        print(json.dumps(bag_document(options.bag), indent=2))
+    else:
+        for line in info(options.bag):
+            print(line)
     return SOLVED
 
 

@@ -58,7 +58,8 @@ def command_parser() -> ArgumentParser:
         "--scenarios", type=Path, metavar="DIR", help="new directory, a scenario file per request"
     )
 
-    add("info", bags.show_bag, "show what is in a bag", parents=[bag])
+    info = add("info", bags.show_bag, "show what is in a bag", parents=[bag])
+    info.add_argument("--json", action="store_true", help="as JSON, with every answer")
 
     recover = add(
         "recover",

@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import Any
 
 import rclpy
-import yaml
 from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.publisher import Publisher
@@ -26,7 +25,8 @@ from rosgraph_msgs.msg import Clock
 
 from ff_planner_ros.bag.definition import message_definition
 from ff_planner_ros.bag.reader import Bag, Topic, open_bag
-from ff_planner_ros.errors import BagError
+from ff_planner_ros.errors import BagError, InvalidInput
+from ff_planner_ros.planning.yaml_file import yaml_document
 from ff_planner_ros.ros.inputs.input_topics import INPUT_TOPICS, OUTPUTS_OF_THESE_TYPES
 from ff_planner_ros.ros.messages.interfaces import type_name
 from ff_planner_ros.ros.messages.to_messages import time_message
@@ -201,8 +201,8 @@ def _message_type(name: str) -> Any:
 
 def _qos(topic: Topic) -> QoSProfile:
     """Return the quality of service that the first publisher of a recorded topic offered."""
-    with contextlib.suppress(yaml.YAMLError, LookupError, TypeError, ValueError):
-        offered = yaml.safe_load(topic.offered_qos_profiles)[0]
+    with contextlib.suppress(InvalidInput, LookupError, TypeError, ValueError):
+        offered = yaml_document(topic.offered_qos_profiles, "offered_qos_profiles", "damaged")[0]
         return QoSProfile(
             depth=max(int(offered["depth"]), 1),
             reliability=_RELIABILITY[str(offered["reliability"])],

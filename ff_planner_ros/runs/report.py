@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+from ff_planner_ros.analysis.json_file import read_json
 from ff_planner_ros.analysis.plan_json import plan_document
 from ff_planner_ros.analysis.tracking import Deviations
 from ff_planner_ros.arrays import Array
@@ -80,10 +80,9 @@ def report_of_answer(file: Path) -> Report:
 
     Raises:
         InvalidInput: It is no such answer.
-        OSError: It cannot be read.
     """
+    answer = read_json(file)
     try:
-        answer = json.loads(file.read_text(encoding="utf-8"))
         if isinstance(answer, dict) and _refused(answer):
             request = _refusal(answer)
             return Report(file.name, (("file", str(file)),), (), (request,))
@@ -91,8 +90,6 @@ def report_of_answer(file: Path) -> Report:
     except InvalidInput as error:
         field = f"{file}: {error.field}"
         raise InvalidInput(error.status, field, error.value, error.allowed) from None
-    except ValueError as error:
-        raise InvalidInput(Status.UNSUPPORTED, str(file), "no JSON", str(error)) from None
     motion = found.plan.trajectory
     request = ReportedRequest(
         plan_id=file.stem,
@@ -143,7 +140,7 @@ def clock_time(time_ns: int, with_date: bool = True) -> str:
 def _refused(answer: Mapping[str, Any]) -> bool:
     """Say whether a dictionary is a refusal's, as `refusal_dictionary` makes it."""
     names = {status.name.lower() for status in Status if status is not Status.SOLVED}
-    return answer.get("status") in names and "message" in answer
+    return str(answer.get("status")) in names and "message" in answer
 
 
 def _refusal(answer: Mapping[str, Any]) -> ReportedRequest:

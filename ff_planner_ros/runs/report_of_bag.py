@@ -28,7 +28,7 @@ from ff_planner_ros.ros.messages.from_messages import (
     spheres_from_message,
     xyz,
 )
-from ff_planner_ros.runs.installed import PlanExchange, as_installed, installed_exchanges
+from ff_planner_ros.runs.installed import PlanExchange, as_installed, brief_exchanges, with_motion
 from ff_planner_ros.runs.measured import Window, fill_windows
 from ff_planner_ros.runs.recorded_inputs import Moment, heard, input_topic
 from ff_planner_ros.runs.recorded_parameters import RecordedParameters
@@ -60,7 +60,7 @@ def _report_of_bag(bag: Bag, most_plans: int) -> Report:
         robot = attached_robot(bag.path, bag.attachments)
     except FfPlannerError as error:
         notes.append(f"no plan is drawn: {error}")
-    found = installed_exchanges(bag)
+    found = brief_exchanges(bag)
     requests = [_request(exchange) for exchange in found]
     solved = [k for k, request in enumerate(requests) if request.code == Status.SOLVED]
     drawn = solved[max(len(solved) - most_plans, 0) :] if robot is not None else []
@@ -69,6 +69,7 @@ def _report_of_bag(bag: Bag, most_plans: int) -> Report:
             f"of {len(solved)} plans the last {len(drawn)} are drawn; --plans N draws more"
         )
     if robot is not None and drawn:
+        found = [with_motion(bag, one) if k in drawn else one for k, one in enumerate(found)]
         plans = _plans(bag, robot, parameters, found, drawn, notes)
         requests = [replace(one, plan=plans.get(k)) for k, one in enumerate(requests)]
     facts = (*_bag_facts(bag), *(robot_facts(robot) if robot else ()))
@@ -228,6 +229,11 @@ def _with_measured(
     if not window.states:
         remarks.append("The bag holds no measured state while it ran.")
         return replace(plan, remarks=tuple(remarks))
+    if window.left_out:
+        remarks.append(
+            f"Of {window.left_out + len(window.states)} measured states {len(window.states)} are "
+            "compared, evenly in time."
+        )
     stamps = np.array(sorted(window.states))
     time = (stamps - window.start_ns) / NANOSECONDS
     # A plan's times are counted in nanoseconds, too: the last may be beyond its end by rounding.

@@ -9,13 +9,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import yaml
 from ff_planner_msgs.srv import PlanTrajectory
 
 from ff_planner_ros.bag.reader import open_bag
 from ff_planner_ros.errors import BagError, InvalidInput, Status
 from ff_planner_ros.parameters import DECLARATIONS, checked, replaced
-from ff_planner_ros.planning.yaml_file import integer, number, text
+from ff_planner_ros.planning.yaml_file import integer, number, text, yaml_document
 from ff_planner_ros.runs.recorded_run import RecordedRequest, recorded_run
 from ff_planner_ros.runs.replay import answer_again, one_by_one, status_name
 from ff_planner_ros.text_table import print_table
@@ -68,8 +67,8 @@ def parsed(setting: str) -> Change:
         allowed = f"allowed are {', '.join(allowed_keys())}"
         raise InvalidInput(Status.OUT_OF_RANGE, f"--with {key}", "an unknown key", allowed)
     try:
-        value = yaml.safe_load(written)
-    except yaml.YAMLError:
+        value = yaml_document(written, key, "no YAML")
+    except InvalidInput:
         value = written
     if key in _OF_REQUEST:
         return Change(key, _OF_REQUEST[key][1](key, value))
