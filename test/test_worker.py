@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import random
 import signal
 import threading
 import time
@@ -38,6 +39,7 @@ def worker() -> Iterator[Worker]:
         yield worker
 
 
+SEED = 20260101
 LONG = 600.0  # [s] a budget that no plan uses up
 
 
@@ -137,6 +139,67 @@ def test_a_search_that_does_not_look_at_the_clock_is_ended_with_its_process(
     assert end.value.status is Status.OUT_OF_TIME
     assert solve(worker, lemur_capture, settings).metrics.min_clearance >= 0.0
     assert server(worker) == before, "only the plan's own process had to go"
+
+
+def test_a_plan_that_is_no_longer_wanted_is_left_though_its_process_says_no_more(
+    worker: Worker, lemur_capture: PlanningProblem, settings: PlannerSettings
+) -> None:
+    before, frozen = server(worker), threading.Event()
+
+    def freeze(_: Progress) -> None:
+        os.kill(child(worker), signal.SIGSTOP)
+        frozen.set()
+
+    def late() -> None:
+        if frozen.is_set():
+            raise Unlucky
+
+    with pytest.raises(Unlucky):
+        solve(worker, lemur_capture, settings, check=late, report=freeze)
+    assert solve(worker, lemur_capture, settings).metrics.min_clearance >= 0.0
+    assert server(worker) == before, "only the plan's own process had to go"
+
+
+def test_the_budget_runs_from_when_it_is_told_to_have_begun(
+    worker: Worker, lemur_capture: PlanningProblem, settings: PlannerSettings
+) -> None:
+    task, over = PlanningTask(lemur_capture, settings), time.monotonic() - 2 * LONG
+    with pytest.raises(NoPlanFound) as end:
+        worker.solve(task, LONG, over, nothing, nothing)
+    assert end.value.status is Status.OUT_OF_TIME
+
+
+def test_given_up_at_any_moment_again_and_again_the_server_stays_and_the_next_plan_is_made(
+    worker: Worker,
+    lemur_capture: PlanningProblem,
+    settings: PlannerSettings,
+    times: Callable[[int, int], int],
+) -> None:
+    """Moments are numbers of looks at whether the plan is still wanted."""
+    solve(worker, lemur_capture, settings)
+    before, moments = server(worker), random.Random(SEED)
+    for _ in range(times(30, 300)):
+        looks = iter(range(moments.choice([0, 1, 2, 3, 5, 10])))
+
+        def look(looks: Iterator[int] = looks) -> None:
+            if next(looks, None) is None:
+                raise Unlucky
+
+        with pytest.raises(Unlucky):
+            solve(worker, lemur_capture, settings, check=look)
+    assert solve(worker, lemur_capture, settings).metrics.min_clearance >= 0.0
+    assert server(worker) == before
+
+
+def test_it_is_warm_once_it_has_loaded_and_again_after_a_death_while_idle(worker: Worker) -> None:
+    worker.wait_until_warm()
+    before = server(worker)
+    os.kill(before, signal.SIGKILL)
+    worker._server._process.wait()
+    assert not worker.is_warm  # which begins to load another
+    worker.wait_until_warm()
+    assert worker.is_warm
+    assert server(worker) != before
 
 
 def test_a_server_that_hangs_is_replaced(
