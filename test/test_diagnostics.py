@@ -113,7 +113,7 @@ def test_a_node_that_is_well_says_so_in_every_part() -> None:
             "other planners",
             {"namesakes": ("/ff_planner", "/spare")},
             ERROR,
-            "/ff_planner, /spare answers the same requests",
+            "are answered by /ff_planner, /spare, too",
         ),
         ("tracking", {"tracking": None}, OK, "no plan runs"),
         ("tracking", {"tracking": TrackingError(0.02, 0.02)}, OK, "20.0 mm and 1.15 deg"),

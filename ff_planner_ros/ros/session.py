@@ -187,7 +187,7 @@ class Session:
         found = namesakes(self._node)
         if found and found != self._namesakes:
             names = ", ".join(found)
-            self._node.get_logger().error(f"{names} answers the same requests as this planner")
+            self._node.get_logger().error(f"the same requests are answered by {names}, too")
         self._namesakes = found
         return found
 

@@ -141,9 +141,9 @@ def _other_planners(health: NodeHealth) -> _Part:
     if not others:
         return OK, "none in this namespace", {"others": "0"}
     message = (
-        f"{', '.join(others)} answers the same requests: an answer may come from either, and both "
-        "publish plans; stop one, or move it to another namespace. One that has just died counts "
-        "until the middleware has noticed that"
+        f"the same requests are answered by {', '.join(others)}, too: an answer may come from any, "
+        "and all publish plans; stop all but one, or move them to other namespaces. A node that "
+        "has just died counts until the middleware has noticed that"
     )
     return ERROR, message, {"others": str(len(others))}
 
