@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Iterator
 from contextlib import closing
 from unittest.mock import Mock
@@ -11,7 +12,7 @@ import pytest
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
-from rclpy.qos import QoSProfile
+from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 from ros_processes import DEADLINE, private_domain
 from std_msgs.msg import String
@@ -85,3 +86,21 @@ def test_the_executor_leaves_its_topics_alone_and_one_bad_message_ends_nothing(
     assert kept.messages == ["listener"]
     assert "ZeroDivisionError" in log.error.call_args.args[0]
     assert not list(node.subscriptions)
+
+
+def test_a_publisher_that_does_not_fit_is_told_by_the_executor(
+    node: Node, capfd: pytest.CaptureFixture[str]
+) -> None:
+    weak = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+    executor, told = SingleThreadedExecutor(), ""
+    executor.add_node(node)
+    with closing(Listener(node)) as listener:
+        listener.add(String, "plain", Kept(1), QOS, serialised=False)
+        listener.start()
+        node.create_publisher(String, "plain", weak)
+        give_up = time.monotonic() + DEADLINE
+        while "incompatible QoS" not in told:
+            assert time.monotonic() < give_up
+            executor.spin_once(timeout_sec=0.1)
+            told += capfd.readouterr().err
+    assert "RELIABILITY" in told

@@ -11,7 +11,7 @@ import traceback
 from collections.abc import Callable
 from typing import Any
 
-from rclpy.callback_groups import CallbackGroup
+from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
@@ -20,17 +20,11 @@ from rclpy.subscription import Subscription
 _PERIOD = 0.005
 
 
-class _Unspun(CallbackGroup):
-    """Entities that the executor leaves alone."""
+class _Unspun(ReentrantCallbackGroup):
+    """The executor leaves subscriptions alone; it tells of publishers that do not fit them."""
 
-    def can_execute(self, entity: Any) -> bool:  # noqa: ARG002 (rclpy asks so)
-        return False
-
-    def beginning_execution(self, entity: Any) -> bool:  # noqa: ARG002
-        return False
-
-    def ending_execution(self, entity: Any) -> None:
-        """Do nothing: nothing has begun."""
+    def can_execute(self, entity: Any) -> bool:
+        return not isinstance(entity, Subscription)
 
 
 class Listener:
