@@ -13,7 +13,7 @@ import threading
 import time
 from collections.abc import Callable
 from contextlib import suppress
-from typing import BinaryIO
+from typing import Self
 
 from ff_planner_ros.errors import FfPlannerError, Interrupted, NoPlanFound, Status
 from ff_planner_ros.planning.plan import Plan
@@ -21,9 +21,7 @@ from ff_planner_ros.planning.task import PlanningTask
 from ff_planner_ros.planning.watch import Progress
 from ff_planner_ros.ros.requests import solver_process
 from ff_planner_ros.ros.requests.solver_process import (
-    ANSWERED,
     BEGUN,
-    ENDED,
     LOADED,
     PLAN,
     PROGRESS,
@@ -36,8 +34,8 @@ _LOADING = 60.0
 # A fork takes milliseconds; a loaded server that has begun no plan after so much waiting [s]
 # hangs, however busy the machine is.
 _BEGINNING = 10.0
-# No packet is longer [bytes].
-_PACKET = 4096
+# No packet is longer; what is read of a stream at once [bytes].
+_PACKET, _CHUNK = 4096, 1 << 20
 
 
 class Worker:
@@ -47,7 +45,7 @@ class Worker:
         """Start the process; it loads its libraries while the caller goes on."""
         self._server = _Server()
         self._solving, self._lock = threading.Lock(), threading.Lock()
-        self._connection: socket.socket | None = None
+        self._lines: _Lines | None = None
         self._interrupted = self._closed = False
 
     @property
@@ -111,21 +109,17 @@ class Worker:
                     "time",
                 )
 
-        ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-        with self._solving, ours, theirs, os.fdopen(os.memfd_create("plan"), "w+b") as paper:
+        with self._solving, _Lines(pickle.dumps((task, budget, begun))) as lines:
             with self._lock:
                 if self._closed:
                     raise Interrupted
-                self._interrupted, self._connection = False, ours
+                self._interrupted, self._lines = False, lines
             try:
-                pickle.dump((task, budget, begun), paper)
-                paper.flush()
-                self._begin(ours, theirs, paper, still_wanted)
-                theirs.close()
-                answer = self._answer(ours, paper, still_wanted, report)
+                self._begin(lines, still_wanted)
+                answer = self._answer(lines, still_wanted, report)
             finally:
                 with self._lock:
-                    self._connection = None
+                    self._lines = None
         try:
             if isinstance(answer, FfPlannerError):
                 raise answer
@@ -140,10 +134,9 @@ class Worker:
     def interrupt(self) -> None:
         """End the plan that is being made, if there is one: its `solve` raises Interrupted."""
         with self._lock:
-            if self._connection is not None:
+            if self._lines is not None:
                 self._interrupted = True
-                with suppress(OSError):  # broken by itself just now
-                    self._connection.shutdown(socket.SHUT_RDWR)
+                self._lines.hang_up()
 
     def close(self) -> None:
         """End the plan that is being made and every process; there will be no other."""
@@ -153,52 +146,45 @@ class Worker:
         with self._solving:
             self._server.end()
 
-    def _begin(
-        self,
-        ours: socket.socket,
-        theirs: socket.socket,
-        paper: BinaryIO,
-        still_wanted: Callable[[], None],
-    ) -> None:
+    def _begin(self, lines: _Lines, still_wanted: Callable[[], None]) -> None:
         """Have the solver begin a plan; one that has died or hangs is replaced, once."""
         replaced = False
         still_wanted()
-        self._server.begin(theirs, paper)
-        while not self._server.has_begun(ours):
+        self._server.begin(lines)
+        while not self._server.has_begun(lines):
             still_wanted()
             if self._server.is_lost:
                 code = self._replace_server()
                 if replaced:
                     raise _death(str(code))
                 replaced = True
-                self._server.begin(theirs, paper)
-        if ours.recv(_PACKET) != BEGUN:
-            raise Interrupted if self._interrupted else _death("unknown")
+                self._server.begin(lines)
+        lines.leave_theirs()
 
     def _answer(
-        self,
-        ours: socket.socket,
-        paper: BinaryIO,
-        still_wanted: Callable[[], None],
-        report: Callable[[Progress], None],
+        self, lines: _Lines, still_wanted: Callable[[], None], report: Callable[[Progress], None]
     ) -> Plan | FfPlannerError | str:
         """Return what the solver process answers; who leaves before ends it by hanging up."""
+        code = ""
         while True:
             still_wanted()
-            if not _is_readable(ours, _POLL):
+            if lines.exchange():
+                packet = lines.packets.recv(_PACKET)
+                if self._interrupted:
+                    raise Interrupted
+                if packet[:1] == PROGRESS:
+                    report(pickle.loads(packet[1:]))
+                elif packet[:1] != BEGUN:  # ENDED, or nobody is left to say so
+                    code = code or packet[1:].decode() or "unknown"
+            if not lines.is_complete:
                 continue
-            packet = ours.recv(_PACKET)
-            if self._interrupted:
-                raise Interrupted
-            kind, content = packet[:1], packet[1:]
-            if kind == PROGRESS:
-                report(pickle.loads(content))
-            elif kind == ANSWERED:
-                paper.seek(0)
-                answer: Plan | FfPlannerError | str = pickle.load(paper)
+            try:
+                answer: Plan | FfPlannerError | str = pickle.loads(lines.incoming)
+            except (EOFError, pickle.UnpicklingError):  # it ended within the answer, or before
+                if code:
+                    raise _death(code) from None
+            else:
                 return answer
-            else:  # ENDED, or nobody is left to say so
-                raise _death(content.decode() if kind == ENDED else "unknown")
 
     def _replace_server(self) -> int:
         """End a server, and begin to load another; return the exit code of the first."""
@@ -208,16 +194,67 @@ class Worker:
         return code
 
 
-def _is_readable(connection: socket.socket, patience: float) -> bool:
-    return bool(select.select([connection], [], [], patience)[0])
-
-
 def _death(code: str) -> FfPlannerError:
     return FfPlannerError(
         Status.SOLVER_DIED,
         f"the solver process died with exit code {code} (-N: killed by signal N); "
         "a new one takes its place, the request may be sent again",
     )
+
+
+class _Lines:
+    """The two connections of a plan, at both their ends."""
+
+    def __init__(self, request: bytes) -> None:
+        self.packets, self._their_packets = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        self._stream, self._their_stream = socket.socketpair()
+        self._stream.setblocking(False)
+        self._outgoing = memoryview(request)
+        self.incoming = bytearray()  # what has come in on the stream
+        self.is_complete = False  # whether no more will come in on it
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.leave_theirs()
+        self.packets.close()
+        self._stream.close()
+
+    @property
+    def theirs(self) -> list[int]:
+        """Descriptors of the solver's ends."""
+        return [self._their_packets.fileno(), self._their_stream.fileno()]
+
+    def leave_theirs(self) -> None:
+        """Leave the solver's ends to the solver alone, so that its death is noticed."""
+        self._their_packets.close()
+        self._their_stream.close()
+
+    def hang_up(self) -> None:
+        """End the plan; may be called from any thread while the lines are open."""
+        for line in (self.packets, self._stream):
+            with suppress(OSError):  # broken by itself just now
+                line.shutdown(socket.SHUT_RDWR)
+
+    def exchange(self) -> bool:
+        """Wait a moment, write and read what can be; return whether a packet has come in."""
+        heard = [self.packets] if self.is_complete else [self.packets, self._stream]
+        told = [self._stream] if self._outgoing else []
+        readable, writable, _ = select.select(heard, told, [], _POLL)
+        if writable:
+            try:
+                self._outgoing = self._outgoing[self._stream.send(self._outgoing) :]
+            except OSError:  # nobody reads it any more
+                self._outgoing = memoryview(b"")
+        if self._stream in readable:
+            try:
+                chunk = self._stream.recv(_CHUNK)
+            except OSError:  # it ended before it had read everything
+                chunk = b""
+            self.incoming += chunk
+            self.is_complete = not chunk
+        return self.packets in readable
 
 
 class _Server:
@@ -242,6 +279,7 @@ class _Server:
         if not self._is_loaded:
             with suppress(OSError):  # nothing has come in yet
                 self._is_loaded = self._control.recv(_PACKET, socket.MSG_DONTWAIT) == LOADED
+                self._waited = 0.0  # so far it has loaded, which takes longer than to begin
         return self._is_loaded and not self.has_died
 
     @property
@@ -252,22 +290,18 @@ class _Server:
     @property
     def is_lost(self) -> bool:
         """Whether it has died, or was waited for so long that it hangs."""
-        return self._waited > (_BEGINNING if self.is_loaded else _LOADING) or self.has_died
+        patience = _BEGINNING if self.is_loaded else _LOADING
+        return self._waited > patience or self.has_died
 
-    def begin(self, connection: socket.socket, paper: BinaryIO) -> None:
-        """Begin a plan for whoever is at the other end of a connection."""
+    def begin(self, lines: _Lines) -> None:
+        """Begin a plan for whoever is at the other end of the lines."""
         with suppress(OSError):  # it has died, which `is_lost` tells
-            socket.send_fds(
-                self._control,
-                [PLAN],
-                [connection.fileno(), paper.fileno()],
-                socket.MSG_DONTWAIT,
-            )
+            socket.send_fds(self._control, [PLAN], lines.theirs, socket.MSG_DONTWAIT)
 
-    def has_begun(self, connection: socket.socket) -> bool:
-        """Wait a moment until something comes in on a plan's connection; whether it has."""
+    def has_begun(self, lines: _Lines) -> bool:
+        """Wait a moment until the first packet of a plan comes in; whether it has."""
         before = time.monotonic()
-        begun = _is_readable(connection, _POLL)
+        begun = lines.exchange()
         self._waited = 0.0 if begun else self._waited + time.monotonic() - before
         return begun
 
