@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import pickle
-import select
 import signal
 import socket
 import subprocess
@@ -12,14 +11,14 @@ import sys
 import threading
 import time
 from collections.abc import Callable
-from contextlib import suppress
-from typing import Self
+from contextlib import closing, suppress
 
 from ff_planner_ros.errors import FfPlannerError, Interrupted, NoPlanFound, Status
 from ff_planner_ros.planning.plan import Plan
 from ff_planner_ros.planning.task import PlanningTask
 from ff_planner_ros.planning.watch import Progress
 from ff_planner_ros.ros.requests import solver_process
+from ff_planner_ros.ros.requests.lines import POLL, Lines
 from ff_planner_ros.ros.requests.solver_process import (
     BEGUN,
     LOADED,
@@ -27,15 +26,13 @@ from ff_planner_ros.ros.requests.solver_process import (
     PROGRESS,
 )
 
-# While a plan is made, whether it is still wanted is asked so often [s].
-_POLL = 0.02
 # Loading takes seconds; a server that needs so much longer [s] will not get there.
 _LOADING = 60.0
 # A fork takes milliseconds; a loaded server that has begun no plan after so much waiting [s]
 # hangs, however busy the machine is.
 _BEGINNING = 10.0
-# No packet is longer; what is read of a stream at once [bytes].
-_PACKET, _CHUNK = 4096, 1 << 20
+# No packet is longer [bytes].
+_PACKET = 4096
 
 
 class Worker:
@@ -45,7 +42,7 @@ class Worker:
         """Start the process; it loads its libraries while the caller goes on."""
         self._server = _Server()
         self._solving, self._lock = threading.Lock(), threading.Lock()
-        self._lines: _Lines | None = None
+        self._lines: Lines | None = None
         self._interrupted = self._closed = False
 
     @property
@@ -73,7 +70,7 @@ class Worker:
                     f"the solver process has not loaded its libraries within {_LOADING:g} s; what "
                     "it says itself is on the node's stderr",
                 )
-            time.sleep(_POLL)
+            time.sleep(POLL)
 
     def solve(
         self,
@@ -109,7 +106,7 @@ class Worker:
                     "time",
                 )
 
-        with self._solving, _Lines(pickle.dumps((task, budget, begun))) as lines:
+        with self._solving, closing(Lines(pickle.dumps((task, budget, begun)))) as lines:
             with self._lock:
                 if self._closed:
                     raise Interrupted
@@ -146,7 +143,7 @@ class Worker:
         with self._solving:
             self._server.end()
 
-    def _begin(self, lines: _Lines, still_wanted: Callable[[], None]) -> None:
+    def _begin(self, lines: Lines, still_wanted: Callable[[], None]) -> None:
         """Have the solver begin a plan; one that has died or hangs is replaced, once."""
         replaced = False
         still_wanted()
@@ -162,7 +159,7 @@ class Worker:
         lines.leave_theirs()
 
     def _answer(
-        self, lines: _Lines, still_wanted: Callable[[], None], report: Callable[[Progress], None]
+        self, lines: Lines, still_wanted: Callable[[], None], report: Callable[[Progress], None]
     ) -> Plan | FfPlannerError | str:
         """Return what the solver process answers; who leaves before ends it by hanging up."""
         code = ""
@@ -202,61 +199,6 @@ def _death(code: str) -> FfPlannerError:
     )
 
 
-class _Lines:
-    """The two connections of a plan, at both their ends."""
-
-    def __init__(self, request: bytes) -> None:
-        self.packets, self._their_packets = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-        self._stream, self._their_stream = socket.socketpair()
-        self._stream.setblocking(False)
-        self._outgoing = memoryview(request)
-        self.incoming = bytearray()  # what has come in on the stream
-        self.is_complete = False  # whether no more will come in on it
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.leave_theirs()
-        self.packets.close()
-        self._stream.close()
-
-    @property
-    def theirs(self) -> list[int]:
-        """Descriptors of the solver's ends."""
-        return [self._their_packets.fileno(), self._their_stream.fileno()]
-
-    def leave_theirs(self) -> None:
-        """Leave the solver's ends to the solver alone, so that its death is noticed."""
-        self._their_packets.close()
-        self._their_stream.close()
-
-    def hang_up(self) -> None:
-        """End the plan; may be called from any thread while the lines are open."""
-        for line in (self.packets, self._stream):
-            with suppress(OSError):  # broken by itself just now
-                line.shutdown(socket.SHUT_RDWR)
-
-    def exchange(self) -> bool:
-        """Wait a moment, write and read what can be; return whether a packet has come in."""
-        heard = [self.packets] if self.is_complete else [self.packets, self._stream]
-        told = [self._stream] if self._outgoing else []
-        readable, writable, _ = select.select(heard, told, [], _POLL)
-        if writable:
-            try:
-                self._outgoing = self._outgoing[self._stream.send(self._outgoing) :]
-            except OSError:  # nobody reads it any more
-                self._outgoing = memoryview(b"")
-        if self._stream in readable:
-            try:
-                chunk = self._stream.recv(_CHUNK)
-            except OSError:  # it ended before it had read everything
-                chunk = b""
-            self.incoming += chunk
-            self.is_complete = not chunk
-        return self.packets in readable
-
-
 class _Server:
     """The process that `solver_process.serve` runs in, and its forks."""
 
@@ -293,12 +235,12 @@ class _Server:
         patience = _BEGINNING if self.is_loaded else _LOADING
         return self._waited > patience or self.has_died
 
-    def begin(self, lines: _Lines) -> None:
+    def begin(self, lines: Lines) -> None:
         """Begin a plan for whoever is at the other end of the lines."""
         with suppress(OSError):  # it has died, which `is_lost` tells
             socket.send_fds(self._control, [PLAN], lines.theirs, socket.MSG_DONTWAIT)
 
-    def has_begun(self, lines: _Lines) -> bool:
+    def has_begun(self, lines: Lines) -> bool:
         """Wait a moment until the first packet of a plan comes in; whether it has."""
         before = time.monotonic()
         begun = lines.exchange()
