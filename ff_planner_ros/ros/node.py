@@ -16,8 +16,9 @@ from ff_planner_ros.ros.background import spin_in_background
 from ff_planner_ros.ros.planner_node import PlannerNode
 from ff_planner_ros.ros.requests.worker import Worker
 
-# One plans, one waits for it to make room, one cancels, one listens, one waits for the bag's disk.
-_THREADS = 5
+# One plans, one waits for it to make room, one cancels, one streams, one tells how the node is, one
+# draws a plan, one waits for the bag's disk.
+_THREADS = 7
 
 
 def main(arguments: list[str] | None = None) -> int:
