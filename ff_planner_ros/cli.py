@@ -49,7 +49,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             BAD_INPUT,
         )
     except Exception as error:  # whatever nobody thought of, so that a script can go on
-        if sys.flags.dev_mode:
+        if sys.flags.dev_mode or isinstance(error, ImportError):  # the latter is no file's fault
             raise
         return _fail(f"{DEFECT}: {type(error).__name__} {_place(error)}: {error}", BAD_INPUT)
 

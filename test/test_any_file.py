@@ -235,7 +235,9 @@ def test_peaks_that_are_one_number_are_refused_and_half_a_character_is_shown(
 
 
 @pytest.mark.parametrize("suffix", [".yaml", ".json", ".mcap"])
-def test_what_is_no_file_is_refused_at_once(tmp_path: Path, run: Run, suffix: str) -> None:
+def test_what_is_no_file_is_refused_at_once(
+    tmp_path: Path, run: Run, suffix: str, nightly: bool
+) -> None:
     """Nothing is opened that may block, and nothing is read that never ends."""
     os.mkfifo(tmp_path / f"pipe{suffix}")
     (tmp_path / f"directory{suffix}").mkdir()
@@ -255,7 +257,8 @@ def test_what_is_no_file_is_refused_at_once(tmp_path: Path, run: Run, suffix: st
         "x" * 3_000,
         "\udcff",
     ):
-        for command in on(tmp_path / f"{name}{suffix}"):
+        commands = list(on(tmp_path / f"{name}{suffix}"))
+        for command in commands if nightly else commands[::4]:  # info, export, replay
             done = run(command)
             require_law(done, command)
             assert done.code == 2 or (done.code == 1 and command[0] == "recover"), (command, done)
@@ -278,16 +281,16 @@ def test_a_bag_does_not_fill_the_memory(
         require_law(run(command), command, nightly)
 
 
-@pytest.mark.parametrize("content", YAML.values(), ids=YAML.keys())
+@pytest.mark.parametrize("name", ["no mapping", "deep", "an alias bomb", "no UTF-8", "too large"])
 def test_a_bag_is_read_whatever_its_metadata_says(
-    content: bytes, tmp_path: Path, run: Run, nightly: bool
+    name: str, tmp_path: Path, run: Run, nightly: bool
 ) -> None:
     bag = tmp_path / "bag"
     bag.mkdir()
     shutil.copy(GOLDEN / "offline_0.mcap", bag / "bag_0.mcap")
-    (bag / "metadata.yaml").write_bytes(content)
+    (bag / "metadata.yaml").write_bytes(YAML[name])
     commands = list(on_bag(bag))
-    for command in commands if nightly else commands[1:2]:
+    for command in commands if nightly else commands[:1]:
         done = run(command)
         require_law(done, command, nightly)
         assert done.code == 0 or command[0] == "replay", done
@@ -322,7 +325,7 @@ def test_documents_in_a_bag_are_bounded_like_files(
     file = tmp_path / "bag.mcap"
     file.write_bytes(with_documents(YAML[name][:1_000_000]))
     commands = list(on_bag(file))
-    for command in commands if nightly else [commands[1], commands[6], commands[7]]:
+    for command in commands if nightly else commands[6:8]:
         done = run(command)
         require_law(done, command, nightly)
         assert done.code == (2 if command[0] in ("replay", "verify") else done.code), done
@@ -363,7 +366,7 @@ def test_mutated_answers_are_taken_or_refused(
 ) -> None:
     chance, file = random.Random(SEED), tmp_path / "answer.json"
     codes = set()
-    for number in range(times(12, 1_000)):
+    for number in range(times(8, 1_000)):
         text = json.dumps(document_mutated(answer, chance)).encode()
         file.write_bytes(bytes_mutated(text, chance) if number % 5 == 4 else text)
         for command in on_answer(file):
