@@ -29,6 +29,7 @@ from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.ros.background import ask, spin_in_background
+from ff_planner_ros.ros.joining import joining_ros
 from ff_planner_ros.ros.messages.from_messages import plan_from_response, state_from_message
 from ff_planner_ros.ros.outputs.prediction import (
     FramePose,
@@ -74,8 +75,9 @@ class MissionExecutive:
         self._check, self._patience = check, patience
         self._states: list[ChaserState] = []
         self._new_state = threading.Event()
-        rclpy.init(args=list(ros_arguments), signal_handler_options=SignalHandlerOptions.NO)
-        self._node = rclpy.create_node("mission_executive")
+        with joining_ros():
+            rclpy.init(args=list(ros_arguments), signal_handler_options=SignalHandlerOptions.NO)
+            self._node = rclpy.create_node("mission_executive")
         self._node.create_subscription(ChaserState, "chaser_state", self._keep, STATE_QOS)
         self._planner = ActionClient(self._node, PlanTrajectory, "plan_trajectory_action")
         self._controller = self._node.create_publisher(JointTrajectory, CONTROLLER_TOPIC, 1)
