@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import array
 import sys
+from collections.abc import Sequence
 from importlib import import_module
 from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
+from ff_planner_msgs.msg import PublishedPlan
 from ff_planner_msgs.srv import PlanTrajectory
 from rosidl_parser.definition import AbstractNestedType, NamespacedType
 
 from ff_planner_ros.bag.exchanges import Exchange, exchanges
 from ff_planner_ros.bag.reader import Bag
 from ff_planner_ros.errors import BagError
+from ff_planner_ros.ros.messages.interfaces import type_name
 
 T = TypeVar("T")
 PlanExchange: TypeAlias = Exchange[PlanTrajectory.Request, PlanTrajectory.Response]
@@ -30,6 +33,23 @@ def installed_exchanges(bag: Bag) -> list[PlanExchange]:
         lambda request: as_installed(request, PlanTrajectory.Request),
         lambda _, response: as_installed(response, PlanTrajectory.Response),
     )
+
+
+def never_published(bag: Bag, found: Sequence[PlanExchange]) -> frozenset[str]:
+    """Return the ids of the plans that were asked for with plan_only, and never published.
+
+    Raises:
+        BagError: The disk fails.
+    """
+    waiting = {
+        one.response.plan_id
+        for one in found
+        if one.request is not None and one.request.plan_only and one.response is not None
+    }
+    if waiting:  # or else there is no need to look through the bag
+        messages = bag.decoded(type_name(PublishedPlan))
+        waiting -= {str(getattr(message, "plan_id", "")) for _, message in messages}
+    return frozenset(waiting)
 
 
 def as_installed(decoded: Any, message_class: type[T]) -> T:
