@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import fields, replace
 from types import SimpleNamespace
 from typing import Any
 from unittest.mock import Mock
@@ -203,6 +203,33 @@ def test_a_velocity_that_is_a_little_off_counts_for_as_long_as_the_plan_is_ahead
     assert "publication.max_velocity" not in status.message
     world.state = before
     assert world.ask().code == Status.SOLVED
+
+
+def test_a_plan_that_joins_one_that_runs_fits_the_states_along_that_one(world: World) -> None:
+    """The waiting plan is the rest of one that runs: 4 s of that are over, it begins after 6 s."""
+    whole = world.plan.trajectory
+    over, begin = np.searchsorted(whole.time, [4.0, 6.0])
+    rest = {item.name: getattr(whole, item.name)[begin:] for item in fields(whole)}
+    rest["time"] = rest["time"] - whole.time[begin]
+    world.state = SystemState(
+        whole.chaser_positions[over],
+        whole.chaser_quaternions_xyzw[over],
+        whole.chaser_linear_velocities[over],
+        whole.chaser_angular_velocities[over],
+        whole.joint_positions[over],
+        whole.joint_velocities[over],
+    )
+    begun_ns = NOW - round(whole.time[over] * NANOSECONDS)
+    start_ns = begun_ns + round(whole.time[begin] * NANOSECONDS)
+    waits = replace(
+        world.made("run.2", start_ns), plan=replace(world.plan, trajectory=type(whole)(**rest))
+    )
+    world.publication.keep(waits)
+    # If nothing runs, the joints keep their rates, and are elsewhere two seconds later.
+    assert world.ask("run.2").code == Status.STATE_MOVED
+    world.output.published = PublishedPlan("run.0", whole, begun_ns)
+    status = world.ask("run.2")
+    assert status.code == Status.SOLVED, status
 
 
 def test_a_state_that_the_request_brings_goes_before_the_latest(world: World) -> None:

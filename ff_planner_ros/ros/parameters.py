@@ -18,7 +18,7 @@ from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValu
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.errors import FfPlannerError, InvalidInput, Status
 from ff_planner_ros.parameters import (
     DECLARATIONS,
     Declaration,
@@ -36,10 +36,7 @@ _WHILE_CONFIGURED = (
 # Their time is over when the node is there.
 _AT_START = ("autostart", "allow_remote_paths")
 _PATHS = ("robot.urdf", "bag.directory")
-_ONLY_UNCONFIGURED = (
-    "it may change only while the node is unconfigured (lifecycle transitions deactivate and "
-    "cleanup)"
-)
+_TRANSITIONS = "lifecycle transitions deactivate and cleanup"
 
 
 class LiveParameters:
@@ -65,7 +62,7 @@ class LiveParameters:
             for change in changes:
                 self._require_allowed(change.name, change.value)
             changed(self.current, changes)
-        except InvalidInput as error:
+        except FfPlannerError as error:
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
 
@@ -80,8 +77,11 @@ class LiveParameters:
         if not self.configured:
             return
         if name.startswith(_WHILE_CONFIGURED):
-            allowed = f"{name} is in use as {now!r}: {_ONLY_UNCONFIGURED}"
-            raise InvalidInput(Status.OUT_OF_RANGE, name, repr(value), allowed)
+            raise FfPlannerError(
+                Status.OUT_OF_RANGE,
+                f"{name} is in use as {now!r} and cannot become {value!r}: it may change only "
+                f"while the node is unconfigured ({_TRANSITIONS})",
+            )
         declared = DECLARATIONS.get(name)
         strictness = declared.strictness if declared else None
         # Written so that NaN is refused.
@@ -89,8 +89,8 @@ class LiveParameters:
             unit = f" [{declared.unit}]" if declared and declared.unit else ""
             allowed = (
                 f"it must be {strictness.as_strict.format(_shown(now))}{unit} while the node is "
-                f"configured, tolerances, margins and limits are only tightened; to loosen it, "
-                f"{_ONLY_UNCONFIGURED}"
+                "configured, because tolerances, margins and limits may only be tightened then; "
+                f"to loosen it, clean the node up first ({_TRANSITIONS})"
             )
             raise InvalidInput(Status.OUT_OF_RANGE, name, _shown(value), allowed)
 
