@@ -317,7 +317,11 @@ class NodeParameters:
         "Points of a trajectory where the request does not say", MIN_POINTS, MAX_POINTS
     )
     time_budget: float = tunable(
-        "Wall clock for an answer where the request does not say", 0.001, 86_400.0, "s"
+        "Wall clock from taking a request up to its answer where the request does not say; the "
+        "plan's start time ends the search, too",
+        0.001,
+        86_400.0,
+        "s",
     )
     planning_allowance: float = tunable(
         "A plan starts so long after its request where the request does not say when; it must "

@@ -103,6 +103,19 @@ def test_a_start_time_that_is_over_or_far_ahead_is_refused(
         assert word in str(refusal.value)
 
 
+@pytest.mark.parametrize("field", ["start_time", "start_state", "obstacles"])
+@pytest.mark.parametrize("nanosec", [1_000_000_000, 2**32 - 1])
+def test_a_time_with_more_nanoseconds_than_a_second_is_refused(
+    lemur_capture: PlanningProblem, field: str, nanosec: int
+) -> None:
+    request = Scene(lemur_capture).complete_request()
+    part = getattr(request, field)
+    time = part if field == "start_time" else part.header.stamp
+    time.sec, time.nanosec = NOW // NANOSECONDS - 1, nanosec
+    with pytest.raises(InvalidInput, match=rf"{field}.*nanosec is {nanosec}: it must be less"):
+        asked(lemur_capture, request)
+
+
 def test_a_start_time_before_the_state_is_refused_and_the_allowance_waits_for_it(
     lemur_capture: PlanningProblem,
 ) -> None:

@@ -17,9 +17,9 @@ from ff_planner_ros.ros.joining import joining_ros, security_gap
 from ff_planner_ros.ros.planner_node import PlannerNode
 from ff_planner_ros.ros.requests.worker import Worker
 
-# One plans, one waits for it to make room, one cancels, one listens, one waits for the bag's disk,
-# one publishes plans.
-_THREADS = 6
+# One plans, one waits for it to make room, one cancels, one streams, one tells how the node is, one
+# draws a plan, one publishes a plan that waited, one waits for the bag's disk.
+_THREADS = 8
 
 
 def main(arguments: list[str] | None = None) -> int:

@@ -46,9 +46,10 @@ class PlannerNode(LifecycleNode):
         return self._attempt(configure)
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Publish, and answer requests."""
+        """Publish, and answer requests, once the solver is ready for them."""
 
         def activate() -> None:
+            self._worker.wait_until_warm()
             super(PlannerNode, self).on_activate(state)  # opens the publishers
             if self._session is not None:
                 self._session.activate()

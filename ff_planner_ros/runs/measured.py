@@ -18,6 +18,7 @@ from ff_planner_ros.ros.inputs.input_topics import (
     JOINT_STATES,
     ODOMETRY,
     InputTopic,
+    header_stamp,
 )
 from ff_planner_ros.ros.inputs.state_input import is_pair, pairs
 from ff_planner_ros.ros.messages.from_messages import state_from_message
@@ -26,7 +27,7 @@ from ff_planner_ros.ros.messages.from_odometry import (
     joints_from_joint_state,
 )
 from ff_planner_ros.runs.installed import as_installed
-from ff_planner_ros.runs.recorded_inputs import header_stamp, input_topic
+from ff_planner_ros.runs.recorded_inputs import input_topic
 
 
 @dataclass(eq=False)

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ff_planner_ros.arrays import Array, finite_vector
+from ff_planner_ros.bag.decoding import NANOSECONDS, nanoseconds
 from ff_planner_ros.bag.plans import trajectory_in
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.parameters import NodeParameters
@@ -22,6 +23,7 @@ from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.state import SystemState
 
 if TYPE_CHECKING:  # what is read may also be a message decoded where ROS is not installed
+    from builtin_interfaces.msg import Time
     from ff_planner_msgs.msg import ChaserState, ObstacleSphere, ObstacleSphereArray, PlanMetrics
     from ff_planner_msgs.msg import SolverReport as SolverReportMessage
     from ff_planner_msgs.srv import PlanTrajectory
@@ -86,6 +88,22 @@ def problem_from_request(
             ),
             limits=parameters.limits.limits(asked_attitude),
         )
+
+
+def time_in_ns(field: str, time: Time) -> int:
+    """Return a message's time [ns].
+
+    Raises:
+        InvalidInput: It has more nanoseconds than a second.
+    """
+    if time.nanosec >= NANOSECONDS:
+        raise InvalidInput(
+            Status.OUT_OF_RANGE,
+            f"{field}.nanosec",
+            time.nanosec,
+            f"it must be less than {NANOSECONDS}: whole seconds belong into sec",
+        )
+    return nanoseconds(time)
 
 
 def state_from_message(

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import time
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import cycle
 
@@ -52,6 +53,7 @@ class PlanOutput:
         self.published: PublishedPlan | None = None  # the last plan that went out
         self.tracking: prediction.TrackingError | None = None  # None while no plan runs
         self._preview: Iterator[JointState] = iter(())
+        self._repeated_since_ns: int | None = None  # None while it is played for the first time
         self._node, self._publishers = node, list[LifecyclePublisher]()
         self._trajectory, self._path, self._pose = (
             self._publisher(kind, name, qos_profile(getattr(qos, name)))
@@ -103,7 +105,7 @@ class PlanOutput:
     def show(self, plan: Plan, obstacles: tuple[Sphere, ...]) -> None:
         """Publish what screens show."""
         self._markers.publish(plan_markers(self._robot, plan, obstacles, self._frame))
-        self._preview = cycle(preview_joint_states(plan, self._rates.preview))
+        self._preview = self._played(preview_joint_states(plan, self._rates.preview))
 
     def stream(self, measured: Snapshot | None) -> None:
         """Publish where the chaser should be by now, and how far from there it was measured."""
@@ -142,6 +144,17 @@ class PlanOutput:
     def _publisher(self, kind: type, topic: str, qos: QoSProfile) -> LifecyclePublisher:
         self._publishers.append(self._node.create_lifecycle_publisher(kind, topic, qos))
         return self._publishers[-1]
+
+    def is_repeated(self, received_ns: int) -> bool:
+        """Tell whether the preview had been played once before a time of the host [ns]."""
+        since_ns = self._repeated_since_ns
+        return since_ns is not None and received_ns >= since_ns
+
+    def _played(self, states: Sequence[JointState]) -> Iterator[JointState]:
+        self._repeated_since_ns = None
+        yield from states
+        self._repeated_since_ns = time.time_ns()
+        yield from cycle(states)
 
     def _play_preview(self) -> None:
         state = next(self._preview, None)

@@ -8,6 +8,7 @@ import time
 import traceback
 from collections import deque
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor, wait
 from itertools import count
 
 from ff_planner_msgs.action import PlanTrajectory as PlanTrajectoryAction
@@ -18,6 +19,7 @@ from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.service_introspection import ServiceIntrospectionState
+from trajectory_msgs.msg import JointTrajectory
 
 from ff_planner_ros.bag.decoding import NANOSECONDS
 from ff_planner_ros.errors import FfPlannerError, Interrupted, NoPlanFound, Status
@@ -27,6 +29,7 @@ from ff_planner_ros.planning.watch import Progress
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.ros.inputs.scene_input import SceneInput
 from ff_planner_ros.ros.inputs.state_input import StateInput
+from ff_planner_ros.ros.messages.controller_message import controller_message
 from ff_planner_ros.ros.messages.interfaces import ACTION, SERVICE
 from ff_planner_ros.ros.messages.to_messages import (
     response_from_error,
@@ -48,6 +51,7 @@ from ff_planner_ros.ros.requests.reading import (
     read_request,
 )
 from ff_planner_ros.ros.requests.worker import Worker
+from ff_planner_ros.time_budget import TimeBudget
 
 # Who asks for the result of an action later than this [s] gets none.
 _RESULT_TIMEOUT = 60
@@ -56,6 +60,9 @@ _CANCEL_PATIENCE, _CANCEL_POLL = 1.0, 0.001
 # A response that a client reads after it has heard that the service is gone is lost, and rclpy
 # cannot tell when a response has arrived. So the service stays so long after the last one [s].
 _DELIVERY = 1.0
+# While a response is written, whether it is still wanted is asked so often [s]; one that is not is
+# written to its end beside the next one.
+_POLL, _WRITERS = 0.02, 2
 # Percentiles are those of so many plans.
 _SOLVE_TIMES = 200
 
@@ -90,6 +97,7 @@ class PlanningService:
         # From request to answer, of the last requests that were searched for [s].
         self.solve_times: deque[float] = deque(maxlen=_SOLVE_TIMES)
         self._answered = -math.inf  # when, by the monotonic clock [s]
+        self._writers = ThreadPoolExecutor(_WRITERS, "writer")
 
         group = ReentrantCallbackGroup()
         self._service = node.create_service(
@@ -134,6 +142,7 @@ class PlanningService:
         self._node.destroy_service(self._service)
         self._publication.destroy()
         self._events.destroy()
+        self._writers.shutdown()
 
     def _serve(
         self, request: PlanTrajectory.Request, _: PlanTrajectory.Response
@@ -199,11 +208,14 @@ class PlanningService:
         begun, provenance = time.perf_counter(), Provenance()
         try:
             with self._jobs.taken_up(job, preempt=self._parameters.current.when_busy == PREEMPT):
+                taken_up = time.monotonic()
                 knowledge = self._knowledge()
                 provenance = Provenance(taken_up_ns=knowledge.now_ns)
                 asked = read_request(request, knowledge)
                 provenance = asked.provenance
-                response = self._planned(asked, knowledge.parameters, door, job, tell, begun)
+                response = self._planned(
+                    asked, knowledge.parameters, door, job, tell, begun, taken_up
+                )
         except FfPlannerError as error:
             if isinstance(error, RequestRefused):
                 provenance = error.provenance
@@ -243,25 +255,35 @@ class PlanningService:
         job: Job,
         tell: Callable[[Progress], None],
         begun: float,
+        taken_up: float,
     ) -> PlanTrajectory.Response:
-        def report(progress: Progress) -> None:
+        budget = TimeBudget(asked.budget, taken_up)
+
+        def check() -> None:
+            job.check()
             self._require_in_time(asked.start_ns)
-            tell(progress)
 
         try:
-            plan = self._worker.solve(asked.task, asked.budget, job.check, report)
+            plan = self._worker.solve(asked.task, asked.budget, taken_up, check, tell)
         except Interrupted:
             job.check()
             raise FfPlannerError(Status.SHUT_DOWN, "the planner was shut down") from None
         finally:
             self.solve_times.append(time.perf_counter() - begun)
-        response = response_from_plan(
-            plan,
-            job.plan_id,
-            asked.start_ns,
-            parameters.inertial_frame,
-            time.perf_counter() - begun,
-        )
+
+        def write() -> tuple[PlanTrajectory.Response, JointTrajectory]:
+            elapsed, frame = time.perf_counter() - begun, parameters.inertial_frame
+            written = response_from_plan(plan, job.plan_id, asked.start_ns, frame, elapsed)
+            takes_torques = parameters.controller.effort_interface
+            return written, controller_message(written.joint_trajectory, takes_torques)
+
+        # Thousands of points take a second, in which the request may be given up, too.
+        writing = self._writers.submit(write)
+        while not wait([writing], _POLL).done:
+            check()
+            budget.require_time()
+        response, for_controller = writing.result()
+        budget.require_time()
         require_in_time(asked.start_ns, self._clock.now().nanoseconds)
         made = MadePlan(
             job.plan_id,
@@ -276,7 +298,7 @@ class PlanningService:
         if asked.plan_only:
             self._publication.keep(made)
         else:
-            self._publication.publish(made, response, asked_by)
+            self._publication.publish(made, response, for_controller, asked_by)
         self._log_solved(response, "asked for" if asked.plan_only else "published", asked_by)
         return response
 

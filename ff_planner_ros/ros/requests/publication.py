@@ -20,6 +20,7 @@ from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.node import Node
 from rclpy.service_introspection import ServiceIntrospectionState
 from scipy.spatial.transform import Rotation
+from trajectory_msgs.msg import JointTrajectory
 
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.bag.decoding import NANOSECONDS
@@ -110,17 +111,22 @@ class Publication:
             while len(self._waiting) > MOST_WAITING:
                 del self._waiting[next(iter(self._waiting))]
 
-    def publish(self, made: MadePlan, response: PlanTrajectory.Response, asked_by: str) -> None:
+    def publish(
+        self,
+        made: MadePlan,
+        response: PlanTrajectory.Response,
+        for_controller: JointTrajectory,
+        asked_by: str,
+    ) -> None:
         """Send a plan to controllers, executives and screens; `response` is the one that holds it.
 
         Raises:
             FfPlannerError: The node is not active any more.
         """
-        takes_torques = made.parameters.controller.effort_interface
-        trajectory = controller_message(response.joint_trajectory, takes_torques)
         with self._lock:
             self._require_open()
-            self._output.publish(made.plan, response, trajectory, asked_by, made.end_behaviour)
+            behaviour = made.end_behaviour
+            self._output.publish(made.plan, response, for_controller, asked_by, behaviour)
         executor: Any = self._node.executor
         executor.create_task(partial(self._output.show, made.plan, made.obstacles))
 
@@ -149,10 +155,16 @@ class Publication:
             self._require_in_time(made, knowledge.now_ns)
             _require_same_rules(made, knowledge.parameters)
             _require_same_start(made, request, knowledge)
-            frame = made.parameters.inertial_frame
-            response = response_from_plan(made.plan, made.plan_id, made.start_ns, frame, 0.0)
+        # Thousands of points take a second, in which others may publish or forget.
+        frame = made.parameters.inertial_frame
+        response = response_from_plan(made.plan, made.plan_id, made.start_ns, frame, 0.0)
+        takes_torques = knowledge.parameters.controller.effort_interface
+        for_controller = controller_message(response.joint_trajectory, takes_torques)
+        with self._lock:
+            self._require_open()
+            self._waiting_plan(request.plan_id)
             self._require_in_time(made, self._node.get_clock().now().nanoseconds)
-            self.publish(made, response, asked_by)
+            self.publish(made, response, for_controller, asked_by)
             del self._waiting[made.plan_id]
         return f"{made.plan_id} is published, {asked_by} asked for it"
 

@@ -21,6 +21,7 @@ from ff_planner_ros.ros.messages.from_messages import (
     MAX_MESSAGE_SECONDS,
     problem_from_request,
     state_from_message,
+    time_in_ns,
 )
 from ff_planner_ros.ros.messages.to_messages import time_message
 from ff_planner_ros.ros.outputs.plan_output import PublishedPlan
@@ -104,7 +105,7 @@ def read_request(request: PlanTrajectory.Request, knowledge: Knowledge) -> ReadR
             joint_states_stamp_ns=measured.joint_states_stamp_ns,
         )
         # A state may be stamped a little ahead of now, where two computers' clocks differ.
-        if not nanoseconds(request.start_time):
+        if not nanoseconds(request.start_time):  # checked by `_start_time`
             start_ns = max(start_ns, measured.stamp_ns)
         _require_after_state(start_ns, measured.stamp_ns)
         scene = knowledge.scenes.scene(request.obstacles if request.use_obstacles else None)
@@ -161,7 +162,7 @@ def measured_state(
     if not request.use_start_state:
         return knowledge.states.snapshot(*limits)
     message, source = request.start_state, "start_state"
-    stamp_ns = nanoseconds(message.header.stamp) or now_ns
+    stamp_ns = time_in_ns(f"{source}.header.stamp", message.header.stamp) or now_ns
     require_current(f"{source}.header.stamp", stamp_ns, *limits)
     state = state_from_message(message, source, knowledge.robot, parameters.inertial_frame)
     return Snapshot(state, stamp_ns, source)
@@ -201,7 +202,7 @@ def _time_budget(request: PlanTrajectory.Request, parameters: NodeParameters) ->
 
 
 def _start_time(request: PlanTrajectory.Request, parameters: NodeParameters, now_ns: int) -> int:
-    asked_ns = nanoseconds(request.start_time)
+    asked_ns = time_in_ns("start_time", request.start_time)
     if not asked_ns:
         return now_ns + round(parameters.planning_allowance * NANOSECONDS)
     lead = (asked_ns - now_ns) / NANOSECONDS
