@@ -25,8 +25,9 @@ from ff_planner_ros.ros.inputs.scene_input import SceneInput
 from ff_planner_ros.ros.inputs.state_input import Snapshot
 from ff_planner_ros.ros.messages.to_messages import response_from_plan
 from ff_planner_ros.ros.outputs.plan_output import PublishedPlan
-from ff_planner_ros.ros.requests.publication import MOST_WAITING, MadePlan, Publication
+from ff_planner_ros.ros.requests.publication import MOST_WAITING, Publication
 from ff_planner_ros.ros.requests.reading import Knowledge
+from ff_planner_ros.ros.requests.waiting_plan import MadePlan
 from ff_planner_ros.simulation.free_floating import carried_back
 
 NOW = 1_000 * NANOSECONDS
@@ -252,6 +253,17 @@ def test_a_plan_checked_by_looser_rules_than_those_of_now_does_not_go_out(
     assert status.code == Status.CHECK_FAILED
     assert name in status.message
     assert world.out == []
+
+
+def test_a_tolerance_of_publication_that_is_tightened_counts_at_once(world: World) -> None:
+    world.state = _moved("position_chaser_in_inertial", [0.01, 0.0, 0.0])(world.state)
+    loose, name = world.parameters, "publication.max_position"
+    world.parameters = replaced(loose, name, 0.005)
+    status = world.ask()
+    assert status.code == Status.STATE_MOVED
+    assert f"{name}, 0.005 m" in status.message
+    world.parameters = loose
+    assert world.ask().code == Status.SOLVED
 
 
 def test_the_newest_plans_wait_and_the_oldest_makes_way(world: World) -> None:

@@ -42,7 +42,7 @@ from ff_planner_ros.ros.parameters import LiveParameters
 from ff_planner_ros.ros.qos import EVENT_QOS
 from ff_planner_ros.ros.requests.action_events import ActionEvents
 from ff_planner_ros.ros.requests.jobs import Job, Jobs
-from ff_planner_ros.ros.requests.publication import MadePlan, Publication
+from ff_planner_ros.ros.requests.publication import Publication
 from ff_planner_ros.ros.requests.reading import (
     Knowledge,
     Provenance,
@@ -50,6 +50,7 @@ from ff_planner_ros.ros.requests.reading import (
     RequestRefused,
     read_request,
 )
+from ff_planner_ros.ros.requests.waiting_plan import MadePlan
 from ff_planner_ros.ros.requests.worker import Worker
 from ff_planner_ros.time_budget import TimeBudget
 
@@ -137,7 +138,8 @@ class PlanningService:
 
     def close(self) -> None:
         """Close both doors once the last response has had its time to arrive."""
-        time.sleep(max(0.0, self._answered + _DELIVERY - time.monotonic()))
+        answered = max(self._answered, self._publication.answered)
+        time.sleep(max(0.0, answered + _DELIVERY - time.monotonic()))
         self._action.destroy()
         self._node.destroy_service(self._service)
         self._publication.destroy()

@@ -6,59 +6,38 @@ where it begins, and no rule that it was checked by is stricter by now.
 
 from __future__ import annotations
 
+import math
 import threading
+import time
 import traceback
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-import numpy as np
 from ff_planner_msgs.msg import PlanStatus
 from ff_planner_msgs.srv import PlanTrajectory, PublishPlan
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.node import Node
 from rclpy.service_introspection import ServiceIntrospectionState
-from scipy.spatial.transform import Rotation
 from trajectory_msgs.msg import JointTrajectory
 
-from ff_planner_ros.arrays import Array
-from ff_planner_ros.bag.decoding import NANOSECONDS
 from ff_planner_ros.errors import FfPlannerError, InvalidInput, NoPlanFound, Status
-from ff_planner_ros.parameters import NodeParameters
 from ff_planner_ros.planning.controller_rules import require_in_time
-from ff_planner_ros.planning.forward import carried_forward
-from ff_planner_ros.planning.plan import Plan, Trajectory
-from ff_planner_ros.planning.problem import Sphere
-from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.ros.messages.controller_message import controller_message
 from ff_planner_ros.ros.messages.interfaces import PUBLISH_PLAN
 from ff_planner_ros.ros.messages.to_messages import response_from_plan
 from ff_planner_ros.ros.outputs.plan_output import PlanOutput
-from ff_planner_ros.ros.parameters import stricter_since
 from ff_planner_ros.ros.qos import EVENT_QOS
-from ff_planner_ros.ros.requests.reading import (
-    Knowledge,
-    asker,
-    measured_state,
-    motion_until_start,
+from ff_planner_ros.ros.requests.reading import Knowledge, asker
+from ff_planner_ros.ros.requests.waiting_plan import (
+    MadePlan,
+    require_same_rules,
+    require_same_start,
 )
 
 # Plans that wait to be published; one of 10,000 points takes 5 MB. A newer one takes the place of
 # the oldest.
 MOST_WAITING = 10
-
-
-@dataclass(frozen=True, eq=False)
-class MadePlan:
-    """A plan that passed every check, with what is needed to publish it."""
-
-    plan_id: str
-    plan: Plan
-    start_ns: int  # time of its first point [ns]
-    end_behaviour: str
-    obstacles: tuple[Sphere, ...]  # that it avoids
-    parameters: NodeParameters  # that it was checked by
 
 
 class Publication:
@@ -75,6 +54,7 @@ class Publication:
         self._lock = threading.RLock()
         self._waiting: dict[str, MadePlan] = {}  # the oldest first
         self._refusal: tuple[Status, str] | None = None
+        self.answered = -math.inf  # when, last of all, by the monotonic clock [s]
         self.close(Status.NOT_ACTIVE, "the planner is not active yet")
         self._service = node.create_service(
             PublishPlan, PUBLISH_PLAN, self._serve, callback_group=MutuallyExclusiveCallbackGroup()
@@ -144,6 +124,7 @@ class Publication:
             self._logger.error(f"{PUBLISH_PLAN}: INTERNAL_ERROR\n{traceback.format_exc()}")
             words = f"{type(error).__name__}: {error}"
             response.status = PlanStatus(code=int(Status.INTERNAL_ERROR), message=words)
+        self.answered = time.monotonic()
         return response
 
     def _published(self, request: PublishPlan.Request) -> str:
@@ -153,8 +134,8 @@ class Publication:
             asked_by = asker(request.asked_by, PUBLISH_PLAN)
             made, knowledge = self._waiting_plan(request.plan_id), self._knowledge()
             self._require_in_time(made, knowledge.now_ns)
-            _require_same_rules(made, knowledge.parameters)
-            _require_same_start(made, request, knowledge)
+            require_same_rules(made, knowledge.parameters)
+            require_same_start(made, request, knowledge)
         # Thousands of points take a second, in which others may publish or forget.
         frame = made.parameters.inertial_frame
         response = response_from_plan(made.plan, made.plan_id, made.start_ns, frame, 0.0)
@@ -197,63 +178,3 @@ class Publication:
         except NoPlanFound:
             del self._waiting[made.plan_id]
             raise
-
-
-def _require_same_rules(made: MadePlan, parameters: NodeParameters) -> None:
-    stricter = stricter_since(made.parameters, parameters)
-    if stricter:
-        raise NoPlanFound(
-            Status.CHECK_FAILED,
-            f"{made.plan_id} was checked before these parameters became stricter: "
-            f"{', '.join(stricter)}; ask for a new plan",
-        )
-
-
-def _require_same_start(made: MadePlan, request: PublishPlan.Request, knowledge: Knowledge) -> None:
-    """Refuse a plan if the system, carried forward as for a new plan, will be elsewhere."""
-    measured = measured_state(request, knowledge)
-    running = motion_until_start(knowledge, measured, made.start_ns)
-    # A state may be stamped ahead of now by state_max_lead, and so of a plan that begins at once.
-    ahead = max(made.start_ns - measured.stamp_ns, 0) / NANOSECONDS
-    there = carried_forward(knowledge.robot, measured.state, ahead, running)
-    allowed = knowledge.parameters.publication
-    off = [
-        f"{what} by {found:.3g} {unit}, more than publication.{name}, {limit:g} {unit}"
-        for what, name, found, unit in _differences(there, made.plan.trajectory)
-        # Written so that NaN is refused.
-        if not found <= (limit := getattr(allowed, name))
-    ]
-    if off:
-        raise NoPlanFound(
-            Status.STATE_MOVED,
-            f"the system will not be where {made.plan_id} begins: it will miss {'; '.join(off)}; "
-            "ask for a new plan",
-        )
-
-
-def _differences(state: SystemState, motion: Trajectory) -> Iterator[tuple[str, str, float, str]]:
-    """Yield how far a state is from a plan's first point: what, parameter's name, by how much."""
-
-    def distance(a: Array, b: Array) -> float:
-        return float(np.linalg.norm(a - b))
-
-    def largest(a: Array, b: Array) -> float:
-        return float(np.abs(a - b).max())
-
-    attitude = Rotation.from_quat(state.quaternion_chaser_to_inertial_xyzw)
-    planned = Rotation.from_quat(motion.chaser_quaternions_xyzw[0])
-    position = distance(state.position_chaser_in_inertial, motion.chaser_positions[0])
-    velocity = distance(
-        state.linear_velocity_chaser_in_inertial, motion.chaser_linear_velocities[0]
-    )
-    turning = distance(
-        state.angular_velocity_chaser_in_inertial, motion.chaser_angular_velocities[0]
-    )
-    joints = largest(state.joint_positions, motion.joint_positions[0])
-    rates = largest(state.joint_velocities, motion.joint_velocities[0])
-    yield "the chaser's position", "max_position", position, "m"
-    yield "its attitude", "max_angle", float((planned.inv() * attitude).magnitude()), "rad"
-    yield "its velocity", "max_velocity", velocity, "m/s"
-    yield "its angular velocity", "max_angular_velocity", turning, "rad/s"
-    yield "a joint's position", "max_joint_position", joints, "rad"
-    yield "a joint's rate", "max_joint_velocity", rates, "rad/s"
