@@ -208,7 +208,7 @@ def test_a_server_that_hangs_is_replaced(
     settings: PlannerSettings,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(module, "_BEGINNING", 0.5)
+    monkeypatch.setattr(module, "_BEGINNING", 3.0)
     solve(worker, lemur_capture, settings)
     before = server(worker)
     os.kill(before, signal.SIGSTOP)

@@ -19,7 +19,8 @@ class InputTopic:
 
     name: str  # its quality of service is the parameter `qos.NAME`
     message_type: type[Any]
-    memory: int  # number of messages that the node remembers
+    # Messages that a replay needs where an answer does not tell which one was used
+    memory: int
     # Value of the parameter state_source with which the topic is subscribed to; empty: any
     state_source: str
     brought_by: str  # field of a request that says that the request brings this input itself
@@ -27,15 +28,13 @@ class InputTopic:
 
 
 # A second of a topic at 1 kHz: no message should travel that much longer than another.
-_SECOND = 1000
+MEMORY = 1000
 _START, _SCENE = "use_start_state", "use_obstacles"
 
-CHASER_STATE = InputTopic(
-    "chaser_state", ChaserState, _SECOND, "chaser_state", _START, "state_stamp"
-)
-ODOMETRY = InputTopic("odometry", Odometry, _SECOND, "odometry", _START, "state_stamp")
+CHASER_STATE = InputTopic("chaser_state", ChaserState, 1, "chaser_state", _START, "state_stamp")
+ODOMETRY = InputTopic("odometry", Odometry, MEMORY, "odometry", _START, "state_stamp")
 JOINT_STATES = InputTopic(
-    "joint_states", JointState, _SECOND, "odometry", _START, "joint_states_stamp"
+    "joint_states", JointState, MEMORY, "odometry", _START, "joint_states_stamp"
 )
 OBSTACLES = InputTopic("obstacles", ObstacleSphereArray, 1, "", _SCENE, "obstacles_stamp")
 

@@ -26,6 +26,7 @@ from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.ros.inputs.input_topics import (
     CHASER_STATE,
     JOINT_STATES,
+    MEMORY,
     ODOMETRY,
     InputTopic,
 )
@@ -154,7 +155,7 @@ class _Topic(Generic[Part]):
         self._read = read
         self._lock = threading.Lock()
         # What cannot be used is kept, too: as the reason. Without a stamp it is the newest.
-        self._kept: deque[tuple[int | None, Part | InvalidInput]] = deque(maxlen=topic.memory)
+        self._kept: deque[tuple[int | None, Part | InvalidInput]] = deque(maxlen=MEMORY)
         self._silence = self._missing("yet")
 
     @property

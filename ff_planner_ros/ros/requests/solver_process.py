@@ -17,7 +17,6 @@ import time
 import traceback
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import BinaryIO
 
 from ff_planner_ros.errors import FfPlannerError
 from ff_planner_ros.planning.plan import Plan
@@ -25,11 +24,11 @@ from ff_planner_ros.planning.task import PlanningTask, perform
 from ff_planner_ros.planning.watch import Progress
 from ff_planner_ros.time_budget import TimeBudget
 
-# What the server says when it is ready, and what it is told, with a connection and a paper.
+# What the server says when it is ready, and what it is told, with two connections.
 LOADED, PLAN = b"loaded", b"plan"
-# First byte of a packet on a plan's connection: it is begun, how far it is, the answer is on the
-# paper, its process has ended with an exit code.
-BEGUN, PROGRESS, ANSWERED, ENDED = b"b", b"p", b"a", b"e"
+# First byte of a packet on a plan's first connection: it is begun, how far it is, its process has
+# ended with an exit code.
+BEGUN, PROGRESS, ENDED = b"b", b"p", b"e"
 # Nobody reads faster; each report costs the reader some tens of microseconds.
 _REPORT_INTERVAL = 0.02  # [s]
 # Of its budget a search leaves so much for what comes after it: the check of the best attempt and
@@ -51,9 +50,8 @@ def serve(control: socket.socket) -> None:
     """Make a plan whenever one is asked for, until the planner is gone.
 
     Args:
-        control: Of packets: LOADED goes out once, then PLAN comes in with two descriptors: a
-            connection of packets, and the paper, a file that holds the request and takes the
-            answer.
+        control: Of packets: LOADED goes out once, then PLAN comes in with two connections: one of
+            packets, and a stream that the request comes in on and the answer goes out on.
     """
     gc.collect()
     gc.freeze()  # or else the first collection in a fork would copy all of the memory
@@ -88,7 +86,7 @@ def _ready(control: socket.socket, plans: list[_Running]) -> set[int]:
 
 
 def _begun(
-    control: socket.socket, plans: list[_Running], connection_fd: int, paper_fd: int
+    control: socket.socket, plans: list[_Running], connection_fd: int, stream_fd: int
 ) -> _Running:
     """Fork, and make the plan there."""
     connection = socket.socket(fileno=connection_fd)
@@ -99,15 +97,15 @@ def _begun(
             for other in plans:
                 os.close(other.ended)
                 other.connection.close()
-            with os.fdopen(paper_fd, "r+b") as paper:
-                _make_plan(connection, paper)
+            with socket.socket(fileno=stream_fd) as stream:
+                _make_plan(connection, stream)
         except BrokenPipeError:  # nobody wants the plan any more
             os._exit(0)
         except BaseException:
             traceback.print_exc()
             os._exit(1)
         os._exit(0)
-    os.close(paper_fd)
+    os.close(stream_fd)
     return _Running(child, os.pidfd_open(child), connection)
 
 
@@ -124,17 +122,12 @@ def _bury(plan: _Running) -> None:
     os.close(plan.ended)
 
 
-def _make_plan(connection: socket.socket, paper: BinaryIO) -> None:
-    """Read a request from the paper, tell of the progress, and write the answer on the paper."""
+def _make_plan(connection: socket.socket, stream: socket.socket) -> None:
+    """Read a request, tell of the progress, and write the answer."""
     connection.send(BEGUN)
-    paper.seek(0)
-    task, budget, begun = pickle.load(paper)
-    answer = _answer(connection, task, budget, begun)
-    paper.seek(0)
-    paper.truncate()
-    pickle.dump(answer, paper)
-    paper.flush()
-    connection.send(ANSWERED)
+    with stream.makefile("rb") as incoming:
+        task, budget, begun = pickle.load(incoming)
+    stream.sendall(pickle.dumps(_answer(connection, task, budget, begun)))
 
 
 class _Teller(TimeBudget):

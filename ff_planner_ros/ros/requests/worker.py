@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import pickle
-import select
 import signal
 import socket
 import subprocess
@@ -12,25 +11,21 @@ import sys
 import threading
 import time
 from collections.abc import Callable
-from contextlib import suppress
-from typing import BinaryIO
+from contextlib import closing, suppress
 
 from ff_planner_ros.errors import FfPlannerError, Interrupted, NoPlanFound, Status
 from ff_planner_ros.planning.plan import Plan
 from ff_planner_ros.planning.task import PlanningTask
 from ff_planner_ros.planning.watch import Progress
 from ff_planner_ros.ros.requests import solver_process
+from ff_planner_ros.ros.requests.lines import POLL, Lines
 from ff_planner_ros.ros.requests.solver_process import (
-    ANSWERED,
     BEGUN,
-    ENDED,
     LOADED,
     PLAN,
     PROGRESS,
 )
 
-# While a plan is made, whether it is still wanted is asked so often [s].
-_POLL = 0.02
 # Loading takes seconds; a server that needs so much longer [s] will not get there.
 _LOADING = 60.0
 # A fork takes milliseconds; a loaded server that has begun no plan after so much waiting [s]
@@ -47,7 +42,7 @@ class Worker:
         """Start the process; it loads its libraries while the caller goes on."""
         self._server = _Server()
         self._solving, self._lock = threading.Lock(), threading.Lock()
-        self._connection: socket.socket | None = None
+        self._lines: Lines | None = None
         self._interrupted = self._closed = False
 
     @property
@@ -75,7 +70,7 @@ class Worker:
                     f"the solver process has not loaded its libraries within {_LOADING:g} s; what "
                     "it says itself is on the node's stderr",
                 )
-            time.sleep(_POLL)
+            time.sleep(POLL)
 
     def solve(
         self,
@@ -111,21 +106,17 @@ class Worker:
                     "time",
                 )
 
-        ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-        with self._solving, ours, theirs, os.fdopen(os.memfd_create("plan"), "w+b") as paper:
+        with self._solving, closing(Lines(pickle.dumps((task, budget, begun)))) as lines:
             with self._lock:
                 if self._closed:
                     raise Interrupted
-                self._interrupted, self._connection = False, ours
+                self._interrupted, self._lines = False, lines
             try:
-                pickle.dump((task, budget, begun), paper)
-                paper.flush()
-                self._begin(ours, theirs, paper, still_wanted)
-                theirs.close()
-                answer = self._answer(ours, paper, still_wanted, report)
+                self._begin(lines, still_wanted)
+                answer = self._answer(lines, still_wanted, report)
             finally:
                 with self._lock:
-                    self._connection = None
+                    self._lines = None
         try:
             if isinstance(answer, FfPlannerError):
                 raise answer
@@ -140,10 +131,9 @@ class Worker:
     def interrupt(self) -> None:
         """End the plan that is being made, if there is one: its `solve` raises Interrupted."""
         with self._lock:
-            if self._connection is not None:
+            if self._lines is not None:
                 self._interrupted = True
-                with suppress(OSError):  # broken by itself just now
-                    self._connection.shutdown(socket.SHUT_RDWR)
+                self._lines.hang_up()
 
     def close(self) -> None:
         """End the plan that is being made and every process; there will be no other."""
@@ -153,52 +143,45 @@ class Worker:
         with self._solving:
             self._server.end()
 
-    def _begin(
-        self,
-        ours: socket.socket,
-        theirs: socket.socket,
-        paper: BinaryIO,
-        still_wanted: Callable[[], None],
-    ) -> None:
+    def _begin(self, lines: Lines, still_wanted: Callable[[], None]) -> None:
         """Have the solver begin a plan; one that has died or hangs is replaced, once."""
         replaced = False
         still_wanted()
-        self._server.begin(theirs, paper)
-        while not self._server.has_begun(ours):
+        self._server.begin(lines)
+        while not self._server.has_begun(lines):
             still_wanted()
             if self._server.is_lost:
                 code = self._replace_server()
                 if replaced:
                     raise _death(str(code))
                 replaced = True
-                self._server.begin(theirs, paper)
-        if ours.recv(_PACKET) != BEGUN:
-            raise Interrupted if self._interrupted else _death("unknown")
+                self._server.begin(lines)
+        lines.leave_theirs()
 
     def _answer(
-        self,
-        ours: socket.socket,
-        paper: BinaryIO,
-        still_wanted: Callable[[], None],
-        report: Callable[[Progress], None],
+        self, lines: Lines, still_wanted: Callable[[], None], report: Callable[[Progress], None]
     ) -> Plan | FfPlannerError | str:
         """Return what the solver process answers; who leaves before ends it by hanging up."""
+        code = ""
         while True:
             still_wanted()
-            if not _is_readable(ours, _POLL):
+            if lines.exchange():
+                packet = lines.packets.recv(_PACKET)
+                if self._interrupted:
+                    raise Interrupted
+                if packet[:1] == PROGRESS:
+                    report(pickle.loads(packet[1:]))
+                elif packet[:1] != BEGUN:  # ENDED, or nobody is left to say so
+                    code = code or packet[1:].decode() or "unknown"
+            if not lines.is_complete:
                 continue
-            packet = ours.recv(_PACKET)
-            if self._interrupted:
-                raise Interrupted
-            kind, content = packet[:1], packet[1:]
-            if kind == PROGRESS:
-                report(pickle.loads(content))
-            elif kind == ANSWERED:
-                paper.seek(0)
-                answer: Plan | FfPlannerError | str = pickle.load(paper)
+            try:
+                answer: Plan | FfPlannerError | str = pickle.loads(lines.incoming)
+            except (EOFError, pickle.UnpicklingError):  # it ended within the answer, or before
+                if code:
+                    raise _death(code) from None
+            else:
                 return answer
-            else:  # ENDED, or nobody is left to say so
-                raise _death(content.decode() if kind == ENDED else "unknown")
 
     def _replace_server(self) -> int:
         """End a server, and begin to load another; return the exit code of the first."""
@@ -206,10 +189,6 @@ class Worker:
         if not self._closed:
             self._server = _Server()
         return code
-
-
-def _is_readable(connection: socket.socket, patience: float) -> bool:
-    return bool(select.select([connection], [], [], patience)[0])
 
 
 def _death(code: str) -> FfPlannerError:
@@ -242,6 +221,7 @@ class _Server:
         if not self._is_loaded:
             with suppress(OSError):  # nothing has come in yet
                 self._is_loaded = self._control.recv(_PACKET, socket.MSG_DONTWAIT) == LOADED
+                self._waited = 0.0  # so far it has loaded, which takes longer than to begin
         return self._is_loaded and not self.has_died
 
     @property
@@ -252,22 +232,18 @@ class _Server:
     @property
     def is_lost(self) -> bool:
         """Whether it has died, or was waited for so long that it hangs."""
-        return self._waited > (_BEGINNING if self.is_loaded else _LOADING) or self.has_died
+        patience = _BEGINNING if self.is_loaded else _LOADING
+        return self._waited > patience or self.has_died
 
-    def begin(self, connection: socket.socket, paper: BinaryIO) -> None:
-        """Begin a plan for whoever is at the other end of a connection."""
+    def begin(self, lines: Lines) -> None:
+        """Begin a plan for whoever is at the other end of the lines."""
         with suppress(OSError):  # it has died, which `is_lost` tells
-            socket.send_fds(
-                self._control,
-                [PLAN],
-                [connection.fileno(), paper.fileno()],
-                socket.MSG_DONTWAIT,
-            )
+            socket.send_fds(self._control, [PLAN], lines.theirs, socket.MSG_DONTWAIT)
 
-    def has_begun(self, connection: socket.socket) -> bool:
-        """Wait a moment until something comes in on a plan's connection; whether it has."""
+    def has_begun(self, lines: Lines) -> bool:
+        """Wait a moment until the first packet of a plan comes in; whether it has."""
         before = time.monotonic()
-        begun = _is_readable(connection, _POLL)
+        begun = lines.exchange()
         self._waited = 0.0 if begun else self._waited + time.monotonic() - before
         return begun
 
