@@ -32,6 +32,7 @@ class Status(IntEnum):
     UNSUPPORTED = 206
     BAD_ROBOT = 207
     START_IN_PAST = 208
+    UNKNOWN_PLAN = 209
 
     GOAL_OUT_OF_REACH = 300
     COLLISION = 301
@@ -42,6 +43,7 @@ class Status(IntEnum):
     TORQUE_TOO_HIGH = 306
     TOO_LATE = 307
     CONTROLLER_RULE = 308
+    STATE_MOVED = 309
 
     INTERNAL_ERROR = 400
     SOLVER_DIED = 401

@@ -16,7 +16,14 @@ from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.controller_rules import Controller
 from ff_planner_ros.planning.problem import MAX_POINTS, MIN_POINTS, Limits
 from ff_planner_ros.planning.scenario import Defaults, from_urdf
-from ff_planner_ros.planning.settings import PlannerSettings, tunable
+from ff_planner_ros.planning.settings import (
+    STRICT_IF_LOW,
+    STRICT_IF_LOW_NOT_ZERO,
+    PlannerSettings,
+    Strictness,
+    strict_if,
+    tunable,
+)
 from ff_planner_ros.planning.tail import EndBehaviour
 from ff_planner_ros.planning.yaml_file import mapping, read_yaml
 from ff_planner_ros.share import share_directory
@@ -54,9 +61,15 @@ class LimitParameters:
         InvalidInput: A word that is not known.
     """
 
-    velocity: str = tunable("Joint rates: from_urdf keeps the URDF's limits, none keeps none")
+    velocity: str = tunable(
+        "Joint rates: from_urdf keeps the URDF's limits, none keeps none",
+        strictness=strict_if("from_urdf"),
+    )
     chaser_attitude: float = tunable(
-        "Largest Euler angle of the chaser where a request does not say; 0.0: any", 0.0, None, "rad"
+        "Largest Euler angle of the chaser; a request may ask for less; 0.0: any",
+        minimum=0.0,
+        unit="rad",
+        strictness=STRICT_IF_LOW_NOT_ZERO,
     )
 
     def __post_init__(self) -> None:
@@ -168,7 +181,8 @@ class ControllerParameters:
 
     allow_nonzero_velocity_at_trajectory_end: bool = tunable(
         "Its parameter of this name; if false, only plans whose end_behaviour is stop_joints are "
-        "published"
+        "published",
+        strictness=strict_if(False),
     )
     effort_interface: bool = tunable(
         "Whether its command_interfaces hold effort; if false, joint_trajectory carries no "
@@ -200,6 +214,10 @@ class BagParameters:
     max_duration: float = tunable(
         "A file of the bag ends before it becomes longer; 0: never", 0.0, None, "s"
     )
+    owner_only: bool = tunable(
+        "Nobody but the user that the node runs as may read the bag: its directory has mode 0700, "
+        "its files have 0600; if false, the process's umask decides"
+    )
 
     def __post_init__(self) -> None:
         """Check the size."""
@@ -218,10 +236,44 @@ class TrackingParameters:
     """When diagnostics warn that the chaser leaves the plan."""
 
     max_position: float = tunable(
-        "Distance of the measured chaser from the predicted one", 0.0, None, "m"
+        "Distance of the measured chaser from the predicted one", 0.0, None, "m", STRICT_IF_LOW
     )
     max_angle: float = tunable(
-        "Angle between the measured and the predicted attitude of the chaser", 0.0, None, "rad"
+        "Angle between the measured and the predicted attitude of the chaser",
+        minimum=0.0,
+        unit="rad",
+        strictness=STRICT_IF_LOW,
+    )
+
+
+@dataclass(frozen=True)
+class PublicationParameters:
+    """How far from a plan's first point the system may be then, if the plan is published later."""
+
+    max_position: float = tunable(
+        "Of the chaser, carried forward from the latest state to the start of a plan that "
+        "~/publish_plan is to publish: distance from the plan's first point",
+        minimum=0.0,
+        unit="m",
+        strictness=STRICT_IF_LOW,
+    )
+    max_angle: float = tunable(
+        "Of the chaser likewise: angle between the attitudes", 0.0, None, "rad", STRICT_IF_LOW
+    )
+    max_velocity: float = tunable(
+        "Of the chaser likewise: difference of the velocities", 0.0, None, "m/s", STRICT_IF_LOW
+    )
+    max_angular_velocity: float = tunable(
+        "Of the chaser likewise: difference of the angular velocities",
+        minimum=0.0,
+        unit="rad/s",
+        strictness=STRICT_IF_LOW,
+    )
+    max_joint_position: float = tunable(
+        "Of each joint likewise: difference of the positions", 0.0, None, "rad", STRICT_IF_LOW
+    )
+    max_joint_velocity: float = tunable(
+        "Of each joint likewise: difference of the rates", 0.0, None, "rad/s", STRICT_IF_LOW
     )
 
 
@@ -254,8 +306,13 @@ class NodeParameters:
     qos: QosParameters
     controller: ControllerParameters
     tracking: TrackingParameters
+    publication: PublicationParameters
     rates: RateParameters
     autostart: bool = tunable("Configure and activate at start; else a lifecycle manager does")
+    allow_remote_paths: bool = tunable(
+        "Whether robot.urdf and bag.directory may be set over ROS while the node is unconfigured; "
+        "else they are those that the process was started with"
+    )
     inertial_frame: str = tunable("frame_id that states, obstacles and targets must carry")
     state_source: str = tunable(
         "Topics that bring the state: chaser_state, or odometry for odometry with joint_states"
@@ -278,7 +335,7 @@ class NodeParameters:
         unit="s",
     )
     start_max_lead: float = tunable(
-        "A start time further ahead of now is refused", 0.0, 86_400.0, "s"
+        "A start time further ahead of now is refused", 0.0, 86_400.0, "s", STRICT_IF_LOW
     )
     following_tolerance: float = tunable(
         "Joints that are within this of the last plan follow it until the next one starts; others "
@@ -286,6 +343,7 @@ class NodeParameters:
         minimum=0.0,
         maximum=10.0,
         unit="rad",
+        strictness=STRICT_IF_LOW,
     )
     when_busy: str = tunable(
         "What happens to a request that comes while another one is planned: reject answers it "
@@ -298,9 +356,11 @@ class NodeParameters:
     tail_duration: float = tunable(
         "How long it does so; does not matter for as_planned", 0.001, 3600.0, "s"
     )
-    state_max_age: float = tunable("An older chaser state is refused", 0.0, 3600.0, "s")
+    state_max_age: float = tunable(
+        "An older chaser state is refused", 0.0, 3600.0, "s", STRICT_IF_LOW
+    )
     state_max_lead: float = tunable(
-        "A chaser state stamped further ahead of now is refused", 0.0, 3600.0, "s"
+        "A chaser state stamped further ahead of now is refused", 0.0, 3600.0, "s", STRICT_IF_LOW
     )
 
     def __post_init__(self) -> None:
@@ -344,6 +404,7 @@ class Declaration(NamedTuple):
     minimum: float | None
     maximum: float | None
     unit: str
+    strictness: Strictness | None
 
     @property
     def allowed(self) -> str:

@@ -30,7 +30,7 @@ FLOORS = (
     {"bench"},
     {"bag", "time_budget"},
     {"compare", "verify"},
-    {"ros", "ros.background", "ros.qos"},  # "ros" is ros/__init__.py
+    {"ros", "ros.background", "ros.joining", "ros.qos"},  # "ros" is ros/__init__.py
     {"ros.messages"},
     {"ros.inputs"},
     {"ros.parameters"},

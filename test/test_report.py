@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 import yaml
 from drawn_plans import paper_terms_at
+from ff_planner_msgs.msg import PublishedPlan
 from ff_planner_msgs.srv import PlanTrajectory
 from nav_msgs.msg import Odometry
 from robots import CONFIG
@@ -94,10 +95,13 @@ class Run:
         response.obstacles_stamp = time_message(T0)
         return response
 
-    def service(self, response: PlanTrajectory.Response | None, asked_ns: int) -> None:
+    def service(
+        self, response: PlanTrajectory.Response | None, asked_ns: int, *, plan_only: bool = False
+    ) -> None:
         """A request, and half a second later its answer."""
         self._number += 1
         request = request_message(self.problem, FRAME)
+        request.plan_only = plan_only
         self._event("/plan_trajectory/_service_event", asked_ns, request=[request])
         if response is not None:
             answered_ns = asked_ns + SECOND // 2
@@ -527,6 +531,29 @@ def test_a_plan_is_measured_until_the_next_one_takes_the_arm_over(
     assert first.plan.deviations.time[-1] == pytest.approx(4.0, abs=10 / 49)
     assert first.plan.deviations.time[-1] <= 4.0
     assert second.plan.deviations.time[-1] == pytest.approx(6.0, abs=1e-6)
+
+
+def test_a_plan_that_was_only_asked_for_is_measured_once_it_was_published(
+    lemur_capture: PlanningProblem, lemur_plan: Plan, tmp_path: Path
+) -> None:
+    """Of three plans the second waits for ever: the first one goes on meanwhile."""
+    run = Run(tmp_path / "run", lemur_capture)
+    with run.bag:
+        run.service(run.response(lemur_plan, "run.1", T0 + 5 * SECOND), T0)
+        run.service(run.response(lemur_plan, "run.2", T0 + 7 * SECOND), T0, plan_only=True)
+        run.service(run.response(lemur_plan, "run.3", T0 + 9 * SECOND), T0, plan_only=True)
+        run.put("/published_plan", PublishedPlan(plan_id="run.3"), T0 + SECOND)
+        run.states(lemur_plan.trajectory, T0 + 5 * SECOND)
+    first, second, third = (one.plan for one in report_of_bag(tmp_path / "run", 20).requests)
+    assert first is not None
+    assert second is not None
+    assert third is not None
+    assert first.deviations is not None
+    assert third.deviations is not None
+    assert first.deviations.time[-1] == pytest.approx(4.0, abs=10 / 49)
+    assert third.deviations.time[-1] == pytest.approx(6.0, abs=1e-6)
+    assert second.deviations is None
+    assert any("never published" in remark for remark in second.remarks)
 
 
 def test_states_from_odometry_and_joint_states_are_paired(

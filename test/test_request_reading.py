@@ -163,9 +163,9 @@ def test_the_joints_follow_the_last_plan_if_that_is_where_they_are(
 
 @pytest.mark.parametrize(
     ("asked_for", "parameter", "kept"),
-    [(0.0, 0.0, np.inf), (0.0, 0.3, 0.3), (0.2, 0.3, 0.2), (0.2, 0.0, 0.2), (np.inf, 0.3, np.inf)],
+    [(0.0, 0.0, np.inf), (0.0, 0.3, 0.3), (0.2, 0.3, 0.2), (0.3, 0.3, 0.3), (0.2, 0.0, 0.2)],
 )
-def test_the_requests_limit_of_the_attitude_goes_before_the_parameter(
+def test_a_request_may_ask_for_a_smaller_limit_of_the_attitude_than_the_parameters(
     lemur_capture: PlanningProblem, asked_for: float, parameter: float, kept: float
 ) -> None:
     request = Scene(lemur_capture).request()
@@ -174,13 +174,27 @@ def test_the_requests_limit_of_the_attitude_goes_before_the_parameter(
     assert asked(lemur_capture, request, limits=limits).task.problem.limits == Limits(True, kept)
 
 
-@pytest.mark.parametrize("value", [-0.1, np.nan])
-def test_a_limit_of_the_attitude_that_is_none_is_refused_by_name(
-    lemur_capture: PlanningProblem, value: float
+@pytest.mark.parametrize(
+    ("value", "parameter"), [(-0.1, 0.0), (np.nan, 0.0), (np.nan, 0.3), (0.301, 0.3), (np.inf, 0.3)]
+)
+def test_a_limit_of_the_attitude_that_is_none_or_more_than_the_parameters_is_refused_by_name(
+    lemur_capture: PlanningProblem, value: float, parameter: float
 ) -> None:
     request = Scene(lemur_capture).request()
     request.limit_chaser_attitude = value
-    with pytest.raises(InvalidInput, match=rf"limit_chaser_attitude is {value}"):
+    limits = LimitParameters("from_urdf", parameter)
+    with pytest.raises(InvalidInput, match=rf"limit_chaser_attitude is {value}") as refused:
+        asked(lemur_capture, request, limits=limits)
+    assert ("at most 0.3 rad" in refused.value.allowed) == (parameter == 0.3)
+
+
+@pytest.mark.parametrize("name", ["two\nlines", "\x1b[31m", "n" * 201])
+def test_a_name_of_who_asks_that_would_spoil_the_log_is_refused(
+    lemur_capture: PlanningProblem, name: str
+) -> None:
+    request = Scene(lemur_capture).request()
+    request.asked_by = name
+    with pytest.raises(InvalidInput, match=r"asked_by is .*at most 200 printable characters"):
         asked(lemur_capture, request)
 
 

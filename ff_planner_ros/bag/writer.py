@@ -50,7 +50,13 @@ class BagWriter:
     """
 
     def __init__(
-        self, directory: Path, flush_interval: float, max_size: int = 0, max_duration: float = 0.0
+        self,
+        directory: Path,
+        flush_interval: float,
+        max_size: int = 0,
+        max_duration: float = 0.0,
+        *,
+        owner_only: bool = False,
     ) -> None:
         """Create the bag.
 
@@ -60,11 +66,14 @@ class BagWriter:
             max_size: Before a file becomes larger, its index not counted, another one is begun
                 [bytes]; 0: never.
             max_duration: Before a file becomes longer, another one is begun [s]; 0: never.
+            owner_only: Nobody else may enter the directory or read a file; if false, the umask of
+                the process decides.
 
         Raises:
             BagError: The directory exists or cannot be written.
         """
         self._directory = directory
+        self._directory_mode, self._file_mode = (0o700, 0o600) if owner_only else (0o777, 0o666)
         self._flush_interval_ns = round(flush_interval * 1e9)
         self._max_size, self._max_duration_ns = max_size, round(max_duration * 1e9)
         self._lock = RLock()
@@ -81,7 +90,7 @@ class BagWriter:
         self.custom_data: dict[str, str] = {}  # goes into the metadata whenever that is written
 
         try:
-            directory.mkdir(parents=True)
+            directory.mkdir(self._directory_mode, parents=True)
         except FileExistsError:
             raise BagError(f"bag {directory} exists already, and is not overwritten") from None
         except OSError as error:
@@ -254,7 +263,8 @@ class BagWriter:
         """Open the next file, with everything in it that is needed to read it alone."""
         name = f"{self._directory.resolve().name}_{len(self._files)}.mcap"
         self._files.append(FileInfo(name))
-        self._file = self._path(self._files[-1]).open("xb")
+        path = self._path(self._files[-1])
+        self._file = open(path, "xb", opener=self._open)  # noqa: SIM115 (closed in _end_file)
         self._mcap = Writer(self._file, compression=CompressionType.ZSTD)
         self._mcap.start(profile="ros2", library=f"ff_planner_ros {LIBRARY_IDENTIFIER}")
         for attachment in self._attachments:
@@ -300,9 +310,14 @@ class BagWriter:
         document = metadata(self._files, self._topics, self.custom_data)
         path = self._directory / "metadata.yaml"
         partial = path.with_suffix(".partial")
-        partial.write_text(as_yaml({"rosbag2_bagfile_information": document}), encoding="utf-8")
+        with open(partial, "w", encoding="utf-8", opener=self._open) as file:
+            file.write(as_yaml({"rosbag2_bagfile_information": document}))
         partial.replace(path)
         return document
+
+    def _open(self, path: str, flags: int) -> int:
+        """Open a file whose mode is right from its first moment on."""
+        return os.open(path, flags, self._file_mode)
 
     def _path(self, file: FileInfo) -> Path:
         return self._directory / file.name

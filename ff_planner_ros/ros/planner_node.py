@@ -35,8 +35,13 @@ class PlannerNode(LifecycleNode):
         """Load the robot, start to record, and connect."""
 
         def configure() -> None:
-            self._session = Session(self, self.parameters, self._worker)
+            # Before they are read: what is in use must be what the parameters say.
             self.parameters.configured = True
+            try:
+                self._session = Session(self, self.parameters, self._worker)
+            except BaseException:
+                self.parameters.configured = False
+                raise
 
         return self._attempt(configure)
 

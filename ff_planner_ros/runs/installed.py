@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import array
 import sys
-from collections.abc import Container
+from collections.abc import Container, Sequence
 from dataclasses import replace
 from importlib import import_module
 from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
+from ff_planner_msgs.msg import PublishedPlan
 from ff_planner_msgs.srv import PlanTrajectory
 from rosidl_parser.definition import AbstractNestedType, NamespacedType
 from trajectory_msgs.msg import JointTrajectoryPoint
@@ -17,6 +18,7 @@ from trajectory_msgs.msg import JointTrajectoryPoint
 from ff_planner_ros.bag.exchanges import Exchange, exchanges, response_in
 from ff_planner_ros.bag.reader import Bag
 from ff_planner_ros.errors import BagError
+from ff_planner_ros.ros.messages.interfaces import type_name
 
 T = TypeVar("T")
 _MOTION = (
@@ -81,6 +83,23 @@ def _brief(response: Any) -> PlanTrajectory.Response:
         as_installed(p, JointTrajectoryPoint, _NUMBERS) for p in points
     ]
     return brief
+
+
+def never_published(bag: Bag, found: Sequence[PlanExchange]) -> frozenset[str]:
+    """Return the ids of the plans that were asked for with plan_only, and never published.
+
+    Raises:
+        BagError: The disk fails.
+    """
+    waiting = {
+        one.response.plan_id
+        for one in found
+        if one.request is not None and one.request.plan_only and one.response is not None
+    }
+    if waiting:  # or else there is no need to look through the bag
+        messages = bag.decoded(type_name(PublishedPlan))
+        waiting -= {str(getattr(message, "plan_id", "")) for _, message in messages}
+    return frozenset(waiting)
 
 
 def as_installed(decoded: Any, message_class: type[T], without: Container[str] = ()) -> T:

@@ -28,6 +28,7 @@ from ff_planner_ros.bag.reader import Bag, Topic, open_bag
 from ff_planner_ros.errors import BagError, InvalidInput
 from ff_planner_ros.planning.yaml_file import yaml_document
 from ff_planner_ros.ros.inputs.input_topics import INPUT_TOPICS, OUTPUTS_OF_THESE_TYPES
+from ff_planner_ros.ros.joining import joining_ros
 from ff_planner_ros.ros.messages.interfaces import type_name
 from ff_planner_ros.ros.messages.to_messages import time_message
 
@@ -225,11 +226,14 @@ def _wait_for_subscribers(publishers: dict[str, Publisher], stop: threading.Even
 
 @contextmanager
 def _node() -> Iterator[Node]:
-    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+    with joining_ros():
+        rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
     try:
-        yield rclpy.create_node(
-            "ff_planner_player", enable_rosout=False, start_parameter_services=False
-        )
+        with joining_ros():
+            node = rclpy.create_node(
+                "ff_planner_player", enable_rosout=False, start_parameter_services=False
+            )
+        yield node
     finally:
         rclpy.try_shutdown()
 

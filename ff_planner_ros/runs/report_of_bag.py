@@ -28,7 +28,13 @@ from ff_planner_ros.ros.messages.from_messages import (
     spheres_from_message,
     xyz,
 )
-from ff_planner_ros.runs.installed import PlanExchange, as_installed, brief_exchanges, with_motion
+from ff_planner_ros.runs.installed import (
+    PlanExchange,
+    as_installed,
+    brief_exchanges,
+    never_published,
+    with_motion,
+)
 from ff_planner_ros.runs.measured import Window, fill_windows
 from ff_planner_ros.runs.recorded_inputs import Moment, heard, input_topic
 from ff_planner_ros.runs.recorded_parameters import RecordedParameters
@@ -40,6 +46,8 @@ from ff_planner_ros.runs.report import (
     reported_plan,
     robot_facts,
 )
+
+_UNPUBLISHED = "It was asked for with plan_only, and never published: nobody executed it."
 
 
 def report_of_bag(path: Path, most_plans: int) -> Report:
@@ -87,20 +95,26 @@ def _plans(
     """Return the plans to draw, by the number of their request; what cannot be makes a note."""
     plans: dict[int, ReportedPlan] = {}
     windows: dict[int, Window] = {}
-    scenes = _scenes(bag, found, drawn)
+    waiting: dict[int, ReportedPlan] = {}
+    scenes, unpublished = _scenes(bag, found, drawn), never_published(bag, found)
+    executed = [one for one in found if one.response and one.response.plan_id not in unpublished]
     for k in drawn:
         try:
             scene = None
             if k in scenes:
                 scene = as_installed(bag.decode(scenes[k]), OBSTACLES.message_type)
             plans[k] = _plan(found[k], robot, scene)
-            windows[k] = _window(found, k)
+            if found[k] in executed:
+                windows[k] = _window(executed, executed.index(found[k]))
+            else:
+                waiting[k] = replace(plans[k], remarks=(*plans[k].remarks, _UNPUBLISHED))
         except (BagError, InvalidInput, LookupError, ValueError) as error:
             response = found[k].response or PlanTrajectory.Response()
             notes.append(f"{response.plan_id} is not drawn: {error}")
     if parameters is not None:
         fill_windows(bag, robot, parameters, list(windows.values()))
-    return {k: _with_measured(plans[k], window, parameters) for k, window in windows.items()}
+    measured = {k: _with_measured(plans[k], one, parameters) for k, one in windows.items()}
+    return waiting | measured
 
 
 def _parameters(bag: Bag, notes: list[str]) -> NodeParameters | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -49,12 +50,15 @@ def problem_from_request(
     target_frame = request.target_pose.header.frame_id
     require_frame("target_pose.header.frame_id", target_frame, parameters.inertial_frame)
     asked_attitude = request.limit_chaser_attitude
-    if not asked_attitude >= 0.0:
+    most = parameters.limits.chaser_attitude or math.inf
+    if not 0.0 <= asked_attitude <= most:
+        upper = f" and at most {most:g} rad" if math.isfinite(most) else ""
         raise InvalidInput(
             Status.OUT_OF_RANGE,
             "limit_chaser_attitude",
             asked_attitude,
-            "it must be greater than 0 rad; 0 stands for the parameter limits.chaser_attitude",
+            f"it must be greater than 0 rad{upper}; 0 stands for the parameter "
+            "limits.chaser_attitude, which no request exceeds",
         )
     named_as = {
         "target.position": "target_pose.pose.position",

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import cycle
 
+from ff_planner_msgs.msg import PublishedPlan as PublishedPlanMessage
 from ff_planner_msgs.msg import TrackingError
 from ff_planner_msgs.srv import PlanTrajectory
 from geometry_msgs.msg import PoseStamped
@@ -62,6 +63,10 @@ class PlanOutput:
                 (PoseStamped, "predicted_chaser_pose"),
             )
         )
+        # Who hears the trajectory can also hear whose it is.
+        self._published_plan = self._publisher(
+            PublishedPlanMessage, "published_plan", qos_profile(qos.joint_trajectory)
+        )
         self._tracking_error = self._publisher(TrackingError, "tracking_error", STREAM_QOS)
         self._markers = self._publisher(MarkerArray, "markers", LATCHED_QOS)
         self._joint_states = self._publisher(JointState, "planned_joint_states", STREAM_QOS)
@@ -74,10 +79,25 @@ class PlanOutput:
         self._description.publish(String(data=urdf))
 
     def publish(
-        self, plan: Plan, response: PlanTrajectory.Response, for_controller: JointTrajectory
+        self,
+        plan: Plan,
+        response: PlanTrajectory.Response,
+        for_controller: JointTrajectory,
+        asked_by: str,
+        end_behaviour: str,
     ) -> None:
         """Publish what controllers and executives wait for."""
         self._trajectory.publish(for_controller)
+        self._published_plan.publish(
+            PublishedPlanMessage(
+                header=Header(stamp=self._clock.now().to_msg(), frame_id=self._frame),
+                plan_id=response.plan_id,
+                asked_by=asked_by,
+                start_time=for_controller.header.stamp,
+                joint_trajectory=for_controller,
+                end_behaviour=end_behaviour,
+            )
+        )
         self._path.publish(response.predicted_chaser_path)
         start_ns = nanoseconds(for_controller.header.stamp)
         self.published = PublishedPlan(response.plan_id, plan.trajectory, start_ns)

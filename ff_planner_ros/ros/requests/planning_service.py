@@ -9,9 +9,7 @@ import traceback
 from collections import deque
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor, wait
-from functools import partial
 from itertools import count
-from typing import Any
 
 from ff_planner_msgs.action import PlanTrajectory as PlanTrajectoryAction
 from ff_planner_msgs.srv import PlanTrajectory
@@ -44,6 +42,7 @@ from ff_planner_ros.ros.parameters import LiveParameters
 from ff_planner_ros.ros.qos import EVENT_QOS
 from ff_planner_ros.ros.requests.action_events import ActionEvents
 from ff_planner_ros.ros.requests.jobs import Job, Jobs
+from ff_planner_ros.ros.requests.publication import Publication
 from ff_planner_ros.ros.requests.reading import (
     Knowledge,
     Provenance,
@@ -51,6 +50,7 @@ from ff_planner_ros.ros.requests.reading import (
     RequestRefused,
     read_request,
 )
+from ff_planner_ros.ros.requests.waiting_plan import MadePlan
 from ff_planner_ros.ros.requests.worker import Worker
 from ff_planner_ros.time_budget import TimeBudget
 
@@ -118,32 +118,38 @@ class PlanningService:
             result_timeout=_RESULT_TIMEOUT,
         )
         self._events = ActionEvents(node, ACTION, EVENT_QOS)
+        self._publication = Publication(node, output, self._knowledge)
 
     def activate(self) -> None:
         """Take up requests from now on."""
+        self._publication.open()
         self._jobs.open()
 
     def deactivate(self, status: Status, message: str, patience: float) -> None:
         """Take up no more requests, give up the one that is, wait so long [s] for its answer."""
         self._jobs.close(status, message)
         self._jobs.wait_until_idle(patience)
+        self._publication.close(status, message)
 
     def give_up(self, status: Status, message: str) -> None:
-        """Give up the request that is being planned, if there is one."""
+        """Give up the request that is being planned, if there is one, and plans that wait."""
         self._jobs.give_up_all(status, message)
+        self._publication.forget()
 
     def close(self) -> None:
         """Close both doors once the last response has had its time to arrive."""
-        time.sleep(max(0.0, self._answered + _DELIVERY - time.monotonic()))
+        answered = max(self._answered, self._publication.answered)
+        time.sleep(max(0.0, answered + _DELIVERY - time.monotonic()))
         self._action.destroy()
         self._node.destroy_service(self._service)
+        self._publication.destroy()
         self._events.destroy()
         self._writers.shutdown()
 
     def _serve(
         self, request: PlanTrajectory.Request, _: PlanTrajectory.Response
     ) -> PlanTrajectory.Response:
-        return self._answer(request, self._job(), lambda _: None)
+        return self._answer(request, SERVICE, self._job(), lambda _: None)
 
     def _accept(self, goal: ServerGoalHandle) -> None:
         """Take every goal: what is wrong with it is its result, with code and words."""
@@ -170,7 +176,7 @@ class PlanningService:
             goal.publish_feedback(PlanTrajectoryAction.Feedback(elapsed=elapsed, **vars(progress)))
 
         request = same_fields(goal.request, PlanTrajectory.Request)
-        response = self._answer(request, self._job_of(goal), tell)
+        response = self._answer(request, ACTION, self._job_of(goal), tell)
         if response.status.code == Status.SOLVED:
             goal.succeed()
         elif response.status.code == Status.CANCELLED and _is_cancelling(goal):
@@ -195,7 +201,11 @@ class PlanningService:
             return self._goals[key]
 
     def _answer(
-        self, request: PlanTrajectory.Request, job: Job, tell: Callable[[Progress], None]
+        self,
+        request: PlanTrajectory.Request,
+        door: str,
+        job: Job,
+        tell: Callable[[Progress], None],
     ) -> PlanTrajectory.Response:
         begun, provenance = time.perf_counter(), Provenance()
         try:
@@ -205,7 +215,9 @@ class PlanningService:
                 provenance = Provenance(taken_up_ns=knowledge.now_ns)
                 asked = read_request(request, knowledge)
                 provenance = asked.provenance
-                response = self._planned(asked, knowledge.parameters, job, tell, begun, taken_up)
+                response = self._planned(
+                    asked, knowledge.parameters, door, job, tell, begun, taken_up
+                )
         except FfPlannerError as error:
             if isinstance(error, RequestRefused):
                 provenance = error.provenance
@@ -241,6 +253,7 @@ class PlanningService:
         self,
         asked: ReadRequest,
         parameters: NodeParameters,
+        door: str,
         job: Job,
         tell: Callable[[Progress], None],
         begun: float,
@@ -274,11 +287,21 @@ class PlanningService:
         response, for_controller = writing.result()
         budget.require_time()
         require_in_time(asked.start_ns, self._clock.now().nanoseconds)
+        made = MadePlan(
+            job.plan_id,
+            plan,
+            asked.start_ns,
+            asked.task.end_behaviour,
+            asked.task.problem.obstacles,
+            parameters,
+        )
+        asked_by = asked.asked_by or door
         job.seal()
-        self._output.publish(plan, response, for_controller)
-        executor: Any = self._node.executor
-        executor.create_task(partial(self._output.show, plan, asked.task.problem.obstacles))
-        self._log_solved(response)
+        if asked.plan_only:
+            self._publication.keep(made)
+        else:
+            self._publication.publish(made, response, for_controller, asked_by)
+        self._log_solved(response, "asked for" if asked.plan_only else "published", asked_by)
         return response
 
     def _require_in_time(self, start_ns: int) -> None:
@@ -290,13 +313,13 @@ class PlanningService:
                 "later start_time, or raise the parameter planning_allowance",
             )
 
-    def _log_solved(self, response: PlanTrajectory.Response) -> None:
+    def _log_solved(self, response: PlanTrajectory.Response, what: str, asked_by: str) -> None:
         metrics, solver = response.metrics, response.solver
         self._logger.info(
             f"{response.plan_id}: SOLVED: joint path {metrics.joint_path_length:.4f} rad, "
             f"largest attitude {math.degrees(metrics.max_chaser_euler):.2f} deg, "
             f"clearance {metrics.min_clearance * 1e3:.1f} mm, "
-            f"{solver.iterations} iterations, {solver.solve_time:.2f} s"
+            f"{solver.iterations} iterations, {solver.solve_time:.2f} s; {what} by {asked_by}"
         )
 
 
