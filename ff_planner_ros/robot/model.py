@@ -12,6 +12,7 @@ import pinocchio as pin
 
 from ff_planner_ros.arrays import Array, frozen
 from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.robot.shapes import with_shapes
 from ff_planner_ros.robot.urdf import checked_urdf
 
 
@@ -21,6 +22,7 @@ class Robot:
 
     model: pin.Model  # never changed after loading
     urdf: str  # the checked XML that the model was built from
+    drawn_urdf: str  # the same with the shapes of its links, to hand on
     joint_names: tuple[str, ...]  # from base to tip
     base_link: str  # URDF link that carries the arm; its axes are the chaser's axes
     tip_link: str  # URDF link whose frame is the end effector
@@ -93,6 +95,7 @@ def robot_from_urdf_text(text: str, base_link: str, tip_link: str) -> Robot:
     return Robot(
         model=model,
         urdf=xml,
+        drawn_urdf=with_shapes(xml, text),
         joint_names=tuple(model.names)[2:],
         base_link=base_link,
         tip_link=tip_link,
