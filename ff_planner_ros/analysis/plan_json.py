@@ -6,7 +6,8 @@ import math
 from dataclasses import asdict, astuple, dataclass, fields
 from typing import Any
 
-from ff_planner_ros.arrays import Array, finite_number, frozen
+from ff_planner_ros.analysis.surroundings import Goal
+from ff_planner_ros.arrays import Array, finite_number, finite_vector, frozen, unit_quaternion
 from ff_planner_ros.errors import FfPlannerError, InvalidInput, NoPlanFound, Status
 from ff_planner_ros.planning.metrics import Metrics
 from ff_planner_ros.planning.plan import Plan, SolverReport, Trajectory
@@ -29,6 +30,8 @@ class PlanDocument:
     weights: tuple[float, float] | None
     # What was planned around; None: the dictionary does not tell
     obstacles: tuple[Sphere, ...] | None
+    # Where the end effector was to come; None: the dictionary does not tell
+    goal: Goal | None
 
 
 def plan_dictionary(plan: Plan, task: PlanningTask, solve_time: float) -> dict[str, Any]:
@@ -38,7 +41,16 @@ def plan_dictionary(plan: Plan, task: PlanningTask, solve_time: float) -> dict[s
         "status": Status.SOLVED.name.lower(),
         "message": plan.solver.stop_reason,
         "digest": task.digest,
-        "robot": {name: getattr(problem.robot, name) for name in _ROBOT},
+        "robot": {
+            "urdf": problem.robot.drawn_urdf,
+            "base_link": problem.robot.base_link,
+            "tip_link": problem.robot.tip_link,
+        },
+        "target": {
+            "position": problem.target.position.tolist(),
+            "quaternion_xyzw": problem.target.quaternion_xyzw.tolist(),
+        },
+        "duration": problem.duration,
         "objective": asdict(problem.objective),
         "obstacles": [
             {"id": sphere.id, "center": sphere.center.tolist(), "radius": sphere.radius}
@@ -93,7 +105,7 @@ def planned_motion(answer: object) -> tuple[Robot, Trajectory]:
 
 
 def plan_document(answer: object) -> PlanDocument:
-    """Read a plan's dictionary; objective and obstacles may be missing.
+    """Read a plan's dictionary; objective, obstacles and target may be missing.
 
     Raises:
         InvalidInput: It is no plan, lacks something, or its motion is none of its robot.
@@ -118,7 +130,7 @@ def plan_document(answer: object) -> PlanDocument:
         solver=SolverReport(**told),
     )
     solve_time = _number("solver.solve_time", _entry(solver, "solve_time", "solver."))
-    return PlanDocument(robot, plan, solve_time, *_asked_for(answer))
+    return PlanDocument(robot, plan, solve_time, *_asked_for(answer), _goal(answer))
 
 
 def _asked_for(answer: Any) -> tuple[tuple[float, float] | None, tuple[Sphere, ...] | None]:
@@ -134,6 +146,16 @@ def _asked_for(answer: Any) -> tuple[tuple[float, float] | None, tuple[Sphere, .
         raise InvalidInput(
             Status.WRONG_SIZE, "objective or obstacles", "something else", allowed
         ) from None
+
+
+def _goal(answer: Any) -> Goal | None:
+    target = answer.get("target")
+    if target is None:
+        return None
+    return Goal(
+        finite_vector("target.position", _entry(target, "position", "target."), 3),
+        unit_quaternion("target.quaternion_xyzw", _entry(target, "quaternion_xyzw", "target.")),
+    )
 
 
 def _number(name: str, value: Any) -> float:

@@ -10,8 +10,10 @@ import numpy as np
 from ff_planner_msgs.msg import ObstacleSphereArray
 from ff_planner_msgs.srv import PlanTrajectory
 
+from ff_planner_ros.analysis.methods import PLANNED
+from ff_planner_ros.analysis.surroundings import Goal
 from ff_planner_ros.analysis.tracking import deviations, measured_motion
-from ff_planner_ros.arrays import finite_vector
+from ff_planner_ros.arrays import finite_vector, unit_quaternion
 from ff_planner_ros.bag.decoding import NANOSECONDS, nanoseconds
 from ff_planner_ros.bag.provenance import PROVENANCE
 from ff_planner_ros.bag.reader import Bag, Message, open_bag
@@ -27,6 +29,7 @@ from ff_planner_ros.ros.messages.from_messages import (
     solver_report_from_message,
     spheres_from_message,
     xyz,
+    xyzw,
 )
 from ff_planner_ros.runs.installed import PlanExchange, as_installed, installed_exchanges
 from ff_planner_ros.runs.measured import Window, fill_windows
@@ -37,6 +40,7 @@ from ff_planner_ros.runs.report import (
     ReportedPlan,
     ReportedRequest,
     clock_time,
+    end_of,
     reported_plan,
     robot_facts,
 )
@@ -181,12 +185,14 @@ def _plan(exchange: PlanExchange, robot: Robot, scene: ObstacleSphereArray | Non
         allowed = f"the robot of the bag has {wanted}"
         raise InvalidInput(Status.UNKNOWN_JOINT, "joint_trajectory.joint_names", names, allowed)
     require_sound_samples(robot, plan.trajectory)
-    goal = plan.trajectory.ee_positions[-1]
+    goal = end_of(plan.trajectory)
     if exchange.request is not None:
-        goal = finite_vector("target_pose", xyz(exchange.request.target_pose.pose.position), 3)
+        pose = exchange.request.target_pose.pose
+        position = finite_vector("target_pose.position", xyz(pose.position), 3)
+        goal = Goal(position, unit_quaternion("target_pose.orientation", xyzw(pose.orientation)))
         scene = exchange.request.obstacles if exchange.request.use_obstacles else scene
     obstacles = None if scene is None else spheres_from_message(scene, scene.header.frame_id)
-    return reported_plan(robot, plan.trajectory, goal, obstacles)
+    return reported_plan(robot, {PLANNED: plan.trajectory}, goal, obstacles)
 
 
 def _window(found: Sequence[PlanExchange], k: int) -> Window:
