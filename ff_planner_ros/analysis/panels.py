@@ -74,7 +74,7 @@ class Panel:
 
 # Of the height that the curves need, free above and below them. A curve that varies by less than
 # the second is drawn flat, so that rounding is not magnified.
-_MARGIN, _FLAT = 0.05, 1e-3
+_MARGIN, _FLAT = 0.05, 1e-5
 
 _XYZ = ("x", "y", "z")
 _POSITION = tuple(f"{axis} [m]" for axis in _XYZ)

@@ -88,7 +88,8 @@ def clearance_plot(
         showarrow=False,
         font=font,
     )
-    figure.update_yaxes(range=[1.2 * bottom, top + 0.05 * (top - bottom)])
+    # Room above the curves for what is said of their lowest points.
+    figure.update_yaxes(range=[1.2 * bottom, top + 0.3 * (top - bottom)])
     return figure
 
 

@@ -76,3 +76,4 @@ const clockOf = (clock) => {
   });
 };
 document.querySelectorAll(".clock").forEach(clockOf);
+drawAll(document);

@@ -120,14 +120,18 @@ def _parameters(bag: Bag, notes: list[str]) -> NodeParameters | None:
 
 def _request(exchange: PlanExchange) -> ReportedRequest:
     """Return the row of a table."""
-    request, response = exchange.request, exchange.response
-    found = ReportedRequest(
-        plan_id="",
-        door=exchange.door,
+    return replace(
+        reported_request(exchange.door, exchange.request, exchange.response),
         asked_ns=exchange.received_ns or None,
         answered_ns=exchange.answered_ns or None,
-        message="no answer is in the bag",
     )
+
+
+def reported_request(
+    door: str, request: PlanTrajectory.Request | None, response: PlanTrajectory.Response | None
+) -> ReportedRequest:
+    """Return what a request and its response tell, without what is drawn of it."""
+    found = ReportedRequest(plan_id="", door=door, message="no answer is in the bag")
     if request is not None:
         weights = (request.weight_joint_path_length, request.weight_chaser_attitude)
         found = replace(found, weights=weights, duration=request.duration)

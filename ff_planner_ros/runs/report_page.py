@@ -99,7 +99,8 @@ def _sections(report: Report, figures: list[Element]) -> Iterator[Element]:
 
 def _requests(requests: Sequence[ReportedRequest]) -> Element:
     rows: list[Element] = []
-    for number, request in enumerate(requests):
+    both = [(k, one) for k, now in enumerate(requests) for one in (now.before, now) if one]
+    for number, request in both:
         rows.append(row(_cells(number, request)))
         if request.code != Status.SOLVED:
             reason = element("td", request.message, colspan=str(len(_COLUMNS)))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from xml.etree.ElementTree import Element
 
-from ff_planner_ros.analysis.methods import Method
+from ff_planner_ros.analysis.methods import RECORDED, Method
 from ff_planner_ros.analysis.tracking import Deviations, in_shown_units
 from ff_planner_ros.planning.metrics import METRICS, Metrics
 from ff_planner_ros.runs.report import ReportedPlan, ReportedRequest, clock_time
@@ -49,11 +49,8 @@ def plan_part(
 
 def _answers(request: ReportedRequest, plan: ReportedPlan) -> dict[Method, ReportedRequest]:
     """Return the answers that a plan's motions come from."""
-    last = list(plan.motions)[-1]
-    found = {last: request}
-    if request.before is not None and len(plan.motions) > 1:
-        found = dict.fromkeys(plan.motions, request.before) | found
-    return found
+    before = request.before or request
+    return {method: before if method is RECORDED else request for method in plan.motions}
 
 
 def _in_words(plan: ReportedPlan, answers: dict[Method, ReportedRequest]) -> Iterator[Element]:
@@ -79,9 +76,9 @@ def _joints_and_obstacles(
     for method, motion in plan.motions.items():
         yield element("h3", f"Joints, as {method.label}")
         yield joint_table(plan.robot, motion, _metrics_of(method, answers))
-    if plan.obstacles:
-        yield element("h3", f"Obstacles, as {next(iter(plan.motions)).label}")
-        yield obstacle_table(plan.robot, plan.obstacles, plan.motion)
+        if plan.obstacles:
+            yield element("h3", f"Obstacles, as {method.label}")
+            yield obstacle_table(plan.robot, plan.obstacles, motion)
 
 
 def _metrics_of(method: Method, answers: dict[Method, ReportedRequest]) -> Metrics | None:

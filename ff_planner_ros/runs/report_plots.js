@@ -1,17 +1,19 @@
 // Draws the plots of a page, with as many panels beside each other as there is room for.
 "use strict";
-// Heights of what is around a panel, least width of one, and what is between two of them [px].
-const LEGEND = 26, TITLE = 24, LABEL = 22, TICKS = 30, NARROWEST = 300, GAP = 64, SIDES = 56 + 12;
-const PRINTED = 680; // width of a page of A4 within its margins [px]
+// Heights of what is around a panel, and what is between two of them [px].
+const LEGEND = 26, TITLE = 24, LABEL = 22, TICKS = 30, GAP = 64, SIDES = 56 + 12;
+// Least widths of a panel, and the width of a page of A4 within its margins [px].
+const NARROWEST = 300, NARROWEST_IN_PRINT = 220, PRINTED = 680;
 const TOUCH = matchMedia("(pointer: coarse)").matches;
 const SMALL = TOUCH || innerWidth <= 640;
 const CONFIG = { displaylogo: false, displayModeBar: SMALL ? false : "hover" };
 const nameOf = (axis, k) => axis + (k ? k + 1 : "");
 
 // Where every panel goes: a figure's `meta` says how many there are, and in how many columns.
-const arranged = ({ meta, showlegend }, width) => {
-  if (!meta) return { width, height: Math.max(320, Math.min(640, 0.8 * width)) };
-  const columns = width >= meta.columns * NARROWEST ? meta.columns : 1;
+const arranged = ({ meta, showlegend, scene }, width, narrowest = NARROWEST) => {
+  if (scene) return { width, height: Math.max(320, Math.min(640, 0.8 * width)) };
+  if (!meta) return { width };
+  const columns = width >= meta.columns * narrowest ? meta.columns : 1;
   const inner = width - SIDES, pitch = (inner + GAP) / columns, tall = meta.panels / meta.columns;
   // Panels are counted along rows; one below the other they come column by column.
   const order = [...Array(meta.panels).keys()];
@@ -54,21 +56,28 @@ const draw = async (place) => {
   place.dispatchEvent(new CustomEvent("drawn", { bubbles: true, detail: figure }));
 };
 
-const fit = (place, width) => {
+const fit = (place, width, narrowest) => {
   if (!place.dataset.drawn || !width || place.widthDrawn === width) return;
   place.widthDrawn = width;
-  Plotly.relayout(place, arranged({ ...place._fullLayout, meta: place.meta }, width));
+  Plotly.relayout(place, arranged({ ...place._fullLayout, meta: place.meta }, width, narrowest));
 };
 
-// A plot is drawn when it is first near the screen: all at once are more than a browser bears.
+// A plan's plots are drawn when it is opened: two hundred plans at once are more than a browser
+// bears. One comes after the other, so that the page can be moved meanwhile.
 const places = document.querySelectorAll(".plot");
-const seen = new IntersectionObserver((entries) => {
-  for (const entry of entries) if (entry.isIntersecting) draw(entry.target);
-}, { rootMargin: "600px" });
+const drawAll = async (part) => {
+  for (const place of part.querySelectorAll(".plot")) {
+    await draw(place);
+    await new Promise((done) => setTimeout(done));
+  }
+};
 const sized = new ResizeObserver((entries) => {
   for (const { target } of entries) fit(target, target.clientWidth);
 });
-for (const place of places) { seen.observe(place); sized.observe(place); }
+for (const place of places) sized.observe(place);
+for (const part of document.querySelectorAll("details")) {
+  part.addEventListener("toggle", () => drawAll(part));
+}
 
 const openTarget = () => {
   const target = document.getElementById(decodeURIComponent(location.hash.slice(1)));
@@ -76,7 +85,7 @@ const openTarget = () => {
 };
 window.addEventListener("hashchange", openTarget);
 window.addEventListener("beforeprint", () => {
-  for (const place of places) { draw(place); fit(place, PRINTED); }
+  for (const place of places) fit(place, PRINTED, NARROWEST_IN_PRINT);
 });
 window.addEventListener("afterprint", () => {
   for (const place of places) fit(place, place.clientWidth);

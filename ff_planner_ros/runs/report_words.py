@@ -39,7 +39,7 @@ def asked(plan: ReportedPlan) -> Iterator[tuple[str, str]]:
     motion, goal = plan.motion, plan.goal
     yield "start, chaser", _pose(motion.chaser_positions[0], motion.chaser_quaternions_xyzw[0])
     velocity, turning = motion.chaser_linear_velocities[0], motion.chaser_angular_velocities[0]
-    if velocity.any() or turning.any():
+    if np.round([velocity, turning], _DECIMALS).any():
         rates = _vector(np.rad2deg(turning), ".4g")
         yield "", f"moving {_vector(velocity, '.4g')} m/s, turning {rates} deg/s"
     yield "start, end effector", _pose(motion.ee_positions[0], motion.ee_quaternions_xyzw[0])
@@ -65,7 +65,7 @@ def worst(
     found = _joints_at_worst(robot, motion, metrics)
     if obstacles:
         least = nearest(robot, obstacles, distances(robot, obstacles, motion))
-        words = f"{1e3 * least.distance:.1f} mm, {least.link} and obstacle {least.obstacle}, at "
+        words = f"{1e3 * least.distance:.1f} mm between {least.link} and {least.obstacle}, at "
         certain = ""
         if metrics is not None and np.isfinite(metrics.min_clearance):
             certain = f"; for certain never less than {1e3 * metrics.min_clearance:.1f} mm"
