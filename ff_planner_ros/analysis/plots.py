@@ -40,8 +40,8 @@ _AXIS: dict[str, Any] = {
 }
 # Height of a panel without title and ticks [px], and how far the words of a mark are above it.
 _PANEL, _LIFT = 110, 24
-# A name that is longer would run into its neighbour's.
-_LONGEST = 30
+# A name that is longer would run into the limits beside it; names often differ at their ends only.
+_LONGEST, _LAST = 28, 14
 
 
 def two_column_plot(
@@ -110,6 +110,7 @@ def panel_plot(
         layout[_axis("xaxis", number)] = _AXIS | {
             "anchor": _axis("y", number),
             "matches": "x" if number else None,
+            "range": _time_range(drawn),
             "ticksuffix": " s",
             "nticks": 8,
         }
@@ -145,6 +146,11 @@ def panel_plot(
             },
         },
     )
+
+
+def _time_range(drawn: Sequence[Panel]) -> list[float]:
+    times = np.concatenate([time for panel in drawn for time, _ in panel.curves.values()])
+    return [float(times.min()), float(times.max())]
 
 
 def _axis(kind: str, number: int) -> str:
@@ -243,5 +249,5 @@ def _plain(label: str) -> str:
     """Return a label as the browser's plots write it: escaped, with indices in tags of theirs."""
     name, bracket, unit = label.rpartition(" [")
     if len(name) > _LONGEST:
-        label = f"{name[: _LONGEST - 1]}…{bracket}{unit}"
+        label = f"{name[: _LONGEST - _LAST - 1]}…{name[-_LAST:]}{bracket}{unit}"
     return re.sub(r"\$(\w)_(\w)\$", r"\1<sub>\2</sub>", html.escape(label)).replace("$", "")
