@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import enum
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Collection
 from dataclasses import dataclass
@@ -14,6 +15,13 @@ from ff_planner_ros.arrays import Array, frozen
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.robot.shapes import with_shapes
 from ff_planner_ros.robot.urdf import checked_urdf
+
+
+class Base(enum.StrEnum):
+    """How the chaser can move."""
+
+    FREE_FLYER = "free_flyer"
+    PLANAR = "planar"  # on an air-bearing table: x, y and the turn about z, inertial axes
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,6 +44,7 @@ class Robot:
     velocity_limits: Array  # shape (joints,) [rad/s]
     # Infinite where the URDF says zero: exporters write so that a limit is not known
     effort_limits: Array  # shape (joints,) [N m]
+    base: Base = Base.FREE_FLYER
 
     @property
     def joints(self) -> int:
