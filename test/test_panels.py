@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import xml.etree.ElementTree as ElementTree
 from dataclasses import replace
 
 import numpy as np
-import pinocchio as pin
 import pytest
 from drawn_plans import POINTS, drawn_plan
 from scipy.spatial.transform import Rotation
@@ -99,27 +97,6 @@ def test_torques_have_the_limits_of_the_urdf_and_a_measured_motion_has_none(lemu
         assert list(panel.curves) == [PLANNED]
         np.testing.assert_array_equal(panel.curves[PLANNED][1], planned.joint_torques[:, k])
         assert panel.note == (f"limits ±{k}" if k else "")
-
-
-def test_a_sliding_joint_is_drawn_in_metres_and_newton(lemur: Robot) -> None:
-    """The LEMUR's third joint made prismatic."""
-    root = ElementTree.fromstring(lemur.urdf)
-    joint = root.find("joint[@name='joint_3']")
-    assert joint is not None
-    joint.set("type", "prismatic")
-    text = ElementTree.tostring(root, encoding="unicode")
-    model = pin.buildModelFromXML(text, pin.JointModelFreeFlyer())
-    motion = {PLANNED: drawn_plan(lemur, 1).trajectory}
-    for quantity, unit, field in (
-        (joint_angles, "m", "joint_positions"),
-        (joint_rates, "m/s", "joint_velocities"),
-        (joint_torques, "N", "joint_torques"),
-    ):
-        third = panels(quantity(replace(lemur, model=model)), motion)[2]
-        assert third.label == f"joint_3 [{unit}]"
-        np.testing.assert_array_equal(
-            third.curves[PLANNED][1], getattr(motion[PLANNED], field)[:, 2]
-        )
 
 
 def test_a_plot_without_obstacles_says_so(lemur: Robot, lemur_capture: PlanningProblem) -> None:

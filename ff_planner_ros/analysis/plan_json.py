@@ -6,12 +6,11 @@ import math
 from dataclasses import asdict, astuple, dataclass, fields
 from typing import Any
 
-from ff_planner_ros.analysis.surroundings import Goal
-from ff_planner_ros.arrays import Array, finite_number, finite_vector, frozen, unit_quaternion
+from ff_planner_ros.arrays import Array, finite_number, finite_vector, frozen
 from ff_planner_ros.errors import FfPlannerError, InvalidInput, NoPlanFound, Status
 from ff_planner_ros.planning.metrics import Metrics
 from ff_planner_ros.planning.plan import Plan, SolverReport, Trajectory
-from ff_planner_ros.planning.problem import Objective, Sphere
+from ff_planner_ros.planning.problem import Objective, Orientation, Sphere, Target
 from ff_planner_ros.planning.sound_samples import require_sound_samples
 from ff_planner_ros.planning.task import PlanningTask
 from ff_planner_ros.robot.model import Robot, robot_from_urdf_text
@@ -31,7 +30,7 @@ class PlanDocument:
     # What was planned around; None: the dictionary does not tell
     obstacles: tuple[Sphere, ...] | None
     # Where the end effector was to come; None: the dictionary does not tell
-    goal: Goal | None
+    goal: Target | None
 
 
 def plan_dictionary(plan: Plan, task: PlanningTask, solve_time: float) -> dict[str, Any]:
@@ -46,10 +45,7 @@ def plan_dictionary(plan: Plan, task: PlanningTask, solve_time: float) -> dict[s
             "base_link": problem.robot.base_link,
             "tip_link": problem.robot.tip_link,
         },
-        "target": {
-            "position": problem.target.position.tolist(),
-            "quaternion_xyzw": problem.target.quaternion_xyzw.tolist(),
-        },
+        "target": _target(problem.target),
         "duration": problem.duration,
         "objective": asdict(problem.objective),
         "obstacles": [
@@ -148,13 +144,36 @@ def _asked_for(answer: Any) -> tuple[tuple[float, float] | None, tuple[Sphere, .
         ) from None
 
 
-def _goal(answer: Any) -> Goal | None:
+def _target(target: Target) -> dict[str, Any]:
+    """Return a target as a scenario has it, at rest."""
+    told = {
+        "position": target.position.tolist(),
+        "quaternion_xyzw": target.quaternion_xyzw.tolist(),
+    }
+    if target.orientation is Orientation.FIXED:
+        return told
+    free_axis = target.free_axis_in_ee
+    about = {} if free_axis is None else {"free_axis": free_axis.tolist()}
+    return told | {"orientation": target.orientation.value} | about
+
+
+def _goal(answer: Any) -> Target | None:
     target = answer.get("target")
     if target is None:
         return None
-    return Goal(
-        finite_vector("target.position", _entry(target, "position", "target."), 3),
-        unit_quaternion("target.quaternion_xyzw", _entry(target, "quaternion_xyzw", "target.")),
+    position, quaternion = (
+        _entry(target, name, "target.") for name in ("position", "quaternion_xyzw")
+    )
+    orientation = target.get("orientation", Orientation.FIXED)
+    if orientation not in tuple(Orientation):
+        allowed = f"it must be {', '.join(Orientation)}"
+        raise InvalidInput(Status.OUT_OF_RANGE, "target.orientation", repr(orientation), allowed)
+    free_axis = target.get("free_axis")
+    return Target(
+        _numbers("target.position", position),
+        _numbers("target.quaternion_xyzw", quaternion),
+        orientation=Orientation(orientation),
+        free_axis_in_ee=None if free_axis is None else finite_vector("free_axis", free_axis, 3),
     )
 
 

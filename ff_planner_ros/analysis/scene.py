@@ -20,12 +20,10 @@ from ff_planner_ros.analysis.methods import Method
 from ff_planner_ros.analysis.scene_layout import add_controls, lay_out
 from ff_planner_ros.analysis.solids import RobotSurface, robot_surface, surface_at
 from ff_planner_ros.analysis.surroundings import (
-    Goal,
     axes_of,
     axis_lines,
     drawn_goal,
     drawn_obstacles,
-    goal_of,
     near_arm,
     sphere_at,
     xyz,
@@ -34,7 +32,7 @@ from ff_planner_ros.arrays import Array
 from ff_planner_ros.planning.clearance import arm_points
 from ff_planner_ros.planning.motion import from_trajectory
 from ff_planner_ros.planning.plan import Trajectory
-from ff_planner_ros.planning.problem import PlanningProblem, Sphere
+from ff_planner_ros.planning.problem import PlanningProblem, Sphere, Target
 from ff_planner_ros.robot.box import uniform_box
 from ff_planner_ros.robot.model import Robot
 
@@ -59,8 +57,8 @@ def save_scene(
 ) -> None:
     """Write the scene of `scene_figure` as one HTML file that needs nothing else."""
     # The name of the scene's element is fixed: the same motions give the same file.
-    goal = goal_of(problem.target)
-    element = scene_figure(problem.robot, problem.obstacles, goal, motions, shown).to_html(
+    target = problem.target
+    element = scene_figure(problem.robot, problem.obstacles, target, motions, shown).to_html(
         full_html=False,
         include_plotlyjs=True,
         auto_play=False,
@@ -76,7 +74,7 @@ def save_scene(
 def scene_figure(
     robot: Robot,
     obstacles: Sequence[Sphere],
-    goal: Goal,
+    goal: Target,
     motions: Mapping[Method, Trajectory],
     shown: Collection[Method],
     controls: bool = True,

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import html
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 import plotly.graph_objects as go
@@ -14,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from ff_planner_ros.analysis.solids import sphere
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.planning.clearance import centers_at
-from ff_planner_ros.planning.problem import Sphere, Target
+from ff_planner_ros.planning.problem import Orientation, Sphere, Target
 
 # More obstacles than the first number are drawn with the coarser circles, more than the last not
 # at all but for the nearest: a browser stands still under thousands.
@@ -24,19 +23,6 @@ _OBSTACLE, _GOAL = "#c0392b", "#000000"
 _AXIS_COLOURS = ("#e41a1c", "#4daf4a", "#377eb8")
 # In lengths of the arm: what is further off than this from it would make it small in the picture.
 _FAR = 2.0
-
-
-@dataclass(frozen=True, eq=False)
-class Goal:
-    """Where the end effector shall come, in the inertial frame."""
-
-    position: Array  # shape (3,) [m]
-    quaternion_xyzw: Array | None  # end effector to inertial, shape (4,); None: not known, or any
-
-
-def goal_of(target: Target) -> Goal:
-    """Return what is drawn of a target."""
-    return Goal(target.position, target.quaternion_xyzw)
 
 
 def near_arm(obstacles: Sequence[Sphere], times: Array, arms: Array) -> Sequence[Sphere]:
@@ -79,7 +65,7 @@ def sphere_at(one: Sphere, time: float, drawn: int) -> dict[str, NDArray[np.floa
     return xyz(one.center + time * one.velocity + one.radius * corners)
 
 
-def drawn_goal(goal: Goal, axis_length: float) -> Iterator[go.Scatter3d]:
+def drawn_goal(goal: Target, axis_length: float) -> Iterator[go.Scatter3d]:
     """Draw where the end effector shall come, and which way it shall point."""
     yield go.Scatter3d(
         **xyz(goal.position[None]),
@@ -89,7 +75,7 @@ def drawn_goal(goal: Goal, axis_length: float) -> Iterator[go.Scatter3d]:
         legendgroup="goal",
         hovertemplate="goal<br>%{x:.3f}, %{y:.3f}, %{z:.3f} m<extra></extra>",
     )
-    if goal.quaternion_xyzw is not None:
+    if goal.orientation is not Orientation.FREE:
         axes = 1.5 * axis_length * axes_of(goal.quaternion_xyzw)
         drawn = axis_lines(goal.position, axes, "goal's axes")
         yield drawn.update(name="goal", legendgroup="goal", showlegend=False, line_width=3)

@@ -11,13 +11,12 @@ from typing import Any
 
 from ff_planner_ros.analysis.methods import MEASURED, PLANNED, Method
 from ff_planner_ros.analysis.plan_json import plan_document
-from ff_planner_ros.analysis.surroundings import Goal
 from ff_planner_ros.analysis.tracking import Deviations
 from ff_planner_ros.bag.decoding import NANOSECONDS
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.metrics import Metrics
 from ff_planner_ros.planning.plan import SolverReport, Trajectory
-from ff_planner_ros.planning.problem import Sphere
+from ff_planner_ros.planning.problem import Sphere, Target
 from ff_planner_ros.robot.model import Robot
 
 
@@ -27,7 +26,7 @@ class ReportedPlan:
 
     robot: Robot
     motions: Mapping[Method, Trajectory]  # as planned; or as recorded, as changed, or both
-    goal: Goal  # of the end effector
+    goal: Target  # of the end effector
     obstacles: tuple[Sphere, ...] | None  # None: not known
     measured: Trajectory | None = None  # while the plan ran; None: nothing was measured
     deviations: Deviations | None = None  # of the measured motion
@@ -130,7 +129,7 @@ def report_of_answer(file: Path) -> Report:
 def reported_plan(
     robot: Robot,
     motions: Mapping[Method, Trajectory],
-    goal: Goal,
+    goal: Target,
     obstacles: tuple[Sphere, ...] | None,
 ) -> ReportedPlan:
     """Return a plan without measured motion; obstacles are None where they are not known."""
@@ -138,9 +137,9 @@ def reported_plan(
     return ReportedPlan(robot, motions, goal, obstacles, remarks=remarks)
 
 
-def end_of(motion: Trajectory) -> Goal:
+def end_of(motion: Trajectory) -> Target:
     """Return where a motion ends: the goal, where nothing tells of another."""
-    return Goal(motion.ee_positions[-1], motion.ee_quaternions_xyzw[-1])
+    return Target(motion.ee_positions[-1], motion.ee_quaternions_xyzw[-1])
 
 
 def robot_facts(robot: Robot) -> list[tuple[str, str]]:

@@ -11,15 +11,14 @@ from ff_planner_msgs.msg import ObstacleSphereArray
 from ff_planner_msgs.srv import PlanTrajectory
 
 from ff_planner_ros.analysis.methods import PLANNED
-from ff_planner_ros.analysis.surroundings import Goal
 from ff_planner_ros.analysis.tracking import deviations, measured_motion
-from ff_planner_ros.arrays import finite_vector, unit_quaternion
 from ff_planner_ros.bag.decoding import NANOSECONDS, nanoseconds
 from ff_planner_ros.bag.provenance import PROVENANCE
 from ff_planner_ros.bag.reader import Bag, Message, open_bag
 from ff_planner_ros.bag.robot_plans import attached_robot
 from ff_planner_ros.errors import BagError, FfPlannerError, InvalidInput, Status
 from ff_planner_ros.parameters import NodeParameters
+from ff_planner_ros.planning.problem import Orientation, Target
 from ff_planner_ros.planning.sound_samples import require_sound_samples
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.ros.inputs.input_topics import OBSTACLES
@@ -191,12 +190,23 @@ def _plan(exchange: PlanExchange, robot: Robot, scene: ObstacleSphereArray | Non
     require_sound_samples(robot, plan.trajectory)
     goal = end_of(plan.trajectory)
     if exchange.request is not None:
-        pose = exchange.request.target_pose.pose
-        position = finite_vector("target_pose.position", xyz(pose.position), 3)
-        goal = Goal(position, unit_quaternion("target_pose.orientation", xyzw(pose.orientation)))
+        goal = _goal(exchange.request)
         scene = exchange.request.obstacles if exchange.request.use_obstacles else scene
     obstacles = None if scene is None else spheres_from_message(scene, scene.header.frame_id)
     return reported_plan(robot, {PLANNED: plan.trajectory}, goal, obstacles)
+
+
+def _goal(request: PlanTrajectory.Request) -> Target:
+    pose = request.target_pose.pose
+    # Requests of earlier versions ask for one orientation.
+    orientation = Orientation(getattr(request, "orientation", "") or Orientation.FIXED)
+    about_axis = orientation is Orientation.ABOUT_AXIS
+    return Target(
+        np.array(xyz(pose.position)),
+        np.array(xyzw(pose.orientation)),
+        orientation=orientation,
+        free_axis_in_ee=np.array(xyz(request.free_axis)) if about_axis else None,
+    )
 
 
 def _window(found: Sequence[PlanExchange], k: int) -> Window:

@@ -9,7 +9,6 @@ from pathlib import Path
 from ff_planner_msgs.srv import PlanTrajectory
 
 from ff_planner_ros.analysis.methods import CHANGED, RECORDED
-from ff_planner_ros.analysis.surroundings import goal_of
 from ff_planner_ros.errors import FfPlannerError, Status
 from ff_planner_ros.planning.plan import Trajectory
 from ff_planner_ros.planning.problem import PlanningProblem
@@ -72,7 +71,7 @@ def _plan(robot: Robot, one: Answered) -> ReportedPlan | None:
     if not motions:
         return None
     problem = next(_problems(one))
-    return reported_plan(robot, motions, goal_of(problem.target), problem.obstacles)
+    return reported_plan(robot, motions, problem.target, problem.obstacles)
 
 
 def _motion(robot: Robot, response: PlanTrajectory.Response) -> Trajectory:

@@ -15,11 +15,10 @@ from ff_planner_ros.analysis.extremes import (
     joint_extremes,
     nearest,
 )
-from ff_planner_ros.analysis.panels import is_prismatic
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.planning.metrics import Metrics
 from ff_planner_ros.planning.plan import Trajectory
-from ff_planner_ros.planning.problem import Sphere
+from ff_planner_ros.planning.problem import Orientation, Sphere, Target
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.rotation import euler_from_rotation
 from ff_planner_ros.runs.report import ReportedPlan
@@ -43,9 +42,9 @@ def asked(plan: ReportedPlan) -> Iterator[tuple[str, str]]:
         rates = _vector(np.rad2deg(turning), ".4g")
         yield "", f"moving {_vector(velocity, '.4g')} m/s, turning {rates} deg/s"
     yield "start, end effector", _pose(motion.ee_positions[0], motion.ee_quaternions_xyzw[0])
-    yield "target, end effector", _pose(goal.position, goal.quaternion_xyzw)
+    yield "target, end effector", _target(goal)
     away = f"{np.linalg.norm(goal.position - motion.ee_positions[0]):.3f} m"
-    if goal.quaternion_xyzw is not None:
+    if goal.orientation is Orientation.FIXED:
         start = Rotation.from_quat(motion.ee_quaternions_xyzw[0])
         turn = (start.inv() * Rotation.from_quat(goal.quaternion_xyzw)).magnitude()
         away += f" and {np.rad2deg(turn):.1f} deg"
@@ -70,45 +69,33 @@ def worst(
         if metrics is not None and np.isfinite(metrics.min_clearance):
             certain = f"; for certain never less than {1e3 * metrics.min_clearance:.1f} mm"
         yield "least clearance", _said(words, least.time, certain)
-    units = dict(zip(robot.joint_names, map(_units, _prismatic(robot)), strict=True))
     near = min(found, key=lambda joint: joint.margin)
-    scale, unit, _ = units[near.name]
-    words = f"{near.name}, {scale * near.margin:.1f} {unit} from its limit, at "
+    words = f"{near.name}, {np.rad2deg(near.margin):.1f} deg from its limit, at "
     if np.isfinite(near.margin):
         yield "nearest to a joint limit", _said(words, near.margin_time)
     fast = max(found, key=lambda joint: joint.rate / joint.rate_limit)
-    scale, unit, _ = units[fast.name]
-    words = (
-        f"{fast.name}, {scale * fast.rate:.3g} {unit}/s{_share(fast.rate, fast.rate_limit)}, at "
-    )
-    yield "fastest beside its limit", _said(words, fast.rate_time)
+    yield "fastest beside its limit", _said(f"{fast.name}, {_rate(fast)}, at ", fast.rate_time)
     known = [joint for joint in found if np.isfinite(joint.torque)]
     if known:
         strong = max(known, key=lambda joint: (joint.torque / joint.torque_limit, joint.torque))
-        unit = units[strong.name][2]
-        share = _share(strong.torque, strong.torque_limit)
-        words = f"{strong.name}, {strong.torque:.4g} {unit}{share}, at "
+        words = f"{strong.name}, {_torque(strong)}, at "
         yield "most torque beside its limit", _said(words, strong.torque_time)
 
 
 def joint_table(robot: Robot, motion: Trajectory, metrics: Metrics | None) -> Element:
     """Return a table of what each joint does."""
-    rows, found = [], _joints_at_worst(robot, motion, metrics)
-    for joint, prismatic in zip(found, _prismatic(robot), strict=True):
-        scale, unit, torque_unit = _units(prismatic)
-        rate = f"{scale * joint.rate:.3g} {unit}/s{_share(joint.rate, joint.rate_limit)}, at "
-        torque = f"{joint.torque:.4g} {torque_unit}{_share(joint.torque, joint.torque_limit)}, at "
+    rows = []
+    for joint in _joints_at_worst(robot, motion, metrics):
+        margin, known = f"{np.rad2deg(joint.margin):.2f} deg, at ", np.isfinite(joint.torque)
         rows.append(
             row(
                 (
                     joint.name,
-                    f"{scale * joint.start:.2f} {unit}",
-                    f"{scale * joint.end:.2f} {unit}",
-                    _said(f"{scale * joint.margin:.2f} {unit}, at ", joint.margin_time)
-                    if np.isfinite(joint.margin)
-                    else "no limits",
-                    _said(rate, joint.rate_time),
-                    _said(torque, joint.torque_time) if np.isfinite(joint.torque) else "not known",
+                    f"{np.rad2deg(joint.start):.2f} deg",
+                    f"{np.rad2deg(joint.end):.2f} deg",
+                    _said(margin, joint.margin_time) if np.isfinite(joint.margin) else "no limits",
+                    _said(f"{_rate(joint)}, at ", joint.rate_time),
+                    _said(f"{_torque(joint)}, at ", joint.torque_time) if known else "not known",
                 )
             )
         )
@@ -161,6 +148,14 @@ def _said(words: str, time: float, after: str = "") -> Element:
     return element("span", words, when(time), after)
 
 
+def _rate(joint: JointExtremes) -> str:
+    return f"{np.rad2deg(joint.rate):.3g} deg/s{_share(joint.rate, joint.rate_limit)}"
+
+
+def _torque(joint: JointExtremes) -> str:
+    return f"{joint.torque:.4g} N m{_share(joint.torque, joint.torque_limit)}"
+
+
 def _share(value: float, limit: float) -> str:
     """Return words on how much of its limit a value is; there may be no limit."""
     if not np.isfinite(limit):
@@ -169,21 +164,18 @@ def _share(value: float, limit: float) -> str:
     return f" ({share:.0f} % of its limit)" if share >= 1.0 else " (under 1 % of its limit)"
 
 
-def _prismatic(robot: Robot) -> list[bool]:
-    return [is_prismatic(robot, k) for k in range(robot.joints)]
+def _target(goal: Target) -> str:
+    if goal.orientation is Orientation.FREE:
+        return f"{_vector(goal.position, '.3f')} m, any orientation"
+    pose = _pose(goal.position, goal.quaternion_xyzw)
+    if goal.free_axis_in_ee is None:
+        return pose
+    return f"{pose}, free to turn about its axis {_vector(goal.free_axis_in_ee, '.3g')}"
 
 
-def _units(prismatic: bool) -> tuple[float, str, str]:
-    """Return the shown unit of a joint's position in its SI unit, its name, and the torque's."""
-    return (1.0, "m", "N") if prismatic else (float(np.rad2deg(1.0)), "deg", "N m")
-
-
-def _pose(position: Array, quaternion_xyzw: Array | None) -> str:
-    place = f"{_vector(position, '.3f')} m"
-    if quaternion_xyzw is None:
-        return place
+def _pose(position: Array, quaternion_xyzw: Array) -> str:
     euler = np.rad2deg(euler_from_rotation(Rotation.from_quat(quaternion_xyzw).as_matrix()))
-    return f"{place}, roll, pitch, yaw {_vector(euler, '.1f')} deg"
+    return f"{_vector(position, '.3f')} m, roll, pitch, yaw {_vector(euler, '.1f')} deg"
 
 
 def _vector(values: Array, digits: str) -> str:
