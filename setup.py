@@ -30,7 +30,7 @@ setup(
     description="Trajectory planning service for free-floating space manipulators.",
     license="Apache-2.0",
     packages=find_packages(include=[NAME, f"{NAME}.*"]),
-    package_data={NAME: ["py.typed"], f"{NAME}.runs": ["report.css", "report.js"]},
+    package_data={NAME: ["py.typed"], f"{NAME}.runs": ["*.css", "*.js"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),

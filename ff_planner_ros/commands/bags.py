@@ -16,6 +16,9 @@ def replay_bag(options: argparse.Namespace) -> int:
     """Plan the requests of a bag again, or with changes, or play the bag into ROS."""
     only_published = {"--rate": options.rate, "--topics": options.topics, "--clock": options.clock}
     if options.publish:
+        if options.report is not None:
+            allowed = "it goes with --with, and not with --publish"
+            raise InvalidInput(Status.OUT_OF_RANGE, "--report", options.report, allowed)
         if options.changes:
             allowed = "a bag is published as it is: leave out --with or --publish"
             raise InvalidInput(Status.OUT_OF_RANGE, "--with", options.changes[0], allowed)
@@ -29,7 +32,10 @@ def replay_bag(options: argparse.Namespace) -> int:
     if options.changes:
         from ff_planner_ros.runs.what_if import print_what_if
 
-        return print_what_if(options.bag, options.changes)
+        return print_what_if(options.bag, options.changes, options.report)
+    if options.report is not None:
+        allowed = "it goes with --with: `ff-planner report` shows a bag as it is"
+        raise InvalidInput(Status.OUT_OF_RANGE, "--report", options.report, allowed)
     from ff_planner_ros.runs.replay import print_replay
 
     return print_replay(options.bag)

@@ -114,6 +114,12 @@ def command_parser() -> ArgumentParser:
         "key gets the list)",
     )
     replay.add_argument(
+        "--report",
+        type=Path,
+        metavar="FILE",
+        help="with --with: write a page that lays the changed plans over the recorded ones",
+    )
+    replay.add_argument(
         "--publish", action="store_true", help="play the recorded messages into ROS instead"
     )
     replay.add_argument(

@@ -27,7 +27,7 @@ def write_scenario(task: PlanningTask, path: Path) -> None:
     """
     robot = task.problem.robot
     urdf = path.with_suffix(".urdf")
-    urdf.write_text(robot.urdf, encoding="utf-8", newline="")
+    urdf.write_text(robot.drawn_urdf, encoding="utf-8", newline="")
     content = {
         "robot": {"urdf": urdf.name, "base_link": robot.base_link, "tip_link": robot.tip_link},
         **_problem(task.problem),
@@ -59,7 +59,7 @@ def _problem(problem: PlanningProblem) -> dict[str, Any]:
         }
         | ({} if accelerations is None else {"acceleration": accelerations.tolist()}),
         "target": {
-            item.name: getattr(problem.target, item.name).tolist() for item in fields(Target)
+            item.name: getattr(problem.target, item.name).tolist() for item in fields(Target)[:6]
         }
         | {"quaternion_xyzw": normalising_to(problem.target.quaternion_xyzw).tolist()},
         "duration": float(problem.duration),

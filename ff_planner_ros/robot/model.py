@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import enum
 import stat
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Collection
@@ -13,8 +14,16 @@ import pinocchio as pin
 
 from ff_planner_ros.arrays import Array, frozen
 from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.robot.shapes import with_shapes
 from ff_planner_ros.robot.urdf import checked_urdf
 from ff_planner_ros.robot.urdf_xml import MAX_CHARACTERS
+
+
+class Base(enum.StrEnum):
+    """How the chaser can move."""
+
+    FREE_FLYER = "free_flyer"
+    PLANAR = "planar"  # on an air-bearing table: x, y and the turn about z, inertial axes
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,6 +32,7 @@ class Robot:
 
     model: pin.Model  # never changed after loading
     urdf: str  # the checked XML that the model was built from
+    drawn_urdf: str  # the same with the shapes of its links, to hand on
     joint_names: tuple[str, ...]  # from base to tip
     base_link: str  # URDF link that carries the arm; its axes are the chaser's axes
     tip_link: str  # URDF link whose frame is the end effector
@@ -37,6 +47,7 @@ class Robot:
     # Infinite where the URDF says zero: exporters write so that a limit is not known
     effort_limits: Array  # shape (joints,) [N m]
     notes: tuple[str, ...] = ()  # what a user should know: joints that are held, say
+    base: Base = Base.FREE_FLYER
 
     @property
     def joints(self) -> int:
@@ -105,6 +116,7 @@ def robot_from_urdf_text(
     return Robot(
         model=model,
         urdf=checked.xml,
+        drawn_urdf=with_shapes(checked.xml, text),
         joint_names=tuple(model.names)[2:],
         base_link=checked.base_link,
         tip_link=checked.tip_link,

@@ -9,14 +9,14 @@ from pathlib import Path
 from typing import Any
 
 from ff_planner_ros.analysis.json_file import read_json
+from ff_planner_ros.analysis.methods import MEASURED, PLANNED, Method
 from ff_planner_ros.analysis.plan_json import plan_document
 from ff_planner_ros.analysis.tracking import Deviations
-from ff_planner_ros.arrays import Array
 from ff_planner_ros.bag.decoding import NANOSECONDS
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.metrics import Metrics
 from ff_planner_ros.planning.plan import SolverReport, Trajectory
-from ff_planner_ros.planning.problem import Sphere
+from ff_planner_ros.planning.problem import Sphere, Target
 from ff_planner_ros.robot.model import Robot
 
 
@@ -25,12 +25,23 @@ class ReportedPlan:
     """A plan with all that is drawn of it."""
 
     robot: Robot
-    motion: Trajectory  # planned
-    goal: Array  # of the end effector, in the inertial frame; shape (3,) [m]
+    motions: Mapping[Method, Trajectory]  # as planned; or as recorded, as changed, or both
+    goal: Target  # of the end effector
     obstacles: tuple[Sphere, ...] | None  # None: not known
     measured: Trajectory | None = None  # while the plan ran; None: nothing was measured
     deviations: Deviations | None = None  # of the measured motion
     remarks: tuple[str, ...] = ()  # what a reader must know of all this
+
+    @property
+    def motion(self) -> Trajectory:
+        """The plan, or what was recorded where there are two."""
+        return next(iter(self.motions.values()))
+
+    @property
+    def all_motions(self) -> dict[Method, Trajectory]:
+        """Plans, and what was measured."""
+        measured = {} if self.measured is None else {MEASURED: self.measured}
+        return {**self.motions, **measured}
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,6 +63,8 @@ class ReportedRequest:
     solver: SolverReport | None = None  # of the plan, or of the best attempt
     solve_time: float | None = None  # wall clock of the answer [s]
     plan: ReportedPlan | None = None  # None: there is no plan, or it is not drawn
+    # The same request as it was recorded, where this is one with something changed
+    before: ReportedRequest | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,21 +115,28 @@ def report_of_answer(file: Path) -> Report:
         metrics=found.plan.metrics,
         solver=found.plan.solver,
         solve_time=found.solve_time,
-        plan=(reported_plan(found.robot, motion, motion.ee_positions[-1], found.obstacles)),
+        plan=reported_plan(
+            found.robot, {PLANNED: motion}, found.goal or end_of(motion), found.obstacles
+        ),
     )
     facts = (("file", str(file)), *robot_facts(found.robot))
     return Report(file.name, facts, (), (request,))
 
 
 def reported_plan(
-    robot: Robot, motion: Trajectory, goal: Array, obstacles: tuple[Sphere, ...] | None
+    robot: Robot,
+    motions: Mapping[Method, Trajectory],
+    goal: Target,
+    obstacles: tuple[Sphere, ...] | None,
 ) -> ReportedPlan:
-    """Return a plan without measured motion.
-
-    The goal is the end effector's, shape (3,) [m]; obstacles are None where they are not known.
-    """
+    """Return a plan without measured motion; obstacles are None where they are not known."""
     remarks = () if obstacles is not None else ("Which obstacles it avoids is not known.",)
-    return ReportedPlan(robot, motion, goal, obstacles, remarks=remarks)
+    return ReportedPlan(robot, motions, goal, obstacles, remarks=remarks)
+
+
+def end_of(motion: Trajectory) -> Target:
+    """Return where a motion ends: the goal, where nothing tells of another."""
+    return Target(motion.ee_positions[-1], motion.ee_quaternions_xyzw[-1])
 
 
 def robot_facts(robot: Robot) -> list[tuple[str, str]]:

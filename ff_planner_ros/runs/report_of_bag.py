@@ -10,14 +10,15 @@ import numpy as np
 from ff_planner_msgs.msg import ObstacleSphereArray
 from ff_planner_msgs.srv import PlanTrajectory
 
+from ff_planner_ros.analysis.methods import PLANNED
 from ff_planner_ros.analysis.tracking import deviations, measured_motion
-from ff_planner_ros.arrays import finite_vector
 from ff_planner_ros.bag.decoding import NANOSECONDS, nanoseconds
 from ff_planner_ros.bag.provenance import PROVENANCE
 from ff_planner_ros.bag.reader import Bag, Message, open_bag
 from ff_planner_ros.bag.robot_plans import attached_robot
 from ff_planner_ros.errors import BagError, FfPlannerError, InvalidInput, Status
 from ff_planner_ros.parameters import NodeParameters
+from ff_planner_ros.planning.problem import Orientation, Target
 from ff_planner_ros.planning.sound_samples import require_sound_samples
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.ros.inputs.input_topics import OBSTACLES
@@ -27,6 +28,7 @@ from ff_planner_ros.ros.messages.from_messages import (
     solver_report_from_message,
     spheres_from_message,
     xyz,
+    xyzw,
 )
 from ff_planner_ros.runs.installed import (
     PlanExchange,
@@ -43,6 +45,7 @@ from ff_planner_ros.runs.report import (
     ReportedPlan,
     ReportedRequest,
     clock_time,
+    end_of,
     reported_plan,
     robot_facts,
 )
@@ -131,14 +134,18 @@ def _parameters(bag: Bag, notes: list[str]) -> NodeParameters | None:
 
 def _request(exchange: PlanExchange) -> ReportedRequest:
     """Return the row of a table."""
-    request, response = exchange.request, exchange.response
-    found = ReportedRequest(
-        plan_id="",
-        door=exchange.door,
+    return replace(
+        reported_request(exchange.door, exchange.request, exchange.response),
         asked_ns=exchange.received_ns or None,
         answered_ns=exchange.answered_ns or None,
-        message="no answer is in the bag",
     )
+
+
+def reported_request(
+    door: str, request: PlanTrajectory.Request | None, response: PlanTrajectory.Response | None
+) -> ReportedRequest:
+    """Return what a request and its response tell, without what is drawn of it."""
+    found = ReportedRequest(plan_id="", door=door, message="no answer is in the bag")
     if request is not None:
         weights = (request.weight_joint_path_length, request.weight_chaser_attitude)
         found = replace(found, weights=weights, duration=request.duration)
@@ -196,12 +203,25 @@ def _plan(exchange: PlanExchange, robot: Robot, scene: ObstacleSphereArray | Non
         allowed = f"the robot of the bag has {wanted}"
         raise InvalidInput(Status.UNKNOWN_JOINT, "joint_trajectory.joint_names", names, allowed)
     require_sound_samples(robot, plan.trajectory)
-    goal = plan.trajectory.ee_positions[-1]
+    goal = end_of(plan.trajectory)
     if exchange.request is not None:
-        goal = finite_vector("target_pose", xyz(exchange.request.target_pose.pose.position), 3)
+        goal = _goal(exchange.request)
         scene = exchange.request.obstacles if exchange.request.use_obstacles else scene
     obstacles = None if scene is None else spheres_from_message(scene, scene.header.frame_id)
-    return reported_plan(robot, plan.trajectory, goal, obstacles)
+    return reported_plan(robot, {PLANNED: plan.trajectory}, goal, obstacles)
+
+
+def _goal(request: PlanTrajectory.Request) -> Target:
+    pose = request.target_pose.pose
+    # Requests of earlier versions ask for one orientation.
+    orientation = Orientation(getattr(request, "orientation", "") or Orientation.FIXED)
+    about_axis = orientation is Orientation.ABOUT_AXIS
+    return Target(
+        np.array(xyz(pose.position)),
+        np.array(xyzw(pose.orientation)),
+        orientation=orientation,
+        free_axis_in_ee=np.array(xyz(request.free_axis)) if about_axis else None,
+    )
 
 
 def _window(found: Sequence[PlanExchange], k: int) -> Window:
