@@ -51,6 +51,13 @@ class PathFamily(Protocol):
         """Number of decision variables."""
 
     @property
+    def directions(self) -> Array:
+        """Changes of x that move the path about equally far, each in a way of its own.
+
+        A column each. Shape (variables, variables).
+        """
+
+    @property
     def reading(self) -> str:
         """How the orientation is described, for a reader of `decision_variables`."""
 

@@ -37,7 +37,8 @@ class Goal(Requirement):
     ) -> Rows:
         """Return what the family does not hold at the goal by itself, within a narrow band."""
         error, jacobian = motion.goal_error, sensitivity.goal_error
-        return np.append(_BAND - error, _BAND + error), np.concatenate([-jacobian, jacobian])
+        values = np.append(_BAND - error, _BAND + error)
+        return Rows(values, np.concatenate([-jacobian, jacobian]), np.arange(len(values)))
 
     def metrics(self, samples: Samples) -> Mapping[str, float]:
         """Return how far the end effector is from the target: where it comes, or should come."""
