@@ -30,7 +30,7 @@ setup(
     description="Trajectory planning service for free-floating space manipulators.",
     license="Apache-2.0",
     packages=find_packages(include=[NAME, f"{NAME}.*"]),
-    package_data={NAME: ["py.typed"], f"{NAME}.runs": ["report.css", "report.js"]},
+    package_data={NAME: ["py.typed"], f"{NAME}.runs": ["*.css", "*.js"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),
@@ -39,6 +39,7 @@ setup(
     zip_safe=False,
     # A reason for each is in README.md; what package.xml names is the same list in ROS's words.
     install_requires=[
+        "lz4>=4.3,<5",
         "matplotlib>=3.8,<4",
         "mcap>=1.6,<2",
         "numpy>=1.26,<3",

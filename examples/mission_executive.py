@@ -24,7 +24,7 @@ from builtin_interfaces.msg import Time
 from ff_planner_msgs.action import PlanTrajectory
 from rclpy.utilities import remove_ros_args
 
-from ff_planner_ros.demo.executive import FlownPlan, MissionExecutive
+from ff_planner_ros.demo.executive import NAME, FlownPlan, MissionExecutive
 from ff_planner_ros.errors import FfPlannerError, NoPlanFound, Status
 from ff_planner_ros.planning.problem import Objective
 from ff_planner_ros.planning.scenario import SCENARIO_FRAME, load_scenario
@@ -63,8 +63,10 @@ def _fly(options: argparse.Namespace, check: Callable[[], None]) -> dict[str, An
     if options.objective is not None:
         scenario = replace(scenario, objective=OBJECTIVES[options.objective])
     with closing(MissionExecutive(check, PATIENCE, sys.argv)) as executive:
-        # 1. Ask. The planner carries the chaser forward to the start time and plans from there.
+        # 1. Ask. The planner carries the chaser forward to the start time and plans from there. It
+        #    keeps the plan to itself, so that nobody executes what the mission has not checked.
         goal = goal_message(scenario, SCENARIO_FRAME)
+        goal.plan_only, goal.asked_by = True, NAME
         goal.start_time = Time(sec=options.start)
         print("asking     the planner, as soon as it is there", flush=True)
         answer = executive.plan(goal, _say_how_the_search_goes)
@@ -80,7 +82,8 @@ def _fly(options: argparse.Namespace, check: Callable[[], None]) -> dict[str, An
                 f"{options.max_attitude_deg:g} deg: try --objective attitude",
             )
 
-        # 3. Commit. From here on the arm's controller has it, and nothing moves before its stamp.
+        # 3. Commit. The planner publishes the plan by its id, if it still fits the state and the
+        #    clock. From here on the controller has it, and nothing moves before its stamp.
         executive.commit(answer)
         print("committed  the controller has it", flush=True)
 

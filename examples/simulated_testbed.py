@@ -26,6 +26,7 @@ from ff_planner_ros.demo.testbed import Imperfections, SimulatedTestbed
 from ff_planner_ros.errors import FfPlannerError
 from ff_planner_ros.planning.scenario import load_scenario
 from ff_planner_ros.ros.background import spin_in_background
+from ff_planner_ros.ros.joining import joining_ros
 
 MEANING = {
     "position_noise": "of the measured position, standard deviation [m]",
@@ -46,11 +47,12 @@ def main() -> int:
         signal.signal(number, lambda *_: stop.set())
     try:
         scenario = load_scenario(options.scenario)
+        with joining_ros():
+            rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
+            node = rclpy.create_node("simulated_testbed")
     except FfPlannerError as error:
         print(f"simulated_testbed: {error}", file=sys.stderr)
         return 2
-    rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
-    node = rclpy.create_node("simulated_testbed")
     now_ns = node.get_clock().now().nanoseconds
     epoch_ns = now_ns if options.epoch is None else options.epoch * NANOSECONDS
     # Every noise and delay is an option of the same name.

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from ff_planner_ros.errors import InvalidInput, Status
 
 Array: TypeAlias = NDArray[np.float64]
+Indices: TypeAlias = NDArray[np.intp]
 
 # A message carries unit quaternions in double precision; what is further off than this
 # was never normalised, and normalising it silently would hide the fault.

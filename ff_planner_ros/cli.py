@@ -3,18 +3,31 @@
 from __future__ import annotations
 
 import sys
+import warnings
 from collections.abc import Sequence
+from io import TextIOWrapper
+from pathlib import Path
+from traceback import extract_tb
 
 from ff_planner_ros.commands.parser import command_parser
 from ff_planner_ros.commands.planning import BAD_INPUT, NO_PLAN, run_node
-from ff_planner_ros.errors import FfPlannerError, NoPlanFound
+from ff_planner_ros.errors import LONGEST_MESSAGE, FfPlannerError, NoPlanFound
+from ff_planner_ros.shown import shortened
+
+DEFECT = "this is a defect of ff-planner, please report it"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command and return its exit code.
 
-    0: done; 2: bad input; 3: no plan found, or one that does not come true.
+    0: done; 2: bad input; 3: no plan found, or one that does not come true. A defect of ours ends
+    with 2 and one line, too; `python -X dev -m ff_planner_ros.cli` shows its traceback.
     """
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")  # a file's name may be any bytes
+    # Where numbers grow beyond all bounds, the answer says so.
+    warnings.filterwarnings("ignore", r".* encountered in ", RuntimeWarning)
     parser = command_parser()
     options, rest = parser.parse_known_args(arguments)
     if rest and options.command is not run_node:
@@ -35,10 +48,21 @@ def main(arguments: Sequence[str] | None = None) -> int:
             "`pip install ./msg_defs '.[ros]'` brings it along, or source a ROS workspace",
             BAD_INPUT,
         )
+    except Exception as error:  # whatever nobody thought of, so that a script can go on
+        if sys.flags.dev_mode or isinstance(error, ImportError):  # the latter is no file's fault
+            raise
+        return _fail(f"{DEFECT}: {type(error).__name__} {_place(error)}: {error}", BAD_INPUT)
+
+
+def _place(error: Exception) -> str:
+    """Return where in our sources an error came from."""
+    ours = [at for at in extract_tb(error.__traceback__) if __package__ in at.filename]
+    return f"at {Path(ours[-1].filename).name}:{ours[-1].lineno}" if ours else ""
 
 
 def _fail(error: Exception | str, code: int) -> int:
-    print(f"ff-planner: {error}", file=sys.stderr)
+    text = f"ff-planner: {shortened(str(error), LONGEST_MESSAGE)}"
+    print("".join(c if c.isprintable() or c == "\n" else "?" for c in text), file=sys.stderr)
     return code
 
 

@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 
+from ff_planner_ros.shown import shortened, shown
+
 
 class Status(IntEnum):
     """Why a request was answered the way it was; the codes of `ff_planner_msgs/PlanStatus`."""
@@ -30,6 +32,7 @@ class Status(IntEnum):
     UNSUPPORTED = 206
     BAD_ROBOT = 207
     START_IN_PAST = 208
+    UNKNOWN_PLAN = 209
 
     GOAL_OUT_OF_REACH = 300
     COLLISION = 301
@@ -40,6 +43,7 @@ class Status(IntEnum):
     TORQUE_TOO_HIGH = 306
     TOO_LATE = 307
     CONTROLLER_RULE = 308
+    STATE_MOVED = 309
 
     INTERNAL_ERROR = 400
     SOLVER_DIED = 401
@@ -52,8 +56,10 @@ class Status(IntEnum):
     CLOCK_JUMPED = 505
 
 
-# Of a value in a message: what was received may be a million numbers, and a log line is read.
-_LONGEST = 300
+# Of what is wrong with an input [characters], so that a line with a command's name and a remark
+# that something is cut off is not longer than a thousand.
+LONGEST_MESSAGE = 950
+_LONGEST_FIELD = 150
 
 
 class FfPlannerError(Exception):
@@ -70,7 +76,8 @@ class InvalidInput(FfPlannerError):
 
     def __init__(self, status: Status, field: str, value: object, allowed: str) -> None:
         """Name the field, its value and what is allowed."""
-        super().__init__(status, f"{field} is {_shortened(str(value))}: {allowed}")
+        message = f"{shortened(field, _LONGEST_FIELD)} is {shown(value)}: {allowed}"
+        super().__init__(status, shortened(message, LONGEST_MESSAGE))
         self.field = field  # as in a scenario file: `chaser.quaternion_xyzw`
         self.value = value
         self.allowed = allowed
@@ -131,10 +138,4 @@ class BagError(FfPlannerError):
 
     def __init__(self, message: str) -> None:
         """A bag error is never the planner's answer to a request: its status is internal."""
-        super().__init__(Status.INTERNAL_ERROR, message)
-
-
-def _shortened(text: str) -> str:
-    if len(text) <= _LONGEST:
-        return text
-    return f"{text[:_LONGEST]}... ({len(text)} characters)"
+        super().__init__(Status.INTERNAL_ERROR, shortened(message, LONGEST_MESSAGE))

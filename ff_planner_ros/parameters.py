@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, fields, is_dataclass, replace
+from difflib import get_close_matches
 from functools import cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar, get_type_hints
@@ -14,11 +16,19 @@ from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.controller_rules import Controller
 from ff_planner_ros.planning.problem import MAX_POINTS, MIN_POINTS, Limits
 from ff_planner_ros.planning.scenario import Defaults, from_urdf
-from ff_planner_ros.planning.settings import PlannerSettings, tunable
+from ff_planner_ros.planning.settings import (
+    STRICT_IF_LOW,
+    STRICT_IF_LOW_NOT_ZERO,
+    PlannerSettings,
+    Strictness,
+    strict_if,
+    tunable,
+)
 from ff_planner_ros.planning.tail import EndBehaviour
 from ff_planner_ros.planning.yaml_file import mapping, read_yaml
 from ff_planner_ros.robot.model import Base, Robot, robot_from_urdf_text
 from ff_planner_ros.share import share_directory
+from ff_planner_ros.shown import quoted
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
@@ -28,6 +38,7 @@ Group = TypeVar("Group", bound="DataclassInstance")
 # Definitions and documents alone take a fifth of it [bytes].
 _MIN_FILE_SIZE = 1_000_000
 _MAX_DEPTH = 10_000
+_LONGEST_NAME = 100  # [characters] of a parameter, more than any has
 # What a request does that meets another one: parameter when_busy.
 REJECT, PREEMPT = "reject", "preempt"
 STATE_SOURCES = ("chaser_state", "odometry")
@@ -91,9 +102,15 @@ class LimitParameters:
         InvalidInput: A word that is not known.
     """
 
-    velocity: str = tunable("Joint rates: from_urdf keeps the URDF's limits, none keeps none")
+    velocity: str = tunable(
+        "Joint rates: from_urdf keeps the URDF's limits, none keeps none",
+        strictness=strict_if("from_urdf"),
+    )
     chaser_attitude: float = tunable(
-        "Largest Euler angle of the chaser where a request does not say; 0.0: any", 0.0, None, "rad"
+        "Largest Euler angle of the chaser; a request may ask for less; 0.0: any",
+        minimum=0.0,
+        unit="rad",
+        strictness=STRICT_IF_LOW_NOT_ZERO,
     )
 
     def __post_init__(self) -> None:
@@ -205,7 +222,8 @@ class ControllerParameters:
 
     allow_nonzero_velocity_at_trajectory_end: bool = tunable(
         "Its parameter of this name; if false, only plans whose end_behaviour is stop_joints are "
-        "published"
+        "published",
+        strictness=strict_if(False),
     )
     effort_interface: bool = tunable(
         "Whether its command_interfaces hold effort; if false, joint_trajectory carries no "
@@ -237,6 +255,10 @@ class BagParameters:
     max_duration: float = tunable(
         "A file of the bag ends before it becomes longer; 0: never", 0.0, None, "s"
     )
+    owner_only: bool = tunable(
+        "Nobody but the user that the node runs as may read the bag: its directory has mode 0700, "
+        "its files have 0600; if false, the process's umask decides"
+    )
 
     def __post_init__(self) -> None:
         """Check the size."""
@@ -255,10 +277,44 @@ class TrackingParameters:
     """When diagnostics warn that the chaser leaves the plan."""
 
     max_position: float = tunable(
-        "Distance of the measured chaser from the predicted one", 0.0, None, "m"
+        "Distance of the measured chaser from the predicted one", 0.0, None, "m", STRICT_IF_LOW
     )
     max_angle: float = tunable(
-        "Angle between the measured and the predicted attitude of the chaser", 0.0, None, "rad"
+        "Angle between the measured and the predicted attitude of the chaser",
+        minimum=0.0,
+        unit="rad",
+        strictness=STRICT_IF_LOW,
+    )
+
+
+@dataclass(frozen=True)
+class PublicationParameters:
+    """How far from a plan's first point the system may be then, if the plan is published later."""
+
+    max_position: float = tunable(
+        "Of the chaser, carried forward from the latest state to the start of a plan that "
+        "~/publish_plan is to publish: distance from the plan's first point",
+        minimum=0.0,
+        unit="m",
+        strictness=STRICT_IF_LOW,
+    )
+    max_angle: float = tunable(
+        "Of the chaser likewise: angle between the attitudes", 0.0, None, "rad", STRICT_IF_LOW
+    )
+    max_velocity: float = tunable(
+        "Of the chaser likewise: difference of the velocities", 0.0, None, "m/s", STRICT_IF_LOW
+    )
+    max_angular_velocity: float = tunable(
+        "Of the chaser likewise: difference of the angular velocities",
+        minimum=0.0,
+        unit="rad/s",
+        strictness=STRICT_IF_LOW,
+    )
+    max_joint_position: float = tunable(
+        "Of each joint likewise: difference of the positions", 0.0, None, "rad", STRICT_IF_LOW
+    )
+    max_joint_velocity: float = tunable(
+        "Of each joint likewise: difference of the rates", 0.0, None, "rad/s", STRICT_IF_LOW
     )
 
 
@@ -291,8 +347,13 @@ class NodeParameters:
     qos: QosParameters
     controller: ControllerParameters
     tracking: TrackingParameters
+    publication: PublicationParameters
     rates: RateParameters
     autostart: bool = tunable("Configure and activate at start; else a lifecycle manager does")
+    allow_remote_paths: bool = tunable(
+        "Whether robot.urdf and bag.directory may be set over ROS while the node is unconfigured; "
+        "else they are those that the process was started with"
+    )
     inertial_frame: str = tunable("frame_id that states, obstacles and targets must carry")
     state_source: str = tunable(
         "Topics that bring the state: chaser_state, or odometry for odometry with joint_states"
@@ -301,7 +362,11 @@ class NodeParameters:
         "Points of a trajectory where the request does not say", MIN_POINTS, MAX_POINTS
     )
     time_budget: float = tunable(
-        "Wall clock for an answer where the request does not say", 0.001, 86_400.0, "s"
+        "Wall clock from taking a request up to its answer where the request does not say; the "
+        "plan's start time ends the search, too",
+        0.001,
+        86_400.0,
+        "s",
     )
     planning_allowance: float = tunable(
         "A plan starts so long after its request where the request does not say when; it must "
@@ -311,7 +376,7 @@ class NodeParameters:
         unit="s",
     )
     start_max_lead: float = tunable(
-        "A start time further ahead of now is refused", 0.0, 86_400.0, "s"
+        "A start time further ahead of now is refused", 0.0, 86_400.0, "s", STRICT_IF_LOW
     )
     following_tolerance: float = tunable(
         "Joints that are within this of the last plan follow it until the next one starts; others "
@@ -319,6 +384,7 @@ class NodeParameters:
         minimum=0.0,
         maximum=10.0,
         unit="rad",
+        strictness=STRICT_IF_LOW,
     )
     when_busy: str = tunable(
         "What happens to a request that comes while another one is planned: reject answers it "
@@ -331,9 +397,11 @@ class NodeParameters:
     tail_duration: float = tunable(
         "How long it does so; does not matter for as_planned", 0.001, 3600.0, "s"
     )
-    state_max_age: float = tunable("An older chaser state is refused", 0.0, 3600.0, "s")
+    state_max_age: float = tunable(
+        "An older chaser state is refused", 0.0, 3600.0, "s", STRICT_IF_LOW
+    )
     state_max_lead: float = tunable(
-        "A chaser state stamped further ahead of now is refused", 0.0, 3600.0, "s"
+        "A chaser state stamped further ahead of now is refused", 0.0, 3600.0, "s", STRICT_IF_LOW
     )
 
     def __post_init__(self) -> None:
@@ -357,7 +425,7 @@ class NodeParameters:
 def _require_word(field: str, word: str, allowed: tuple[str, ...]) -> None:
     if word not in allowed:
         raise InvalidInput(
-            Status.OUT_OF_RANGE, field, repr(word), f"it must be {' or '.join(allowed)}"
+            Status.OUT_OF_RANGE, field, quoted(word), f"it must be {' or '.join(allowed)}"
         )
 
 
@@ -377,6 +445,7 @@ class Declaration(NamedTuple):
     minimum: float | None
     maximum: float | None
     unit: str
+    strictness: Strictness | None
 
     @property
     def allowed(self) -> str:
@@ -403,6 +472,7 @@ def _declarations(group: type[Any], prefix: str = "") -> dict[str, Declaration]:
 
 # By full name, `planner.starts`.
 DECLARATIONS: Mapping[str, Declaration] = _declarations(NodeParameters)
+_GROUPS = {name.rpartition(".")[0] for name in DECLARATIONS}
 
 
 def load_parameters(path: Path | None = None) -> NodeParameters:
@@ -415,7 +485,8 @@ def load_parameters(path: Path | None = None) -> NodeParameters:
     values = dict(default_values())
     for name, value in (flattened(read_yaml(path)) if path else {}).items():
         if name not in DECLARATIONS:
-            known = f"known are {', '.join(DECLARATIONS)}"
+            near = get_close_matches(name[:_LONGEST_NAME], DECLARATIONS, n=5, cutoff=0.0)
+            known = f"known are {', '.join(near)} and others: see config/planner.yaml"
             raise InvalidInput(Status.OUT_OF_RANGE, name, "an unknown parameter", known)
         values[name] = checked(name, value)
     return parameters_of(values)
@@ -443,11 +514,10 @@ def flattened(document: Any) -> dict[str, Any]:
 def _flatten(block: Any, prefix: str, values: dict[str, Any]) -> None:
     if not isinstance(block, dict):
         field = prefix.rstrip(".") or "ros__parameters"
-        raise InvalidInput(Status.OUT_OF_RANGE, field, repr(block), "it must hold parameters")
-    groups = {name.rpartition(".")[0] for name in DECLARATIONS}
+        raise InvalidInput(Status.OUT_OF_RANGE, field, quoted(block), "it must hold parameters")
     for name, value in block.items():
         full = f"{prefix}{name}"
-        if isinstance(value, dict) or full in groups:
+        if isinstance(value, dict) or full in _GROUPS:
             _flatten(value, f"{full}.", values)
         else:
             values[full] = value
@@ -464,7 +534,8 @@ def checked(name: str, value: Any) -> Any:
     is_array = declared.kind not in _KINDS
     kind: type[Any] = float if is_array else declared.kind
     if kind is float:
-        entries = [float(e) if isinstance(e, int) and type(e) is not bool else e for e in entries]
+        with suppress(OverflowError):  # what no float can hold stays whole, and is refused
+            entries = [float(e) if type(e) is int else e for e in entries]
     low = -math.inf if declared.minimum is None else declared.minimum
     high = math.inf if declared.maximum is None else declared.maximum
     sound = is_array == isinstance(value, list | tuple) and all(
@@ -473,7 +544,7 @@ def checked(name: str, value: Any) -> Any:
         for entry in entries
     )
     if not sound:
-        raise InvalidInput(Status.OUT_OF_RANGE, name, repr(value), declared.allowed)
+        raise InvalidInput(Status.OUT_OF_RANGE, name, quoted(value), declared.allowed)
     return tuple(entries) if is_array else entries[0]
 
 

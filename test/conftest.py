@@ -20,6 +20,7 @@ from ff_planner_ros.robot.model import Robot, load_robot, robot_from_urdf_text
 LONGEST_FIRST = (
     "test_demo",
     "test_examples",
+    "test_any_file",
     "test_node_hard_life",
     "test_node_robustness",
     "test_node_lifecycle",
@@ -44,6 +45,7 @@ LONGEST_FIRST = (
 # They repeat at length what other files run, too: coverage, whose tracing takes time, leaves them
 # and the processes that they start out.
 NOT_MEASURED = (
+    "test_any_file",
     "test_bag_fuzz",
     "test_bag_without_ros",
     "test_bench_success",
@@ -51,6 +53,7 @@ NOT_MEASURED = (
     "test_docs",
     "test_dynamics",
     "test_examples",
+    "test_foreign_readers",
     "test_forward",
     "test_interoperation",
     "test_model_errors",

@@ -7,8 +7,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import ff_planner_ros
-from ff_planner_ros.parameters import DECLARATIONS, default_values
-from ff_planner_ros.ros.parameters import _WHILE_CONFIGURED
+from ff_planner_ros.parameters import DECLARATIONS, Declaration, default_values
+from ff_planner_ros.ros.parameters import _AT_START, _PATHS, _WHILE_CONFIGURED
 
 SOURCE_TREE = Path(__file__).resolve().parents[1]
 DOCS = SOURCE_TREE / "docs"
@@ -39,11 +39,20 @@ def parameters() -> Iterator[tuple[str, ...]]:
         meaning = declared.description + (f" [{declared.unit}]" if declared.unit else "")
         first = told.setdefault(meaning, f"`{name}`")
         yield (
-            f"`{name}`" + (" *" if name.startswith(_WHILE_CONFIGURED) else ""),
+            f"`{name}`{_when(name, declared)}",
             f"`{str(value).lower() if isinstance(value, bool) else value}`",
             " ".join(f"{word} {bound:g}" for word, bound in bounds if bound is not None),
             meaning if first == f"`{name}`" else f"as {first}",
         )
+
+
+def _when(name: str, declared: Declaration) -> str:
+    """Return the mark that says when a parameter may change."""
+    if name in (*_AT_START, *_PATHS):
+        return " **"
+    if name.startswith(_WHILE_CONFIGURED):
+        return " *"
+    return f" {declared.strictness.mark}" if declared.strictness else ""
 
 
 def public() -> Iterator[tuple[str, ...]]:

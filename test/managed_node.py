@@ -39,6 +39,14 @@ class Manager:
         (result,) = _answer(self._set, SetParameters.Request(parameters=[message])).results
         return result
 
+    def configure_with(self, name: str, value: object) -> None:
+        """Let an active node go on with another value, which may be looser than the one it has."""
+        assert self.change(Transition.TRANSITION_DEACTIVATE, Transition.TRANSITION_CLEANUP)
+        result = self.set(name, value)
+        assert result.successful, result.reason
+        there = (Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_ACTIVATE)
+        assert self.change(*there) == [True, True]
+
 
 def _answer(client: Any, request: Any) -> Any:
     done = threading.Event()

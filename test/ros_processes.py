@@ -16,8 +16,8 @@ from typing import Any
 import pytest
 import rclpy
 from ff_planner_msgs.action import PlanTrajectory as PlanTrajectoryAction
-from ff_planner_msgs.msg import ChaserState, ObstacleSphereArray
-from ff_planner_msgs.srv import PlanTrajectory
+from ff_planner_msgs.msg import ChaserState, ObstacleSphereArray, PlanStatus, PublishedPlan
+from ff_planner_msgs.srv import PlanTrajectory, PublishPlan
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Path as PathMsg
 from rclpy.action import ActionClient
@@ -110,6 +110,7 @@ class Client:
         )
         for message_type, topic, qos in (
             (JointTrajectory, "joint_trajectory", latched),
+            (PublishedPlan, "published_plan", latched),
             (PathMsg, "predicted_chaser_path", latched),
             (PoseStamped, "predicted_chaser_pose", QoSProfile(depth=100)),
             (PlanTrajectory.Event, "plan_trajectory/_service_event", QoSProfile(depth=100)),
@@ -118,6 +119,7 @@ class Client:
             self.received[topic] = []
             self.node.create_subscription(message_type, topic, self._keeper(topic), qos)
         self._service = self.node.create_client(PlanTrajectory, "plan_trajectory")
+        self._publish_plan = self.node.create_client(PublishPlan, "ff_planner/publish_plan")
         self._action = ActionClient(self.node, PlanTrajectoryAction, "plan_trajectory_action")
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self.node)
@@ -179,6 +181,16 @@ class Client:
 
     def plan(self, request: PlanTrajectory.Request) -> PlanTrajectory.Response:
         return self.send(request)()
+
+    def publish_plan(self, plan_id: str, **fields: Any) -> PlanStatus:
+        """Ask for a plan that waits to be published."""
+        assert self._publish_plan.wait_for_service(DEADLINE)
+        request = PublishPlan.Request(plan_id=plan_id, **fields)
+        return (
+            ask(self._executor, lambda: self._publish_plan.call_async(request))
+            .result(DEADLINE)
+            .status
+        )
 
     def plan_until(
         self, request: PlanTrajectory.Request, accepted: Callable[[PlanTrajectory.Response], bool]

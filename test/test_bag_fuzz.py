@@ -14,6 +14,7 @@ from types import FrameType
 import pytest
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
+from mutants import bytes_mutated
 
 from ff_planner_ros.bag.exchanges import SERVICE_EVENT
 from ff_planner_ros.bag.export import export_csv
@@ -58,28 +59,6 @@ def copy_of(types: set[str], compression: CompressionType, checksums: bool) -> b
     return file.getvalue()
 
 
-def mutant(data: bytes, chance: random.Random) -> bytes:
-    mutated = bytearray(data)
-    for _ in range(chance.choice((1, 1, 2, 5))):
-        place, other = (chance.randrange(len(mutated)) for _ in range(2))
-        length = chance.choice((1, 2, 4, 8, 40, 400))
-        match chance.randrange(6):
-            case 0:
-                mutated[place] = chance.randrange(256)
-            case 1:
-                mutated[place] ^= 1 << chance.randrange(8)
-            case 2:
-                del mutated[place : place + length]
-            case 3:
-                mutated[place : place + length] = bytes(length)
-            case 4:
-                mutated[place:place] = chance.randbytes(length)
-            case 5:
-                mutated[place:place] = mutated[other : other + length]
-        mutated = mutated or bytearray(b"?")
-    return bytes(mutated)
-
-
 def read_everything(file: Path) -> int:
     with open_bag(file) as bag:
         messages = list(bag.messages())
@@ -119,15 +98,15 @@ def use_everything(file: Path, directory: Path) -> str:
     ids=["as recorded", "without checksums", "answers without checksums"],
 )
 def test_a_mutant_is_read_or_refused(
-    tmp_path: Path, make: Callable[[], bytes], mutants: int
+    tmp_path: Path, make: Callable[[], bytes], mutants: int, times: Callable[[int, int], int]
 ) -> None:
     original, chance = make(), random.Random(SEED)
     file = tmp_path / "mutant.mcap"
     file.write_bytes(original)
     outcomes = {use_everything(file, tmp_path)}
     assert "refused" not in outcomes
-    for number in range(mutants):
-        file.write_bytes(mutant(original, chance))
+    for number in range(times(mutants, 10 * mutants)):
+        file.write_bytes(bytes_mutated(original, chance))
         signal.alarm(DEADLINE)
         try:
             outcomes.add(use_everything(file, tmp_path))
@@ -156,7 +135,7 @@ def test_answers_with_mutated_contents_are_told_or_left_out(tmp_path: Path) -> N
         channel = writer.register_channel("/plan/_service_event", "cdr", number)
         for time in range(400):
             original = records[time % len(records)][1].data
-            writer.add_message(channel, time, mutant(original, chance), time)
+            writer.add_message(channel, time, bytes_mutated(original, chance), time)
         writer.finish()
     signal.alarm(DEADLINE)
     assert read_everything(file) == 400

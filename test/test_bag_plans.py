@@ -207,7 +207,8 @@ def test_a_refusal_has_metrics_only_if_there_was_an_attempt(tmp_path: Path) -> N
     refused, tried = (response(name, Status.COLLISION) for name in ("refused", "tried"))
     tried.solver.rollouts, tried.metrics.min_clearance = 7, -0.25
     first, second = read_plans(write(tmp_path / "run", answered(refused, tried)))
-    assert (first.status, first.metrics, first.columns()) == ("COLLISION", {}, {})
+    assert (first.status, first.metrics) == ("COLLISION", {})
+    assert {column.shape for column in first.columns().values()} == {(0,)}
     assert second.metrics["min_clearance"] == -0.25
     assert second.trajectory is None
 
@@ -267,12 +268,78 @@ def test_tables_hold_the_columns_to_the_last_bit(tmp_path: Path) -> None:
     assert np.array(rows, dtype=float).tolist() == np.column_stack(list(columns.values())).tolist()
     with (tmp_path / "tables" / "answers.csv").open(newline="") as stream:
         first, second = csv.DictReader(stream)
-    assert (first["plan_id"], first["status"], first["joint_path_length"]) == (
+    assert (first["plan_id"], first["status"], first["joint_path_length_rad"]) == (
         "run.1",
         "SOLVED",
         "1.5",
     )
-    assert (second["status"], second["joint_path_length"]) == ("BUSY", "")
+    assert (second["status"], second["joint_path_length_rad"]) == ("BUSY", "")
+
+
+def test_every_answer_of_every_bag_has_the_same_columns(tmp_path: Path) -> None:
+    bags = [path for path in NODE.parent.iterdir() if path.is_dir()]
+    bags.append(write(tmp_path / "lone", answered(response("a", joints=3), response("b", 999))))
+    bags.append(write(tmp_path / "refused", answered(response("c", Status.BUSY))))
+    headers = set()
+    for number, bag in enumerate(bags):
+        tables = tmp_path / f"tables_{number}"
+        export_csv(bag, tables)
+        with (tables / "answers.csv").open(newline="") as stream:
+            names, *rows = csv.reader(stream)
+        headers.add(tuple(names))
+        plans = read_plans(bag)
+        assert {tuple(plan.row()) for plan in plans} == {tuple(names)}
+        assert len({tuple(plan.columns()) for plan in plans}) == 1
+        written = [["" if cell is None else str(cell) for cell in p.row().values()] for p in plans]
+        assert rows == written
+    (names,) = headers
+    # A quantity with a unit has it in its name.
+    length, per_second = ("duration", "solve_time", "time_budget"), ("velocity", "start_velocity")
+    for name in names:
+        assert not name.endswith(length)
+        assert not (name.startswith(per_second) and not name.endswith("_per_s"))
+
+
+def test_a_row_says_what_was_asked_and_what_the_solver_did() -> None:
+    with AnyReader([NODE]) as reader:
+        told = [
+            reader.deserialize(data, connection.msgtype)
+            for connection, _, data in reader.messages()
+            if connection.msgtype == SERVICE_EVENT
+        ]
+    requests = [one.request[0] for one in told if one.info.event_type == REQUEST_RECEIVED]
+    responses = [one.response[0] for one in told if one.info.event_type == RESPONSE_SENT]
+    rows = [plan.row() for plan in read_plans(NODE) if plan.topic.startswith("/plan_trajectory/")]
+    assert len(rows) == len(requests) == len(responses) == 5
+    for row, asked, answer in zip(rows, requests, responses, strict=True):
+        goal, twist = asked.target_pose.pose, asked.target_twist
+        assert [row[f"target_{axis}_m"] for axis in "xyz"] == coordinates(goal.position)
+        assert [row[f"target_q{axis}"] for axis in "xyz"] == coordinates(goal.orientation)
+        velocity = [row[f"target_velocity_{axis}_m_per_s"] for axis in "xyz"]
+        assert velocity == coordinates(twist.linear)
+        assert row["duration_s"] == asked.duration
+        assert row["weight_joint_path_length"] == asked.weight_joint_path_length
+        assert row["weight_chaser_attitude"] == asked.weight_chaser_attitude
+        assert row["asked_points"] == (asked.points or None)
+        tried = bool(answer.solver.rollouts)
+        assert row["iterations"] == (answer.solver.iterations if tried else None)
+        assert row["solve_time_s"] == (answer.solver.solve_time or None)
+        assert row["points"] == (len(answer.joint_trajectory.points) or None)
+        assert row["end_behaviour"] is None  # bags of 0.1.0 do not have it
+    assert [row["status"] for row in rows].count("SOLVED") == 1
+
+
+def test_an_answer_whose_request_is_not_in_the_bag_has_nothing_in_its_place(
+    tmp_path: Path,
+) -> None:
+    (plan,) = read_plans(write(tmp_path / "run", answered(response("a"))))
+    row = plan.row()
+    assert {row[name] for name in ("asked_ns", "target_x_m", "duration_s")} == {None}
+    assert row["peak_joint_torques_Nm"] == " ".join(map(repr, plan.metrics["peak_joint_torques"]))
+
+
+def coordinates(vector: Any) -> list[float]:
+    return [vector.x, vector.y, vector.z]
 
 
 def test_an_npz_file_holds_the_arrays_to_the_last_bit(tmp_path: Path) -> None:

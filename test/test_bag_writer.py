@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import random
 import subprocess
 import sys
@@ -18,7 +19,7 @@ from ff_planner_msgs.msg import ChaserState
 from ff_planner_msgs.srv import PlanTrajectory
 from mcap.exceptions import EndOfFile
 from mcap.reader import make_reader
-from mcap.records import Message, Metadata
+from mcap.records import Message
 from mcap.stream_reader import StreamReader
 from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
@@ -242,6 +243,28 @@ def test_a_directory_that_cannot_be_made_is_refused(tmp_path: Path) -> None:
 def test_a_directory_of_bags_is_made_where_there_is_none(tmp_path: Path) -> None:
     BagWriter(tmp_path / "a" / "b" / "run", 0.25).close()
     assert metadata_of(tmp_path / "a" / "b" / "run")["message_count"] == 0
+
+
+@pytest.mark.parametrize(
+    ("owner_only", "directory_mode", "file_mode"), [(True, 0o700, 0o600), (False, 0o775, 0o664)]
+)
+def test_a_bag_is_the_owners_alone_where_that_is_asked_for(
+    tmp_path: Path, owner_only: bool, directory_mode: int, file_mode: int
+) -> None:
+    """From its first moment on: whoever opens a file in that moment keeps it."""
+    before = os.umask(0o002)
+    created: list[int] = []
+    try:
+        with BagWriter(tmp_path / "bags" / "bag", 0.25, owner_only=owner_only) as bag:
+            created += [path.stat().st_mode & 0o777 for path in (tmp_path / "bags/bag").iterdir()]
+            bag.split()
+    finally:
+        os.umask(before)
+    written = tmp_path / "bags" / "bag"
+    assert written.stat().st_mode & 0o777 == directory_mode
+    files = [path.stat().st_mode & 0o777 for path in written.iterdir()]
+    assert len(files) == 3
+    assert {*created, *files} == {file_mode}
 
 
 def test_directories_named_in_the_same_second_differ(
@@ -513,8 +536,7 @@ def test_a_killed_writer_loses_nothing_that_was_flushed(tmp_path: Path) -> None:
 def test_a_killed_writer_leaves_metadata(tmp_path: Path) -> None:
     left_by_a_killed_writer(tmp_path / "run", "[1]", "writer.flush()")
     assert metadata_of(tmp_path / "run")["relative_file_paths"] == ["run_0.mcap"]
-    embedded = [one for one in streamed(file_of(tmp_path / "run")) if isinstance(one, Metadata)]
-    assert yaml.safe_load(embedded[0].metadata["serialized_metadata"])["version"] == 9
+    assert metadata_of(tmp_path / "run")["version"] == 9
 
 
 FILLING = """

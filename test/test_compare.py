@@ -18,7 +18,10 @@ METHODS = [
     "straight line", "APF", "min(L)", "min(L), joint splines", "min(Theta)",
     "min(Theta), joint splines", "L + 50 Theta", "fixed base", "zero momentum",
 ]  # fmt: skip
-NAMES = ("end_effector", "chaser_pose", "chaser_velocity", "clearance", "joint_angles")
+NAMES = (
+    *("end_effector", "chaser_pose", "chaser_velocity", "clearance"),
+    *("joint_angles", "joint_rates", "joint_torques"),
+)
 PICTURES = {f"{name}.{kind}" for name in NAMES for kind in ("png", "pdf")} | {"scene.html"}
 SENTENCE = "the inertias of the paper's arm are not public"
 

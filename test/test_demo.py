@@ -118,7 +118,7 @@ def test_its_bag_alone_gives_the_same_plans_again(demo: tuple[Path, list[str]]) 
 def test_the_pictures_it_names_are_pictures(demo: tuple[Path, list[str]]) -> None:
     directory, lines = demo
     pictures = [line.split(maxsplit=1)[1] for line in lines if line.startswith("picture ")]
-    assert len(pictures) == 5
+    assert len(pictures) == 7
     for picture in pictures:
         assert (directory / picture).read_bytes().startswith(PNG)
 

@@ -14,7 +14,10 @@ from ff_planner_ros.ros.outputs.prediction import TrackingError
 from ff_planner_ros.ros.recorder.recorder import RecorderHealth
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
-PARTS = ("chaser state", "obstacles", "last request", "solve time", "recorder", "tracking")
+PARTS = (
+    *("chaser state", "obstacles", "last request", "solver", "solve time", "other planners"),
+    *("recorder", "tracking"),
+)
 
 
 RECORDING = RecorderHealth("/data/bags/run", messages=12, dropped={}, paused=False, failure="")
@@ -27,6 +30,8 @@ WELL = NodeHealth(
     obstacles_refusal="",
     last=LastRequest("run.7", Status.SOLVED, "converged"),
     solve_times=(0.5, 0.25, 1.5),
+    solver_is_warm=True,
+    namesakes=(),
     recorder=RECORDING,
     tracking=TrackingError(position=0.004, angle=0.01),
     tracking_max_position=0.02,
@@ -102,6 +107,13 @@ def test_a_node_that_is_well_says_so_in_every_part() -> None:
             {"recorder": replace(RECORDING, dropped={"/a": 3, "/b": 20})},
             WARN,
             "but was too slow for 23 messages, 20 of them of /b",
+        ),
+        ("solver", {"solver_is_warm": False}, WARN, "a request waits for it"),
+        (
+            "other planners",
+            {"namesakes": ("/ff_planner", "/spare")},
+            ERROR,
+            "are answered by /ff_planner, /spare, too",
         ),
         ("tracking", {"tracking": None}, OK, "no plan runs"),
         ("tracking", {"tracking": TrackingError(0.02, 0.02)}, OK, "20.0 mm and 1.15 deg"),

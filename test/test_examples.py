@@ -22,6 +22,9 @@ from ff_planner_ros.errors import Status
 EXAMPLES = Path(__file__).parents[1] / "examples"
 DRIFT = 5  # from the scenario's start to that of a plan, about as with PATIENT [s]
 PATIENT = ("-p", "planning_allowance:=5.0")  # a busy machine takes its time
+# What becomes of a plan on a machine so busy that the start is over, or the arm has drifted far.
+TOO_SLOW = (Status.TOO_LATE, Status.START_IN_PAST, Status.START_SINGULAR)
+BLUNT = ("-p", "publication.max_position:=0.2")  # what a testbed measures to 2 cm has not moved
 
 
 @contextmanager
@@ -42,7 +45,7 @@ def running_testbed(scenario: Path, *options: str) -> Iterator[subprocess.Popen[
 def world(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     """A planner, with nothing else yet."""
     directory = tmp_path_factory.mktemp("world")
-    with private_domain(), running_planner(directory, *PATIENT):
+    with private_domain(), running_planner(directory, *PATIENT, *BLUNT):
         yield directory
 
 
@@ -71,7 +74,7 @@ def fly(
                 check=False,
             )
         report = json.loads(file.read_text("utf-8"))
-        if report["status"] not in (Status.TOO_LATE, Status.START_IN_PAST):
+        if report["status"] not in TOO_SLOW:
             break
     return ended.returncode, report, ended.stdout + ended.stderr
 

@@ -14,7 +14,8 @@ import pinocchio as pin
 import pytest
 import rclpy
 from ff_planner_msgs.action import PlanTrajectory
-from ff_planner_msgs.msg import ChaserState, PlanStatus
+from ff_planner_msgs.msg import ChaserState, PlanStatus, PublishedPlan
+from ff_planner_msgs.srv import PublishPlan
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.executors import MultiThreadedExecutor
@@ -32,7 +33,9 @@ from ff_planner_ros.planning.problem import PlanningProblem
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.ros.background import spin_in_background
+from ff_planner_ros.ros.messages.controller_message import controller_message
 from ff_planner_ros.ros.messages.to_messages import response_from_plan, state_message
+from ff_planner_ros.ros.qos import LATCHED_QOS
 
 
 @dataclass
@@ -43,6 +46,7 @@ class World:
     node: Any
     answered: list[Status] = field(default_factory=list)
     committed: list[JointTrajectory] = field(default_factory=list)
+    asked_to_publish: list[PublishPlan.Request] = field(default_factory=list)
     heard: threading.Event = field(default_factory=threading.Event)
     cancelled: threading.Event = field(default_factory=threading.Event)
 
@@ -54,6 +58,9 @@ class World:
         self.reports: list[float] = []
         report = lambda feedback: self.reports.append(feedback.objective)  # noqa: E731
         return self.executive.plan(PlanTrajectory.Goal(), report)
+
+
+PUBLISHED = PlanStatus(code=int(Status.SOLVED))
 
 
 def nothing() -> None:
@@ -69,6 +76,8 @@ def _world(
     silent: threading.Event | None = None,
     controller: bool = True,
     states: Callable[[], ChaserState] = ChaserState,
+    publication: PlanStatus = PUBLISHED,
+    published: Callable[[], PublishedPlan] = PublishedPlan,
 ) -> Iterator[World]:
     """Start an executive, a planner with these answers, the last one for ever, and a controller."""
     coming = chain(answers, repeat(answers[-1])) if answers else iter(())
@@ -79,6 +88,20 @@ def _world(
         node.create_timer(0.01, lambda: publisher.publish(states()))
         if controller:
             node.create_subscription(JointTrajectory, CONTROLLER_TOPIC, world.control, 10)
+
+        plans = node.create_publisher(PublishedPlan, "published_plan", LATCHED_QOS)
+
+        def publish(
+            request: PublishPlan.Request, response: PublishPlan.Response
+        ) -> PublishPlan.Response:
+            world.asked_to_publish.append(request)
+            response.status = publication
+            if publication is PUBLISHED:
+                plans.publish(PublishedPlan(plan_id="run.of another"))
+                plans.publish(published())
+            return response
+
+        node.create_service(PublishPlan, "ff_planner/publish_plan", publish)
 
         def answer(handle: Any) -> PlanTrajectory.Result:
             if silent is not None:
@@ -195,31 +218,30 @@ def now_ns(world: World) -> int:
     return int(world.node.get_clock().now().nanoseconds)
 
 
-def test_it_commits_the_plan_without_torques_and_leaves_the_answer_as_it_is(
+def test_it_commits_what_the_planner_publishes_under_the_plans_id(
     solved: Callable[[int], Any],
 ) -> None:
-    with _world() as world:
-        answer = solved(now_ns(world) + 3600 * NANOSECONDS)
+    answer = solved(3600 * NANOSECONDS)
+    # What the planner publishes is what the controller can take: here, without torques.
+    trajectory = controller_message(answer.joint_trajectory, effort_interface=False)
+    plan = PublishedPlan(plan_id=answer.plan_id, joint_trajectory=trajectory)
+    with _world(published=lambda: plan) as world:
         world.executive.commit(answer)
         assert world.heard.wait(DEADLINE)
-    (found,) = world.committed
-    asked = answer.joint_trajectory
-    assert found.header == asked.header
-    assert found.joint_names == asked.joint_names
-    for point, planned in zip(found.points, asked.points, strict=True):
-        assert point.positions == planned.positions
-        assert point.velocities == planned.velocities
-        assert point.accelerations == planned.accelerations
-        assert point.time_from_start == planned.time_from_start
-        assert len(point.effort) == 0
-        assert len(planned.effort) == 7
+    (asked,) = world.asked_to_publish
+    assert (asked.plan_id, asked.asked_by) == ("run.1", "mission_executive")
+    assert world.committed == [trajectory]
 
 
-def test_a_plan_whose_start_is_over_is_not_committed(solved: Callable[[int], Any]) -> None:
-    with _world() as world:
-        with pytest.raises(FfPlannerError, match=r"run\.1 should have begun") as raised:
-            world.executive.commit(solved(now_ns(world) - 1))
-        assert raised.value.status is Status.TOO_LATE
+@pytest.mark.parametrize("status", [Status.TOO_LATE, Status.STATE_MOVED, Status.UNKNOWN_PLAN])
+def test_a_plan_that_the_planner_does_not_publish_is_not_committed(
+    solved: Callable[[int], Any], status: Status
+) -> None:
+    refusal = PlanStatus(code=int(status), message="run.1 does not fit any more")
+    with _world(publication=refusal) as world:
+        with pytest.raises(FfPlannerError, match=r"run\.1 does not fit any more") as raised:
+            world.executive.commit(solved(now_ns(world) + 3600 * NANOSECONDS))
+        assert raised.value.status is status
         assert world.committed == []
 
 
@@ -231,6 +253,7 @@ def test_nothing_is_committed_to_a_controller_that_is_not_there(
         pytest.raises(FfPlannerError, match=f"listens to {CONTROLLER_TOPIC} did not come"),
     ):
         world.executive.commit(solved(now_ns(world) + 3600 * NANOSECONDS))
+    assert world.asked_to_publish == []
 
 
 def test_it_tells_how_far_reality_was_from_the_plan(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 from collections.abc import Callable
@@ -18,9 +19,10 @@ from matplotlib.image import imread
 from matplotlib.lines import Line2D
 from scipy.spatial.transform import Rotation
 
+from ff_planner_ros.analysis.extremes import distances
 from ff_planner_ros.analysis.figures import (
     clearance_figure,
-    joint_angle_figure,
+    joint_figure,
     save_figures,
     two_column_figure,
 )
@@ -38,7 +40,9 @@ from ff_planner_ros.analysis.panels import (
     CHASER_POSE,
     CHASER_VELOCITY,
     END_EFFECTOR_POSE,
-    closest_clearance,
+    joint_angles,
+    joint_rates,
+    joint_torques,
 )
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.planning.plan import Plan, Trajectory
@@ -65,7 +69,7 @@ def figures(lemur_capture: PlanningProblem, plans: dict[Method, Plan]) -> dict[s
         "chaser pose": two_column_figure(CHASER_POSE, motions_of(plans)),
         "chaser velocity": two_column_figure(CHASER_VELOCITY, motions_of(plans)),
         "clearance": clearance_figure(lemur_capture, motions_of(plans)),
-        "joint angles": joint_angle_figure(lemur_capture.robot, motions_of(plans)),
+        "joint angles": joint_figure(joint_angles(lemur_capture.robot), motions_of(plans)),
     }
 
 
@@ -117,7 +121,7 @@ LABELS = {
     "end effector": ["x [m]", "roll", "y [m]", "pitch", "z [m]", "yaw"],
     "chaser pose": ["x [m]", "roll", "y [m]", "pitch", "z [m]", "yaw"],
     "chaser velocity": ["v_x", "ω_x", "v_y", "ω_y", "v_z", "ω_z"],
-    "clearance": ["distance to closest obstacle [m]"],
+    "clearance": ["distance to closest obstacle [mm]"],
     "joint angles": [f"joint_{k} [deg]" for k in range(1, 8)],
 }
 
@@ -127,7 +131,7 @@ def test_every_panel_names_its_quantity_and_unit(name: str, figures: dict[str, F
     panels = [axes for axes in figures[name].axes if axes.get_visible()]
     for axes, words in zip(panels, LABELS[name], strict=True):
         assert words in axes.get_ylabel()
-        assert axes.get_ylabel().endswith(("[m]", "[deg]", "[m/s]", "[deg/s]"))
+        assert axes.get_ylabel().endswith(("[m]", "[mm]", "[deg]", "[m/s]", "[deg/s]"))
 
 
 @pytest.mark.parametrize("name", LABELS)
@@ -191,13 +195,34 @@ def test_clearance_is_the_distance_from_the_nearest_link_to_the_nearest_sphere(
     (axes,) = figures["clearance"].axes
     for method in (STRAIGHT_LINE, STEADIEST):
         expected = [
-            min(
+            1e3
+            * min(
                 distance_to_arm(plans[method], point, sphere.center) - sphere.radius
                 for sphere in lemur_capture.obstacles
             )
             for point in range(POINTS)
         ]
-        np.testing.assert_allclose(curves(axes)[method.label], expected, atol=1e-6)
+        (line,) = (line for line in axes.lines if line.get_label() == method.label)
+        drawn = np.interp(plans[method].trajectory.time, line.get_xdata(), line.get_ydata())
+        np.testing.assert_allclose(drawn, expected, atol=1e-3)
+
+
+def test_the_least_clearance_of_every_method_is_marked_and_said_in_millimetres(
+    plans: dict[Method, Plan], figures: dict[str, Figure]
+) -> None:
+    (axes,) = figures["clearance"].axes
+    marks = [line for line in axes.lines if line.get_marker() == "o"]
+    said = figures["clearance"].get_supxlabel()
+    for method, mark in zip(plans, marks, strict=True):
+        (line,) = (line for line in axes.lines if line.get_label() == method.label)
+        least = int(np.argmin(line.get_ydata()))
+        assert [*mark.get_xdata(), *mark.get_ydata()] == [
+            line.get_xdata()[least],
+            line.get_ydata()[least],
+        ]
+        assert mark.get_color() == method.colour
+        time, value = line.get_xdata()[least], line.get_ydata()[least]
+        assert re.search(rf"{re.escape(method.label)}: {value:.1f} mm to c\d at {time:.2f} s", said)
 
 
 @pytest.mark.parametrize("radius", [0.05, 5.0])
@@ -207,7 +232,8 @@ def test_zero_clearance_is_marked_with_the_inside_of_obstacles_below_it(
     """Whether all curves are above zero, or all below."""
     obstacles = tuple(replace(sphere, radius=radius) for sphere in lemur_capture.obstacles)
     problem = replace(lemur_capture, obstacles=obstacles)
-    signs = np.sign(closest_clearance(problem.robot, obstacles, plans[SHORTEST].trajectory))
+    motion = plans[SHORTEST].trajectory
+    signs = np.sign(distances(problem.robot, obstacles, motion).closest)
     assert set(signs) == {1.0 if radius < 1.0 else -1.0}
     (axes,) = clearance_figure(problem, motions_of(plans)).axes
     bottom, top = axes.get_ylim()
@@ -229,11 +255,25 @@ def test_without_obstacles_the_figure_says_so(
 def test_each_joint_is_drawn_with_its_own_limits(lemur: Robot, plans: dict[Method, Plan]) -> None:
     lower = np.deg2rad(np.arange(-170.0, -163.0))
     robot = replace(lemur, lower_position_limits=lower)
-    figure = joint_angle_figure(robot, motions_of(plans))
+    figure = joint_figure(joint_angles(robot), motions_of(plans))
     for axes, limit in zip(figure.axes, np.rad2deg(lower), strict=False):
         levels = [line.get_ydata()[0] for line in axes.lines if len(line.get_ydata()) == 2]
         np.testing.assert_allclose(levels, [limit, 180.0])
+        assert axes.get_title(loc="right") == f"limits {limit:g} to 180"
     assert figure.legends[0].get_texts()[-1].get_text() == "joint limits"
+
+
+def test_curves_of_joints_fill_their_panels_and_limits_far_away_do_not_press_them_flat(
+    lemur: Robot, plans: dict[Method, Plan]
+) -> None:
+    motions = motions_of(plans)
+    for quantity in (joint_angles(lemur), joint_rates(lemur), joint_torques(lemur)):
+        figure = joint_figure(quantity, motions)
+        for k, axes in enumerate(axes for axes in figure.axes if axes.get_visible()):
+            values = np.concatenate([quantity.of(motion)[:, k] for motion in motions.values()])
+            low, high = axes.get_ylim()
+            assert low < values.min() < values.max() < high
+            assert np.ptp(values) > 0.85 * (high - low)
 
 
 def test_every_figure_is_written_as_png_and_dateless_pdf_into_a_new_directory(
@@ -241,7 +281,10 @@ def test_every_figure_is_written_as_png_and_dateless_pdf_into_a_new_directory(
 ) -> None:
     directory = tmp_path / "new" / "figures"
     written = save_figures(lemur_capture, motions_of(plans), directory)
-    names = ("end_effector", "chaser_pose", "chaser_velocity", "clearance", "joint_angles")
+    names = (
+        *("end_effector", "chaser_pose", "chaser_velocity", "clearance"),
+        *("joint_angles", "joint_rates", "joint_torques"),
+    )
     assert written == [directory / f"{name}.png" for name in names]
     for path in written:
         picture = imread(path)

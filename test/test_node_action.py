@@ -8,6 +8,7 @@ import signal
 import threading
 import time
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 
 import pytest
 from action_msgs.msg import GoalStatus
@@ -111,10 +112,10 @@ def test_a_goal_that_is_refused_is_aborted_with_its_code_and_words(
 
 
 def test_cancelled_at_random_moments_a_goal_ends_cancelled_or_was_solved_before(
-    client: Client, scene: Scene, times: Callable[[int, int], int]
+    planner: PlannerProcess, client: Client, scene: Scene, times: Callable[[int, int], int]
 ) -> None:
     """Moments are told by the search's own progress, which no clock has a say in."""
-    moments, statuses = random.Random(SEED), set()
+    solver, moments, statuses = planner.worker, random.Random(SEED), set()
     for _ in range(times(50, 200)):
         goal = client.send_goal(scene.complete_request())
         for _ in range(moments.randrange(4)):
@@ -130,6 +131,7 @@ def test_cancelled_at_random_moments_a_goal_ends_cancelled_or_was_solved_before(
         statuses.add(status)
     assert GoalStatus.STATUS_CANCELED in statuses
     assert client.plan(scene.complete_request()).status.code == Status.SOLVED
+    assert planner.worker == solver, "the solver had to be loaded again"
 
 
 def test_a_second_client_is_told_that_the_planner_is_busy(client: Client, scene: Scene) -> None:
@@ -170,6 +172,24 @@ def test_a_plan_that_is_ready_too_late_is_refused_as_such(client: Client, scene:
     assert (status, result.status.code) == (GoalStatus.STATUS_ABORTED, Status.TOO_LATE)
     assert "planning_allowance" in result.status.message
     set_parameter(client, "planning_allowance", PATIENCE)
+
+
+def test_a_request_is_answered_when_its_start_passes_whatever_its_solver_does(
+    planner: PlannerProcess, client: Client, scene: Scene
+) -> None:
+    """A process that is stopped stands for one in the midst of a long iteration."""
+    solver = planner.worker
+    allowance = 3.0
+    set_parameter(client, "planning_allowance", allowance)
+    goal = client.send_goal(long(scene))
+    if goal.progress.wait(allowance):
+        with suppress(LookupError):  # late already
+            os.kill(planner.plan, signal.SIGSTOP)
+    status, result = goal.result()
+    assert (status, result.status.code) == (GoalStatus.STATUS_ABORTED, Status.TOO_LATE)
+    set_parameter(client, "planning_allowance", PATIENCE)
+    assert client.plan(scene.complete_request()).status.code == Status.SOLVED
+    assert planner.worker == solver
 
 
 def test_a_solver_that_is_killed_in_a_plan_is_the_goals_result(

@@ -13,6 +13,7 @@ import pytest
 import test_node_action
 import test_node_lifecycle
 import test_node_odometry
+import test_node_publish_plan
 import test_node_refusals
 import test_node_time
 import test_planning_service
@@ -104,6 +105,10 @@ CASES = {
 ELSEWHERE: dict[Status, Callable[..., object]] = {
     Status.SOLVED: test_node_refusals.test_the_node_lives_on_and_answers_a_good_request,
     Status.NO_STATE: test_node_refusals.test_what_is_or_is_not_published_is_refused_with_its_cause,
+    Status.UNKNOWN_PLAN: (
+        test_node_publish_plan.test_a_plan_that_is_only_asked_for_goes_out_by_its_id
+    ),
+    Status.STATE_MOVED: test_node_publish_plan.test_a_plan_goes_out_only_from_where_it_begins,
     Status.NO_OBSTACLES: (
         test_node_refusals.test_what_is_or_is_not_published_is_refused_with_its_cause
     ),
@@ -160,11 +165,12 @@ def ask(client: Client, scene: Scene, case: Case) -> Any:
         return client.plan(request)
     name, meanwhile, normally = case.parameter
     manager = Manager(client)
-    assert manager.set(name, meanwhile).successful
+    manager.configure_with(name, meanwhile)
+    client.wait_for_planner()
     try:
         return client.plan(request)
     finally:
-        assert manager.set(name, normally).successful
+        manager.configure_with(name, normally)
 
 
 @pytest.mark.parametrize("status", CASES, ids=lambda status: status.name)
@@ -204,7 +210,7 @@ def test_what_comes_after_the_goal_is_what_the_request_says(
     manager = Manager(client)
     assert manager.set(NOT_AT_END, False).successful
     stopped, moving = rates_at_the_end("stop_joints")
-    assert manager.set(NOT_AT_END, True).successful
+    manager.configure_with(NOT_AT_END, True)
     assert len(stopped.joint_trajectory.points) > points
     assert moving <= np.finfo(np.float32).eps
     client.wait_until(

@@ -1,4 +1,4 @@
-"""The running node against the table of docs/interfaces.md, and its topics against its bag."""
+"""The running node against the table of docs/interfaces.md and the policy, and against its bag."""
 
 from __future__ import annotations
 
@@ -13,6 +13,17 @@ from rclpy.action.graph import get_action_server_names_and_types_by_node
 from rclpy.node import Node, NodeNameNonExistentError
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 from ros_processes import Client, connected_client, private_domain, read_bag, running_planner
+from security_policy import (
+    EXECUTE,
+    NODE,
+    PUBLISH,
+    RECORDER,
+    REPLY,
+    REQUEST,
+    SUBSCRIBE,
+    Rule,
+    profiles,
+)
 
 INTERFACES = Path(__file__).resolve().parents[1] / "docs" / "interfaces.md"
 ROW = re.compile(
@@ -72,6 +83,36 @@ def _interfaces(node: Node) -> set[Interface]:
     return found
 
 
+def _does(node: Node, name: str) -> set[Rule]:
+    """What a node in the root namespace does, as the graph tells it and a policy has it."""
+    found = {
+        Rule(EXECUTE, one) for one, _ in get_action_server_names_and_types_by_node(node, name, "/")
+    }
+    actions = tuple(f"{one.name}/_action/" for one in found)
+    for what, names_and_types in (
+        (PUBLISH, node.get_publisher_names_and_types_by_node),
+        (SUBSCRIBE, node.get_subscriber_names_and_types_by_node),
+        (REPLY, node.get_service_names_and_types_by_node),
+        (REQUEST, node.get_client_names_and_types_by_node),
+    ):
+        names = {one for one, _ in names_and_types(name, "/")}
+        # What makes an action is allowed with the action; events of it are topics like others.
+        found |= {
+            Rule(what, one)
+            for one in names
+            if not one.startswith(actions or ("-",)) or one.endswith("/_service_event")
+        }
+    return found
+
+
+def _allowed(name: str) -> set[Rule]:
+    """What the policy lets a node in the root namespace do."""
+    return {
+        rule._replace(name=f"/{rule.name.replace('~', name).lstrip('/')}")
+        for rule in profiles()[name]
+    }
+
+
 def _seen(client: Client, wanted: set[Interface]) -> set[Interface]:
     """Ask the graph until it tells all that is wanted, or time is up."""
     client.wait_for_planner()
@@ -115,6 +156,11 @@ def test_the_page_lists_every_interface_of_the_node_and_its_bag_has_every_topic(
     }
     other = "odometry" if source == "chaser_state" else "chaser_state"
     expected = {row for row in absolute if row.name not in inputs[other]}
+    not_here = inputs[other] | ({"/clock"} if simulated_time == "false" else set())
+    allowed = {
+        name: {rule for rule in _allowed(name) if rule.name not in not_here}
+        for name in (NODE, RECORDER)
+    }
     arguments = ("-p", f"state_source:={source}", "-p", f"use_sim_time:={simulated_time}")
     with (
         private_domain(),
@@ -123,8 +169,14 @@ def test_the_page_lists_every_interface_of_the_node_and_its_bag_has_every_topic(
     ):
         found = _seen(client, expected)
         topics = _topics(client)
+        give_up = time.monotonic() + DISCOVERY
+        while True:
+            does = {name: _does(client.node, name) for name in allowed}
+            if does == allowed or time.monotonic() > give_up:
+                break
         assert planner.stop() == 0
     assert found == expected
+    assert does == allowed, "run test/security_policy.py"
     recorded = set(read_bag(planner.bag))
     assert topics == recorded
     assert ("/clock" in recorded) == (simulated_time == "true")

@@ -106,6 +106,17 @@ def test_a_robot_that_cannot_be_loaded_leaves_it_unconfigured_and_can_be_set_rig
         in_use = manager.set("robot.tip_link", "finger")
         assert not in_use.successful
         assert "in use" in in_use.reason
+        tolerance = "planner.position_tolerance"
+        assert manager.set(tolerance, 5e-4).successful
+        loosened = manager.set(tolerance, 6e-4)
+        assert not loosened.successful
+        assert f"{tolerance} is 0.0006: it must be at most 0.0005 [m]" in loosened.reason
+        assert manager.change(DEACTIVATE, CLEANUP) == [True, True]
+        assert manager.set(tolerance, 6e-4).successful
+        elsewhere = manager.set("bag.directory", "/tmp")
+        assert not elsewhere.successful
+        assert "as the process was started" in elsewhere.reason
+        assert manager.change(CONFIGURE, ACTIVATE) == [True, True]
         client.wait_for_planner()
         request = Scene(resting_capture()).complete_request()
         assert client.plan(request).status.code == Status.SOLVED

@@ -81,7 +81,7 @@ def test_while_a_plan_is_made_every_state_is_taken_and_recorded(
     assert recorded[-len(expected) :] == expected
 
 
-def test_a_solver_that_dies_is_replaced_and_the_request_told(
+def test_a_solver_that_dies_before_it_begins_a_plan_is_replaced_and_costs_no_answer(
     tmp_path: Path,
 ) -> None:
     scene = Scene(resting_capture())
@@ -91,12 +91,8 @@ def test_a_solver_that_dies_is_replaced_and_the_request_told(
             worker = planner.worker
             answer = _ask_frozen(client, planner, scene.request())
             os.kill(worker, signal.SIGKILL)
-            response = answer()
-            assert response.status.code == Status.SOLVER_DIED
-            assert "exit code -9" in response.status.message
-            assert client.plan(scene.request()).status.code == Status.SOLVED
+            assert answer().status.code == Status.SOLVED
             assert planner.worker != worker
-            assert len(client.received["joint_trajectory"]) <= 1
         assert planner.stop() == 0
 
 

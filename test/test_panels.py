@@ -10,7 +10,13 @@ from drawn_plans import POINTS, drawn_plan
 from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.analysis.methods import MEASURED, PLANNED
-from ff_planner_ros.analysis.panels import CHASER_POSE, joint_angles, joint_rates, panels
+from ff_planner_ros.analysis.panels import (
+    CHASER_POSE,
+    joint_angles,
+    joint_rates,
+    joint_torques,
+    panels,
+)
 from ff_planner_ros.analysis.plots import clearance_plot, panel_plot
 from ff_planner_ros.arrays import frozen
 from ff_planner_ros.planning.plan import Trajectory
@@ -71,20 +77,53 @@ def test_a_plot_of_joints_shows_the_curves_and_keeps_the_limits_for_zooming_out(
     lines = [(line.yref, line.y0, line.y1) for line in figure.layout.shapes]
     limit = np.rad2deg(2.0)
     assert lines == [(f"y{k}", y, y) for k in range(2, 8) for y in (-limit, limit)]
-    low, high = figure.layout.yaxis2.range
-    rates = np.rad2deg(motion.joint_velocities[:, 1])
-    assert -limit < low < rates.min() < rates.max() < high < limit
-    assert figure.layout.yaxis.range is None
-    assert figure.layout.yaxis7.title.text == "joint_7 [deg/s]"
+    for k in range(7):
+        low, high = figure.layout["yaxis" + (str(k + 1) if k else "")].range
+        rates = np.rad2deg(motion.joint_velocities[:, k])
+        assert -limit < low < rates.min() < rates.max() < high < limit
+        assert np.ptp(rates) > 0.9 * (high - low)
+    said = [(note.text, note.yref) for note in figure.layout.annotations]
+    assert ("joint_7 [deg/s]", "y7 domain") in said
+    assert (f"limits ±{limit:.4g}", "y7 domain") in said
+    assert [words for words, _ in said].count(f"limits ±{limit:.4g}") == 6
+
+
+def test_torques_have_the_limits_of_the_urdf_and_a_measured_motion_has_none(lemur: Robot) -> None:
+    robot = replace(lemur, effort_limits=frozen([np.inf, *range(1, 7)]))
+    planned = drawn_plan(lemur, 1).trajectory
+    unknown = replace(planned, joint_torques=np.full(planned.joint_torques.shape, np.nan))
+    for k, panel in enumerate(panels(joint_torques(robot), {PLANNED: planned, MEASURED: unknown})):
+        assert panel.label == f"joint_{k + 1} [N m]"
+        assert list(panel.curves) == [PLANNED]
+        np.testing.assert_array_equal(panel.curves[PLANNED][1], planned.joint_torques[:, k])
+        assert panel.note == (f"limits ±{k}" if k else "")
 
 
 def test_a_plot_without_obstacles_says_so(lemur: Robot, lemur_capture: PlanningProblem) -> None:
     motions = {PLANNED: drawn_plan(lemur, 2).trajectory}
     free = clearance_plot(lemur, (), motions)
-    assert [note.text for note in free.layout.annotations] == ["no obstacles"]
+    assert "no obstacles" in [note.text for note in free.layout.annotations]
     assert not free.layout.shapes
     among = clearance_plot(lemur, lemur_capture.obstacles, motions)
     (inside,) = among.layout.shapes
     assert inside.y1 == 0.0
     bottom, top = among.layout.yaxis.range
     assert inside.y0 < bottom < 0.0 < top
+
+
+def test_the_least_clearance_is_a_point_of_its_curve_with_millimetres_time_and_obstacle(
+    lemur: Robot, lemur_capture: PlanningProblem
+) -> None:
+    motions = {
+        PLANNED: drawn_plan(lemur, 2).trajectory,
+        MEASURED: drawn_plan(lemur, 3).trajectory,
+    }
+    figure = clearance_plot(lemur, lemur_capture.obstacles, motions)
+    curves = [trace for trace in figure.data if trace.mode == "lines"]
+    marks = [trace for trace in figure.data if trace.mode == "markers"]
+    notes = [note for note in figure.layout.annotations if " mm to " in note.text]
+    for curve, mark, note in zip(curves, marks, notes, strict=True):
+        least = int(np.argmin(curve.y))
+        assert (mark.x[0], mark.y[0]) == (note.x, note.y) == (curve.x[least], curve.y[least])
+        assert note.text.startswith(f"{note.y:.1f} mm to c")
+        assert note.text.endswith(f" at {note.x:.2f} s")

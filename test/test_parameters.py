@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import re
 from array import array
 from collections.abc import Iterator
 from typing import Any
@@ -9,14 +11,20 @@ from typing import Any
 import pytest
 import rclpy
 import yaml
-from rcl_interfaces.msg import ParameterType
+from rcl_interfaces.msg import ParameterType, SetParametersResult
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from ros_processes import private_domain
 
 from ff_planner_ros.errors import InvalidInput
-from ff_planner_ros.parameters import NodeParameters
-from ff_planner_ros.ros.parameters import LiveParameters
+from ff_planner_ros.parameters import DECLARATIONS, NodeParameters, default_values
+from ff_planner_ros.ros.parameters import (
+    _AT_START,
+    _WHILE_CONFIGURED,
+    LiveParameters,
+    stricter_since,
+    value_of,
+)
 from ff_planner_ros.share import share_directory
 
 BUILT_IN = {"use_sim_time", "start_type_description_service"}
@@ -178,7 +186,7 @@ def test_a_change_that_makes_no_sense_is_refused_and_changes_nothing(
     assert live.current == before
 
 
-@pytest.mark.parametrize("name", ["robot.urdf", "bag.directory", "inertial_frame"])
+@pytest.mark.parametrize("name", ["robot.tip_link", "inertial_frame"])
 def test_what_is_in_use_changes_only_while_the_node_is_unconfigured(name: str) -> None:
     node = _node()
     live = LiveParameters(node)
@@ -190,6 +198,120 @@ def test_what_is_in_use_changes_only_while_the_node_is_unconfigured(name: str) -
     (taken,) = node.set_parameters([Parameter(name, value="other")])
     assert taken.successful
     assert node.get_parameter(name).value == "other"
+
+
+@pytest.mark.parametrize("name", ["robot.urdf", "bag.directory"])
+@pytest.mark.parametrize("allowed", [False, True])
+def test_paths_are_those_of_the_start_unless_a_parameter_at_the_start_says_otherwise(
+    name: str, allowed: bool
+) -> None:
+    node = _node(**{name.replace(".", "__"): "mine"}, allow_remote_paths=allowed)
+    live = LiveParameters(node)
+    for configured in (True, False):
+        live.configured = configured
+        (result,) = node.set_parameters([Parameter(name, value="/etc/passwd")])
+        assert result.successful == (allowed and not configured), result
+        if not result.successful:
+            assert name in result.reason
+            assert "'/etc/passwd'" in result.reason
+            assert "'mine'" in result.reason
+    (result,) = node.set_parameters([Parameter("allow_remote_paths", value=True)])
+    assert not result.successful, "whoever can set parameters cannot allow it"
+
+
+STRICT = {name: one.strictness for name, one in DECLARATIONS.items() if one.strictness}
+
+
+def test_every_tolerance_margin_and_limit_says_which_way_is_stricter() -> None:
+    named = re.compile(r"tolerance|margin|threshold|(^|[._])(max|limits?)[._]|allow_")
+    fixed = _WHILE_CONFIGURED + _AT_START
+    # What bounds the search alone decides whether there is a plan, never which one passes.
+    bounds_the_search = {"planner.max_iterations"}
+    expected = {n for n in DECLARATIONS if named.search(n) and not n.startswith(fixed)}
+    assert STRICT.keys() == expected - bounds_the_search
+
+
+def _other_values(name: str) -> tuple[Any, Any]:
+    """Return a looser and a stricter value than the default."""
+    default = default_values()[name]
+    if name == "limits.velocity":
+        return "none", None
+    if default is True:  # allow_nonzero_velocity_at_trajectory_end
+        return None, False
+    if name == "limits.chaser_attitude":
+        return None, 0.4
+    more, less = default * 1.5, default * 0.5
+    raised = name in ("planner.clearance_margin", "planner.singular_value_threshold")
+    return (less, more) if raised else (more, less)
+
+
+@pytest.mark.parametrize("name", STRICT)
+def test_while_the_node_is_configured_it_is_only_tightened(name: str) -> None:
+    node = _node()
+    live = LiveParameters(node)
+    default = default_values()[name]
+    looser, stricter = _other_values(name)
+
+    def set_to(value: Any) -> SetParametersResult:
+        (result,) = node.set_parameters([Parameter(name, value=value)])
+        assert value_of(live.current, name) == value or not result.successful
+        return result
+
+    live.configured = True
+    assert set_to(default).successful, "the same value loosens nothing"
+    for refused, than in ((looser, default), (default, stricter)):
+        if refused is None or than is None:
+            continue
+        if than is stricter:
+            assert set_to(stricter).successful
+        result = set_to(refused)
+        assert not result.successful
+        assert result.reason.startswith(f"{name} is {str(refused).lower()}: it must be ")
+        assert str(than).lower() in result.reason.partition(": ")[2]
+        assert value_of(live.current, name) == than
+    live.configured = False
+    for value in (looser, stricter, default):
+        assert value is None or set_to(value).successful
+
+
+def test_several_changes_at_once_are_refused_if_one_loosens() -> None:
+    node = _node()
+    live = LiveParameters(node)
+    live.configured = True
+    before = live.current
+    strict, loose = (
+        Parameter("planner.position_tolerance", value=5e-4),
+        Parameter("planner.orientation_tolerance", value=5e-3),
+    )
+    result = node.set_parameters_atomically([strict, loose])
+    assert not result.successful
+    assert "planner.orientation_tolerance is 0.005" in result.reason
+    assert live.current == before
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, -1.0])
+def test_a_number_that_is_none_loosens_nothing(value: float) -> None:
+    node = _node()
+    live = LiveParameters(node)
+    live.configured = True
+    for name in STRICT.keys() - {"limits.velocity"}:
+        if DECLARATIONS[name].kind is float and name not in (
+            "planner.clearance_margin",
+            "planner.singular_value_threshold",
+        ):
+            (result,) = node.set_parameters([Parameter(name, value=value)])
+            unlimited = name == "limits.chaser_attitude" and value == math.inf
+            assert result.successful == unlimited, (name, result)
+
+
+def test_it_is_known_which_rules_are_stricter_than_they_were() -> None:
+    node = _node()
+    live = LiveParameters(node)
+    before = live.current
+    changes = {"planner.clearance_margin": 0.01, "state_max_age": 1.0, "points": 40}
+    node.set_parameters([Parameter(name, value=value) for name, value in changes.items()])
+    assert stricter_since(before, live.current) == ["planner.clearance_margin"]
+    assert stricter_since(live.current, before) == ["state_max_age"]
 
 
 def test_parameters_of_ros_itself_may_change() -> None:

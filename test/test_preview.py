@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
+import time
 from dataclasses import replace
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
+from builtin_interfaces.msg import Time
 from drawn_plans import POINTS, drawn_plan
+from rclpy.lifecycle import LifecycleNode
 
 from ff_planner_ros.arrays import Array
+from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.plan import Plan
 from ff_planner_ros.robot.model import Robot
+from ff_planner_ros.ros.outputs import plan_output
+from ff_planner_ros.ros.outputs.plan_output import PlanOutput
 from ff_planner_ros.ros.outputs.preview import preview_joint_states
 
 DURATION = 10.0
@@ -60,3 +67,25 @@ def test_it_names_the_joints_and_claims_no_effort(lemur: Robot, plan: Plan) -> N
     for state in preview_joint_states(plan, rate=1.0):
         assert tuple(state.name) == lemur.joint_names
         assert len(state.effort) == 0
+
+
+def test_it_is_played_again_and_again_and_only_the_first_time_is_new(plan: Plan) -> None:
+    """A node would play it to whoever looks; the recorder needs it once."""
+    node = Mock(spec=LifecycleNode)
+    node.get_clock.return_value.now.return_value.to_msg.return_value = Time()
+    played = PlanOutput(node, Mock(), load_parameters())
+    states = node.create_lifecycle_publisher.return_value
+    for number in range(2):
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(plan_output, "plan_markers", Mock())
+            played.show(plan, ())
+        rate = load_parameters().rates.preview
+        states.publish.reset_mock()
+        for _ in preview_joint_states(plan, rate):
+            played._play_preview()
+            assert not played.is_repeated(time.time_ns()), number
+        for _ in range(5):
+            played._play_preview()
+            assert played.is_repeated(time.time_ns()), number
+        first, again = states.publish.call_args_list[0], states.publish.call_args_list[-5]
+        assert first.args[0].position == again.args[0].position

@@ -94,6 +94,22 @@ def test_what_has_arrived_when_it_is_closed_is_in_the_bag(tmp_path: Path, node: 
     assert _custom_data(tmp_path / "bag") == {"dropped": "0"}
 
 
+def test_what_nobody_wants_is_left_out_and_is_not_called_dropped(
+    tmp_path: Path, node: Node
+) -> None:
+    publisher = node.create_publisher(ChaserState, "chaser_state", 1000)
+    with closing(_recorder(tmp_path / "bag", STATE)) as recorder:
+        publisher.publish(_number(1))
+        recorder.split()
+        since_ns = time.time_ns()
+        recorder.leave_out("/chaser_state", lambda received_ns: since_ns <= received_ns < until_ns)
+        publisher.publish(_number(2))
+        until_ns = time.time_ns()
+        publisher.publish(_number(3))
+    assert _numbers(tmp_path / "bag") == [1, 3]
+    assert _custom_data(tmp_path / "bag") == {"dropped": "0"}
+
+
 def test_what_arrives_reaches_the_disk_without_being_asked_for(tmp_path: Path, node: Node) -> None:
     publisher = node.create_publisher(ChaserState, "chaser_state", 1000)
     with closing(_recorder(tmp_path / "bag", STATE, flush_interval=0.01)) as recorder:

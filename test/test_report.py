@@ -8,7 +8,6 @@ import json
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
 
@@ -16,8 +15,10 @@ import numpy as np
 import pytest
 import yaml
 from drawn_plans import paper_terms_at
+from ff_planner_msgs.msg import PublishedPlan
 from ff_planner_msgs.srv import PlanTrajectory
 from nav_msgs.msg import Odometry
+from read_page import Page, numbers
 from robots import CONFIG
 from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import JointState
@@ -26,7 +27,6 @@ from std_msgs.msg import Header
 
 from ff_planner_ros.analysis.plan_json import plan_dictionary, refusal_dictionary
 from ff_planner_ros.analysis.tracking import Deviations
-from ff_planner_ros.arrays import Array
 from ff_planner_ros.bag.encoding import encode
 from ff_planner_ros.bag.exchanges import GOAL_EVENTS, RESULT_EVENTS
 from ff_planner_ros.bag.provenance import PROVENANCE
@@ -61,10 +61,7 @@ EVIL = "<script>alert(1)</script><img src=x onerror='alert(2)'>\" & </td>"
 PARAMETERS: dict[str, Any] = yaml.safe_load((CONFIG / "planner.yaml").read_text())["/**"][
     "ros__parameters"
 ]
-PLOTS = (
-    *("scene", "end-effector", "chaser-pose", "chaser-velocity", "clearance"),
-    *("joint-angles", "joint-rates"),
-)
+PLOTS = (*("scene", "clearance", "joints", "end-effector", "chaser-pose", "chaser-velocity"),)
 
 
 REQUEST_RECEIVED, RESPONSE_SENT = 1, 2  # of service_msgs/ServiceEventInfo
@@ -77,7 +74,7 @@ class Run:
         self.bag = BagWriter(directory, flush_interval=0.0)
         self.problem, self._number, self._topics = problem, 0, set[str]()
         document = yaml.safe_dump({"/**": {"ros__parameters": PARAMETERS | parameters}})
-        self.bag.attach("robot.urdf", "application/xml", problem.robot.urdf.encode())
+        self.bag.attach("robot.urdf", "application/xml", problem.robot.drawn_urdf.encode())
         self.bag.attach("parameters.yaml", "application/yaml", document.encode())
 
     def put(self, topic: str, message: Any, time_ns: int) -> None:
@@ -94,10 +91,13 @@ class Run:
         response.obstacles_stamp = time_message(T0)
         return response
 
-    def service(self, response: PlanTrajectory.Response | None, asked_ns: int) -> None:
+    def service(
+        self, response: PlanTrajectory.Response | None, asked_ns: int, *, plan_only: bool = False
+    ) -> None:
         """A request, and half a second later its answer."""
         self._number += 1
         request = request_message(self.problem, FRAME)
+        request.plan_only = plan_only
         self._event("/plan_trajectory/_service_event", asked_ns, request=[request])
         if response is not None:
             answered_ns = asked_ns + SECOND // 2
@@ -170,71 +170,6 @@ def disturbed(motion: Trajectory) -> Trajectory:
         joint_positions=joints,
         joint_velocities=rates,
     )
-
-
-class Page(HTMLParser):
-    """What a page holds: rows of its tables, scripts, plots, and everything that it refers to."""
-
-    def __init__(self, text: str) -> None:
-        super().__init__()
-        self.rows: list[list[str]] = []
-        self.data: dict[str, Any] = {}
-        self.scripts: list[str] = []
-        self.plots: dict[str, str] = {}
-        self.referred: list[str] = []
-        self.tags: set[str] = set()
-        self.policy = self.words = ""
-        self._open: tuple[str, dict[str, str]] = ("", {})
-        self.feed(text)
-
-    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        found = {name: value or "" for name, value in attrs}
-        self._open = (tag, found)
-        self.tags.add(tag)
-        self.referred += [found[name] for name in ("src", "href", "data") if name in found]
-        assert not [name for name in found if name.startswith("on")]
-        if found.get("http-equiv") == "Content-Security-Policy":
-            self.policy = found["content"]
-        if tag == "tr":
-            self.rows.append([])
-        if tag in ("td", "th") and self.rows:
-            self.rows[-1].append("")
-        if found.get("class") == "plot":
-            self.plots[found["id"]] = found["data-figure"]
-
-    def handle_endtag(self, tag: str) -> None:
-        if tag == self._open[0]:
-            self._open = ("", {})
-
-    def handle_data(self, data: str) -> None:
-        tag, attributes = self._open
-        if tag == "script" and attributes.get("type") == "application/json":
-            assert "<" not in data
-            self.data[attributes["id"]] = json.loads(data)
-        elif tag == "script":
-            self.scripts.append(data)
-        elif tag != "style":
-            self.words += data
-            if self.rows and self.rows[-1]:
-                self.rows[-1][-1] += data
-
-    def row(self, start: str) -> list[str]:
-        """The first row whose first cell is this."""
-        return next(row for row in self.rows if row and row[0] == start)
-
-    def plot(self, name: str) -> dict[str, Any]:
-        return dict(self.data[self.plots[name]])
-
-    def curves(self, name: str, method: str) -> list[tuple[Array, Array]]:
-        traces = [trace for trace in self.plot(name)["data"] if trace["name"] == method]
-        return [(numbers(trace["x"]), numbers(trace["y"])) for trace in traces]
-
-
-def numbers(values: Any) -> Array:
-    """An array as plotly writes it: a list, or the bytes of one."""
-    if isinstance(values, dict):
-        return np.frombuffer(base64.b64decode(values["bdata"]), values["dtype"]).astype(float)
-    return np.array(values, float)
 
 
 def page_of(report: Report, directory: Path) -> Page:
@@ -337,19 +272,83 @@ def test_curves_are_the_plans_and_the_measured_states_own_numbers(
             for (time, values), wanted in zip(left, getattr(motion, of).T, strict=True):
                 np.testing.assert_allclose(time, motion.time, atol=1e-9)
                 np.testing.assert_allclose(values, wanted, atol=1e-12)
-    for name, of in (("joint-angles", "joint_positions"), ("joint-rates", "joint_velocities")):
-        for method, motion in (("planned", planned), ("measured", measured)):
-            curves = told.page.curves(f"plan-0-{name}", method)
-            for (_, values), wanted in zip(curves, getattr(motion, of).T, strict=True):
-                np.testing.assert_allclose(values, np.rad2deg(wanted), atol=1e-9)
+    for method, motion, kinds in (("planned", planned, 3), ("measured", measured, 2)):
+        curves = [values for _, values in told.page.curves("plan-0-joints", method)]
+        angles, rates, *torques = (curves[kind::kinds] for kind in range(kinds))
+        np.testing.assert_allclose(angles, np.rad2deg(motion.joint_positions.T), atol=1e-9)
+        np.testing.assert_allclose(rates, np.rad2deg(motion.joint_velocities.T), atol=1e-9)
+        if torques:
+            np.testing.assert_array_equal(torques[0], motion.joint_torques.T)
     x, y, z = (values for _, values in told.page.curves("plan-0-end-effector", "planned")[::2])
     np.testing.assert_array_equal(np.stack([x, y, z], axis=1), planned.ee_positions)
 
 
+def test_the_text_says_what_was_asked(told: Told) -> None:
+    """Start, target and obstacles of the scenario, in metres and degrees."""
+    facts = {row[0]: row[1] for row in told.page.rows if len(row) == 2}
+    assert facts["start, chaser"].startswith("[0.000, 0.000, 0.000] m")
+    start, target = facts["start, end effector"], facts["target, end effector"]
+    assert start == "[0.800, 0.400, 0.600] m, roll, pitch, yaw [-45.0, 55.0, -65.0] deg"
+    assert target == "[1.700, 0.400, 0.600] m, roll, pitch, yaw [-65.0, 80.0, -85.0] deg"
+    assert "0.900 m and 25.8 deg from the start" in told.page.words
+    assert "moving [0.02, 0, 0.05] m/s, turning [0, 2.865, 0.573] deg/s" in told.page.words
+    assert facts["obstacles"].startswith("3: c1, c2, c3")
+    obstacle = next(row for row in told.page.rows if row[0] == "c1" and len(row) == 7)
+    assert obstacle[1:4] == ["[1.200, 0.400, 0.540]", "0.2", "at rest"]
+
+
+def test_the_text_names_the_worst_joints_and_the_nearest_obstacle(
+    told: Told, lemur_plan: Plan
+) -> None:
+    motion, robot = lemur_plan.trajectory, told.report.requests[0].plan.robot
+    facts = {row[0]: row[1] for row in reversed(told.page.rows) if len(row) == 2}
+    upper, lower = robot.upper_position_limits, robot.lower_position_limits
+    margins = np.minimum(upper - motion.joint_positions, motion.joint_positions - lower)
+    _, joint = np.unravel_index(margins.argmin(), margins.shape)
+    words = f"joint_{joint + 1}, {np.rad2deg(margins.min()):.1f} deg from its limit, at "
+    assert facts["nearest to a joint limit"].startswith(words)
+    shares = np.abs(motion.joint_velocities) / robot.velocity_limits
+    words = f"joint_{shares.max(axis=0).argmax() + 1}, "
+    assert facts["fastest beside its limit"].startswith(words)
+    assert f"({100 * shares.max():.0f} % of its limit)" in facts["fastest beside its limit"]
+    peaks = lemur_plan.metrics.peak_joint_torques
+    words = f"joint_{np.argmax(peaks / robot.effort_limits) + 1}, "
+    assert facts["most torque beside its limit"].startswith(words)
+    least = re.fullmatch(
+        r"(.*) mm between the link from joint_4 to joint_5 and c2, at (.*) s; "
+        r"for certain never less than 1\.4 mm",
+        facts["least clearance"],
+    )
+    assert least is not None
+    ((time, values),) = told.page.curves("plan-5-clearance", "planned")
+    assert float(least[1]) == pytest.approx(values.min(), abs=0.05)
+    assert float(least[2]) == pytest.approx(time[values.argmin()], abs=0.005)
+
+
+def test_a_plan_has_one_clock_for_all_its_plots_and_times_in_the_text_set_it(told: Told) -> None:
+    clocks = [found for tag, found in told.page.elements if found.get("type") == "range"]
+    assert [clock["max"] for clock in clocks] == ["10.0"] * 3
+    times = [float(found["data-time"]) for _, found in told.page.elements if "data-time" in found]
+    assert len(times) > 3 * (4 + 3 * 7 + 3)
+    assert all(0.0 <= time <= 10.0 for time in times)
+    scene = told.page.plot("plan-0-scene")
+    assert [float(frame["name"]) for frame in scene["frames"]] == pytest.approx(
+        np.linspace(0.0, 10.0, 50), abs=0.005
+    )
+
+
+def test_a_narrow_screen_gets_every_cell_with_the_name_of_its_column(told: Told) -> None:
+    cells = [found["data-column"] for tag, found in told.page.elements if "data-column" in found]
+    assert {"plan id", "clearance [mm]", "largest torque", "least distance [mm]"} <= set(cells)
+    assert ("meta", "width=device-width") in [
+        (tag, found.get("content")) for tag, found in told.page.elements
+    ]
+
+
 def test_the_clearance_plot_ends_where_the_metric_says(told: Told, lemur_plan: Plan) -> None:
     ((_, values),) = told.page.curves("plan-0-clearance", "planned")
-    # The metric holds between the points, too.
-    assert 0.0 <= values.min() - lemur_plan.metrics.min_clearance < 1e-3
+    # The metric is what is certain.
+    assert 0.0 <= values.min() - 1e3 * lemur_plan.metrics.min_clearance < 1.0
 
 
 def test_the_scene_plays_planned_and_measured_arms(told: Told, lemur_plan: Plan) -> None:
@@ -361,9 +360,8 @@ def test_the_scene_plays_planned_and_measured_arms(told: Told, lemur_plan: Plan)
         "planned",
         "measured",
     }
-    assert [button["label"] for button in scene["layout"]["updatemenus"][0]["buttons"]] == [
-        *("▶", "❚❚"),
-    ]
+    # The slider of the page moves all plots.
+    assert "sliders" not in scene["layout"]
     end = paper_terms_at(lemur_plan, 49).r_ee
     arm = scene["frames"][-1]["data"][1]
     drawn = np.stack([numbers(arm[axis]) for axis in "xyz"], axis=1)
@@ -527,6 +525,29 @@ def test_a_plan_is_measured_until_the_next_one_takes_the_arm_over(
     assert first.plan.deviations.time[-1] == pytest.approx(4.0, abs=10 / 49)
     assert first.plan.deviations.time[-1] <= 4.0
     assert second.plan.deviations.time[-1] == pytest.approx(6.0, abs=1e-6)
+
+
+def test_a_plan_that_was_only_asked_for_is_measured_once_it_was_published(
+    lemur_capture: PlanningProblem, lemur_plan: Plan, tmp_path: Path
+) -> None:
+    """Of three plans the second waits for ever: the first one goes on meanwhile."""
+    run = Run(tmp_path / "run", lemur_capture)
+    with run.bag:
+        run.service(run.response(lemur_plan, "run.1", T0 + 5 * SECOND), T0)
+        run.service(run.response(lemur_plan, "run.2", T0 + 7 * SECOND), T0, plan_only=True)
+        run.service(run.response(lemur_plan, "run.3", T0 + 9 * SECOND), T0, plan_only=True)
+        run.put("/published_plan", PublishedPlan(plan_id="run.3"), T0 + SECOND)
+        run.states(lemur_plan.trajectory, T0 + 5 * SECOND)
+    first, second, third = (one.plan for one in report_of_bag(tmp_path / "run", 20).requests)
+    assert first is not None
+    assert second is not None
+    assert third is not None
+    assert first.deviations is not None
+    assert third.deviations is not None
+    assert first.deviations.time[-1] == pytest.approx(4.0, abs=10 / 49)
+    assert third.deviations.time[-1] == pytest.approx(6.0, abs=1e-6)
+    assert second.deviations is None
+    assert any("never published" in remark for remark in second.remarks)
 
 
 def test_states_from_odometry_and_joint_states_are_paired(
@@ -709,7 +730,7 @@ def test_json_that_is_no_answer_is_refused_with_file_and_field(
 @pytest.mark.parametrize("text", ["{", "", "\xff"])
 def test_what_is_no_json_is_refused(text: str, tmp_path: Path) -> None:
     (tmp_path / "answer.json").write_bytes(text.encode("latin-1"))
-    with pytest.raises(InvalidInput, match=r"answer\.json is no JSON"):
+    with pytest.raises(InvalidInput, match=r"answer\.json: it is not "):
         report_of_answer(tmp_path / "answer.json")
 
 

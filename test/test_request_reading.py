@@ -103,6 +103,19 @@ def test_a_start_time_that_is_over_or_far_ahead_is_refused(
         assert word in str(refusal.value)
 
 
+@pytest.mark.parametrize("field", ["start_time", "start_state", "obstacles"])
+@pytest.mark.parametrize("nanosec", [1_000_000_000, 2**32 - 1])
+def test_a_time_with_more_nanoseconds_than_a_second_is_refused(
+    lemur_capture: PlanningProblem, field: str, nanosec: int
+) -> None:
+    request = Scene(lemur_capture).complete_request()
+    part = getattr(request, field)
+    time = part if field == "start_time" else part.header.stamp
+    time.sec, time.nanosec = NOW // NANOSECONDS - 1, nanosec
+    with pytest.raises(InvalidInput, match=rf"{field}.*nanosec is {nanosec}: it must be less"):
+        asked(lemur_capture, request)
+
+
 def test_a_start_time_before_the_state_is_refused_and_the_allowance_waits_for_it(
     lemur_capture: PlanningProblem,
 ) -> None:
@@ -150,9 +163,9 @@ def test_the_joints_follow_the_last_plan_if_that_is_where_they_are(
 
 @pytest.mark.parametrize(
     ("asked_for", "parameter", "kept"),
-    [(0.0, 0.0, np.inf), (0.0, 0.3, 0.3), (0.2, 0.3, 0.2), (0.2, 0.0, 0.2), (np.inf, 0.3, np.inf)],
+    [(0.0, 0.0, np.inf), (0.0, 0.3, 0.3), (0.2, 0.3, 0.2), (0.3, 0.3, 0.3), (0.2, 0.0, 0.2)],
 )
-def test_the_requests_limit_of_the_attitude_goes_before_the_parameter(
+def test_a_request_may_ask_for_a_smaller_limit_of_the_attitude_than_the_parameters(
     lemur_capture: PlanningProblem, asked_for: float, parameter: float, kept: float
 ) -> None:
     request = Scene(lemur_capture).request()
@@ -161,13 +174,27 @@ def test_the_requests_limit_of_the_attitude_goes_before_the_parameter(
     assert asked(lemur_capture, request, limits=limits).task.problem.limits == Limits(True, kept)
 
 
-@pytest.mark.parametrize("value", [-0.1, np.nan])
-def test_a_limit_of_the_attitude_that_is_none_is_refused_by_name(
-    lemur_capture: PlanningProblem, value: float
+@pytest.mark.parametrize(
+    ("value", "parameter"), [(-0.1, 0.0), (np.nan, 0.0), (np.nan, 0.3), (0.301, 0.3), (np.inf, 0.3)]
+)
+def test_a_limit_of_the_attitude_that_is_none_or_more_than_the_parameters_is_refused_by_name(
+    lemur_capture: PlanningProblem, value: float, parameter: float
 ) -> None:
     request = Scene(lemur_capture).request()
     request.limit_chaser_attitude = value
-    with pytest.raises(InvalidInput, match=rf"limit_chaser_attitude is {value}"):
+    limits = LimitParameters("from_urdf", parameter)
+    with pytest.raises(InvalidInput, match=rf"limit_chaser_attitude is {value}") as refused:
+        asked(lemur_capture, request, limits=limits)
+    assert ("at most 0.3 rad" in refused.value.allowed) == (parameter == 0.3)
+
+
+@pytest.mark.parametrize("name", ["two\nlines", "\x1b[31m", "n" * 201])
+def test_a_name_of_who_asks_that_would_spoil_the_log_is_refused(
+    lemur_capture: PlanningProblem, name: str
+) -> None:
+    request = Scene(lemur_capture).request()
+    request.asked_by = name
+    with pytest.raises(InvalidInput, match=r"asked_by is .*at most 200 printable characters"):
         asked(lemur_capture, request)
 
 

@@ -13,13 +13,15 @@ import pinocchio as pin
 import plotly.graph_objects as go
 import pytest
 from drawn_plans import DURATION, POINTS, drawn_plan, paper_terms_at
+from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.analysis.methods import PAPERS_METHODS, SHORTEST, STEADIEST, Method
 from ff_planner_ros.analysis.scene import save_scene, scene_figure
+from ff_planner_ros.analysis.surroundings import near_arm
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.planning.motion import from_trajectory
 from ff_planner_ros.planning.plan import Plan
-from ff_planner_ros.planning.problem import PlanningProblem
+from ff_planner_ros.planning.problem import Orientation, PlanningProblem, Sphere
 from ff_planner_ros.robot.model import Robot
 
 
@@ -37,8 +39,7 @@ def scene(
     problem: PlanningProblem, plans: dict[Method, Plan], shown: Collection[Method]
 ) -> go.Figure:
     motions = {method: plan.trajectory for method, plan in plans.items()}
-    goal = problem.target.position
-    return scene_figure(problem.robot, problem.obstacles, goal, motions, shown)
+    return scene_figure(problem.robot, problem.obstacles, problem.target, motions, shown)
 
 
 def coordinates(trace: go.Scatter3d | go.Mesh3d) -> Array:
@@ -68,7 +69,7 @@ def drawn(figure: go.Figure, method: Method, what: str, point: int = 0) -> go.Sc
 def test_every_obstacle_is_a_closed_sphere_of_its_size_in_its_place(
     figure: go.Figure, lemur_capture: PlanningProblem
 ) -> None:
-    meshes = [trace for trace in figure.data if isinstance(trace, go.Mesh3d)]
+    meshes = [trace for trace in figure.data if trace.name == "obstacles"]
     for mesh, sphere in zip(meshes, lemur_capture.obstacles, strict=True):
         assert mesh.hovertemplate.startswith(f"{sphere.id}, ")
         corners = coordinates(mesh) - sphere.center
@@ -93,7 +94,7 @@ def test_the_slider_moves_a_moving_obstacle(
         center = first.center + point * DURATION / (POINTS - 1) * velocity
         away = np.linalg.norm(coordinates(mesh) - center, axis=1)
         np.testing.assert_allclose(away, first.radius)
-        (arm,) = lines(frame.data[frame.traces.index(len(problem.obstacles) + 2)])
+        (arm,) = lines(frame.data[frame.traces.index(len(problem.obstacles) + 3)])
         (expected,) = lines(drawn(figure, next(iter(plans)), "arm", point))
         np.testing.assert_array_equal(arm, expected)
 
@@ -173,16 +174,59 @@ def test_each_method_has_one_entry_in_the_legend_and_hides_as_a_whole(
     for method in plans:
         traces = [trace for trace in figure.data if trace.legendgroup == method.name]
         assert sum(trace.showlegend for trace in traces) == 1
-        assert len(traces) == 5
+        assert len(traces) == 7
         assert {trace.name for trace in traces} == {method.label}
-        assert {trace.line.color for trace in traces} == {method.colour}
+        lines_of = [t for t in traces if t.type == "scatter3d" and "axes" not in t.hovertemplate]
+        assert {trace.line.color for trace in lines_of} == {method.colour}
         visible = True if method is SHORTEST else "legendonly"
         assert {trace.visible for trace in traces} == {visible}
 
 
 def test_the_goal_is_marked(figure: go.Figure, lemur_capture: PlanningProblem) -> None:
-    (goal,) = (trace for trace in figure.data if trace.name == "goal")
-    np.testing.assert_array_equal(coordinates(goal), [lemur_capture.target.position])
+    goal, axes = (trace for trace in figure.data if trace.name == "goal")
+    target = lemur_capture.target
+    np.testing.assert_array_equal(coordinates(goal), [target.position])
+    ends = np.array([line[1] for line in lines(axes)]) - target.position
+    turn = Rotation.from_quat(target.quaternion_xyzw).as_matrix()
+    np.testing.assert_allclose(ends / np.linalg.norm(ends[0]), turn.T, atol=1e-12)
+    red, green, blue = "#e41a1c", "#4daf4a", "#377eb8"
+    assert list(axes.line.color) == [*[red] * 3, *[green] * 3, *[blue] * 3]
+
+
+def test_a_goal_of_any_orientation_has_no_axes(
+    lemur_capture: PlanningProblem, plans: dict[Method, Plan]
+) -> None:
+    free = replace(lemur_capture.target, orientation=Orientation.FREE)
+    figure = scene(replace(lemur_capture, target=free), plans, plans)
+    assert len([trace for trace in figure.data if trace.name == "goal"]) == 1
+
+
+def test_the_end_effector_s_axes_move_with_it(figure: go.Figure, plans: dict[Method, Plan]) -> None:
+    """They are lines from the end effector on, of one length, in the order x, y, z."""
+    for method, plan in plans.items():
+        for point in (0, 17, POINTS - 1):
+            axes = lines(drawn(figure, method, "end effector's axes", point))
+            (arm,) = lines(drawn(figure, method, "arm", point))
+            turn = Rotation.from_quat(plan.trajectory.ee_quaternions_xyzw[point]).as_matrix()
+            lengths = [np.linalg.norm(end - origin) for origin, end in axes]
+            np.testing.assert_allclose(lengths, lengths[0])
+            for (origin, end), wanted, length in zip(axes, turn.T, lengths, strict=True):
+                np.testing.assert_array_equal(origin, arm[-1])
+                np.testing.assert_allclose(end - origin, length * wanted, atol=1e-12)
+
+
+def test_obstacles_far_from_the_arm_and_more_than_a_browser_bears_are_left_out() -> None:
+    arm = np.array([[[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]]])
+    times = np.zeros(1)
+    spheres = [Sphere(f"s{k}", [-0.01 * k, 0.0, 1.0], 0.1) for k in range(150)]
+    assert near_arm(spheres[:100], times, arm) == spheres[:100]
+    assert near_arm(spheres, times, arm) == spheres[:100]
+    far = Sphere("far", [9.0, 0.0, 0.0], 0.1)
+    assert near_arm([far, spheres[0]], times, arm) == [spheres[0]]
+    coming = Sphere("coming", [9.0, 0.0, 0.0], 0.1, velocity=[-1.0, 0.0, 0.0])
+    both = np.array([0.0, 8.0]), np.concatenate([arm, arm])
+    assert near_arm([coming, far], *both) == [coming]
+    assert near_arm([], times, arm) == []
 
 
 def test_axes_have_one_scale_and_hold_everything_at_all_times(figure: go.Figure) -> None:
@@ -217,7 +261,7 @@ def test_without_obstacles_there_is_a_scene(
     lemur_capture: PlanningProblem, plans: dict[Method, Plan]
 ) -> None:
     figure = scene(replace(lemur_capture, obstacles=()), plans, plans)
-    assert not [trace for trace in figure.data if isinstance(trace, go.Mesh3d)]
+    assert not [trace for trace in figure.data if trace.name == "obstacles"]
 
 
 class Page(HTMLParser):
@@ -266,7 +310,7 @@ def test_the_page_loads_nothing_and_holds_the_library_and_every_trace(
     assert [trace["hovertemplate"] for trace in traces] == [
         trace.hovertemplate for trace in figure.data
     ]
-    obstacles = [trace for trace in traces if trace["type"] == "mesh3d"]
+    obstacles = [trace for trace in traces if trace["name"] == "obstacles"]
     assert len(obstacles) == len(lemur_capture.obstacles)
 
 

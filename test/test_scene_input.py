@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import pytest
 from ff_planner_msgs.msg import ObstacleSphere, ObstacleSphereArray
+from rclpy.serialization import serialize_message
 
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.ros.inputs.scene_input import SceneInput
 
 FRAME = "inertial"
+SECOND = 1_000_000_000
 
 
 def _array(*radii: float, source: str = "vision", sec: int = 12) -> ObstacleSphereArray:
@@ -45,6 +47,39 @@ def test_each_message_replaces_the_scene_and_keeps_its_stamp_and_source(
     scene_input.keep(_array(source="operator", sec=13))
     scene = scene_input.scene()
     assert (scene.spheres, scene.stamp_ns, scene.source) == ((), 13_000_000_000, "operator")
+
+
+@pytest.mark.parametrize("serialised", [False, True])
+def test_the_newest_stamp_counts_though_an_older_scene_comes_last(serialised: bool) -> None:
+    scene_input = SceneInput(FRAME, lambda: 100 * SECOND)
+    for sec in (13, 12, 14, 11):
+        message = _array(0.1, sec=sec)
+        scene_input.keep(serialize_message(message) if serialised else message)
+    assert scene_input.scene().stamp_ns == 14 * SECOND
+
+
+def test_a_stamp_that_is_left_out_or_ahead_of_now_counts_for_no_longer_than_until_the_next(
+    scene_input: SceneInput,
+) -> None:
+    scene_input = SceneInput(FRAME, lambda: 100 * SECOND)
+    for sec in (200, 50, 0, 40, 30):
+        scene_input.keep(_array(sec=sec))
+        assert scene_input.scene().stamp_ns == (sec if sec != 30 else 40) * SECOND
+
+
+def test_a_stamp_with_more_nanoseconds_than_a_second_is_refused(scene_input: SceneInput) -> None:
+    bad = _array(0.1)
+    bad.header.stamp.nanosec = 2_000_000_000
+    scene_input.keep(bad)
+    assert _refusal(scene_input).field == "obstacles.header.stamp.nanosec"
+
+
+def test_serialised_or_not_it_is_the_same_scene(scene_input: SceneInput) -> None:
+    scene_input.keep(serialize_message(_array(0.1, 0.2)))
+    scene = scene_input.scene()
+    assert [(sphere.id, sphere.radius) for sphere in scene.spheres] == [("c0", 0.1), ("c1", 0.2)]
+    assert (scene.stamp_ns, scene.source) == (12 * SECOND, "vision")
+    assert scene_input.scene() is scene, "it is read once"
 
 
 def test_a_requests_own_obstacles_go_before_those_heard_of_and_are_not_kept(

@@ -23,7 +23,7 @@ def test_the_settings_are_those_of_the_parameters_file() -> None:
 
 def test_every_setting_says_what_it_means() -> None:
     for item in fields(PlannerSettings):
-        assert set(item.metadata) == {"description", "minimum", "maximum", "unit"}
+        assert set(item.metadata) == {"description", "minimum", "maximum", "unit", "strictness"}
         assert len(item.metadata["description"]) > 5
 
 

@@ -93,6 +93,62 @@ def test_the_state_heard_last_is_the_snapshot(states: Fed, lemur_capture: Planni
     )
 
 
+@pytest.mark.parametrize("seed", range(20))
+def test_the_newest_stamp_counts_in_whatever_order_states_come(
+    states: Fed, lemur_capture: PlanningProblem, seed: int
+) -> None:
+    ages = [0.01 * age for age in range(40)]
+    random.Random(seed).shuffle(ages)
+    for number, age in enumerate(ages, 1):
+        states.keep["chaser_state"](_chaser_state(lemur_capture, NOW_NS - round(age * SECOND)))
+        assert states.ask().stamp_ns == NOW_NS - round(min(ages[:number]) * SECOND)
+
+
+@pytest.mark.parametrize("topic", ["odometry", "joint_states"])
+def test_the_newest_half_counts_though_an_older_one_comes_last(
+    testbed: Fed, lemur: Robot, topic: str
+) -> None:
+    for late_ns in (0, SECOND // 500):
+        if topic == "odometry" or not late_ns:
+            testbed.keep["odometry"](_odometry(NOW_NS - late_ns))
+        if topic == "joint_states" or not late_ns:
+            testbed.keep["joint_states"](_joints(lemur, NOW_NS - late_ns))
+    snapshot = testbed.ask()
+    assert (snapshot.stamp_ns, snapshot.joint_states_stamp_ns) == (NOW_NS, NOW_NS)
+
+
+def test_a_bad_state_that_comes_late_hides_nothing(
+    states: Fed, lemur_capture: PlanningProblem
+) -> None:
+    states.keep["chaser_state"](_chaser_state(lemur_capture))
+    late = _chaser_state(lemur_capture, NOW_NS - SECOND // 10)
+    late.pose.position.x = float("nan")
+    states.keep["chaser_state"](late)
+    assert states.ask().stamp_ns == NOW_NS
+
+
+def test_one_stamp_far_ahead_does_not_count_for_ever(
+    states: Fed, lemur_capture: PlanningProblem
+) -> None:
+    states.keep["chaser_state"](_chaser_state(lemur_capture, NOW_NS + 3600 * SECOND))
+    assert states.refusal().status is Status.STATE_IN_FUTURE
+    states.keep["chaser_state"](_chaser_state(lemur_capture, NOW_NS - SECOND // 10))
+    assert states.ask().stamp_ns == NOW_NS - SECOND // 10
+    assert states.ask(NOW_NS + SECOND // 10).stamp_ns == NOW_NS - SECOND // 10
+
+
+def test_a_stamp_with_more_nanoseconds_than_a_second_is_told_until_the_next_state(
+    states: Fed, lemur_capture: PlanningProblem
+) -> None:
+    states.keep["chaser_state"](_chaser_state(lemur_capture))
+    bad = _chaser_state(lemur_capture)
+    bad.header.stamp.nanosec = 1_000_000_000
+    states.keep["chaser_state"](bad)
+    assert states.refusal().field == "chaser_state.header.stamp.nanosec"
+    states.keep["chaser_state"](_chaser_state(lemur_capture))
+    assert states.ask().stamp_ns == NOW_NS
+
+
 def test_each_source_subscribes_to_its_own_topics(states: Fed, testbed: Fed) -> None:
     assert list(states.keep) == ["chaser_state"]
     assert list(testbed.keep) == ["odometry", "joint_states"]

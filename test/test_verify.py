@@ -125,8 +125,8 @@ def test_a_scenario_without_a_plan_ends_with_3(capsys: pytest.CaptureFixture[str
     ("name", "content", "message"),
     [
         ("notes.txt", b"", r"notes\.txt: it must be a scenario \(\.yaml\), an answer \(\.json\)"),
-        ("answer.json", b"{", r"answer\.json is no JSON"),
-        ("answer.json", b"\xff", r"answer\.json is no JSON"),
+        ("answer.json", b"{", r"answer\.json: it is not JSON"),
+        ("answer.json", b"\xff", r"answer\.json: it is not UTF-8"),
         ("answer.json", b"{}", r"answer\.json: status is missing"),
         ("run.mcap", b"text", r"run\.mcap is no MCAP file"),
         ("scenario.yaml", b"{}", "robot is missing"),

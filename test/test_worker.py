@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import os
+import random
 import signal
 import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import closing
 from dataclasses import replace
@@ -22,6 +24,7 @@ from ff_planner_ros.planning.problem import PlanningProblem, Target
 from ff_planner_ros.planning.settings import PlannerSettings
 from ff_planner_ros.planning.task import PlanningTask, perform
 from ff_planner_ros.planning.watch import Progress
+from ff_planner_ros.ros.requests import worker as module
 from ff_planner_ros.ros.requests.worker import Worker
 
 
@@ -36,6 +39,7 @@ def worker() -> Iterator[Worker]:
         yield worker
 
 
+SEED = 20260101
 LONG = 600.0  # [s] a budget that no plan uses up
 
 
@@ -51,7 +55,7 @@ def solve(
     check: Callable[[], None] = nothing,
     report: Callable[[Progress], None] = nothing,
 ) -> Plan:
-    return worker.solve(PlanningTask(problem, settings), budget, check, report)
+    return worker.solve(PlanningTask(problem, settings), budget, time.monotonic(), check, report)
 
 
 def server(worker: Worker) -> int:
@@ -137,9 +141,74 @@ def test_a_search_that_does_not_look_at_the_clock_is_ended_with_its_process(
     assert server(worker) == before, "only the plan's own process had to go"
 
 
-def test_a_server_that_hangs_is_replaced(
+def test_a_plan_that_is_no_longer_wanted_is_left_though_its_process_says_no_more(
     worker: Worker, lemur_capture: PlanningProblem, settings: PlannerSettings
 ) -> None:
+    before, frozen = server(worker), threading.Event()
+
+    def freeze(_: Progress) -> None:
+        os.kill(child(worker), signal.SIGSTOP)
+        frozen.set()
+
+    def late() -> None:
+        if frozen.is_set():
+            raise Unlucky
+
+    with pytest.raises(Unlucky):
+        solve(worker, lemur_capture, settings, check=late, report=freeze)
+    assert solve(worker, lemur_capture, settings).metrics.min_clearance >= 0.0
+    assert server(worker) == before, "only the plan's own process had to go"
+
+
+def test_the_budget_runs_from_when_it_is_told_to_have_begun(
+    worker: Worker, lemur_capture: PlanningProblem, settings: PlannerSettings
+) -> None:
+    task, over = PlanningTask(lemur_capture, settings), time.monotonic() - 2 * LONG
+    with pytest.raises(NoPlanFound) as end:
+        worker.solve(task, LONG, over, nothing, nothing)
+    assert end.value.status is Status.OUT_OF_TIME
+
+
+def test_given_up_at_any_moment_again_and_again_the_server_stays_and_the_next_plan_is_made(
+    worker: Worker,
+    lemur_capture: PlanningProblem,
+    settings: PlannerSettings,
+    times: Callable[[int, int], int],
+) -> None:
+    """Moments are numbers of looks at whether the plan is still wanted."""
+    solve(worker, lemur_capture, settings)
+    before, moments = server(worker), random.Random(SEED)
+    for _ in range(times(30, 300)):
+        looks = iter(range(moments.choice([0, 1, 2, 3, 5, 10])))
+
+        def look(looks: Iterator[int] = looks) -> None:
+            if next(looks, None) is None:
+                raise Unlucky
+
+        with pytest.raises(Unlucky):
+            solve(worker, lemur_capture, settings, check=look)
+    assert solve(worker, lemur_capture, settings).metrics.min_clearance >= 0.0
+    assert server(worker) == before
+
+
+def test_it_is_warm_once_it_has_loaded_and_again_after_a_death_while_idle(worker: Worker) -> None:
+    worker.wait_until_warm()
+    before = server(worker)
+    os.kill(before, signal.SIGKILL)
+    worker._server._process.wait()
+    assert not worker.is_warm  # which begins to load another
+    worker.wait_until_warm()
+    assert worker.is_warm
+    assert server(worker) != before
+
+
+def test_a_server_that_hangs_is_replaced(
+    worker: Worker,
+    lemur_capture: PlanningProblem,
+    settings: PlannerSettings,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(module, "_BEGINNING", 3.0)
     solve(worker, lemur_capture, settings)
     before = server(worker)
     os.kill(before, signal.SIGSTOP)
@@ -174,15 +243,14 @@ def test_a_server_that_is_killed_is_replaced_and_the_plan_is_not_lost(
     assert server(worker) != before
 
 
-def test_a_server_that_is_killed_between_two_plans_costs_one_answer(
+def test_a_server_that_is_killed_between_two_plans_is_replaced_before_the_next_plan(
     worker: Worker, lemur_capture: PlanningProblem, settings: PlannerSettings
 ) -> None:
     solve(worker, lemur_capture, settings)
-    os.kill(server(worker), signal.SIGKILL)
-    with pytest.raises(FfPlannerError, match="exit code -9") as death:
-        solve(worker, lemur_capture, settings)
-    assert death.value.status is Status.SOLVER_DIED
+    before = server(worker)
+    os.kill(before, signal.SIGKILL)
     assert solve(worker, lemur_capture, settings).metrics.min_clearance >= 0.0
+    assert server(worker) != before
 
 
 def test_a_plan_is_interrupted_from_another_thread(
@@ -243,7 +311,7 @@ def test_an_error_that_nobody_foresaw_is_internal_and_ends_nothing(
 
 def test_what_a_library_prints_does_not_garble_the_answers(worker: Worker) -> None:
     with pytest.raises(FfPlannerError, match="the planner failed"):
-        worker.solve(Loud(), LONG, nothing, nothing)  # type: ignore[arg-type]
+        worker.solve(Loud(), LONG, time.monotonic(), nothing, nothing)  # type: ignore[arg-type]
 
 
 def test_a_closed_worker_says_so(lemur_capture: PlanningProblem, settings: PlannerSettings) -> None:

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -17,14 +18,16 @@ from ff_planner_ros.analysis.panels import (
     END_EFFECTOR_POSE,
     Panel,
     Quantity,
-    clearance,
+    clearance_panel,
     joint_angles,
+    joint_rates,
+    joint_torques,
     panels,
 )
 from ff_planner_ros.analysis.scene import save_scene
 from ff_planner_ros.planning.plan import Plan, Trajectory
 from ff_planner_ros.planning.problem import PlanningProblem
-from ff_planner_ros.robot.model import Base, Robot
+from ff_planner_ros.robot.model import Base
 
 _FORBIDDEN = "0.85"  # light grey, beside which every method's colour stands out
 _LIMIT: dict[str, Any] = {"color": "0.35", "linewidth": 1.0, "linestyle": (0, (6, 3))}
@@ -56,7 +59,9 @@ def save_figures(
         "chaser_pose": two_column_figure(CHASER_POSE, motions),
         "chaser_velocity": two_column_figure(CHASER_VELOCITY, motions),
         "clearance": clearance_figure(problem, motions),
-        "joint_angles": joint_angle_figure(problem.robot, motions),
+        "joint_angles": joint_figure(joint_angles(problem.robot), motions),
+        "joint_rates": joint_figure(joint_rates(problem.robot), motions),
+        "joint_torques": joint_figure(joint_torques(problem.robot), motions),
     }
     if problem.robot.base is Base.PLANAR:
         figures["from_above"] = view_from_above(problem, motions)
@@ -83,31 +88,48 @@ def clearance_figure(problem: PlanningProblem, motions: Mapping[Method, Trajecto
     """Draw the distance of the arm's centre lines to the closest obstacle: Fig. 6 of the paper."""
     figure = Figure(figsize=(8.0, 4.8), layout="constrained")
     axes = figure.add_subplot()
-    _draw([axes], clearance(problem.robot, problem.obstacles), motions)
+    panel = clearance_panel(problem.robot, problem.obstacles, motions)
+    _draw_panel(axes, panel)
+    axes.set_xlabel("time [s]")
     if problem.obstacles:
         bottom, top = axes.get_ylim()
         bottom, top = min(bottom, -0.05 * top), max(top, -0.05 * bottom)
         axes.axhspan(bottom, 0.0, color=_FORBIDDEN, label="inside an obstacle", zorder=0)
         axes.axhline(0.0, color="black", linewidth=0.8)
         axes.set_ylim(bottom, top)
+        for mark in panel.marks:
+            axes.plot(mark.time, mark.value, "o", color=mark.method.colour)
+        # The curves are crowded where they are lowest: what is said of those points stands aside.
+        said = [f"{mark.method.label}: {mark.words}" for mark in panel.marks]
+        figure.supxlabel("at the least:  " + "\n".join(said), fontsize=9, x=0.02, ha="left")
     else:
         axes.text(0.5, 0.5, "no obstacles", transform=axes.transAxes, ha="center")
     return _with_legend(figure)
 
 
-def joint_angle_figure(robot: Robot, motions: Mapping[Method, Trajectory]) -> Figure:
-    """Draw every joint in a panel of its own, with its limits."""
-    rows = -(-robot.joints // 2)
+def joint_figure(quantity: Quantity, motions: Mapping[Method, Trajectory]) -> Figure:
+    """Draw a quantity of the joints, each in a panel of its own with its limits.
+
+    Limits that are far from what a joint does are out of sight, and noted above its panel.
+    """
+    rows = -(-len(quantity.labels) // 2)
     figure = Figure(figsize=(8.0, 1.0 + 1.5 * rows), layout="constrained")
     grid = figure.subplots(rows, 2, squeeze=False).ravel().tolist()
-    drawn, spare = grid[: robot.joints], grid[robot.joints :]
-    _draw(drawn, joint_angles(robot), motions)
-    for axes in drawn:
-        axes.set_xlabel("")
+    drawn, spare = grid[: len(quantity.labels)], grid[len(quantity.labels) :]
+    for axes, panel in zip(drawn, panels(quantity, motions), strict=True):
+        _draw_panel(axes, panel)
+        axes.set_ylim(*panel.span)
+        axes.set_title(panel.note, fontsize=8, loc="right", color=_LIMIT["color"], pad=2)
     for axes in spare:
         axes.set_visible(False)
     figure.supxlabel("time [s]", fontsize="medium")
-    return _with_legend(figure)
+    _with_legend(figure)
+    # Where everything goes is found once, and not anew for every file.
+    engine = figure.get_layout_engine()
+    if engine is not None:
+        engine.execute(figure)
+        figure.set_layout_engine("none")
+    return figure
 
 
 def _draw(grid: Sequence[Axes], quantity: Quantity, motions: Mapping[Method, Trajectory]) -> None:
@@ -121,7 +143,9 @@ def _draw_panel(axes: Axes, panel: Panel) -> None:
         style: dict[str, Any] = {"color": method.colour, "linestyle": method.dash, "linewidth": 1.8}
         axes.plot(*curve, label=method.label, **style)
     for number, level in enumerate(panel.levels):
-        axes.axhline(level, label="joint limits" if number == 0 else None, **_LIMIT)
+        if np.isfinite(level):
+            label = "joint limits" if number == 0 else None
+            axes.axhline(level, label=label, **_LIMIT)
     axes.set_ylabel(panel.label)
     axes.margins(x=0.0)
     axes.grid(visible=True, color="0.9")

@@ -9,10 +9,9 @@ from itertools import pairwise
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from ff_planner_ros.analysis.extremes import distances, nearest
 from ff_planner_ros.analysis.methods import Method
 from ff_planner_ros.arrays import Array
-from ff_planner_ros.planning.clearance import arm_points, clearances, segments
-from ff_planner_ros.planning.motion import from_trajectory
 from ff_planner_ros.planning.plan import Trajectory
 from ff_planner_ros.planning.problem import Sphere
 from ff_planner_ros.robot.model import Robot
@@ -34,6 +33,16 @@ class Quantity:
     levels: tuple[tuple[float, float], ...] = ()
 
 
+@dataclass(frozen=True)
+class Mark:
+    """A point of a curve that is marked, with words."""
+
+    method: Method
+    time: float  # [s]
+    value: float  # in the panel's unit
+    words: str
+
+
 @dataclass(frozen=True, eq=False)
 class Panel:
     """One number of several motions over time."""
@@ -42,7 +51,30 @@ class Panel:
     # Time and values, by method; each of shape (points,)
     curves: Mapping[Method, tuple[Array, Array]]
     levels: tuple[float, ...] = ()  # limits, if there are any
+    marks: tuple[Mark, ...] = ()
 
+    @property
+    def note(self) -> str:
+        """The limits in words: they are mostly far from the curves, and then out of sight."""
+        low, high = self.levels or (-np.inf, np.inf)
+        if not (np.isfinite(low) and np.isfinite(high)):
+            return ""
+        return f"limits ±{high:.4g}" if low == -high else f"limits {low:.4g} to {high:.4g}"
+
+    @property
+    def span(self) -> tuple[float, float]:
+        """Lowest and highest value of all curves, a little apart where they are the same."""
+        values = np.concatenate([values for _, values in self.curves.values()])
+        if not np.isfinite(values).any():
+            return -1.0, 1.0
+        low, high = float(np.nanmin(values)), float(np.nanmax(values))
+        margin = max(_MARGIN * (high - low), _FLAT)
+        return low - margin, high + margin
+
+
+# Of the height that the curves need, free above and below them. A curve that varies by less than
+# the second is drawn flat, so that rounding is not magnified.
+_MARGIN, _FLAT = 0.05, 1e-5
 
 _XYZ = ("x", "y", "z")
 _POSITION = tuple(f"{axis} [m]" for axis in _XYZ)
@@ -79,15 +111,23 @@ CHASER_VELOCITY = (  # Fig. 5
 )
 
 
-def clearance(robot: Robot, obstacles: Sequence[Sphere]) -> Quantity:
-    """Return the distance of the arm's centre lines to the closest obstacle, NaN without any."""
+def clearance_panel(
+    robot: Robot, obstacles: Sequence[Sphere], motions: Mapping[Method, Trajectory]
+) -> Panel:
+    """Return the distance of the arm's centre lines to the closest obstacle, the least marked.
 
-    def of(motion: Trajectory) -> Array:
+    It is known between the points of a plan, too; without obstacles there is none.
+    """
+    label, curves, marks = "distance to closest obstacle [mm]", {}, list[Mark]()
+    for method, motion in motions.items():
         if not obstacles:
-            return np.full((len(motion.time), 1), np.nan)
-        return closest_clearance(robot, obstacles, motion)[:, None]
-
-    return Quantity("clearance", ("distance to closest obstacle [m]",), of)
+            curves[method] = (motion.time, np.full(len(motion.time), np.nan))
+            continue
+        found = distances(robot, obstacles, motion)
+        curves[method] = (found.time, 1e3 * found.closest)
+        least = nearest(robot, obstacles, found)
+        marks.append(Mark(method, least.time, 1e3 * least.distance, least.words))
+    return Panel(label, curves, marks=tuple(marks))
 
 
 def joint_angles(robot: Robot) -> Quantity:
@@ -102,14 +142,21 @@ def joint_rates(robot: Robot) -> Quantity:
     return _of_joints(robot, "joint rates", "deg/s", "joint_velocities", -limits, limits)
 
 
+def joint_torques(robot: Robot) -> Quantity:
+    """Return every joint's torque with its limits."""
+    limits = robot.effort_limits
+    return _of_joints(robot, "joint torques", "N m", "joint_torques", -limits, limits)
+
+
 def _of_joints(
     robot: Robot, title: str, unit: str, field: str, lower: Array, upper: Array
 ) -> Quantity:
+    factor = float(np.rad2deg(1.0)) if unit.startswith("deg") else 1.0
     return Quantity(
         title,
         tuple(f"{name} [{unit}]" for name in robot.joint_names),
-        lambda motion: np.rad2deg(getattr(motion, field)),
-        levels=tuple(zip(*np.rad2deg([lower, upper]).tolist(), strict=True)),
+        lambda motion: factor * getattr(motion, field),
+        levels=tuple(zip(*(factor * np.array([lower, upper])).tolist(), strict=True)),
     )
 
 
@@ -119,28 +166,21 @@ def panels(quantity: Quantity, motions: Mapping[Method, Trajectory]) -> list[Pan
     if quantity.from_start:
         motions = _seen_from_start(motions[first], motions)
     values = {method: quantity.of(motion) for method, motion in motions.items()}
+    # What is not known of a motion at all, as a measured one's torques, is no curve.
+    values = {m: of for m, of in values.items() if m is first or not np.isnan(of).all()}
     if quantity.turns:
-        for method in others:
+        for method in [one for one in others if one in values]:
             time = motions[method].time[0]
             near = [np.interp(time, motions[first].time, angle) for angle in values[first].T]
             values[method] = values[method] - 360.0 * np.round((values[method][0] - near) / 360.0)
     return [
         Panel(
             label,
-            {m: (motion.time, values[m][:, k]) for m, motion in motions.items()},
+            {m: (motions[m].time, of[:, k]) for m, of in values.items()},
             quantity.levels[k] if quantity.levels else (),
         )
         for k, label in enumerate(quantity.labels)
     ]
-
-
-def closest_clearance(robot: Robot, obstacles: Sequence[Sphere], trajectory: Trajectory) -> Array:
-    """Return the distance of the arm's lines to the nearest sphere. Shape (points,) [m]."""
-    q, _ = from_trajectory(robot, trajectory)
-    positions = arm_points(robot, q)
-    distance = clearances(positions, trajectory.time, segments(positions), obstacles).distance
-    closest: Array = distance.min(axis=(1, 2))
-    return closest
 
 
 def _seen_from_start(

@@ -6,11 +6,11 @@ import math
 from dataclasses import asdict, astuple, dataclass, fields
 from typing import Any
 
-from ff_planner_ros.arrays import Array, finite_number, frozen
+from ff_planner_ros.arrays import Array, finite_number, finite_vector, frozen
 from ff_planner_ros.errors import FfPlannerError, InvalidInput, NoPlanFound, Status
 from ff_planner_ros.planning.metrics import Metrics
 from ff_planner_ros.planning.plan import Plan, SolverReport, Trajectory
-from ff_planner_ros.planning.problem import Objective, Sphere
+from ff_planner_ros.planning.problem import Objective, Orientation, Sphere, Target
 from ff_planner_ros.planning.sound_samples import require_sound_samples
 from ff_planner_ros.planning.task import PlanningTask
 from ff_planner_ros.robot.model import Base, Robot, robot_from_urdf_text
@@ -29,6 +29,8 @@ class PlanDocument:
     weights: tuple[float, float] | None
     # What was planned around; None: the dictionary does not tell
     obstacles: tuple[Sphere, ...] | None
+    # Where the end effector was to come; None: the dictionary does not tell
+    goal: Target | None
 
 
 def plan_dictionary(plan: Plan, task: PlanningTask, solve_time: float) -> dict[str, Any]:
@@ -38,8 +40,14 @@ def plan_dictionary(plan: Plan, task: PlanningTask, solve_time: float) -> dict[s
         "status": Status.SOLVED.name.lower(),
         "message": plan.solver.stop_reason,
         "digest": task.digest,
-        "robot": {name: getattr(problem.robot, name) for name in _ROBOT}
-        | {"base": problem.robot.base.value},
+        "robot": {
+            "urdf": problem.robot.drawn_urdf,
+            "base_link": problem.robot.base_link,
+            "tip_link": problem.robot.tip_link,
+            "base": problem.robot.base.value,
+        },
+        "target": _target(problem.target),
+        "duration": problem.duration,
         "objective": asdict(problem.objective),
         "obstacles": [
             {"id": sphere.id, "center": sphere.center.tolist(), "radius": sphere.radius}
@@ -99,7 +107,7 @@ def planned_motion(answer: object) -> tuple[Robot, Trajectory]:
 
 
 def plan_document(answer: object) -> PlanDocument:
-    """Read a plan's dictionary; objective and obstacles may be missing.
+    """Read a plan's dictionary; objective, obstacles and target may be missing.
 
     Raises:
         InvalidInput: It is no plan, lacks something, or its motion is none of its robot.
@@ -108,7 +116,8 @@ def plan_document(answer: object) -> PlanDocument:
     require_sound_samples(robot, trajectory)
     metrics, solver = _entry(answer, "metrics"), _entry(answer, "solver")
     found = {item.name: _entry(metrics, item.name, "metrics.") for item in fields(Metrics)}
-    peaks = tuple(_numbers("metrics.peak_joint_torques", found.pop("peak_joint_torques")).tolist())
+    peaks = _numbers("metrics.peak_joint_torques", found.pop("peak_joint_torques"))
+    peaks = finite_vector("metrics.peak_joint_torques", peaks, robot.joints)
     numbers = {name: _number(f"metrics.{name}", value) for name, value in found.items()}
     told = {item.name: _entry(solver, item.name, "solver.") for item in fields(SolverReport)}
     for name in ("starts", "iterations", "rollouts"):
@@ -120,11 +129,11 @@ def plan_document(answer: object) -> PlanDocument:
         trajectory=trajectory,
         xi=_numbers("xi", _entry(answer, "xi")),
         orientation_reading=str(_entry(answer, "orientation_reading")),
-        metrics=Metrics(peak_joint_torques=peaks, **numbers),
+        metrics=Metrics(peak_joint_torques=tuple(peaks.tolist()), **numbers),
         solver=SolverReport(**told),
     )
     solve_time = _number("solver.solve_time", _entry(solver, "solve_time", "solver."))
-    return PlanDocument(robot, plan, solve_time, *_asked_for(answer))
+    return PlanDocument(robot, plan, solve_time, *_asked_for(answer), _goal(answer))
 
 
 def _asked_for(answer: Any) -> tuple[tuple[float, float] | None, tuple[Sphere, ...] | None]:
@@ -133,20 +142,59 @@ def _asked_for(answer: Any) -> tuple[tuple[float, float] | None, tuple[Sphere, .
     try:
         return (
             None if objective is None else astuple(Objective(**objective)),
-            None if obstacles is None else tuple(Sphere(**sphere) for sphere in obstacles),
+            None if obstacles is None else tuple(_sphere(sphere) for sphere in obstacles),
         )
-    except TypeError:
+    except (TypeError, LookupError):
         allowed = "`ff-planner plan --json` writes them"
         raise InvalidInput(
             Status.WRONG_SIZE, "objective or obstacles", "something else", allowed
         ) from None
 
 
+def _sphere(sphere: Any) -> Sphere:
+    if not isinstance(sphere["id"], str):
+        raise InvalidInput(Status.WRONG_SIZE, "obstacles", sphere["id"], "an id must be text")
+    return Sphere(**sphere)
+
+
+def _target(target: Target) -> dict[str, Any]:
+    """Return a target as a scenario has it, at rest."""
+    told = {
+        "position": target.position.tolist(),
+        "quaternion_xyzw": target.quaternion_xyzw.tolist(),
+    }
+    if target.orientation is Orientation.FIXED:
+        return told
+    free_axis = target.free_axis_in_ee
+    about = {} if free_axis is None else {"free_axis": free_axis.tolist()}
+    return told | {"orientation": target.orientation.value} | about
+
+
+def _goal(answer: Any) -> Target | None:
+    target = answer.get("target")
+    if target is None:
+        return None
+    position, quaternion = (
+        _entry(target, name, "target.") for name in ("position", "quaternion_xyzw")
+    )
+    orientation = target.get("orientation", Orientation.FIXED)
+    if orientation not in tuple(Orientation):
+        allowed = f"it must be {', '.join(Orientation)}"
+        raise InvalidInput(Status.OUT_OF_RANGE, "target.orientation", repr(orientation), allowed)
+    free_axis = target.get("free_axis")
+    return Target(
+        _numbers("target.position", position),
+        _numbers("target.quaternion_xyzw", quaternion),
+        orientation=Orientation(orientation),
+        free_axis_in_ee=None if free_axis is None else finite_vector("free_axis", free_axis, 3),
+    )
+
+
 def _number(name: str, value: Any) -> float:
     """Return a number; null stands for infinity, which JSON does not know."""
     number = _numbers(name, math.inf if value is None else value)
-    if number.ndim:
-        raise InvalidInput(Status.WRONG_SIZE, name, "a list", "it must be one number")
+    if number.ndim or math.isnan(number):
+        raise InvalidInput(Status.WRONG_SIZE, name, value, "it must be one number, or null")
     return float(number)
 
 
@@ -160,7 +208,7 @@ def _entry(dictionary: object, name: str, prefix: str = "") -> Any:
 def _numbers(name: str, rows: Any) -> Array:
     try:
         return frozen(rows)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         allowed = "it must be numbers, as many in each row"
         raise InvalidInput(Status.WRONG_SIZE, name, "no array", allowed) from None
 

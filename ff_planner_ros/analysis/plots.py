@@ -1,4 +1,8 @@
-"""Plots over time for a browser, where a user can zoom and read single points."""
+"""Plots over time for a browser, where a user can zoom and read single points.
+
+They say what is in each panel, and the page that shows them where the panels go: as many beside
+each other as the screen is wide, which `meta` in the layout tells it.
+"""
 
 from __future__ import annotations
 
@@ -9,22 +13,35 @@ from typing import Any
 
 import numpy as np
 import plotly.graph_objects as go
-from plotly.subplots import make_subplots
 
 from ff_planner_ros.analysis.methods import Method
-from ff_planner_ros.analysis.panels import Panel, Quantity, clearance, panels
+from ff_planner_ros.analysis.panels import (
+    Mark,
+    Panel,
+    Quantity,
+    clearance_panel,
+    joint_angles,
+    joint_rates,
+    joint_torques,
+    panels,
+)
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.planning.plan import Trajectory
 from ff_planner_ros.planning.problem import Sphere
 from ff_planner_ros.robot.model import Robot
 
 _DASHES = {"solid": "solid", "dashed": "dash", "dotted": "dot", "dashdot": "dashdot"}
-_FORBIDDEN, _LIMIT = "#d9d9d9", "#595959"
-_AXIS: dict[str, Any] = {"gridcolor": "#e6e6e6", "zeroline": False, "linecolor": _LIMIT}
-# Heights on the screen [px].
-_ROW, _EDGES, _TITLE = 150, 110, 24
-# A curve that varies by less is drawn flat, so that rounding is not magnified.
-_FLAT = 1e-3
+_FORBIDDEN, _LIMIT, _TEXT = "#d9d9d9", "#595959", "#222222"
+_AXIS: dict[str, Any] = {
+    "gridcolor": "#e6e6e6",
+    "zeroline": False,
+    "linecolor": _LIMIT,
+    "tickfont": {"size": 11},
+}
+# Height of a panel without title and ticks [px], and how far the words of a mark are above it.
+_PANEL, _LIFT = 110, 24
+# A name that is longer would run into the limits beside it; names often differ at their ends only.
+_LONGEST, _LAST = 28, 14
 
 
 def two_column_plot(
@@ -33,15 +50,23 @@ def two_column_plot(
     """Draw two quantities side by side, a row for each of their numbers."""
     left, right = (panels(quantity, motions) for quantity in quantities)
     in_rows = [panel for pair in zip(left, right, strict=True) for panel in pair]
-    return panel_plot(in_rows, titles=[quantity.title for quantity in quantities])
+    return panel_plot(in_rows, 2, titles=[quantity.title for quantity in quantities])
+
+
+def joint_plot(robot: Robot, motions: Mapping[Method, Trajectory]) -> go.Figure:
+    """Draw a row for each joint: its angle, its rate and its torque."""
+    quantities = (joint_angles(robot), joint_rates(robot), joint_torques(robot))
+    of_joints = zip(*(panels(quantity, motions) for quantity in quantities), strict=True)
+    in_rows = [panel for of_joint in of_joints for panel in of_joint]
+    return panel_plot(in_rows, len(quantities), titles=[one.title for one in quantities])
 
 
 def clearance_plot(
     robot: Robot, obstacles: Sequence[Sphere], motions: Mapping[Method, Trajectory]
 ) -> go.Figure:
     """Draw the distance of the arm's centre lines to the closest obstacle: Fig. 6 of the paper."""
-    (panel,) = panels(clearance(robot, obstacles), motions)
-    figure = panel_plot([panel], columns=1, rows_high=2)
+    panel = clearance_panel(robot, obstacles, motions)
+    figure = panel_plot([panel], 1, rows_high=2)
     if not obstacles:
         figure.add_annotation(
             text="no obstacles", x=0.5, y=0.5, xref="paper", yref="paper", showarrow=False
@@ -54,58 +79,78 @@ def clearance_plot(
     )
     font = {"size": 11, "color": _LIMIT}
     figure.add_annotation(
-        text="inside an obstacle", x=1, y=0, xref="paper", yanchor="top", showarrow=False, font=font
+        text="inside an obstacle",
+        x=1,
+        y=0,
+        xref="x domain",
+        xanchor="right",
+        yanchor="top",
+        showarrow=False,
+        font=font,
     )
-    figure.update_yaxes(range=[1.2 * bottom, top + 0.05 * (top - bottom)])
+    # Room above the curves for what is said of their lowest points.
+    figure.update_yaxes(range=[1.2 * bottom, top + 0.3 * (top - bottom)])
     return figure
 
 
 def panel_plot(
     drawn: Sequence[Panel], columns: int = 2, titles: Sequence[str] = (), rows_high: int = 1
 ) -> go.Figure:
-    """Draw panels row by row, each as high as `rows_high` usual ones, with one legend for all."""
-    rows = -(-len(drawn) // columns)
-    figure = make_subplots(
-        rows,
-        columns,
-        shared_xaxes="columns",
-        column_titles=list(titles) or None,
-        horizontal_spacing=0.11,
-        vertical_spacing=min(0.05, 0.2 / rows),
-    )
-    curves = []
+    """Draw panels row by row, each as high as `rows_high` usual ones, with one legend for all.
+
+    Args:
+        titles: Of the columns.
+    """
+    curves: list[go.Scatter] = []
     # Everything at once: plotly checks the whole layout at every change.
-    layout: dict[str, Any] = {"shapes": []}
+    layout: dict[str, Any] = {"shapes": [], "annotations": []}
     for number, panel in enumerate(drawn):
         curves += [_curve(method, *curve, number) for method, curve in panel.curves.items()]
-        is_lowest = number + columns >= len(drawn)
-        layout[_axis("xaxis", number)] = _AXIS | (
-            {"title": {"text": "time [s]"}, "showticklabels": True} if is_lowest else {}
-        )
+        curves += [_point(mark, number) for mark in panel.marks]
+        layout[_axis("xaxis", number)] = _AXIS | {
+            "anchor": _axis("y", number),
+            "matches": "x" if number else None,
+            "range": _time_range(drawn),
+            "ticksuffix": " s",
+            "nticks": 8,
+        }
         layout[_axis("yaxis", number)] = _AXIS | {
-            "title": {"text": _plain(panel.label), "standoff": 4},
+            "anchor": _axis("x", number),
             "exponentformat": "e",
-            **_range_of(panel),
+            "nticks": 5 * rows_high,
+            "range": panel.span,
         }
         layout["shapes"] += _levels(panel, number)
-    figure.add_traces(curves)
-    figure.update_layout(
-        **layout,
-        height=_ROW * rows * rows_high + _EDGES,
-        margin={"l": 60, "r": 20, "t": 60, "b": 50},
-        legend={
-            "orientation": "h",
-            "x": 0.5,
-            "xanchor": "center",
-            "y": 1.0 + (_TITLE if titles else 0) / (_ROW * rows * rows_high),
-            "yanchor": "bottom",
+        layout["annotations"] += [
+            *_words_above(panel, number, titles[number] if number < len(titles) else ""),
+            *(_words_at(mark, number, k, panel) for k, mark in enumerate(panel.marks)),
+        ]
+    methods = {method for panel in drawn for method in panel.curves}
+    return go.Figure(
+        curves,
+        layout
+        | {
+            "margin": {"l": 56, "r": 12, "t": 0, "b": 0},
+            "showlegend": len(methods) > 1,
+            "legend": {"orientation": "h", "x": 0.5, "xanchor": "center", "y": 1, "yanchor": "top"},
+            "font": {"family": "system-ui, sans-serif", "size": 12, "color": _TEXT},
+            "plot_bgcolor": "#ffffff",
+            "paper_bgcolor": "#ffffff",
+            "hovermode": "x",
+            "template": "none",
+            "meta": {
+                "panels": len(drawn),
+                "columns": columns,
+                "headed": len(titles),
+                "height": _PANEL * rows_high,
+            },
         },
-        plot_bgcolor="#ffffff",
-        paper_bgcolor="#ffffff",
-        hovermode="x",
-        template="none",
     )
-    return figure
+
+
+def _time_range(drawn: Sequence[Panel]) -> list[float]:
+    times = np.concatenate([time for panel in drawn for time, _ in panel.curves.values()])
+    return [float(times.min()), float(times.max())]
 
 
 def _axis(kind: str, number: int) -> str:
@@ -128,6 +173,60 @@ def _curve(method: Method, time: Array, values: Array, number: int) -> go.Scatte
     )
 
 
+def _point(mark: Mark, number: int) -> go.Scatter:
+    return go.Scatter(
+        x=[mark.time],
+        y=[mark.value],
+        xaxis=_axis("x", number),
+        yaxis=_axis("y", number),
+        mode="markers",
+        name="least",
+        legendgroup=mark.method.name,
+        showlegend=False,
+        marker={"color": mark.method.colour, "size": 9, "line": {"color": "#ffffff", "width": 1}},
+        hoverinfo="skip",
+    )
+
+
+def _words_above(panel: Panel, number: int, title: str) -> list[dict[str, Any]]:
+    """Return what stands above a panel: its name, its limits, and the title of its column."""
+    above = {
+        "xref": f"{_axis('x', number)} domain",
+        "yref": f"{_axis('y', number)} domain",
+        "y": 1,
+        "yanchor": "bottom",
+        "showarrow": False,
+    }
+    left, right = above | {"x": 0, "xanchor": "left"}, above | {"x": 1, "xanchor": "right"}
+    font = {"size": 11, "color": _LIMIT}
+    words = [
+        left | {"text": _plain(panel.label)},
+        right | {"text": panel.note, "font": font},
+        left | {"text": f"<b>{html.escape(title)}</b>", "yshift": 20, "font": {"size": 13}},
+    ]
+    return [one for one, text in zip(words, (panel.label, panel.note, title), strict=True) if text]
+
+
+def _words_at(mark: Mark, number: int, place: int, panel: Panel) -> dict[str, Any]:
+    """Return what is said of a marked point, above it and towards the middle of the panel."""
+    last = max(float(time[-1]) for time, _ in panel.curves.values())
+    side = "left" if mark.time < last / 2 else "right"
+    return {
+        "text": html.escape(mark.words),
+        "xref": _axis("x", number),
+        "yref": _axis("y", number),
+        "x": mark.time,
+        "y": mark.value,
+        "ax": 14 if side == "left" else -14,
+        "ay": -_LIFT * (place + 1),
+        "xanchor": side,
+        "arrowcolor": mark.method.colour,
+        "arrowwidth": 1,
+        "bgcolor": "rgba(255, 255, 255, 0.85)",
+        "font": {"color": mark.method.colour},
+    }
+
+
 def _levels(panel: Panel, number: int) -> list[dict[str, Any]]:
     """Return a line across the panel for each limit."""
     return [
@@ -146,16 +245,9 @@ def _levels(panel: Panel, number: int) -> list[dict[str, Any]]:
     ]
 
 
-def _range_of(panel: Panel) -> dict[str, Any]:
-    """Return the range of a panel with limits: that of its curves; a double click shows all."""
-    if not np.isfinite(panel.levels).any():
-        return {}
-    values = np.concatenate([values for _, values in panel.curves.values()])
-    low, high = float(np.nanmin(values)), float(np.nanmax(values))
-    margin = max(0.05 * (high - low), _FLAT)
-    return {"range": [low - margin, high + margin]}
-
-
 def _plain(label: str) -> str:
     """Return a label as the browser's plots write it: escaped, with indices in tags of theirs."""
+    name, bracket, unit = label.rpartition(" [")
+    if len(name) > _LONGEST:
+        label = f"{name[: _LONGEST - _LAST - 1]}…{name[-_LAST:]}{bracket}{unit}"
     return re.sub(r"\$(\w)_(\w)\$", r"\1<sub>\2</sub>", html.escape(label)).replace("$", "")

@@ -6,13 +6,13 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+import pinocchio as pin
 from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.analysis.methods import DEVIATION
 from ff_planner_ros.analysis.panels import Panel
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.planning.joint_motion import joint_motion
-from ff_planner_ros.planning.motion import to_trajectory
 from ff_planner_ros.planning.plan import Trajectory
 from ff_planner_ros.planning.pose_motion import poses_between
 from ff_planner_ros.robot.configuration import configuration
@@ -35,8 +35,29 @@ class Deviations:
 
 def measured_motion(robot: Robot, time: Array, states: list[SystemState]) -> Trajectory:
     """Return states measured at `time`, shape (times,) [s], as a motion; its torques are NaN."""
-    q, v = (np.array(rows) for rows in zip(*(configuration(robot, s) for s in states), strict=True))
-    return to_trajectory(robot, time, q, v, np.full(v.shape, np.nan))
+    model, data, tip = robot.model, robot.model.createData(), robot.tip_frame_id
+    poses, twists = np.empty((len(states), 7)), np.empty((len(states), 6))
+    for k, state in enumerate(states):
+        pin.forwardKinematics(model, data, *configuration(robot, state))
+        poses[k] = pin.SE3ToXYZQUAT(pin.updateFramePlacement(model, data, tip))
+        twists[k] = pin.getFrameVelocity(model, data, tip, pin.LOCAL_WORLD_ALIGNED).vector
+    joint_positions = np.array([state.joint_positions for state in states])
+    not_known = np.full(joint_positions.shape, np.nan)
+    return Trajectory(
+        time=time,
+        joint_positions=joint_positions,
+        joint_velocities=np.array([state.joint_velocities for state in states]),
+        joint_accelerations=not_known,
+        joint_torques=not_known,
+        chaser_positions=np.array([s.position_chaser_in_inertial for s in states]),
+        chaser_quaternions_xyzw=np.array([s.quaternion_chaser_to_inertial_xyzw for s in states]),
+        chaser_linear_velocities=np.array([s.linear_velocity_chaser_in_inertial for s in states]),
+        chaser_angular_velocities=np.array([s.angular_velocity_chaser_in_inertial for s in states]),
+        ee_positions=poses[:, :3],
+        ee_quaternions_xyzw=poses[:, 3:],
+        ee_linear_velocities=twists[:, :3],
+        ee_angular_velocities=twists[:, 3:],
+    )
 
 
 def deviations(planned: Trajectory, measured: Trajectory) -> Deviations:

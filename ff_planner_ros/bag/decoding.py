@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import lru_cache
 from typing import Any
 
+from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 
 from ff_planner_ros.errors import BagError
@@ -18,7 +19,9 @@ ENCODINGS = ("ros2msg", "ros2idl")  # of definitions, in the words of MCAP
 _TYPE_NAME = re.compile(r"[A-Za-z]\w*/([a-z]+/)?[A-Za-z]\w*")  # it becomes the name of a class
 _IDL_HEADING = re.compile(r"={80}\nIDL: \S*\n")
 # Nothing is decoded by them, and rosbags reads each for milliseconds.
-_IDL_CONSTANTS = re.compile(r"module \w+_Constants \{\n.*?\n\s*\};\n", re.DOTALL)
+_IDL_CONSTANTS = re.compile(r"module \w+_Constants \{\n[^{}]*\};\n")
+_LONGEST = 64_000  # [bytes] of a definition that is read; ours have 23,000
+_MOST_FIELDS = 10_000  # of a message, those within fields counted; ours have 200
 
 
 def nanoseconds(stamp: Any) -> int:
@@ -36,6 +39,8 @@ def decoder(name: str, encoding: str, definition: bytes) -> Decoder:
     """
     if not _TYPE_NAME.fullmatch(name):
         raise BagError(f"{name!a} is no name of a message type")
+    if len(definition) > _LONGEST:
+        raise BagError(f"its definition is longer than {_LONGEST} bytes")
     text = definition.decode(errors="replace")
     try:
         if encoding == "ros2msg":
@@ -47,6 +52,7 @@ def decoder(name: str, encoding: str, definition: bytes) -> Decoder:
         else:
             known = " and ".join(ENCODINGS)
             raise BagError(f"its definition is in {encoding!a}; known are {known}")
+        _require_moderate(types)
         store = get_typestore(Stores.EMPTY)
         store.register(types)
         wanted = name if name in store.fielddefs else name.replace("/", "/msg/", 1)
@@ -63,6 +69,39 @@ def decoder(name: str, encoding: str, definition: bytes) -> Decoder:
             raise BagError(f"a message does not fit its definition: {error}") from None
 
     return decode
+
+
+def _require_moderate(types: Mapping[str, Any]) -> None:
+    """Refuse types that hold so much that a decoder of theirs would not come to an end.
+
+    Raises:
+        BagError: One does.
+        Exception: One holds itself, or one that is not there.
+    """
+    sizes: dict[str, int] = {}
+    for name in types:
+        if _size(types, name, sizes) > _MOST_FIELDS:
+            raise BagError(f"its definition holds more than {_MOST_FIELDS} fields")
+
+
+def _size(types: Mapping[str, Any], name: str, sizes: dict[str, int]) -> int:
+    """Return how many fields a type holds; an array of numbers, which is read at once, is one."""
+    if name not in sizes:
+        _, held = types[name]
+        sizes[name] = sum(_field_size(types, description, sizes) for _, description in held)
+    return sizes[name]
+
+
+def _field_size(types: Mapping[str, Any], description: Any, sizes: dict[str, int]) -> int:
+    node, what = description
+    if node == Nodetype.NAME:
+        return _size(types, what, sizes)
+    if node == Nodetype.BASE:
+        return 1
+    element, length = what
+    is_of_numbers = element[0] == Nodetype.BASE and element[1][0] not in ("string", "wstring")
+    times = length if node == Nodetype.ARRAY and not is_of_numbers else 1
+    return int(times) * _field_size(types, element, sizes)
 
 
 @lru_cache(maxsize=256)  # the events of a service and of its action hold the same types

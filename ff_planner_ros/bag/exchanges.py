@@ -36,6 +36,7 @@ class Exchange(Generic[Request, Response]):
     request: Request | None = None  # None where the bag holds the response alone
     response: Response | None = None  # None where the bag holds no response
     answered_ns: int = 0  # when the response went out, by the node's clock; zero without a response
+    answered_by: Message | None = None  # the event that holds the response; None without one
 
     @property
     def namespace(self) -> str:
@@ -72,7 +73,7 @@ def exchanges(
             if request is not None:
                 asked[key].append(Exchange(*at, stamp_ns, read_request(request)))
             elif (read := read_response(message, response)) is not None:
-                answered.append((key, Exchange(*at, response=read, answered_ns=stamp_ns)))
+                answered.append((key, Exchange(*at, 0, None, read, stamp_ns, message)))
     found = [_joined(asked[key], alone) for key, alone in answered]
     found += [exchange for waiting in asked.values() for exchange in waiting]
     return sorted(found, key=lambda exchange: exchange.logged_ns)
@@ -83,7 +84,7 @@ def _parts(message: Message, event: Any) -> Iterator[tuple[str, str, object, Any
     kind, topic = event.info.event_type, message.topic
     if message.type_name == SERVICE_EVENT:
         name = topic.removesuffix(SERVICE_EVENTS)
-        key = (name, bytes(event.info.client_gid), int(event.info.sequence_number))
+        key = (name, _bytes(event.info.client_gid), int(event.info.sequence_number))
         if kind == _REQUEST_RECEIVED:
             yield from ((SERVICE, name, key, request, None) for request in event.request)
         elif kind == _RESPONSE_SENT:
@@ -91,13 +92,25 @@ def _parts(message: Message, event: Any) -> Iterator[tuple[str, str, object, Any
     elif message.type_name == GOAL_EVENT and kind == _REQUEST_RECEIVED:
         name = topic.removesuffix(GOAL_EVENTS)
         for one in event.request:
-            yield ACTION, name, (name, bytes(one.goal_id.uuid)), one.goal, None
+            yield ACTION, name, (name, _bytes(one.goal_id.uuid)), one.goal, None
     elif message.type_name == RESULT_EVENT and kind == _RESPONSE_SENT:
         name = topic.removesuffix(RESULT_EVENTS)
-        goals = [bytes(one.goal_id.uuid) for one in event.request]
+        goals = [_bytes(one.goal_id.uuid) for one in event.request]
         for number, one in enumerate(event.response):
             goal = goals[number] if number < len(goals) else None
             yield ACTION, name, (name, goal), None, one.result
+
+
+def response_in(event: Any) -> Any:
+    """Return the response in a decoded event that holds one; an action's is the result."""
+    response = event.response[0]
+    return getattr(response, "result", response)
+
+
+def _bytes(values: Any) -> bytes:
+    if isinstance(values, int):  # by another definition; `bytes` would make so many zeros of it
+        raise TypeError("an identity is one number")
+    return bytes(values)
 
 
 def _joined(
@@ -106,4 +119,9 @@ def _joined(
     """Return a response with its request; alone where the bag does not hold the request."""
     if not waiting:
         return alone
-    return replace(waiting.popleft(), response=alone.response, answered_ns=alone.answered_ns)
+    return replace(
+        waiting.popleft(),
+        response=alone.response,
+        answered_ns=alone.answered_ns,
+        answered_by=alone.answered_by,
+    )

@@ -30,11 +30,8 @@ def export_csv(bag: Path, directory: Path) -> Sequence[str]:
     plans, notes = _plans(bag)
     with _written(directory):
         directory.mkdir(parents=True)
-        rows = [_answer(plan) for plan in plans]
-        names = list(dict.fromkeys(name for row in rows for name in row))
-        _write(
-            directory / f"{ANSWERS}.csv", names, [[row.get(n, "") for n in names] for row in rows]
-        )
+        rows = [plan.row() for plan in plans]
+        _write(directory / f"{ANSWERS}.csv", list(rows[0]), [list(row.values()) for row in rows])
         for name, plan in _named(plans):
             columns = plan.columns()
             values = np.column_stack(list(columns.values())).tolist()
@@ -94,19 +91,6 @@ def _named(plans: Sequence[RecordedPlan]) -> Iterator[tuple[str, RecordedPlan]]:
                 name, number = f"{stem}_{number}", number + 1
             taken.add(name.lower())
             yield name, plan
-
-
-def _answer(plan: RecordedPlan) -> dict[str, Any]:
-    row: dict[str, Any] = {
-        name: getattr(plan, name)
-        for name in ("plan_id", "topic", "answered_ns", "status", "message", "start_ns")
-    }
-    for name, value in plan.metrics.items():
-        if isinstance(value, tuple):
-            row |= {f"{name}_{number}": one for number, one in enumerate(value, 1)}
-        else:
-            row[name] = value
-    return row
 
 
 def _write(file: Path, names: Sequence[str], rows: Sequence[Sequence[Any]]) -> None:

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
-
-import yaml
 
 from ff_planner_ros.bag.mcap_file import McapFile
 from ff_planner_ros.bag.mcap_index import open_mcap
-from ff_planner_ros.bag.mcap_records import unreadable
+from ff_planner_ros.bag.mcap_records import printable, unreadable
 from ff_planner_ros.bag.progress_bar import progress_bar
-from ff_planner_ros.errors import BagError
+from ff_planner_ros.errors import BagError, InvalidInput
+from ff_planner_ros.planning.yaml_file import read_yaml
+from ff_planner_ros.shown import shown
+from ff_planner_ros.text_file import not_a_file
 
 _COMPRESSED = "compressed by rosbag2: `ros2 bag convert` it to plain mcap first"
 _FOREIGN = {
@@ -22,6 +23,9 @@ _FOREIGN = {
     ".bag": "is of ROS 1: convert it to a ROS 2 bag of the storage mcap first",
 }
 _DIGITS = re.compile(r"(\d+)")
+_NUMBER = re.compile(r"_\d+$")  # behind the name of a bag, of each of its files
+_MOST_NAMES = 10  # of files, in a message
+_MOST_LOOKED_INTO = 1000  # directories, where bags are looked for
 
 
 @contextmanager
@@ -40,13 +44,16 @@ def open_files(path: Path) -> Iterator[tuple[list[McapFile], list[str]]]:
         with progress_bar("reading", sum(map(_size, paths))) as progress:
             for one in paths:
                 try:
+                    if reason := not_a_file(one):
+                        raise BagError(f"bag {one}: {reason}")
                     files.append(open_mcap(one, stack.enter_context(one.open("rb")), progress))
-                except OSError as error:
+                except (OSError, ValueError) as error:  # a character that no path can have
                     refusals.append(unreadable(one, error))
                 except BagError as error:
                     refusals.append(error)
         if not files:
             raise refusals[0]
+        _note_several(files)
         yield files, [*notes, *map(str, refusals)]
 
 
@@ -68,10 +75,40 @@ def _mcap_files(path: Path) -> tuple[list[Path], list[str]]:
     foreign = [file for file in found if file.suffix in _FOREIGN]
     if not files and foreign:
         raise BagError(f"bag {path}: {foreign[0].name} {_FOREIGN[foreign[0].suffix]}")
+    if not files and (bags := _bags_in(found)):
+        kind = "a bag" if len(bags) == 1 else f"{len(bags)} bags"
+        raise BagError(f"{path} is a directory with {kind}, {_some(bags)}: name a bag itself")
     if not files:
-        names = ", ".join(file.name for file in found) or "nothing"
-        raise BagError(f"bag {path} must hold .mcap files; found: {names}")
+        raise BagError(f"bag {path} must hold .mcap files; found: {_some(found) or 'nothing'}")
     return files, _missing(path, files)
+
+
+def _bags_in(found: list[Path]) -> list[Path]:
+    """Return the directories that hold bags, of whatever storage."""
+    suffixes = {".mcap", *_FOREIGN}
+    directories = [one for one in found if one.is_dir()][:_MOST_LOOKED_INTO]
+    bags = []
+    for directory in directories:
+        with suppress(OSError):
+            if any(file.suffix in suffixes for file in directory.iterdir()):
+                bags.append(directory)
+    return bags
+
+
+def _note_several(files: list[McapFile]) -> None:
+    """Note where the files have names of several bags; nothing is lost by that."""
+    stems = dict.fromkeys(_NUMBER.sub("", file.path.stem) for file in files)
+    if len(stems) > 1:
+        names = _some([Path(stem) for stem in stems])
+        files[0].note(
+            f"by their names it and those beside it are files of {len(stems)} bags, {names}: they "
+            "are read as one"
+        )
+
+
+def _some(paths: list[Path]) -> str:
+    more = f" and {len(paths) - _MOST_NAMES} more" if len(paths) > _MOST_NAMES else ""
+    return ", ".join(printable(path.name) for path in paths[:_MOST_NAMES]) + more
 
 
 def _natural(file: Path) -> list[tuple[int, str]]:
@@ -85,14 +122,16 @@ def _missing(directory: Path, files: list[Path]) -> list[str]:
     """Return a note for each file that the bag's metadata lists and that is not there."""
     path = directory / "metadata.yaml"
     try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))["rosbag2_bagfile_information"]
-        listed = [Path(str(name)).name for name in content["relative_file_paths"]]
+        content = read_yaml(path)["rosbag2_bagfile_information"]
+        listed = [Path(shown(name)).name for name in content["relative_file_paths"]]
         compression = str(content.get("compression_mode", "")).lower()
-    except (OSError, ValueError, yaml.YAMLError, LookupError, TypeError, AttributeError):
+    except (InvalidInput, ValueError, LookupError, TypeError, AttributeError):
         return []  # the files hold all that matters
     if compression == "message":
         raise BagError(f"bag {directory} holds messages that are {_COMPRESSED}")
     there = {file.name for file in files}
-    return [
-        f"metadata.yaml lists {name}, which is not there" for name in listed if name not in there
-    ]
+    missing = [name for name in dict.fromkeys(listed) if name not in there]
+    names = [printable(name) for name in missing[:_MOST_NAMES]]
+    if len(missing) > len(names):
+        names.append(f"{len(missing) - len(names)} more")
+    return [f"metadata.yaml lists {name}, which is not there" for name in names]

@@ -1,15 +1,17 @@
-"""What is in a bag, on one screen."""
+"""What is in a bag, as lines for a screen and as a document for programs."""
 
 from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
+from typing import Any
 
 from ff_planner_ros.bag.decoding import NANOSECONDS
+from ff_planner_ros.bag.exchanges import Exchange
 from ff_planner_ros.bag.mcap_records import printable
-from ff_planner_ros.bag.plans import planning_exchanges
+from ff_planner_ros.bag.plans import RecordedPlan, planning_exchanges
 from ff_planner_ros.bag.reader import Bag, open_bag
 from ff_planner_ros.bag.rosbag2_metadata import ROSBAG2, custom_data
 
@@ -23,37 +25,54 @@ def info(path: Path) -> Iterator[str]:
     Raises:
         BagError: Nothing of the bag can be read.
     """
+    yield from _lines(bag_document(path))
+
+
+def bag_document(path: Path) -> dict[str, Any]:
+    """Return what is in a bag, for JSON: all of it in the order in which the files hold it.
+
+    Every chunk is read, so that all damage is known.
+
+    Raises:
+        BagError: Nothing of the bag can be read.
+    """
     with open_bag(path) as bag:
-        yield from _extent(bag)
-        yield from _topics(bag)
-        yield from _requests(bag)
-        yield from _documents(bag)
-        for note in bag.notes:
-            yield f"note: {printable(note)}"
+        damaged = bag.damaged_blocks()
+        requests = _requests(bag)
+        return {
+            "bag": str(bag.path),
+            "files": [file.name for file in bag.files],
+            "size_bytes": bag.size,
+            "library": bag.library,
+            "start_ns": bag.start_ns,
+            "end_ns": bag.end_ns,
+            "duration_s": (bag.end_ns - bag.start_ns) / NANOSECONDS,
+            "message_count": bag.message_count,
+            "topics": [
+                {"name": one.name, "type": one.type_name, "message_count": one.message_count}
+                for one in bag.topics.values()
+            ],
+            **requests,
+            "attached": {name: len(data) for name, data in bag.attachments.items()},
+            "records": {
+                name: custom_data(record) if name == ROSBAG2 else dict(record)
+                for name, record in bag.metadata.items()
+            },
+            "damaged": [
+                {
+                    "file": file,
+                    "what": "chunk" if block.is_chunk else "message",
+                    "offset": block.offset,
+                    "length": block.length,
+                }
+                for file, block in damaged
+            ],
+            "notes": list(bag.notes),
+        }
 
 
-def _extent(bag: Bag) -> Iterator[str]:
-    yield f"bag       {bag.path}"
-    names = ", ".join(file.name for file in bag.files[:3])
-    more = f" and {len(bag.files) - 3} more" if len(bag.files) > 3 else ""
-    yield f"files     {len(bag.files)}, {bag.size / 1e6:.1f} MB: {_short(names + more)}"
-    yield f"library   {_short(bag.library)}"
-    if bag.message_count:
-        duration = (bag.end_ns - bag.start_ns) * 1e-9
-        yield f"recorded  {_utc(bag.start_ns)} to {_utc(bag.end_ns)}, {duration:.3f} s"
-    yield f"messages  {bag.message_count}"
-
-
-def _topics(bag: Bag) -> Iterator[str]:
-    yield "topics"
-    topics = sorted(bag.topics.values(), key=lambda topic: topic.name)
-    width = max((len(topic.name) for topic in topics), default=0)
-    for topic in topics:
-        name, type_name = _short(topic.name), _short(topic.type_name)
-        yield f"  {topic.message_count:9}  {name:{width}}  {type_name}"
-
-
-def _requests(bag: Bag) -> Iterator[str]:
+def _requests(bag: Bag) -> dict[str, Any]:
+    """Return the requests with their answers, and how many there are of each status."""
     found = planning_exchanges(bag)
     namespaces = sorted({exchange.namespace for exchange in found})
     if len(namespaces) > 1:
@@ -61,32 +80,68 @@ def _requests(bag: Bag) -> Iterator[str]:
             f"it is of {len(namespaces)} planners, {', '.join(namespaces)}: the robot.urdf "
             "attached is of one of them"
         )
-    answered = [(one.name, one.response) for one in found if one.response is not None]
+    answered = [(one, one.response) for one in found if one.response is not None]
     answered.sort(key=lambda pair: pair[1].answered_ns)
     counts = Counter(plan.status for _, plan in answered)
     # Some recorders do not say which request a response belongs to.
     unanswered = sum(one.request is not None for one in found) - len(answered)
     if unanswered > 0:
         counts["no answer"] = unanswered
-    listed = ", ".join(f"{count} {status}" for status, count in counts.most_common())
-    yield f"requests  {counts.total()}{': ' if listed else ''}{listed}"
-    for name, plan in answered[:_MOST_REQUESTS]:
-        seconds = (plan.answered_ns - bag.start_ns) * 1e-9
-        plan_id, message = _short(plan.plan_id), _short(plan.message)
-        yield f"  {seconds:9.3f} s  {_short(name)}  {plan.status}  {plan_id}  {message}"
-    if len(answered) > _MOST_REQUESTS:
-        yield f"  ... and {len(answered) - _MOST_REQUESTS} more: ff-planner export has them all"
+    return {
+        "request_count": counts.total(),
+        "requests_by_status": dict(counts.most_common()),
+        "answers": [_answer(bag, one, plan) for one, plan in answered],
+    }
 
 
-def _documents(bag: Bag) -> Iterator[str]:
-    names = (f"{name} ({len(data)} bytes)" for name, data in bag.attachments.items())
-    yield f"attached  {_short(', '.join(names)) or 'nothing'}"
-    for name, record in bag.metadata.items():
-        content = custom_data(record) if name == ROSBAG2 else record
-        if content:
+def _answer(bag: Bag, exchange: Exchange[Any, RecordedPlan], plan: RecordedPlan) -> dict[str, Any]:
+    return {
+        "name": exchange.name,
+        "plan_id": plan.plan_id,
+        "answered_ns": plan.answered_ns,
+        "answered_after_s": (plan.answered_ns - bag.start_ns) / NANOSECONDS,
+        "status": plan.status,
+        "message": plan.message,
+    }
+
+
+def _lines(told: Mapping[str, Any]) -> Iterator[str]:
+    yield f"bag       {printable(told['bag'])}"
+    names = told["files"]
+    more = f" and {len(names) - 3} more" if len(names) > 3 else ""
+    listed = _short(", ".join(names[:3]) + more)
+    yield f"files     {len(names)}, {told['size_bytes'] / 1e6:.1f} MB: {listed}"
+    yield f"library   {_short(told['library'])}"
+    if told["message_count"]:
+        start, end = _utc(told["start_ns"]), _utc(told["end_ns"])
+        yield f"recorded  {start} to {end}, {told['duration_s']:.3f} s"
+    yield f"messages  {told['message_count']}"
+    yield "topics"
+    width = max((len(topic["name"]) for topic in told["topics"]), default=0)
+    for topic in told["topics"]:
+        name, type_name = _short(topic["name"]), _short(topic["type"])
+        yield f"  {topic['message_count']:9}  {name:{width}}  {type_name}"
+    yield from _request_lines(told)
+    documents = (f"{name} ({length} bytes)" for name, length in told["attached"].items())
+    yield f"attached  {_short(', '.join(documents)) or 'nothing'}"
+    for name, record in told["records"].items():
+        if record:
             yield _short(name)
-            for key, value in content.items():
+            for key, value in record.items():
                 yield f"  {_short(key):16}  {_short(value)}"
+    for note in told["notes"]:
+        yield f"note: {printable(note)}"
+
+
+def _request_lines(told: Mapping[str, Any]) -> Iterator[str]:
+    counts, answers = told["requests_by_status"], told["answers"]
+    listed = ", ".join(f"{count} {status}" for status, count in counts.items())
+    yield f"requests  {told['request_count']}{': ' if listed else ''}{listed}"
+    for one in answers[:_MOST_REQUESTS]:
+        words = "  ".join(_short(one[key]) for key in ("name", "status", "plan_id", "message"))
+        yield f"  {one['answered_after_s']:9.3f} s  {words}"
+    if len(answers) > _MOST_REQUESTS:
+        yield f"  ... and {len(answers) - _MOST_REQUESTS} more: ff-planner export has them all"
 
 
 def _utc(time_ns: int) -> str:

@@ -2,21 +2,37 @@
 
 from __future__ import annotations
 
+import os
 import struct
 from collections import Counter
-from collections.abc import Container, Iterator
+from collections.abc import Callable, Container, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import BinaryIO, NamedTuple
 
 from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Metadata, Schema
-from mcap.stream_reader import get_chunk_data_stream
 
 from ff_planner_ros.bag.decoding import Decoder, decoder
-from ff_planner_ros.bag.mcap_records import FRAME, chunk_of, in_words, parsed, printable, unreadable
+from ff_planner_ros.bag.mcap_records import (
+    FRAME,
+    LARGEST,
+    chunk_of,
+    in_words,
+    parsed,
+    printable,
+    records_in,
+    unreadable,
+)
 from ff_planner_ros.errors import BagError
 
+# Of a chunk: more of them would be nearly empty, and take more memory than the chunk.
+_MOST_RECORDS = 500_000
+# Of a file beside one for each of its bytes: however well messages are compressed, the time of each
+# takes a byte. A few kilobytes must not keep us busy for minutes.
+_RECORDS_FOR_NOTHING = 1_000_000
+_MOST_CHANNELS = 4_000  # of a file: more topics than any system of robots has
+_MOST_NOTES = 100  # on a file: what is damaged everywhere need not be told everywhere
 _MESSAGE = struct.Struct("<HIQQ")  # channel, sequence number, log time, publish time
 
 
@@ -57,24 +73,38 @@ class McapFile:
     end_ns: int | None = None  # latest log time; None without messages
     attachments: list[Attachment] = field(default_factory=list)  # in the order of the file
     metadata: list[Metadata] = field(default_factory=list)  # in the order of the file
+    documents_size: int = 0  # of attachments and metadata [bytes]
     # Blocks that cannot be read, the one that is cut at the end included
     damaged: list[Block] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)  # what is wrong with the file
     is_lossy: bool = False  # whether something that is or was in it cannot be read
+    _read: set[Block] = field(default_factory=set)  # the blocks that were read
+    _records_read: int = 0  # in them
+    _left_out: set[Block] = field(default_factory=set)  # the same as `damaged`
     _decoders: dict[int, Decoder | BagError] = field(default_factory=dict)
 
-    def messages(self, block: Block, wanted: Container[int] | None) -> list[RawMessage]:
+    def messages(
+        self,
+        block: Block,
+        wanted: Container[int] | None,
+        only: Callable[[bytes], bool] | None = None,
+    ) -> list[RawMessage]:
         """Read the wanted channels (None: all) of a block; a damaged block gives a note only.
+
+        Of their messages those whose bytes `only` accepts (None: all).
 
         Raises:
             BagError: The disk fails.
         """
         try:
             records = self._records(block)
+            heads = self.heads(records, is_new=block not in self._read)
+            self._read.add(block)
             return [
                 RawMessage(channel, log_time, publish_time, records[start:end])
-                for channel, log_time, publish_time, start, end in self.heads(records)
+                for channel, log_time, publish_time, start, end in heads
                 if wanted is None or channel in wanted
+                if only is None or only(records[start:end])
             ]
         except OSError as error:
             raise unreadable(self.path, error) from None
@@ -82,17 +112,25 @@ class McapFile:
             self.leave_out(block, f"is damaged: {in_words(error)}")
             return []
 
-    def heads(self, records: bytes) -> Iterator[tuple[int, int, int, int, int]]:
+    def heads(
+        self, records: bytes, is_new: bool = True
+    ) -> Iterator[tuple[int, int, int, int, int]]:
         """Yield channel, log time, publish time, start and end of every message among records.
 
-        Channels and schemas among them are taken up.
+        Channels and schemas among them are taken up. Those that were not read before, `is_new`,
+        count among the records of the file.
 
         Raises:
             Exception: They are damaged; whatever the library trips over.
         """
-        position, end = 0, len(records)
+        position, end, count = 0, len(records), 0
         known = self.channels
+        most = min(_MOST_RECORDS, _RECORDS_FOR_NOTHING + self.size - self._records_read * is_new)
         while position < end:
+            count += 1
+            self._records_read += is_new
+            if count > most:
+                raise ValueError("there are more records in it than recorders write")
             opcode, length = FRAME.unpack_from(records, position)
             start, position = position + FRAME.size, position + FRAME.size + length
             if position > end:
@@ -118,7 +156,9 @@ class McapFile:
             self.schemas.setdefault(schema.id, schema)
             return
         channel: Channel = parsed(Channel, body)
-        if channel.schema_id not in (0, *self.schemas):
+        if len(self.channels) >= _MOST_CHANNELS and channel.id not in self.channels:
+            raise ValueError(f"there are more than {_MOST_CHANNELS} channels")
+        if channel.schema_id and channel.schema_id not in self.schemas:
             raise ValueError(f"schema {channel.schema_id} of a channel is described nowhere")
         self.channels.setdefault(channel.id, channel)
 
@@ -147,21 +187,27 @@ class McapFile:
         """Return bytes of the file.
 
         Raises:
-            ValueError: The file does not have them.
+            ValueError: The file does not have them, or they are more than a record may have.
         """
+        if length > LARGEST:
+            raise ValueError(f"it is larger than {LARGEST >> 20} MiB")
         if offset + length <= self.size:
-            self.stream.seek(offset)
-            data = self.stream.read(length)
+            data = os.pread(self.stream.fileno(), length, offset)
             if len(data) == length:
                 return data
         raise ValueError("the file ends before")
 
     def leave_out(self, block: Block, reason: str) -> None:
         """Note that a block is not read."""
-        if block not in self.damaged:
+        if block not in self._left_out:
+            self._left_out.add(block)
             self.damaged.append(block)
             kind = "chunk" if block.is_chunk else "message"
             self.lose(f"the {kind} at byte {block.offset} {reason}")
+
+    def is_left_out(self, block: Block) -> bool:
+        """Tell whether a block was found to be damaged."""
+        return block in self._left_out
 
     def lose(self, text: str) -> None:
         """Note that something cannot be read."""
@@ -170,9 +216,13 @@ class McapFile:
 
     def note(self, text: str) -> None:
         """Note what is wrong, once."""
+        if len(self.notes) >= _MOST_NOTES:
+            return
         note = printable(f"{self.path.name}: {text}")
         if note not in self.notes:
             self.notes.append(note)
+            if len(self.notes) == _MOST_NOTES:
+                self.notes.append(f"{self.path.name}: there are more faults like these")
 
     def _records(self, block: Block) -> bytes:
         """Return the records in a block; a chunk's are decompressed and their checksum holds."""
@@ -180,5 +230,4 @@ class McapFile:
         if not block.is_chunk:
             return data
         chunk, _ = chunk_of(data)
-        stream, length = get_chunk_data_stream(chunk, validate_crc=True)
-        return stream.read(length)
+        return records_in(chunk)

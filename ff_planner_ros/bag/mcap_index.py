@@ -8,6 +8,7 @@ import struct
 import zlib
 from collections import Counter
 from collections.abc import Callable
+from itertools import pairwise
 from pathlib import Path
 from typing import BinaryIO
 
@@ -26,6 +27,7 @@ from ff_planner_ros.bag.mcap_file import Block, McapFile
 from ff_planner_ros.bag.mcap_records import (
     COMPRESSION_AT,
     FRAME,
+    LARGEST,
     chunk_of,
     in_words,
     parsed,
@@ -57,7 +59,7 @@ def open_mcap(path: Path, stream: BinaryIO, progress: Progress) -> McapFile:
     """
     try:
         size = os.fstat(stream.fileno()).st_size
-        if stream.read(len(MAGIC)) != MAGIC:
+        if os.pread(stream.fileno(), len(MAGIC), 0) != MAGIC:
             raise BagError(f"bag {path} {'is empty' if size == 0 else 'is no MCAP file'}")
         file = McapFile(path, stream, size)
         try:
@@ -106,6 +108,7 @@ def _by_index(file: McapFile) -> None:
 def _take_summary(file: McapFile, summary: bytes) -> Statistics:
     statistics: Statistics | None = None
     position = 0
+    documents: list[tuple[int, int]] = []  # offset and opcode of attachments and metadata
     while position < len(summary):
         opcode, length = FRAME.unpack_from(summary, position)
         body = summary[position + FRAME.size : position + FRAME.size + length]
@@ -118,13 +121,45 @@ def _take_summary(file: McapFile, summary: bytes) -> Statistics:
             case Opcode.CHUNK_INDEX:
                 file.blocks.append(_indexed_block(parsed(ChunkIndex, body)))
             case Opcode.ATTACHMENT_INDEX:
-                _take_attachment(file, _body_at(file, parsed(AttachmentIndex, body).offset))
+                documents.append((parsed(AttachmentIndex, body).offset, Opcode.ATTACHMENT))
             case Opcode.METADATA_INDEX:
-                offset = parsed(MetadataIndex, body).offset
-                file.metadata.append(parsed(Metadata, _body_at(file, offset)))
+                documents.append((parsed(MetadataIndex, body).offset, Opcode.METADATA))
     if statistics is None:
         raise _NoIndex("its index has no statistics")
+    _take_documents(file, documents)
     return statistics
+
+
+def _take_documents(file: McapFile, documents: list[tuple[int, int]]) -> None:
+    """Read attachments and metadata at the places that the index names.
+
+    Raises:
+        Exception: There are others, or a place is named twice: few bytes would become many.
+    """
+    places = [(block.offset, block.length) for block in file.blocks]
+    for offset, opcode in documents:
+        found, length = FRAME.unpack(file.bytes_at(offset, FRAME.size))
+        if found != opcode:
+            raise ValueError(f"at byte {offset} is another record than it says")
+        places.append((offset, FRAME.size + length))
+    places.sort()
+    for (offset, length), (following, _) in pairwise(places):
+        if offset + length > following:
+            raise ValueError(f"it names byte {following} more than once")
+    for offset, opcode in documents:
+        _take_document(file, opcode, offset)
+
+
+def _take_document(file: McapFile, opcode: int, offset: int) -> None:
+    """Read an attachment or metadata; all together must fit the memory."""
+    body = _body_at(file, offset)
+    file.documents_size += len(body)
+    if file.documents_size > LARGEST:
+        file.lose(f"the documents are larger than {LARGEST >> 20} MiB: one of them is left out")
+    elif opcode == Opcode.ATTACHMENT:
+        _take_attachment(file, body)
+    else:
+        file.metadata.append(parsed(Metadata, body))
 
 
 def _indexed_block(index: ChunkIndex) -> Block:
@@ -181,13 +216,22 @@ def _by_reading(file: McapFile, progress: Progress) -> None:
 
 def _next_chunk(file: McapFile, start: int) -> int:
     """Return where the next whole chunk that is compressed begins; the size, if there is none."""
-    for position in range(start, file.size, _WINDOW):
+    position = start - _WINDOW
+    while (position := _next_data(file, position + _WINDOW)) < file.size:
         window = file.bytes_at(position, min(_WINDOW + _OVERLAP, file.size - position))
         for match in _COMPRESSION.finditer(window):
             offset = position + match.start() - COMPRESSION_AT
             if offset >= start and _is_chunk(file, offset):
                 return offset
     return file.size
+
+
+def _next_data(file: McapFile, position: int) -> int:
+    """Return where the file goes on behind a hole, which reads as zeros and may be terabytes."""
+    try:
+        return os.lseek(file.stream.fileno(), position, os.SEEK_DATA)
+    except OSError:  # there is none
+        return file.size
 
 
 def _is_chunk(file: McapFile, offset: int) -> bool:
@@ -210,10 +254,8 @@ def _take_record(file: McapFile, opcode: int, block: Block) -> None:
                 _take_header(file, _body_at(file, block.offset))
             case Opcode.SCHEMA | Opcode.CHANNEL:
                 file.describe(opcode, _body_at(file, block.offset))
-            case Opcode.ATTACHMENT:
-                _take_attachment(file, _body_at(file, block.offset))
-            case Opcode.METADATA:
-                file.metadata.append(parsed(Metadata, _body_at(file, block.offset)))
+            case Opcode.ATTACHMENT | Opcode.METADATA:
+                _take_document(file, opcode, block.offset)
     except (BagError, OSError):
         raise
     except Exception as error:  # as in the index

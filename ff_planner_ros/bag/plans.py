@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ff_planner_ros.arrays import Array
+from ff_planner_ros.bag.answers import Cell, answer_row, asked_in, solver_in
 from ff_planner_ros.bag.decoding import NANOSECONDS, nanoseconds
 from ff_planner_ros.bag.exchanges import Exchange, exchanges
 from ff_planner_ros.bag.reader import Bag, Message, open_bag
@@ -47,26 +48,38 @@ class RecordedPlan:
     status: str  # its name (`SOLVED`), or its number where a later version gave it
     message: str  # why
     start_ns: int  # of the plan, since the epoch; zero without a plan
-    joint_names: tuple[str, ...]  # in the order of the trajectory's columns
+    # In the order of the trajectory's columns; of a refusal: as in the plan before, or else after
+    joint_names: tuple[str, ...]
     trajectory: Trajectory | None  # in the inertial frame, NaN where an old bag lacks it
     # Of the plan, or of the best attempt if there was any; names as in `PlanMetrics.msg`
     metrics: Mapping[str, float | tuple[float, ...]]
+    # What was asked for, and how the solver went, by column of the table of answers
+    asked: Mapping[str, Cell] = field(default_factory=dict)  # empty: the bag lacks the request
+    asked_ns: int = 0  # when the node received the request, by its clock; zero: not known
+    solver: Mapping[str, Cell] = field(default_factory=dict)
+
+    def row(self) -> dict[str, Cell]:
+        """Return the answer as a row of a table, with units in the names of its columns.
+
+        The columns are the same for every answer of every bag; None where there is nothing.
+        """
+        return answer_row(self)
 
     def columns(self) -> dict[str, Array]:
         """Return the plan as columns of equal length with units in their names; pandas takes them.
 
-        Without a plan there are none.
+        Without a plan they are empty.
         """
         motion = self.trajectory
         if motion is None:
-            return {}
+            motion = _motion_of_no_points(len(self.joint_names))
         columns = {"time_s": motion.time}
-        for field, quantity in _JOINT_COLUMNS.items():
+        for part, quantity in _JOINT_COLUMNS.items():
             for number, joint in enumerate(self.joint_names):
-                columns[f"{joint}_{quantity}"] = getattr(motion, field)[:, number]
-        for field, (before, names, unit) in _COLUMNS.items():
+                columns[f"{joint}_{quantity}"] = getattr(motion, part)[:, number]
+        for part, (before, names, unit) in _COLUMNS.items():
             for number, name in enumerate(names):
-                columns[f"{before}{name}{unit}"] = getattr(motion, field)[:, number]
+                columns[f"{before}{name}{unit}"] = getattr(motion, part)[:, number]
         return columns
 
 
@@ -91,12 +104,26 @@ def recorded_plans(bag: Bag) -> list[RecordedPlan]:
     Raises:
         BagError: The disk fails.
     """
-    plans = [one.response for one in planning_exchanges(bag) if one.response is not None]
-    return sorted(plans, key=lambda plan: plan.answered_ns)
+    found = [
+        (one.namespace, replace(one.response, asked=one.request or {}, asked_ns=one.received_ns))
+        for one in planning_exchanges(bag)
+        if one.response is not None
+    ]
+    return _with_joint_names(sorted(found, key=lambda pair: pair[1].answered_ns))
 
 
-def planning_exchanges(bag: Bag) -> list[Exchange[bool, RecordedPlan]]:
-    """Return every request, of which nothing is read, with the answer to it.
+def _with_joint_names(found: Sequence[tuple[str, RecordedPlan]]) -> list[RecordedPlan]:
+    """Return answers, each of a planner, so that a refusal has the columns of its plans."""
+    names = {planner: one.joint_names for planner, one in reversed(found) if one.joint_names}
+    plans = []
+    for planner, one in found:
+        names[planner] = one.joint_names or names.get(planner, ())
+        plans.append(replace(one, joint_names=names[planner]))
+    return plans
+
+
+def planning_exchanges(bag: Bag) -> list[Exchange[dict[str, Cell], RecordedPlan]]:
+    """Return what every request asked for, by column, with the answer to it.
 
     Raises:
         BagError: The disk fails.
@@ -109,7 +136,7 @@ def planning_exchanges(bag: Bag) -> list[Exchange[bool, RecordedPlan]]:
             bag.note(str(error))
             return None
 
-    return exchanges(bag, lambda _: True, read_response)
+    return exchanges(bag, asked_in, read_response)
 
 
 def recorded_plan(message: Message, response: Any) -> RecordedPlan:
@@ -123,6 +150,12 @@ def recorded_plan(message: Message, response: Any) -> RecordedPlan:
     except (AttributeError, TypeError, ValueError, LookupError, OverflowError) as error:
         name = getattr(response, "plan_id", "") or "an answer"
         raise BagError(f"{name} on {message.topic} cannot be understood: {error}") from None
+
+
+def _motion_of_no_points(joints: int) -> Trajectory:
+    widths = dict.fromkeys(_JOINT_COLUMNS, joints)
+    widths |= {part: len(names) for part, (_, names, _) in _COLUMNS.items()}
+    return Trajectory(np.empty(0), **{part: np.empty((0, w)) for part, w in widths.items()})
 
 
 def _recorded_plan(message: Message, response: Any) -> RecordedPlan:
@@ -139,6 +172,7 @@ def _recorded_plan(message: Message, response: Any) -> RecordedPlan:
         joint_names=tuple(map(str, joints.joint_names)),
         trajectory=trajectory_in(response) if is_solved else None,
         metrics=_metrics(response.metrics) if is_solved or response.solver.rollouts else {},
+        solver=solver_in(response),
     )
 
 

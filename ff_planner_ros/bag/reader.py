@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import heapq
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -12,9 +12,10 @@ from typing import Any
 
 from mcap.records import Channel
 
-from ff_planner_ros.bag.decoding import ENCODINGS
+from ff_planner_ros.bag.decoding import ENCODINGS, Decoder
 from ff_planner_ros.bag.files import open_files
 from ff_planner_ros.bag.mcap_file import Block, McapFile, RawMessage
+from ff_planner_ros.bag.progress_bar import progress_bar
 from ff_planner_ros.errors import BagError
 
 
@@ -46,6 +47,7 @@ class Bag:
     def __init__(self, path: Path, files: Sequence[McapFile], notes: Sequence[str]) -> None:
         """Put together what the files hold: at least one, open, in order."""
         self._mcap_files, self._notes = files, list(notes)
+        self._decoders: dict[tuple[str, str], Decoder] = {}  # by topic and type
         self.path = path  # as it was asked for
         self.files = tuple(file.path for file in files)
         self.library = files[0].library  # that wrote it
@@ -83,15 +85,38 @@ class Bag:
         if text not in self._notes:
             self._notes.append(text)
 
-    def messages(self, *types_or_topics: str) -> Iterator[Message]:
-        """Yield messages of some types or topics (none: all) by log time, across the files.
-
-        What is damaged is left out, and makes a note.
+    def damaged_blocks(self) -> list[tuple[str, Block]]:
+        """Read all blocks, and return those that are damaged, by name of the file and by place.
 
         Raises:
             BagError: The disk fails.
         """
-        for _, _, message in self._in_order(set(types_or_topics)):
+        with progress_bar("checking", self.size) as progress:
+            for file in self._mcap_files:
+                for block in sorted(file.blocks, key=lambda block: block.offset):
+                    file.messages(block, ())
+                    progress(block.length)
+        return [
+            (file.path.name, block)
+            for file in self._mcap_files
+            for block in sorted(file.damaged, key=lambda block: block.offset)
+        ]
+
+    def messages(
+        self, *types_or_topics: str, only: Callable[[bytes], bool] | None = None
+    ) -> Iterator[Message]:
+        """Yield messages of some types or topics (none: all) by log time, across the files.
+
+        What is damaged is left out, and makes a note.
+
+        Args:
+            only: Whether a message with these bytes is wanted; None: all are. The others cost
+                little time.
+
+        Raises:
+            BagError: The disk fails.
+        """
+        for _, _, message in self._in_order(set(types_or_topics), only):
             yield message
 
     def decoded(self, *type_names: str) -> Iterator[tuple[Message, Any]]:
@@ -116,14 +141,19 @@ class Bag:
         Raises:
             BagError: Its definition cannot be read, or it does not fit it.
         """
-        for file in self._mcap_files:
-            for channel in file.channels.values():
-                type_name = _type_name(file, channel)
-                if (channel.topic, type_name) == (message.topic, message.type_name):
-                    return file.decoder_of(channel)(message.cdr)
-        raise BagError(f"{message.topic} is no topic of {self.path}")
+        key = (message.topic, message.type_name)
+        if key not in self._decoders:
+            for file in self._mcap_files:
+                for channel in file.channels.values():
+                    if (channel.topic, _type_name(file, channel)) == key:
+                        self._decoders.setdefault(key, file.decoder_of(channel))
+        if key not in self._decoders:
+            raise BagError(f"{message.topic} is no topic of {self.path}")
+        return self._decoders[key](message.cdr)
 
-    def _in_order(self, wanted: set[str]) -> Iterator[tuple[McapFile, Channel, Message]]:
+    def _in_order(
+        self, wanted: set[str], only: Callable[[bytes], bool] | None = None
+    ) -> Iterator[tuple[McapFile, Channel, Message]]:
         """Merge the blocks of all files; each is read when the first of its messages is due."""
         heap: list[tuple[int, int, int, int, Block | RawMessage]] = []
         channels = [_channels_of(file, wanted) if wanted else None for file in self._mcap_files]
@@ -141,7 +171,7 @@ class Bag:
                 channel = file.channels[item.channel]
                 yield file, channel, Message(channel.topic, _type_name(file, channel), *item[1:])
                 continue
-            for index, raw in enumerate(file.messages(item, channels[number])):
+            for index, raw in enumerate(file.messages(item, channels[number], only)):
                 heapq.heappush(heap, (raw.log_time_ns, number, offset, index, raw))
 
     def _all_topics(self) -> Mapping[str, Topic]:

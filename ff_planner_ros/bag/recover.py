@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import yaml
 from mcap.records import Channel
 from mcap.writer import LIBRARY_IDENTIFIER, CompressionType, Writer
 
@@ -28,7 +27,8 @@ from ff_planner_ros.bag.rosbag2_metadata import (
     metadata,
 )
 from ff_planner_ros.bag.salvage import salvaged
-from ff_planner_ros.errors import BagError
+from ff_planner_ros.errors import BagError, InvalidInput
+from ff_planner_ros.planning.yaml_file import yaml_document
 
 WHOLE, NOTHING, LOSSY = 0, 1, 3  # exit codes
 RECORD = "ff_planner_ros_recovery"  # metadata of the new bag: where it is from, what was lost
@@ -170,9 +170,9 @@ class _Copy:
         for channel in file.channels:
             self._register(file, channel, writer, numbers)
         for block in sorted({*file.blocks, *file.damaged}, key=lambda block: block.offset):
-            found = [] if block in file.damaged else file.messages(block, None)
+            found = [] if file.is_left_out(block) else file.messages(block, None)
             # Reading may find that it is damaged.
-            for raw in salvaged(file, block) if block in file.damaged else found:
+            for raw in salvaged(file, block) if file.is_left_out(block) else found:
                 self._register(file, raw.channel, writer, numbers)
                 topic = file.channels[raw.channel].topic
                 writer.add_message(
@@ -213,6 +213,7 @@ class _Copy:
 
 def _parsed_profiles(channel: Channel) -> Any:
     try:
-        return yaml.safe_load(channel.metadata.get("offered_qos_profiles", "")) or []
-    except (yaml.YAMLError, ValueError):
+        written = channel.metadata.get("offered_qos_profiles", "")
+        return yaml_document(written, "offered_qos_profiles", "damaged") or []
+    except InvalidInput:
         return []

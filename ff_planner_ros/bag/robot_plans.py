@@ -6,14 +6,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-import yaml
-
 from ff_planner_ros.bag.exchanges import exchanges
 from ff_planner_ros.bag.plans import RecordedPlan, recorded_plan
 from ff_planner_ros.bag.reader import open_bag
-from ff_planner_ros.errors import BagError
+from ff_planner_ros.errors import BagError, InvalidInput
 from ff_planner_ros.parameters import RobotParameters
 from ff_planner_ros.planning.plan import Trajectory
+from ff_planner_ros.planning.yaml_file import yaml_document
 from ff_planner_ros.robot.model import Base, Robot
 
 
@@ -65,11 +64,12 @@ def attached_robot(bag: Path, attachments: Mapping[str, bytes]) -> Robot:
             raise BagError(f"bag {bag} has no {name} attached, which says what its plans are for")
         documents[name] = attachments[name].decode(errors="replace")
     try:
-        links = yaml.safe_load(documents["parameters.yaml"])["/**"]["ros__parameters"]["robot"]
+        parameters = yaml_document(documents["parameters.yaml"], "parameters.yaml", "damaged")
+        links = parameters["/**"]["ros__parameters"]["robot"]
         base_link, tip_link = str(links["base_link"]), str(links["tip_link"])
         # Bags of earlier versions do not tell: they know no other base.
         base, held = str(links.get("base", Base.FREE_FLYER)), str(links.get("held_joints", ""))
-    except (yaml.YAMLError, LookupError, TypeError):
+    except (InvalidInput, LookupError, TypeError, ValueError):
         raise BagError(
             f"bag {bag}: its parameters.yaml does not name robot.base_link and robot.tip_link"
         ) from None

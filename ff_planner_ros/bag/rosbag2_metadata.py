@@ -8,8 +8,13 @@ from typing import Any
 
 import yaml
 
+from ff_planner_ros.errors import InvalidInput
+from ff_planner_ros.planning.yaml_file import yaml_document
+
 ROSBAG2 = "rosbag2"  # the metadata record of MCAP that holds the same
 INT64_MAX = 2**63 - 1  # rosbag2 holds times so, and gives it as start of a file without messages
+# That of libyaml is ten times as fast; not every system has it.
+_Dumper: Any = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
 
 
 @dataclass(frozen=True)
@@ -84,9 +89,10 @@ def metadata(
 def custom_data(record: Mapping[str, str]) -> dict[str, str]:
     """Return what rosbag2 keeps without looking at it; empty if that cannot be read."""
     try:
-        kept = yaml.safe_load(record["serialized_metadata"])["custom_data"] or {}
+        written = record["serialized_metadata"]
+        kept = yaml_document(written, "serialized_metadata", "damaged")["custom_data"] or {}
         return {str(key): str(value) for key, value in kept.items()}
-    except (yaml.YAMLError, LookupError, TypeError, ValueError, AttributeError):
+    except (InvalidInput, LookupError, TypeError, ValueError, AttributeError):
         return {}
 
 
@@ -110,7 +116,7 @@ def profiles(qos: Sequence[QualityOfService]) -> list[dict[str, Any]]:
 
 def as_yaml(document: Any) -> str:
     """Return a document as YAML."""
-    return str(yaml.safe_dump(document, sort_keys=False))
+    return str(yaml.dump(document, Dumper=_Dumper, sort_keys=False))
 
 
 def _extent(files: Sequence[FileInfo]) -> dict[str, Any]:

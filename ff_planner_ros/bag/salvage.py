@@ -7,10 +7,9 @@ from contextlib import suppress
 import zstandard
 
 from ff_planner_ros.bag.mcap_file import Block, McapFile, RawMessage
-from ff_planner_ros.bag.mcap_records import chunk_of
+from ff_planner_ros.bag.mcap_records import LARGEST, chunk_of
 
-_PIECE = 4096  # [bytes] that are decompressed at once where it may break off
-_LARGEST_CHUNK = 1 << 30  # [bytes] larger sizes come from damage only
+_PIECE = 1024  # [bytes] that are decompressed at once where it may break off
 
 
 def salvaged(file: McapFile, block: Block) -> list[RawMessage]:
@@ -36,10 +35,10 @@ def salvaged(file: McapFile, block: Block) -> list[RawMessage]:
 
 def _records_before_the_break(file: McapFile, block: Block) -> bytes:
     chunk, _ = chunk_of(file.bytes_at(block.offset, block.length))
-    size = min(chunk.uncompressed_size, _LARGEST_CHUNK)
+    size = min(chunk.uncompressed_size, LARGEST)
     records = bytearray(chunk.data if chunk.compression == "" else b"")
     if chunk.compression == "zstd":
-        machine = zstandard.ZstdDecompressor().decompressobj()
+        machine = zstandard.ZstdDecompressor(max_window_size=LARGEST).decompressobj()
         with suppress(zstandard.ZstdError):
             for start in range(0, len(chunk.data), _PIECE):
                 records += machine.decompress(chunk.data[start : start + _PIECE])

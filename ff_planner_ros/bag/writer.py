@@ -9,13 +9,14 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from threading import RLock
-from typing import Self
+from typing import Any, Self
 
 from mcap.writer import LIBRARY_IDENTIFIER, CompressionType, Writer
 
 from ff_planner_ros.bag.definition import Definition, message_definition, type_hash
 from ff_planner_ros.bag.rosbag2_metadata import (
     INT64_MAX,
+    ROSBAG2,
     FileInfo,
     QualityOfService,
     TopicInfo,
@@ -49,7 +50,13 @@ class BagWriter:
     """
 
     def __init__(
-        self, directory: Path, flush_interval: float, max_size: int = 0, max_duration: float = 0.0
+        self,
+        directory: Path,
+        flush_interval: float,
+        max_size: int = 0,
+        max_duration: float = 0.0,
+        *,
+        owner_only: bool = False,
     ) -> None:
         """Create the bag.
 
@@ -59,11 +66,14 @@ class BagWriter:
             max_size: Before a file becomes larger, its index not counted, another one is begun
                 [bytes]; 0: never.
             max_duration: Before a file becomes longer, another one is begun [s]; 0: never.
+            owner_only: Nobody else may enter the directory or read a file; if false, the umask of
+                the process decides.
 
         Raises:
             BagError: The directory exists or cannot be written.
         """
         self._directory = directory
+        self._directory_mode, self._file_mode = (0o700, 0o600) if owner_only else (0o777, 0o666)
         self._flush_interval_ns = round(flush_interval * 1e9)
         self._max_size, self._max_duration_ns = max_size, round(max_duration * 1e9)
         self._lock = RLock()
@@ -80,7 +90,7 @@ class BagWriter:
         self.custom_data: dict[str, str] = {}  # goes into the metadata whenever that is written
 
         try:
-            directory.mkdir(parents=True)
+            directory.mkdir(self._directory_mode, parents=True)
         except FileExistsError:
             raise BagError(f"bag {directory} exists already, and is not overwritten") from None
         except OSError as error:
@@ -253,7 +263,8 @@ class BagWriter:
         """Open the next file, with everything in it that is needed to read it alone."""
         name = f"{self._directory.resolve().name}_{len(self._files)}.mcap"
         self._files.append(FileInfo(name))
-        self._file = self._path(self._files[-1]).open("xb")
+        path = self._path(self._files[-1])
+        self._file = open(path, "xb", opener=self._open)  # noqa: SIM115 (closed in _end_file)
         self._mcap = Writer(self._file, compression=CompressionType.ZSTD)
         self._mcap.start(profile="ros2", library=f"ff_planner_ros {LIBRARY_IDENTIFIER}")
         for attachment in self._attachments:
@@ -269,7 +280,9 @@ class BagWriter:
 
     def _end_file(self) -> None:
         self._flush()
-        self._write_metadata()
+        # Once, though rosbag2 does so at the start, too: other readers warn of the second record.
+        document = self._write_metadata()
+        self._mcap.add_metadata(ROSBAG2, {"serialized_metadata": as_yaml(document)})
         self._mcap.finish()
         self._file.close()
 
@@ -292,14 +305,19 @@ class BagWriter:
         self._mcap.flush()
         self._unflushed_ns, self._unflushed_size = None, 0
 
-    def _write_metadata(self) -> None:
-        """Write what rosbag2 reads first, beside the MCAP files and into the last of them."""
+    def _write_metadata(self) -> dict[str, Any]:
+        """Write what rosbag2 reads first beside the MCAP files, and return it."""
         document = metadata(self._files, self._topics, self.custom_data)
-        self._mcap.add_metadata("rosbag2", {"serialized_metadata": as_yaml(document)})
         path = self._directory / "metadata.yaml"
         partial = path.with_suffix(".partial")
-        partial.write_text(as_yaml({"rosbag2_bagfile_information": document}), encoding="utf-8")
+        with open(partial, "w", encoding="utf-8", opener=self._open) as file:
+            file.write(as_yaml({"rosbag2_bagfile_information": document}))
         partial.replace(path)
+        return document
+
+    def _open(self, path: str, flags: int) -> int:
+        """Open a file whose mode is right from its first moment on."""
+        return os.open(path, flags, self._file_mode)
 
     def _path(self, file: FileInfo) -> Path:
         return self._directory / file.name

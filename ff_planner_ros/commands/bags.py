@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import json
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -15,6 +16,9 @@ def replay_bag(options: argparse.Namespace) -> int:
     """Plan the requests of a bag again, or with changes, or play the bag into ROS."""
     only_published = {"--rate": options.rate, "--topics": options.topics, "--clock": options.clock}
     if options.publish:
+        if options.report is not None:
+            allowed = "it goes with --with, and not with --publish"
+            raise InvalidInput(Status.OUT_OF_RANGE, "--report", options.report, allowed)
         if options.changes:
             allowed = "a bag is published as it is: leave out --with or --publish"
             raise InvalidInput(Status.OUT_OF_RANGE, "--with", options.changes[0], allowed)
@@ -28,7 +32,10 @@ def replay_bag(options: argparse.Namespace) -> int:
     if options.changes:
         from ff_planner_ros.runs.what_if import print_what_if
 
-        return print_what_if(options.bag, options.changes)
+        return print_what_if(options.bag, options.changes, options.report)
+    if options.report is not None:
+        allowed = "it goes with --with: `ff-planner report` shows a bag as it is"
+        raise InvalidInput(Status.OUT_OF_RANGE, "--report", options.report, allowed)
     from ff_planner_ros.runs.replay import print_replay
 
     return print_replay(options.bag)
@@ -75,11 +82,14 @@ def export_plans(options: argparse.Namespace) -> int:
 
 
 def show_bag(options: argparse.Namespace) -> int:
-    """Show what is in a bag."""
-    from ff_planner_ros.bag.info import info
+    """Show what is in a bag, to people or to programs."""
+    from ff_planner_ros.bag.info import bag_document, info
 
-    for line in info(options.bag):
-        print(line)
+    if options.json:
+        print(json.dumps(bag_document(options.bag), indent=2))
+    else:
+        for line in info(options.bag):
+            print(line)
     return SOLVED
 
 

@@ -65,7 +65,8 @@ def command_parser() -> ArgumentParser:
         "--scenarios", type=Path, metavar="DIR", help="new directory, a scenario file per request"
     )
 
-    add("info", bags.show_bag, "show what is in a bag", parents=[bag])
+    info = add("info", bags.show_bag, "show what is in a bag", parents=[bag])
+    info.add_argument("--json", action="store_true", help="as JSON, with every answer")
 
     recover = add(
         "recover",
@@ -118,6 +119,12 @@ def command_parser() -> ArgumentParser:
         help="what if: plan with this changed and print both answers; may be given several times "
         "(objective.chaser_attitude=1, planner.starts=5, limits.velocity=none, ...; an unknown "
         "key gets the list)",
+    )
+    replay.add_argument(
+        "--report",
+        type=Path,
+        metavar="FILE",
+        help="with --with: write a page that lays the changed plans over the recorded ones",
     )
     replay.add_argument(
         "--publish", action="store_true", help="play the recorded messages into ROS instead"

@@ -12,6 +12,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from ff_planner_ros.analysis.json_file import read_json
 from ff_planner_ros.analysis.plan_json import plan_dictionary, planned_motion, refusal_dictionary
 from ff_planner_ros.analysis.summary import plan_rows, robot_rows
 from ff_planner_ros.arrays import finite_number
@@ -172,10 +173,7 @@ def _motions(source: Path, options: argparse.Namespace) -> Iterator[tuple[str, R
 
 
 def _motion_in_json(source: Path) -> tuple[Robot, Trajectory]:
-    try:
-        answer = json.loads(source.read_text(encoding="utf-8"))
-    except ValueError as error:
-        raise InvalidInput(Status.UNSUPPORTED, str(source), "no JSON", str(error)) from None
+    answer = read_json(source)
     try:
         return planned_motion(answer)
     except InvalidInput as error:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import threading
 import time
 from collections.abc import Callable, Sequence
@@ -13,7 +12,8 @@ import numpy as np
 import pinocchio as pin
 import rclpy
 from ff_planner_msgs.action import PlanTrajectory
-from ff_planner_msgs.msg import ChaserState
+from ff_planner_msgs.msg import ChaserState, PublishedPlan
+from ff_planner_msgs.srv import PublishPlan
 from rclpy.action import ActionClient
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
@@ -29,6 +29,7 @@ from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.ros.background import ask, spin_in_background
+from ff_planner_ros.ros.joining import joining_ros
 from ff_planner_ros.ros.messages.from_messages import plan_from_response, state_from_message
 from ff_planner_ros.ros.outputs.prediction import (
     FramePose,
@@ -37,7 +38,9 @@ from ff_planner_ros.ros.outputs.prediction import (
     predicted_pose,
     tracking_error,
 )
-from ff_planner_ros.ros.qos import STATE_QOS
+from ff_planner_ros.ros.qos import LATCHED_QOS, STATE_QOS
+
+NAME = "mission_executive"  # of the node, and of who asks
 
 # Refusals that pass by themselves while the system starts: worth another try at the next state.
 _NOT_YET = frozenset(
@@ -74,10 +77,17 @@ class MissionExecutive:
         self._check, self._patience = check, patience
         self._states: list[ChaserState] = []
         self._new_state = threading.Event()
-        rclpy.init(args=list(ros_arguments), signal_handler_options=SignalHandlerOptions.NO)
-        self._node = rclpy.create_node("mission_executive")
+        self._published: dict[str, PublishedPlan] = {}
+        self._new_plan = threading.Event()
+        with joining_ros():
+            rclpy.init(args=list(ros_arguments), signal_handler_options=SignalHandlerOptions.NO)
+            self._node = rclpy.create_node(NAME)
         self._node.create_subscription(ChaserState, "chaser_state", self._keep, STATE_QOS)
+        self._node.create_subscription(
+            PublishedPlan, "published_plan", self._keep_plan, LATCHED_QOS
+        )
         self._planner = ActionClient(self._node, PlanTrajectory, "plan_trajectory_action")
+        self._publication = self._node.create_client(PublishPlan, "ff_planner/publish_plan")
         self._controller = self._node.create_publisher(JointTrajectory, CONTROLLER_TOPIC, 1)
         # A thread of its own and an event: spinning until a future is complete leaks in Jazzy.
         self._executor = SingleThreadedExecutor()
@@ -116,28 +126,27 @@ class MissionExecutive:
             self._wait(self._new_state, deadline, "a chaser state")
 
     def commit(self, result: PlanTrajectory.Result) -> None:
-        """Hand a solved plan to the arm's controller while there is still time.
+        """Have the planner publish a plan, and hand that to the arm's controller.
 
         Raises:
-            FfPlannerError: The plan's start is over, or no controller listens.
+            FfPlannerError: The plan does not fit any more, its start is over for instance, or no
+                controller listens.
         """
         deadline = time.monotonic() + self._patience
         while self._controller.get_subscription_count() == 0:
             self._go_on_until(deadline, f"a controller that listens to {CONTROLLER_TOPIC}")
             time.sleep(_CHECK_INTERVAL)
-        trajectory = copy.deepcopy(result.joint_trajectory)
-        ahead_ns = nanoseconds(trajectory.header.stamp) - self._node.get_clock().now().nanoseconds
-        if ahead_ns < 0:
-            raise FfPlannerError(
-                Status.TOO_LATE,
-                f"{result.plan_id} should have begun {-ahead_ns / NANOSECONDS:.3f} s ago: the "
-                "chaser is elsewhere by now; ask again, with a later start_time",
-            )
-        # Torques are for controllers with an effort interface; others refuse a message with any.
-        for point in trajectory.points:
-            point.effort = []
+        while not self._publication.wait_for_service(timeout_sec=_CHECK_INTERVAL):
+            self._go_on_until(deadline, "the service ff_planner/publish_plan")
+        request = PublishPlan.Request(plan_id=result.plan_id, asked_by=NAME)
+        status = self._asked(lambda: self._publication.call_async(request), deadline).status
+        if status.code != Status.SOLVED:
+            raise FfPlannerError(Status(status.code), status.message)
+        while result.plan_id not in self._published:
+            self._wait(self._new_plan, deadline, f"{result.plan_id} on published_plan")
+            self._new_plan.clear()
         self._states.clear()
-        self._controller.publish(trajectory)
+        self._controller.publish(self._published[result.plan_id].joint_trajectory)
 
     def watch(self, result: PlanTrajectory.Result, duration: float, robot: Robot) -> FlownPlan:
         """Wait until a plan that was committed is over, and compare it with what was measured.
@@ -172,6 +181,10 @@ class MissionExecutive:
     def _keep(self, message: ChaserState) -> None:
         self._states.append(message)
         self._new_state.set()
+
+    def _keep_plan(self, message: PublishedPlan) -> None:
+        self._published = {message.plan_id: message}
+        self._new_plan.set()
 
     def _answer(
         self,

@@ -10,8 +10,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, fields, replace
-from itertools import islice
-from typing import Any
+from itertools import cycle, islice
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -22,26 +22,29 @@ from ff_planner_ros.planning.plan import Plan
 from ff_planner_ros.planning.problem import Objective
 from ff_planner_ros.planning.program import PathLinearisation, PathProgram
 from ff_planner_ros.planning.requirements.singular_values import SingularValues
-from ff_planner_ros.planning.search import FoundPath, Grid, PathSolution, Search, corrected, rank
+from ff_planner_ros.planning.search import FoundPath, Grid, PathSolution, Search, corrected
 from ff_planner_ros.planning.solver import FEASIBILITY_TOLERANCE, nearest_feasible
 from ff_planner_ros.planning.watch import CHECKING
 
 # Returns the plan along a path, or None where it does not pass the check.
 Judge = Callable[[FoundPath], Plan | None]
+# Decision variables, and the curvature there as far as it is known.
+Start: TypeAlias = tuple[Array, Array | None]
 
 # Rungs of the ladder: weights of the attitude, where the joint path's is one. Each about three
 # times the last; below the first the joint path alone decides.
 _RUNGS = (6.0, 15.0, 45.0)
-# Iterations on few points: enough to see what a guess is worth; a rung is only a way to the next.
-_RUNG_ITERATIONS, _GUESS_ITERATIONS, _POLISH_ITERATIONS = 5, 8, 24
-# Other first guesses of each round. Every second one of the later rounds is near the best plan.
-_GUESSES, _NEAR_THE_BEST = 6, 0.3
-# Of each round, so many are solved on all points at most, until one is better than the best.
-_TRIES = 2
+# The first round's guesses beside the plan of least joint path; those of the later rounds are near
+# the best plan, moved at random along each direction by two standard deviations in turn.
+_GUESSES, _NEARBY, _SPREADS = 6, 6, (0.1, 0.2)
+# The race on few points: iterations for every path, then how many go on and for how many more, then
+# iterations for the best. Most guesses show early that they lead nowhere.
+_FIRST_HEAT, _SECOND_HEAT, _LAST_HEAT = 8, (3, 8), 24
 # Iterations on more points: they begin near the optimum.
 _FINE_ITERATIONS = 12
-# First trust region near an optimum.
-_NEAR = 0.2
+# First trust regions, far from an optimum and near one. The path is moved in all of its own ways
+# at once: half as bold as along single coefficients.
+_FAR, _NEAR = 0.25, 0.1
 # Violations that do not stop the solver's steps, on few points and on more; the nearest path that
 # keeps all constraints is so few steps away from a smaller one [unit of the constraint].
 _TOLERATED, _FINE_TOLERATED = 2e-2, 5e-3
@@ -51,7 +54,7 @@ _AWAY = 1.2
 # Of the best plan's objective: a path on few points that is not below it is not refined.
 _PROMISING = 1.02
 # A joint path or an angle known to this part is known well enough to compare two.
-_POLISH_OPTIMALITY, _POLISH_PROGRESS, _FINE_PROGRESS = 1e-3, 5e-4, 2e-4
+_ROUGH_OPTIMALITY, _ROUGH_PROGRESS, _FINE_PROGRESS = 1e-5, 1e-4, 2e-4
 # Two paths whose objectives differ by less than this part are the same path.
 _SAME = 1e-3
 
@@ -72,31 +75,17 @@ class AttitudeSearch(Search):
         objective, best = with_tie_break(asked, self._settings), shortest
         for path in self._paths_at_guess(objective):
             best = _better(asked, best, judge(path))
-        grid, family = self._grids[0], self._program.family
-        others = family.first_guesses(
-            self._program.problem.obstacles, grid.level.points, grid.level.damping
-        )
-        seen, straight = list[float](), np.empty(0)
+        start: Start = shortest.coefficients, None
+        tried = list[float]()
         for number in range(self._settings.attitude_rounds):
-            guesses = list(islice(others, _GUESSES))
-            straight = guesses[0] if number == 0 else straight
-            if number > 0:
-                near = [
-                    best.coefficients + _NEAR_THE_BEST * (guess - straight)
-                    for guess in guesses[1::2]
-                ]
-                guesses[1::2] = near
-            rough = [self._rough_path(objective, guess, _GUESS_ITERATIONS) for guess in guesses]
-            if number == 0:
-                rough.append(self._top_of_ladder(objective, shortest.coefficients))
-            worth = (
-                np.inf if best is shortest else _PROMISING * weighted_sum(objective, best.metrics)
-            )
-            for path in self._refined(objective, rough, worth, seen):
-                better = _better(asked, best, judge(path))
-                if better is not best:
-                    best = better
-                    break
+            rough = self._raced(objective, list(self._guesses(number, start)))
+            limit = np.inf if best is shortest else weighted_sum(objective, best.metrics)
+            if _is_worth_refining(rough, limit, tried):
+                tried.append(rough.at_x.objective)
+                for path in self._path_near(objective, rough.x, rough.curvature):
+                    better = _better(asked, best, judge(path))
+                    if better is not best:
+                        best, start = better, (path.at_x.motion.x, rough.curvature)
             if number == 0 and best is shortest:
                 best = self._climbed(asked, shortest, judge)
         if best is shortest:
@@ -115,15 +104,6 @@ class AttitudeSearch(Search):
         yield from self._checkable(*as_it_is)
         yield from self._path_near(objective, self._first_guess, None)
 
-    def _top_of_ladder(self, objective: Objective, x: Array) -> PathSolution:
-        """Raise the weight of the attitude from a path of least joint path on."""
-        curvature = None
-        for lower in _lower_rungs(objective):
-            path = self._rough_path(lower, x, _RUNG_ITERATIONS, curvature)
-            if path.at_x.is_defined:
-                x, curvature = path.x, path.curvature
-        return self._rough_path(objective, x, _GUESS_ITERATIONS, curvature)
-
     def _climbed(self, asked: Objective, shortest: Plan, judge: Judge) -> Plan:
         """Raise the weight of the attitude on all points, as long as the plans pass the check.
 
@@ -139,60 +119,45 @@ class AttitudeSearch(Search):
             best = better
         return best
 
-    def _refined(
-        self,
-        objective: Objective,
-        rough: Sequence[PathSolution],
-        worth: float,
-        seen: list[float],
-    ) -> Iterator[FoundPath]:
-        """Yield paths on all points, from the best rough ones; seen: objectives tried before."""
-        ranked = sorted((path for path in rough if path.at_x.is_defined), key=rank)
-        if ranked:
-            polished = self._polished(objective, ranked[0])
-            ranked = sorted([polished, *ranked[1:]], key=rank)
-        tried = 0
-        for path in ranked:
-            value = path.at_x.objective
-            is_new = all(abs(value - other) > _SAME * abs(value) for other in seen)
-            if (
-                tried < _TRIES
-                and is_new
-                and value < worth
-                and path.at_x.violation <= _SMALL_VIOLATION
-            ):
-                tried += 1
-                seen.append(value)
-                yield from self._path_near(objective, path.x, path.curvature)
+    def _guesses(self, number: int, start: Start) -> Iterator[Start]:
+        """Yield where the paths of a round of the race begin."""
+        x, curvature = start
+        grid = self._toward(self._program.objective)[0]
+        if number == 0:
+            yield start
+            guesses = self._program.family.first_guesses(
+                self._program.problem.obstacles, grid.level.points, grid.level.damping
+            )
+            for guess in islice(guesses, _GUESSES):
+                yield guess, None
+            return
+        random = np.random.default_rng(number)
+        for _, spread in zip(range(_NEARBY), cycle(_SPREADS), strict=False):
+            aside = self._program.family.directions @ random.normal(scale=spread, size=len(x))
+            yield x + aside, curvature
 
-    def _rough_path(
-        self, objective: Objective, guess: Array, iterations: int, curvature: Array | None = None
-    ) -> PathSolution:
-        """Return where the solver comes to on few points."""
-        self._starts += 1
-        grid = self._toward(objective)[0]
-        grid = _with(grid, iterations=iterations, tolerated=_TOLERATED)
-        return self._solve_feasibly(grid, guess, curvature)
-
-    def _polished(self, objective: Objective, rough: PathSolution) -> PathSolution:
-        """Return the best path on few points near one of them."""
+    def _raced(self, objective: Objective, starts: Sequence[Start]) -> PathSolution:
+        """Return the path on few points that comes furthest; it may be singular."""
         grid = _with(
             self._toward(objective)[0],
-            optimality=_POLISH_OPTIMALITY,
-            progress=_POLISH_PROGRESS,
-            iterations=_POLISH_ITERATIONS,
+            optimality=_ROUGH_OPTIMALITY,
+            progress=_ROUGH_PROGRESS,
             tolerated=_TOLERATED,
-            first_radius=_NEAR,
+            first_radius=_FAR,
         )
-        polished = self._solve_feasibly(grid, rough.x, rough.curvature)
-        return min(rough, polished, key=rank) if polished.at_x.is_defined else rough
+        self._starts += len(starts)
+        paths = [self._solve(_with(grid, iterations=_FIRST_HEAT), *start) for start in starts]
+        count, iterations = _SECOND_HEAT
+        leading = sorted(paths, key=_lead)[:count]
+        paths = [self._solve(*_further(grid, path, iterations)) for path in leading]
+        best = min(paths, key=_lead)
+        return self._solve_feasibly(*_further(grid, best, _LAST_HEAT))
 
     def _path_near(
         self, objective: Objective, x: Array, curvature: Array | None
     ) -> Iterator[FoundPath]:
         """Yield the best path on all points near x, if there is one."""
-        coarse, *finer = self._toward(objective)
-        grids = finer or [coarse]
+        grids = self._toward(objective)[1:] or self._toward(objective)
         for grid in grids:
             careful = _with(
                 corrected(grid, x) if grid is grids[-1] else grid,
@@ -244,10 +209,9 @@ class AttitudeSearch(Search):
     def _mended(self, grid: Grid, solution: PathSolution) -> PathSolution:
         """Return the nearest path that keeps the constraints, where a few steps lead there."""
         mended = nearest_feasible(
-            self._watched(grid), solution.x, solution.at_x, _MENDING_ITERATIONS
+            self._watched(grid), grid.along(solution.x), solution.at_x, _MENDING_ITERATIONS
         )
-        self._solved.append(mended)
-        return replace(mended, curvature=solution.curvature)
+        return replace(self._noted(mended), curvature=solution.curvature)
 
     def _solve_again(self, grid: Grid, start: Array) -> PathSolution:
         """Solve from a path that hardly misses what the grid's program demands."""
@@ -269,7 +233,7 @@ class AttitudeSearch(Search):
             away = _AWAY * threshold
             margins = {**grid.program.margins, SingularValues.name: away}
             program = replace(grid.program, objective=objective, damping=0.0, margins=margins)
-            found.append(replace(grid, program=program))
+            found.append(replace(grid, program=program, directions=program.family.directions))
         return found
 
 
@@ -285,6 +249,31 @@ class _Remembering(PathProgram):
         if at_x.violation <= FEASIBILITY_TOLERANCE:
             self.feasible.append(at_x)
         return at_x
+
+
+def _lead(path: PathSolution) -> tuple[bool, float]:
+    """Return a key to sort by, the best first; a small violation can be mended later."""
+    is_far_off = not path.at_x.violation <= _SMALL_VIOLATION
+    return is_far_off, path.at_x.violation if is_far_off else path.at_x.objective
+
+
+def _is_worth_refining(rough: PathSolution, best: float, tried: Sequence[float]) -> bool:
+    """Tell whether a path on few points may become one that is better than the best.
+
+    Args:
+        best: Objective of the best plan.
+        tried: Objectives of rough paths that have been refined.
+    """
+    if _lead(rough)[0]:
+        return False
+    value = rough.at_x.objective
+    is_new = all(abs(value - other) > _SAME * abs(value) for other in tried)
+    return is_new and value < _PROMISING * best
+
+
+def _further(grid: Grid, path: PathSolution, iterations: int) -> tuple[Grid, Array, Array | None]:
+    """Return what the solver needs to go on with a path."""
+    return _with(grid, iterations=iterations, first_radius=path.radius), path.x, path.curvature
 
 
 def _with(grid: Grid, **of_level: Any) -> Grid:

@@ -12,17 +12,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ff_planner_ros.arrays import Array
+from ff_planner_ros.arrays import Array, Indices
 from ff_planner_ros.planning.problem import Sphere
 from ff_planner_ros.robot.kinematics import arm_kinematics
 from ff_planner_ros.robot.model import Robot
-
-Indices: TypeAlias = NDArray[np.intp]
 
 # Joint origins nearer than this are the same point; drawings are not more exact.
 _SAME_POINT = 1e-6

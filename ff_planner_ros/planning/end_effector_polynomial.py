@@ -19,6 +19,7 @@ from ff_planner_ros.planning.detours import detours, scattered
 from ff_planner_ros.planning.path_family import Motion, Sensitivity
 from ff_planner_ros.planning.polynomial import (
     COMPONENTS,
+    DIRECTIONS,
     FREE_TERMS,
     PARAMETERS,
     EndEffectorMotion,
@@ -61,6 +62,7 @@ class EndEffectorPaths:
     name: ClassVar[str] = "end_effector_polynomial"
     variables: ClassVar[int] = PARAMETERS  # coefficients of six components
     stride: ClassVar[float] = 1.0
+    directions: ClassVar[Array] = DIRECTIONS
 
     @property
     def reading(self) -> str:

@@ -62,6 +62,11 @@ class JointSplines:
     stride: ClassVar[float] = 0.4  # 0.2 rad is a bold first step
 
     @property
+    def directions(self) -> Array:
+        """Each control point by itself."""
+        return self.stride * np.eye(self.variables)
+
+    @property
     def robot(self) -> Robot:
         """Whose motions these are."""
         return self.problem.robot

@@ -62,7 +62,14 @@ class PathFamily(Protocol):
 
     @property
     def stride(self) -> float:
-        """How long a step is bold, the paper's coefficients being 1 [m, rad]."""
+        """How long a step along one variable is bold, the paper's coefficients being 1 [m, rad]."""
+
+    @property
+    def directions(self) -> Array:
+        """Changes of x that move the path about equally far, each in a way of its own.
+
+        A column each. Shape (variables, variables).
+        """
 
     @property
     def reading(self) -> str:

@@ -24,6 +24,7 @@ from functools import lru_cache
 import numpy as np
 import pinocchio as pin
 from scipy.spatial.transform import Rotation
+from scipy.special import beta
 
 from ff_planner_ros.arrays import Array, frozen
 from ff_planner_ros.robot.rotation import (
@@ -42,6 +43,11 @@ _BUMP = 64.0 * np.array([1.0, -3.0, 3.0, -1.0])
 _FREE_TERM_COEFFICIENTS = np.array(
     [np.concatenate([np.zeros(3 + j), _BUMP, np.zeros(2 - j)]) for j in range(FREE_TERMS)]
 ).T
+# Changes of the three coefficients, a column each, whose paths have the same mean square and are
+# orthogonal over the duration: a Gram-Schmidt process from the first term on.
+_GRAM = beta(np.add.outer(np.arange(7.0, 10.0), np.arange(3.0)), 7.0) / beta(7.0, 7.0)
+_OWN_WAYS = np.linalg.inv(np.linalg.cholesky(_GRAM)).T
+DIRECTIONS = frozen(np.kron(np.eye(COMPONENTS), _OWN_WAYS))  # of all components
 # Beyond this pitch on the straight path the paper's angles are too near their singularity at
 # 90 deg; the paper's own goal, at 80 deg, is inside.
 _SAFE_PITCH = np.deg2rad(85.0)

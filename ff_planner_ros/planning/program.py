@@ -26,6 +26,9 @@ _LEAST_INTERVALS = 40
 # From point to point a tumbling chaser turns no further [rad]; but this many intervals are enough.
 _GRID_TURN, _MOST_INTERVALS = 0.25, 200
 
+# No requirement has as many rows: the names of all of them differ.
+_NAMES = 1 << 40
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class PathLinearisation(Linearisation):
@@ -33,6 +36,19 @@ class PathLinearisation(Linearisation):
 
     motion: Motion  # may be singular
     acceleration: Array  # dv/dt at each point; shape (points, 6 + joints)
+
+    def by(self, directions: Array) -> PathLinearisation:
+        """Return the same with the derivatives by steps along directions, a column each."""
+        if not self.is_defined:
+            return self
+        return replace(
+            self,
+            gradient=self.gradient @ directions,
+            hessian=directions.T @ self.hessian @ directions,
+            peaks_jacobian=self.peaks_jacobian @ directions,
+            constraints_jacobian=self.constraints_jacobian @ directions,
+            equalities_jacobian=self.equalities_jacobian @ directions,
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,14 +121,18 @@ class PathProgram:
             for required in REQUIREMENTS
         ]
         kept = [found for found in rows if found is not None]
+        names = [
+            found.names + number * _NAMES for number, found in enumerate(rows) if found is not None
+        ]
         return PathLinearisation(
             value=value,
             gradient=gradient,
             hessian=hessian,
             peaks=np.concatenate(peaks),
             peaks_jacobian=np.concatenate(peaks_jacobian),
-            constraints=np.concatenate([values for values, _ in kept]),
-            constraints_jacobian=np.concatenate([jacobian for _, jacobian in kept]),
+            constraints=np.concatenate([found.values for found in kept]),
+            constraints_jacobian=np.concatenate([found.jacobian for found in kept]),
+            names=np.concatenate(names),
             equalities=motion.goal_error,
             equalities_jacobian=sensitivity.goal_error,
             motion=motion,

@@ -41,6 +41,7 @@ from ff_planner_ros.robot.model import Base, Robot, load_robot
 from ff_planner_ros.robot.rotation import rotation_from_euler
 from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.share import resolve_uri
+from ff_planner_ros.shown import quoted
 
 # A scenario names no frame, since it has one; messages about it must.
 SCENARIO_FRAME = "inertial"
@@ -116,7 +117,7 @@ def end_behaviour_of(word: str) -> EndBehaviour:
     """
     if word not in tuple(EndBehaviour):
         allowed = f"it must be {', '.join(EndBehaviour)}"
-        raise InvalidInput(Status.OUT_OF_RANGE, "end_behaviour", repr(word), allowed)
+        raise InvalidInput(Status.OUT_OF_RANGE, "end_behaviour", quoted(word), allowed)
     return EndBehaviour(word)
 
 
@@ -287,7 +288,7 @@ def _obstacles(value: object) -> tuple[Sphere, ...]:
         entry = mapping(field, item, required=("id", "center", "radius"), optional=("velocity",))
         name = entry["id"]
         if not isinstance(name, str):
-            raise InvalidInput(Status.OUT_OF_RANGE, f"{field}.id", repr(name), "it must be text")
+            raise InvalidInput(Status.OUT_OF_RANGE, f"{field}.id", quoted(name), "it must be text")
         if name in spheres:
             raise InvalidInput(Status.OUT_OF_RANGE, f"{field}.id", name, "it must be unique")
         center = numbers(f"{field}.center", entry["center"])

@@ -28,7 +28,7 @@ def write_scenario(task: PlanningTask, path: Path) -> None:
     """
     robot = task.problem.robot
     urdf = path.with_suffix(".urdf")
-    urdf.write_text(robot.urdf, encoding="utf-8", newline="")
+    urdf.write_text(robot.drawn_urdf, encoding="utf-8", newline="")
     content = {
         "robot": {"urdf": urdf.name, "base_link": robot.base_link, "tip_link": robot.tip_link}
         | ({} if robot.base is Base.FREE_FLYER else {"base": robot.base.value}),

@@ -73,6 +73,26 @@ class Grid:
 
     level: _Level
     program: PathProgram
+    # In which the solver steps, a column each; None: it changes one decision variable each
+    directions: Array | None = None
+
+    @property
+    def first_radius(self) -> float:
+        """First trust region; the directions are as long as a step is bold by themselves."""
+        stride = self.program.family.stride if self.directions is None else 1.0
+        return self.level.first_radius * stride
+
+    def along(self, x: Array) -> Array:
+        """Return how far a path is along each direction."""
+        if self.directions is None:
+            return x
+        return np.asarray(np.linalg.solve(self.directions, x), np.float64)
+
+    def linearise(self, along: Array) -> PathLinearisation:
+        """Return objective and constraints of a path with their derivatives by the directions."""
+        if self.directions is None:
+            return self.program.linearise(along)
+        return self.program.linearise(self.directions @ along).by(self.directions)
 
 
 class Search:
@@ -224,14 +244,19 @@ class Search:
         level = grid.level
         solution = minimise(
             self._watched(grid),
-            start,
+            grid.along(start),
             level.iterations,
             level.optimality,
             level.progress,
-            level.first_radius * self._program.family.stride,
+            grid.first_radius,
             curvature,
             level.tolerated,
         )
+        return self._noted(solution)
+
+    def _noted(self, solution: PathSolution) -> PathSolution:
+        """Return a solution in terms of the decision variables, and keep it."""
+        solution = replace(solution, x=solution.at_x.motion.x)
         self._solved.append(solution)
         return solution
 
@@ -239,9 +264,9 @@ class Search:
         """Return what linearises a path of the grid's program while the watch looks on."""
         phase = REFINING if grid.level is self._grids[-1].level else SEARCHING
 
-        def linearise(x: Array) -> PathLinearisation:
+        def linearise(along: Array) -> PathLinearisation:
             self._watch.require_time()
-            at_x = grid.program.linearise(x)
+            at_x = grid.linearise(along)
             if at_x.is_defined:
                 self._looks += 1
                 self._watch.report(self._progress(phase, at_x))

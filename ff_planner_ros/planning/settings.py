@@ -2,20 +2,53 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from dataclasses import dataclass, field, fields
-from typing import Any
+from typing import Any, NamedTuple
 
 from ff_planner_ros.arrays import finite_number
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.yaml_file import integer, number
 
 
+class Strictness(NamedTuple):
+    """Which values of a tunable let fewer plans, states or requests pass."""
+
+    of: Callable[[Any], float]  # larger for a stricter value
+    as_strict: str  # values at least as strict as {}, in words
+    mark: str  # of the parameter in tables
+
+
+STRICT_IF_LOW = Strictness(lambda value: -value, "at most {}", "<")
+STRICT_IF_HIGH = Strictness(lambda value: value, "at least {}", ">")
+# Zero stands for no limit at all.
+STRICT_IF_LOW_NOT_ZERO = Strictness(
+    lambda value: -(value or math.inf), "above 0 and at most {}", "<"
+)
+
+
+def strict_if(strict: object) -> Strictness:
+    """Return the strictness of a choice of which one value is the strict one."""
+    return Strictness(lambda value: value == strict, "{}", "=")
+
+
 def tunable(
-    description: str, minimum: float | None = None, maximum: float | None = None, unit: str = ""
+    description: str,
+    minimum: float | None = None,
+    maximum: float | None = None,
+    unit: str = "",
+    strictness: Strictness | None = None,
 ) -> Any:
-    """Declare a tunable once, as a dataclass field. Without minimum or maximum it is unbounded."""
+    """Declare a tunable once, as a dataclass field. Without minimum or maximum it is unbounded.
+
+    Args:
+        strictness: Of tolerances, margins and limits, which a running node only tightens; None: of
+            what does not decide whether anything passes.
+    """
     bounds = {"minimum": minimum, "maximum": maximum}
-    return field(metadata={"description": description, **bounds, "unit": unit})
+    said = {"description": description, "unit": unit, "strictness": strictness}
+    return field(metadata={**said, **bounds})
 
 
 @dataclass(frozen=True)
@@ -32,6 +65,7 @@ class PlannerSettings:
         minimum=0.0,
         maximum=1.0,
         unit="m",
+        strictness=STRICT_IF_HIGH,
     )
     penalty_gain: float = tunable("g1 of Eq. (47)", minimum=0.0, maximum=None)
     penalty_exponent: float = tunable("g2 of Eq. (47)", minimum=0.0, maximum=100.0)
@@ -69,24 +103,36 @@ class PlannerSettings:
         "Iterations allowed to the solver from each start", minimum=1, maximum=10_000
     )
     optimality_tolerance: float = tunable(
-        "First-order optimality at which the solver stops", minimum=1e-12, maximum=1.0
+        "First-order optimality at which the solver stops",
+        minimum=1e-12,
+        maximum=1.0,
+        strictness=STRICT_IF_LOW,
     )
     position_tolerance: float = tunable(
-        "Allowed final error of the end effector position", minimum=1e-12, maximum=1.0, unit="m"
+        "Allowed final error of the end effector position",
+        minimum=1e-12,
+        maximum=1.0,
+        unit="m",
+        strictness=STRICT_IF_LOW,
     )
     orientation_tolerance: float = tunable(
         "Allowed final error of the end effector orientation",
         minimum=1e-12,
         maximum=1.0,
         unit="rad",
+        strictness=STRICT_IF_LOW,
     )
     momentum_tolerance: float = tunable(
-        "Allowed relative change of the total momentum", minimum=1e-15, maximum=1.0
+        "Allowed relative change of the total momentum",
+        minimum=1e-15,
+        maximum=1.0,
+        strictness=STRICT_IF_LOW,
     )
     singular_value_threshold: float = tunable(
         "A plan is refused where the smallest singular value of the generalised Jacobian is below",
         minimum=0.0,
         maximum=1.0,
+        strictness=STRICT_IF_HIGH,
     )
     start_velocity_tolerance: float = tunable(
         "Allowed difference between the plan's first joint rates and the start state's; the "
@@ -94,6 +140,7 @@ class PlannerSettings:
         minimum=0.0,
         maximum=10.0,
         unit="rad/s",
+        strictness=STRICT_IF_LOW,
     )
 
     def __post_init__(self) -> None:

@@ -19,7 +19,7 @@ from typing import Generic, TypeVar
 import numpy as np
 import piqp
 
-from ff_planner_ros.arrays import Array
+from ff_planner_ros.arrays import Array, Indices
 
 # A constraint violated by less counts as kept [unit of g]; well below any tolerance that a
 # user sets, well above the accuracy of the quadratic programs.
@@ -47,6 +47,8 @@ _LEAST_PROMISE = 1e-12
 # The objective is known to six good digits where no step promises a tenth of the sixth: what the
 # steps after it would bring, too, is not ten times as much.
 _SIX_DIGITS = 1e-7
+# A smaller multiplier is the interior-point method's way of writing zero.
+_INACTIVE = 1e-9
 # An update of the curvature by a step that is so nearly orthogonal to it is rounding.
 _ORTHOGONAL = 1e-8
 # A step is taken if it brings this part of the promised decrease; the trust region shrinks below
@@ -71,6 +73,8 @@ class Linearisation:
     equalities: Array = field(default_factory=lambda: np.empty(0))  # h; may be empty
     # Shape (equalities, variables); ignored where there are none
     equalities_jacobian: Array = field(default_factory=lambda: np.empty((0, 0)))
+    # Of the constraints, those of interest at x: at another x the same name is the same constraint
+    names: Indices = field(default_factory=lambda: np.empty(0, np.intp))
     is_defined: bool = True  # whether the functions are defined at x; if not, only x has a meaning
 
     @property
@@ -100,8 +104,10 @@ class Solution(Generic[AtX]):
     iterations: int  # quadratic programs solved
     evaluations: int  # calls of the function
     stop_reason: str  # a sentence
-    # Of the peaks as weighed by their multipliers; shape (variables, variables), None if unknown
+    # Of peaks and constraints as their multipliers weigh them, learned from the steps; shape
+    # (variables, variables), None if unknown
     curvature: Array | None = None
+    radius: float = FIRST_RADIUS  # of the trust region, to go on with
 
     @property
     def feasible(self) -> bool:
@@ -126,7 +132,7 @@ def minimise(
         tolerance: First-order optimality at which to stop.
         progress: Part of the objective; a step that promises less is not worth an evaluation.
         first_radius: Largest entry of the first step: small where the start is nearly optimal.
-        curvature: Of the peaks, as another solution learned it. None: nothing is known of it.
+        curvature: Of peaks and constraints, as another solution learned it. None: nothing is known.
         tolerated: A smaller violation does not stop a step that brings what it promised of the
             objective: long steps along curved constraints. The solution may violate as much.
     """
@@ -168,7 +174,9 @@ def minimise(
             break
     if not np.isfinite(optimality):  # that of x is not known yet
         optimality = _step_at_fair_price(here, FIRST_RADIUS, price)[0].optimality
-    return Solution(x, here, optimality, converged, iterations, evaluations, reason, curvature)
+    return Solution(
+        x, here, optimality, converged, iterations, evaluations, reason, curvature, radius
+    )
 
 
 def nearest_feasible(
@@ -279,7 +287,7 @@ def _enough(
 
 
 def _curved(here: AtX, curvature: Array) -> AtX:
-    """Return functions and derivatives with the curvature of the peaks in the Hessian."""
+    """Return functions and derivatives with the learned curvature in the Hessian."""
     if not here.peaks.size:
         return here
     values, vectors = np.linalg.eigh(here.hessian + curvature)
@@ -287,13 +295,20 @@ def _curved(here: AtX, curvature: Array) -> AtX:
 
 
 def _learned(curvature: Array, here: Linearisation, there: Linearisation, step: _Step) -> Array:
-    """Return the curvature of the peaks as their multipliers weigh it, updated by one step (SR1).
+    """Return the curvature of peaks and constraints, updated by one step (SR1).
 
-    The constraints' curvature is not learned: those near an obstacle come and go.
+    It is that of their sum as the step's multipliers weigh them. A sum f alone has a Gauss-Newton
+    approximation that is better than what is learned.
     """
     if not here.peaks.size:
         return curvature
     turned = (there.peaks_jacobian - here.peaks_jacobian).T @ step.on_peaks
+    (active,) = np.nonzero(step.on_constraints[: len(here.constraints)] > _INACTIVE)
+    if len(here.names):
+        _, before, after = np.intersect1d(here.names[active], there.names, return_indices=True)
+        before = active[before]
+        bent = there.constraints_jacobian[after] - here.constraints_jacobian[before]
+        turned -= bent.T @ step.on_constraints[before]
     missing = turned - curvature @ step.dx
     along = float(missing @ step.dx)
     if abs(along) <= _ORTHOGONAL * np.linalg.norm(missing) * np.linalg.norm(step.dx):
@@ -352,7 +367,8 @@ def _step_at_fair_price(here: Linearisation, radius: float, price: float) -> tup
     )
     if step.violation > FEASIBILITY_TOLERANCE:
         return step, price
-    return step, max(_MARKUP * step.pull, _LOWEST_PRICE)
+    pull = float(step.on_constraints.sum() + np.abs(step.on_equalities).sum())
+    return step, max(_MARKUP * pull, _LOWEST_PRICE)
 
 
 def _tells_of_violation(here: Linearisation, step: _Step, ratio: float) -> bool:
@@ -380,7 +396,10 @@ class _Step:
     dx: Array  # the step; shape (variables,)
     objective: float  # promised at the end of the step
     violation: float  # what remains of the linearised one
-    pull: float  # sum of the constraints' multipliers, at most the price of violating them
+    # Multipliers of the constraints, shape (constraints,); behind them those of equalities that
+    # could not hold, as pairs of constraints
+    on_constraints: Array
+    on_equalities: Array  # of those that hold; shape (equalities,) or (0,)
     on_peaks: Array  # multipliers of the peaks; shape (peaks,)
     optimality: float  # first-order optimality at the step's beginning, with its multipliers
 
@@ -472,7 +491,8 @@ def _solved(here: Linearisation, radius: float, price: float) -> _Step | None:
             here.constraints + here.constraints_jacobian @ dx,
             equal + equal_jacobian @ dx if equalities else equal,
         ),
-        pull=float(on_constraints.sum() + np.abs(on_equalities).sum()),
+        on_constraints=on_constraints,
+        on_equalities=on_equalities,
         on_peaks=on_peaks,
         optimality=float(max(np.abs(lagrangian).max(), complementarity.max(initial=0.0))),
     )

@@ -11,6 +11,9 @@ from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.plan import Trajectory
 from ff_planner_ros.robot.model import Robot
 
+# Of any sample [SI]. Earth's orbit is smaller; squares of it are still numbers.
+_LARGEST = 1e15
+
 
 def require_sound_samples(robot: Robot, trajectory: Trajectory) -> None:
     """Refuse samples that cannot be a motion of this robot.
@@ -36,6 +39,10 @@ def require_sound_samples(robot: Robot, trajectory: Trajectory) -> None:
             )
         if not np.isfinite(values).all():
             raise InvalidInput(Status.NOT_FINITE, item.name, "not finite", "every entry must be")
+        largest = np.abs(values).max(initial=0.0)
+        if largest > _LARGEST:
+            allowed = f"no entry of a motion is larger than {_LARGEST:g}"
+            raise InvalidInput(Status.OUT_OF_RANGE, item.name, largest, allowed)
         if item.name.endswith("quaternions_xyzw"):
             for quaternion in values:
                 unit_quaternion(item.name, quaternion)

@@ -15,6 +15,7 @@ import pinocchio as pin
 
 from ff_planner_ros.arrays import Array, frozen
 from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.robot.shapes import with_shapes
 from ff_planner_ros.robot.urdf import NOTHING_HELD, checked_urdf
 from ff_planner_ros.robot.urdf_xml import MAX_CHARACTERS
 
@@ -44,6 +45,7 @@ class Robot:
 
     model: pin.Model  # never changed after loading
     urdf: str  # the checked XML that the model was built from
+    drawn_urdf: str  # the same with the shapes of its links, to hand on
     joint_names: tuple[str, ...]  # from base to tip
     base_link: str  # URDF link that carries the arm; its axes are the chaser's axes
     tip_link: str  # URDF link whose frame is the end effector
@@ -141,6 +143,7 @@ def robot_from_urdf_text(
     return Robot(
         model=model,
         urdf=checked.xml,
+        drawn_urdf=with_shapes(checked.xml, text),
         joint_names=tuple(model.names)[2:],
         base_link=checked.base_link,
         tip_link=checked.tip_link,

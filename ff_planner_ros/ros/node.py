@@ -11,13 +11,15 @@ import rclpy
 from rclpy.executors import MultiThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
 
-from ff_planner_ros.errors import FfPlannerError, InvalidInput, Status
+from ff_planner_ros.errors import FfPlannerError, Status
 from ff_planner_ros.ros.background import spin_in_background
+from ff_planner_ros.ros.joining import joining_ros, security_gap
 from ff_planner_ros.ros.planner_node import PlannerNode
 from ff_planner_ros.ros.requests.worker import Worker
 
-# One plans, one waits for it to make room, one cancels, one listens, one waits for the bag's disk.
-_THREADS = 5
+# One plans, one waits for it to make room, one cancels, one streams, one tells how the node is, one
+# draws a plan, one publishes a plan that waited, one waits for the bag's disk.
+_THREADS = 8
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -30,7 +32,8 @@ def main(arguments: list[str] | None = None) -> int:
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stop.set())
     try:
-        _initialise(arguments)
+        with joining_ros():
+            rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
         return _run(stop)
     except FfPlannerError as error:
         print(f"planner_node: {error}", file=sys.stderr)
@@ -39,18 +42,12 @@ def main(arguments: list[str] | None = None) -> int:
         rclpy.try_shutdown()
 
 
-def _initialise(arguments: list[str] | None) -> None:
-    try:
-        rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
-    except RuntimeError as error:  # what rclpy raises has no narrower public name
-        raise InvalidInput(
-            Status.OUT_OF_RANGE, "ROS arguments", "refused", str(error).splitlines()[0]
-        ) from None
-
-
 def _run(stop: threading.Event) -> int:
     with closing(Worker()) as worker:
-        node = PlannerNode(worker)
+        with joining_ros():
+            node = PlannerNode(worker)
+        if gap := security_gap():
+            node.get_logger().warning(gap)
         executor = MultiThreadedExecutor(num_threads=_THREADS)
         executor.add_node(node)
         try:

@@ -1,4 +1,8 @@
-"""The node's ROS parameters: declared from the one list there is, and judged when they change."""
+"""The node's ROS parameters: declared from the one list there is, and judged when they change.
+
+Whoever may set parameters must not get a plan past the check that the configured node would refuse,
+nor have the process read or write where it was not told to.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +18,7 @@ from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValu
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.errors import FfPlannerError, InvalidInput, Status
 from ff_planner_ros.parameters import (
     DECLARATIONS,
     Declaration,
@@ -29,10 +33,17 @@ _WHILE_CONFIGURED = (
     *("robot.", "bag.", "qos.", "odometry.", "rates."),
     *("inertial_frame", "state_source"),
 )
+# Their time is over when the node is there.
+_AT_START = ("autostart", "allow_remote_paths")
+_PATHS = ("robot.urdf", "bag.directory")
+_TRANSITIONS = "lifecycle transitions deactivate and cleanup"
 
 
 class LiveParameters:
-    """The parameters of a running node: what may change does so between two plans."""
+    """The parameters of a running node: what may change does so between two plans.
+
+    While the node is configured, tolerances, margins and limits may only be tightened.
+    """
 
     def __init__(self, node: Node) -> None:
         """Declare every parameter; overrides go before the values of `config/planner.yaml`.
@@ -41,27 +52,68 @@ class LiveParameters:
             InvalidInput: An override that is unknown, of the wrong type or out of its range.
         """
         self.current = _declared(node)
-        self.configured = False  # whether those of _WHILE_CONFIGURED are in use
+        self.configured = False  # whether a robot is loaded, by what the parameters are now
         node.add_on_set_parameters_callback(self._judge)
         node.add_post_set_parameters_callback(self._take)
 
     def _judge(self, changes: list[Parameter]) -> SetParametersResult:
         """Refuse changes that make no sense; types and ranges of numbers are checked already."""
-        for change in changes:
-            if self.configured and change.name.startswith(_WHILE_CONFIGURED):
-                return SetParametersResult(
-                    successful=False,
-                    reason=f"{change.name} is in use: it may change only while the node is "
-                    "unconfigured (lifecycle transitions deactivate and cleanup)",
-                )
         try:
+            for change in changes:
+                self._require_allowed(change.name, change.value)
             changed(self.current, changes)
-        except InvalidInput as error:
+        except FfPlannerError as error:
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
 
+    def _require_allowed(self, name: str, value: Any) -> None:
+        now = value_of(self.current, name)
+        if name in _PATHS and not self.current.allow_remote_paths:
+            allowed = (
+                f"it stays {now!r}, as the process was started; with allow_remote_paths:=true at "
+                "the start it may be set while the node is unconfigured"
+            )
+            raise InvalidInput(Status.OUT_OF_RANGE, name, repr(value), allowed)
+        if not self.configured:
+            return
+        if name.startswith(_WHILE_CONFIGURED):
+            raise FfPlannerError(
+                Status.OUT_OF_RANGE,
+                f"{name} is in use as {now!r} and cannot become {value!r}: it may change only "
+                f"while the node is unconfigured ({_TRANSITIONS})",
+            )
+        declared = DECLARATIONS.get(name)
+        strictness = declared.strictness if declared else None
+        # Written so that NaN is refused.
+        if strictness and not strictness.of(value) >= strictness.of(now):
+            unit = f" [{declared.unit}]" if declared and declared.unit else ""
+            allowed = (
+                f"it must be {strictness.as_strict.format(_shown(now))}{unit} while the node is "
+                "configured, because tolerances, margins and limits may only be tightened then; "
+                f"to loosen it, clean the node up first ({_TRANSITIONS})"
+            )
+            raise InvalidInput(Status.OUT_OF_RANGE, name, _shown(value), allowed)
+
     def _take(self, changes: list[Parameter]) -> None:
         self.current = changed(self.current, changes)
+
+
+def stricter_since(then: NodeParameters, now: NodeParameters) -> list[str]:
+    """Return the names of tolerances, margins and limits that have been tightened."""
+    return [
+        name
+        for name, declared in DECLARATIONS.items()
+        if (strictness := declared.strictness)
+        and strictness.of(value_of(now, name)) > strictness.of(value_of(then, name))
+    ]
+
+
+def value_of(parameters: NodeParameters, name: str) -> Any:
+    """Return a parameter by its full name; None where it is not ours."""
+    value: Any = parameters
+    for part in name.split("."):
+        value = getattr(value, part, None)
+    return value
 
 
 def changed(parameters: NodeParameters, changes: list[Parameter]) -> NodeParameters:
@@ -107,13 +159,22 @@ def _value(parameter: Parameter) -> Any:
 
 
 def _descriptor(name: str, declaration: Declaration) -> ParameterDescriptor:
-    kind, description, minimum, maximum, unit = declaration
+    kind, description, minimum, maximum, unit, strictness = declaration
+    when = "a change counts from the next request on"
+    if name in _AT_START:
+        when = "is set when the process starts"
+    elif name in _PATHS:
+        when = (
+            "is set when the process starts, or, with allow_remote_paths, while it is unconfigured"
+        )
+    elif name.startswith(_WHILE_CONFIGURED):
+        when = "may change only while the node is unconfigured"
+    elif strictness:
+        when += "; while the node is configured, the value may only become stricter"
     descriptor = ParameterDescriptor(
         description=f"{description} [{unit}]" if unit else description,
-        read_only=name == "autostart",  # its time is over when the node is there
-        additional_constraints="may change only while the node is unconfigured"
-        if name.startswith(_WHILE_CONFIGURED)
-        else "a change counts from the next request on",
+        read_only=name in _AT_START,
+        additional_constraints=when,
     )
     if kind is int:
         descriptor.integer_range = [
@@ -130,3 +191,8 @@ def _descriptor(name: str, declaration: Declaration) -> ParameterDescriptor:
             )
         ]
     return descriptor
+
+
+def _shown(value: Any) -> str:
+    """Return a value as a parameters file has it."""
+    return str(value).lower() if isinstance(value, bool) else str(value)

@@ -35,15 +35,21 @@ class PlannerNode(LifecycleNode):
         """Load the robot, start to record, and connect."""
 
         def configure() -> None:
-            self._session = Session(self, self.parameters, self._worker)
+            # Before they are read: what is in use must be what the parameters say.
             self.parameters.configured = True
+            try:
+                self._session = Session(self, self.parameters, self._worker)
+            except BaseException:
+                self.parameters.configured = False
+                raise
 
         return self._attempt(configure)
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Publish, and answer requests."""
+        """Publish, and answer requests, once the solver is ready for them."""
 
         def activate() -> None:
+            self._worker.wait_until_warm()
             super(PlannerNode, self).on_activate(state)  # opens the publishers
             if self._session is not None:
                 self._session.activate()

@@ -16,7 +16,8 @@ from ff_planner_ros.bag.decoding import NANOSECONDS
 from ff_planner_ros.bag.writer import unique_directory
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.robot.model import read_urdf
-from ff_planner_ros.ros.inputs.input_topics import heard_with
+from ff_planner_ros.ros.inputs.input_topics import OBSTACLES, heard_with
+from ff_planner_ros.ros.inputs.listener import Listener
 from ff_planner_ros.ros.inputs.scene_input import SceneInput
 from ff_planner_ros.ros.inputs.state_input import Snapshot, StateInput
 from ff_planner_ros.ros.outputs.diagnostics import NodeHealth, diagnostics
@@ -25,6 +26,7 @@ from ff_planner_ros.ros.parameters import LiveParameters
 from ff_planner_ros.ros.qos import STREAM_QOS, qos_profile
 from ff_planner_ros.ros.recorder.recorded_topics import recording
 from ff_planner_ros.ros.recorder.recording_services import recording_services
+from ff_planner_ros.ros.requests.namesakes import namesakes
 from ff_planner_ros.ros.requests.planning_service import PlanningService
 from ff_planner_ros.ros.requests.worker import Worker
 from ff_planner_ros.share import resolve_uri
@@ -44,7 +46,8 @@ class Session:
         Raises:
             InvalidInput: The robot is refused.
         """
-        self._node, self._parameters = node, parameters
+        self._node, self._parameters, self._worker = node, parameters, worker
+        self._namesakes: list[str] = []
         now = parameters.current
         urdf = resolve_uri(now.robot.urdf, relative_to=Path.cwd())
         self._description = read_urdf(urdf)
@@ -52,14 +55,15 @@ class Session:
         for note in robot.notes:
             node.get_logger().warning(f"robot.urdf: {note}")
         self._states = StateInput(robot, now.inertial_frame, now.state_source, now.odometry)
-        self._scenes = SceneInput(now.inertial_frame)
+        self._scenes = SceneInput(now.inertial_frame, lambda: node.get_clock().now().nanoseconds)
         self._bag = unique_directory(Path(now.bag.directory).resolve(), "ff_planner")
         with ExitStack() as stack:
             self._recorder = stack.enter_context(recording(node, now, urdf, self._bag))
             stack.enter_context(recording_services(node, self._recorder))
             self._output = stack.enter_context(closing(PlanOutput(node, robot, now)))
-            # Apart from the lifecycle's services, whose transitions may wait for an answer.
-            self._group = MutuallyExclusiveCallbackGroup()
+            # Nobody learns more from a preview by reading it twice.
+            preview = node.resolve_topic_name("planned_joint_states")
+            self._recorder.leave_out(preview, self._output.is_repeated)
             self._subscribe(stack)
             self._service = stack.enter_context(
                 closing(
@@ -81,9 +85,12 @@ class Session:
                 (now.rates.predicted_pose, self._stream),
                 (now.rates.diagnostics, self._diagnose),
             ):
+                # Each on its own: reading thousands of spheres must not hold up a pose. And apart
+                # from the lifecycle's services, whose transitions may wait for an answer.
+                group = MutuallyExclusiveCallbackGroup()
                 # Steady: simulated time that stands still, or jumps, must not silence the node.
                 clock = Clock(clock_type=ClockType.STEADY_TIME)
-                timer = node.create_timer(1.0 / rate, callback, self._group, clock)
+                timer = node.create_timer(1.0 / rate, callback, group, clock)
                 stack.callback(node.destroy_timer, timer)
             jumps = node.get_clock().create_jump_callback(
                 JumpThreshold(min_forward=None, min_backward=Duration(nanoseconds=-1)),
@@ -110,15 +117,16 @@ class Session:
     def _subscribe(self, stack: ExitStack) -> None:
         qos = self._parameters.current.qos
         keep = self._states.callbacks() | self._scenes.callbacks()
+        listener = stack.enter_context(closing(Listener(self._node)))
         for topic in heard_with(self._parameters.current.state_source):
-            subscription = self._node.create_subscription(
+            listener.add(
                 topic.message_type,
                 topic.name,
                 keep[topic.name],
                 qos_profile(getattr(qos, topic.name)),
-                callback_group=self._group,
+                serialised=topic is OBSTACLES,  # read when it is asked for: it may be large
             )
-            stack.callback(self._node.destroy_subscription, subscription)
+        listener.start()
 
     def _forget(self, jump: TimeJump) -> None:
         """Forget states and plans: the clock jumped back, or became another one."""
@@ -144,7 +152,7 @@ class Session:
         now, clock = self._parameters.current, self._node.get_clock().now()
         state_age, state_refusal = None, ""
         try:
-            stamp_ns = self._newest_state(_ANY_AGE, _ANY_AGE).stamp_ns
+            stamp_ns = self._newest_state(_ANY_AGE, now.state_max_lead).stamp_ns
             state_age = (clock.nanoseconds - stamp_ns) / NANOSECONDS
         except InvalidInput as error:
             if error.status is not Status.NO_STATE:
@@ -166,6 +174,8 @@ class Session:
             obstacles_refusal=obstacles_refusal,
             last=self._service.last,
             solve_times=tuple(self._service.solve_times),
+            solver_is_warm=self._worker.is_warm,
+            namesakes=self._other_planners(),
             recorder=self._recorder.health,
             tracking=self._output.tracking,
             tracking_max_position=now.tracking.max_position,
@@ -173,6 +183,15 @@ class Session:
         )
         name = self._node.get_fully_qualified_name()
         self._diagnostics.publish(diagnostics(health, name, clock.to_msg()))
+
+    def _other_planners(self) -> list[str]:
+        """Return the nodes that serve the same requests, and tell of a change in the log."""
+        found = namesakes(self._node)
+        if found and found != self._namesakes:
+            names = ", ".join(found)
+            self._node.get_logger().error(f"the same requests are answered by {names}, too")
+        self._namesakes = found
+        return found
 
 
 def _what_happened(jump: TimeJump) -> str:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from bisect import bisect_left, bisect_right
 from collections import defaultdict
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TypeAlias
 
-from ff_planner_ros.bag.decoding import nanoseconds
-from ff_planner_ros.bag.reader import Bag
+from ff_planner_ros.bag.decoding import NANOSECONDS
+from ff_planner_ros.bag.reader import Bag, Message
 from ff_planner_ros.errors import BagError, InvalidInput
 from ff_planner_ros.parameters import NodeParameters, OdometryParameters
 from ff_planner_ros.robot.model import Robot
@@ -18,15 +19,22 @@ from ff_planner_ros.ros.inputs.input_topics import (
     JOINT_STATES,
     ODOMETRY,
     InputTopic,
+    header_stamp,
 )
-from ff_planner_ros.ros.inputs.state_input import is_pair, pairs
+from ff_planner_ros.ros.inputs.state_input import is_pair
 from ff_planner_ros.ros.messages.from_messages import state_from_message
 from ff_planner_ros.ros.messages.from_odometry import (
     chaser_from_odometry,
     joints_from_joint_state,
 )
-from ff_planner_ros.runs.installed import as_installed
-from ff_planner_ros.runs.recorded_inputs import header_stamp, input_topic
+from ff_planner_ros.runs.recorded_inputs import input_topic
+
+# Of a plan, evenly in time: each takes a tenth of a millisecond, and a curve shows 400 of them.
+MOST_STATES = 5_000
+# What a message that is decoded by another definition than ours may raise
+_UNREADABLE = (InvalidInput, BagError, AttributeError, TypeError, ValueError)
+
+Stamped: TypeAlias = tuple[int, Message]  # with the time of its measurement [ns]
 
 
 @dataclass(eq=False)
@@ -41,6 +49,7 @@ class Window:
     states: dict[int, SystemState] = field(default_factory=dict)
     # Why messages could not be read as a state of the robot
     unusable: list[str] = field(default_factory=list)
+    left_out: int = 0  # number of messages beside those that were read, beyond MOST_STATES
 
 
 def fill_windows(
@@ -54,59 +63,124 @@ def fill_windows(
     if parameters.state_source == "odometry":
         _measure_apart(bag, robot, parameters.odometry, windows)
         return
-    for window, message in _wanted(bag, CHASER_STATE, windows):
-        try:
-            state = state_from_message(message, CHASER_STATE.name, robot, window.frame)
-        except InvalidInput as error:
-            window.unusable.append(str(error))
-        else:
-            window.states[nanoseconds(message.header.stamp)] = state
+    for window, kept in zip(windows, _kept(bag, CHASER_STATE, windows), strict=True):
+        for stamp_ns, message in kept:
+            try:
+                state = bag.decode(message)
+                found = state_from_message(state, CHASER_STATE.name, robot, window.frame)
+            except _UNREADABLE as error:
+                window.unusable.append(str(error))
+            else:
+                window.states[stamp_ns] = found
 
 
 def _measure_apart(
     bag: Bag, robot: Robot, sensor: OdometryParameters, windows: Sequence[Window]
 ) -> None:
     """Pair odometry with the joint states nearest in time."""
-    heard: dict[tuple[int, str], list[tuple[int, Any]]] = defaultdict(list)
-    for topic in (ODOMETRY, JOINT_STATES):
-        for window, message in _wanted(bag, topic, windows):
-            stamped = (nanoseconds(message.header.stamp), message)
-            heard[id(window), topic.name].append(stamped)
-    for window in windows:
-        chasers, joints = (heard[id(window), topic.name] for topic in (ODOMETRY, JOINT_STATES))
-        paired = [
-            (stamp_ns, chaser, arm)
-            for apart, (stamp_ns, chaser), (_, arm) in pairs(chasers, joints)
-            if is_pair(apart, sensor.pairing_tolerance)
-        ]
-        unpaired = len(chasers) - len(paired)
-        window.unusable += ["no joint_states are near enough to pair with odometry"] * unpaired
-        for stamp_ns, odometry, joint_state in reversed(paired):
+    kept = _kept(bag, ODOMETRY, windows)
+    for window, chasers, arms in zip(windows, kept, _nearest(bag, windows, kept), strict=True):
+        for (stamp_ns, odometry), (apart_ns, joint_states) in zip(chasers, arms, strict=True):
             try:
-                chaser = chaser_from_odometry(odometry, window.frame, sensor)
-                arm = joints_from_joint_state(joint_state, robot)
-            except InvalidInput as error:
+                if joint_states is None or not is_pair(
+                    apart_ns / NANOSECONDS, sensor.pairing_tolerance
+                ):
+                    raise BagError("no joint_states are near enough to pair with odometry")
+                chaser = chaser_from_odometry(bag.decode(odometry), window.frame, sensor)
+                arm = joints_from_joint_state(bag.decode(joint_states), robot)
+            except _UNREADABLE as error:
                 window.unusable.append(str(error))
             else:
                 window.states[stamp_ns] = SystemState(*chaser, *arm)
 
 
-def _wanted(bag: Bag, topic: InputTopic, windows: Sequence[Window]) -> Iterator[tuple[Window, Any]]:
-    """Yield each message with each window that its stamp is in."""
-    heard: list[tuple[Window, str]] = []
-    for window in windows:
+def _kept(bag: Bag, topic: InputTopic, windows: Sequence[Window]) -> list[list[Stamped]]:
+    """Return the messages of each window, at most one in each of many equal times, by stamp.
+
+    Of messages with the same stamp the last counts.
+    """
+    kept: dict[int, dict[int, Stamped]] = defaultdict(dict)
+    for number, stamp_ns, message in _stamped(bag, topic, windows):
+        window = windows[number]
+        span_ns = max(window.end_ns - window.start_ns, MOST_STATES)
+        time = (stamp_ns - window.start_ns) * MOST_STATES // (span_ns + 1)
+        before = kept[number].get(time)
+        if before is None or before[0] == stamp_ns:
+            kept[number][time] = stamp_ns, message
+        else:
+            window.left_out += 1
+    return [[kept[n][time] for time in sorted(kept[n])] for n in range(len(windows))]
+
+
+def _nearest(
+    bag: Bag, windows: Sequence[Window], kept: Sequence[Sequence[Stamped]]
+) -> list[list[tuple[int, Message | None]]]:
+    """Return the joint states nearest to each message kept, and how far they are apart [ns].
+
+    Of those equally near, the last heard are taken.
+    """
+    stamps = [[stamp_ns for stamp_ns, _ in messages] for messages in kept]
+    # Between two messages kept, only the first and the last joint states can be the nearest.
+    first: list[dict[int, Stamped]] = [{} for _ in windows]
+    last: list[dict[int, Stamped]] = [{} for _ in windows]
+    for number, stamp_ns, message in _stamped(bag, JOINT_STATES, windows):
+        gap = bisect_left(stamps[number], stamp_ns)
+        if gap not in first[number] or stamp_ns <= first[number][gap][0]:
+            first[number][gap] = stamp_ns, message
+        if gap not in last[number] or stamp_ns >= last[number][gap][0]:
+            last[number][gap] = stamp_ns, message
+    return [_nearest_of(*one) for one in zip(stamps, first, last, strict=True)]
+
+
+def _nearest_of(
+    stamps: Sequence[int], first: Mapping[int, Stamped], last: Mapping[int, Stamped]
+) -> list[tuple[int, Message | None]]:
+    """Return the nearest to each stamp, of what is first and last in the gap before it."""
+    before, after = list[Stamped | None](), list[Stamped | None]()
+    for k in range(len(stamps)):
+        before.append(last.get(k, before[-1] if before else None))
+    for k in range(len(stamps), 0, -1):
+        after.append(first.get(k, after[-1] if after else None))
+    found: list[tuple[int, Message | None]] = []
+    for stamp_ns, *both in zip(stamps, before, reversed(after), strict=True):
+        near = [(abs(at_ns - stamp_ns), one) for at_ns, one in filter(None, both)]
+        near.sort(key=lambda pair: (pair[0], -pair[1].log_time_ns))
+        found.append(near[0] if near else (0, None))
+    return found
+
+
+def _stamped(
+    bag: Bag, topic: InputTopic, windows: Sequence[Window]
+) -> Iterator[tuple[int, int, Message]]:
+    """Yield each message with its stamp [ns], and with the number of each window it is in."""
+    heard: dict[str, list[int]] = defaultdict(list)
+    for number, window in enumerate(windows):
         try:
-            heard.append((window, input_topic(bag, topic.name, window.namespace)))
+            heard[input_topic(bag, topic.name, window.namespace)].append(number)
         except BagError as error:
             window.unusable.append(str(error))
-    if not heard:
-        return
-    for message in bag.messages(*{name for _, name in heard}):
-        # Decoding takes time, and most of a long run is between the plans.
+    # Most of a long run is between the plans.
+    for message in bag.messages(*heard, only=_stamped_in(windows)) if heard else ():
         stamp_ns = header_stamp(message.cdr)
-        for window, name in heard:
-            if name == message.topic and window.start_ns <= stamp_ns <= window.end_ns:
-                try:
-                    yield window, as_installed(bag.decode(message), topic.message_type)
-                except BagError as error:
-                    window.unusable.append(str(error))
+        for number in heard[message.topic]:
+            if windows[number].start_ns <= stamp_ns <= windows[number].end_ns:
+                yield number, stamp_ns, message
+
+
+def _stamped_in(windows: Sequence[Window]) -> Callable[[bytes], bool]:
+    """Return what tells of the bytes of a message whether its stamp is in any window."""
+    starts: list[int] = []
+    ends: list[int] = []
+    for start, end in sorted((window.start_ns, window.end_ns) for window in windows):
+        if ends and start <= ends[-1]:
+            ends[-1] = max(ends[-1], end)
+        else:
+            starts.append(start)
+            ends.append(end)
+
+    def is_in(cdr: bytes) -> bool:
+        stamp_ns = header_stamp(cdr)
+        k = bisect_right(starts, stamp_ns) - 1
+        return k >= 0 and stamp_ns <= ends[k]
+
+    return is_in

@@ -97,7 +97,7 @@ def record_answer(
 
         robot = problem.robot
         parameters = yaml.safe_dump({"/**": {"ros__parameters": _used(task)}})
-        bag.attach("robot.urdf", "application/xml", robot.urdf.encode())
+        bag.attach("robot.urdf", "application/xml", robot.drawn_urdf.encode())
         bag.attach("parameters.yaml", "application/yaml", parameters.encode())
         if scenario is not None:
             bag.attach("scenario.yaml", "application/yaml", scenario.read_bytes())

@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import Any
 
 import rclpy
-import yaml
 from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.publisher import Publisher
@@ -26,8 +25,10 @@ from rosgraph_msgs.msg import Clock
 
 from ff_planner_ros.bag.definition import message_definition
 from ff_planner_ros.bag.reader import Bag, Topic, open_bag
-from ff_planner_ros.errors import BagError
+from ff_planner_ros.errors import BagError, InvalidInput
+from ff_planner_ros.planning.yaml_file import yaml_document
 from ff_planner_ros.ros.inputs.input_topics import INPUT_TOPICS, OUTPUTS_OF_THESE_TYPES
+from ff_planner_ros.ros.joining import joining_ros
 from ff_planner_ros.ros.messages.interfaces import type_name
 from ff_planner_ros.ros.messages.to_messages import time_message
 
@@ -201,8 +202,8 @@ def _message_type(name: str) -> Any:
 
 def _qos(topic: Topic) -> QoSProfile:
     """Return the quality of service that the first publisher of a recorded topic offered."""
-    with contextlib.suppress(yaml.YAMLError, LookupError, TypeError, ValueError):
-        offered = yaml.safe_load(topic.offered_qos_profiles)[0]
+    with contextlib.suppress(InvalidInput, LookupError, TypeError, ValueError):
+        offered = yaml_document(topic.offered_qos_profiles, "offered_qos_profiles", "damaged")[0]
         return QoSProfile(
             depth=max(int(offered["depth"]), 1),
             reliability=_RELIABILITY[str(offered["reliability"])],
@@ -225,11 +226,14 @@ def _wait_for_subscribers(publishers: dict[str, Publisher], stop: threading.Even
 
 @contextmanager
 def _node() -> Iterator[Node]:
-    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+    with joining_ros():
+        rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
     try:
-        yield rclpy.create_node(
-            "ff_planner_player", enable_rosout=False, start_parameter_services=False
-        )
+        with joining_ros():
+            node = rclpy.create_node(
+                "ff_planner_player", enable_rosout=False, start_parameter_services=False
+            )
+        yield node
     finally:
         rclpy.try_shutdown()
 

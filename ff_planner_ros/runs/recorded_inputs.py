@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-import struct
 from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
 
-from ff_planner_ros.bag.decoding import NANOSECONDS
 from ff_planner_ros.bag.reader import Bag, Message
 from ff_planner_ros.errors import BagError
-from ff_planner_ros.ros.inputs.input_topics import INPUT_TOPICS, OUTPUTS_OF_THESE_TYPES
+from ff_planner_ros.ros.inputs.input_topics import (
+    INPUT_TOPICS,
+    OUTPUTS_OF_THESE_TYPES,
+    header_stamp,
+)
 from ff_planner_ros.ros.messages.interfaces import type_name
 
 
@@ -112,11 +114,3 @@ def _take_first(answer: Heard, moment: Moment, first: Mapping[str, Message]) -> 
     for name in moment.inputs:
         if name in first and name not in moment.stamps_ns and not answer.get(name):
             answer[name] = [first[name]]
-
-
-def header_stamp(cdr: bytes) -> int:
-    """Return the stamp of the header that every input begins with [ns]; -1 without one."""
-    if len(cdr) < 12:
-        return -1
-    seconds, nanoseconds = struct.unpack_from("<iI" if cdr[1] & 1 else ">iI", cdr, 4)
-    return int(seconds) * NANOSECONDS + int(nanoseconds)

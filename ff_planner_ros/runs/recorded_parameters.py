@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
-import yaml
 from rcl_interfaces.msg import ParameterEvent
 from rclpy.parameter import Parameter
 
@@ -18,6 +17,7 @@ from ff_planner_ros.parameters import (
     flattened,
     parameters_of,
 )
+from ff_planner_ros.planning.yaml_file import yaml_document
 from ff_planner_ros.ros.messages.interfaces import type_name
 from ff_planner_ros.ros.parameters import changed
 from ff_planner_ros.runs.installed import as_installed
@@ -56,10 +56,11 @@ class RecordedParameters:
 
     def _attached(self, bag: Bag) -> NodeParameters:
         try:
-            values = flattened(yaml.safe_load(bag.attachments[_ATTACHED]))
+            written = bag.attachments[_ATTACHED]
+            values = flattened(yaml_document(written, _ATTACHED, "damaged"))
         except KeyError:
             raise BagError(f"bag {bag.path} has no {_ATTACHED} attached, or an empty one") from None
-        except (yaml.YAMLError, InvalidInput, TypeError, ValueError):
+        except (InvalidInput, TypeError, ValueError):
             raise BagError(f"bag {bag.path}: its {_ATTACHED} holds no parameters") from None
         # Where `ff-planner plan --bag` of earlier versions attached none, plans start at once.
         assumed = dict(default_values()) | {"planning_allowance": 0.0}

@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+from ff_planner_ros.analysis.json_file import read_json
+from ff_planner_ros.analysis.methods import MEASURED, PLANNED, Method
 from ff_planner_ros.analysis.plan_json import plan_document
 from ff_planner_ros.analysis.tracking import Deviations
-from ff_planner_ros.arrays import Array
 from ff_planner_ros.bag.decoding import NANOSECONDS
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.metrics import Metrics
 from ff_planner_ros.planning.plan import SolverReport, Trajectory
-from ff_planner_ros.planning.problem import Sphere
+from ff_planner_ros.planning.problem import Sphere, Target
 from ff_planner_ros.robot.model import Robot
 
 
@@ -25,12 +25,23 @@ class ReportedPlan:
     """A plan with all that is drawn of it."""
 
     robot: Robot
-    motion: Trajectory  # planned
-    goal: Array  # of the end effector, in the inertial frame; shape (3,) [m]
+    motions: Mapping[Method, Trajectory]  # as planned; or as recorded, as changed, or both
+    goal: Target  # of the end effector
     obstacles: tuple[Sphere, ...] | None  # None: not known
     measured: Trajectory | None = None  # while the plan ran; None: nothing was measured
     deviations: Deviations | None = None  # of the measured motion
     remarks: tuple[str, ...] = ()  # what a reader must know of all this
+
+    @property
+    def motion(self) -> Trajectory:
+        """The plan, or what was recorded where there are two."""
+        return next(iter(self.motions.values()))
+
+    @property
+    def all_motions(self) -> dict[Method, Trajectory]:
+        """Plans, and what was measured."""
+        measured = {} if self.measured is None else {MEASURED: self.measured}
+        return {**self.motions, **measured}
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,6 +63,8 @@ class ReportedRequest:
     solver: SolverReport | None = None  # of the plan, or of the best attempt
     solve_time: float | None = None  # wall clock of the answer [s]
     plan: ReportedPlan | None = None  # None: there is no plan, or it is not drawn
+    # The same request as it was recorded, where this is one with something changed
+    before: ReportedRequest | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,10 +93,9 @@ def report_of_answer(file: Path) -> Report:
 
     Raises:
         InvalidInput: It is no such answer.
-        OSError: It cannot be read.
     """
+    answer = read_json(file)
     try:
-        answer = json.loads(file.read_text(encoding="utf-8"))
         if isinstance(answer, dict) and _refused(answer):
             request = _refusal(answer)
             return Report(file.name, (("file", str(file)),), (), (request,))
@@ -91,8 +103,6 @@ def report_of_answer(file: Path) -> Report:
     except InvalidInput as error:
         field = f"{file}: {error.field}"
         raise InvalidInput(error.status, field, error.value, error.allowed) from None
-    except ValueError as error:
-        raise InvalidInput(Status.UNSUPPORTED, str(file), "no JSON", str(error)) from None
     motion = found.plan.trajectory
     request = ReportedRequest(
         plan_id=file.stem,
@@ -105,21 +115,28 @@ def report_of_answer(file: Path) -> Report:
         metrics=found.plan.metrics,
         solver=found.plan.solver,
         solve_time=found.solve_time,
-        plan=(reported_plan(found.robot, motion, motion.ee_positions[-1], found.obstacles)),
+        plan=reported_plan(
+            found.robot, {PLANNED: motion}, found.goal or end_of(motion), found.obstacles
+        ),
     )
     facts = (("file", str(file)), *robot_facts(found.robot))
     return Report(file.name, facts, (), (request,))
 
 
 def reported_plan(
-    robot: Robot, motion: Trajectory, goal: Array, obstacles: tuple[Sphere, ...] | None
+    robot: Robot,
+    motions: Mapping[Method, Trajectory],
+    goal: Target,
+    obstacles: tuple[Sphere, ...] | None,
 ) -> ReportedPlan:
-    """Return a plan without measured motion.
-
-    The goal is the end effector's, shape (3,) [m]; obstacles are None where they are not known.
-    """
+    """Return a plan without measured motion; obstacles are None where they are not known."""
     remarks = () if obstacles is not None else ("Which obstacles it avoids is not known.",)
-    return ReportedPlan(robot, motion, goal, obstacles, remarks=remarks)
+    return ReportedPlan(robot, motions, goal, obstacles, remarks=remarks)
+
+
+def end_of(motion: Trajectory) -> Target:
+    """Return where a motion ends: the goal, where nothing tells of another."""
+    return Target(motion.ee_positions[-1], motion.ee_quaternions_xyzw[-1])
 
 
 def robot_facts(robot: Robot) -> list[tuple[str, str]]:
@@ -143,7 +160,7 @@ def clock_time(time_ns: int, with_date: bool = True) -> str:
 def _refused(answer: Mapping[str, Any]) -> bool:
     """Say whether a dictionary is a refusal's, as `refusal_dictionary` makes it."""
     names = {status.name.lower() for status in Status if status is not Status.SOLVED}
-    return answer.get("status") in names and "message" in answer
+    return str(answer.get("status")) in names and "message" in answer
 
 
 def _refusal(answer: Mapping[str, Any]) -> ReportedRequest:

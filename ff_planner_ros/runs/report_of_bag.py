@@ -10,14 +10,15 @@ import numpy as np
 from ff_planner_msgs.msg import ObstacleSphereArray
 from ff_planner_msgs.srv import PlanTrajectory
 
+from ff_planner_ros.analysis.methods import PLANNED
 from ff_planner_ros.analysis.tracking import deviations, measured_motion
-from ff_planner_ros.arrays import finite_vector
 from ff_planner_ros.bag.decoding import NANOSECONDS, nanoseconds
 from ff_planner_ros.bag.provenance import PROVENANCE
 from ff_planner_ros.bag.reader import Bag, Message, open_bag
 from ff_planner_ros.bag.robot_plans import attached_robot
 from ff_planner_ros.errors import BagError, FfPlannerError, InvalidInput, Status
 from ff_planner_ros.parameters import NodeParameters
+from ff_planner_ros.planning.problem import Orientation, Target
 from ff_planner_ros.planning.sound_samples import require_sound_samples
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.ros.inputs.input_topics import OBSTACLES
@@ -27,8 +28,15 @@ from ff_planner_ros.ros.messages.from_messages import (
     solver_report_from_message,
     spheres_from_message,
     xyz,
+    xyzw,
 )
-from ff_planner_ros.runs.installed import PlanExchange, as_installed, installed_exchanges
+from ff_planner_ros.runs.installed import (
+    PlanExchange,
+    as_installed,
+    brief_exchanges,
+    never_published,
+    with_motion,
+)
 from ff_planner_ros.runs.measured import Window, fill_windows
 from ff_planner_ros.runs.recorded_inputs import Moment, heard, input_topic
 from ff_planner_ros.runs.recorded_parameters import RecordedParameters
@@ -37,9 +45,12 @@ from ff_planner_ros.runs.report import (
     ReportedPlan,
     ReportedRequest,
     clock_time,
+    end_of,
     reported_plan,
     robot_facts,
 )
+
+_UNPUBLISHED = "It was asked for with plan_only, and never published: nobody executed it."
 
 
 def report_of_bag(path: Path, most_plans: int) -> Report:
@@ -60,7 +71,7 @@ def _report_of_bag(bag: Bag, most_plans: int) -> Report:
         robot = attached_robot(bag.path, bag.attachments)
     except FfPlannerError as error:
         notes.append(f"no plan is drawn: {error}")
-    found = installed_exchanges(bag)
+    found = brief_exchanges(bag)
     requests = [_request(exchange) for exchange in found]
     solved = [k for k, request in enumerate(requests) if request.code == Status.SOLVED]
     drawn = solved[max(len(solved) - most_plans, 0) :] if robot is not None else []
@@ -69,6 +80,7 @@ def _report_of_bag(bag: Bag, most_plans: int) -> Report:
             f"of {len(solved)} plans the last {len(drawn)} are drawn; --plans N draws more"
         )
     if robot is not None and drawn:
+        found = [with_motion(bag, one) if k in drawn else one for k, one in enumerate(found)]
         plans = _plans(bag, robot, parameters, found, drawn, notes)
         requests = [replace(one, plan=plans.get(k)) for k, one in enumerate(requests)]
     facts = (*_bag_facts(bag), *(robot_facts(robot) if robot else ()))
@@ -86,20 +98,26 @@ def _plans(
     """Return the plans to draw, by the number of their request; what cannot be makes a note."""
     plans: dict[int, ReportedPlan] = {}
     windows: dict[int, Window] = {}
-    scenes = _scenes(bag, found, drawn)
+    waiting: dict[int, ReportedPlan] = {}
+    scenes, unpublished = _scenes(bag, found, drawn), never_published(bag, found)
+    executed = [one for one in found if one.response and one.response.plan_id not in unpublished]
     for k in drawn:
         try:
             scene = None
             if k in scenes:
                 scene = as_installed(bag.decode(scenes[k]), OBSTACLES.message_type)
             plans[k] = _plan(found[k], robot, scene)
-            windows[k] = _window(found, k)
+            if found[k] in executed:
+                windows[k] = _window(executed, executed.index(found[k]))
+            else:
+                waiting[k] = replace(plans[k], remarks=(*plans[k].remarks, _UNPUBLISHED))
         except (BagError, InvalidInput, LookupError, ValueError) as error:
             response = found[k].response or PlanTrajectory.Response()
             notes.append(f"{response.plan_id} is not drawn: {error}")
     if parameters is not None:
         fill_windows(bag, robot, parameters, list(windows.values()))
-    return {k: _with_measured(plans[k], window, parameters) for k, window in windows.items()}
+    measured = {k: _with_measured(plans[k], one, parameters) for k, one in windows.items()}
+    return waiting | measured
 
 
 def _parameters(bag: Bag, notes: list[str]) -> NodeParameters | None:
@@ -116,14 +134,18 @@ def _parameters(bag: Bag, notes: list[str]) -> NodeParameters | None:
 
 def _request(exchange: PlanExchange) -> ReportedRequest:
     """Return the row of a table."""
-    request, response = exchange.request, exchange.response
-    found = ReportedRequest(
-        plan_id="",
-        door=exchange.door,
+    return replace(
+        reported_request(exchange.door, exchange.request, exchange.response),
         asked_ns=exchange.received_ns or None,
         answered_ns=exchange.answered_ns or None,
-        message="no answer is in the bag",
     )
+
+
+def reported_request(
+    door: str, request: PlanTrajectory.Request | None, response: PlanTrajectory.Response | None
+) -> ReportedRequest:
+    """Return what a request and its response tell, without what is drawn of it."""
+    found = ReportedRequest(plan_id="", door=door, message="no answer is in the bag")
     if request is not None:
         weights = (request.weight_joint_path_length, request.weight_chaser_attitude)
         found = replace(found, weights=weights, duration=request.duration)
@@ -181,12 +203,25 @@ def _plan(exchange: PlanExchange, robot: Robot, scene: ObstacleSphereArray | Non
         allowed = f"the robot of the bag has {wanted}"
         raise InvalidInput(Status.UNKNOWN_JOINT, "joint_trajectory.joint_names", names, allowed)
     require_sound_samples(robot, plan.trajectory)
-    goal = plan.trajectory.ee_positions[-1]
+    goal = end_of(plan.trajectory)
     if exchange.request is not None:
-        goal = finite_vector("target_pose", xyz(exchange.request.target_pose.pose.position), 3)
+        goal = _goal(exchange.request)
         scene = exchange.request.obstacles if exchange.request.use_obstacles else scene
     obstacles = None if scene is None else spheres_from_message(scene, scene.header.frame_id)
-    return reported_plan(robot, plan.trajectory, goal, obstacles)
+    return reported_plan(robot, {PLANNED: plan.trajectory}, goal, obstacles)
+
+
+def _goal(request: PlanTrajectory.Request) -> Target:
+    pose = request.target_pose.pose
+    # Requests of earlier versions ask for one orientation.
+    orientation = Orientation(getattr(request, "orientation", "") or Orientation.FIXED)
+    about_axis = orientation is Orientation.ABOUT_AXIS
+    return Target(
+        np.array(xyz(pose.position)),
+        np.array(xyzw(pose.orientation)),
+        orientation=orientation,
+        free_axis_in_ee=np.array(xyz(request.free_axis)) if about_axis else None,
+    )
 
 
 def _window(found: Sequence[PlanExchange], k: int) -> Window:
@@ -228,6 +263,11 @@ def _with_measured(
     if not window.states:
         remarks.append("The bag holds no measured state while it ran.")
         return replace(plan, remarks=tuple(remarks))
+    if window.left_out:
+        remarks.append(
+            f"Of {window.left_out + len(window.states)} measured states {len(window.states)} are "
+            "compared, evenly in time."
+        )
     stamps = np.array(sorted(window.states))
     time = (stamps - window.start_ns) / NANOSECONDS
     # A plan's times are counted in nanoseconds, too: the last may be beyond its end by rounding.

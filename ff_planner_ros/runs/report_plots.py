@@ -13,11 +13,8 @@ from ff_planner_ros.analysis.panels import (
     CHASER_POSE,
     CHASER_VELOCITY,
     END_EFFECTOR_POSE,
-    joint_angles,
-    joint_rates,
-    panels,
 )
-from ff_planner_ros.analysis.plots import clearance_plot, panel_plot, two_column_plot
+from ff_planner_ros.analysis.plots import clearance_plot, joint_plot, panel_plot, two_column_plot
 from ff_planner_ros.analysis.scene import scene_figure
 from ff_planner_ros.analysis.tracking import Deviations, deviation_panels, in_shown_units
 from ff_planner_ros.planning.plan import Trajectory
@@ -28,34 +25,32 @@ from ff_planner_ros.runs.report import ReportedPlan
 _MOST_POINTS = 400
 # Of the axis that counts answers, at whole numbers.
 _TICKS = 10
-_SCENE_HEIGHT, _SLIDER_LABELS = 640, 24  # [px]
 
 
 def plan_plots(plan: ReportedPlan) -> Iterator[tuple[str, str, go.Figure]]:
     """Yield name, caption and plot of all that is drawn of a plan."""
     robot, obstacles = plan.robot, plan.obstacles or ()
-    motions = {PLANNED: plan.motion}
+    motions = dict(plan.motions)
     if plan.measured is not None and plan.deviations is not None:
         motions[MEASURED] = _rows_of(plan.measured, shown_rows(plan.deviations))
-    scene = scene_figure(robot, obstacles, plan.goal, motions, motions)
-    scene.update_layout(height=_SCENE_HEIGHT, margin_b=_SLIDER_LABELS)
-    yield "scene", "Arm, chaser and obstacles (the paper's Fig. 2): drag to turn, ▶ to play.", scene
-    both = "planned" if len(motions) == 1 else "planned and measured"
+    scene = scene_figure(robot, obstacles, plan.goal, motions, motions, controls=False)
+    words = (
+        "Arm, chaser and obstacles (the paper's Fig. 2): drag to turn. The axes of end effector "
+        "and goal are x red, y green, z blue; the box of lines has the chaser's mass and inertia."
+    )
+    yield "scene", words, scene
+    all_of = " and ".join(method.label for method in motions)
+    if plan.obstacles is not None:
+        words = f"Distance of the arm to the closest obstacle, {all_of} (Fig. 6)."
+        yield "clearance", words, clearance_plot(robot, obstacles, motions)
+    words = f"Joints, {all_of}; a double click zooms out to the limits, which are dashed."
+    yield "joints", words, joint_plot(robot, motions)
     for name, words, fig, shown in (
         ("end-effector", "End effector", 3, END_EFFECTOR_POSE),
         ("chaser-pose", "Chaser", 4, CHASER_POSE),
         ("chaser-velocity", "Chaser's velocity", 5, CHASER_VELOCITY),
     ):
-        yield name, f"{words}, {both} (Fig. {fig}).", two_column_plot(shown, motions)
-    if plan.obstacles is not None:
-        words = f"Distance of the arm to the closest obstacle, {both} (Fig. 6)."
-        yield "clearance", words, clearance_plot(robot, obstacles, motions)
-    for name, words, shown_joints in (
-        ("joint-angles", "Joints", joint_angles(robot)),
-        ("joint-rates", "Joint rates", joint_rates(robot)),
-    ):
-        words = f"{words}, {both}; a double click zooms out to the limits, which are dashed."
-        yield name, words, panel_plot(panels(shown_joints, motions))
+        yield name, f"{words}, {all_of} (Fig. {fig}).", two_column_plot(shown, motions)
     if plan.deviations is not None:
         plot = panel_plot(deviation_panels(plan.deviations, shown_rows(plan.deviations)))
         yield "deviations", "How far the measured states are from the plan.", plot

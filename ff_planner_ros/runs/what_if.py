@@ -9,15 +9,16 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import yaml
 from ff_planner_msgs.srv import PlanTrajectory
 
 from ff_planner_ros.bag.reader import open_bag
 from ff_planner_ros.errors import BagError, InvalidInput, Status
 from ff_planner_ros.parameters import DECLARATIONS, checked, replaced
-from ff_planner_ros.planning.yaml_file import integer, number, text
+from ff_planner_ros.planning.yaml_file import integer, number, text, yaml_document
 from ff_planner_ros.runs.recorded_run import RecordedRequest, recorded_run
 from ff_planner_ros.runs.replay import answer_again, one_by_one, status_name
+from ff_planner_ros.runs.report_of_changes import Answered, report_of_changes
+from ff_planner_ros.runs.report_page import save_page
 from ff_planner_ros.text_table import print_table
 
 # Of a request, by the name that a scenario file has for it: field, and what reads a value.
@@ -69,8 +70,8 @@ def parsed(setting: str) -> Change:
         allowed = f"allowed are {', '.join(allowed_keys())}"
         raise InvalidInput(Status.OUT_OF_RANGE, f"--with {key}", "an unknown key", allowed)
     try:
-        value = yaml.safe_load(written)
-    except yaml.YAMLError:
+        value = yaml_document(written, key, "no YAML")
+    except InvalidInput:
         value = written
     if key in _OF_REQUEST:
         return Change(key, _OF_REQUEST[key][1](key, value))
@@ -100,17 +101,21 @@ def changed_request(recorded: RecordedRequest, changes: Sequence[Change]) -> Rec
     return replace(recorded, request=request, inputs=inputs)
 
 
-def print_what_if(bag: Path, settings: Sequence[str]) -> int:
+def print_what_if(bag: Path, settings: Sequence[str], report: Path | None = None) -> int:
     """Plan requests with changes, each a `key=value`, print both answers, and return exit code 0.
+
+    Args:
+        report: File for a page that lays what comes of the changes over what was recorded.
 
     Raises:
         BagError: The bag cannot be read, or holds no request.
         InvalidInput: A setting is refused, or the URDF in the bag.
+        OSError: The page cannot be written.
     """
     changes = [parsed(setting) for setting in settings]
     with open_bag(bag) as opened:
         run = recorded_run(opened)
-    rows, left_out = [], []
+    rows, left_out, answered = [], list[str](), list[Answered]()
     for recorded in one_by_one(run.requests):
         try:
             changed = changed_request(recorded, changes)
@@ -119,6 +124,7 @@ def print_what_if(bag: Path, settings: Sequence[str]) -> int:
             continue
         answer, _ = answer_again(changed)
         rows.append((recorded.name, *_compared(recorded.response, answer)))
+        answered.append(Answered(recorded, changed, answer))
     words = ", ".join(f"{change.key}={change.value}" for change in changes)
     header = (
         *("request", "status", "joint path [rad]", "attitude [deg]", "clearance [mm]"),
@@ -127,6 +133,10 @@ def print_what_if(bag: Path, settings: Sequence[str]) -> int:
     print_table(f"{bag} as recorded > with {words}", header, rows)
     for line in [*left_out, *(f"note: {note}" for note in run.notes)]:
         print(line)
+    if report is not None:
+        notes = (*run.notes, *(line.removeprefix("note: ") for line in left_out))
+        save_page(report_of_changes(bag, run.robot, words, answered, notes), report)
+        print(f"{report}  {report.stat().st_size / 1e6:.1f} MB")
     return 0
 
 

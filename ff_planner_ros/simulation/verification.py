@@ -7,6 +7,7 @@ from dataclasses import astuple, dataclass, replace
 import numpy as np
 
 from ff_planner_ros.arrays import Array
+from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.plan import Trajectory
 from ff_planner_ros.planning.sound_samples import require_sound_samples
 from ff_planner_ros.robot.model import Robot
@@ -26,6 +27,8 @@ MOMENTUM_TOLERANCE = 1e-6
 # In one step neither a joint nor the chaser turns further [rad]: the error of RK4 is then below a
 # hundredth of the tolerances. At least eight steps, because the motion varies between two points.
 STEP_TURN, MIN_STEPS_PER_POINT = 0.01, 8
+# Of a whole execution: ten thousand points of a sound plan need less. It takes ten seconds.
+MOST_STEPS = 100_000
 
 
 @dataclass(frozen=True)
@@ -114,13 +117,26 @@ def _seen_in(execution: Execution, origin: Array, velocity: Array, mass: float) 
 
 
 def steps_per_point(trajectory: Trajectory) -> int:
-    """Return into how many steps the time between two points is cut."""
+    """Return into how many steps the time between two points is cut.
+
+    Raises:
+        InvalidInput: They are too many: the motion turns too far between two points.
+    """
     fastest = max(
         np.abs(trajectory.joint_velocities).max(),
         np.linalg.norm(trajectory.chaser_angular_velocities, axis=1).max(),
     )
-    turn = fastest * np.diff(trajectory.time).max()
-    return max(MIN_STEPS_PER_POINT, int(np.ceil(turn / STEP_TURN)))
+    longest, pieces = np.diff(trajectory.time).max(), len(trajectory.time) - 1
+    with np.errstate(over="ignore"):
+        steps = max(MIN_STEPS_PER_POINT, np.ceil(fastest * longest / STEP_TURN))
+    if not steps * pieces <= MOST_STEPS:
+        found = f"{pieces + 1} points, up to {longest:.3g} s apart"
+        allowed = (
+            f"with rates of up to {fastest:.3g} rad/s that takes {steps * pieces:.3g} steps to "
+            f"integrate, and it must not be more than {MOST_STEPS}"
+        )
+        raise InvalidInput(Status.OUT_OF_RANGE, "time", found, allowed)
+    return int(steps)
 
 
 def deviation(execution: Execution, trajectory: Trajectory) -> Deviation:

@@ -36,6 +36,9 @@ from ff_planner_ros.planning.requirements.requirement import (
 from ff_planner_ros.planning.settings import PlannerSettings
 from ff_planner_ros.robot.model import Robot
 
+# On fewer points than this an arm may jump over a corner of a sphere: it is looked at a quarter of
+# the way between them, too, by the parabola through both points and the one half-way.
+_FEW_POINTS = 40
 # Of a motion at more times, every second is enough to begin with: between two of them it is looked
 # at where it matters.
 _ENOUGH = 98
@@ -78,12 +81,23 @@ class Clearance(Requirement):
         )
         times = np.linspace(0.0, problem.duration, len(motion.q))
         times = np.concatenate([times[1:], (times[:-1] + times[1:]) / 2])
+        if len(motion.q) < _FEW_POINTS:
+            between = _quarter_way(len(motion.q) - 1)
+            positions, derivatives, times = (
+                np.concatenate([at, np.tensordot(between, at, 1)])
+                for at in (positions, derivatives, times)
+            )
         starts = segments(positions)
         near = near_box(positions, times, problem.obstacles, OF_INTEREST)
         clear = clearances(positions, times, starts, near)
         rows = np.nonzero(clear.distance < OF_INTEREST)
         jacobian = clearance_gradients(clear, derivatives, starts, rows)
-        return clear.distance[rows] - margin, jacobian
+        point, segment, sphere = rows
+        number = {id(sphere): k for k, sphere in enumerate(problem.obstacles)}
+        numbers = np.array([number[id(sphere)] for sphere in near], np.intp)
+        shape = (*clear.distance.shape[:2], len(problem.obstacles))
+        names = np.ravel_multi_index((point, segment, numbers[sphere]), shape)
+        return Rows(clear.distance[rows] - margin, jacobian, names)
 
     def slack(self, problem: PlanningProblem, motion: FollowedMotion) -> float:
         """Return the certified clearance [m]."""
@@ -144,3 +158,15 @@ def link_name(robot: Robot, start: int) -> str:
     """Return words for the arm's segment that starts at a joint."""
     ends = (*robot.joint_names, robot.tip_link)
     return f"the link from {ends[start]} to {ends[start + 1]}"
+
+
+def _quarter_way(intervals: int) -> Array:
+    """Return what makes values a quarter of the way between points, and three quarters.
+
+    But for the first interval, whose beginning is the start. Shape (2 intervals - 2, 2 intervals),
+    a column each point but the first, then a column each half-way point.
+    """
+    at_points, half_way = np.eye(2 * intervals)[:intervals], np.eye(2 * intervals)[intervals:]
+    begin, middle, end = at_points[:-1], half_way[1:], at_points[1:]
+    first = (3.0 * begin + 6.0 * middle - end) / 8.0
+    return np.concatenate([first, (3.0 * end + 6.0 * middle - begin) / 8.0])

@@ -8,11 +8,11 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import ClassVar, TypeAlias
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from ff_planner_ros.arrays import Array
+from ff_planner_ros.arrays import Array, Indices
 from ff_planner_ros.errors import Failure, Status
 from ff_planner_ros.planning.clearance import arm_points
 from ff_planner_ros.planning.followed import FollowedMotion, followed
@@ -35,7 +35,14 @@ ALLOWED_EXCESS = 1e-4
 # reach it in one step of the solver that the linearisation still describes.
 OF_INTEREST = 0.25
 
-Rows: TypeAlias = tuple[Array, Array]
+
+class Rows(NamedTuple):
+    """Constraints of the solver along one path; those that are far from violated are left out."""
+
+    values: Array  # to stay positive; shape (rows,)
+    jacobian: Array  # shape (rows, variables)
+    # Of one requirement: the rows of two paths with the same name are the same constraint
+    names: Indices
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,7 +160,8 @@ def within(
     """
     margins = np.stack([upper - values, values - lower])
     rows = np.nonzero(margins < interest)
-    return margins[rows], np.stack([-jacobian, jacobian])[rows]
+    names = np.ravel_multi_index(rows, margins.shape)
+    return Rows(margins[rows], np.stack([-jacobian, jacobian])[rows], names)
 
 
 def too_large(

@@ -73,7 +73,8 @@ class SingularValues(Requirement):
         beside = (motion.q[near, None, None] + nudges).reshape(-1, motion.q.shape[1])
         at_both = smallest_singular_values(robot, beside).reshape(len(near), 2, robot.joints)
         by_joints = (at_both[:, 1] - at_both[:, 0]) / (2.0 * _ASIDE)
-        return values[near] - margin, np.einsum("pj,pjx->px", by_joints, sensitivity.q[near, 6:])
+        jacobian = np.einsum("pj,pjx->px", by_joints, sensitivity.q[near, 6:])
+        return Rows(values[near] - margin, jacobian, near)
 
     def metrics(self, samples: Samples) -> Mapping[str, float]:
         """Return the smallest singular value."""

@@ -12,8 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ff_planner_ros.arrays import Array
-from ff_planner_ros.planning.clearance import Indices
+from ff_planner_ros.arrays import Array, Indices
 from ff_planner_ros.planning.path_family import Motion, Sensitivity
 from ff_planner_ros.planning.requirements.requirement import Rows
 
@@ -76,13 +75,17 @@ def beyond(
     side, row = np.nonzero(margins < np.broadcast_to(interest, lower.shape)[joint])
     near = Between(between.interval[row], joint[row], tuple(one[row] for one in between.weights))
     jacobian = _weighted(near, sensitivity.q[:, 6:], sensitivity.v[:, 6:])
-    return margins[side, row], np.where(side == 0, -1.0, 1.0)[:, None] * jacobian
+    # Below zero, where those at the points are above it.
+    names = -1 - np.ravel_multi_index(
+        (side, between.interval[row], joint[row]), (2, len(motion.q), len(lower))
+    )
+    return Rows(margins[side, row], np.where(side == 0, -1.0, 1.0)[:, None] * jacobian, names)
 
 
 def joined(*rows: Rows) -> Rows:
     """Return the rows of several."""
-    values, jacobians = zip(*rows, strict=True)
-    return np.concatenate(values), np.concatenate(jacobians)
+    values, jacobians, names = zip(*rows, strict=True)
+    return Rows(np.concatenate(values), np.concatenate(jacobians), np.concatenate(names))
 
 
 def _weighted(between: Between, positions: Array, rates: Array) -> Array:

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import struct
 from dataclasses import dataclass
 from typing import Any
 
 from ff_planner_msgs.msg import ChaserState, ObstacleSphereArray
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import JointState
+
+from ff_planner_ros.bag.decoding import NANOSECONDS
 
 
 @dataclass(frozen=True)
@@ -16,27 +19,36 @@ class InputTopic:
 
     name: str  # its quality of service is the parameter `qos.NAME`
     message_type: type[Any]
-    memory: int  # number of messages that the node remembers
+    # Messages that a replay needs where an answer does not tell which one was used
+    memory: int
     # Value of the parameter state_source with which the topic is subscribed to; empty: any
     state_source: str
     brought_by: str  # field of a request that says that the request brings this input itself
     stamp: str  # field of a response, with the stamp of the message that the plan is made from
 
 
-# A second of a topic at 1 kHz: no partner should travel that much longer than the other.
-_TO_PAIR = 1000
+# A second of a topic at 1 kHz: no message should travel that much longer than another.
+MEMORY = 1000
 _START, _SCENE = "use_start_state", "use_obstacles"
 
 CHASER_STATE = InputTopic("chaser_state", ChaserState, 1, "chaser_state", _START, "state_stamp")
-ODOMETRY = InputTopic("odometry", Odometry, _TO_PAIR, "odometry", _START, "state_stamp")
+ODOMETRY = InputTopic("odometry", Odometry, MEMORY, "odometry", _START, "state_stamp")
 JOINT_STATES = InputTopic(
-    "joint_states", JointState, _TO_PAIR, "odometry", _START, "joint_states_stamp"
+    "joint_states", JointState, MEMORY, "odometry", _START, "joint_states_stamp"
 )
 OBSTACLES = InputTopic("obstacles", ObstacleSphereArray, 1, "", _SCENE, "obstacles_stamp")
 
 INPUT_TOPICS = {topic.name: topic for topic in (CHASER_STATE, ODOMETRY, JOINT_STATES, OBSTACLES)}
 # The planner's own topics whose types are those of inputs.
 OUTPUTS_OF_THESE_TYPES = ("planned_joint_states",)
+
+
+def header_stamp(cdr: bytes) -> int:
+    """Return the stamp of the header that every input begins with [ns]; -1 without one."""
+    if len(cdr) < 12:
+        return -1
+    seconds, nanoseconds = struct.unpack_from("<iI" if cdr[1] & 1 else ">iI", cdr, 4)
+    return int(seconds) * NANOSECONDS + int(nanoseconds)
 
 
 def heard_with(state_source: str) -> list[InputTopic]:

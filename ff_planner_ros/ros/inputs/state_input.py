@@ -1,7 +1,8 @@
 """The newest state of the chaser and its arm, from the messages of its topics.
 
-Every message is checked when it comes. Valid messages are kept. While the last message is not
-valid, every request for the state is refused with the reason.
+Every message is checked when it comes. The one with the newest stamp counts, whatever comes last.
+While that one is not valid, every request for the state is refused with the reason. A stamp that is
+too far ahead of now is nobody's newest: it would count for ever where a clock was set back.
 """
 
 from __future__ import annotations
@@ -11,12 +12,13 @@ import threading
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from operator import itemgetter
 from typing import Any, Generic, TypeVar
 
 import numpy as np
 from sensor_msgs.msg import JointState
 
-from ff_planner_ros.bag.decoding import NANOSECONDS, nanoseconds
+from ff_planner_ros.bag.decoding import NANOSECONDS
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.parameters import OdometryParameters
 from ff_planner_ros.robot.model import Robot
@@ -24,10 +26,11 @@ from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.ros.inputs.input_topics import (
     CHASER_STATE,
     JOINT_STATES,
+    MEMORY,
     ODOMETRY,
     InputTopic,
 )
-from ff_planner_ros.ros.messages.from_messages import state_from_message
+from ff_planner_ros.ros.messages.from_messages import state_from_message, time_in_ns
 from ff_planner_ros.ros.messages.from_odometry import (
     ChaserPart,
     JointPart,
@@ -145,53 +148,71 @@ def require_current(
 
 
 class _Topic(Generic[Part]):
-    """The last valid messages of a topic with their stamps, and what is wrong with the last one."""
+    """The last messages of a topic, in the order of hearing: stamps, with what is in them."""
 
     def __init__(self, topic: InputTopic, read: Callable[[Any], Part]) -> None:
         self._name = topic.name
         self._read = read
         self._lock = threading.Lock()
-        self._kept: deque[tuple[int, Part]] = deque(maxlen=topic.memory)
-        self._refusal: InvalidInput | None = self._missing("yet")
+        # What cannot be used is kept, too: as the reason. Without a stamp it is the newest.
+        self._kept: deque[tuple[int | None, Part | InvalidInput]] = deque(maxlen=MEMORY)
+        self._silence = self._missing("yet")
 
     @property
     def sound(self) -> bool:
-        """Whether the last message was."""
-        return self._refusal is None
+        """Whether there is a last message, and it can be used."""
+        with self._lock:
+            return bool(self._kept) and not isinstance(self._kept[-1][1], InvalidInput)
 
     def keep(self, message: Any) -> None:
         """Take the next message."""
+        stamp_ns: int | None = None
+        part: Part | InvalidInput
         try:
-            kept = (nanoseconds(message.header.stamp), self._read(message))
+            stamp_ns = time_in_ns(f"{self._name}.header.stamp", message.header.stamp)
+            part = self._read(message)
         except InvalidInput as error:
             # A copy: the error's traceback would keep the message, however large, in memory.
-            with self._lock:
-                self._refusal = copy.copy(error)
-            return
+            part = copy.copy(error)
         with self._lock:
-            self._kept.append(kept)
-            self._refusal = None
+            self._kept.append((stamp_ns, part))
 
     def clear(self) -> None:
         """Forget every message."""
         with self._lock:
             self._kept.clear()
-            self._refusal = self._missing("since the clock has jumped back or changed")
+            self._silence = self._missing("since the clock has jumped back or changed")
 
     def current(self, now_ns: int, max_age: float, max_lead: float) -> list[tuple[int, Part]]:
-        """Return the sound messages that are neither too old nor too early, the last one last.
+        """Return the sound messages that are neither too old nor too early, the newest one last.
 
         Raises:
-            InvalidInput: The last one is not among them.
+            InvalidInput: There is none, or the newest one is not sound.
         """
         with self._lock:
-            kept, refusal = list(self._kept), self._refusal
-        if refusal is not None:
-            raise copy.copy(refusal)  # or else its traceback would grow each time
-        require_current(f"{self._name}.header.stamp", kept[-1][0], now_ns, max_age, max_lead)
+            kept, silence = list(self._kept), self._silence
+        if not kept:
+            raise copy.copy(silence)  # or else its traceback would grow each time
         oldest_ns = now_ns - round((max_age + _ROUNDING) * NANOSECONDS)
         latest_ns = now_ns + round((max_lead + _ROUNDING) * NANOSECONDS)
-        return [item for item in kept if oldest_ns <= item[0] <= latest_ns]
+        # Of those with one stamp, the one heard last comes last.
+        in_order = sorted(
+            ((stamp_ns, part) for stamp_ns, part in kept if stamp_ns is not None),
+            key=itemgetter(0),
+        )
+        until_now = [item for item in in_order if item[0] <= latest_ns]
+        stamp_ns, newest = kept[-1]
+        if stamp_ns is not None and until_now:
+            stamp_ns, newest = until_now[-1]
+        if isinstance(newest, InvalidInput):
+            raise copy.copy(newest)
+        if stamp_ns is not None:
+            require_current(f"{self._name}.header.stamp", stamp_ns, now_ns, max_age, max_lead)
+        return [
+            (stamp_ns, part)
+            for stamp_ns, part in until_now
+            if oldest_ns <= stamp_ns and not isinstance(part, InvalidInput)
+        ]
 
     def _missing(self, since: str) -> InvalidInput:
         return InvalidInput(
@@ -207,9 +228,8 @@ def pairs(
 ) -> Iterator[tuple[float, tuple[int, Chaser], tuple[int, Joints]]]:
     """Yield each chaser with the joints nearest to it in time, and how far apart they are [s].
 
-    The chaser heard last comes first, whatever its stamp: stamps from before a step of the clock
-    must not win for ever. Of joints equally near, those heard last are taken. Both lists are in
-    the order of hearing and hold stamps [ns].
+    The last chaser comes first. Of joints equally near, the last ones are taken. Both lists hold
+    stamps [ns].
     """
     last_first = joints[::-1]
     stamps_ns = np.array([stamp_ns for stamp_ns, _ in last_first])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -11,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ff_planner_ros.arrays import Array, finite_vector
+from ff_planner_ros.bag.decoding import NANOSECONDS, nanoseconds
 from ff_planner_ros.bag.plans import trajectory_in
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.parameters import NodeParameters
@@ -28,6 +30,7 @@ from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.state import SystemState
 
 if TYPE_CHECKING:  # what is read may also be a message decoded where ROS is not installed
+    from builtin_interfaces.msg import Time
     from ff_planner_msgs.msg import ChaserState, ObstacleSphere, ObstacleSphereArray, PlanMetrics
     from ff_planner_msgs.msg import SolverReport as SolverReportMessage
     from ff_planner_msgs.srv import PlanTrajectory
@@ -54,12 +57,15 @@ def problem_from_request(
     target_frame = request.target_pose.header.frame_id
     require_frame("target_pose.header.frame_id", target_frame, parameters.inertial_frame)
     asked_attitude = request.limit_chaser_attitude
-    if not asked_attitude >= 0.0:
+    most = parameters.limits.chaser_attitude or math.inf
+    if not 0.0 <= asked_attitude <= most:
+        upper = f" and at most {most:g} rad" if math.isfinite(most) else ""
         raise InvalidInput(
             Status.OUT_OF_RANGE,
             "limit_chaser_attitude",
             asked_attitude,
-            "it must be greater than 0 rad; 0 stands for the parameter limits.chaser_attitude",
+            f"it must be greater than 0 rad{upper}; 0 stands for the parameter "
+            "limits.chaser_attitude, which no request exceeds",
         )
     named_as = {
         "target.position": "target_pose.pose.position",
@@ -98,6 +104,22 @@ def problem_from_request(
             limits=parameters.limits.limits(asked_attitude),
             parametrisation=parametrisation_of(getattr(request, "parametrisation", "") or "auto"),
         )
+
+
+def time_in_ns(field: str, time: Time) -> int:
+    """Return a message's time [ns].
+
+    Raises:
+        InvalidInput: It has more nanoseconds than a second.
+    """
+    if time.nanosec >= NANOSECONDS:
+        raise InvalidInput(
+            Status.OUT_OF_RANGE,
+            f"{field}.nanosec",
+            time.nanosec,
+            f"it must be less than {NANOSECONDS}: whole seconds belong into sec",
+        )
+    return nanoseconds(time)
 
 
 def state_from_message(

@@ -1,10 +1,11 @@
-"""Names of the planner's service and action, and the types of the events that tell of them."""
+"""Names of the planner's services and action, and the types of the events that tell of them."""
 
 from __future__ import annotations
 
 from ff_planner_msgs.action import PlanTrajectory as PlanTrajectoryAction
 
 SERVICE, ACTION = "plan_trajectory", "plan_trajectory_action"
+PUBLISH_PLAN = "~/publish_plan"
 SEND_GOAL = PlanTrajectoryAction.Impl.SendGoalService
 GET_RESULT = PlanTrajectoryAction.Impl.GetResultService
 

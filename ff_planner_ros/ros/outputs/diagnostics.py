@@ -41,6 +41,8 @@ class NodeHealth:
     obstacles_refusal: str  # why the scene cannot be used; empty if it can
     last: LastRequest | None  # None before the first request
     solve_times: Sequence[float]  # of the last answers [s]
+    solver_is_warm: bool  # whether a plan can begin at once
+    namesakes: Sequence[str]  # nodes that answer requests under the same name
     recorder: RecorderHealth
     tracking: TrackingError | None  # predicted against measured chaser; None while no plan runs
     tracking_max_position: float  # more than this is a warning [m]
@@ -53,7 +55,9 @@ def diagnostics(health: NodeHealth, node: str, stamp: Time) -> DiagnosticArray:
         "chaser state": _state(health),
         "obstacles": _obstacles(health),
         "last request": _last(health),
+        "solver": _solver(health),
         "solve time": _solve_time(health),
+        "other planners": _other_planners(health),
         "recorder": _recorder(health),
         "tracking": _tracking(health),
     }
@@ -123,6 +127,25 @@ def _solve_time(health: NodeHealth) -> _Part:
     }
     of = f"the last {answers} answers" if answers > 1 else "the only answer"
     return OK, f"median {median:.2f} s, 95 % within {most:.2f} s, of {of}", values
+
+
+def _solver(health: NodeHealth) -> _Part:
+    values = {"warm": str(health.solver_is_warm).lower()}
+    if health.solver_is_warm:
+        return OK, "ready", values
+    return WARN, "loads its libraries: a request waits for it", values
+
+
+def _other_planners(health: NodeHealth) -> _Part:
+    others = health.namesakes
+    if not others:
+        return OK, "none in this namespace", {"others": "0"}
+    message = (
+        f"the same requests are answered by {', '.join(others)}, too: an answer may come from any, "
+        "and all publish plans; stop all but one, or move them to other namespaces. A node that "
+        "has just died counts until the middleware has noticed that"
+    )
+    return ERROR, message, {"others": str(len(others))}
 
 
 def _recorder(health: NodeHealth) -> _Part:

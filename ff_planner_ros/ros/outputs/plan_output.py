@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import time
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import cycle
 
+from ff_planner_msgs.msg import PublishedPlan as PublishedPlanMessage
 from ff_planner_msgs.msg import TrackingError
 from ff_planner_msgs.srv import PlanTrajectory
 from geometry_msgs.msg import PoseStamped
@@ -51,6 +53,7 @@ class PlanOutput:
         self.published: PublishedPlan | None = None  # the last plan that went out
         self.tracking: prediction.TrackingError | None = None  # None while no plan runs
         self._preview: Iterator[JointState] = iter(())
+        self._repeated_since_ns: int | None = None  # None while it is played for the first time
         self._node, self._publishers = node, list[LifecyclePublisher]()
         self._trajectory, self._path, self._pose = (
             self._publisher(kind, name, qos_profile(getattr(qos, name)))
@@ -59,6 +62,10 @@ class PlanOutput:
                 (Path, "predicted_chaser_path"),
                 (PoseStamped, "predicted_chaser_pose"),
             )
+        )
+        # Who hears the trajectory can also hear whose it is.
+        self._published_plan = self._publisher(
+            PublishedPlanMessage, "published_plan", qos_profile(qos.joint_trajectory)
         )
         self._tracking_error = self._publisher(TrackingError, "tracking_error", STREAM_QOS)
         self._markers = self._publisher(MarkerArray, "markers", LATCHED_QOS)
@@ -72,10 +79,25 @@ class PlanOutput:
         self._description.publish(String(data=urdf))
 
     def publish(
-        self, plan: Plan, response: PlanTrajectory.Response, for_controller: JointTrajectory
+        self,
+        plan: Plan,
+        response: PlanTrajectory.Response,
+        for_controller: JointTrajectory,
+        asked_by: str,
+        end_behaviour: str,
     ) -> None:
         """Publish what controllers and executives wait for."""
         self._trajectory.publish(for_controller)
+        self._published_plan.publish(
+            PublishedPlanMessage(
+                header=Header(stamp=self._clock.now().to_msg(), frame_id=self._frame),
+                plan_id=response.plan_id,
+                asked_by=asked_by,
+                start_time=for_controller.header.stamp,
+                joint_trajectory=for_controller,
+                end_behaviour=end_behaviour,
+            )
+        )
         self._path.publish(response.predicted_chaser_path)
         start_ns = nanoseconds(for_controller.header.stamp)
         self.published = PublishedPlan(response.plan_id, plan.trajectory, start_ns)
@@ -83,7 +105,7 @@ class PlanOutput:
     def show(self, plan: Plan, obstacles: tuple[Sphere, ...]) -> None:
         """Publish what screens show."""
         self._markers.publish(plan_markers(self._robot, plan, obstacles, self._frame))
-        self._preview = cycle(preview_joint_states(plan, self._rates.preview))
+        self._preview = self._played(preview_joint_states(plan, self._rates.preview))
 
     def stream(self, measured: Snapshot | None) -> None:
         """Publish where the chaser should be by now, and how far from there it was measured."""
@@ -122,6 +144,17 @@ class PlanOutput:
     def _publisher(self, kind: type, topic: str, qos: QoSProfile) -> LifecyclePublisher:
         self._publishers.append(self._node.create_lifecycle_publisher(kind, topic, qos))
         return self._publishers[-1]
+
+    def is_repeated(self, received_ns: int) -> bool:
+        """Tell whether the preview had been played once before a time of the host [ns]."""
+        since_ns = self._repeated_since_ns
+        return since_ns is not None and received_ns >= since_ns
+
+    def _played(self, states: Sequence[JointState]) -> Iterator[JointState]:
+        self._repeated_since_ns = None
+        yield from states
+        self._repeated_since_ns = time.time_ns()
+        yield from cycle(states)
 
     def _play_preview(self) -> None:
         state = next(self._preview, None)

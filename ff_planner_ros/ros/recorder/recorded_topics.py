@@ -12,8 +12,8 @@ import yaml
 from action_msgs.msg import GoalStatusArray
 from diagnostic_msgs.msg import DiagnosticArray
 from ff_planner_msgs.action import PlanTrajectory as PlanTrajectoryAction
-from ff_planner_msgs.msg import TrackingError
-from ff_planner_msgs.srv import PlanTrajectory
+from ff_planner_msgs.msg import PublishedPlan, TrackingError
+from ff_planner_msgs.srv import PlanTrajectory, PublishPlan
 from geometry_msgs.msg import PoseStamped
 from lifecycle_msgs.msg import TransitionEvent
 from nav_msgs.msg import Path as PathMsg
@@ -37,7 +37,13 @@ from ff_planner_ros.bag.provenance import PROVENANCE, provenance
 from ff_planner_ros.bag.writer import BagWriter
 from ff_planner_ros.parameters import NodeParameters
 from ff_planner_ros.ros.inputs.input_topics import heard_with
-from ff_planner_ros.ros.messages.interfaces import ACTION, GET_RESULT, SEND_GOAL, SERVICE
+from ff_planner_ros.ros.messages.interfaces import (
+    ACTION,
+    GET_RESULT,
+    PUBLISH_PLAN,
+    SEND_GOAL,
+    SERVICE,
+)
 from ff_planner_ros.ros.qos import EVENT_QOS, LATCHED_QOS, STREAM_QOS, qos_profile
 from ff_planner_ros.ros.recorder.recorder import Recorder
 from ff_planner_ros.ros.recorder.topic_queue import RecordedTopic
@@ -60,7 +66,11 @@ def recording(
 
     def open_bag() -> BagWriter:
         bag = BagWriter(
-            bag_directory, settings.flush_interval, settings.max_size, settings.max_duration
+            bag_directory,
+            settings.flush_interval,
+            settings.max_size,
+            settings.max_duration,
+            owner_only=settings.owner_only,
         )
         bag.attach("robot.urdf", "application/xml", urdf.read_bytes())
         bag.attach("parameters.yaml", "application/yaml", document.encode())
@@ -96,6 +106,7 @@ def _topics(node: Node, parameters: NodeParameters) -> list[RecordedTopic]:
     ]
     topics += [
         ("joint_trajectory", JointTrajectory, qos_profile(qos.joint_trajectory)),
+        ("published_plan", PublishedPlan, qos_profile(qos.joint_trajectory)),
         ("predicted_chaser_path", PathMsg, qos_profile(qos.predicted_chaser_path)),
         ("predicted_chaser_pose", PoseStamped, qos_profile(qos.predicted_chaser_pose)),
         ("tracking_error", TrackingError, STREAM_QOS),
@@ -113,11 +124,14 @@ def _topics(node: Node, parameters: NodeParameters) -> list[RecordedTopic]:
         RecordedTopic(node.resolve_topic_name(name), message_type, topic_qos)
         for name, message_type, topic_qos in topics
     ]
-    service, action = (node.resolve_service_name(name) for name in (SERVICE, ACTION))
+    service, publication, action = (
+        node.resolve_service_name(name) for name in (SERVICE, PUBLISH_PLAN, ACTION)
+    )
     feedback = PlanTrajectoryAction.Impl.FeedbackMessage
     return [
         *recorded,
         RecordedTopic(f"{service}{SERVICE_EVENTS}", PlanTrajectory.Event, EVENT_QOS),
+        RecordedTopic(f"{publication}{SERVICE_EVENTS}", PublishPlan.Event, EVENT_QOS),
         RecordedTopic(f"{action}{GOAL_EVENTS}", SEND_GOAL.Event, EVENT_QOS),
         RecordedTopic(f"{action}{RESULT_EVENTS}", GET_RESULT.Event, EVENT_QOS),
         RecordedTopic(f"{action}/_action/feedback", feedback, STREAM_QOS),

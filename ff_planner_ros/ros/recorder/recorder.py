@@ -64,6 +64,7 @@ class Recorder:
         self._dropped: Counter[str] = Counter()
         self._pauses: list[_Pause] = []
         self._queues: list[TopicQueue] = []
+        self._unwanted: dict[str, Callable[[int], bool]] = {}
         # Names are resolved and the bag's clock is the host's: no argument of the process,
         # remapping and simulated time included, is meant for this node.
         self._node = Node(
@@ -99,6 +100,10 @@ class Recorder:
             paused=self._is_paused,
             failure=self._failure,
         )
+
+    def leave_out(self, topic: str, is_unwanted: Callable[[int], bool]) -> None:
+        """Do not record the messages of a topic whose time of arrival [ns] is unwanted."""
+        self._unwanted[topic] = is_unwanted
 
     def pause(self) -> str:
         """Leave out what arrives from now on, and say so in words.
@@ -206,6 +211,8 @@ class Recorder:
                 for message, info in taken
             ]
             for received, topic, message, sent in sorted(messages, key=itemgetter(0)):
+                if topic in self._unwanted and self._unwanted[topic](received):
+                    continue
                 # A publisher of another vendor need not stamp its messages.
                 self._keep(topic, message, received, sent if sent > 0 else received)
             if self._bag is not None and not self._failure:

@@ -8,9 +8,8 @@ import time
 import traceback
 from collections import deque
 from collections.abc import Callable
-from functools import partial
+from concurrent.futures import ThreadPoolExecutor, wait
 from itertools import count
-from typing import Any
 
 from ff_planner_msgs.action import PlanTrajectory as PlanTrajectoryAction
 from ff_planner_msgs.srv import PlanTrajectory
@@ -20,6 +19,7 @@ from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.service_introspection import ServiceIntrospectionState
+from trajectory_msgs.msg import JointTrajectory
 
 from ff_planner_ros.bag.decoding import NANOSECONDS
 from ff_planner_ros.errors import FfPlannerError, Interrupted, NoPlanFound, Status
@@ -42,6 +42,7 @@ from ff_planner_ros.ros.parameters import LiveParameters
 from ff_planner_ros.ros.qos import EVENT_QOS
 from ff_planner_ros.ros.requests.action_events import ActionEvents
 from ff_planner_ros.ros.requests.jobs import Job, Jobs
+from ff_planner_ros.ros.requests.publication import Publication
 from ff_planner_ros.ros.requests.reading import (
     Knowledge,
     Provenance,
@@ -49,7 +50,9 @@ from ff_planner_ros.ros.requests.reading import (
     RequestRefused,
     read_request,
 )
+from ff_planner_ros.ros.requests.waiting_plan import MadePlan
 from ff_planner_ros.ros.requests.worker import Worker
+from ff_planner_ros.time_budget import TimeBudget
 
 # Who asks for the result of an action later than this [s] gets none.
 _RESULT_TIMEOUT = 60
@@ -58,6 +61,9 @@ _CANCEL_PATIENCE, _CANCEL_POLL = 1.0, 0.001
 # A response that a client reads after it has heard that the service is gone is lost, and rclpy
 # cannot tell when a response has arrived. So the service stays so long after the last one [s].
 _DELIVERY = 1.0
+# While a response is written, whether it is still wanted is asked so often [s]; one that is not is
+# written to its end beside the next one.
+_POLL, _WRITERS = 0.02, 2
 # Percentiles are those of so many plans.
 _SOLVE_TIMES = 200
 
@@ -92,6 +98,7 @@ class PlanningService:
         # From request to answer, of the last requests that were searched for [s].
         self.solve_times: deque[float] = deque(maxlen=_SOLVE_TIMES)
         self._answered = -math.inf  # when, by the monotonic clock [s]
+        self._writers = ThreadPoolExecutor(_WRITERS, "writer")
 
         group = ReentrantCallbackGroup()
         self._service = node.create_service(
@@ -111,31 +118,38 @@ class PlanningService:
             result_timeout=_RESULT_TIMEOUT,
         )
         self._events = ActionEvents(node, ACTION, EVENT_QOS)
+        self._publication = Publication(node, output, self._knowledge)
 
     def activate(self) -> None:
         """Take up requests from now on."""
+        self._publication.open()
         self._jobs.open()
 
     def deactivate(self, status: Status, message: str, patience: float) -> None:
         """Take up no more requests, give up the one that is, wait so long [s] for its answer."""
         self._jobs.close(status, message)
         self._jobs.wait_until_idle(patience)
+        self._publication.close(status, message)
 
     def give_up(self, status: Status, message: str) -> None:
-        """Give up the request that is being planned, if there is one."""
+        """Give up the request that is being planned, if there is one, and plans that wait."""
         self._jobs.give_up_all(status, message)
+        self._publication.forget()
 
     def close(self) -> None:
         """Close both doors once the last response has had its time to arrive."""
-        time.sleep(max(0.0, self._answered + _DELIVERY - time.monotonic()))
+        answered = max(self._answered, self._publication.answered)
+        time.sleep(max(0.0, answered + _DELIVERY - time.monotonic()))
         self._action.destroy()
         self._node.destroy_service(self._service)
+        self._publication.destroy()
         self._events.destroy()
+        self._writers.shutdown()
 
     def _serve(
         self, request: PlanTrajectory.Request, _: PlanTrajectory.Response
     ) -> PlanTrajectory.Response:
-        return self._answer(request, self._job(), lambda _: None)
+        return self._answer(request, SERVICE, self._job(), lambda _: None)
 
     def _accept(self, goal: ServerGoalHandle) -> None:
         """Take every goal: what is wrong with it is its result, with code and words."""
@@ -162,7 +176,7 @@ class PlanningService:
             goal.publish_feedback(PlanTrajectoryAction.Feedback(elapsed=elapsed, **vars(progress)))
 
         request = same_fields(goal.request, PlanTrajectory.Request)
-        response = self._answer(request, self._job_of(goal), tell)
+        response = self._answer(request, ACTION, self._job_of(goal), tell)
         if response.status.code == Status.SOLVED:
             goal.succeed()
         elif response.status.code == Status.CANCELLED and _is_cancelling(goal):
@@ -187,16 +201,23 @@ class PlanningService:
             return self._goals[key]
 
     def _answer(
-        self, request: PlanTrajectory.Request, job: Job, tell: Callable[[Progress], None]
+        self,
+        request: PlanTrajectory.Request,
+        door: str,
+        job: Job,
+        tell: Callable[[Progress], None],
     ) -> PlanTrajectory.Response:
         begun, provenance = time.perf_counter(), Provenance()
         try:
             with self._jobs.taken_up(job, preempt=self._parameters.current.when_busy == PREEMPT):
+                taken_up = time.monotonic()
                 knowledge = self._knowledge()
                 provenance = Provenance(taken_up_ns=knowledge.now_ns)
                 asked = read_request(request, knowledge)
                 provenance = asked.provenance
-                response = self._planned(asked, knowledge.parameters, job, tell, begun)
+                response = self._planned(
+                    asked, knowledge.parameters, door, job, tell, begun, taken_up
+                )
         except FfPlannerError as error:
             if isinstance(error, RequestRefused):
                 provenance = error.provenance
@@ -232,36 +253,55 @@ class PlanningService:
         self,
         asked: ReadRequest,
         parameters: NodeParameters,
+        door: str,
         job: Job,
         tell: Callable[[Progress], None],
         begun: float,
+        taken_up: float,
     ) -> PlanTrajectory.Response:
-        def report(progress: Progress) -> None:
+        budget = TimeBudget(asked.budget, taken_up)
+
+        def check() -> None:
+            job.check()
             self._require_in_time(asked.start_ns)
-            tell(progress)
 
         try:
-            plan = self._worker.solve(asked.task, asked.budget, job.check, report)
+            plan = self._worker.solve(asked.task, asked.budget, taken_up, check, tell)
         except Interrupted:
             job.check()
             raise FfPlannerError(Status.SHUT_DOWN, "the planner was shut down") from None
         finally:
             self.solve_times.append(time.perf_counter() - begun)
-        response = response_from_plan(
-            plan,
-            job.plan_id,
-            asked.start_ns,
-            parameters.inertial_frame,
-            time.perf_counter() - begun,
-        )
+
+        def write() -> tuple[PlanTrajectory.Response, JointTrajectory]:
+            elapsed, frame = time.perf_counter() - begun, parameters.inertial_frame
+            written = response_from_plan(plan, job.plan_id, asked.start_ns, frame, elapsed)
+            takes_torques = parameters.controller.effort_interface
+            return written, controller_message(written.joint_trajectory, takes_torques)
+
+        # Thousands of points take a second, in which the request may be given up, too.
+        writing = self._writers.submit(write)
+        while not wait([writing], _POLL).done:
+            check()
+            budget.require_time()
+        response, for_controller = writing.result()
+        budget.require_time()
         require_in_time(asked.start_ns, self._clock.now().nanoseconds)
-        takes_torques = parameters.controller.effort_interface
-        for_controller = controller_message(response.joint_trajectory, takes_torques)
+        made = MadePlan(
+            job.plan_id,
+            plan,
+            asked.start_ns,
+            asked.task.end_behaviour,
+            asked.task.problem.obstacles,
+            parameters,
+        )
+        asked_by = asked.asked_by or door
         job.seal()
-        self._output.publish(plan, response, for_controller)
-        executor: Any = self._node.executor
-        executor.create_task(partial(self._output.show, plan, asked.task.problem.obstacles))
-        self._log_solved(response)
+        if asked.plan_only:
+            self._publication.keep(made)
+        else:
+            self._publication.publish(made, response, for_controller, asked_by)
+        self._log_solved(response, "asked for" if asked.plan_only else "published", asked_by)
         return response
 
     def _require_in_time(self, start_ns: int) -> None:
@@ -273,13 +313,13 @@ class PlanningService:
                 "later start_time, or raise the parameter planning_allowance",
             )
 
-    def _log_solved(self, response: PlanTrajectory.Response) -> None:
+    def _log_solved(self, response: PlanTrajectory.Response, what: str, asked_by: str) -> None:
         metrics, solver = response.metrics, response.solver
         self._logger.info(
             f"{response.plan_id}: SOLVED: joint path {metrics.joint_path_length:.4f} rad, "
             f"largest attitude {math.degrees(metrics.max_chaser_euler):.2f} deg, "
             f"clearance {metrics.min_clearance * 1e3:.1f} mm, "
-            f"{solver.iterations} iterations, {solver.solve_time:.2f} s"
+            f"{solver.iterations} iterations, {solver.solve_time:.2f} s; {what} by {asked_by}"
         )
 
 

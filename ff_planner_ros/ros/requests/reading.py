@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from ff_planner_msgs.srv import PlanTrajectory
+from ff_planner_msgs.srv import PlanTrajectory, PublishPlan
 
 from ff_planner_ros.arrays import finite_number
 from ff_planner_ros.bag.decoding import NANOSECONDS, nanoseconds
@@ -21,9 +21,13 @@ from ff_planner_ros.ros.messages.from_messages import (
     MAX_MESSAGE_SECONDS,
     problem_from_request,
     state_from_message,
+    time_in_ns,
 )
 from ff_planner_ros.ros.messages.to_messages import time_message
 from ff_planner_ros.ros.outputs.plan_output import PublishedPlan
+
+# Longest name of who asks: it is in a message and in the log.
+_LONGEST_NAME = 200
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,6 +81,8 @@ class ReadRequest:
     budget: float  # wall clock for the task [s]
     start_ns: int  # time of the plan's first point [ns]
     provenance: Provenance  # what the task is made from
+    plan_only: bool  # whether the plan waits for `~/publish_plan`
+    asked_by: str  # empty: it does not say
 
 
 def read_request(request: PlanTrajectory.Request, knowledge: Knowledge) -> ReadRequest:
@@ -87,10 +93,11 @@ def read_request(request: PlanTrajectory.Request, knowledge: Knowledge) -> ReadR
     """
     parameters, provenance = knowledge.parameters, Provenance(taken_up_ns=knowledge.now_ns)
     try:
+        asked_by = asker(request.asked_by, "")
         budget = _time_budget(request, parameters)
         start_ns = _start_time(request, parameters, knowledge.now_ns)
         end_behaviour = _end_behaviour(request, parameters)
-        measured = _measured(request, knowledge)
+        measured = measured_state(request, knowledge)
         provenance = replace(
             provenance,
             state_stamp_ns=measured.stamp_ns,
@@ -98,7 +105,7 @@ def read_request(request: PlanTrajectory.Request, knowledge: Knowledge) -> ReadR
             joint_states_stamp_ns=measured.joint_states_stamp_ns,
         )
         # A state may be stamped a little ahead of now, where two computers' clocks differ.
-        if not nanoseconds(request.start_time):
+        if not nanoseconds(request.start_time):  # checked by `_start_time`
             start_ns = max(start_ns, measured.stamp_ns)
         _require_after_state(start_ns, measured.stamp_ns)
         scene = knowledge.scenes.scene(request.obstacles if request.use_obstacles else None)
@@ -112,13 +119,9 @@ def read_request(request: PlanTrajectory.Request, knowledge: Knowledge) -> ReadR
         if start_ns / NANOSECONDS + tail + problem.duration > MAX_MESSAGE_SECONDS:
             field, allowed = "duration", "the plan must end before 2038"
             raise InvalidInput(Status.OUT_OF_RANGE, field, problem.duration, allowed)
-        # A plan that begins with the new one moves nothing before.
-        published = knowledge.published
-        if published is not None and published.start_ns == start_ns:
-            published = None
-        running = _running(published, measured, parameters.following_tolerance)
-        if published is not None and running is not None:
-            provenance = replace(provenance, following=published.plan_id)
+        running = motion_until_start(knowledge, measured, start_ns)
+        if knowledge.published is not None and running is not None:
+            provenance = replace(provenance, following=knowledge.published.plan_id)
         task = PlanningTask(
             problem=problem,
             settings=parameters.planner,
@@ -131,7 +134,49 @@ def read_request(request: PlanTrajectory.Request, knowledge: Knowledge) -> ReadR
     except InvalidInput as error:
         raise RequestRefused(error, provenance) from None
     provenance = replace(provenance, task_digest=task.digest)
-    return ReadRequest(task, budget, start_ns, provenance)
+    return ReadRequest(task, budget, start_ns, provenance, request.plan_only, asked_by)
+
+
+def asker(name: str, otherwise: str) -> str:
+    """Return the name of who asks, or another one where it is empty.
+
+    Raises:
+        InvalidInput: It would spoil a line of the log.
+    """
+    if len(name) > _LONGEST_NAME or not name.isprintable():
+        allowed = f"it must be at most {_LONGEST_NAME} printable characters"
+        raise InvalidInput(Status.OUT_OF_RANGE, "asked_by", repr(name), allowed)
+    return name or otherwise
+
+
+def measured_state(
+    request: PlanTrajectory.Request | PublishPlan.Request, knowledge: Knowledge
+) -> Snapshot:
+    """Return the state that a request brings, or else the latest one.
+
+    Raises:
+        InvalidInput: There is none, or none that can be used.
+    """
+    parameters, now_ns = knowledge.parameters, knowledge.now_ns
+    limits = (now_ns, parameters.state_max_age, parameters.state_max_lead)
+    if not request.use_start_state:
+        return knowledge.states.snapshot(*limits)
+    message, source = request.start_state, "start_state"
+    stamp_ns = time_in_ns(f"{source}.header.stamp", message.header.stamp) or now_ns
+    require_current(f"{source}.header.stamp", stamp_ns, *limits)
+    state = state_from_message(message, source, knowledge.robot, parameters.inertial_frame)
+    return Snapshot(state, stamp_ns, source)
+
+
+def motion_until_start(
+    knowledge: Knowledge, measured: Snapshot, start_ns: int
+) -> JointMotion | None:
+    """Return what moves the joints until a plan begins at start_ns [ns]; None: nothing known."""
+    published = knowledge.published
+    # A plan that begins with the new one moves nothing before.
+    if published is None or published.start_ns == start_ns:
+        return None
+    return _running(published, measured, knowledge.parameters.following_tolerance)
 
 
 def _require_after_state(start_ns: int, stamp_ns: int) -> None:
@@ -157,7 +202,7 @@ def _time_budget(request: PlanTrajectory.Request, parameters: NodeParameters) ->
 
 
 def _start_time(request: PlanTrajectory.Request, parameters: NodeParameters, now_ns: int) -> int:
-    asked_ns = nanoseconds(request.start_time)
+    asked_ns = time_in_ns("start_time", request.start_time)
     if not asked_ns:
         return now_ns + round(parameters.planning_allowance * NANOSECONDS)
     lead = (asked_ns - now_ns) / NANOSECONDS
@@ -192,27 +237,11 @@ def _end_behaviour(request: PlanTrajectory.Request, parameters: NodeParameters) 
     return EndBehaviour(word)
 
 
-def _measured(request: PlanTrajectory.Request, knowledge: Knowledge) -> Snapshot:
-    parameters, now_ns = knowledge.parameters, knowledge.now_ns
-    limits = (now_ns, parameters.state_max_age, parameters.state_max_lead)
-    if not request.use_start_state:
-        return knowledge.states.snapshot(*limits)
-    message, source = request.start_state, "start_state"
-    stamp_ns = nanoseconds(message.header.stamp) or now_ns
-    require_current(f"{source}.header.stamp", stamp_ns, *limits)
-    state = state_from_message(message, source, knowledge.robot, parameters.inertial_frame)
-    return Snapshot(state, stamp_ns, source)
-
-
-def _running(
-    published: PublishedPlan | None, measured: Snapshot, tolerance: float
-) -> JointMotion | None:
+def _running(published: PublishedPlan, measured: Snapshot, tolerance: float) -> JointMotion | None:
     """Return the published plan if it runs: the joints are where it wants them to be.
 
     Nobody tells the planner which plans are executed; a plan that was not leaves the joints behind.
     """
-    if published is None:
-        return None
     start = (published.start_ns - measured.stamp_ns) / NANOSECONDS
     # The controller was told whole nanoseconds, and so was the bag, which a replay starts from.
     trajectory = published.trajectory

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import pickle
-import select
 import signal
 import socket
 import subprocess
@@ -12,24 +11,28 @@ import sys
 import threading
 import time
 from collections.abc import Callable
-from contextlib import suppress
+from contextlib import closing, suppress
 
 from ff_planner_ros.errors import FfPlannerError, Interrupted, NoPlanFound, Status
 from ff_planner_ros.planning.plan import Plan
 from ff_planner_ros.planning.task import PlanningTask
 from ff_planner_ros.planning.watch import Progress
 from ff_planner_ros.ros.requests import solver_process
-from ff_planner_ros.ros.requests.solver_process import KILL, LOADED, PLAN
+from ff_planner_ros.ros.requests.lines import POLL, Lines
+from ff_planner_ros.ros.requests.solver_process import (
+    BEGUN,
+    LOADED,
+    PLAN,
+    PROGRESS,
+)
 
-# The search ends by itself at its next iteration. One that lasts longer than this share of the
-# budget, or than what a loaded machine may hold it up for [s], ends with its process.
-_GRACE, _LEAST_GRACE = 0.1, 1.0
-# A process that was told to end has ended by then [s], on a busy machine, too; or its server hangs.
-_LAST_RESPECTS = 0.5
-# Loading takes a second; a server that needs so much longer [s] will not get there.
+# Loading takes seconds; a server that needs so much longer [s] will not get there.
 _LOADING = 60.0
-# No packet of a server is longer [bytes].
-_PACKET = 16
+# A fork takes milliseconds; a loaded server that has begun no plan after so much waiting [s]
+# hangs, however busy the machine is.
+_BEGINNING = 10.0
+# No packet is longer [bytes].
+_PACKET = 4096
 
 
 class Worker:
@@ -39,13 +42,41 @@ class Worker:
         """Start the process; it loads its libraries while the caller goes on."""
         self._server = _Server()
         self._solving, self._lock = threading.Lock(), threading.Lock()
-        self._connection: socket.socket | None = None
+        self._lines: Lines | None = None
         self._interrupted = self._closed = False
+
+    @property
+    def is_warm(self) -> bool:
+        """Whether the next plan can begin at once; a solver that died while idle is replaced."""
+        if self._solving.acquire(blocking=False):
+            try:
+                if self._server.has_died:
+                    self._replace_server()
+            finally:
+                self._solving.release()
+        return self._server.is_loaded
+
+    def wait_until_warm(self) -> None:
+        """Wait until the solver has loaded its libraries.
+
+        Raises:
+            FfPlannerError: It has not (SOLVER_DIED).
+        """
+        give_up = time.monotonic() + _LOADING
+        while not self.is_warm:
+            if time.monotonic() > give_up:
+                raise FfPlannerError(
+                    Status.SOLVER_DIED,
+                    f"the solver process has not loaded its libraries within {_LOADING:g} s; what "
+                    "it says itself is on the node's stderr",
+                )
+            time.sleep(POLL)
 
     def solve(
         self,
         task: PlanningTask,
         budget: float,
+        begun: float,
         check: Callable[[], None],
         report: Callable[[Progress], None],
     ) -> Plan:
@@ -53,30 +84,39 @@ class Worker:
 
         Args:
             budget: Wall clock that it may take [s].
-            check: Called right before it begins; what it raises ends the plan.
+            begun: When the budget began to run, of the monotonic clock [s].
+            check: Called before it begins and many times a second until it answers; what it raises
+                ends the plan.
             report: Told now and then how far the search has come; what it raises ends the plan.
 
         Raises:
             Interrupted: By `interrupt`, which is heard from before `check` on, or `close`.
-            FfPlannerError: What the planner raised; or the process was overdue (OUT_OF_TIME),
-                died (SOLVER_DIED) or failed in a way that the planner does not foresee
-                (INTERNAL_ERROR).
+            FfPlannerError: What the planner raised; or the budget was used up before it answered
+                (OUT_OF_TIME), the process died (SOLVER_DIED) or failed in a way that the planner
+                does not foresee (INTERNAL_ERROR).
         """
-        begun = time.monotonic()
-        ours, theirs = socket.socketpair()
-        with self._solving, ours, theirs:
+
+        def still_wanted() -> None:
+            check()
+            if time.monotonic() > begun + budget:
+                raise NoPlanFound(
+                    Status.OUT_OF_TIME,
+                    f"the time budget of {budget:g} s is used up within a single iteration; "
+                    "whether there is a plan is not known: ask for fewer points or give it more "
+                    "time",
+                )
+
+        with self._solving, closing(Lines(pickle.dumps((task, budget, begun)))) as lines:
             with self._lock:
                 if self._closed:
                     raise Interrupted
-                self._interrupted, self._connection = False, ours
+                self._interrupted, self._lines = False, lines
             try:
-                request = pickle.dumps((task, budget, begun))
-                answer = self._asked(request, budget, check, report, ours, theirs)
+                self._begin(lines, still_wanted)
+                answer = self._answer(lines, still_wanted, report)
             finally:
                 with self._lock:
-                    self._connection = None
-            if self._interrupted:
-                raise Interrupted
+                    self._lines = None
         try:
             if isinstance(answer, FfPlannerError):
                 raise answer
@@ -91,10 +131,9 @@ class Worker:
     def interrupt(self) -> None:
         """End the plan that is being made, if there is one: its `solve` raises Interrupted."""
         with self._lock:
-            if self._connection is not None:
+            if self._lines is not None:
                 self._interrupted = True
-                with suppress(OSError):  # broken by itself just now
-                    self._connection.shutdown(socket.SHUT_RDWR)
+                self._lines.hang_up()
 
     def close(self) -> None:
         """End the plan that is being made and every process; there will be no other."""
@@ -104,74 +143,60 @@ class Worker:
         with self._solving:
             self._server.end()
 
-    def _asked(
-        self,
-        request: bytes,
-        budget: float,
-        check: Callable[[], None],
-        report: Callable[[Progress], None],
-        ours: socket.socket,
-        theirs: socket.socket,
-    ) -> Plan | FfPlannerError | str:
-        """Return what the solver process answers, or what became of it."""
-        answer: Plan | FfPlannerError | str | None = None
-        check()
-        try:
-            if not self._server.loaded(unless=ours):
-                raise Interrupted
-            self._server.begin(theirs)
-            theirs.close()
-            patience = time.monotonic() + budget + max(_GRACE * budget, _LEAST_GRACE)
-            answer = _exchange(ours, request, patience, report)
-        except Interrupted:  # while it was loading: there is nothing to end
-            raise
-        except TimeoutError:
-            code = self._exit_code(at_once=True)
-            answer = NoPlanFound(
-                Status.OUT_OF_TIME,
-                f"the time budget of {budget:g} s is used up within a single iteration; whether "
-                "there is a plan is not known: ask for fewer points or give it more time",
-            )
-        except (OSError, EOFError, ValueError, pickle.UnpicklingError):
-            # A connection that broke, within an answer or not.
-            code = self._exit_code(at_once=True)
-        except BaseException:  # `report` does not want the plan any more
-            self._exit_code(at_once=True)
-            raise
-        else:
-            code = self._exit_code(at_once=False)
-        return answer or FfPlannerError(
-            Status.SOLVER_DIED,
-            f"the solver process died with exit code {code} (-N: killed by signal N); "
-            "a new one takes its place, the request may be sent again",
-        )
+    def _begin(self, lines: Lines, still_wanted: Callable[[], None]) -> None:
+        """Have the solver begin a plan; one that has died or hangs is replaced, once."""
+        replaced = False
+        still_wanted()
+        self._server.begin(lines)
+        while not self._server.has_begun(lines):
+            still_wanted()
+            if self._server.is_lost:
+                code = self._replace_server()
+                if replaced:
+                    raise _death(str(code))
+                replaced = True
+                self._server.begin(lines)
+        lines.leave_theirs()
 
-    def _exit_code(self, *, at_once: bool) -> int:
-        """Wait for the end of a plan's process, or end it at once; replace a server that hangs."""
-        code = self._server.exit_code(at_once=at_once)
-        if code is None:
-            code = self._server.end()
-            if not self._closed:
-                self._server = _Server()
+    def _answer(
+        self, lines: Lines, still_wanted: Callable[[], None], report: Callable[[Progress], None]
+    ) -> Plan | FfPlannerError | str:
+        """Return what the solver process answers; who leaves before ends it by hanging up."""
+        code = ""
+        while True:
+            still_wanted()
+            if lines.exchange():
+                packet = lines.packets.recv(_PACKET)
+                if self._interrupted:
+                    raise Interrupted
+                if packet[:1] == PROGRESS:
+                    report(pickle.loads(packet[1:]))
+                elif packet[:1] != BEGUN:  # ENDED, or nobody is left to say so
+                    code = code or packet[1:].decode() or "unknown"
+            if not lines.is_complete:
+                continue
+            try:
+                answer: Plan | FfPlannerError | str = pickle.loads(lines.incoming)
+            except (EOFError, pickle.UnpicklingError):  # it ended within the answer, or before
+                if code:
+                    raise _death(code) from None
+            else:
+                return answer
+
+    def _replace_server(self) -> int:
+        """End a server, and begin to load another; return the exit code of the first."""
+        code = self._server.end()
+        if not self._closed:
+            self._server = _Server()
         return code
 
 
-def _exchange(
-    connection: socket.socket,
-    request: bytes,
-    patience: float,
-    report: Callable[[Progress], None],
-) -> Plan | FfPlannerError | str:
-    """Send a request and return its answer; TimeoutError at `patience`, of the monotonic clock."""
-    connection.settimeout(max(patience - time.monotonic(), _LEAST_GRACE))
-    connection.sendall(request)
-    with connection.makefile("rb") as stream:
-        while True:
-            connection.settimeout(max(patience - time.monotonic(), 1e-3))
-            answer: Plan | FfPlannerError | str | Progress = pickle.load(stream)
-            if not isinstance(answer, Progress):
-                return answer
-            report(answer)
+def _death(code: str) -> FfPlannerError:
+    return FfPlannerError(
+        Status.SOLVER_DIED,
+        f"the solver process died with exit code {code} (-N: killed by signal N); "
+        "a new one takes its place, the request may be sent again",
+    )
 
 
 class _Server:
@@ -188,33 +213,39 @@ class _Server:
                 start_new_session=True,
             )
         self._is_loaded = False
+        self._waited = 0.0  # for plans that it has not begun, since it began one [s]
 
-    def loaded(self, unless: socket.socket) -> bool:
-        """Wait until it is ready for plans; False if something comes in on a socket before."""
+    @property
+    def is_loaded(self) -> bool:
+        """Whether it is ready for plans."""
         if not self._is_loaded:
-            ready, _, _ = select.select([self._control, unless], [], [], _LOADING)
-            if unless in ready:
-                return False
-            self._is_loaded = bool(ready) and self._control.recv(_PACKET) == LOADED
-            if not self._is_loaded:
-                raise EOFError
-        return True
+            with suppress(OSError):  # nothing has come in yet
+                self._is_loaded = self._control.recv(_PACKET, socket.MSG_DONTWAIT) == LOADED
+                self._waited = 0.0  # so far it has loaded, which takes longer than to begin
+        return self._is_loaded and not self.has_died
 
-    def begin(self, connection: socket.socket) -> None:
-        """Begin a plan for whoever is at the other end of a connection."""
-        socket.send_fds(self._control, [PLAN], [connection.fileno()])
+    @property
+    def has_died(self) -> bool:
+        """Whether the process has ended."""
+        return self._process.poll() is not None
 
-    def exit_code(self, *, at_once: bool) -> int | None:
-        """Wait for the end of a plan's process, or end it at once; None: the server is no good."""
-        try:
-            if at_once:
-                self._control.send(KILL)
-            self._control.settimeout(_LAST_RESPECTS if at_once else _LEAST_GRACE)
-            code = self._control.recv(_PACKET)
-            self._control.settimeout(None)
-        except OSError:  # a timeout is one, too
-            return None
-        return int(code) if code else None
+    @property
+    def is_lost(self) -> bool:
+        """Whether it has died, or was waited for so long that it hangs."""
+        patience = _BEGINNING if self.is_loaded else _LOADING
+        return self._waited > patience or self.has_died
+
+    def begin(self, lines: Lines) -> None:
+        """Begin a plan for whoever is at the other end of the lines."""
+        with suppress(OSError):  # it has died, which `is_lost` tells
+            socket.send_fds(self._control, [PLAN], lines.theirs, socket.MSG_DONTWAIT)
+
+    def has_begun(self, lines: Lines) -> bool:
+        """Wait a moment until the first packet of a plan comes in; whether it has."""
+        before = time.monotonic()
+        begun = lines.exchange()
+        self._waited = 0.0 if begun else self._waited + time.monotonic() - before
+        return begun
 
     def end(self) -> int:
         """End it, a plan that is being made included, and return its exit code."""

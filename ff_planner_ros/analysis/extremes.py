@@ -1,0 +1,187 @@
+"""Where a motion is at its worst: nearest to an obstacle, to a joint's limits, at its torques."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ff_planner_ros.arrays import Array
+from ff_planner_ros.planning.clearance import arm_points, clearances, segments
+from ff_planner_ros.planning.joint_motion import joint_motion
+from ff_planner_ros.planning.plan import Trajectory
+from ff_planner_ros.planning.pose_motion import poses_between
+from ff_planner_ros.planning.problem import Sphere
+from ff_planner_ros.planning.requirements.clearance import link_name
+from ff_planner_ros.robot.configuration import configuration
+from ff_planner_ros.robot.model import Robot
+from ff_planner_ros.robot.state import SystemState
+
+# Few points hide what is between them: a motion is looked at, at this many times or more.
+_TIMES = 400
+# Of an obstacle, in a figure.
+_LONGEST_NAME = 24
+# Distances that are held in memory at once.
+_MOST_DISTANCES = 500_000
+
+
+@dataclass(frozen=True, eq=False)
+class Distances:
+    """How far the arm's centre lines are from every sphere over time."""
+
+    time: Array  # the motion's points, and times between them; shape (times,) [s]
+    of_sphere: Array  # from the nearest segment; shape (times, spheres) [m]
+    segment: NDArray[np.intp]  # which one that is; shape (times, spheres)
+
+    @property
+    def closest(self) -> Array:
+        """Distance to the nearest sphere; infinite without any. Shape (times,) [m]."""
+        least: Array = self.of_sphere.min(axis=1, initial=np.inf)
+        return least
+
+
+@dataclass(frozen=True)
+class Nearest:
+    """Where the arm comes nearest to an obstacle."""
+
+    distance: float  # negative inside the obstacle [m]
+    time: float  # [s]
+    obstacle: str  # its id
+    link: str  # in words
+
+    @property
+    def words(self) -> str:
+        """Distance, obstacle and time, short enough for a figure."""
+        name = self.obstacle
+        name = name if len(name) <= _LONGEST_NAME else f"{name[: _LONGEST_NAME - 1]}…"
+        return f"{1e3 * self.distance:.1f} mm to {name} at {self.time:.2f} s"
+
+
+def distances(robot: Robot, obstacles: Sequence[Sphere], motion: Trajectory) -> Distances:
+    """Return the distances of a motion, between its points, too."""
+    time, q = _between_points(robot, motion)
+    positions = arm_points(robot, q)
+    starts = segments(positions)
+    rows = max(1, _MOST_DISTANCES // max(1, len(starts) * len(obstacles)))
+    found, which = [], []
+    for k in range(0, len(time), rows):
+        part = slice(k, k + rows)
+        distance = clearances(positions[part], time[part], starts, obstacles).distance
+        found.append(distance.min(axis=1))
+        which.append(starts[distance.argmin(axis=1)])
+    return Distances(time, np.concatenate(found), np.concatenate(which))
+
+
+def nearest(
+    robot: Robot, obstacles: Sequence[Sphere], found: Distances, sphere: int | None = None
+) -> Nearest:
+    """Return where the arm comes nearest to any obstacle, or to the one of that number."""
+    if sphere is None:
+        sphere = int(found.of_sphere.min(axis=0).argmin())
+    time = int(found.of_sphere[:, sphere].argmin())
+    return Nearest(
+        distance=float(found.of_sphere[time, sphere]),
+        time=float(found.time[time]),
+        obstacle=obstacles[sphere].id,
+        link=link_name(robot, int(found.segment[time, sphere])),
+    )
+
+
+@dataclass(frozen=True)
+class JointExtremes:
+    """What one joint does in a motion."""
+
+    name: str
+    start: float  # [rad]
+    end: float  # [rad]
+    lowest: float  # [rad]
+    highest: float  # [rad]
+    margin: float  # to the nearer limit of its position, at the least [rad]
+    margin_time: float  # [s]
+    rate: float  # largest, either way [rad/s]
+    rate_time: float  # [s]
+    rate_limit: float  # [rad/s]
+    torque: float  # largest, either way; NaN: not known [N m]
+    torque_time: float  # [s]
+    torque_limit: float  # infinite: none [N m]
+
+
+def joint_extremes(
+    robot: Robot, motion: Trajectory, peak_torques: Sequence[float] = ()
+) -> list[JointExtremes]:
+    """Return what each joint does at its worst, positions and rates between the points, too.
+
+    Args:
+        peak_torques: Between the points, too, where they are known [N m].
+    """
+    (lowest, highest), position_times = _extremes(motion, 0)
+    rates, rate_times = _extremes(motion, 1)
+    margins = np.stack(
+        [lowest - robot.lower_position_limits, robot.upper_position_limits - highest]
+    )
+    torques = np.abs(motion.joint_torques)
+    found = []
+    for k, name in enumerate(robot.joint_names):
+        side, way = margins[:, k].argmin(), np.abs(rates[:, k]).argmax()
+        known = np.isfinite(torques[:, k]).all()
+        point = torques[:, k].argmax() if known else 0
+        found.append(
+            JointExtremes(
+                name=name,
+                start=float(motion.joint_positions[0, k]),
+                end=float(motion.joint_positions[-1, k]),
+                lowest=float(lowest[k]),
+                highest=float(highest[k]),
+                margin=float(margins[side, k]),
+                margin_time=float(position_times[side, k]),
+                rate=float(np.abs(rates[way, k])),
+                rate_time=float(rate_times[way, k]),
+                rate_limit=float(robot.velocity_limits[k]),
+                torque=_torque(torques[:, k], peak_torques[k : k + 1]),
+                torque_time=float(motion.time[point]),
+                torque_limit=float(robot.effort_limits[k]),
+            )
+        )
+    return found
+
+
+def _torque(at_points: Array, peak: Sequence[float]) -> float:
+    """Return the largest torque [N m]; an older plan may not tell its peak, or be NaN."""
+    return float(max([at_points.max(), *(value for value in peak if np.isfinite(value))]))
+
+
+def _extremes(motion: Trajectory, order: int) -> tuple[Array, Array]:
+    """Return lowest and highest position, or rate, of each joint and when: shapes (2, joints)."""
+    if _is_smooth(motion):
+        return joint_motion(motion).extremes(order)
+    values = motion.joint_velocities if order else motion.joint_positions
+    rows = np.stack([values.argmin(axis=0), values.argmax(axis=0)])
+    return np.stack([values.min(axis=0), values.max(axis=0)]), motion.time[rows]
+
+
+def _is_smooth(motion: Trajectory) -> bool:
+    """Tell whether there is a motion between the points; of a measured one only they are known."""
+    return bool(np.isfinite(motion.joint_accelerations).all())
+
+
+def _between_points(robot: Robot, motion: Trajectory) -> tuple[Array, Array]:
+    """Return times, (times,), and configurations, (times, 7 + joints)."""
+    time, joints = motion.time, motion.joint_positions
+    chaser, attitudes = motion.chaser_positions, motion.chaser_quaternions_xyzw
+    if _is_smooth(motion):
+        pieces = -(-_TIMES // (len(time) - 1))
+        time = np.interp(
+            np.arange(pieces * (len(time) - 1) + 1), pieces * np.arange(len(time)), time
+        )
+        joints = joint_motion(motion).at(time)[0]
+        twists = (motion.chaser_linear_velocities, motion.chaser_angular_velocities)
+        chaser, rotations = poses_between(motion.time, chaser, attitudes, *twists, time)
+        attitudes = rotations.as_quat()
+    none, no_rates = np.zeros(3), np.zeros(robot.joints)
+    q = [
+        configuration(robot, SystemState(position, attitude, none, none, angles, no_rates))[0]
+        for position, attitude, angles in zip(chaser, attitudes, joints, strict=True)
+    ]
+    return time, np.array(q)

@@ -1,0 +1,70 @@
+"""JSON files from outside: bounded before they are read, refused by line and column."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.text_file import read_text
+
+# A plan of ten thousand points for fourteen joints has a million values in 18 MB. Whatever is
+# larger would take seconds and hundreds of megabytes only to be refused.
+_MOST_BYTES, _MOST_VALUES = 40_000_000, 1_200_000
+_DEEPEST = 32  # lists and objects within each other; ours have four
+# Strings, the last one perhaps without an end, and what begins and ends lists and objects.
+_TOKEN = re.compile(r'"[^"\\]*+(?:\\.[^"\\]*+)*+(?:"|\\?\Z)|[\[\]{},]', re.DOTALL)
+_LONG_NUMBER = re.compile(r"(?<!\d)\d{400}")  # longer than any that Python writes
+# Half a character, which no file and no terminal takes, behind whole pairs of backslashes.
+_HALF = re.compile(
+    r"(?<!\\)((?:\\\\)*)(?:\\u[dD][89abAB]..(?!\\u[dD][c-fC-F])"
+    r"|(?<!\\u[dD][89abAB]..)\\u[dD][c-fC-F]..)",
+    re.DOTALL,
+)
+
+
+def read_json(path: Path) -> Any:
+    """Return the document in a JSON file; half a character in a text becomes a question mark.
+
+    Raises:
+        InvalidInput: The file cannot be read, is not JSON, or too large or too deep to be ours.
+    """
+    text = read_text(path, _MOST_BYTES, status=Status.UNSUPPORTED)
+    try:
+        _require_moderate(text)
+        return json.loads(_HALF.sub(r"\1?", text) if "\\u" in text else text)
+    except json.JSONDecodeError as error:
+        reason = f"it is not JSON: {error}"
+    except ValueError as error:
+        number = _LONG_NUMBER.search(text)
+        reason = f"a number is too long, {_place(text, number.start())}" if number else str(error)
+    raise InvalidInput(Status.UNSUPPORTED, "file", path, reason)
+
+
+def _require_moderate(text: str) -> None:
+    """Refuse a document that is too deep or has too many values, whether it is JSON or not.
+
+    Raises:
+        ValueError: It is, or has.
+    """
+    depth = values = 0
+    for token in _TOKEN.finditer(text):
+        first = text[token.start()]
+        if first in "[{":
+            depth += 1
+        elif first in "]}":
+            depth -= 1
+        values += first in "[{,"
+        if depth > _DEEPEST:
+            place = _place(text, token.start())
+            raise ValueError(f"its lists are deeper than {_DEEPEST}, {place}")
+        if values > _MOST_VALUES:
+            place = _place(text, token.start())
+            raise ValueError(f"it holds more than {_MOST_VALUES} values, {place}")
+
+
+def _place(text: str, at: int) -> str:
+    line_start = text.rfind("\n", 0, at) + 1
+    return f"in line {text.count(chr(10), 0, at) + 1}, column {at - line_start + 1}"

@@ -1,0 +1,76 @@
+"""Axes, camera and controls of the scene."""
+
+from __future__ import annotations
+
+import numpy as np
+import plotly.graph_objects as go
+
+_FRAME_DURATION = 100  # [ms] on the screen
+_CAMERA = {"eye": {"x": -0.9, "y": -1.75, "z": 0.8}, "center": {"x": 0.0, "y": 0.0, "z": -0.12}}
+
+
+def lay_out(figure: go.Figure) -> None:
+    """Fix axes and camera, so that only the robot moves."""
+    drawn = [*figure.data, *(trace for frame in figure.frames for trace in frame.data)]
+    points = np.hstack([[np.asarray(trace[axis], float) for axis in "xyz"] for trace in drawn])
+    low, high = np.nanmin(points, axis=1), np.nanmax(points, axis=1)
+    margin = 0.05 * (high - low).max()
+    spans = high - low + 2 * margin
+    axes = {
+        f"{axis}axis": {
+            "title": {"text": f"{axis} [m]"},
+            "range": [low[k] - margin, high[k] + margin],
+            "backgroundcolor": "#f7f7f7",
+            "gridcolor": "#dddddd",
+            "zerolinecolor": "#bbbbbb",
+        }
+        for k, axis in enumerate("xyz")
+    }
+    ratio = dict(zip("xyz", (spans / np.cbrt(spans.prod())).tolist(), strict=True))
+    figure.update_layout(
+        scene={
+            **axes,
+            "aspectmode": "manual",
+            "aspectratio": ratio,
+            "camera": _CAMERA,
+            "uirevision": "kept",
+        },
+        uirevision="kept",
+        margin={"l": 0, "r": 0, "t": 0, "b": 0},
+        legend={"x": 0.01, "y": 0.99, "bgcolor": "rgba(255, 255, 255, 0.7)"},
+    )
+
+
+def add_controls(figure: go.Figure) -> None:
+    """Add a slider of the time, and buttons to play and to stop, below the scene."""
+    play = {"frame": {"duration": _FRAME_DURATION, "redraw": True}, "fromcurrent": True}
+    stop = {"frame": {"duration": 0, "redraw": True}, "mode": "immediate"}
+    figure.update_layout(
+        scene_domain={"y": [0.14, 1.0]},
+        updatemenus=[
+            {
+                "type": "buttons",
+                "direction": "left",
+                "x": 0.01,
+                "y": 0.12,
+                "xanchor": "left",
+                "yanchor": "top",
+                "buttons": [
+                    {"label": "▶", "method": "animate", "args": [None, play]},
+                    {"label": "❚❚", "method": "animate", "args": [[None], stop]},
+                ],
+            }
+        ],
+        sliders=[
+            {
+                "x": 0.12,
+                "len": 0.86,
+                "y": 0.14,
+                "currentvalue": {"prefix": "time ", "suffix": " s"},
+                "steps": [
+                    {"label": frame.name, "method": "animate", "args": [[frame.name], stop]}
+                    for frame in figure.frames
+                ],
+            }
+        ],
+    )

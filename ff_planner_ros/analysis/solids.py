@@ -1,0 +1,118 @@
+"""Surfaces of triangles: of spheres, boxes and cylinders, and of a whole robot.
+
+Corners have shape (corners, 3) [m], triangles shape (triangles, 3) with the numbers of corners.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import product
+from typing import TypeAlias
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from ff_planner_ros.arrays import Array
+from ff_planner_ros.robot.model import Robot
+from ff_planner_ros.robot.shapes import Shape, link_shapes
+
+Triangles: TypeAlias = NDArray[np.intp]
+
+# Corners of a circle: of a link, many of which are drawn at many times.
+_AROUND_LINK = 12
+
+
+@dataclass(frozen=True, eq=False)
+class RobotSurface:
+    """The surface of a robot's shapes, each corner in the frame of the joint that carries it."""
+
+    corners: Array
+    triangles: Triangles
+    joints: NDArray[np.intp]  # Pinocchio's number of the joint of each corner; shape (corners,)
+
+
+def sphere(meridians: int) -> tuple[Array, Triangles]:
+    """Return the unit sphere."""
+    parallels = meridians // 2
+    polar, azimuth = np.meshgrid(
+        np.linspace(0.0, np.pi, parallels + 1),
+        np.linspace(0.0, 2 * np.pi, meridians, endpoint=False),
+        indexing="ij",
+    )
+    unit = [np.sin(polar) * np.cos(azimuth), np.sin(polar) * np.sin(azimuth), np.cos(polar)]
+    corners = np.stack(unit, axis=-1).reshape(-1, 3)
+    row, column = np.divmod(np.arange(parallels * meridians), meridians)
+    here, right = row * meridians + column, row * meridians + (column + 1) % meridians
+    below, below_right = here + meridians, right + meridians
+    upper, lower = np.stack([here, below, right], 1), np.stack([right, below, below_right], 1)
+    return corners, np.concatenate([upper, lower])
+
+
+def box(edges: tuple[float, ...]) -> tuple[Array, Triangles]:
+    """Return a box about the origin."""
+    corners = np.array(list(product((-0.5, 0.5), repeat=3))) * edges
+    faces = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    halves = [half for a, b, c, d in faces for half in ((a, b, c), (a, c, d))]
+    return corners, np.array(halves)
+
+
+def cylinder(radius: float, length: float, around: int) -> tuple[Array, Triangles]:
+    """Return a cylinder about the z axis, its middle in the origin."""
+    angle = np.linspace(0.0, 2 * np.pi, around, endpoint=False)
+    rim = np.stack([radius * np.cos(angle), radius * np.sin(angle), 0.0 * angle], axis=1)
+    half = np.array([0.0, 0.0, length / 2])
+    here = np.arange(around)
+    right, above, above_right = (here + 1) % around, here + around, (here + 1) % around + around
+    bottom, top = 0 * here + 2 * around, 0 * here + 2 * around + 1
+    triangles = [
+        *((here, right, above_right), (here, above_right, above)),
+        *((bottom, right, here), (top, above, above_right)),
+    ]
+    corners = np.concatenate([rim - half, rim + half, [-half, half]])
+    return corners, np.concatenate([np.stack(three, axis=1) for three in triangles])
+
+
+def robot_surface(robot: Robot) -> RobotSurface:
+    """Return the surface of all shapes in a robot's URDF; it may have no corner."""
+    corners, triangles, joints, count = [np.empty((0, 3))], [np.empty((0, 3), int)], [], 0
+    for shape in link_shapes(robot.drawn_urdf):
+        frame = robot.model.frames[robot.model.getFrameId(shape.link, pin.FrameType.BODY)]
+        surface, faces = _solid(shape)
+        in_link = surface @ shape.rotation_to_link.T + shape.position_in_link
+        placement = frame.placement
+        corners.append(in_link @ placement.rotation.T + placement.translation)
+        triangles.append(faces + count)
+        joints += [frame.parentJoint] * len(surface)
+        count += len(surface)
+    return RobotSurface(
+        np.concatenate(corners), np.concatenate(triangles), np.array(joints, np.intp)
+    )
+
+
+def surface_at(robot: Robot, surface: RobotSurface, q: Array) -> Array:
+    """Return the corners at each configuration, in the inertial frame.
+
+    Args:
+        q: Shape (points, 7 + joints).
+
+    Returns:
+        Shape (points, corners, 3) [m].
+    """
+    data, placed = robot.model.createData(), np.empty((len(q), *surface.corners.shape))
+    for i, q_i in enumerate(q):
+        pin.forwardKinematics(robot.model, data, q_i)
+        rotations = np.array([placement.rotation for placement in data.oMi])[surface.joints]
+        origins = np.array([placement.translation for placement in data.oMi])[surface.joints]
+        placed[i] = np.einsum("cij,cj->ci", rotations, surface.corners) + origins
+    return placed
+
+
+def _solid(shape: Shape) -> tuple[Array, Triangles]:
+    if shape.kind == "box":
+        return box(shape.sizes)
+    if shape.kind == "cylinder":
+        radius, length = shape.sizes
+        return cylinder(radius, length, _AROUND_LINK)
+    corners, triangles = sphere(_AROUND_LINK)
+    return shape.sizes[0] * corners, triangles

@@ -1,0 +1,107 @@
+"""What is around the arm in a scene: obstacles, the goal, and axes of frames."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+import plotly.graph_objects as go
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from ff_planner_ros.analysis.solids import sphere
+from ff_planner_ros.arrays import Array
+from ff_planner_ros.planning.clearance import centers_at
+from ff_planner_ros.planning.problem import Orientation, Sphere, Target
+
+# More obstacles than the first number are drawn with the coarser circles, more than the last not
+# at all but for the nearest: a browser stands still under thousands.
+_FEW_OBSTACLES, _MERIDIANS, _COARSE_MERIDIANS, _MOST_OBSTACLES = 20, 24, 8, 100
+_OBSTACLE, _GOAL = "#c0392b", "#000000"
+# Of the axes x, y and z.
+_AXIS_COLOURS = ("#e41a1c", "#4daf4a", "#377eb8")
+# In lengths of the arm: what is further off than this from it would make it small in the picture.
+_FAR = 2.0
+
+
+def near_arm(obstacles: Sequence[Sphere], times: Array, arms: Array) -> Sequence[Sphere]:
+    """Return the obstacles that are drawn: those near some poses of the arm, not too many.
+
+    Args:
+        times: Of the poses. Shape (poses,) [s].
+        arms: Joints and end effector. Shape (poses, joints + 1, 3) [m].
+    """
+    length = np.linalg.norm(np.diff(arms[0], axis=0), axis=1).sum()
+    away = centers_at(times, obstacles)[:, None] - arms[:, :, None]
+    radii = np.array([one.radius for one in obstacles])
+    gaps = (np.linalg.norm(away, axis=-1) - radii).min(axis=(0, 1))
+    nearest = np.argsort(gaps, kind="stable")[:_MOST_OBSTACLES]
+    return [obstacles[k] for k in sorted(nearest) if gaps[k] <= _FAR * length]
+
+
+def drawn_obstacles(drawn: Sequence[Sphere], count: int) -> list[go.Mesh3d]:
+    """Draw spheres, of so many that there are."""
+    _, triangles = sphere(_meridians(len(drawn)))
+    left_out = f" (the nearest {len(drawn)} of {count})" if len(drawn) < count else ""
+    return [
+        go.Mesh3d(
+            **sphere_at(one, 0.0, len(drawn)),
+            **dict(zip("ijk", triangles.T, strict=True)),
+            color=_OBSTACLE,
+            opacity=0.55,
+            name=f"obstacles{left_out}",
+            legendgroup="obstacles",
+            showlegend=number == 0,
+            hovertemplate=f"{html.escape(one.id)}, radius {one.radius:g} m<extra></extra>",
+        )
+        for number, one in enumerate(drawn)
+    ]
+
+
+def sphere_at(one: Sphere, time: float, drawn: int) -> dict[str, NDArray[np.floating]]:
+    """Return the points of a sphere's surface at a time [s], one of so many that are drawn."""
+    corners, _ = sphere(_meridians(drawn))
+    return xyz(one.center + time * one.velocity + one.radius * corners)
+
+
+def drawn_goal(goal: Target, axis_length: float) -> Iterator[go.Scatter3d]:
+    """Draw where the end effector shall come, and which way it shall point."""
+    yield go.Scatter3d(
+        **xyz(goal.position[None]),
+        mode="markers",
+        marker={"symbol": "diamond-open", "size": 8, "color": _GOAL},
+        name="goal",
+        legendgroup="goal",
+        hovertemplate="goal<br>%{x:.3f}, %{y:.3f}, %{z:.3f} m<extra></extra>",
+    )
+    if goal.orientation is not Orientation.FREE:
+        axes = 1.5 * axis_length * axes_of(goal.quaternion_xyzw)
+        drawn = axis_lines(goal.position, axes, "goal's axes")
+        yield drawn.update(name="goal", legendgroup="goal", showlegend=False, line_width=3)
+
+
+def axis_lines(origin: Array, axes: Array, what: str) -> go.Scatter3d:
+    """Draw three axes, x red, y green, z blue."""
+    lines = [row for axis in axes for row in (origin, origin + axis, np.full(3, np.nan))]
+    return go.Scatter3d(
+        **xyz(np.array(lines)),
+        mode="lines",
+        line={"color": [colour for colour in _AXIS_COLOURS for _ in range(3)]},
+        hovertemplate=f"{what}: x red, y green, z blue, {what}<br><extra></extra>",
+    )
+
+
+def xyz(points: NDArray[np.floating]) -> dict[str, NDArray[np.floating]]:
+    """Return points, shape (points, 3), as plotly takes them."""
+    return dict(zip("xyz", points.T, strict=True))
+
+
+def axes_of(quaternions_xyzw: Array) -> Array:
+    """Return the three axes of frames, a row each."""
+    axes: Array = Rotation.from_quat(quaternions_xyzw).as_matrix().swapaxes(-1, -2)
+    return axes
+
+
+def _meridians(drawn: int) -> int:
+    return _MERIDIANS if drawn <= _FEW_OBSTACLES else _COARSE_MERIDIANS

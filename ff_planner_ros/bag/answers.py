@@ -1,0 +1,94 @@
+"""An answer as a row of a table: what was asked, what came out. All rows have the same columns."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+from ff_planner_ros.planning.metrics import METRICS
+
+if TYPE_CHECKING:
+    from ff_planner_ros.bag.plans import RecordedPlan
+
+Cell: TypeAlias = float | int | str | None  # None: there is none
+
+# Of a request: its column, and where it is in the message.
+_ASKED = {
+    "target_frame": "target_pose.header.frame_id",
+    **{f"target_{axis}_m": f"target_pose.pose.position.{axis}" for axis in "xyz"},
+    **{f"target_q{axis}": f"target_pose.pose.orientation.{axis}" for axis in "xyzw"},
+    **{f"target_velocity_{axis}_m_per_s": f"target_twist.linear.{axis}" for axis in "xyz"},
+    **{f"target_angular_velocity_{a}_rad_per_s": f"target_twist.angular.{a}" for a in "xyz"},
+    "duration_s": "duration",
+    "weight_joint_path_length": "weight_joint_path_length",
+    "weight_chaser_attitude": "weight_chaser_attitude",
+    "asked_points": "points",
+    "time_budget_s": "time_budget",
+    "limit_chaser_attitude_rad": "limit_chaser_attitude",
+    "end_behaviour": "end_behaviour",
+}
+# Zero stands for the node's parameter: nothing was asked.
+_ZERO_IS_NONE = ("asked_points", "time_budget_s", "limit_chaser_attitude_rad")
+_SOLVER = {
+    "solve_time_s": "solve_time",
+    "starts": "starts",
+    "iterations": "iterations",
+    "rollouts": "rollouts",
+    "stop_reason": "stop_reason",
+}
+
+
+def asked_in(request: Any) -> dict[str, Cell]:
+    """Return what a request asks for, decoded by whatever definition, by column."""
+    row = {column: _cell(_at(request, path)) for column, path in _ASKED.items()}
+    return row | {column: row[column] or None for column in _ZERO_IS_NONE}
+
+
+def solver_in(response: Any) -> dict[str, Cell]:
+    """Return how an answer was found, decoded by whatever definition, by column."""
+    row = {column: _cell(_at(response, f"solver.{name}")) for column, name in _SOLVER.items()}
+    if row["rollouts"]:
+        return row
+    # A refusal without an attempt has zeros in their place, which mean nothing.
+    return {column: row[column] or None for column in ("solve_time_s", "stop_reason")}
+
+
+def answer_row(plan: RecordedPlan) -> dict[str, Cell]:
+    """Return an answer as a row: the same columns for every answer, None where there is none."""
+    asked: Mapping[str, Cell] = plan.asked or {}
+    row: dict[str, Cell] = {
+        "plan_id": plan.plan_id,
+        "topic": plan.topic,
+        "asked_ns": plan.asked_ns or None,
+        "answered_ns": plan.answered_ns,
+        "start_ns": plan.start_ns or None,
+        "status": plan.status,
+        "message": plan.message,
+        **{column: asked.get(column) for column in _ASKED},
+        **{column: plan.solver.get(column) for column in _SOLVER},
+        "points": None if plan.trajectory is None else len(plan.trajectory.time),
+    }
+    for metric in METRICS:
+        value = plan.metrics.get(metric.name)
+        words = " ".join(map(repr, value)) if isinstance(value, tuple) else value
+        row[f"{metric.name}{_behind(metric.unit)}"] = _cell(words)
+    return row
+
+
+def _behind(unit: str) -> str:
+    """Return a unit as it stands behind the name of a column."""
+    return f"_{unit.replace('/', '_per_').replace(' ', '')}" if unit else ""
+
+
+def _at(message: Any, path: str) -> Any:
+    """Return what is at a place of a message; None where its definition has no such field."""
+    for name in path.split("."):
+        message = getattr(message, name, None)
+    return message
+
+
+def _cell(value: Any) -> Cell:
+    if value is None or (isinstance(value, float) and math.isnan(value)) or value == "":
+        return None
+    return value if isinstance(value, float | int | str) else str(value)

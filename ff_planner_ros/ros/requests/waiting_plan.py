@@ -1,0 +1,110 @@
+"""A plan that waits to be published, and whether it still fits the rules and the state."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from ff_planner_msgs.srv import PublishPlan
+from scipy.spatial.transform import Rotation
+
+from ff_planner_ros.arrays import Array
+from ff_planner_ros.bag.decoding import NANOSECONDS
+from ff_planner_ros.errors import NoPlanFound, Status
+from ff_planner_ros.parameters import NodeParameters
+from ff_planner_ros.planning.forward import carried_forward
+from ff_planner_ros.planning.plan import Plan, Trajectory
+from ff_planner_ros.planning.problem import Sphere
+from ff_planner_ros.robot.state import SystemState
+from ff_planner_ros.ros.parameters import stricter_since
+from ff_planner_ros.ros.requests.reading import Knowledge, measured_state, motion_until_start
+
+# Parameters that no plan is checked by when it is made.
+_NOT_OF_PLANS = ("publication.", "tracking.")
+
+
+@dataclass(frozen=True, eq=False)
+class MadePlan:
+    """A plan that passed every check, with what is needed to publish it."""
+
+    plan_id: str
+    plan: Plan
+    start_ns: int  # time of its first point [ns]
+    end_behaviour: str
+    obstacles: tuple[Sphere, ...]  # that it avoids
+    parameters: NodeParameters  # that it was checked by
+
+
+def require_same_rules(made: MadePlan, parameters: NodeParameters) -> None:
+    """Refuse a plan if a rule that it was checked by is stricter by now.
+
+    Raises:
+        NoPlanFound: It is (CHECK_FAILED).
+    """
+    stricter = [
+        name
+        for name in stricter_since(made.parameters, parameters)
+        if not name.startswith(_NOT_OF_PLANS)
+    ]
+    if stricter:
+        raise NoPlanFound(
+            Status.CHECK_FAILED,
+            f"{made.plan_id} was checked before these parameters became stricter: "
+            f"{', '.join(stricter)}; ask for a new plan",
+        )
+
+
+def require_same_start(made: MadePlan, request: PublishPlan.Request, knowledge: Knowledge) -> None:
+    """Refuse a plan if the system, carried forward as for a new plan, will be elsewhere.
+
+    Raises:
+        InvalidInput: No state is known that can be used.
+        NoPlanFound: It will (STATE_MOVED).
+    """
+    measured = measured_state(request, knowledge)
+    running = motion_until_start(knowledge, measured, made.start_ns)
+    # A state may be stamped ahead of now by state_max_lead, and so of a plan that begins at once.
+    ahead = max(made.start_ns - measured.stamp_ns, 0) / NANOSECONDS
+    there = carried_forward(knowledge.robot, measured.state, ahead, running)
+    allowed = knowledge.parameters.publication
+    off = [
+        f"{what} by {found:.3g} {unit}, more than publication.{name}, {limit:g} {unit}"
+        for what, name, found, unit in _differences(there, made.plan.trajectory)
+        # Written so that NaN is refused.
+        if not found <= (limit := getattr(allowed, name))
+    ]
+    if off:
+        raise NoPlanFound(
+            Status.STATE_MOVED,
+            f"the system will not be where {made.plan_id} begins: it will miss {'; '.join(off)}; "
+            "ask for a new plan",
+        )
+
+
+def _differences(state: SystemState, motion: Trajectory) -> Iterator[tuple[str, str, float, str]]:
+    """Yield how far a state is from a plan's first point: what, parameter's name, by how much."""
+
+    def distance(a: Array, b: Array) -> float:
+        return float(np.linalg.norm(a - b))
+
+    def largest(a: Array, b: Array) -> float:
+        return float(np.abs(a - b).max())
+
+    attitude = Rotation.from_quat(state.quaternion_chaser_to_inertial_xyzw)
+    planned = Rotation.from_quat(motion.chaser_quaternions_xyzw[0])
+    position = distance(state.position_chaser_in_inertial, motion.chaser_positions[0])
+    velocity = distance(
+        state.linear_velocity_chaser_in_inertial, motion.chaser_linear_velocities[0]
+    )
+    turning = distance(
+        state.angular_velocity_chaser_in_inertial, motion.chaser_angular_velocities[0]
+    )
+    joints = largest(state.joint_positions, motion.joint_positions[0])
+    rates = largest(state.joint_velocities, motion.joint_velocities[0])
+    yield "the chaser's position", "max_position", position, "m"
+    yield "its attitude", "max_angle", float((planned.inv() * attitude).magnitude()), "rad"
+    yield "its velocity", "max_velocity", velocity, "m/s"
+    yield "its angular velocity", "max_angular_velocity", turning, "rad/s"
+    yield "a joint's position", "max_joint_position", joints, "rad"
+    yield "a joint's rate", "max_joint_velocity", rates, "rad/s"

@@ -1,0 +1,92 @@
+"""The report of a what if: the plans of changed requests laid over the recorded ones."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from ff_planner_msgs.srv import PlanTrajectory
+
+from ff_planner_ros.analysis.methods import CHANGED, RECORDED
+from ff_planner_ros.errors import FfPlannerError, Status
+from ff_planner_ros.planning.plan import Trajectory
+from ff_planner_ros.planning.problem import PlanningProblem
+from ff_planner_ros.planning.sound_samples import require_sound_samples
+from ff_planner_ros.robot.model import Robot
+from ff_planner_ros.ros.messages.from_messages import plan_from_response
+from ff_planner_ros.runs.recorded_run import RecordedRequest
+from ff_planner_ros.runs.report import Report, ReportedPlan, reported_plan, robot_facts
+from ff_planner_ros.runs.report_of_bag import reported_request
+
+# A page of more plans is slow to open.
+_MOST_PLANS = 20
+
+
+@dataclass(frozen=True, eq=False)
+class Answered:
+    """A request that was planned with something changed."""
+
+    recorded: RecordedRequest
+    changed: RecordedRequest
+    answer: PlanTrajectory.Response  # to the changed one
+
+
+def report_of_changes(
+    bag: Path, robot: Robot, changes: str, answered: Sequence[Answered], notes: Sequence[str]
+) -> Report:
+    """Return the report, the last plans drawn.
+
+    Args:
+        changes: In words.
+        notes: What a reader must know of the bag.
+    """
+    requests, said = [], list(notes)
+    for number, one in enumerate(answered):
+        name, door = one.recorded.name, one.recorded.door
+        before = reported_request(door, one.recorded.request, one.recorded.response)
+        now = reported_request(door, one.changed.request, one.answer)
+        before = replace(before, plan_id=f"{name}, recorded")
+        now = replace(now, plan_id=f"{name}, changed", before=before)
+        if number >= len(answered) - _MOST_PLANS:
+            try:
+                now = replace(now, plan=_plan(robot, one))
+            except (FfPlannerError, LookupError, ValueError) as error:
+                said.append(f"{name} is not drawn: {error}")
+        requests.append(now)
+    if len(answered) > _MOST_PLANS:
+        said.append(f"of {len(answered)} requests the plans of the last {_MOST_PLANS} are drawn")
+    facts = (("bag", str(bag)), ("changed", changes), *robot_facts(robot))
+    return Report(f"{bag.name}, changed", facts, tuple(said), tuple(requests))
+
+
+def _plan(robot: Robot, one: Answered) -> ReportedPlan | None:
+    """Return what is drawn of a request, as recorded, as changed or both; None: no plan is."""
+    responses = {RECORDED: one.recorded.response, CHANGED: one.answer}
+    motions = {
+        method: _motion(robot, response)
+        for method, response in responses.items()
+        if response is not None and response.status.code == Status.SOLVED
+    }
+    if not motions:
+        return None
+    problem = next(_problems(one))
+    return reported_plan(robot, motions, problem.target, problem.obstacles)
+
+
+def _motion(robot: Robot, response: PlanTrajectory.Response) -> Trajectory:
+    motion = plan_from_response(response).trajectory
+    require_sound_samples(robot, motion)
+    return motion
+
+
+def _problems(one: Answered) -> Iterator[PlanningProblem]:
+    """Yield what was planned, of the requests that can be read; both have one goal and scene."""
+    refused: FfPlannerError | None = None
+    for request in (one.changed, one.recorded):
+        try:
+            yield request.read_request().task.problem
+        except FfPlannerError as error:
+            refused = error
+    if refused is not None:
+        raise refused

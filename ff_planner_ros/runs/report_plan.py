@@ -1,0 +1,121 @@
+"""The part of a report's page that shows one plan: in words, in numbers, in plots."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from xml.etree.ElementTree import Element
+
+from ff_planner_ros.analysis.methods import RECORDED, Method
+from ff_planner_ros.analysis.tracking import Deviations, in_shown_units
+from ff_planner_ros.planning.metrics import METRICS, Metrics
+from ff_planner_ros.runs.report import ReportedPlan, ReportedRequest, clock_time
+from ff_planner_ros.runs.report_html import bullets, element, pairs, plot, row, table
+from ff_planner_ros.runs.report_plots import plan_plots
+from ff_planner_ros.runs.report_words import (
+    asked,
+    joint_table,
+    obstacle_table,
+    worst,
+)
+
+
+def plan_part(
+    number: int, request: ReportedRequest, plan: ReportedPlan, opened: bool, figures: list[Element]
+) -> Element:
+    """Return a plan's part.
+
+    Args:
+        number: Of the request; the links to this part name it.
+        opened: Whether it is open from the start.
+        figures: Gets the data of the plots.
+    """
+    attributes = {"id": f"plan-{number}"} | ({"open": "open"} if opened else {})
+    answers = _answers(request, plan)
+    return element(
+        "details",
+        element("summary", request.plan_id or "(no id)"),
+        *([bullets(plan.remarks, "remarks")] if plan.remarks else []),
+        element("div", *_in_words(plan, answers), {"class": "beside"}),
+        _clock(max(float(motion.time[-1]) for motion in plan.motions.values())),
+        *(
+            plot(f"plan-{number}-{name}", figure, caption, figures)
+            for name, caption, figure in plan_plots(plan)
+        ),
+        element("div", *_in_numbers(plan, answers), {"class": "beside"}),
+        *_joints_and_obstacles(plan, answers),
+        attributes,
+    )
+
+
+def _answers(request: ReportedRequest, plan: ReportedPlan) -> dict[Method, ReportedRequest]:
+    """Return the answers that a plan's motions come from."""
+    before = request.before or request
+    return {method: before if method is RECORDED else request for method in plan.motions}
+
+
+def _in_words(plan: ReportedPlan, answers: dict[Method, ReportedRequest]) -> Iterator[Element]:
+    yield element("div", element("h3", "Asked"), pairs(asked(plan)))
+    for method, motion in plan.all_motions.items():
+        heading = element("h3", f"At its worst, as {method.label}")
+        metrics = _metrics_of(method, answers)
+        yield element("div", heading, pairs(worst(plan, motion, metrics)))
+
+
+def _in_numbers(plan: ReportedPlan, answers: dict[Method, ReportedRequest]) -> Iterator[Element]:
+    for method, answer in answers.items():
+        heading = element("h3", f"Metrics, as {method.label}")
+        yield element("div", heading, pairs(_metrics(answer)))
+    if plan.deviations is not None:
+        heading = element("h3", "Measured against planned, at worst")
+        yield element("div", heading, _deviations(plan.deviations))
+
+
+def _joints_and_obstacles(
+    plan: ReportedPlan, answers: dict[Method, ReportedRequest]
+) -> Iterator[Element]:
+    for method, motion in plan.motions.items():
+        yield element("h3", f"Joints, as {method.label}")
+        yield joint_table(plan.robot, motion, _metrics_of(method, answers))
+        if plan.obstacles:
+            yield element("h3", f"Obstacles, as {method.label}")
+            yield obstacle_table(plan.robot, plan.obstacles, motion)
+
+
+def _metrics_of(method: Method, answers: dict[Method, ReportedRequest]) -> Metrics | None:
+    return answers[method].metrics if method in answers else None
+
+
+def _metrics(request: ReportedRequest) -> Iterator[tuple[str, str]]:
+    metrics, solver = request.metrics, request.solver
+    if request.start_ns is not None:
+        yield "starts", clock_time(request.start_ns)
+    if metrics is not None:
+        for metric in METRICS:
+            yield metric.label, metric.text(getattr(metrics, metric.name))
+    if solver is not None:
+        yield "solver", solver.stop_reason
+        yield "search", f"{solver.starts} starts, {solver.rollouts} rollouts"
+
+
+def _deviations(found: Deviations) -> Element:
+    rows = [
+        row(
+            (
+                label,
+                f"{values.max():.3g}",
+                f"{found.time[values.argmax()]:.3f}",
+                f"{values[-1]:.3g}",
+            )
+        )
+        for label, values in in_shown_units(found)
+    ]
+    columns = (f"of {len(found.time)} states", "largest", "at t [s]", "at the last")
+    return table(columns, rows)
+
+
+def _clock(end: float) -> Element:
+    """Return the controls of the time [s] that all plots of a plan show."""
+    play = element("button", "▶", {"type": "button", "class": "play", "aria-label": "play"})
+    slider = {"type": "range", "min": "0", "max": repr(end), "value": "0", "step": "any"}
+    time = element("input", slider | {"aria-label": "time"})
+    return element("div", play, time, element("output", "0.00 s"), {"class": "clock"})

@@ -1,0 +1,184 @@
+"""A plan in words and numbers: what was asked, and where it is at its worst, by name."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from xml.etree.ElementTree import Element
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from ff_planner_ros.analysis.extremes import (
+    Distances,
+    JointExtremes,
+    distances,
+    joint_extremes,
+    nearest,
+)
+from ff_planner_ros.arrays import Array
+from ff_planner_ros.planning.metrics import Metrics
+from ff_planner_ros.planning.plan import Trajectory
+from ff_planner_ros.planning.problem import Orientation, Sphere, Target
+from ff_planner_ros.robot.model import Robot
+from ff_planner_ros.robot.rotation import euler_from_rotation
+from ff_planner_ros.runs.report import ReportedPlan
+from ff_planner_ros.runs.report_html import element, row, table, when
+
+# More obstacles than this are no list that anybody reads.
+_MOST_LISTED = 20
+# Of a vector's numbers that are shown.
+_DECIMALS = 6
+_OBSTACLE_COLUMNS = ("obstacle", "centre [m]", "radius [m]", "velocity [m/s]")
+_NEAREST_COLUMNS = ("least distance [mm]", "at", "from")
+_JOINT_COLUMNS = ("joint", "start", "end", "margin to limits", "largest rate", "largest torque")
+
+
+def asked(plan: ReportedPlan) -> Iterator[tuple[str, str]]:
+    """Yield start, target and obstacles."""
+    motion, goal = plan.motion, plan.goal
+    yield "start, chaser", _pose(motion.chaser_positions[0], motion.chaser_quaternions_xyzw[0])
+    velocity, turning = motion.chaser_linear_velocities[0], motion.chaser_angular_velocities[0]
+    if np.round([velocity, turning], _DECIMALS).any():
+        rates = _vector(np.rad2deg(turning), ".4g")
+        yield "", f"moving {_vector(velocity, '.4g')} m/s, turning {rates} deg/s"
+    yield "start, end effector", _pose(motion.ee_positions[0], motion.ee_quaternions_xyzw[0])
+    yield "target, end effector", _target(goal)
+    away = f"{np.linalg.norm(goal.position - motion.ee_positions[0]):.3f} m"
+    if goal.orientation is Orientation.FIXED:
+        start = Rotation.from_quat(motion.ee_quaternions_xyzw[0])
+        turn = (start.inv() * Rotation.from_quat(goal.quaternion_xyzw)).magnitude()
+        away += f" and {np.rad2deg(turn):.1f} deg"
+    yield "", f"{away} from the start"
+    yield "obstacles", _obstacles(plan.obstacles)
+
+
+def worst(
+    plan: ReportedPlan, motion: Trajectory, metrics: Metrics | None
+) -> Iterator[tuple[str, Element]]:
+    """Yield where a motion is nearest to an obstacle and to the limits of its joints.
+
+    Args:
+        metrics: Of the motion, if it is a plan that was checked.
+    """
+    robot, obstacles = plan.robot, plan.obstacles
+    found = _joints_at_worst(robot, motion, metrics)
+    if obstacles:
+        least = nearest(robot, obstacles, distances(robot, obstacles, motion))
+        words = f"{1e3 * least.distance:.1f} mm between {least.link} and {least.obstacle}, at "
+        certain = ""
+        if metrics is not None and np.isfinite(metrics.min_clearance):
+            certain = f"; for certain never less than {1e3 * metrics.min_clearance:.1f} mm"
+        yield "least clearance", _said(words, least.time, certain)
+    near = min(found, key=lambda joint: joint.margin)
+    words = f"{near.name}, {np.rad2deg(near.margin):.1f} deg from its limit, at "
+    if np.isfinite(near.margin):
+        yield "nearest to a joint limit", _said(words, near.margin_time)
+    fast = max(found, key=lambda joint: joint.rate / joint.rate_limit)
+    yield "fastest beside its limit", _said(f"{fast.name}, {_rate(fast)}, at ", fast.rate_time)
+    known = [joint for joint in found if np.isfinite(joint.torque)]
+    if known:
+        strong = max(known, key=lambda joint: (joint.torque / joint.torque_limit, joint.torque))
+        words = f"{strong.name}, {_torque(strong)}, at "
+        yield "most torque beside its limit", _said(words, strong.torque_time)
+
+
+def joint_table(robot: Robot, motion: Trajectory, metrics: Metrics | None) -> Element:
+    """Return a table of what each joint does."""
+    rows = []
+    for joint in _joints_at_worst(robot, motion, metrics):
+        margin, known = f"{np.rad2deg(joint.margin):.2f} deg, at ", np.isfinite(joint.torque)
+        rows.append(
+            row(
+                (
+                    joint.name,
+                    f"{np.rad2deg(joint.start):.2f} deg",
+                    f"{np.rad2deg(joint.end):.2f} deg",
+                    _said(margin, joint.margin_time) if np.isfinite(joint.margin) else "no limits",
+                    _said(f"{_rate(joint)}, at ", joint.rate_time),
+                    _said(f"{_torque(joint)}, at ", joint.torque_time) if known else "not known",
+                )
+            )
+        )
+    return table(_JOINT_COLUMNS, rows)
+
+
+def obstacle_table(robot: Robot, obstacles: Sequence[Sphere], motion: Trajectory) -> Element:
+    """Return a table of the obstacles that the arm comes nearest to."""
+    found = distances(robot, obstacles, motion)
+    listed = np.argsort(found.of_sphere.min(axis=0), kind="stable")[:_MOST_LISTED]
+    rows = [row(_obstacle(robot, obstacles, found, int(sphere))) for sphere in sorted(listed)]
+    made = table((*_OBSTACLE_COLUMNS, *_NEAREST_COLUMNS), rows)
+    if len(listed) < len(obstacles):
+        made.append(element("p", f"The nearest {len(listed)} of {len(obstacles)}."))
+    return made
+
+
+def _joints_at_worst(
+    robot: Robot, motion: Trajectory, metrics: Metrics | None
+) -> list[JointExtremes]:
+    """Return what each joint does at its worst; torques as the check found them, if it did."""
+    peaks = metrics.peak_joint_torques if metrics is not None else ()
+    return joint_extremes(robot, motion, peaks if len(peaks) == robot.joints else ())
+
+
+def _obstacle(
+    robot: Robot, obstacles: Sequence[Sphere], found: Distances, number: int
+) -> Iterator[str | Element]:
+    sphere, least = obstacles[number], nearest(robot, obstacles, found, number)
+    yield sphere.id
+    yield _vector(sphere.center, ".3f")
+    yield f"{sphere.radius:g}"
+    yield _vector(sphere.velocity, ".4g") if sphere.velocity.any() else "at rest"
+    yield f"{1e3 * least.distance:.1f}"
+    yield when(least.time)
+    yield least.link
+
+
+def _obstacles(obstacles: Sequence[Sphere] | None) -> str:
+    if obstacles is None:
+        return "not known"
+    if not obstacles:
+        return "none"
+    names = ", ".join(sphere.id for sphere in obstacles[:_MOST_LISTED])
+    more = ", ..." if len(obstacles) > _MOST_LISTED else ""
+    return f"{len(obstacles)}: {names}{more}"
+
+
+def _said(words: str, time: float, after: str = "") -> Element:
+    return element("span", words, when(time), after)
+
+
+def _rate(joint: JointExtremes) -> str:
+    return f"{np.rad2deg(joint.rate):.3g} deg/s{_share(joint.rate, joint.rate_limit)}"
+
+
+def _torque(joint: JointExtremes) -> str:
+    return f"{joint.torque:.4g} N m{_share(joint.torque, joint.torque_limit)}"
+
+
+def _share(value: float, limit: float) -> str:
+    """Return words on how much of its limit a value is; there may be no limit."""
+    if not np.isfinite(limit):
+        return ""
+    share = 100.0 * value / limit
+    return f" ({share:.0f} % of its limit)" if share >= 1.0 else " (under 1 % of its limit)"
+
+
+def _target(goal: Target) -> str:
+    if goal.orientation is Orientation.FREE:
+        return f"{_vector(goal.position, '.3f')} m, any orientation"
+    pose = _pose(goal.position, goal.quaternion_xyzw)
+    if goal.free_axis_in_ee is None:
+        return pose
+    return f"{pose}, free to turn about its axis {_vector(goal.free_axis_in_ee, '.3g')}"
+
+
+def _pose(position: Array, quaternion_xyzw: Array) -> str:
+    euler = np.rad2deg(euler_from_rotation(Rotation.from_quat(quaternion_xyzw).as_matrix()))
+    return f"{_vector(position, '.3f')} m, roll, pitch, yaw {_vector(euler, '.1f')} deg"
+
+
+def _vector(values: Array, digits: str) -> str:
+    # What rounding leaves of a zero, and its sign, is none of the reader's business.
+    shown = np.round(values, _DECIMALS) + 0.0
+    return f"[{', '.join(format(value, digits) for value in shown.tolist())}]"

@@ -1,0 +1,62 @@
+"""Values and texts as messages show them: short before they are formatted, whatever they are."""
+
+from __future__ import annotations
+
+import reprlib
+
+# Of a value in a message: what was received may be a million numbers, and a log line is read.
+LONGEST_VALUE = 300
+_FIRST = 12  # entries of a list that are shown
+_MOST_BITS = 10_000  # of a whole number that is written out; Python itself refuses 14,000
+
+
+class _Short(reprlib.Repr):
+    """Shows the first entries of what is long and the first levels of what is deep."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.maxlevel = 3
+        self.maxlist = self.maxtuple = self.maxdict = self.maxset = _FIRST
+        self.maxstring = self.maxother = self.maxlong = LONGEST_VALUE
+
+    def repr_int(self, x: int, level: int) -> str:
+        """Show a whole number; of a long one only how long it is."""
+        if x.bit_length() > _MOST_BITS:
+            return f"a whole number of {x.bit_length()} bits"
+        return super().repr_int(x, level)
+
+
+_SHORT = _Short()
+
+
+def shown(value: object) -> str:
+    """Return a value as `str` does, at most `LONGEST_VALUE` characters and a remark."""
+    if isinstance(value, str):
+        return shortened(value, LONGEST_VALUE)
+    if isinstance(value, int | list | tuple | dict | set | bytes) and not isinstance(value, bool):
+        return quoted(value)
+    try:
+        return shortened(str(value), LONGEST_VALUE)
+    except Exception:  # whatever an object of a library trips over
+        return f"a {type(value).__name__}"
+
+
+def quoted(value: object) -> str:
+    """Return a value as `repr` does, at most `LONGEST_VALUE` characters and a remark."""
+    if isinstance(value, str) and len(value) <= LONGEST_VALUE:
+        return repr(value)
+    return shortened(_SHORT.repr(value), LONGEST_VALUE)
+
+
+def shortened(text: str, longest: int) -> str:
+    """Return the beginning of a text, and how long it is where something was cut off."""
+    return text if len(text) <= longest else f"{text[:longest]}... ({len(text)} characters)"
+
+
+def printable(text: str, longest: int) -> str:
+    """Return the beginning of a text on one line, without control characters."""
+    beginning = text[:longest]
+    one_line = beginning
+    if not beginning.isprintable():
+        one_line = "".join(character if character.isprintable() else "?" for character in beginning)
+    return one_line if len(text) <= longest else f"{one_line}..."

@@ -1,0 +1,54 @@
+"""Text files from outside: how large they are and what they are is known before they are read."""
+
+from __future__ import annotations
+
+import stat
+from pathlib import Path
+
+from ff_planner_ros.errors import InvalidInput, Status
+
+
+def read_text(
+    path: Path, most_bytes: int, field: str = "file", status: Status = Status.OUT_OF_RANGE
+) -> str:
+    """Return the text in a file.
+
+    Args:
+        path: Of the file.
+        most_bytes: A larger file is refused.
+        field: As the message names the file.
+        status: Of the refusal.
+
+    Raises:
+        InvalidInput: There is no such file, it is too large or not UTF-8, or it cannot be read.
+    """
+    try:
+        # A pipe or a device may let a reader wait for ever, or never end.
+        reason = not_a_file(path)
+        if reason is None:
+            with path.open("rb") as stream:
+                data = stream.read(most_bytes + 1)
+            if len(data) <= most_bytes:
+                return data.decode()
+            reason = f"it must not be larger than {most_bytes / 1e6:g} MB"
+    except UnicodeDecodeError as error:
+        line = data.count(b"\n", 0, error.start) + 1
+        reason = f"it is not UTF-8: {error.reason}, byte {error.start} in line {line}"
+    except (OSError, ValueError) as error:  # the latter: a character that no path can have
+        reason = f"it cannot be read: {getattr(error, 'strerror', None) or error}"
+    raise InvalidInput(status, field, path, reason)
+
+
+def not_a_file(path: Path) -> str | None:
+    """Return why a path, links followed, is no file that can be read to its end; None: it is one.
+
+    Raises:
+        OSError: There is nothing of this name, or it cannot be looked at.
+        ValueError: It has a character that no path can have.
+    """
+    mode = path.stat().st_mode
+    if stat.S_ISREG(mode):
+        return None
+    if stat.S_ISDIR(mode):
+        return "it is a directory, not a file"
+    return "it is a pipe or a device, not a file"

@@ -1,0 +1,133 @@
+"""The SROS2 policy of the planner, from the table of its interfaces. Run as a script, it writes it.
+
+It is in the format of sros2's `policy.xsd`, version 0.2.0.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import defaultdict
+from pathlib import Path
+from typing import NamedTuple
+from xml.etree import ElementTree
+
+SOURCE_TREE = Path(__file__).resolve().parents[1]
+INTERFACES = SOURCE_TREE / "docs" / "interfaces.md"
+POLICY = SOURCE_TREE / "config" / "security" / "policy.xml"
+HEADER = """\
+<?xml version="1.0" encoding="UTF-8"?>
+<!-- Who may do what with the planner; docs/security.md says how to use it. Made by
+     test/security_policy.py from the table of docs/interfaces.md. -->
+"""
+NODE, RECORDER = "ff_planner", "ff_planner_recorder"
+PUBLISH, SUBSCRIBE, REPLY, REQUEST = "publish", "subscribe", "reply", "request"
+EXECUTE, CALL = "execute", "call"
+# What a rule speaks of, in the order of a profile.
+ELEMENTS = {PUBLISH: "topic", SUBSCRIBE: "topic", REPLY: "service", REQUEST: "service"} | {
+    EXECUTE: "action",
+    CALL: "action",
+}
+# What every rclpy node and every lifecycle node has.
+OF_NODES = ("describe_parameters", "get_parameter_types", "get_parameters", "list_parameters")
+OF_NODES += ("set_parameters", "set_parameters_atomically")
+TYPES = ("get_type_description",)
+OF_LIFECYCLE = ("change_state", "get_available_states", "get_available_transitions", "get_state")
+OF_LIFECYCLE += ("get_transition_graph",)
+SERVICE_EVENTS = "/_service_event"
+ROW = re.compile(
+    r"^\| (subscribes|publishes|service|action) \| `([\w/~]+)` \| `([\w/]+)` \| ([\w, -]*) "
+    r"\| (\w+) \|",
+    re.M,
+)
+
+
+class Interface(NamedTuple):
+    """One row of the table."""
+
+    direction: str
+    name: str
+    type: str
+    qos: str
+    other_side: str
+
+
+class Rule(NamedTuple):
+    """What a node is allowed to do with one topic, service or action."""
+
+    what: str
+    name: str
+
+
+def interfaces() -> list[Interface]:
+    """Return the rows of the table."""
+    rows = ROW.findall(INTERFACES.read_text(encoding="utf-8"))
+    return [Interface(*(cell.strip() for cell in row)) for row in rows]
+
+
+def profiles() -> dict[str, set[Rule]]:
+    """Return the rules of every node, by its name; names as the node itself would write them."""
+    found: dict[str, set[Rule]] = defaultdict(set)
+    heard: set[str] = set()  # by the recorder, and by whoever may see everything
+    for row in interfaces():
+        # Of others, `~` is another node.
+        of_others = row.name.replace("~", NODE)
+        mine, theirs, topics = {
+            "subscribes": (SUBSCRIBE, PUBLISH, [""]),
+            "publishes": (PUBLISH, SUBSCRIBE, [""]),
+            "service": (REPLY, REQUEST, [SERVICE_EVENTS]),
+            "action": (
+                EXECUTE,
+                CALL,
+                [f"/_action/{one}{SERVICE_EVENTS}" for one in ("send_goal", "get_result")],
+            ),
+        }[row.direction]
+        found[NODE].add(Rule(mine, row.name))
+        found[row.other_side].add(Rule(theirs, of_others))
+        if row.direction in ("subscribes", "publishes"):
+            heard.add(row.name)
+        elif not row.type.startswith("std_srvs/"):  # the recorder is not told of by itself
+            found[NODE] |= {Rule(PUBLISH, f"{row.name}{topic}") for topic in topics}
+            heard |= {f"{of_others}{topic}" for topic in topics}
+        if row.direction == "action":
+            heard |= {f"{row.name}/_action/{one}" for one in ("feedback", "status")}
+    for name in ("executive", "screen"):
+        topics = [one for one in heard if "/_" not in one]
+        found[name] |= {Rule(SUBSCRIBE, topic) for topic in topics}
+    found[NODE] |= {Rule(PUBLISH, "~/transition_event")}
+    found[NODE] |= {Rule(REPLY, f"~/{one}") for one in OF_LIFECYCLE}
+    events = {"/rosout", "/parameter_events", f"{NODE}/transition_event"}
+    found[RECORDER] |= {Rule(SUBSCRIBE, topic) for topic in heard | events}
+    found["operator"] |= {Rule(SUBSCRIBE, topic) for topic in events}
+    found["operator"] |= {Rule(REQUEST, f"{NODE}/{one}") for one in OF_NODES + OF_LIFECYCLE}
+    for name, rules in found.items():
+        rules |= {Rule(PUBLISH, "/parameter_events"), Rule(SUBSCRIBE, "/clock")}
+        rules |= {Rule(REPLY, f"~/{one}") for one in TYPES}
+        if name != RECORDER:
+            rules |= {Rule(REPLY, f"~/{one}") for one in OF_NODES} | {Rule(PUBLISH, "/rosout")}
+    return found
+
+
+def policy() -> str:
+    """Return the policy: the planner and its recorder share a process, and so an enclave."""
+    found = profiles()
+    root = ElementTree.Element("policy", version="0.2.0")
+    enclaves = ElementTree.SubElement(root, "enclaves")
+    others = sorted(found.keys() - {NODE, RECORDER})
+    for members in ([NODE, RECORDER], *([name] for name in others)):
+        enclave = ElementTree.SubElement(enclaves, "enclave", path=f"/{members[0]}")
+        inside = ElementTree.SubElement(enclave, "profiles")
+        for name in members:
+            profile = ElementTree.SubElement(inside, "profile", ns="/", node=name)
+            for what, element in ELEMENTS.items():
+                names = sorted(rule.name for rule in found[name] if rule.what == what)
+                if names:
+                    block = ElementTree.SubElement(profile, f"{element}s", {what: "ALLOW"})
+                    for one in names:
+                        ElementTree.SubElement(block, element).text = one
+    ElementTree.indent(root)
+    return f"{HEADER}{ElementTree.tostring(root, encoding='unicode')}\n"
+
+
+if __name__ == "__main__":
+    POLICY.parent.mkdir(exist_ok=True)
+    POLICY.write_text(policy(), encoding="utf-8")

@@ -1,0 +1,165 @@
+"""A report of a long run: it decodes what it shows, and of each plan the states while it ran."""
+
+from __future__ import annotations
+
+import random
+import struct
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from ff_planner_msgs.srv import PlanTrajectory
+from nav_msgs.msg import Odometry
+from sensor_msgs.msg import JointState
+
+from ff_planner_ros.bag.encoding import encode
+from ff_planner_ros.bag.exchanges import SERVICE_EVENT
+from ff_planner_ros.bag.reader import Bag, open_bag
+from ff_planner_ros.bag.rosbag2_metadata import ROSBAG2
+from ff_planner_ros.bag.writer import BagWriter
+from ff_planner_ros.parameters import load_parameters
+from ff_planner_ros.planning.plan import Plan
+from ff_planner_ros.planning.problem import PlanningProblem
+from ff_planner_ros.planning.task import PlanningTask
+from ff_planner_ros.robot.model import Robot
+from ff_planner_ros.ros.messages.to_messages import time_message
+from ff_planner_ros.runs import measured
+from ff_planner_ros.runs.installed import as_installed
+from ff_planner_ros.runs.measured import Window, fill_windows
+from ff_planner_ros.runs.offline_bag import record_answer
+from ff_planner_ros.runs.report_of_bag import report_of_bag
+from ff_planner_ros.runs.report_page import save_page
+
+T0, SECOND, RATE = 1_760_000_000_000_000_000, 1_000_000_000, 100
+PLANS = 3
+MANY = 3_000_000  # messages
+PATIENCE = 60.0  # [s] of one processor, for a report of them
+
+
+@pytest.fixture(scope="module")
+def short_run(
+    lemur_capture: PlanningProblem, lemur_plan: Plan, tmp_path_factory: pytest.TempPathFactory
+) -> Path:
+    """One plan without anything measured."""
+    directory = tmp_path_factory.mktemp("runs") / "short"
+    task = PlanningTask(lemur_capture, load_parameters().planner)
+    record_answer(directory, task, lemur_plan, 0.25)
+    return directory
+
+
+def long_run(short: Path, long: Path, messages: int) -> None:
+    """The same plan again and again, in a run of `messages` chaser states at 100 Hz."""
+    with open_bag(short) as bag, BagWriter(long, flush_interval=10.0) as writer:
+        for name, data in bag.attachments.items():
+            writer.attach(name, "application/yaml", data)
+        for name, record in bag.metadata.items():
+            if name != ROSBAG2:
+                writer.add_record(name, record)
+        for topic in bag.topics.values():
+            writer.add_topic(topic.name, topic.type_name, [])
+        (state,) = bag.messages("/chaser_state")
+        events = [
+            (message.topic, as_installed(event, PlanTrajectory.Event))
+            for message, event in bag.decoded(SERVICE_EVENT)
+        ]
+        cdr = bytearray(state.cdr)
+        for number in range(messages):
+            now = T0 + number * SECOND // RATE
+            if number % (messages // PLANS) == 0:
+                for topic, event in events:
+                    told = encode(at_time(event, now, number + 1))
+                    writer.write(topic, told, now, now)
+            struct.pack_into("<iI", cdr, 4, now // SECOND, now % SECOND)
+            writer.write("/chaser_state", bytes(cdr), now, now)
+
+
+def at_time(event: PlanTrajectory.Event, now: int, number: int) -> PlanTrajectory.Event:
+    event.info.stamp, event.info.sequence_number = time_message(now), number
+    for response in event.response:
+        response.plan_id = f"plan.{number}"
+        response.joint_trajectory.header.stamp = response.taken_up = time_message(now)
+    return event
+
+
+def test_a_report_decodes_the_states_of_the_plans_that_it_shows_and_no_others(
+    short_run: Path,
+    tmp_path: Path,
+    times: Callable[[int, int], int],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    messages = times(6_000, MANY)
+    long_run(short_run, tmp_path / "run", messages)
+    decoded = []
+    decode = Bag.decode
+    monkeypatch.setattr(Bag, "decode", lambda bag, one: (decoded.append(1), decode(bag, one))[1])
+    begun = time.process_time()
+    report = report_of_bag(tmp_path / "run", most_plans=2)
+    save_page(report, tmp_path / "page.html")
+    taken = time.process_time() - begun
+    assert [one.plan is not None for one in report.requests] == [False, True, True]
+    for request in report.requests[1:]:
+        plan = request.plan
+        duration = plan.motion.time[-1]
+        expected = np.arange(duration * RATE + 1) / RATE
+        np.testing.assert_allclose(plan.measured.time, expected, rtol=0.0, atol=1e-6)
+        assert not any("are compared" in remark for remark in plan.remarks)
+    # Beside them, the two responses whose motion is drawn.
+    assert len(decoded) == 2 + sum(len(one.plan.measured.time) for one in report.requests[1:])
+    if messages >= MANY:
+        assert taken < PATIENCE
+
+
+def test_of_more_states_than_a_figure_shows_some_are_compared_evenly_in_time(
+    short_run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    most = 60
+    monkeypatch.setattr(measured, "MOST_STATES", most)
+    long_run(short_run, tmp_path / "run", 6_000)
+    report = report_of_bag(tmp_path / "run", most_plans=1)
+    plan = report.requests[-1].plan
+    assert len(plan.measured.time) == most
+    assert np.diff(plan.measured.time).max() < 2 * plan.motion.time[-1] / most
+    said = f"Of {round(plan.motion.time[-1] * RATE) + 1} measured states {most} are compared"
+    assert any(said in remark for remark in plan.remarks)
+
+
+@pytest.mark.parametrize("most", [measured.MOST_STATES, 20])
+def test_odometry_goes_with_the_joint_states_nearest_in_time_whatever_comes_first(
+    lemur: Robot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, most: int
+) -> None:
+    monkeypatch.setattr(measured, "MOST_STATES", most)
+    chance = random.Random(5)
+    bodies = sorted(chance.sample(range(10**9), 200))
+    arms = chance.sample(range(10**9), 300)
+    with BagWriter(tmp_path / "run", flush_interval=1.0) as writer:
+        writer.add_topic("/odometry", "nav_msgs/msg/Odometry", [])
+        writer.add_topic("/joint_states", "sensor_msgs/msg/JointState", [])
+        heard: list[tuple[str, Any]] = []
+        for stamp in bodies:
+            odometry = Odometry(child_frame_id="sensor")
+            odometry.header.frame_id, odometry.header.stamp = "inertial", time_message(T0 + stamp)
+            heard.append(("/odometry", odometry))
+        for stamp in arms:
+            joints = JointState(name=list(lemur.joint_names), velocity=[0.0] * lemur.joints)
+            joints.position = [stamp * 1e-9] * lemur.joints
+            joints.header.stamp = time_message(T0 + stamp)
+            heard.append(("/joint_states", joints))
+        chance.shuffle(heard)
+        for number, (topic, message) in enumerate(heard):
+            writer.write(topic, encode(message), number, number)
+    parameters = load_parameters()
+    sensor = replace(parameters.odometry, child_frame_id="sensor", pairing_tolerance=1.0)
+    parameters = replace(parameters, state_source="odometry", odometry=sensor)
+    window = Window("", "inertial", T0, T0 + 10**9)
+    with open_bag(tmp_path / "run") as bag:
+        fill_windows(bag, lemur, parameters, [window])
+    assert 0 < len(window.states) <= most
+    assert window.left_out == len(bodies) - len(window.states)
+    assert window.unusable == []
+    for stamp_ns, state in window.states.items():
+        nearest = min(arms, key=lambda arm: abs(T0 + arm - stamp_ns))
+        assert state.joint_positions.tolist() == [nearest * 1e-9] * lemur.joints

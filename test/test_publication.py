@@ -1,0 +1,305 @@
+"""Plans that wait to be published: which go out, which do not any more, and how many wait."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import fields, replace
+from types import SimpleNamespace
+from typing import Any
+from unittest.mock import Mock
+
+import numpy as np
+import pytest
+from ff_planner_msgs.msg import PlanStatus
+from ff_planner_msgs.srv import PublishPlan
+from ros_processes import FRAME, Scene
+from scipy.spatial.transform import Rotation
+
+from ff_planner_ros.bag.decoding import NANOSECONDS
+from ff_planner_ros.errors import FfPlannerError, Status
+from ff_planner_ros.parameters import NodeParameters, load_parameters, replaced
+from ff_planner_ros.planning.plan import Plan
+from ff_planner_ros.planning.problem import PlanningProblem
+from ff_planner_ros.robot.state import SystemState
+from ff_planner_ros.ros.inputs.scene_input import SceneInput
+from ff_planner_ros.ros.inputs.state_input import Snapshot
+from ff_planner_ros.ros.messages.to_messages import response_from_plan
+from ff_planner_ros.ros.outputs.plan_output import PublishedPlan
+from ff_planner_ros.ros.requests.publication import MOST_WAITING, Publication
+from ff_planner_ros.ros.requests.reading import Knowledge
+from ff_planner_ros.ros.requests.waiting_plan import MadePlan
+from ff_planner_ros.simulation.free_floating import carried_back
+
+NOW = 1_000 * NANOSECONDS
+AHEAD = 0.5  # of the plan's start from now [s]
+START = NOW + round(AHEAD * NANOSECONDS)
+
+
+class World:
+    """A publication without a node: what it knows can be changed, what it publishes is kept."""
+
+    def __init__(self, problem: PlanningProblem, plan: Plan) -> None:
+        self.problem, self.plan, self.now_ns = problem, plan, NOW
+        self.parameters: NodeParameters = load_parameters()
+        # The plan begins where the scenario does: half a second before, the system was here.
+        self.state = carried_back(problem.robot, problem.start, AHEAD)
+        self.state_age_ns = 0
+        self.output = Mock(published=None)
+        node = Mock()
+        node.get_clock().now = lambda: SimpleNamespace(nanoseconds=self.now_ns)
+        self.publication = Publication(node, self.output, self.knowledge)
+
+    def knowledge(self) -> Knowledge:
+        states = Mock()
+        stamp_ns = self.now_ns - self.state_age_ns
+        states.snapshot.return_value = Snapshot(self.state, stamp_ns, "chaser_state")
+        published = self.output.published
+        scene = SceneInput(FRAME)
+        return Knowledge(self.problem.robot, self.parameters, states, scene, published, self.now_ns)
+
+    def made(self, plan_id: str = "run.1", start_ns: int = START) -> MadePlan:
+        spheres = self.problem.obstacles
+        return MadePlan(plan_id, self.plan, start_ns, "as_planned", spheres, self.parameters)
+
+    def ask(self, plan_id: str = "run.1", **fields: Any) -> PlanStatus:
+        request = PublishPlan.Request(plan_id=plan_id, **fields)
+        return self.publication._serve(request, PublishPlan.Response()).status
+
+    @property
+    def out(self) -> list[tuple[str, str]]:
+        """Ids of what went out, and who asked for it."""
+        calls = [call.args for call in self.output.publish.call_args_list]
+        return [(response.plan_id, asked_by) for _, response, _, asked_by, _ in calls]
+
+
+@pytest.fixture
+def world(lemur_capture: PlanningProblem, lemur_plan: Plan) -> World:
+    world = World(lemur_capture, lemur_plan)
+    world.publication.open()
+    world.publication.keep(world.made())
+    return world
+
+
+def test_a_plan_that_still_fits_goes_out_once_as_it_was_answered(world: World) -> None:
+    status = world.ask(asked_by="flight director")
+    assert status.code == Status.SOLVED, status
+    assert "run.1" in status.message
+    assert "flight director" in status.message
+    assert world.out == [("run.1", "flight director")]
+    plan, response, trajectory, _, behaviour = world.output.publish.call_args.args
+    assert plan is world.plan
+    assert behaviour == "as_planned"
+    answered = response_from_plan(world.plan, "run.1", START, FRAME, 0.0)
+    assert response.joint_trajectory == answered.joint_trajectory
+    assert [p.positions for p in trajectory.points] == [
+        p.positions for p in answered.joint_trajectory.points
+    ]
+    assert all(len(point.effort) == 0 for point in trajectory.points)
+    again = world.ask()
+    assert again.code == Status.UNKNOWN_PLAN
+    assert len(world.out) == 1
+
+
+def test_who_does_not_say_who_asks_is_named_by_the_service(world: World) -> None:
+    assert world.ask().code == Status.SOLVED
+    assert world.out == [("run.1", "~/publish_plan")]
+
+
+@pytest.mark.parametrize("plan_id", ["", "run.2", "run.1 ", "RUN.1", "\x00"])
+def test_an_unknown_id_is_refused_by_name_and_the_known_ones_are_told(
+    world: World, plan_id: str
+) -> None:
+    status = world.ask(plan_id)
+    assert status.code == Status.UNKNOWN_PLAN
+    assert f"plan_id is {plan_id!r}" in status.message
+    assert "run.1" in status.message
+    assert world.out == []
+
+
+def test_a_plan_that_is_published_already_is_refused_as_such(world: World) -> None:
+    world.output.published = PublishedPlan("run.9", world.plan.trajectory, START)
+    status = world.ask("run.9")
+    assert status.code == Status.UNKNOWN_PLAN
+    assert "published already" in status.message
+
+
+def test_a_plan_whose_start_has_passed_is_refused_and_forgotten(world: World) -> None:
+    world.now_ns = START + 1_000_000
+    status = world.ask()
+    assert status.code == Status.TOO_LATE
+    assert "0.001 s ago" in status.message
+    world.now_ns = NOW
+    assert world.ask().code == Status.UNKNOWN_PLAN
+    assert world.out == []
+
+
+def test_a_plan_whose_start_passes_while_it_is_looked_at_is_refused(world: World) -> None:
+    knowledge = world.publication._knowledge
+
+    def slow() -> Knowledge:
+        known = knowledge()
+        world.now_ns = START + 1
+        return known
+
+    world.publication._knowledge = slow
+    assert world.ask().code == Status.TOO_LATE
+    assert world.out == []
+
+
+def _moved(name: str, by: Any) -> Callable[[SystemState], SystemState]:
+    return lambda state: replace(state, **{name: getattr(state, name) + np.array(by)})
+
+
+def _turned(angle: float) -> Callable[[SystemState], SystemState]:
+    def turned(state: SystemState) -> SystemState:
+        attitude = Rotation.from_quat(state.quaternion_chaser_to_inertial_xyzw)
+        turn = Rotation.from_rotvec([0.0, angle, 0.0])
+        return replace(state, quaternion_chaser_to_inertial_xyzw=(turn * attitude).as_quat())
+
+    return turned
+
+
+JOINT = np.eye(7)[3]
+AWAY = {
+    "max_position": lambda off: _moved("position_chaser_in_inertial", [off, 0.0, 0.0]),
+    "max_angle": _turned,
+    "max_velocity": lambda off: _moved("linear_velocity_chaser_in_inertial", [0.0, off, 0.0]),
+    "max_angular_velocity": lambda off: _moved(
+        "angular_velocity_chaser_in_inertial", [0.0, 0.0, off]
+    ),
+    "max_joint_position": lambda off: _moved("joint_positions", off * JOINT),
+    "max_joint_velocity": lambda off: _moved("joint_velocities", off * JOINT),
+}
+
+
+@pytest.mark.parametrize("tolerance", AWAY)
+def test_a_plan_goes_out_only_while_the_system_will_be_where_it_begins(
+    world: World, tolerance: str
+) -> None:
+    """What is off by this much now is off by as much, and a little more, when the plan begins."""
+    most = getattr(world.parameters.publication, tolerance)
+    sound = world.state
+    world.state = AWAY[tolerance](1.3 * most)(sound)
+    status = world.ask()
+    assert status.code == Status.STATE_MOVED, status
+    assert f"publication.{tolerance}, {most:g}" in status.message
+    assert "run.1" in status.message
+    assert world.out == []
+    world.state = AWAY[tolerance](0.7 * most)(sound)
+    assert world.ask().code == Status.SOLVED, "it waits on, and goes out as soon as it fits"
+
+
+def test_a_velocity_that_is_a_little_off_counts_for_as_long_as_the_plan_is_ahead(
+    lemur_capture: PlanningProblem, lemur_plan: Plan
+) -> None:
+    """9 mm/s are allowed, but in 4 s they carry the chaser 36 mm away."""
+    world = World(lemur_capture, lemur_plan)
+    world.publication.open()
+    world.publication.keep(world.made(start_ns=NOW + 4 * NANOSECONDS))
+    before = carried_back(lemur_capture.robot, lemur_capture.start, 4.0)
+    world.state = _moved("linear_velocity_chaser_in_inertial", [0.009, 0.0, 0.0])(before)
+    status = world.ask()
+    assert status.code == Status.STATE_MOVED
+    assert "position by 0.036 m" in status.message
+    assert "publication.max_velocity" not in status.message
+    world.state = before
+    assert world.ask().code == Status.SOLVED
+
+
+def test_a_plan_that_joins_one_that_runs_fits_the_states_along_that_one(world: World) -> None:
+    """The waiting plan is the rest of one that runs: 4 s of that are over, it begins after 6 s."""
+    whole = world.plan.trajectory
+    over, begin = np.searchsorted(whole.time, [4.0, 6.0])
+    rest = {item.name: getattr(whole, item.name)[begin:] for item in fields(whole)}
+    rest["time"] = rest["time"] - whole.time[begin]
+    world.state = SystemState(
+        whole.chaser_positions[over],
+        whole.chaser_quaternions_xyzw[over],
+        whole.chaser_linear_velocities[over],
+        whole.chaser_angular_velocities[over],
+        whole.joint_positions[over],
+        whole.joint_velocities[over],
+    )
+    begun_ns = NOW - round(whole.time[over] * NANOSECONDS)
+    start_ns = begun_ns + round(whole.time[begin] * NANOSECONDS)
+    waits = replace(
+        world.made("run.2", start_ns), plan=replace(world.plan, trajectory=type(whole)(**rest))
+    )
+    world.publication.keep(waits)
+    # If nothing runs, the joints keep their rates, and are elsewhere two seconds later.
+    assert world.ask("run.2").code == Status.STATE_MOVED
+    world.output.published = PublishedPlan("run.0", whole, begun_ns)
+    status = world.ask("run.2")
+    assert status.code == Status.SOLVED, status
+
+
+def test_a_state_that_the_request_brings_goes_before_the_latest(world: World) -> None:
+    world.state = _turned(0.5)(world.state)
+    assert world.ask().code == Status.STATE_MOVED
+    fitting = Scene(world.problem).state(START)
+    world.parameters = replace(world.parameters, state_max_lead=1.0)
+    assert world.ask(use_start_state=True, start_state=fitting).code == Status.SOLVED
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("planner.clearance_margin", 0.05), ("limits.chaser_attitude", 0.01), ("state_max_age", 0.1)],
+)
+def test_a_plan_checked_by_looser_rules_than_those_of_now_does_not_go_out(
+    world: World, name: str, value: float
+) -> None:
+    world.parameters = replaced(world.parameters, name, value)
+    status = world.ask()
+    assert status.code == Status.CHECK_FAILED
+    assert name in status.message
+    assert world.out == []
+
+
+def test_a_tolerance_of_publication_that_is_tightened_counts_at_once(world: World) -> None:
+    world.state = _moved("position_chaser_in_inertial", [0.01, 0.0, 0.0])(world.state)
+    loose, name = world.parameters, "publication.max_position"
+    world.parameters = replaced(loose, name, 0.005)
+    status = world.ask()
+    assert status.code == Status.STATE_MOVED
+    assert f"{name}, 0.005 m" in status.message
+    world.parameters = loose
+    assert world.ask().code == Status.SOLVED
+
+
+def test_the_newest_plans_wait_and_the_oldest_makes_way(world: World) -> None:
+    for number in range(2, MOST_WAITING + 2):
+        world.publication.keep(world.made(f"run.{number}"))
+    status = world.ask("run.1")
+    assert status.code == Status.UNKNOWN_PLAN
+    assert f"run.{MOST_WAITING + 1}" in status.message
+    assert world.ask("run.2").code == Status.SOLVED
+
+
+def test_plans_of_before_a_jump_of_the_clock_or_a_pause_are_forgotten(world: World) -> None:
+    world.publication.forget()
+    assert world.ask().code == Status.UNKNOWN_PLAN
+    world.publication.keep(world.made("run.2"))
+    world.publication.close(Status.NOT_ACTIVE, "the planner is not active any more")
+    assert world.ask("run.2").code == Status.NOT_ACTIVE
+    with pytest.raises(FfPlannerError, match="not active any more"):
+        world.publication.keep(world.made("run.3"))
+    world.publication.open()
+    assert world.ask("run.2").code == Status.UNKNOWN_PLAN
+    assert world.out == []
+
+
+@pytest.mark.parametrize("name", ["two\nlines", "n" * 201])
+def test_a_name_that_would_spoil_the_log_is_refused(world: World, name: str) -> None:
+    status = world.ask(asked_by=name)
+    assert status.code == Status.OUT_OF_RANGE
+    assert "asked_by is" in status.message
+    assert world.out == []
+
+
+def test_what_nobody_foresaw_is_answered_and_ends_nothing(world: World) -> None:
+    world.output.publish.side_effect = ZeroDivisionError("nobody foresaw this")
+    status = world.ask()
+    assert status.code == Status.INTERNAL_ERROR
+    assert status.message == "ZeroDivisionError: nobody foresaw this"
+    world.output.publish.side_effect = None
+    assert world.ask().code == Status.SOLVED
