@@ -24,6 +24,8 @@ from ff_planner_ros.planning.problem import (
     PlanningProblem,
     Target,
 )
+from ff_planner_ros.planning.program import path_program
+from ff_planner_ros.planning.solver import Linearisation
 from ff_planner_ros.planning.task import PlanningTask, perform
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import Robot, robot_from_urdf_text
@@ -33,6 +35,7 @@ SETTINGS = load_parameters().planner
 DURATION, POINTS = 9.0, 21
 SPLINES = Parametrisation.JOINT_SPLINE
 AXIS = np.array([0.48, -0.6, 0.64])
+BOTH = Objective(1.0, 1.0)
 
 
 def tumbling_problem(robot: Robot, orientation: Orientation, seed: int = 0) -> PlanningProblem:
@@ -96,6 +99,43 @@ def test_all_derivatives_are_those_of_finite_differences(which: str) -> None:
         expected = differences / (2.0 * step)
         scale = max(1.0, np.abs(expected).max())
         np.testing.assert_allclose(exact @ way, expected, rtol=0.0, atol=1e-8 * scale)
+
+
+@pytest.mark.parametrize("which", ["joints and goal", "planar"])
+def test_what_the_solver_learns_along_any_directions_is_that_of_finite_differences(
+    which: str,
+) -> None:
+    """All that is linearised, the goal's equalities too, and constraints by their names."""
+    family, x = planar_splines() if which == "planar" else drawn_splines()
+    program = path_program(replace(family.problem, objective=BOTH), family, SETTINGS)
+    program, step = replace(program, points=POINTS), 1e-5
+    rng = np.random.default_rng(4)
+    directions, aside = rng.normal(size=(len(x), len(x))), rng.normal(size=len(x))
+    at_x, along = program.linearise(x).by(directions), np.linalg.solve(directions, aside)
+    before, after = (program.linearise(x + side * step * aside) for side in (-1.0, 1.0))
+    assert len(at_x.equalities) > 0
+    assert len(set(at_x.names)) == len(at_x.names) == len(at_x.constraints) > 0
+    kept = [np.intersect1d(at_x.names, other.names) for other in (before, after)]
+    assert min(len(names) for names in kept) > 0.9 * len(at_x.names)
+    common = np.intersect1d(*kept)
+
+    def constraints(at: Linearisation, values: Array) -> Array:
+        numbers = {name: row for row, name in enumerate(at.names)}
+        return values[[numbers[name] for name in common]]
+
+    for exact, higher, lower in (
+        (at_x.gradient[None], np.array([after.value]), np.array([before.value])),
+        (at_x.peaks_jacobian, after.peaks, before.peaks),
+        (at_x.equalities_jacobian, after.equalities, before.equalities),
+        (
+            constraints(at_x, at_x.constraints_jacobian),
+            constraints(after, after.constraints),
+            constraints(before, before.constraints),
+        ),
+    ):
+        expected = (higher - lower) / (2.0 * step)
+        scale = max(1.0, np.abs(expected).max())
+        np.testing.assert_allclose(exact @ along, expected, rtol=0.0, atol=1e-7 * scale)
 
 
 def test_a_motion_begins_exactly_as_the_start_moves() -> None:

@@ -60,11 +60,13 @@ def test_the_plan_itself_is_a_first_guess_that_leads_to_it_again(
     """Left to the planner, too, a guess is tried in the family that has as many variables."""
     first = plan(in_family(shortest, SPLINES), SETTINGS)
     alone = replace(SETTINGS, starts=1)
-    again = plan(in_family(shortest, SPLINES), alone, first_guess=first.coefficients)
-    assert again.metrics.joint_path_length == pytest.approx(
-        first.metrics.joint_path_length, rel=1e-4
-    )
-    assert again.solver.iterations < first.solver.iterations
+    # The first search may end a little before the optimum; one that begins there ends at it.
+    second = plan(in_family(shortest, SPLINES), alone, first_guess=first.coefficients)
+    again = plan(in_family(shortest, SPLINES), alone, first_guess=second.coefficients)
+    lengths = [found.metrics.joint_path_length for found in (first, second, again)]
+    assert lengths[1] <= (1.0 + 1e-4) * lengths[0]
+    assert lengths[2] == pytest.approx(lengths[1], rel=1e-4)
+    assert second.solver.iterations < first.solver.iterations
     with pytest.raises(InvalidInput) as refusal:
         plan(shortest, SETTINGS, first_guess=np.zeros(55))
     assert refusal.value.field == "first_guess"

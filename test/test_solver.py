@@ -283,6 +283,24 @@ def test_equalities_that_cannot_hold_are_violated_evenly_and_said_to_be_stuck():
     assert "stuck" in solution.stop_reason or "stalled" in solution.stop_reason
 
 
+def test_curved_constraints_are_learned_of_while_equalities_are_out_of_reach():
+    """Least x1 on the line x0 = 1 above a parabola, (1, 0), more than a trust region away."""
+
+    def linearise(x):
+        return replace(
+            on_a_parabola(x),
+            equalities=np.array([x[0] - 1.0]),
+            equalities_jacobian=np.array([[1.0, 0.0]]),
+            names=np.array([7]),
+        )
+
+    solution = minimise(linearise, np.array([0.0, -0.5]), 60, 1e-6, 1e-12, 0.3)
+    assert solution.feasible
+    assert solution.x == pytest.approx([1.0, 0.0], abs=1e-4)
+    # That of the parabola, as its multiplier of nearly one weighs it; the line has none.
+    assert solution.curvature == pytest.approx(np.diag([2.0, 0.0]), abs=0.1)
+
+
 def test_the_nearest_feasible_point_of_equalities_is_found():
     start = np.array([0.65, 0.85])
     solution = nearest_feasible(on_circle, start, on_circle(start), 12)

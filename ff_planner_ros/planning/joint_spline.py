@@ -64,7 +64,7 @@ class JointSplines:
     @property
     def directions(self) -> Array:
         """Each control point by itself."""
-        return self.stride * np.eye(self.variables)
+        return np.eye(self.variables)
 
     @property
     def robot(self) -> Robot:

@@ -78,7 +78,7 @@ class Grid:
 
     @property
     def first_radius(self) -> float:
-        """First trust region; the directions are as long as a step is bold by themselves."""
+        """First trust region; directions are as long as a bold step by themselves."""
         stride = self.program.family.stride if self.directions is None else 1.0
         return self.level.first_radius * stride
 
