@@ -14,6 +14,7 @@ from ff_planner_ros.planning.problem import Objective, Orientation, Sphere, Targ
 from ff_planner_ros.planning.sound_samples import require_sound_samples
 from ff_planner_ros.planning.task import PlanningTask
 from ff_planner_ros.robot.model import Base, Robot, robot_from_urdf_text
+from ff_planner_ros.shown import quoted
 
 _ROBOT = ("urdf", "base_link", "tip_link")
 
@@ -96,7 +97,7 @@ def planned_motion(answer: object) -> tuple[Robot, Trajectory]:
     base = described.get("base", Base.FREE_FLYER)
     if base not in tuple(Base):
         allowed = f"it must be {', '.join(Base)}"
-        raise InvalidInput(Status.OUT_OF_RANGE, "robot.base", repr(base), allowed)
+        raise InvalidInput(Status.OUT_OF_RANGE, "robot.base", quoted(base), allowed)
     robot = robot_from_urdf_text(urdf, base_link, tip_link, Base(base))
     names = _entry(answer, "joint_names")
     if names != list(robot.joint_names):
@@ -180,13 +181,15 @@ def _goal(answer: Any) -> Target | None:
     orientation = target.get("orientation", Orientation.FIXED)
     if orientation not in tuple(Orientation):
         allowed = f"it must be {', '.join(Orientation)}"
-        raise InvalidInput(Status.OUT_OF_RANGE, "target.orientation", repr(orientation), allowed)
+        raise InvalidInput(Status.OUT_OF_RANGE, "target.orientation", quoted(orientation), allowed)
     free_axis = target.get("free_axis")
     return Target(
         _numbers("target.position", position),
         _numbers("target.quaternion_xyzw", quaternion),
         orientation=Orientation(orientation),
-        free_axis_in_ee=None if free_axis is None else finite_vector("free_axis", free_axis, 3),
+        free_axis_in_ee=None
+        if free_axis is None
+        else finite_vector("target.free_axis", free_axis, 3),
     )
 
 

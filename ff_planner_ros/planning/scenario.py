@@ -129,7 +129,7 @@ def parametrisation_of(word: str) -> Parametrisation:
     """
     if word not in tuple(Parametrisation):
         allowed = f"it must be {', '.join(Parametrisation)}"
-        raise InvalidInput(Status.OUT_OF_RANGE, "parametrisation", repr(word), allowed)
+        raise InvalidInput(Status.OUT_OF_RANGE, "parametrisation", quoted(word), allowed)
     return Parametrisation(word)
 
 
@@ -200,7 +200,7 @@ def _robot(value: object, directory: Path) -> Robot:
     base = entry.get("base", Base.FREE_FLYER)
     if base not in tuple(Base):
         allowed = f"it must be {', '.join(Base)}"
-        raise InvalidInput(Status.OUT_OF_RANGE, "robot.base", repr(base), allowed)
+        raise InvalidInput(Status.OUT_OF_RANGE, "robot.base", quoted(base), allowed)
     urdf = resolve_uri(text("robot.urdf", entry["urdf"]), relative_to=directory)
     base_link = text("robot.base_link", entry["base_link"])
     tip_link = text("robot.tip_link", entry["tip_link"])
@@ -271,7 +271,7 @@ def orientation_of(field: str, word: object) -> Orientation:
     """
     if word not in tuple(Orientation):
         allowed = f"it must be {', '.join(Orientation)}"
-        raise InvalidInput(Status.OUT_OF_RANGE, field, repr(word), allowed)
+        raise InvalidInput(Status.OUT_OF_RANGE, field, quoted(word), allowed)
     return Orientation(str(word))
 
 
