@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import json
-from dataclasses import fields
+from dataclasses import fields, replace
 from typing import Any
 
+import numpy as np
 import pytest
 
 from ff_planner_ros.analysis.plan_json import (
@@ -14,10 +15,11 @@ from ff_planner_ros.analysis.plan_json import (
     planned_motion,
     refusal_dictionary,
 )
+from ff_planner_ros.arrays import frozen
 from ff_planner_ros.errors import InvalidInput, NoPlanFound, Status
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.plan import Plan
-from ff_planner_ros.planning.problem import PlanningProblem
+from ff_planner_ros.planning.problem import Orientation, PlanningProblem
 from ff_planner_ros.planning.task import PlanningTask
 
 
@@ -78,12 +80,29 @@ def test_joints_of_another_robot_are_refused(answer: dict[str, Any]) -> None:
         planned_motion(answer)
 
 
-def test_the_target_comes_back(lemur_capture: PlanningProblem, lemur_plan: Plan) -> None:
-    task = PlanningTask(lemur_capture, load_parameters().planner)
+@pytest.mark.parametrize(
+    ("orientation", "free_axis"),
+    [("fixed", None), ("free", None), ("about_axis", [0.0, 0.6, 0.8])],
+)
+def test_the_target_comes_back(
+    orientation: str,
+    free_axis: list[float] | None,
+    lemur_capture: PlanningProblem,
+    lemur_plan: Plan,
+) -> None:
+    axis = None if free_axis is None else frozen(free_axis)
+    target = replace(
+        lemur_capture.target, orientation=Orientation(orientation), free_axis_in_ee=axis
+    )
+    task = PlanningTask(replace(lemur_capture, target=target), load_parameters().planner)
     found = plan_document(json.loads(json.dumps(plan_dictionary(lemur_plan, task, 0.5)))).goal
     assert found is not None
-    assert found.position.tolist() == lemur_capture.target.position.tolist()
-    assert found.quaternion_xyzw.tolist() == lemur_capture.target.quaternion_xyzw.tolist()
+    assert found.orientation is target.orientation
+    assert found.position.tolist() == target.position.tolist()
+    assert found.quaternion_xyzw.tolist() == target.quaternion_xyzw.tolist()
+    assert (found.free_axis_in_ee is None) == (free_axis is None)
+    if free_axis is not None:
+        np.testing.assert_array_equal(found.free_axis_in_ee, free_axis)
 
 
 @pytest.mark.parametrize(
@@ -93,6 +112,10 @@ def test_the_target_comes_back(lemur_capture: PlanningProblem, lemur_plan: Plan)
         ({"position": [1, 2, 3]}, "target.quaternion_xyzw is missing"),
         ({"position": [1, 2], "quaternion_xyzw": [0, 0, 0, 1]}, "must have 3 entries"),
         ({"position": [1, 2, 3], "quaternion_xyzw": [0, 0, 0, 0]}, "its norm must be 1"),
+        (
+            {"position": [1, 2, 3], "quaternion_xyzw": [0, 0, 0, 1], "orientation": [1]},
+            "it must be fixed, free, about_axis",
+        ),
     ],
 )
 def test_a_target_that_makes_no_sense_is_refused(

@@ -21,7 +21,7 @@ from ff_planner_ros.analysis.surroundings import near_arm
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.planning.motion import from_trajectory
 from ff_planner_ros.planning.plan import Plan
-from ff_planner_ros.planning.problem import PlanningProblem, Sphere
+from ff_planner_ros.planning.problem import Orientation, PlanningProblem, Sphere
 from ff_planner_ros.robot.model import Robot
 
 
@@ -191,6 +191,14 @@ def test_the_goal_is_marked(figure: go.Figure, lemur_capture: PlanningProblem) -
     np.testing.assert_allclose(ends / np.linalg.norm(ends[0]), turn.T, atol=1e-12)
     red, green, blue = "#e41a1c", "#4daf4a", "#377eb8"
     assert list(axes.line.color) == [*[red] * 3, *[green] * 3, *[blue] * 3]
+
+
+def test_a_goal_of_any_orientation_has_no_axes(
+    lemur_capture: PlanningProblem, plans: dict[Method, Plan]
+) -> None:
+    free = replace(lemur_capture.target, orientation=Orientation.FREE)
+    figure = scene(replace(lemur_capture, target=free), plans, plans)
+    assert len([trace for trace in figure.data if trace.name == "goal"]) == 1
 
 
 def test_the_end_effector_s_axes_move_with_it(figure: go.Figure, plans: dict[Method, Plan]) -> None:

@@ -10,7 +10,7 @@ from ff_planner_ros.arrays import Array, finite_number, finite_vector, frozen
 from ff_planner_ros.errors import FfPlannerError, InvalidInput, NoPlanFound, Status
 from ff_planner_ros.planning.metrics import Metrics
 from ff_planner_ros.planning.plan import Plan, SolverReport, Trajectory
-from ff_planner_ros.planning.problem import Objective, Sphere, Target
+from ff_planner_ros.planning.problem import Objective, Orientation, Sphere, Target
 from ff_planner_ros.planning.sound_samples import require_sound_samples
 from ff_planner_ros.planning.task import PlanningTask
 from ff_planner_ros.robot.model import Robot, robot_from_urdf_text
@@ -153,10 +153,15 @@ def _sphere(sphere: Any) -> Sphere:
 
 def _target(target: Target) -> dict[str, Any]:
     """Return a target as a scenario has it, at rest."""
-    return {
+    told = {
         "position": target.position.tolist(),
         "quaternion_xyzw": target.quaternion_xyzw.tolist(),
     }
+    if target.orientation is Orientation.FIXED:
+        return told
+    free_axis = target.free_axis_in_ee
+    about = {} if free_axis is None else {"free_axis": free_axis.tolist()}
+    return told | {"orientation": target.orientation.value} | about
 
 
 def _goal(answer: Any) -> Target | None:
@@ -166,8 +171,16 @@ def _goal(answer: Any) -> Target | None:
     position, quaternion = (
         _entry(target, name, "target.") for name in ("position", "quaternion_xyzw")
     )
+    orientation = target.get("orientation", Orientation.FIXED)
+    if orientation not in tuple(Orientation):
+        allowed = f"it must be {', '.join(Orientation)}"
+        raise InvalidInput(Status.OUT_OF_RANGE, "target.orientation", repr(orientation), allowed)
+    free_axis = target.get("free_axis")
     return Target(
-        _numbers("target.position", position), _numbers("target.quaternion_xyzw", quaternion)
+        _numbers("target.position", position),
+        _numbers("target.quaternion_xyzw", quaternion),
+        orientation=Orientation(orientation),
+        free_axis_in_ee=None if free_axis is None else finite_vector("free_axis", free_axis, 3),
     )
 
 

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from ff_planner_ros.analysis.solids import sphere
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.planning.clearance import centers_at
-from ff_planner_ros.planning.problem import Sphere, Target
+from ff_planner_ros.planning.problem import Orientation, Sphere, Target
 
 # More obstacles than the first number are drawn with the coarser circles, more than the last not
 # at all but for the nearest: a browser stands still under thousands.
@@ -75,9 +75,10 @@ def drawn_goal(goal: Target, axis_length: float) -> Iterator[go.Scatter3d]:
         legendgroup="goal",
         hovertemplate="goal<br>%{x:.3f}, %{y:.3f}, %{z:.3f} m<extra></extra>",
     )
-    axes = 1.5 * axis_length * axes_of(goal.quaternion_xyzw)
-    drawn = axis_lines(goal.position, axes, "goal's axes")
-    yield drawn.update(name="goal", legendgroup="goal", showlegend=False, line_width=3)
+    if goal.orientation is not Orientation.FREE:
+        axes = 1.5 * axis_length * axes_of(goal.quaternion_xyzw)
+        drawn = axis_lines(goal.position, axes, "goal's axes")
+        yield drawn.update(name="goal", legendgroup="goal", showlegend=False, line_width=3)
 
 
 def axis_lines(origin: Array, axes: Array, what: str) -> go.Scatter3d:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import enum
 import math
 from dataclasses import dataclass, field
 
@@ -21,6 +22,14 @@ def _zeros() -> Array:
     return np.zeros(3)
 
 
+class Orientation(enum.StrEnum):
+    """What a target says about the end effector's orientation."""
+
+    FIXED = "fixed"
+    FREE = "free"
+    ABOUT_AXIS = "about_axis"  # free to turn about one axis of the end effector
+
+
 @dataclass(frozen=True, eq=False)
 class Target:
     """What the end effector shall do at the end of the plan, in the inertial frame.
@@ -35,10 +44,14 @@ class Target:
     angular_velocity: Array = field(default_factory=_zeros)  # shape (3,) [rad/s]
     linear_acceleration: Array = field(default_factory=_zeros)  # shape (3,) [m/s2]
     angular_acceleration: Array = field(default_factory=_zeros)  # shape (3,) [rad/s2]
+    orientation: Orientation = Orientation.FIXED
+    free_axis_in_ee: Array | None = None  # unit length where orientation is ABOUT_AXIS, else None
 
     def __post_init__(self) -> None:
         """Check every value and replace it by a read-only copy."""
         for name in self.__dataclass_fields__:
+            if name in ("orientation", "free_axis_in_ee"):
+                continue
             if name == "quaternion_xyzw":
                 checked = unit_quaternion("target.quaternion_xyzw", self.quaternion_xyzw)
             else:

@@ -209,14 +209,14 @@ def _start(robot: Robot, chaser: object, joints: object) -> SystemState:
 
 
 def _target(value: object) -> Target:
-    optional = [item.name for item in fields(Target)[1:]]
+    optional = [item.name for item in fields(Target)[1:6]]
     optional.insert(1, "euler_xyz_deg")
     entry = mapping("target", value, required=("position",), optional=optional)
     if ("quaternion_xyzw" in entry) == ("euler_xyz_deg" in entry):
         found = "given twice" if "euler_xyz_deg" in entry else "missing"
         allowed = "give it or euler_xyz_deg"
         raise InvalidInput(Status.BAD_QUATERNION, "target.quaternion_xyzw", found, allowed)
-    vectors = {key: numbers(f"target.{key}", entry[key]) for key in entry}
+    vectors: dict[str, Any] = {key: numbers(f"target.{key}", entry[key]) for key in entry}
     if "euler_xyz_deg" in vectors:
         vectors["quaternion_xyzw"] = _quaternion(vectors.pop("euler_xyz_deg"))
     return Target(**vectors)

@@ -59,7 +59,7 @@ def _problem(problem: PlanningProblem) -> dict[str, Any]:
         }
         | ({} if accelerations is None else {"acceleration": accelerations.tolist()}),
         "target": {
-            item.name: getattr(problem.target, item.name).tolist() for item in fields(Target)
+            item.name: getattr(problem.target, item.name).tolist() for item in fields(Target)[:6]
         }
         | {"quaternion_xyzw": normalising_to(problem.target.quaternion_xyzw).tolist()},
         "duration": float(problem.duration),

@@ -19,12 +19,12 @@ from ff_planner_ros.planning.forward import carried_forward
 from ff_planner_ros.planning.joint_motion import JointMotion
 from ff_planner_ros.planning.plan import Plan
 from ff_planner_ros.planning.planner import NOBODY, plan
-from ff_planner_ros.planning.problem import PlanningProblem, Sphere
+from ff_planner_ros.planning.problem import Orientation, PlanningProblem, Sphere
 from ff_planner_ros.planning.settings import PlannerSettings
 from ff_planner_ros.planning.system_frame import system_frame
 from ff_planner_ros.planning.tail import EndBehaviour, with_tail
 from ff_planner_ros.planning.watch import Watch
-from ff_planner_ros.robot.model import Robot
+from ff_planner_ros.robot.model import Base, Robot
 
 # Problem, in the frame that the plan is made in, settings, who watches, first guess.
 Method: TypeAlias = Callable[[PlanningProblem, PlannerSettings, Watch, Array | None], Plan]
@@ -83,7 +83,10 @@ class PlanningTask:
 def _canonical(value: Any) -> Iterator[bytes]:
     """Yield bytes that are the same for equal values, on every machine and in every process."""
     if isinstance(value, Robot):
-        yield from _canonical((value.urdf, value.base_link, value.tip_link))
+        of_robot = (value.urdf, value.base_link, value.tip_link)
+        yield from _canonical(
+            of_robot if value.base is Base.FREE_FLYER else (*of_robot, value.base)
+        )
     elif is_dataclass(value):
         for item in fields(value):
             if _is_absent(value, item.name):
@@ -109,7 +112,9 @@ def _is_absent(value: Any, name: str) -> bool:
     """Tell whether a field that older versions did not have says what they took for granted."""
     if name == "velocity" and isinstance(value, Sphere):
         return not value.velocity.any()
-    return name == "joint_accelerations" and getattr(value, name) is None
+    if name == "orientation":
+        return getattr(value, name) is Orientation.FIXED
+    return name in ("joint_accelerations", "free_axis_in_ee") and getattr(value, name) is None
 
 
 def without_search(solve: Callable[[PlanningProblem, PlannerSettings], Plan]) -> Method:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import enum
 import stat
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Collection
@@ -16,6 +17,13 @@ from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.robot.shapes import with_shapes
 from ff_planner_ros.robot.urdf import checked_urdf
 from ff_planner_ros.robot.urdf_xml import MAX_CHARACTERS
+
+
+class Base(enum.StrEnum):
+    """How the chaser can move."""
+
+    FREE_FLYER = "free_flyer"
+    PLANAR = "planar"  # on an air-bearing table: x, y and the turn about z, inertial axes
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,6 +47,7 @@ class Robot:
     # Infinite where the URDF says zero: exporters write so that a limit is not known
     effort_limits: Array  # shape (joints,) [N m]
     notes: tuple[str, ...] = ()  # what a user should know: joints that are held, say
+    base: Base = Base.FREE_FLYER
 
     @property
     def joints(self) -> int:

@@ -18,7 +18,7 @@ from ff_planner_ros.bag.reader import Bag, Message, open_bag
 from ff_planner_ros.bag.robot_plans import attached_robot
 from ff_planner_ros.errors import BagError, FfPlannerError, InvalidInput, Status
 from ff_planner_ros.parameters import NodeParameters
-from ff_planner_ros.planning.problem import Target
+from ff_planner_ros.planning.problem import Orientation, Target
 from ff_planner_ros.planning.sound_samples import require_sound_samples
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.ros.inputs.input_topics import OBSTACLES
@@ -213,7 +213,15 @@ def _plan(exchange: PlanExchange, robot: Robot, scene: ObstacleSphereArray | Non
 
 def _goal(request: PlanTrajectory.Request) -> Target:
     pose = request.target_pose.pose
-    return Target(np.array(xyz(pose.position)), np.array(xyzw(pose.orientation)))
+    # Requests of earlier versions ask for one orientation.
+    orientation = Orientation(getattr(request, "orientation", "") or Orientation.FIXED)
+    about_axis = orientation is Orientation.ABOUT_AXIS
+    return Target(
+        np.array(xyz(pose.position)),
+        np.array(xyzw(pose.orientation)),
+        orientation=orientation,
+        free_axis_in_ee=np.array(xyz(request.free_axis)) if about_axis else None,
+    )
 
 
 def _window(found: Sequence[PlanExchange], k: int) -> Window:

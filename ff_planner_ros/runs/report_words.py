@@ -18,7 +18,7 @@ from ff_planner_ros.analysis.extremes import (
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.planning.metrics import Metrics
 from ff_planner_ros.planning.plan import Trajectory
-from ff_planner_ros.planning.problem import Sphere, Target
+from ff_planner_ros.planning.problem import Orientation, Sphere, Target
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.rotation import euler_from_rotation
 from ff_planner_ros.runs.report import ReportedPlan
@@ -44,9 +44,11 @@ def asked(plan: ReportedPlan) -> Iterator[tuple[str, str]]:
     yield "start, end effector", _pose(motion.ee_positions[0], motion.ee_quaternions_xyzw[0])
     yield "target, end effector", _target(goal)
     away = f"{np.linalg.norm(goal.position - motion.ee_positions[0]):.3f} m"
-    start = Rotation.from_quat(motion.ee_quaternions_xyzw[0])
-    turn = (start.inv() * Rotation.from_quat(goal.quaternion_xyzw)).magnitude()
-    yield "", f"{away} and {np.rad2deg(turn):.1f} deg from the start"
+    if goal.orientation is Orientation.FIXED:
+        start = Rotation.from_quat(motion.ee_quaternions_xyzw[0])
+        turn = (start.inv() * Rotation.from_quat(goal.quaternion_xyzw)).magnitude()
+        away += f" and {np.rad2deg(turn):.1f} deg"
+    yield "", f"{away} from the start"
     yield "obstacles", _obstacles(plan.obstacles)
 
 
@@ -163,7 +165,12 @@ def _share(value: float, limit: float) -> str:
 
 
 def _target(goal: Target) -> str:
-    return _pose(goal.position, goal.quaternion_xyzw)
+    if goal.orientation is Orientation.FREE:
+        return f"{_vector(goal.position, '.3f')} m, any orientation"
+    pose = _pose(goal.position, goal.quaternion_xyzw)
+    if goal.free_axis_in_ee is None:
+        return pose
+    return f"{pose}, free to turn about its axis {_vector(goal.free_axis_in_ee, '.3g')}"
 
 
 def _pose(position: Array, quaternion_xyzw: Array) -> str:
