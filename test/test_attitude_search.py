@@ -63,7 +63,7 @@ def test_no_objective_has_a_worse_plan_than_the_shortest_and_all_have_one(times)
         solved += 1
         objective = (ATTITUDE, *WEIGHTED)[solved % 3]
         asked = replace(problem, objective=objective)
-        made = plan(asked, SETTINGS)
+        made = plan(asked, replace(SETTINGS, attitude_rounds=times(1, 2)))
         assert value(objective, made) <= value(objective, shortest), (name, objective)
         assert not list(failures(asked, made, SETTINGS)), (name, objective)
     assert solved >= 6

@@ -288,7 +288,7 @@ def test_many_plans_leave_nothing_behind_and_the_node_ends_well(
     planner: PlannerProcess, tmp_path: Path, times: Callable[[int, int], int]
 ) -> None:
     """Last of all, since it ends the node."""
-    scene, plans = Scene(load_scenario(quick_capture(tmp_path))), times(100, 500)
+    scene, plans = Scene(load_scenario(quick_capture(tmp_path))), times(60, 500)
     with connected_client() as client:
         client.wait_for_planner()
         # It is the node that is tested: the straight way to a goal nearby will do.
@@ -301,7 +301,7 @@ def test_many_plans_leave_nothing_behind_and_the_node_ends_well(
             answer = client.plan(request)
             assert answer.status.code == Status.SOLVED, answer.status
             seconds.append(answer.solver.solve_time)
-            if number == plans // 5:
+            if number == plans // 3:
                 warm = holdings(planner.process.pid)
     _assert_no_growth(warm, holdings(planner.process.pid))
     # A clock is no judge of a test; what it says is for the reader of the log.

@@ -37,7 +37,7 @@ def copied_package(directory):
     library = directory / "lib"
     library.mkdir()
     (library / "ff_planner_ros").mkdir()
-    for name in ("__init__.py", "errors.py", "share.py"):
+    for name in ("__init__.py", "errors.py", "share.py", "shown.py"):
         shutil.copy(Path(ff_planner_ros.__file__).parent / name, library / "ff_planner_ros")
     return library
 

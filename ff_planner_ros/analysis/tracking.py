@@ -13,6 +13,7 @@ from ff_planner_ros.analysis.methods import DEVIATION
 from ff_planner_ros.analysis.panels import Panel
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.planning.joint_motion import joint_motion
+from ff_planner_ros.planning.motion import chaser_motion
 from ff_planner_ros.planning.plan import Trajectory
 from ff_planner_ros.planning.pose_motion import poses_between
 from ff_planner_ros.robot.configuration import configuration
@@ -49,10 +50,7 @@ def measured_motion(robot: Robot, time: Array, states: list[SystemState]) -> Tra
         joint_velocities=np.array([state.joint_velocities for state in states]),
         joint_accelerations=not_known,
         joint_torques=not_known,
-        chaser_positions=np.array([s.position_chaser_in_inertial for s in states]),
-        chaser_quaternions_xyzw=np.array([s.quaternion_chaser_to_inertial_xyzw for s in states]),
-        chaser_linear_velocities=np.array([s.linear_velocity_chaser_in_inertial for s in states]),
-        chaser_angular_velocities=np.array([s.angular_velocity_chaser_in_inertial for s in states]),
+        **chaser_motion(states),
         ee_positions=poses[:, :3],
         ee_quaternions_xyzw=poses[:, 3:],
         ee_linear_velocities=twists[:, :3],

@@ -73,7 +73,7 @@ def main(quick: bool, scenarios: int, json_file: str) -> None:
     figures["scenarios"] = print_success(scenarios, settings)
     figures["starts"] = print_starts(min(scenarios, _STARTS), settings)
     figures["families"] = print_families(min(scenarios, _FAMILIES), settings)
-    figures["steadiness"] = print_steadiness(2 if quick else len(BEST_KNOWN), settings)
+    figures["steadiness"] = print_steadiness(1 if quick else len(BEST_KNOWN), settings)
     figures["executions"] = print_executions(1 if quick else min(scenarios, _EXECUTED), settings)
     if json_file:
         Path(json_file).write_text(json.dumps(figures, indent=1) + "\n", encoding="utf-8")

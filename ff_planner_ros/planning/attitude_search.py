@@ -122,11 +122,11 @@ class AttitudeSearch(Search):
     def _guesses(self, number: int, start: Start) -> Iterator[Start]:
         """Yield where the paths of a round of the race begin."""
         x, curvature = start
-        grid = self._toward(self._program.objective)[0]
         if number == 0:
             yield start
+            level = self._grids[0].level
             guesses = self._program.family.first_guesses(
-                self._program.problem.obstacles, grid.level.points, grid.level.damping
+                self._program.problem.obstacles, level.points, level.damping
             )
             for guess in islice(guesses, _GUESSES):
                 yield guess, None

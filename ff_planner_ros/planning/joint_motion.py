@@ -14,6 +14,8 @@ from ff_planner_ros.planning.plan import Trajectory
 
 # Extremes are found to this [rad, rad/s]: far below what any limit is measured to.
 _EXACT = 1e-9
+# Of the largest coefficient of a polynomial: what the halving of pieces may lose.
+_ROUNDING = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +45,7 @@ class JointMotion:
             order: 0 for positions, 1 for rates.
 
         Returns:
-            Values, exact to `_EXACT`, and their times: each of shape (2, joints).
+            Values, exact to `_EXACT` or to rounding, and their times: each of shape (2, joints).
         """
         pieces = self._quintics
         for _ in range(order):
@@ -105,6 +107,8 @@ def _highest(coefficients: Array, time: Array) -> tuple[Array, Array]:
     begin, width = (np.repeat(at, polynomials) for at in (time[:-1], np.diff(time)))
     pieces = coefficients.reshape(size, -1)
     highest, when = np.full(polynomials, -np.inf), np.zeros(polynomials)
+    # Of values without measure rounding leaves no absolute digits.
+    exact = np.maximum(_EXACT, _ROUNDING * np.abs(coefficients).max(axis=(0, 1)))
     while pieces.size:
         for at_end, times in ((pieces[0], begin), (pieces[-1], begin + width)):
             order = np.argsort(at_end, kind="stable")  # of equal indices numpy keeps the last
@@ -112,7 +116,7 @@ def _highest(coefficients: Array, time: Array) -> tuple[Array, Array]:
             found[which[order]], found_when[which[order]] = at_end[order], times[order]
             better = found > highest
             highest, when = np.where(better, found, highest), np.where(better, found_when, when)
-        open_ = pieces.max(axis=0) > highest[which] + _EXACT
+        open_ = pieces.max(axis=0) > (highest + exact)[which]
         pieces = np.concatenate([half @ pieces[:, open_] for half in halves], axis=1)
         which, width = np.tile(which[open_], 2), np.tile(width[open_] / 2, 2)
         begin = np.tile(begin[open_], 2)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import pinocchio as pin
 
@@ -39,15 +41,26 @@ def to_trajectory(
         joint_velocities=v[:, 6:],
         joint_accelerations=accelerations[:, 6:],
         joint_torques=np.array(torques),
-        chaser_positions=np.array([s.position_chaser_in_inertial for s in states]),
-        chaser_quaternions_xyzw=np.array([s.quaternion_chaser_to_inertial_xyzw for s in states]),
-        chaser_linear_velocities=np.array([s.linear_velocity_chaser_in_inertial for s in states]),
-        chaser_angular_velocities=np.array([s.angular_velocity_chaser_in_inertial for s in states]),
+        **chaser_motion(states),
         ee_positions=poses[:, :3],
         ee_quaternions_xyzw=poses[:, 3:],
         ee_linear_velocities=twists[:, :3],
         ee_angular_velocities=twists[:, 3:],
     )
+
+
+def chaser_motion(states: Sequence[SystemState]) -> dict[str, Array]:
+    """Return the chaser's part of a trajectory, from the state at each point."""
+    return {
+        "chaser_positions": np.array([s.position_chaser_in_inertial for s in states]),
+        "chaser_quaternions_xyzw": np.array([s.quaternion_chaser_to_inertial_xyzw for s in states]),
+        "chaser_linear_velocities": np.array(
+            [s.linear_velocity_chaser_in_inertial for s in states]
+        ),
+        "chaser_angular_velocities": np.array(
+            [s.angular_velocity_chaser_in_inertial for s in states]
+        ),
+    }
 
 
 def from_trajectory(robot: Robot, trajectory: Trajectory) -> tuple[Array, Array]:

@@ -45,9 +45,10 @@ class PathLinearisation(Linearisation):
             self,
             gradient=self.gradient @ directions,
             hessian=directions.T @ self.hessian @ directions,
-            peaks_jacobian=self.peaks_jacobian @ directions,
-            constraints_jacobian=self.constraints_jacobian @ directions,
-            equalities_jacobian=self.equalities_jacobian @ directions,
+            # In one thread: where several share the work, the last bit depends on their number.
+            peaks_jacobian=np.einsum("rx,xd->rd", self.peaks_jacobian, directions),
+            constraints_jacobian=np.einsum("rx,xd->rd", self.constraints_jacobian, directions),
+            equalities_jacobian=np.einsum("rx,xd->rd", self.equalities_jacobian, directions),
         )
 
 

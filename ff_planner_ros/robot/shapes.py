@@ -15,6 +15,7 @@ import numpy as np
 
 from ff_planner_ros.arrays import Array, frozen
 from ff_planner_ros.robot.rotation import rotation_from_euler
+from ff_planner_ros.robot.urdf_xml import read_shapes
 
 # The sizes that each kind of shape has, in the URDF's words.
 _SIZES = {"box": ("size",), "cylinder": ("radius", "length"), "sphere": ("radius",)}
@@ -38,7 +39,7 @@ class Shape:
 def with_shapes(checked: str, text: str) -> str:
     """Return a checked URDF, which has no shapes, with those of the text that it was made of."""
     robot = ElementTree.fromstring(checked)
-    given = {str(link.get("name")): link for link in ElementTree.fromstring(text).findall("link")}
+    given = {str(link.get("name")): link for link in read_shapes(text).findall("link")}
     left = _MOST_SHAPES
     for link in robot.findall("link"):
         for element in _drawn(given.get(str(link.get("name")), link))[:left]:

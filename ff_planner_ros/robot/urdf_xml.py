@@ -20,6 +20,12 @@ _PARTS: dict[str, Any] = {
     "link": {"inertial": {"origin": {}, "mass": {}, "inertia": {}}},
     "joint": {"origin": {}, "parent": {}, "child": {}, "axis": {}, "limit": {}, "mimic": {}},
 }
+# The same for what links look like; a link may have several of these.
+_GEOMETRY: dict[str, Any] = {"box": {}, "cylinder": {}, "sphere": {}}
+_SHAPES: dict[str, Any] = {
+    "link": {name: {"origin": {}, "geometry": _GEOMETRY} for name in ("visual", "collision")}
+}
+_SEVERAL, _MOST_OF_THEM = tuple(_SHAPES["link"]), 10_000
 _ATTRIBUTES = {
     "link": ("name",),
     "joint": ("name", "type"),
@@ -32,6 +38,12 @@ _ATTRIBUTES = {
     "axis": ("xyz",),
     "limit": ("lower", "upper", "velocity", "effort"),
     "mimic": ("joint",),
+    "visual": (),
+    "collision": (),
+    "geometry": (),
+    "box": ("size",),
+    "cylinder": ("radius", "length"),
+    "sphere": ("radius",),
 }
 
 
@@ -43,7 +55,16 @@ def read_elements(text: str) -> Element:
     """
     if len(text) > MAX_CHARACTERS:
         _refuse(f"{len(text)} characters long", f"it must be at most {MAX_CHARACTERS}")
-    reader = _Reader()
+    return _read(text, _PARTS)
+
+
+def read_shapes(text: str) -> Element:
+    """Return the `<robot>` of a text that `read_elements` takes, its links with their solids."""
+    return _read(text, _SHAPES)
+
+
+def _read(text: str, parts: dict[str, Any]) -> Element:
+    reader = _Reader(parts)
     parser = expat.ParserCreate("utf-8")
     parser.StartElementHandler = reader.start
     parser.EndElementHandler = reader.end
@@ -58,8 +79,10 @@ def read_elements(text: str) -> Element:
 class _Reader:
     """Builds elements; what is passed over may be nested as deep as it likes."""
 
-    def __init__(self) -> None:
+    def __init__(self, parts: dict[str, Any]) -> None:
         self.robot = Element("robot")
+        self._of_robot = parts
+        self._several = 0  # so far
         self._open: list[Element] = []
         self._parts: list[dict[str, Any]] = []
         self._passed_over = 0  # elements open, the innermost ones
@@ -69,11 +92,14 @@ class _Reader:
             if tag != "robot":
                 _refuse(f"a <{tag[:50]}>", "its outermost tag must be <robot>")
             self.robot.set("name", attributes.get("name") or "robot")
-            self._enter(self.robot, _PARTS)
+            self._enter(self.robot, self._of_robot)
             return
         parent, parts = self._open[-1], self._parts[-1].get(tag)
         # Of two parts of one kind the first one counts, as for every reader of URDFs.
         again = parent is not self.robot and parent.find(tag) is not None
+        if tag in _SEVERAL and not self._passed_over and parts is not None:
+            self._several += 1
+            again = self._several > _MOST_OF_THEM
         if self._passed_over or parts is None or again:
             self._passed_over += 1
             return

@@ -82,10 +82,8 @@ class Clearance(Requirement):
         times = np.linspace(0.0, problem.duration, len(motion.q))
         times = np.concatenate([times[1:], (times[:-1] + times[1:]) / 2])
         if len(motion.q) < _FEW_POINTS:
-            between = _quarter_way(len(motion.q) - 1)
             positions, derivatives, times = (
-                np.concatenate([at, np.tensordot(between, at, 1)])
-                for at in (positions, derivatives, times)
+                np.concatenate([at, _quarter_way(at)]) for at in (positions, derivatives, times)
             )
         starts = segments(positions)
         near = near_box(positions, times, problem.obstacles, OF_INTEREST)
@@ -160,13 +158,15 @@ def link_name(robot: Robot, start: int) -> str:
     return f"the link from {ends[start]} to {ends[start + 1]}"
 
 
-def _quarter_way(intervals: int) -> Array:
-    """Return what makes values a quarter of the way between points, and three quarters.
+def _quarter_way(values: Array) -> Array:
+    """Return values a quarter of the way between points and three quarters, by parabolas.
 
-    But for the first interval, whose beginning is the start. Shape (2 intervals - 2, 2 intervals),
-    a column each point but the first, then a column each half-way point.
+    But for the first interval, whose beginning is the start.
+
+    Args:
+        values: At all points but the first, then half-way in every interval.
     """
-    at_points, half_way = np.eye(2 * intervals)[:intervals], np.eye(2 * intervals)[intervals:]
+    at_points, half_way = np.split(values, 2)
     begin, middle, end = at_points[:-1], half_way[1:], at_points[1:]
     first = (3.0 * begin + 6.0 * middle - end) / 8.0
     return np.concatenate([first, (3.0 * end + 6.0 * middle - begin) / 8.0])
