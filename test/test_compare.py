@@ -63,8 +63,12 @@ def test_the_papers_capture_gives_table_ratios_figures_and_scene(
     assert path["straight line"] == pytest.approx(1.2196, abs=1e-3)
     assert attitude["straight line"] == pytest.approx(13.1, abs=0.1)
     assert clearance["straight line"] == pytest.approx(-140.0, abs=1.0)
-    assert path["min(L)"] == min(path[method] for method in METHODS[1:5])
-    assert attitude["min(Theta)"] == min(attitude.values())
+    in_papers_family = ("APF", "min(L)", "min(Theta)", "L + 50 Theta")
+    assert path["min(L)"] == min(path[method] for method in in_papers_family)
+    # A sketch of joint splines gave joint paths that were 2 to 5 % shorter.
+    assert 0.94 < path["min(L), joint splines"] / path["min(L)"] < 0.98
+    others = [attitude[method] for method in METHODS if "joint splines" not in method]
+    assert attitude["min(Theta)"] == min(others)
     assert path["min(L)"] < path["L + 50 Theta"] < path["min(Theta)"]
     assert attitude["min(Theta)"] < attitude["L + 50 Theta"] < attitude["min(L)"]
     for method in METHODS:

@@ -79,9 +79,9 @@ def test_every_other_command_enters_it_too(
     assert len(set(entered)) == 2
     before = len(entered)
     main(["compare", str(LEMUR_SCENARIO), "--output", str(tmp_path)])
-    assert len(entered) == before + 7
+    assert len(entered) == before + 9
     attempt("ordinary", "lemur", 0, False, load_parameters().planner)
-    assert len(entered) == before + 8
+    assert len(entered) == before + 10
     capsys.readouterr()
 
 
