@@ -39,7 +39,8 @@ def random_urdf(joints: int, seed: int) -> str:
         link = f"link_{number}"
         parts += [_link(link, rng, 5.0), _joint(f"joint_{number}", "revolute", parent, link, rng)]
         parent = link
-    parts += [_link("camera", rng, 3.0), _joint("camera_mount", "fixed", "link_3", "camera", rng)]
+    carrying = f"link_{min(joints, 3)}"
+    parts += [_link("camera", rng, 3.0), _joint("camera_mount", "fixed", carrying, "camera", rng)]
     parts += [_link("tool", rng, 2.0), _joint("tool_mount", "fixed", parent, "tool", rng)]
     return f'<robot name="random">{"".join(parts)}</robot>'
 
