@@ -1,0 +1,67 @@
+"""What compiled.cpp offers. Arrays of a wrong shape or that hold NaN are refused by ValueError."""
+
+from ff_planner_ros.arrays import Array
+
+class Chain:
+    """A chaser with one arm of joints that turn, 64 at most."""
+
+    def __init__(
+        self,
+        translations: Array,  # of joints and end effector in the joint before; (joints + 1, 3)
+        rotations: Array,  # likewise; shape (joints + 1, 3, 3)
+        axes: Array,  # unit vectors in the joints' frames; shape (joints, 3)
+        masses: Array,  # of base and links; shape (joints + 1,)
+        centers: Array,  # of mass, in the frames of their joints; shape (joints + 1, 3)
+        inertias: Array,  # about the centres of mass; shape (joints + 1, 3, 3)
+    ) -> None: ...
+    @property
+    def joints(self) -> int: ...
+
+def velocity(
+    chain: Chain,
+    q: Array,
+    momentum: Array,
+    twist_ee_in_inertial: Array,
+    bias: Array,
+    damping: float,
+) -> tuple[Array, Array, Array, Array] | None:
+    """Return what `core.velocity_map.Velocity` holds; None in a dynamic singularity."""
+
+def end_effector_motion(
+    chain: Chain,
+    q_start: Array,
+    momentum: Array,
+    duration: float,
+    quintic: Array,
+    rotation_outer: Array,
+    null_space: Array,
+    fading: float,
+    x: Array,
+    points: int,
+    damping: float,
+) -> float | tuple[Array, Array, Array, Array, Array, Array, Array]:
+    """Integrate the motion that follows from a polynomial path of the end effector.
+
+    Args:
+        q_start: Configuration at the first point. Shape (7 + joints,).
+        momentum: Constant total P and L about the inertial origin. Shape (6,).
+        duration: Of the motion [s].
+        quintic: As in `EndEffectorPolynomial`, like the next. Shape (6, 6).
+        rotation_outer: Shape (3, 3).
+        null_space: Rates and accelerations of `NullSpaceFade`. Shape (2, joints).
+        fading: Until they have faded [s].
+        x: Coefficients of the free terms, flattened. Shape (18,).
+
+    Returns:
+        The time of a dynamic singularity [s], or q, v and q half-way; their derivatives, with a
+        column a coefficient; dv/dt. Shapes as in `Motion` and `Sensitivity`.
+    """
+
+def end_effector_twist(
+    duration: float, quintic: Array, rotation_outer: Array, x: Array, s: Array
+) -> tuple[Array, Array, Array]:
+    """Return twists, accelerations and d twist / dx of the path at normalised times s.
+
+    Returns:
+        Inertial axes. Shapes (times, 6), (times, 6) and (times, 6, 18).
+    """
