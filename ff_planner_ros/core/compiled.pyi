@@ -66,8 +66,8 @@ class Target:
         across: Array,  # axes of the end effector across that one; shape (2, 3)
     ) -> None: ...
 
-class SplineMotion:
-    """The motion of a system whose joints go along splines and that nothing pushes."""
+class DrivenMotion:
+    """The motion of a system whose joints are driven and that nothing pushes."""
 
     q: Array  # configurations; shape (points, 7 + joints)
     v: Array  # tangent velocities; shape (points, 6 + joints)

@@ -34,7 +34,7 @@ from ff_planner_ros.robot.momentum import total_momentum
 class SplineMotion(Motion):
     """A motion with what its derivatives need."""
 
-    compiled: compiled.SplineMotion
+    compiled: compiled.DrivenMotion
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +89,7 @@ class JointSplines:
         """Integrate the base along one spline; there is nothing to damp."""
         controls = self.control_points(x)
         angles, rates, accelerations = (rows @ controls for rows in _rows(self.basis, points))
-        motion = compiled.SplineMotion(
+        motion = compiled.DrivenMotion(
             chain_of(self.robot), self._start, angles, rates, accelerations, self.basis.duration
         )
         return SplineMotion(

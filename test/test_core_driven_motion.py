@@ -121,9 +121,9 @@ def test_a_motion_of_wrong_sizes_or_of_nan_is_refused_by_name(
     family, _ = drawn_splines("free3", True, Orientation.FIXED)
     joints = {name: np.zeros((5, 3)) for name in ("angles", "rates", "accelerations")}
     fixed = (chain_of(family.robot), family._start)
-    assert compiled.SplineMotion(*fixed, **joints, duration=1.0).q.shape == (3, 10)
+    assert compiled.DrivenMotion(*fixed, **joints, duration=1.0).q.shape == (3, 10)
     with pytest.raises(ValueError, match=re.escape(said)):
-        compiled.SplineMotion(*fixed, **({"duration": 1.0} | joints | change))
+        compiled.DrivenMotion(*fixed, **({"duration": 1.0} | joints | change))
 
 
 def test_targets_starts_and_rows_of_wrong_sizes_or_of_nan_are_refused_by_name() -> None:
