@@ -1,6 +1,6 @@
 """What compiled.cpp offers. Arrays of a wrong shape or that hold NaN are refused by ValueError."""
 
-from ff_planner_ros.arrays import Array
+from ff_planner_ros.arrays import Array, Indices
 
 class Chain:
     """A chaser with one arm of joints that turn, 64 at most."""
@@ -64,4 +64,28 @@ def end_effector_twist(
 
     Returns:
         Inertial axes. Shapes (times, 6), (times, 6) and (times, 6, 18).
+    """
+
+def arm_points_with_derivatives(
+    chain: Chain, q: Array, q_sensitivity: Array
+) -> tuple[Array, Array]:
+    """Return what the function of this name in `planning.clearance` does."""
+
+def clearances(
+    chain: Chain,
+    q: Array,
+    q_sensitivity: Array,
+    times: Array,
+    centers: Array,
+    velocities: Array,
+    radii: Array,
+    interest: float,
+    quarter_way: bool,
+) -> tuple[Array, Array, Indices]:
+    """Return what `planning.clearance.clearance_rows` does.
+
+    Args:
+        centers: Of the spheres when the plan begins. Shape (spheres, 3).
+        velocities: Shape (spheres, 3).
+        radii: Shape (spheres,).
     """
