@@ -16,7 +16,11 @@ from ff_planner_ros.arrays import Array
 from ff_planner_ros.bench.robots import planar_urdf
 from ff_planner_ros.core import compiled
 from ff_planner_ros.core.chain import chain_of
-from ff_planner_ros.planning.clearance import arm_points_with_derivatives, clearance_rows
+from ff_planner_ros.planning.clearance import (
+    arm_points,
+    arm_points_with_derivatives,
+    clearance_rows,
+)
 from ff_planner_ros.planning.end_effector_polynomial import EndEffectorPaths
 from ff_planner_ros.planning.problem import Sphere
 from ff_planner_ros.planning.start_motion import NullSpaceFade
@@ -114,15 +118,12 @@ def test_distances_of_interest_and_their_derivatives_are_those_of_numpy(
     q = np.array([pin.integrate(robot.model, q_start, t * v) for t in np.arange(2.0 * gaps)])
     by_x = rng.normal(size=(2 * gaps, 6 + robot.joints, columns))
     times = rng.uniform(0.0, DURATION, (4 * gaps - 2) if quarter_way else 2 * gaps)
+    points = arm_points(robot, q).reshape(-1, 3)
+    places = rng.choice(points, 60) + rng.choice([0.5, 5.0], (60, 1)) * rng.normal(size=(60, 3))
+    motions = rng.choice([0.0, 0.1], (60, 1)) * rng.normal(size=(60, 3))
     spheres = [
         Sphere(str(k), place, rng.uniform(0.05, 0.5), moving)
-        for k, (place, moving) in enumerate(
-            zip(
-                q_start[:3] + rng.choice([0.5, 5.0], (60, 1)) * rng.normal(size=(60, 3)),
-                rng.choice([0.0, 0.5], (60, 1)) * rng.normal(size=(60, 3)),
-                strict=True,
-            )
-        )
+        for k, (place, moving) in enumerate(zip(places, motions, strict=True))
     ]
     for few in ([], spheres):
         question = (robot, q, by_x, times, few, 0.5, quarter_way)
