@@ -83,15 +83,15 @@ class BaseTurn {
 
 // Derivatives of a base's turn by the variables, a column each.
 struct TurnDerivatives {
-  std::vector<Matrix3X> turns, half_way;  // of the attitude, in its own axes, at and between points
-  std::vector<Matrix3X> rates;            // of the base's rate, at the points
-  std::vector<Matrix6X> by_joints;        // of both momenta at fixed velocities, at the points
+  std::vector<Columns3> turns, half_way;  // of the attitude, in its own axes, at and between points
+  std::vector<Columns3> rates;            // of the base's rate, at the points
+  std::vector<Columns6> by_joints;        // of both momenta at fixed velocities, at the points
 
   TurnDerivatives(const BaseTurn& base, const std::vector<SystemMomentum>& at,
                   const RowMajor& joint_rates, const JointRows& rows, double step) {
     const double h = step;
     const int variables = rows.variables();
-    turns.push_back(Matrix3X::Zero(3, variables));
+    turns.push_back(Columns3::Zero(3, variables));
     const auto by_joints_at = [&](int half_step, const Vector3& base_rate) {
       return at[half_step].by_joints(base_rate, joint_rates.row(half_step));
     };
@@ -100,11 +100,11 @@ struct TurnDerivatives {
       const auto& [u1, u2, u3, whole] = now.increments;
       const auto& [v1, v2, v3, v4] = now.rates;
       const Turning to_2(u1), to_3(u2), to_4(u3), to_middle(now.to_half_way()), to_next(whole);
-      const Matrix6X by_1 = by_joints_at(i, v1), by_2 = by_joints_at(i + 1, v2);
-      const Matrix6X by_3 = by_joints_at(i + 1, v3), by_4 = by_joints_at(i + 2, v4);
-      Matrix3X first_rates(3, variables), middle(3, variables), next(3, variables);
+      const Columns6 by_1 = by_joints_at(i, v1), by_2 = by_joints_at(i + 1, v2);
+      const Columns6 by_3 = by_joints_at(i + 1, v3), by_4 = by_joints_at(i + 2, v4);
+      Columns3 first_rates(3, variables), middle(3, variables), next(3, variables);
       for (int x = 0; x < variables; ++x) {
-        const auto of_rate = [&](int half_step, const Matrix6X& by, int stage, const Vector3& turn) {
+        const auto of_rate = [&](int half_step, const Columns6& by, int stage, const Vector3& turn) {
           return change(at[half_step], by, now.momenta[stage], turn, rows, half_step, x);
         };
         const Vector3 turn = turns.back().col(x);
@@ -132,7 +132,7 @@ struct TurnDerivatives {
 
  private:
   // Of the base's rate, Eq. (27), by one variable.
-  static Vector3 change(const SystemMomentum& at, const Matrix6X& by_joints,
+  static Vector3 change(const SystemMomentum& at, const Columns6& by_joints,
                         const Vector3& momentum, const Vector3& turn, const JointRows& rows,
                         int half_step, int variable) {
     const int joint = variable / rows.each(), k = variable % rows.each();

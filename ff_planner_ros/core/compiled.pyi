@@ -1,6 +1,6 @@
 """What compiled.cpp offers. Arrays of a wrong shape or that hold NaN are refused by ValueError."""
 
-from ff_planner_ros.arrays import Array
+from ff_planner_ros.arrays import Array, Indices
 
 class Chain:
     """A chaser with one arm of joints that turn, 64 at most."""
@@ -25,19 +25,69 @@ def velocity(
     bias: Array,
     damping: float,
 ) -> tuple[Array, Array, Array, Array] | None:
-    """Return v of Eqs. (27) and (31) and its derivatives; None in a dynamic singularity.
+    """Return what `core.velocity_map.Velocity` holds; None in a dynamic singularity."""
+
+def end_effector_motion(
+    chain: Chain,
+    q_start: Array,
+    momentum: Array,
+    duration: float,
+    quintic: Array,
+    rotation_outer: Array,
+    null_space: Array,
+    fading: float,
+    x: Array,
+    points: int,
+    damping: float,
+) -> float | tuple[Array, Array, Array, Array, Array, Array, Array]:
+    """Integrate the motion that follows from a polynomial path of the end effector.
 
     Args:
-        q: Configuration. Shape (7 + joints,).
-        momentum: Total P and L about the inertial origin, inertial axes. Shape (6,).
-        twist_ee_in_inertial: Wanted linear and angular velocity. Shape (6,).
-        bias: Joint rates z, the nearest to which is wanted. Shape (joints,) [rad/s].
-        damping: Singular values of the generalised Jacobian that are not much greater are damped:
-            the joint rates stay bounded and the end effector lags behind. Zero for Eq. (31) itself.
+        q_start: Configuration at the first point. Shape (7 + joints,).
+        momentum: Constant total P and L about the inertial origin. Shape (6,).
+        duration: Of the motion [s].
+        quintic: As in `EndEffectorPolynomial`, like the next. Shape (6, 6).
+        rotation_outer: Shape (3, 3).
+        null_space: Rates and accelerations of `NullSpaceFade`. Shape (2, joints).
+        fading: Until they have faded [s].
+        x: Coefficients of the free terms, flattened. Shape (18,).
 
     Returns:
-        v, shape (6 + joints,), and its derivatives by q in the tangent space, by the twist and by
-        the bias, each of shape (6 + joints, columns).
+        The time of a dynamic singularity [s], or q, v and q half-way; their derivatives, with a
+        column a coefficient; dv/dt. Shapes as in `Motion` and `Sensitivity`.
+    """
+
+def end_effector_twist(
+    duration: float, quintic: Array, rotation_outer: Array, x: Array, s: Array
+) -> tuple[Array, Array, Array]:
+    """Return twists, accelerations and d twist / dx of the path at normalised times s.
+
+    Returns:
+        Inertial axes. Shapes (times, 6), (times, 6) and (times, 6, 18).
+    """
+
+def arm_points_with_derivatives(
+    chain: Chain, q: Array, q_sensitivity: Array
+) -> tuple[Array, Array]:
+    """Return what the function of this name in `planning.clearance` does."""
+
+def clearances(
+    chain: Chain,
+    q: Array,
+    q_sensitivity: Array,
+    times: Array,
+    centers: Array,
+    velocities: Array,
+    radii: Array,
+    interest: float,
+    quarter_way: bool,
+) -> tuple[Array, Array, Indices]:
+    """Return what `planning.clearance.clearance_rows` does.
+
+    Args:
+        centers: Of the spheres when the plan begins. Shape (spheres, 3).
+        velocities: Shape (spheres, 3).
+        radii: Shape (spheres,).
     """
 
 class Start:

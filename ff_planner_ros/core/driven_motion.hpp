@@ -131,7 +131,7 @@ class DrivenMotion {
   }
 
   // Derivatives of a configuration: the base's step in its own axes, its turn, and the joints.
-  void write_step(const JointRows& rows, int half_step, const Matrix3X& turns, double* to) const {
+  void write_step(const JointRows& rows, int half_step, const Columns3& turns, double* to) const {
     const SystemMomentum& at = momenta_[half_step];
     for (int x = 0; x < rows.variables(); ++x) {
       const Vector3 turn = turns.col(x), of_center = at.of_center.col(x / rows.each());
@@ -165,7 +165,7 @@ class DrivenMotion {
   }
 
   // dv/dt:  d/dt (I omega + A theta') = -omega x R^T L, and likewise for P.
-  Velocity acceleration(int point, const Matrix6X& by_joints) const {
+  Velocity acceleration(int point, const Columns6& by_joints) const {
     const SystemMomentum& at = momenta_[2 * point];
     const Vector3 rate = rate_at(point), drift = drift_at(point);
     const Vector3 momentum = rotation_at(point).transpose() * start_.angular;
