@@ -92,7 +92,7 @@ setup(
     ext_modules=[
         Extension(
             f"{NAME}.core.compiled",
-            [f"{CORE}/compiled.cpp"],
+            [str(path) for path in sorted(Path(CORE).glob("*.cpp"))],
             depends=[str(path) for path in sorted(Path(CORE).glob("*.hpp"))],
             language="c++",
             extra_compile_args=FLAGS,

@@ -20,8 +20,10 @@ from ff_planner_ros.arrays import Array
 from ff_planner_ros.planning.joint_spline import JointSplines
 from ff_planner_ros.planning.path_family import Sensitivity
 from ff_planner_ros.planning.spline_basis import FIXED
+from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.dynamics import base_acceleration
 from ff_planner_ros.robot.model import Base
+from ff_planner_ros.robot.momentum import total_momentum
 from ff_planner_ros.robot.rotation import skew
 
 
@@ -40,11 +42,12 @@ def reference_motion(family: JointSplines, x: Array, points: int) -> ReferenceMo
     """Return what `JointSplines.motion` does."""
     robot, duration, controls = family.robot, family.basis.duration, family.control_points(x)
     angles, rates, accelerated = (rows @ controls for rows in _rows(family, points))
+    center, momentum = _conserved(family)
     rotation = pin.Quaternion(family.q_start[3:7]).toRotationMatrix()
     maps = momentum_maps(robot, angles)
-    turn = base_turn(maps, rates, rotation, family.momentum[3:], duration / (points - 1))
-    drift = family.momentum[:3] / pin.computeTotalMass(robot.model)
-    centers = family.center + np.linspace(0.0, duration, len(angles))[:, None] * drift
+    turn = base_turn(maps, rates, rotation, momentum[3:], duration / (points - 1))
+    drift = momentum[:3] / pin.computeTotalMass(robot.model)
+    centers = center + np.linspace(0.0, duration, len(angles))[:, None] * drift
     q, q_half_way = (
         np.hstack(
             [
@@ -87,7 +90,7 @@ def reference_sensitivity(family: JointSplines, motion: ReferenceMotion) -> Sens
         )
     )
     mass = pin.computeTotalMass(robot.model)
-    drift = family.momentum[:3] / mass @ motion.turn.rotations
+    drift = _conserved(family)[1][:3] / mass @ motion.turn.rotations
     linear = skew(drift) @ of_turn.turns + skew(maps.center[::2]) @ of_turn.rates
     linear -= of_turn.of_linear / mass @ of_angles[::2]
     linear -= maps.of_center[::2] @ of_rates[::2]
@@ -110,7 +113,7 @@ def _acceleration(family: JointSplines, motion: ReferenceMotion, of_turn: TurnDe
     maps, base_rates = motion.turn.maps, motion.turn.rates[::4]
     _, rates, accelerated = (of_time[::2, :, None] for of_time in motion.joints)
     mass = pin.computeTotalMass(family.robot.model)
-    drift = family.momentum[:3] / mass @ motion.turn.rotations
+    drift = _conserved(family)[1][:3] / mass @ motion.turn.rotations
     angular = -np.cross(base_rates, motion.turn.momenta[::4])
     angular -= (of_turn.of_angular @ rates + maps.coupling[::2] @ accelerated)[:, :, 0]
     angular = np.einsum("pij,pj->pi", maps.to_rate[::2], angular)
@@ -130,3 +133,12 @@ def _rows(family: JointSplines, points: int) -> tuple[Array, Array, Array]:
 def _of_joints(rows: Array, joints: int) -> Array:
     """Return rows for the free control points of one joint as those for all. (rows, joints, x)."""
     return np.array([np.kron(np.eye(joints), row) for row in rows[:, FIXED:]])
+
+
+def _conserved(family: JointSplines) -> tuple[Array, Array]:
+    """Return the centre of mass at the start, total P, and L about that centre."""
+    robot, data = family.robot, family.robot.model.createData()
+    q, v = configuration(robot, family.problem.start)
+    momentum, center = total_momentum(robot, data, q, v), pin.centerOfMass(robot.model, data, q)
+    momentum[3:] -= np.cross(center, momentum[:3])
+    return center.copy(), momentum

@@ -5,7 +5,9 @@ from __future__ import annotations
 import re
 
 import numpy as np
+import pinocchio as pin
 import pytest
+import reference_clearance
 import reference_end_effector as reference
 from reference_velocity_map import VelocityMap, stacked
 from robots import random_path, random_state, random_urdf
@@ -14,7 +16,13 @@ from ff_planner_ros.arrays import Array
 from ff_planner_ros.bench.robots import planar_urdf
 from ff_planner_ros.core import compiled
 from ff_planner_ros.core.chain import chain_of
+from ff_planner_ros.planning.clearance import (
+    arm_points,
+    arm_points_with_derivatives,
+    clearance_rows,
+)
 from ff_planner_ros.planning.end_effector_polynomial import EndEffectorPaths
+from ff_planner_ros.planning.problem import Sphere
 from ff_planner_ros.planning.start_motion import NullSpaceFade
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import Base, Robot, robot_from_urdf_text
@@ -95,6 +103,47 @@ def test_motions_of_the_end_effector_and_their_derivatives_are_those_of_pinocchi
         agree(getattr(found, what), getattr(expected, what), what)
         agree(getattr(paths.sensitivity(found), what), getattr(by_x, what), f"d {what} / dx")
     agree(paths.sensitivity(found).acceleration, by_x.acceleration, "dv/dt")
+
+
+@pytest.mark.parametrize("name", FREE + PLANAR)
+@pytest.mark.parametrize("quarter_way", [True, False])
+def test_distances_of_interest_and_their_derivatives_are_those_of_numpy(
+    name: str, quarter_way: bool
+) -> None:
+    """Among many spheres far away, of which the broad phase must not lose one that is near."""
+    robot = chain_robot(name)
+    rng = np.random.default_rng(robot.joints)
+    gaps, columns = 4, int(rng.integers(1, 30))
+    q_start, v = configuration(robot, random_state(robot, rng))
+    q = np.array([pin.integrate(robot.model, q_start, t * v) for t in np.arange(2.0 * gaps)])
+    by_x = rng.normal(size=(2 * gaps, 6 + robot.joints, columns))
+    times = rng.uniform(0.0, DURATION, (4 * gaps - 2) if quarter_way else 2 * gaps)
+    points = arm_points(robot, q).reshape(-1, 3)
+    places = rng.choice(points, 60) + rng.choice([0.5, 5.0], (60, 1)) * rng.normal(size=(60, 3))
+    motions = rng.choice([0.0, 0.1], (60, 1)) * rng.normal(size=(60, 3))
+    spheres = [
+        Sphere(str(k), place, rng.uniform(0.05, 0.5), moving)
+        for k, (place, moving) in enumerate(zip(places, motions, strict=True))
+    ]
+    for few in ([], spheres):
+        question = (robot, q, by_x, times, few, 0.5, quarter_way)
+        found, expected = clearance_rows(*question), reference_clearance.clearance_rows(*question)
+        np.testing.assert_array_equal(found[2], expected[2])
+        agree(found[0], expected[0], "distance")
+        agree(found[1], expected[1], "d distance / dx")
+    assert 0 < len(found[0]) < robot.joints * len(times) * len(spheres)
+
+
+@pytest.mark.parametrize("name", FREE + PLANAR)
+def test_arm_points_and_their_derivatives_are_those_of_numpy(name: str) -> None:
+    robot = chain_robot(name)
+    rng = np.random.default_rng(robot.joints)
+    q = np.array([configuration(robot, random_state(robot, rng))[0] for _ in range(5)])
+    question = robot, q, rng.normal(size=(5, 6 + robot.joints, int(rng.integers(1, 30))))
+    found = arm_points_with_derivatives(*question)
+    expected = reference_clearance.arm_points_with_derivatives(*question)
+    for what, one, other in zip(("points", "derivatives"), found, expected, strict=True):
+        agree(one, other, what)
 
 
 def test_twists_and_their_derivatives_are_those_of_the_expanded_polynomials() -> None:

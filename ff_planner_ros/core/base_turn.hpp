@@ -18,22 +18,24 @@ struct TurnStep {
   Vector3 to_half_way() const { return (increments[0] + increments[1]) / 2; }
 };
 
-// How the joints' angles and rates change with the variables: the variables of the first joint come
-// first, and those of each joint change it in the same way.
+// Where a frame gets that turns by `by`, when it was turned by `turn` before and `by` changes.
+struct Turning {
+  Matrix3 back, of_by;
+
+  explicit Turning(const Vector3& by) : back(turned_by(-by)), of_by(turned_by_derivative(by)) {}
+  Vector3 operator()(const Vector3& turn, const Vector3& change) const {
+    return back * turn + of_by * change;
+  }
+};
+
+// How angles and rates change with the variables: those of the first joint come first, and those of
+// each joint change it alone, and in the same way.
 struct JointRows {
-  Eigen::Map<const RowMajor> angles, rates;  // a row a half step
+  Eigen::Map<const RowMajor> angles, rates;  // by the variables of one joint, a row a half step
   int joints;
 
-  int variables() const { return joints * static_cast<int>(angles.cols()); }
-
-  // Adds  of_angles d(theta) + of_rates d(theta')  at a half step.
-  template <typename OfAngles, typename OfRates, typename Sum>
-  void add(int half_step, const OfAngles& of_angles, const OfRates& of_rates, Sum&& sum) const {
-    const int each = static_cast<int>(angles.cols());
-    for (int j = 0; j < joints; ++j)
-      sum.middleCols(j * each, each) +=
-          of_angles.col(j) * angles.row(half_step) + of_rates.col(j) * rates.row(half_step);
-  }
+  int each() const { return static_cast<int>(angles.cols()); }
+  int variables() const { return joints * each(); }
 };
 
 class BaseTurn {
@@ -81,50 +83,62 @@ class BaseTurn {
 
 // Derivatives of a base's turn by the variables, a column each.
 struct TurnDerivatives {
-  std::vector<Matrix3X> turns, half_way;  // of the attitude, in its own axes, at and between points
-  std::vector<Matrix3X> rates;            // of the base's rate, at the points
-  std::vector<Matrix6X> by_joints;        // of both momenta at fixed velocities, at the points
+  std::vector<Columns3> turns, half_way;  // of the attitude, in its own axes, at and between points
+  std::vector<Columns3> rates;            // of the base's rate, at the points
+  std::vector<Columns6> by_joints;        // of both momenta at fixed velocities, at the points
 
   TurnDerivatives(const BaseTurn& base, const std::vector<SystemMomentum>& at,
                   const RowMajor& joint_rates, const JointRows& rows, double step) {
     const double h = step;
-    Matrix3X turn = Matrix3X::Zero(3, rows.variables());
-    const auto of_rate = [&](int half_step, const Matrix6X& by_joints, const Vector3& momentum,
-                             const Matrix3X& turned) -> Matrix3X {
-      Matrix3X change = Matrix3X::Zero(3, turned.cols());
-      rows.add(half_step, by_joints.bottomRows<3>(), at[half_step].coupling, change);
-      return at[half_step].to_rate * (skew(momentum) * turned - change);
-    };
+    const int variables = rows.variables();
+    turns.push_back(Columns3::Zero(3, variables));
     const auto by_joints_at = [&](int half_step, const Vector3& base_rate) {
       return at[half_step].by_joints(base_rate, joint_rates.row(half_step));
     };
-    const auto turned = [&](const Vector3& by, const Matrix3X& of_by) -> Matrix3X {
-      return turned_by(-by) * turn + turned_by_derivative(by) * of_by;
-    };
-    for (size_t point = 0; point < base.steps.size(); ++point) {
-      const TurnStep& now = base.steps[point];
-      const int i = 2 * static_cast<int>(point);
+    for (const TurnStep& now : base.steps) {
+      const int i = 2 * static_cast<int>(half_way.size());
       const auto& [u1, u2, u3, whole] = now.increments;
       const auto& [v1, v2, v3, v4] = now.rates;
-      turns.push_back(turn);
-      by_joints.push_back(by_joints_at(i, v1));
-      const Matrix3X d1 = of_rate(i, by_joints.back(), now.momenta[0], turn);
-      rates.push_back(d1);
-      const Matrix3X du1 = h / 2 * d1;
-      const Matrix3X d2 = of_rate(i + 1, by_joints_at(i + 1, v2), now.momenta[1], turned(u1, du1));
-      const Matrix3X du2 = h / 2 * d2 + h * h / 8 * (skew(v1) * d2 - skew(v2) * d1);
-      const Matrix3X d3 = of_rate(i + 1, by_joints_at(i + 1, v3), now.momenta[2], turned(u2, du2));
-      const Matrix3X d4 = of_rate(i + 2, by_joints_at(i + 2, v4), now.momenta[3],
-                                  turned(u3, h * d3));
-      const Matrix3X of_whole = h / 6 * (d1 + 2 * d2 + 2 * d3 + d4) +
-                                h * h / 12 * (skew(v1) * d4 - skew(v4) * d1);
-      half_way.push_back(turned(now.to_half_way(), (du1 + du2) / 2));
-      turn = turned(whole, of_whole);
+      const Turning to_2(u1), to_3(u2), to_4(u3), to_middle(now.to_half_way()), to_next(whole);
+      const Columns6 by_1 = by_joints_at(i, v1), by_2 = by_joints_at(i + 1, v2);
+      const Columns6 by_3 = by_joints_at(i + 1, v3), by_4 = by_joints_at(i + 2, v4);
+      Columns3 first_rates(3, variables), middle(3, variables), next(3, variables);
+      for (int x = 0; x < variables; ++x) {
+        const auto of_rate = [&](int half_step, const Columns6& by, int stage, const Vector3& turn) {
+          return change(at[half_step], by, now.momenta[stage], turn, rows, half_step, x);
+        };
+        const Vector3 turn = turns.back().col(x);
+        const Vector3 d1 = of_rate(i, by_1, 0, turn), du1 = h / 2 * d1;
+        const Vector3 d2 = of_rate(i + 1, by_2, 1, to_2(turn, du1));
+        const Vector3 du2 = h / 2 * d2 + h * h / 8 * (v1.cross(d2) - v2.cross(d1));
+        const Vector3 d3 = of_rate(i + 1, by_3, 2, to_3(turn, du2));
+        const Vector3 d4 = of_rate(i + 2, by_4, 3, to_4(turn, h * d3));
+        const Vector3 of_whole = h / 6 * (d1 + 2 * d2 + 2 * d3 + d4) +
+                                 h * h / 12 * (v1.cross(d4) - v4.cross(d1));
+        first_rates.col(x) = d1;
+        middle.col(x) = to_middle(turn, (du1 + du2) / 2);
+        next.col(x) = to_next(turn, of_whole);
+      }
+      rates.push_back(first_rates), by_joints.push_back(by_1);
+      half_way.push_back(middle), turns.push_back(next);
     }
-    turns.push_back(turn);
     const int last = static_cast<int>(at.size()) - 1;
     by_joints.push_back(by_joints_at(last, base.rate));
-    rates.push_back(of_rate(last, by_joints.back(), base.momentum, turn));
+    rates.emplace_back(3, variables);
+    for (int x = 0; x < variables; ++x)
+      rates.back().col(x) = change(at[last], by_joints.back(), base.momentum, turns.back().col(x),
+                                   rows, last, x);
+  }
+
+ private:
+  // Of the base's rate, Eq. (27), by one variable.
+  static Vector3 change(const SystemMomentum& at, const Columns6& by_joints,
+                        const Vector3& momentum, const Vector3& turn, const JointRows& rows,
+                        int half_step, int variable) {
+    const int joint = variable / rows.each(), k = variable % rows.each();
+    const Vector3 of_angle = by_joints.col(joint).tail<3>(), of_rate = at.coupling.col(joint);
+    return at.to_rate * (momentum.cross(turn) - of_angle * rows.angles(half_step, k) -
+                         of_rate * rows.rates(half_step, k));
   }
 };
 

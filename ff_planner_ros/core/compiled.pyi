@@ -1,6 +1,6 @@
 """What compiled.cpp offers. Arrays of a wrong shape or that hold NaN are refused by ValueError."""
 
-from ff_planner_ros.arrays import Array
+from ff_planner_ros.arrays import Array, Indices
 
 class Chain:
     """A chaser with one arm of joints that turn, 64 at most."""
@@ -66,6 +66,30 @@ def end_effector_twist(
         Inertial axes. Shapes (times, 6), (times, 6) and (times, 6, 18).
     """
 
+def arm_points_with_derivatives(
+    chain: Chain, q: Array, q_sensitivity: Array
+) -> tuple[Array, Array]:
+    """Return what the function of this name in `planning.clearance` does."""
+
+def clearances(
+    chain: Chain,
+    q: Array,
+    q_sensitivity: Array,
+    times: Array,
+    centers: Array,
+    velocities: Array,
+    radii: Array,
+    interest: float,
+    quarter_way: bool,
+) -> tuple[Array, Array, Indices]:
+    """Return what `planning.clearance.clearance_rows` does.
+
+    Args:
+        centers: Of the spheres when the plan begins. Shape (spheres, 3).
+        velocities: Shape (spheres, 3).
+        radii: Shape (spheres,).
+    """
+
 class Start:
     """Where a system begins, and what stays of that."""
 
@@ -92,8 +116,8 @@ class Target:
         across: Array,  # axes of the end effector across that one; shape (2, 3)
     ) -> None: ...
 
-class SplineMotion:
-    """The motion of a system whose joints go along splines and that nothing pushes."""
+class DrivenMotion:
+    """The motion of a system whose joints are driven and that nothing pushes."""
 
     q: Array  # configurations; shape (points, 7 + joints)
     v: Array  # tangent velocities; shape (points, 6 + joints)

@@ -1,113 +1,131 @@
-// The end effector's pose, velocity and acceleration in a state that nothing pushes, with their
-// derivatives along directions, a column each. In base axes, if nothing else is said.
+// The end effector's pose, velocity and acceleration in a state that nothing pushes, and how they
+// change with the state. In base axes, if nothing else is said.
 #pragma once
 #include "system_momentum.hpp"
 
 namespace ff {
 
-// The state of a system and its derivatives; those of the base in its own axes.
 struct SystemState {
   Vector3 position;  // of the base, inertial axes
   Matrix3 rotation;  // base to inertial axes
   Vector6 base_twist;
   Joints rates, accelerations;
-  Matrix6X base_step, base_twist_change;
-  Eigen::MatrixXd angle_changes, rate_changes, acceleration_changes;  // a row a joint
-
-  int directions() const { return static_cast<int>(base_step.cols()); }
 };
 
-// The matrix of `cross_force` with `by`, and that of its change with `by` at a fixed force.
-inline Matrix6 cross_force_matrix(const Vector6& by) {
-  return -cross_motion_matrix(by).transpose();
-}
-inline Matrix6 crossed_by(const Vector6& force) {
-  Matrix6 matrix = Matrix6::Zero();
-  matrix.topRightCorner<3, 3>() = matrix.bottomLeftCorner<3, 3>() = -skew(force.head<3>());
-  matrix.bottomRightCorner<3, 3>() = -skew(force.tail<3>());
-  return matrix;
-}
+// A change of a state: of the base, in its own axes, and of one joint.
+struct StateChange {
+  Vector6 base_step = Vector6::Zero(), base_twist = Vector6::Zero();
+  int joint = 0;
+  double angle = 0, rate = 0, acceleration = 0;
+};
 
 class EndEffectorMotion {
  public:
-  Vector3 position;                        // inertial axes
-  Matrix3 rotation;                        // to inertial axes
-  Vector6 twist, acceleration;             // of the end effector, in its axes; classical
-  Matrix6X way, twist_by, acceleration_by;  // derivatives, in its axes
+  Vector3 position;             // inertial axes
+  Matrix3 rotation;             // to inertial axes
+  Vector6 twist, acceleration;  // in axes of the end effector; the latter as it is seen, classical
+
+  struct Change {
+    Vector6 way, twist, acceleration;  // in axes of the end effector
+  };
 
   EndEffectorMotion(const Posture& posture, const SystemState& state, bool planar)
-      : state_(state), wrench_(Vector6::Zero()) {
+      : posture_(posture),
+        state_(state),
+        planar_(planar),
+        inertia_(free_inertia(posture.composite[0].matrix(), planar)),
+        to_tip_(posture.tip.motion_to_inner()) {
     // Nothing pushes the base, Eq. (20): its acceleration is what the wrench needs to be zero.
-    follow(posture, Vector6::Zero());
-    const Vector6 base = freed(posture, wrench_, planar);
-    follow(posture, base);
-    tip_acceleration_change_ += freed(posture, wrench_by_, planar);
-
-    const Matrix6 to_tip = posture.tip.motion_to_inner();
+    follow(base_acceleration(follow(Vector6::Zero())));
     position = state.position + state.rotation * posture.tip.position;
     rotation = state.rotation * posture.tip.rotation;
-    way = to_tip * (state.base_step + turned_);
-    twist = to_tip * tip_twist_;
-    twist_by = to_tip * (tip_twist_change_ + cross_motion_matrix(tip_twist_) * turned_);
-    acceleration = to_tip * tip_acceleration_;
-    acceleration_by =
-        to_tip * (tip_acceleration_change_ + cross_motion_matrix(tip_acceleration_) * turned_);
+    twist = to_tip_ * bodies_.back().twist;
+    acceleration = to_tip_ * bodies_.back().acceleration;
     // From the spatial to the classical acceleration: omega x v more.
+    acceleration.head<3>() += twist.tail<3>().cross(twist.head<3>());
+  }
+
+  Change along(const StateChange& by) const {
+    Vector6 W = Vector6::Zero();  // the way that the joint moves a body, seen from the base
+    Vector6 dV = by.base_twist, dA = Vector6::Zero(), wrench = Vector6::Zero();
+    for (size_t k = 0; k < bodies_.size(); ++k) {
+      const Body& at = bodies_[k];
+      if (k > 0) {
+        const int joint = static_cast<int>(k) - 1;
+        const bool is_it = joint == by.joint;
+        const double of_rate = is_it ? by.rate : 0, of_acceleration = is_it ? by.acceleration : 0;
+        const double rate = state_.rates[joint], accelerated = state_.accelerations[joint];
+        const Vector6 s = posture_.screws.col(joint);
+        if (is_it) W = s * by.angle;
+        const Vector6 ds = cross_motion(W, s);
+        dV += s * of_rate + ds * rate;
+        dA += s * of_acceleration + ds * accelerated + cross_motion(dV, s) * rate +
+              cross_motion(at.twist, ds * rate + s * of_rate);
+      }
+      // dI x = W x* I x - I (W x x)
+      const Inertia& inertia = posture_.body[k];
+      const Vector6 of_momentum =
+          cross_force(W, at.momentum) + inertia * Vector6(dV - cross_motion(W, at.twist));
+      wrench += cross_force(W, at.force) +
+                inertia * Vector6(dA - cross_motion(W, at.acceleration)) +
+                cross_force(dV, at.momentum) + cross_force(at.twist, of_momentum);
+    }
+    dA += base_acceleration(wrench);
+    const Body& tip = bodies_.back();
+    Change change;
+    change.way = to_tip_ * (by.base_step + W);
+    change.twist = to_tip_ * (dV - cross_motion(W, tip.twist));
+    change.acceleration = to_tip_ * (dA - cross_motion(W, tip.acceleration));
     const Vector3 linear = twist.head<3>(), angular = twist.tail<3>();
-    acceleration.head<3>() += angular.cross(linear);
-    acceleration_by.topRows<3>() +=
-        skew(angular) * twist_by.topRows<3>() - skew(linear) * twist_by.bottomRows<3>();
+    change.acceleration.head<3>() +=
+        change.twist.tail<3>().cross(linear) + angular.cross(change.twist.head<3>());
+    return change;
   }
 
  private:
-  // Goes from body to body and adds up what moves each of them and what force that takes.
-  void follow(const Posture& posture, const Vector6& base_acceleration) {
-    const int n = static_cast<int>(state_.rates.size());
-    Vector6 V = state_.base_twist, A = base_acceleration;
-    Matrix6X W = Matrix6X::Zero(6, state_.directions());  // turns in the base's frame
-    Matrix6X dV = state_.base_twist_change, dA = W;
-    wrench_.setZero(), wrench_by_ = W;
-    for (int k = 0; k <= n; ++k) {
+  struct Body {
+    Vector6 twist, acceleration, momentum, force;  // V, A, I V, I A
+  };
+
+  // Goes from body to body; returns the wrench on the base that their motion takes.
+  Vector6 follow(const Vector6& of_base) {
+    Vector6 V = state_.base_twist, A = of_base, wrench = Vector6::Zero();
+    bodies_.clear();
+    for (int k = 0; k <= state_.rates.size(); ++k) {
       if (k > 0) {
-        const Vector6 s = posture.screws.col(k - 1);
-        const double rate = state_.rates[k - 1], accelerated = state_.accelerations[k - 1];
-        W += s * state_.angle_changes.row(k - 1);
-        const Matrix6X ds = -cross_motion_matrix(s) * W;  // W x s
-        // V_k = V + s theta',  A_k = A + s theta'' + V x s theta'
-        V += s * rate;
-        dV += s * state_.rate_changes.row(k - 1) + ds * rate;
-        A += s * accelerated + cross_motion(V, s) * rate;
-        dA += s * state_.acceleration_changes.row(k - 1) + ds * accelerated;
-        dA += cross_motion_matrix(V) * (ds * rate + s * state_.rate_changes.row(k - 1));
-        dA -= rate * cross_motion_matrix(s) * dV;
+        const Vector6 s = posture_.screws.col(k - 1);
+        V += s * state_.rates[k - 1];
+        A += s * state_.accelerations[k - 1] + cross_motion(V, s) * state_.rates[k - 1];
       }
-      const Inertia& body = posture.body[k];
-      const Matrix6 inertia = body.matrix();
-      const Vector6 momentum = body * V, force = body * A;
-      // f = I A + V x* I V, and dI x = W x* I x - I (W x x)
-      wrench_ += force + cross_force(V, momentum);
-      const Matrix6X of_momentum =
-          crossed_by(momentum) * W + inertia * (dV + cross_motion_matrix(V) * W);
-      wrench_by_ += crossed_by(force) * W + inertia * (dA + cross_motion_matrix(A) * W);
-      wrench_by_ += crossed_by(momentum) * dV + cross_force_matrix(V) * of_momentum;
+      const Inertia& inertia = posture_.body[k];
+      bodies_.push_back({V, A, inertia * V, inertia * A});
+      wrench += inertia * A + cross_force(V, inertia * V);
     }
-    tip_twist_ = V, tip_acceleration_ = A, turned_ = W;
-    tip_twist_change_ = dV, tip_acceleration_change_ = dA;
+    return wrench;
   }
 
-  // Accelerations that a base which can move takes from wrenches on it; on a table x, y and the turn.
-  static Matrix6X freed(const Posture& posture, const Matrix6X& wrenches, bool planar) {
-    const Matrix6 inertia = posture.composite[0].matrix();
-    if (!planar) return -inertia.llt().solve(wrenches);
-    Eigen::Matrix<double, 6, 3> rows = Eigen::Matrix<double, 6, 3>::Zero();
-    rows(0, 0) = rows(1, 1) = rows(5, 2) = 1;
-    const Matrix3 there = rows.transpose() * inertia * rows;
-    return -rows * there.llt().solve(rows.transpose() * wrenches);
+  // Of a base that can move freely, or on a table in x, y and the turn about z alone.
+  static Matrix6 free_inertia(Matrix6 inertia, bool planar) {
+    for (const int fixed : {2, 3, 4}) {
+      if (!planar) break;
+      inertia.row(fixed).setZero(), inertia.col(fixed).setZero();
+      inertia(fixed, fixed) = 1;
+    }
+    return inertia;
   }
 
-  const SystemState& state_;
-  Vector6 wrench_, tip_twist_, tip_acceleration_;
-  Matrix6X wrench_by_, turned_, tip_twist_change_, tip_acceleration_change_;
+  // What brings a wrench on the base to zero.
+  Vector6 base_acceleration(Vector6 wrench) const {
+    if (planar_) wrench.segment<3>(2).setZero();
+    return -inertia_.solve(wrench);
+  }
+
+  const Posture& posture_;
+  SystemState state_;
+  bool planar_;
+  Eigen::LLT<Matrix6> inertia_;
+  Matrix6 to_tip_;
+  std::vector<Body> bodies_;
 };
 
 }  // namespace ff

@@ -18,7 +18,7 @@ inline Matrix3 turned_by_derivative(const Vector3& w) {
   return Matrix3::Identity() - of.b * W + of.c * W * W;
 }
 
-// Quaternion xyzw of a rotation; of the two the one whose largest entry is positive, as SciPy has it.
+// Quaternion xyzw of a rotation: of both the one whose largest entry is positive, as SciPy's.
 inline Eigen::Vector4d quaternion_xyzw(const Matrix3& R) {
   const Eigen::Vector4d candidates(R(0, 0), R(1, 1), R(2, 2), R.trace());
   int largest;

@@ -5,14 +5,14 @@
 
 namespace ff {
 
-using Matrix3X = Eigen::Matrix<double, 3, Eigen::Dynamic>;
-using Matrix6X = Eigen::Matrix<double, 6, Eigen::Dynamic>;
+using Columns3 = Eigen::Matrix<double, 3, Eigen::Dynamic>;
+using Columns6 = Eigen::Matrix<double, 6, Eigen::Dynamic>;
 
 class SystemMomentum {
  public:
   Vector3 center;      // of mass, from the base's origin [m]
-  Matrix3X of_center;  // its derivative by the joints
-  Matrix3X coupling;   // A
+  Columns3 of_center;  // its derivative by the joints
+  Columns3 coupling;   // A
   Matrix3 to_rate;     // angular momentum to the base's rate, I^-1
 
   SystemMomentum(const Posture& posture, bool planar)
@@ -22,7 +22,7 @@ class SystemMomentum {
                    posture.composite.begin() + posture.screws.cols() + 1) {
     const int n = static_cast<int>(screws_.cols());
     const Inertia& all = composite_[0];
-    Matrix6X momenta(6, n);  // of unit rates
+    Columns6 momenta(6, n);  // of unit rates
     for (int k = 0; k < n; ++k) momenta.col(k) = composite_[k + 1] * screws_.col(k);
     center = all.first / all.mass;
     const Matrix3 lever = skew(center);
@@ -38,12 +38,12 @@ class SystemMomentum {
 
   // Derivatives of both momenta by the joints, all velocities being fixed: three rows of the linear
   // one, three of the angular one about the centre of mass.
-  Matrix6X by_joints(const Vector3& base_rate, const Joints& rates) const {
+  Columns6 by_joints(const Vector3& base_rate, const Joints& rates) const {
     const int n = static_cast<int>(screws_.cols());
     std::vector<Vector6> twists(n + 1);  // V_k, of the bodies
     twists[0] = stack(Vector3::Zero(), base_rate);
     for (int k = 0; k < n; ++k) twists[k + 1] = twists[k] + screws_.col(k) * rates[k];
-    Matrix6X by(6, n);
+    Columns6 by(6, n);
     Vector6 beyond = Vector6::Zero();  // G_k: momentum of body k and of all that it carries
     for (int k = n - 1; k >= 0; --k) {
       const Vector6 s = screws_.col(k);
@@ -59,7 +59,7 @@ class SystemMomentum {
   }
 
  private:
-  Matrix6X screws_;
+  Columns6 screws_;
   std::vector<Inertia> body_, composite_;
 };
 

@@ -14,11 +14,11 @@ from functools import cached_property, lru_cache
 from typing import ClassVar, cast
 
 import numpy as np
-import pinocchio as pin
 
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.core import compiled
 from ff_planner_ros.core.chain import chain_of
+from ff_planner_ros.core.start import start_of
 from ff_planner_ros.planning.end_conditions import compiled_target
 from ff_planner_ros.planning.path_family import JointHull, Motion, Sensitivity
 from ff_planner_ros.planning.problem import PlanningProblem, Sphere, Target
@@ -26,15 +26,14 @@ from ff_planner_ros.planning.settings import PlannerSettings
 from ff_planner_ros.planning.spline_basis import FIXED, SplineBasis
 from ff_planner_ros.planning.spline_guesses import spline_guesses
 from ff_planner_ros.robot.configuration import configuration
-from ff_planner_ros.robot.model import Base, Robot
-from ff_planner_ros.robot.momentum import total_momentum
+from ff_planner_ros.robot.model import Robot
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class SplineMotion(Motion):
     """A motion with what its derivatives need."""
 
-    compiled: compiled.SplineMotion
+    compiled: compiled.DrivenMotion
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,8 +43,7 @@ class JointSplines:
     problem: PlanningProblem
     basis: SplineBasis
     q_start: Array  # configuration at the first point; shape (7 + joints,)
-    center: Array  # centre of mass at the first point; shape (3,) [m]
-    momentum: Array  # constant total P, and L about the centre of mass; shape (6,)
+    start: compiled.Start  # what stays of it
     fixed: Array  # control points that the start fixes; shape (3, joints) [rad]
 
     name: ClassVar[str] = "joint_spline"
@@ -89,8 +87,8 @@ class JointSplines:
         """Integrate the base along one spline; there is nothing to damp."""
         controls = self.control_points(x)
         angles, rates, accelerations = (rows @ controls for rows in _rows(self.basis, points))
-        motion = compiled.SplineMotion(
-            chain_of(self.robot), self._start, angles, rates, accelerations, self.basis.duration
+        motion = compiled.DrivenMotion(
+            chain_of(self.robot), self.start, angles, rates, accelerations, self.basis.duration
         )
         return SplineMotion(
             x=x,
@@ -111,12 +109,6 @@ class JointSplines:
         )
 
     @cached_property
-    def _start(self) -> compiled.Start:
-        rotation = pin.Quaternion(self.q_start[3:7]).toRotationMatrix()
-        planar = self.robot.base is Base.PLANAR
-        return compiled.Start(self.q_start[:3], rotation, self.center, self.momentum, planar)
-
-    @cached_property
     def _goal(self) -> compiled.Target:
         return compiled_target(self.problem.target)
 
@@ -128,16 +120,12 @@ def joint_splines(problem: PlanningProblem, settings: PlannerSettings) -> JointS
     """
     robot, start = problem.robot, problem.start
     q, v = configuration(robot, start)
-    data = robot.model.createData()
-    momentum = total_momentum(robot, data, q, v)
-    center = np.array(pin.centerOfMass(robot.model, data, q))
-    momentum[3:] -= np.cross(center, momentum[:3])
     accelerated = start.joint_accelerations
     if accelerated is None:
         accelerated = np.zeros(robot.joints)
     basis = SplineBasis(problem.duration, settings.joint_spline_spans)
     fixed = basis.start(start.joint_positions, start.joint_velocities, accelerated)
-    return JointSplines(problem, basis, q, center, momentum, fixed)
+    return JointSplines(problem, basis, q, start_of(robot, q, v), fixed)
 
 
 @lru_cache(maxsize=32)

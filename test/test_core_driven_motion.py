@@ -17,6 +17,9 @@ from ff_planner_ros.arrays import Array
 from ff_planner_ros.core import compiled
 from ff_planner_ros.core.chain import chain_of
 from ff_planner_ros.parameters import load_parameters
+from ff_planner_ros.planning.followed import followed
+from ff_planner_ros.planning.followed_path import followed_path
+from ff_planner_ros.planning.joint_motion import JointMotion
 from ff_planner_ros.planning.joint_spline import JointSplines, joint_splines
 from ff_planner_ros.planning.problem import Orientation, PlanningProblem, Target
 from ff_planner_ros.robot.model import Base, Robot
@@ -105,6 +108,25 @@ def test_motions_and_their_derivatives_are_those_of_numpy_and_pinocchio(
         agree(getattr(sensitivity, what), getattr(by_x, what), f"{what} by x")
 
 
+@pytest.mark.parametrize("name", ["free2", "free7", "free14", "planar1", "planar3"])
+def test_what_comes_of_a_path_is_what_the_check_makes_of_its_samples(name: str) -> None:
+    """Both integrate by Runge-Kutta, the one rotations and the other poses."""
+    family, x = drawn_splines(name, False, Orientation.FREE)
+    motion = family.motion(x, 41)
+    acceleration = family.sensitivity(motion).acceleration
+    problem = cast(
+        PlanningProblem, SimpleNamespace(robot=family.robot, points=41, duration=DURATION)
+    )
+    found = followed_path(problem, motion.q, motion.v, acceleration)
+    samples = motion.q[:, 7:], motion.v[:, 6:], acceleration[:, 6:]
+    joints = JointMotion(np.linspace(0.0, DURATION, 41), *samples)
+    expected = followed(family.robot, motion.q[0], motion.v[0], joints, multiple=2)
+    assert found.pieces == expected.pieces
+    np.testing.assert_allclose(found.time, expected.time, rtol=0.0, atol=1e-12)
+    np.testing.assert_allclose(np.abs(found.q), np.abs(expected.q), rtol=0.0, atol=1e-7)
+    np.testing.assert_allclose(found.v, expected.v, rtol=0.0, atol=1e-7)
+
+
 @pytest.mark.parametrize(
     ("change", "said"),
     [
@@ -120,10 +142,10 @@ def test_a_motion_of_wrong_sizes_or_of_nan_is_refused_by_name(
 ) -> None:
     family, _ = drawn_splines("free3", True, Orientation.FIXED)
     joints = {name: np.zeros((5, 3)) for name in ("angles", "rates", "accelerations")}
-    fixed = (chain_of(family.robot), family._start)
-    assert compiled.SplineMotion(*fixed, **joints, duration=1.0).q.shape == (3, 10)
+    fixed = (chain_of(family.robot), family.start)
+    assert compiled.DrivenMotion(*fixed, **joints, duration=1.0).q.shape == (3, 10)
     with pytest.raises(ValueError, match=re.escape(said)):
-        compiled.SplineMotion(*fixed, **({"duration": 1.0} | joints | change))
+        compiled.DrivenMotion(*fixed, **({"duration": 1.0} | joints | change))
 
 
 def test_targets_starts_and_rows_of_wrong_sizes_or_of_nan_are_refused_by_name() -> None:
