@@ -36,10 +36,12 @@ Start: TypeAlias = tuple[Array, Array | None]
 _RUNGS = (6.0, 15.0, 45.0)
 # The first round's guesses beside the plan of least joint path; those of the later rounds are near
 # the best plan, moved at random along each direction by two standard deviations in turn.
-_GUESSES, _NEARBY, _SPREADS = 6, 6, (0.1, 0.2)
+_GUESSES, _FINALISTS = 11, 2
+_HOPS, _SPREADS, _NEARLY = 10, (0.1, 0.2), 1.3
+_REFINED = 2
 # The race on few points: iterations for every path, then how many go on and for how many more, then
 # iterations for the best. Most guesses show early that they lead nowhere.
-_FIRST_HEAT, _SECOND_HEAT, _LAST_HEAT = 8, (3, 8), 24
+_FIRST_HEAT, _SECOND_HEAT, _LAST_HEAT = 8, (5, 8), 24
 # Iterations on more points: they begin near the optimum.
 _FINE_ITERATIONS = 12
 # First trust regions, far from an optimum and near one. The path is moved in all of its own ways
@@ -75,17 +77,16 @@ class AttitudeSearch(Search):
         objective, best = with_tie_break(asked, self._settings), shortest
         for path in self._paths_at_guess(objective):
             best = _better(asked, best, judge(path))
-        start: Start = shortest.coefficients, None
-        tried = list[float]()
+        found = self._raced(objective, list(self._guesses(shortest)))
         for number in range(self._settings.attitude_rounds):
-            rough = self._raced(objective, list(self._guesses(number, start)))
-            limit = np.inf if best is shortest else weighted_sum(objective, best.metrics)
-            if _is_worth_refining(rough, limit, tried):
-                tried.append(rough.at_x.objective)
-                for path in self._path_near(objective, rough.x, rough.curvature):
-                    better = _better(asked, best, judge(path))
-                    if better is not best:
-                        best, start = better, (path.at_x.motion.x, rough.curvature)
+            self._hop(objective, shortest.coefficients, found, number)
+            for rough in sorted(found, key=lambda rough: rough.value)[:_REFINED]:
+                limit = np.inf if best is shortest else weighted_sum(objective, best.metrics)
+                if rough.is_refined or rough.value > _PROMISING * limit:
+                    continue
+                rough.is_refined = True
+                for path in self._path_near(objective, rough.path.x, rough.path.curvature):
+                    best = _better(asked, best, judge(path))
             if number == 0 and best is shortest:
                 best = self._climbed(asked, shortest, judge)
         if best is shortest:
@@ -119,39 +120,66 @@ class AttitudeSearch(Search):
             best = better
         return best
 
-    def _guesses(self, number: int, start: Start) -> Iterator[Start]:
-        """Yield where the paths of a round of the race begin."""
-        x, curvature = start
-        if number == 0:
-            yield start
-            level = self._grids[0].level
-            guesses = self._program.family.first_guesses(
-                self._program.problem.obstacles, level.points, level.damping
-            )
-            for guess in islice(guesses, _GUESSES):
-                yield guess, None
-            return
-        random = np.random.default_rng(number)
-        for _, spread in zip(range(_NEARBY), cycle(_SPREADS), strict=False):
-            aside = self._program.family.directions @ random.normal(scale=spread, size=len(x))
-            yield x + aside, curvature
+    def _guesses(self, shortest: Plan) -> Iterator[Array]:
+        """Yield where the paths of the race begin."""
+        yield shortest.coefficients
+        level, obstacles = self._grids[0].level, self._program.problem.obstacles
+        guesses = self._program.family.first_guesses(obstacles, level.points, level.damping)
+        yield from islice(guesses, _GUESSES)
 
-    def _raced(self, objective: Objective, starts: Sequence[Start]) -> PathSolution:
-        """Return the path on few points that comes furthest; it may be singular."""
+    def _raced(self, objective: Objective, starts: Sequence[Array]) -> list[_Rough]:
+        """Return the paths on few points that come furthest."""
+        grid = self._rough_grid(objective)
+        self._starts += len(starts)
+        paths = [self._solve(_with(grid, iterations=_FIRST_HEAT), start) for start in starts]
+        count, iterations = _SECOND_HEAT
+        leading = sorted(paths, key=_lead)[:count]
+        paths = [self._solve(*_further(grid, path, iterations)) for path in leading]
+        found = list[_Rough]()
+        for number, path in enumerate(sorted(paths, key=_lead)):
+            if number < _FINALISTS or not found:
+                found += self._settled(objective, path)
+        return found
+
+    def _hop(self, objective: Objective, shortest: Array, found: list[_Rough], number: int) -> None:
+        """Look on few points around the best path, then around the better one, and so on."""
+        grid = self._rough_grid(objective)
+        random = np.random.default_rng(number)
+        self._starts += _HOPS
+        for _, spread in zip(range(_HOPS), cycle(_SPREADS), strict=False):
+            best = min(found, key=lambda rough: rough.value, default=None)
+            x, curvature = (best.path.x, best.path.curvature) if best else (shortest, None)
+            limit = _NEARLY * best.path.at_x.objective if best else np.inf
+            aside = grid.program.family.directions @ random.normal(scale=spread, size=len(x))
+            path = self._solve(_with(grid, iterations=_FIRST_HEAT), x + aside, curvature)
+            if not _lead(path)[0] and path.at_x.objective < limit:
+                found += self._settled(objective, path)
+
+    def _settled(self, objective: Objective, path: PathSolution) -> list[_Rough]:
+        """Return what comes of a path on few points, if more points do not refute it."""
         grid = _with(
+            self._rough_grid(objective),
+            tolerated=_FINE_TOLERATED,
+            iterations=_LAST_HEAT,
+            first_radius=path.radius,
+        )
+        settled = self._solve_feasibly(grid, path.x, path.curvature)
+        if not settled.feasible:
+            return []
+        grid = next(iter(self._toward(objective)[1:]), grid)
+        looked = self._solve(_with(grid, iterations=0), settled.x).at_x
+        if not looked.violation < _SMALL_VIOLATION:
+            return []
+        return [_Rough(settled, looked.objective)]
+
+    def _rough_grid(self, objective: Objective) -> Grid:
+        return _with(
             self._toward(objective)[0],
             optimality=_ROUGH_OPTIMALITY,
             progress=_ROUGH_PROGRESS,
             tolerated=_TOLERATED,
             first_radius=_FAR,
         )
-        self._starts += len(starts)
-        paths = [self._solve(_with(grid, iterations=_FIRST_HEAT), *start) for start in starts]
-        count, iterations = _SECOND_HEAT
-        leading = sorted(paths, key=_lead)[:count]
-        paths = [self._solve(*_further(grid, path, iterations)) for path in leading]
-        best = min(paths, key=_lead)
-        return self._solve_feasibly(*_further(grid, best, _LAST_HEAT))
 
     def _path_near(
         self, objective: Objective, x: Array, curvature: Array | None
@@ -251,24 +279,19 @@ class _Remembering(PathProgram):
         return at_x
 
 
+@dataclass(eq=False)
+class _Rough:
+    """A path on few points that keeps the constraints there."""
+
+    path: PathSolution
+    value: float  # its objective on more points
+    is_refined: bool = False
+
+
 def _lead(path: PathSolution) -> tuple[bool, float]:
     """Return a key to sort by, the best first; a small violation can be mended later."""
     is_far_off = not path.at_x.violation <= _SMALL_VIOLATION
     return is_far_off, path.at_x.violation if is_far_off else path.at_x.objective
-
-
-def _is_worth_refining(rough: PathSolution, best: float, tried: Sequence[float]) -> bool:
-    """Tell whether a path on few points may become one that is better than the best.
-
-    Args:
-        best: Objective of the best plan.
-        tried: Objectives of rough paths that have been refined.
-    """
-    if _lead(rough)[0]:
-        return False
-    value = rough.at_x.objective
-    is_new = all(abs(value - other) > _SAME * abs(value) for other in tried)
-    return is_new and value < _PROMISING * best
 
 
 def _further(grid: Grid, path: PathSolution, iterations: int) -> tuple[Grid, Array, Array | None]:

@@ -166,7 +166,7 @@ def minimise(
             x, here, optimality = x + step.dx, there, np.nan
         radius = _next_radius(radius, ratio, float(np.abs(step.dx).max()))
         violations += [here.violation] * _tells_of_violation(here, step, ratio)
-        if _is_stuck(violations):
+        if not tolerated and _is_stuck(violations):
             reason = "stuck: the violation of the constraints no longer falls"
             break
         if radius < _SMALLEST_RADIUS:
