@@ -3,6 +3,7 @@
 #include "bind_clearance.hpp"
 #include "bind_driven_motion.hpp"
 #include "bind_end_effector.hpp"
+#include "bind_search.hpp"
 
 PYBIND11_MODULE(compiled, m) {
   m.doc() = "Numerics of the search, compiled.";
@@ -10,4 +11,5 @@ PYBIND11_MODULE(compiled, m) {
   ff::bind_end_effector(m);
   ff::bind_driven_motion(m);
   ff::bind_clearance(m);
+  ff::bind_search(m);
 }
