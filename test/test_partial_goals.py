@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from planar_model import TESTBED, planar_robot, planar_state
-from robots import CONFIG
+from robots import CONFIG, random_urdf
 from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.arrays import Array
@@ -27,9 +27,10 @@ from ff_planner_ros.planning.problem import (
 )
 from ff_planner_ros.planning.requirements.goal import miss
 from ff_planner_ros.planning.scenario import load_scenario
+from ff_planner_ros.planning.steered import steered
 from ff_planner_ros.planning.task import PlanningTask, perform
 from ff_planner_ros.robot.configuration import configuration
-from ff_planner_ros.robot.model import Robot
+from ff_planner_ros.robot.model import Robot, load_robot, robot_from_urdf_text
 from ff_planner_ros.simulation.verification import verify
 
 SETTINGS = load_parameters().planner
@@ -292,6 +293,37 @@ def test_a_goal_with_more_conditions_than_joints_is_refused_by_their_names(
     with pytest.raises(InvalidInput, match=message) as refused:
         table_problem(joints, target)
     assert refused.value.status is Status.UNSUPPORTED
+
+
+def test_an_arm_whose_axes_are_parallel_reaches_what_lies_in_its_plane_and_is_told_why_no_other(
+    planar: PlanningProblem,
+) -> None:
+    """Three joints are as many as a position has conditions, but off a table they meet two."""
+    table = CONFIG / "robots/planar_testbed/planar_testbed.urdf"
+    problem = PlanningProblem(
+        robot=load_robot(table, "satellite", "end_effector"),
+        start=planar.start,
+        target=Target([1.35, 0.5, 0.0], [0.0, 0.0, 0.0, 1.0], orientation=Orientation.FREE),
+        duration=planar.duration,
+        points=planar.points,
+        obstacles=(),
+        objective=planar.objective,
+    )
+    perform(PlanningTask(problem, SETTINGS))
+    above = targeted(problem, position=np.array([1.35, 0.5, 0.1]))
+    message = r"target\.position.*3 conditions.* no more than 2 of them at once"
+    with pytest.raises(InvalidInput, match=message) as refused:
+        perform(PlanningTask(above, SETTINGS))
+    assert refused.value.status is Status.UNSUPPORTED
+
+
+@pytest.mark.parametrize("joints", [6, 7, 9])
+def test_an_arm_whose_axes_lie_anyhow_meets_every_condition_at_once(joints: int) -> None:
+    robot = robot_from_urdf_text(random_urdf(joints, seed=joints), "bus", "tool")
+    target = Target(np.zeros(3), [0.0, 0.0, 0.0, 1.0])
+    assert steered(robot, target) == 6
+    free = replace(target, orientation=Orientation.ABOUT_AXIS, free_axis_in_ee=AXIS)
+    assert steered(robot, free) == 5
 
 
 # ---- plans

@@ -181,26 +181,35 @@ def require_enough_joints(robot: Robot, target: Target) -> None:
     Raises:
         InvalidInput: It has; the text names them.
     """
+    conditions = conditions_of(robot, target)
+    if sum(conditions.values()) > robot.joints:
+        joints = f"{robot.joints} joint{'s' if robot.joints != 1 else ''}"
+        raise too_many_conditions(target, conditions, f"the arm has {joints}", robot.joints)
+
+
+def conditions_of(robot: Robot, target: Target) -> dict[str, int]:
+    """Return the conditions on the end effector's pose by name, and how many numbers each is."""
     planar = robot.base is Base.PLANAR
     conditions = {"position": 2 if planar else 3}
     if target.orientation is Orientation.FIXED:
         conditions["heading" if planar else "orientation"] = 1 if planar else 3
     elif target.orientation is Orientation.ABOUT_AXIS:
         conditions["direction of free_axis"] = 2
+    return conditions
+
+
+def too_many_conditions(
+    target: Target, conditions: dict[str, int], why: str, at_most: int
+) -> InvalidInput:
+    """Return the error of a goal with more conditions than an arm can meet; why: how it is."""
     count = sum(conditions.values())
-    if count <= robot.joints:
-        return
     words = " and ".join(f"{name} ({number})" for name, number in conditions.items())
-    if conditions["position"] > robot.joints:
+    if conditions["position"] > at_most:
         field, value = "target.position", "given"
         advice = f"no goal has fewer than {conditions['position']}"
     else:
         field, value = "target.orientation", str(target.orientation)
         advice = "orientation free has fewer"
-    raise InvalidInput(
-        Status.UNSUPPORTED,
-        field,
-        value,
-        f"{words} are {count} conditions, the arm has {robot.joints} "
-        f"joint{'s' if robot.joints != 1 else ''}; {advice}",
+    return InvalidInput(
+        Status.UNSUPPORTED, field, value, f"{words} are {count} conditions, {why}; {advice}"
     )
