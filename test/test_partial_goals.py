@@ -30,7 +30,7 @@ from ff_planner_ros.planning.scenario import load_scenario
 from ff_planner_ros.planning.steered import steered
 from ff_planner_ros.planning.task import PlanningTask, perform
 from ff_planner_ros.robot.configuration import configuration
-from ff_planner_ros.robot.model import Robot, load_robot, robot_from_urdf_text
+from ff_planner_ros.robot.model import Base, Robot, load_robot, robot_from_urdf_text
 from ff_planner_ros.simulation.verification import verify
 
 SETTINGS = load_parameters().planner
@@ -261,6 +261,28 @@ def test_what_a_camera_is_off_by_is_left_out(planar: PlanningProblem) -> None:
     assert problem.target.position.tolist() == [1.3, 0.4, 0.0]
     heading = Rotation.from_quat(problem.start.quaternion_chaser_to_inertial_xyzw)
     assert heading.as_euler("xyz")[2] == pytest.approx(0.7, abs=1e-3)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_target_on_the_table_stays_what_it_is_however_often_it_is_checked(
+    planar: PlanningProblem, seed: int
+) -> None:
+    """Else a task that is written down and read again would be another one."""
+    text = (CONFIG / "robots/planar_testbed/planar_testbed.urdf").read_text()
+    hand = '<origin xyz="0.3545 0 0"/>'
+    assert hand in text
+    angles = np.random.default_rng(seed).uniform(-3.0, 3.0, 3)
+    turned = hand.replace("/>", f' rpy="{angles[0]} {angles[1]} {angles[2]}"/>')
+    robot = robot_from_urdf_text(
+        text.replace(hand, turned), "satellite", "end_effector", Base.PLANAR
+    )
+    tip = ee_pose(robot, configuration(robot, planar.start)[0])
+    wanted = Rotation.from_euler("xyz", [0.003 * (seed % 2), 0.0, seed - 2.0])
+    target = replace(
+        planar.target, quaternion_xyzw=(wanted * Rotation.from_matrix(tip.rotation)).as_quat()
+    )
+    once = replace(planar, robot=robot, target=target)
+    assert PlanningTask(replace(once), SETTINGS).digest == PlanningTask(once, SETTINGS).digest
 
 
 def table_problem(joints: int, target: Target) -> PlanningProblem:

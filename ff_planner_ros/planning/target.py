@@ -22,6 +22,9 @@ SHORTEST_FREE_AXIS = 1e-6
 UNIT_TOLERANCE = 1e-12
 # What rounding leaves of a turn that was meant to be across the free axis [rad/s, rad/s2].
 FREE_TURN_TOLERANCE = 1e-6
+# By which a target stays off the plane [rad], so that it stays what it is however often it is
+# checked.
+TILT_OF_ROUNDING = 1e-9
 
 
 def _zeros() -> Array:
@@ -144,7 +147,7 @@ def target_on_the_table(robot: Robot, start: SystemState, target: Target) -> Tar
                 "with robot.base planar the end effector turns about z only: its start attitude, "
                 f"{np.round(pin.Quaternion(tip.rotation).coeffs(), 6).tolist()}, turned about z",
             )
-        if tilt > 0.0:
+        if tilt > TILT_OF_ROUNDING:
             turned = pin.Quaternion(heading) * pin.Quaternion(tip.rotation)
             target = replace(target, quaternion_xyzw=turned.normalized().coeffs())
     place = np.append(target.position[:2], tip.translation[2])
