@@ -25,6 +25,7 @@ from ff_planner_ros.planning.problem import (
 )
 from ff_planner_ros.planning.settings import PlannerSettings
 from ff_planner_ros.planning.tail import EndBehaviour
+from ff_planner_ros.planning.target import require_enough_joints
 from ff_planner_ros.planning.task import PlanningTask
 from ff_planner_ros.planning.yaml_file import (
     boolean,
@@ -143,10 +144,13 @@ def _problem(
     if points is None and "points" not in scenario:
         raise InvalidInput(Status.OUT_OF_RANGE, "points", "missing", "it must be given")
     robot = _robot(scenario["robot"], directory)
+    target = _target(scenario["target"])
+    # Before the start: an arm that cannot meet the target may well be unable to rest, too.
+    require_enough_joints(robot, target)
     return PlanningProblem(
         robot=robot,
         start=_start(robot, scenario["chaser"], scenario["joints"]),
-        target=_target(scenario["target"]),
+        target=target,
         duration=number("duration", scenario["duration"]),
         points=integer("points", scenario.get("points", points)),
         obstacles=_obstacles(scenario["obstacles"]),

@@ -37,7 +37,7 @@ _ATTRIBUTES = {
     "child": ("link",),
     "axis": ("xyz",),
     "limit": ("lower", "upper", "velocity", "effort"),
-    "mimic": ("joint",),
+    "mimic": ("joint", "multiplier", "offset"),
     "visual": (),
     "collision": (),
     "geometry": (),
