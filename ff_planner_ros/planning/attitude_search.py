@@ -32,14 +32,16 @@ Judge = Callable[[FoundPath], Plan | None]
 # Rungs of the ladder: weights of the attitude, where the joint path's is one. Each about three
 # times the last; below the first the joint path alone decides.
 _RUNGS = (6.0, 15.0, 45.0)
-# The race on few points: guesses beside the plan of least joint path, and iterations for each path;
+# The race on few points: guesses, the first the plan of least joint path, and iterations for each;
 # then how many go on and for how many more, and how many go on to an optimum. Most guesses show
 # early that they lead nowhere.
-_GUESSES, _FIRST_HEAT, _SECOND_HEAT, _FINALISTS, _LAST_HEAT = 11, 8, (5, 8), 2, 24
+_GUESSES, _FIRST_HEAT, _SECOND_HEAT, _FINALISTS, _LAST_HEAT = 12, 8, (5, 8), 2, 24
 # Hops of a round from the best path on few points: at random along each direction, by two standard
-# deviations in turn; every second one also by a part, between two bounds, of the way from one good
-# path to another. Where one leads is worth more iterations if it comes so near to the best.
-_HOPS, _SPREADS, _OF_WAY, _NEARLY = 10, (0.1, 0.2), (0.3, 0.9), 1.3
+# deviations in turn. Where one comes so near to the best it is worth more iterations.
+_HOPS, _SPREADS, _NEARLY = 10, (0.1, 0.2), 1.3
+# Rounds of hops that leave more than this part of the best path's worth lead nowhere: after so many
+# in a row the next round is a race of other guesses.
+_GAIN, _IN_VAIN = 0.98, 2
 # So many paths of a round at most are refined on more points.
 _REFINED = 2
 # Iterations on more points: they begin near the optimum.
@@ -75,10 +77,17 @@ class AttitudeSearch(Search):
         objective, best = with_tie_break(asked, self._settings), shortest
         for path in self._paths_at_guess(objective):
             best = _better(asked, best, judge(path))
-        found, tried = self._raced(asked, list(self._guesses(shortest))), list[_Rough]()
+        guesses, found, tried = self._guesses(shortest), list[_Rough](), list[_Rough]()
+        in_vain = 0
         for number in range(self._settings.attitude_rounds):
-            if number > 0:
-                self._hop(asked, shortest, found, number)
+            if found and in_vain < _IN_VAIN:
+                reached = min(map(_worth, found))
+                self._hop(asked, found, number)
+                gains = min(map(_worth, found)) < _GAIN * reached
+                in_vain = 0 if gains else in_vain + 1
+            else:
+                found += self._raced(asked, list(islice(guesses, _GUESSES)))
+                in_vain = 0
             for rough in sorted(found, key=_worth)[:_REFINED]:
                 limit = np.inf if best is shortest else weighted_sum(asked, best.metrics)
                 if rough in tried or rough.worth > _PROMISING * limit:
@@ -123,11 +132,11 @@ class AttitudeSearch(Search):
         return best
 
     def _guesses(self, shortest: Plan) -> Iterator[Array]:
-        """Yield where the paths of the race begin."""
+        """Yield where the paths of the races begin, without end."""
         yield shortest.coefficients
         level, obstacles = self._grids[0].level, self._program.problem.obstacles
         guesses = self._program.family.first_guesses(obstacles, level.points, level.damping)
-        yield from islice(guesses, _GUESSES)
+        yield from guesses
 
     def _raced(self, asked: Objective, starts: Sequence[Array]) -> list[_Rough]:
         """Return the paths on few points that come furthest."""
@@ -143,23 +152,17 @@ class AttitudeSearch(Search):
                 found += self._settled(asked, path)
         return found
 
-    def _hop(self, asked: Objective, shortest: Plan, found: list[_Rough], number: int) -> None:
+    def _hop(self, asked: Objective, found: list[_Rough], number: int) -> None:
         """Look around the best path on few points, then around the better one, and so on."""
         grid, random = self._rough_grid(asked), np.random.default_rng(number)
         directions = grid.program.family.directions
         self._starts += _HOPS
-        for hop, spread in zip(range(_HOPS), cycle(_SPREADS), strict=False):
-            x, curvature, limit = shortest.coefficients, None, np.inf
-            if found:
-                best = min(found, key=_worth).path
-                x, curvature, limit = best.x, best.curvature, _NEARLY * best.at_x.objective
-            aside = directions @ random.normal(scale=spread, size=len(x))
-            if hop % 2 and len(found) > 2:
-                one, other = random.choice(len(found), 2, replace=False)
-                way = found[one].path.x - found[other].path.x
-                aside = aside / 2.0 + random.uniform(*_OF_WAY) * way
-            path = self._solve(_with(grid, iterations=_FIRST_HEAT), x + aside, curvature)
-            if not _lead(path)[0] and path.at_x.objective < limit:
+        for _, spread in zip(range(_HOPS), cycle(_SPREADS), strict=False):
+            best = min(found, key=_worth).path
+            aside = directions @ random.normal(scale=spread, size=len(best.x))
+            begin = best.x + aside, best.curvature
+            path = self._solve(_with(grid, iterations=_FIRST_HEAT), *begin)
+            if not _lead(path)[0] and path.at_x.objective < _NEARLY * best.at_x.objective:
                 found += self._settled(asked, path)
 
     def _settled(self, asked: Objective, path: PathSolution) -> list[_Rough]:
