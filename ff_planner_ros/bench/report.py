@@ -43,6 +43,8 @@ ONE_THREAD = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_
 _EXECUTED = 40
 # Scenarios that are planned from starts in motion.
 _STARTS = 20
+# Rounds of search for the attitude that are compared: a race alone, and with hops, the default.
+_ROUNDS = (1, 3)
 # Problems of each class that are planned in both path families.
 _FAMILIES = 40
 
@@ -208,10 +210,10 @@ def print_families(count: int, settings: PlannerSettings) -> list[dict[str, Any]
 
 def print_steadiness(count: int, settings: PlannerSettings) -> list[dict[str, Any]]:
     """Compare plans of least attitude with the best that are known, and return the figures."""
-    done = [each for rounds in (1, 4) for each in steadiness(count, rounds, settings)]
+    done = [each for rounds in _ROUNDS for each in steadiness(count, rounds, settings)]
     rows = [
         (f"{rounds}", *_nearness([each for each in done if each.rounds == rounds]))
-        for rounds in (1, 4)
+        for rounds in _ROUNDS
     ]
     header = (
         "rounds", "scenarios", "min(L)", "min(Theta) too", "worse than min(L)",

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, fields, replace
 from itertools import cycle, islice
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 
@@ -28,20 +28,22 @@ from ff_planner_ros.planning.watch import CHECKING
 
 # Returns the plan along a path, or None where it does not pass the check.
 Judge = Callable[[FoundPath], Plan | None]
-# Decision variables, and the curvature there as far as it is known.
-Start: TypeAlias = tuple[Array, Array | None]
 
 # Rungs of the ladder: weights of the attitude, where the joint path's is one. Each about three
 # times the last; below the first the joint path alone decides.
 _RUNGS = (6.0, 15.0, 45.0)
-# The first round's guesses beside the plan of least joint path; those of the later rounds are near
-# the best plan, moved at random along each direction by two standard deviations in turn.
-_GUESSES, _FINALISTS = 11, 2
+# The race on few points: guesses, the first the plan of least joint path, and iterations for each;
+# then how many go on and for how many more, and how many go on to an optimum. Most guesses show
+# early that they lead nowhere.
+_GUESSES, _FIRST_HEAT, _SECOND_HEAT, _FINALISTS, _LAST_HEAT = 12, 8, (5, 8), 2, 24
+# Hops of a round from the best path on few points: at random along each direction, by two standard
+# deviations in turn. Where one comes so near to the best it is worth more iterations.
 _HOPS, _SPREADS, _NEARLY = 10, (0.1, 0.2), 1.3
+# Rounds of hops that leave more than this part of the best path's worth lead nowhere: after so many
+# in a row the next round is a race of other guesses.
+_GAIN, _IN_VAIN = 0.98, 2
+# So many paths of a round at most are refined on more points.
 _REFINED = 2
-# The race on few points: iterations for every path, then how many go on and for how many more, then
-# iterations for the best. Most guesses show early that they lead nowhere.
-_FIRST_HEAT, _SECOND_HEAT, _LAST_HEAT = 8, (5, 8), 24
 # Iterations on more points: they begin near the optimum.
 _FINE_ITERATIONS = 12
 # First trust regions, far from an optimum and near one. The path is moved in all of its own ways
@@ -53,12 +55,10 @@ _TOLERATED, _FINE_TOLERATED = 2e-2, 5e-3
 _SMALL_VIOLATION, _MENDING_ITERATIONS = 3e-2, 6
 # Singular values stay so many times above their threshold: they may fall between the points.
 _AWAY = 1.2
-# Of the best plan's objective: a path on few points that is not below it is not refined.
+# Of the best plan's objective: a path on few points that is above it is not refined.
 _PROMISING = 1.02
 # A joint path or an angle known to this part is known well enough to compare two.
 _ROUGH_OPTIMALITY, _ROUGH_PROGRESS, _FINE_PROGRESS = 1e-5, 1e-4, 2e-4
-# Two paths whose objectives differ by less than this part are the same path.
-_SAME = 1e-3
 
 NO_BETTER = "good enough: no better attitude was found than that of the least joint path"
 
@@ -77,16 +77,27 @@ class AttitudeSearch(Search):
         objective, best = with_tie_break(asked, self._settings), shortest
         for path in self._paths_at_guess(objective):
             best = _better(asked, best, judge(path))
-        found = self._raced(objective, list(self._guesses(shortest)))
+        guesses, found, tried = self._guesses(shortest), list[_Rough](), list[_Rough]()
+        in_vain = 0
         for number in range(self._settings.attitude_rounds):
-            self._hop(objective, shortest.coefficients, found, number)
-            for rough in sorted(found, key=lambda rough: rough.value)[:_REFINED]:
-                limit = np.inf if best is shortest else weighted_sum(objective, best.metrics)
-                if rough.is_refined or rough.value > _PROMISING * limit:
+            if found and in_vain < _IN_VAIN:
+                reached = min(map(_worth, found))
+                self._hop(asked, found, number)
+                gains = min(map(_worth, found)) < _GAIN * reached
+                in_vain = 0 if gains else in_vain + 1
+            else:
+                found += self._raced(asked, list(islice(guesses, _GUESSES)))
+                in_vain = 0
+            for rough in sorted(found, key=_worth)[:_REFINED]:
+                limit = np.inf if best is shortest else weighted_sum(asked, best.metrics)
+                if rough in tried or rough.worth > _PROMISING * limit:
                     continue
-                rough.is_refined = True
-                for path in self._path_near(objective, rough.path.x, rough.path.curvature):
-                    best = _better(asked, best, judge(path))
+                tried.append(rough)
+                refined = self._path_near(objective, rough.path.x, rough.path.curvature)
+                plans = [judge(path) for path in refined]
+                best = _better(asked, best, *plans)
+                if not any(plans):  # nor is anything gained near it
+                    found.remove(rough)
             if number == 0 and best is shortest:
                 best = self._climbed(asked, shortest, judge)
         if best is shortest:
@@ -121,15 +132,15 @@ class AttitudeSearch(Search):
         return best
 
     def _guesses(self, shortest: Plan) -> Iterator[Array]:
-        """Yield where the paths of the race begin."""
+        """Yield where the paths of the races begin, without end."""
         yield shortest.coefficients
         level, obstacles = self._grids[0].level, self._program.problem.obstacles
         guesses = self._program.family.first_guesses(obstacles, level.points, level.damping)
-        yield from islice(guesses, _GUESSES)
+        yield from guesses
 
-    def _raced(self, objective: Objective, starts: Sequence[Array]) -> list[_Rough]:
+    def _raced(self, asked: Objective, starts: Sequence[Array]) -> list[_Rough]:
         """Return the paths on few points that come furthest."""
-        grid = self._rough_grid(objective)
+        grid = self._rough_grid(asked)
         self._starts += len(starts)
         paths = [self._solve(_with(grid, iterations=_FIRST_HEAT), start) for start in starts]
         count, iterations = _SECOND_HEAT
@@ -138,43 +149,40 @@ class AttitudeSearch(Search):
         found = list[_Rough]()
         for number, path in enumerate(sorted(paths, key=_lead)):
             if number < _FINALISTS or not found:
-                found += self._settled(objective, path)
+                found += self._settled(asked, path)
         return found
 
-    def _hop(self, objective: Objective, shortest: Array, found: list[_Rough], number: int) -> None:
-        """Look on few points around the best path, then around the better one, and so on."""
-        grid = self._rough_grid(objective)
-        random = np.random.default_rng(number)
+    def _hop(self, asked: Objective, found: list[_Rough], number: int) -> None:
+        """Look around the best path on few points, then around the better one, and so on."""
+        grid, random = self._rough_grid(asked), np.random.default_rng(number)
+        directions = grid.program.family.directions
         self._starts += _HOPS
         for _, spread in zip(range(_HOPS), cycle(_SPREADS), strict=False):
-            best = min(found, key=lambda rough: rough.value, default=None)
-            x, curvature = (best.path.x, best.path.curvature) if best else (shortest, None)
-            limit = _NEARLY * best.path.at_x.objective if best else np.inf
-            aside = grid.program.family.directions @ random.normal(scale=spread, size=len(x))
-            path = self._solve(_with(grid, iterations=_FIRST_HEAT), x + aside, curvature)
-            if not _lead(path)[0] and path.at_x.objective < limit:
-                found += self._settled(objective, path)
+            best = min(found, key=_worth).path
+            aside = directions @ random.normal(scale=spread, size=len(best.x))
+            begin = best.x + aside, best.curvature
+            path = self._solve(_with(grid, iterations=_FIRST_HEAT), *begin)
+            if not _lead(path)[0] and path.at_x.objective < _NEARLY * best.at_x.objective:
+                found += self._settled(asked, path)
 
-    def _settled(self, objective: Objective, path: PathSolution) -> list[_Rough]:
-        """Return what comes of a path on few points, if more points do not refute it."""
-        grid = _with(
-            self._rough_grid(objective),
-            tolerated=_FINE_TOLERATED,
-            iterations=_LAST_HEAT,
-            first_radius=path.radius,
-        )
-        settled = self._solve_feasibly(grid, path.x, path.curvature)
-        if not settled.feasible:
-            return []
-        grid = next(iter(self._toward(objective)[1:]), grid)
-        looked = self._solve(_with(grid, iterations=0), settled.x).at_x
-        if not looked.violation < _SMALL_VIOLATION:
-            return []
-        return [_Rough(settled, looked.objective)]
+    def _settled(self, asked: Objective, path: PathSolution) -> list[_Rough]:
+        """Return what comes of a path on few points, if there is a path and more do not refute it.
 
-    def _rough_grid(self, objective: Objective) -> Grid:
+        Between few points a path may be singular or run through an obstacle.
+        """
+        grid = _with(self._rough_grid(asked), tolerated=_FINE_TOLERATED)
+        path = self._solve_feasibly(*_further(grid, path, _LAST_HEAT))
+        _, more = self._toward(with_tie_break(asked, self._settings))[:2]
+        looked = self._solve(_with(more, iterations=0), path.x).at_x
+        if not path.feasible or not looked.violation < _SMALL_VIOLATION:
+            return []
+        worth = looked.objective if asked.joint_path_length else float(looked.peaks.max())
+        return [_Rough(path, worth)]
+
+    def _rough_grid(self, asked: Objective) -> Grid:
+        """Return few points with the objective asked for."""
         return _with(
-            self._toward(objective)[0],
+            self._toward(with_tie_break(asked, self._settings))[0],
             optimality=_ROUGH_OPTIMALITY,
             progress=_ROUGH_PROGRESS,
             tolerated=_TOLERATED,
@@ -279,13 +287,16 @@ class _Remembering(PathProgram):
         return at_x
 
 
-@dataclass(eq=False)
+@dataclass(frozen=True, eq=False)
 class _Rough:
     """A path on few points that keeps the constraints there."""
 
     path: PathSolution
-    value: float  # its objective on more points
-    is_refined: bool = False
+    worth: float  # by the objective asked for, on more points; less is better
+
+
+def _worth(rough: _Rough) -> float:
+    return rough.worth
 
 
 def _lead(path: PathSolution) -> tuple[bool, float]:
