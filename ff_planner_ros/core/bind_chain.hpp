@@ -53,6 +53,7 @@ inline py::object velocity(const Chain& chain, const Array& q, const Array& mome
 }
 
 inline void bind_chain(py::module_& m) {
+  m.attr("MAX_JOINTS") = kMaxJoints;
   py::class_<Chain>(m, "Chain")
       .def(py::init(&chain), py::arg("translations"), py::arg("rotations"), py::arg("axes"),
            py::arg("masses"), py::arg("centers"), py::arg("inertias"))
