@@ -36,7 +36,8 @@ inline py::object velocity(const Chain& chain, const Array& q, const Array& mome
                            const Array& twist, const Array& bias, double damping) {
   const int n = chain.joints(), size = 6 + n;
   VelocityMap map(chain, Configuration::read(checked(q, "q", {7 + n}), n),
-                  vector6(checked(momentum, "momentum", {6})), vector6(checked(twist, "twist", {6})),
+                  vector6(checked(momentum, "momentum", {6})),
+                  vector6(checked(twist, "twist_ee_in_inertial", {6})),
                   Eigen::Map<const Joints>(checked(bias, "bias", {n}), n),
                   checked(damping, "damping"));
   if (!map.regular) return py::none();

@@ -5,7 +5,7 @@
 namespace ff {
 
 // Returns joint origins and end effector, and their derivatives along the columns of dq.
-py::tuple arm_points_with_derivatives(const Chain& chain, const Array& q, const Array& dq) {
+static py::tuple arm_points_with_derivatives(const Chain& chain, const Array& q, const Array& dq) {
   const py::ssize_t n = chain.joints(), size = 6 + n;
   const double* of_q = checked(q, "q", {kAny, 7 + n});
   const py::ssize_t count = q.shape(0), xyz = 3;
@@ -23,9 +23,9 @@ py::tuple arm_points_with_derivatives(const Chain& chain, const Array& q, const 
 }
 
 // Returns distances of interest, their derivatives and their names.
-py::tuple clearances(const Chain& chain, const Array& q, const Array& dq, const Array& times,
-                     const Array& centers, const Array& velocities, const Array& radii,
-                     double interest, bool quarter_way) {
+static py::tuple clearances(const Chain& chain, const Array& q, const Array& dq, const Array& times,
+                            const Array& centers, const Array& velocities, const Array& radii,
+                            double interest, bool quarter_way) {
   const py::ssize_t n = chain.joints();
   const double* of_q = checked(q, "q", {kAny, 7 + n});
   const py::ssize_t count = q.shape(0);

@@ -4,8 +4,8 @@
 
 namespace ff {
 
-EndEffectorPolynomial end_effector_polynomial(double duration, const Array& quintic,
-                                              const Array& rotation_outer) {
+static EndEffectorPolynomial end_effector_polynomial(double duration, const Array& quintic,
+                                                     const Array& rotation_outer) {
   if (!(checked(duration, "duration") > 0))
     throw std::invalid_argument("duration must be positive");
   return {duration,
@@ -14,16 +14,16 @@ EndEffectorPolynomial end_effector_polynomial(double duration, const Array& quin
           matrix3(checked(rotation_outer, "rotation_outer", {3, 3}))};
 }
 
-Coefficients coefficients(const Array& x) {
+static Coefficients coefficients(const Array& x) {
   return Eigen::Map<const Coefficients>(checked(x, "x", {kParameters}));
 }
 
 // Returns the time of a dynamic singularity, or a tuple: q, v, q half-way; the derivatives of all
 // three; dv/dt.
-py::object end_effector_motion(const Chain& chain, const Array& q_start, const Array& momentum,
-                               double duration, const Array& quintic, const Array& rotation_outer,
-                               const Array& null_space, double fading, const Array& x, int points,
-                               double damping) {
+static py::object end_effector_motion(const Chain& chain, const Array& q_start,
+                                      const Array& momentum, double duration, const Array& quintic,
+                                      const Array& rotation_outer, const Array& null_space,
+                                      double fading, const Array& x, int points, double damping) {
   const py::ssize_t n = chain.joints(), size = 6 + n, parameters = kParameters;
   if (points < 2) throw std::invalid_argument("points must be 2 or more");
   if (!(checked(fading, "fading") > 0)) throw std::invalid_argument("fading must be positive");
@@ -50,8 +50,8 @@ py::object end_effector_motion(const Chain& chain, const Array& q_start, const A
 }
 
 // Returns twists, accelerations and d twist / d x at some normalised times.
-py::tuple end_effector_twist(double duration, const Array& quintic, const Array& rotation_outer,
-                             const Array& x, const Array& s) {
+static py::tuple end_effector_twist(double duration, const Array& quintic,
+                                    const Array& rotation_outer, const Array& x, const Array& s) {
   const EndEffectorPolynomial polynomial =
       end_effector_polynomial(duration, quintic, rotation_outer);
   const Coefficients of_x = coefficients(x);

@@ -7,6 +7,8 @@ PYBIND11_MODULE(compiled, m) {
   m.doc() = "Numerics of the search, compiled.";
   ff::bind_chain(m);
   ff::bind_clearance(m);
+  ff::bind_driven_motion(m);
   ff::bind_end_effector(m);
+  ff::bind_search(m);
   ff::bind_singular_values(m);
 }

@@ -106,3 +106,84 @@ def smallest_singular_values(
     Returns:
         Shapes (points,) and (points, joints).
     """
+
+def joint_path(
+    v: Array, by_x: Array, step: float, slow: float, smoothing: float
+) -> tuple[float, Array, Array]:
+    """Return what `planning.objectives.joint_path` does; slow: rate of the joint that it adds."""
+
+def certified_clearance(
+    chain: Chain,
+    q: Array,
+    cubics: Array,
+    ways: Array,
+    times: Array,
+    centers: Array,
+    velocities: Array,
+    radii: Array,
+    gap: float,
+) -> float:
+    """Return what `planning.certificate.certified_clearance` does.
+
+    Args:
+        cubics: Of `cubics_between`. Shape (points - 1, 3, 6 + joints).
+        ways: Of `way_bounds`. Shape (points - 1,) [m].
+        gap: How far it may be below the truth [m].
+    """
+
+class Start:
+    """Where a system begins, and what stays of that."""
+
+    def __init__(
+        self,
+        position: Array,  # of the base; shape (3,) [m]
+        rotation: Array,  # base to inertial axes; shape (3, 3)
+        center: Array,  # of mass; shape (3,) [m]
+        momentum: Array,  # total P, and L about the centre of mass; shape (6,)
+        planar: bool,  # the base moves in the plane of x and y and turns about z
+    ) -> None: ...
+
+class Target:
+    """What the end effector shall do at the end of a motion, in the inertial frame."""
+
+    def __init__(
+        self,
+        position: Array,  # shape (3,) [m]
+        rotation: Array,  # shape (3, 3)
+        twist: Array,  # linear part first; shape (6,)
+        acceleration: Array,  # classical; shape (6,)
+        orientation: str,  # fixed, about_axis or free
+        free_axis: Array,  # in axes of the end effector; shape (3,)
+        across: Array,  # axes of the end effector across that one; shape (2, 3)
+    ) -> None: ...
+
+class DrivenMotion:
+    """The motion of a system whose joints are driven and that nothing pushes."""
+
+    q: Array  # configurations; shape (points, 7 + joints)
+    v: Array  # tangent velocities; shape (points, 6 + joints)
+    q_half_way: Array  # configurations half-way between the points; shape (points - 1, 7 + joints)
+
+    def __init__(
+        self,
+        chain: Chain,
+        start: Start,
+        angles: Array,  # at the points and half-way between; shape (half steps, joints)
+        rates: Array,  # likewise
+        accelerations: Array,  # likewise
+        duration: float,
+    ) -> None: ...
+    def goal_error(self, target: Target) -> Array:
+        """Return what the motion misses of a goal. Shape (rows,)."""
+
+    def sensitivity(
+        self, angle_rows: Array, rate_rows: Array, acceleration_row: Array, target: Target
+    ) -> tuple[Array, Array, Array, Array, Array]:
+        """Return the derivatives of q, v, q half-way and the goal error by x, and dv/dt.
+
+        Args:
+            angle_rows: Derivatives of the angles of any joint, at half steps, by the variables of
+                that joint. Shape (half steps, variables of a joint).
+            rate_rows: Likewise.
+            acceleration_row: Likewise, at the end. Shape (variables of a joint,).
+        """

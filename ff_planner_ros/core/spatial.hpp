@@ -1,5 +1,6 @@
-// Spatial vectors as Pinocchio orders them: the linear part first. Angular velocity and force act at
-// the origin of the frame that they are expressed in [Featherstone, Rigid Body Dynamics Algorithms].
+// Spatial vectors as Pinocchio orders them: the linear part first. Angular velocity and force act
+// at the origin of the frame that they are expressed in [Featherstone, Rigid Body Dynamics
+// Algorithms, 2008].
 #pragma once
 #include <Eigen/Cholesky>
 #include <Eigen/Core>

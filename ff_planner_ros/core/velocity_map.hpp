@@ -16,7 +16,8 @@ namespace ff {
 template <int columns>
 constexpr int kOrder = columns == 1 ? Eigen::ColMajor : Eigen::RowMajor;
 template <int columns>
-using Along = Eigen::Matrix<double, Eigen::Dynamic, columns, kOrder<columns>, kMaxVelocities, columns>;
+using Along =
+    Eigen::Matrix<double, Eigen::Dynamic, columns, kOrder<columns>, kMaxVelocities, columns>;
 template <int columns>
 using Twists = Eigen::Matrix<double, 6, columns, kOrder<columns>>;
 

@@ -31,6 +31,7 @@ from ff_planner_ros.planning.requirements.requirement import (
     Rows,
     Samples,
 )
+from ff_planner_ros.planning.search_certificate import search_certificate
 from ff_planner_ros.planning.settings import PlannerSettings
 from ff_planner_ros.robot.model import Robot
 
@@ -88,14 +89,18 @@ class Clearance(Requirement):
 
     def slack(self, problem: PlanningProblem, motion: FollowedMotion) -> float:
         """Return the certified clearance [m]."""
-        return _certified(problem, motion)
+        return search_certificate(problem.robot, *_looked_at(motion), problem.obstacles)
 
     def metrics(self, samples: Samples) -> Mapping[str, float]:
         """Return certified clearance and R_obst."""
         problem, settings, times = samples.problem, samples.settings, samples.trajectory.time
         at_points = clearances(samples.arm, times, segments(samples.arm), problem.obstacles)
         return {
-            "min_clearance": _certified(problem, samples.followed) if problem.obstacles else np.inf,
+            "min_clearance": certified_clearance(
+                problem.robot, *_looked_at(samples.followed), problem.obstacles
+            )
+            if problem.obstacles
+            else np.inf,
             "penalty": penalty(
                 at_points.distance, settings.penalty_gain, settings.penalty_exponent
             ),
@@ -134,11 +139,10 @@ class Clearance(Requirement):
         )
 
 
-def _certified(problem: PlanningProblem, motion: FollowedMotion) -> float:
-    """Return a lower bound of the clearance along a motion [m]."""
+def _looked_at(motion: FollowedMotion) -> tuple[Array, Array, Array]:
+    """Return the configurations, velocities and times that a certificate begins with."""
     every = 2 if len(motion.time) > _ENOUGH and len(motion.time) % 2 else 1
-    q, v, times = motion.q[::every], motion.v[::every], motion.time[::every]
-    return certified_clearance(problem.robot, q, v, times, problem.obstacles)
+    return motion.q[::every], motion.v[::every], motion.time[::every]
 
 
 def link_name(robot: Robot, start: int) -> str:
