@@ -2,7 +2,7 @@
 SHELL := /bin/bash
 .SHELLFLAGS := -euo pipefail -c
 .DEFAULT_GOAL := demo
-.PHONY: env prerequisites demo test nightly short-test without-ros lint build lock clean
+.PHONY: env prerequisites demo test nightly short-test without-ros sanitize lint build lock clean
 
 PYTHON ?= python3
 VENV ?= .venv
@@ -91,6 +91,16 @@ without-ros:
 		'$(CURDIR)[simulation]'; \
 	ff-planner verify answer.json
 	rm -rf $(WITHOUT_ROS)
+
+# The core's tests on a build that stops at every access out of bounds and all undefined behaviour.
+SANITIZED := $(CURDIR)/build/sanitized
+
+sanitize: env
+	$(BIN)/python setup.py --quiet build_py --build-lib $(SANITIZED) \
+		build_ext --sanitize --build-lib $(SANITIZED) --build-temp build/sanitized_objects
+	LD_PRELOAD="$$(c++ -print-file-name=libasan.so) $$(c++ -print-file-name=libstdc++.so)" \
+	ASAN_OPTIONS=detect_leaks=0 PYTHONPATH=$(SANITIZED) \
+		$(BIN)/python -m pytest -p no:cacheprovider $(wildcard test/test_core*.py)
 
 lint: env
 	$(BIN)/ruff format --check

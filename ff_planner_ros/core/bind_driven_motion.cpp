@@ -2,7 +2,7 @@
 #include "driven_motion.hpp"
 
 #include "arrays.hpp"
-#include "bind_driven_motion.hpp"
+#include "bindings.hpp"
 
 namespace ff {
 

@@ -1,6 +1,6 @@
 // Python's way to the objective and to the certificate of a search.
 #include "arrays.hpp"
-#include "bind_search.hpp"
+#include "bindings.hpp"
 #include "certificate.hpp"
 #include "joint_path.hpp"
 

@@ -65,8 +65,8 @@ class ArmMotion {
     RowMajor& known = known_[i];
     if (known.size() == 0) {
       known.resize(3 * arms_[i].points.cols(), columns_);
-      arms_[i].derivatives(
-          Eigen::Map<const RowMajor>(dq_ + i * velocities_ * columns_, velocities_, columns_), known);
+      const double* dq = dq_ + i * velocities_ * columns_;
+      arms_[i].derivatives(Eigen::Map<const RowMajor>(dq, velocities_, columns_), known);
     }
     return known;
   }
@@ -109,8 +109,8 @@ struct ClearanceRows {
   std::vector<long long> names;             // by point, segment and sphere
 };
 
-// The distances below `interest`. The nearest point of a segment moves with the segment; its sliding
-// along it does not change the distance to first order.
+// The distances below `interest`. The nearest point of a segment moves with the segment; its
+// sliding along it does not change the distance to first order.
 inline ClearanceRows clearance_rows(ArmMotion& arm, const double* times,
                                     const std::vector<Sphere>& spheres, double interest) {
   ClearanceRows rows;
@@ -136,8 +136,8 @@ inline ClearanceRows clearance_rows(ArmMotion& arm, const double* times,
         rows.distances.push_back(distance);
         rows.jacobian.insert(rows.jacobian.end(), gradient.data(),
                              gradient.data() + gradient.size());
-        rows.names.push_back(static_cast<long long>((i * starts.size() + segment) * spheres.size()) +
-                             sphere);
+        const size_t name = (i * starts.size() + segment) * spheres.size() + sphere;
+        rows.names.push_back(static_cast<long long>(name));
       }
   }
   return rows;

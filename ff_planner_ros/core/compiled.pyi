@@ -1,9 +1,13 @@
 """What compiled.cpp offers. Arrays of a wrong shape or that hold NaN are refused by ValueError."""
 
+from collections.abc import Sequence
+
 from ff_planner_ros.arrays import Array, Indices
 
+MAX_JOINTS: int
+
 class Chain:
-    """A chaser with one arm of joints that turn, 64 at most."""
+    """A chaser with one arm of 1 to `MAX_JOINTS` joints that turn."""
 
     def __init__(
         self,
@@ -88,6 +92,19 @@ def clearances(
         centers: Of the spheres when the plan begins. Shape (spheres, 3).
         velocities: Shape (spheres, 3).
         radii: Shape (spheres,).
+    """
+
+def smallest_singular_values(
+    chain: Chain, joints: Array, rows: Sequence[int]
+) -> tuple[Array, Array]:
+    """Return those of the generalised Jacobian, Eq. (32), and their derivatives by the joints.
+
+    Args:
+        joints: Positions. Shape (points, joints).
+        rows: `Base.rows`.
+
+    Returns:
+        Shapes (points,) and (points, joints).
     """
 
 def joint_path(
