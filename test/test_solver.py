@@ -255,7 +255,8 @@ def test_where_a_violation_is_tolerated_a_winding_way_is_followed_to_its_end():
 
     start = np.array([0.0, 0.01])
     found = minimise(linearise, start, 100, 1e-6, 1e-6, 0.3, None, 0.3)
-    assert found.feasible and found.x[0] == pytest.approx(20.0, abs=1e-4), found.stop_reason
+    assert found.feasible, found.stop_reason
+    assert found.x[0] == pytest.approx(20.0, abs=1e-4), found.stop_reason
 
 
 def on_circle(x):
