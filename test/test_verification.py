@@ -153,7 +153,7 @@ def test_torques_alone_are_not_enough_between_points_of_a_fast_wrist() -> None:
     steps = steps_per_point(motion)
     for command, limit_deg in (
         (feed_forward(problem.robot, motion, steps), (0.0, 0.01)),
-        (torque_spline(motion, steps), (5.0, 180.0)),
+        (torque_spline(motion, steps), (1.0, 180.0)),
     ):
         execution = execute(Engine(problem.robot), start_state(motion), command)
         turn_deg = np.rad2deg(deviation(execution, motion).final_orientation_error)

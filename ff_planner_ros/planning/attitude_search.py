@@ -1,9 +1,9 @@
 """From a plan of least joint path to one that weighs the chaser's attitude, too.
 
-The attitude has many local optima, the joint path few. So the search begins at the plan of least
-joint path, raises the weight of the attitude rung by rung, and tries other first guesses beside.
-Most of it is done on few points, where it is cheap. Nothing is answered that is worse than the
-plan of least joint path in the objective asked for, as the plans' metrics measure it.
+The attitude has many local optima, the joint path few. So the plan of least joint path and other
+first guesses run a race, and from the best of them the search hops to better ones. Most of it is
+done on few points, where it is cheap. Nothing is answered that is worse than the plan of least
+joint path in the objective asked for, as the plans' metrics measure it.
 """
 
 from __future__ import annotations
