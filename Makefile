@@ -41,10 +41,10 @@ $(STAMP): setup.py pyproject.toml package.xml constraints.txt $(shell find msg_d
 	@$(INSTALL) --upgrade pip
 	@$(INSTALL) --requirement <($(BIN)/python -c '$(BUILD_REQUIRES)')
 	@PYTHONWARNINGS=ignore $(INSTALL) --no-build-isolation ./msg_defs --editable '.[test,robots]'
-	@touch $@
+	@touch $(VENV)/core $@
 
 # The editable installation has built the core; a change of its sources builds it anew in its place.
-$(VENV)/core: $(STAMP) $(wildcard ff_planner_ros/core/*.[ch]pp)
+$(VENV)/core: $(wildcard ff_planner_ros/core/*.[ch]pp) | $(STAMP)
 	@$(BIN)/python setup.py --quiet build_ext --inplace
 	@touch $@
 

@@ -4,9 +4,6 @@
 
 namespace ff {
 
-void bind_clearance(py::module_& m);
-void bind_driven_motion(py::module_& m);
-void bind_end_effector(py::module_& m);
-void bind_search(py::module_& m);
+void bind_motions(py::module_& m);
 
 }  // namespace ff

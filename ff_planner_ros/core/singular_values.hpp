@@ -1,6 +1,6 @@
 // The smallest singular value of the generalised Jacobian, Eq. (32), and its derivatives.
 #pragma once
-#include <Eigen/Eigenvalues>
+#include <Eigen/Jacobi>
 
 #include "chain.hpp"
 
@@ -10,6 +10,29 @@ struct SingularValue {
   double value;
   Joints by_joints;
 };
+
+// Returns the eigenvector of a symmetric matrix's smallest eigenvalue, by Jacobi's rotations: each
+// makes one element off the diagonal zero. Sweeps over all of them converge quadratically.
+inline Vector6 smallest_eigenvector(Matrix6 matrix) {
+  constexpr int kSweeps = 12;  // twice as many as a matrix of this size needs
+  Matrix6 vectors = Matrix6::Identity();
+  Eigen::JacobiRotation<double> turn;
+  for (int sweep = 0; sweep < kSweeps; ++sweep) {
+    bool is_diagonal = true;
+    for (int p = 0; p < 5; ++p)
+      for (int q = p + 1; q < 6; ++q) {
+        if (!turn.makeJacobi(matrix, p, q)) continue;
+        is_diagonal = false;
+        matrix.applyOnTheLeft(p, q, turn.adjoint());
+        matrix.applyOnTheRight(p, q, turn);
+        vectors.applyOnTheRight(p, q, turn);
+      }
+    if (is_diagonal) break;
+  }
+  Eigen::Index smallest;
+  matrix.diagonal().minCoeff(&smallest);
+  return vectors.col(smallest);
+}
 
 // J_D = X (S - C) with C = H_b^-1 H_m, in the axes of the base: X leads from the base to the end
 // effector, S are the joints' screws, H_b and H_m the columns of the momentum map.
@@ -40,13 +63,13 @@ inline SingularValue smallest_singular_value(const Chain& chain, const Joints& j
   Joints r(n);
   if (n >= movable.sum()) {
     square += generalised * generalised.transpose();
-    u = Eigen::SelfAdjointEigenSolver<Matrix6>(square).eigenvectors().col(0);
+    u = smallest_eigenvector(square);
     r = generalised.transpose() * u;
     r.normalize();
   } else {
     square = beyond * Matrix6::Identity();
     square.topLeftCorner(n, n) = generalised.transpose() * generalised;
-    r = Eigen::SelfAdjointEigenSolver<Matrix6>(square).eigenvectors().col(0).head(n);
+    r = smallest_eigenvector(square).head(n);
     u = generalised * r;
     u.normalize();
   }

@@ -1,10 +1,11 @@
 // Python's way to the motions of the paper's family.
-#include "bindings.hpp"
+#pragma once
+#include "arrays.hpp"
 #include "end_effector_rollout.hpp"
 
 namespace ff {
 
-static EndEffectorPolynomial end_effector_polynomial(double duration, const Array& quintic,
+inline EndEffectorPolynomial end_effector_polynomial(double duration, const Array& quintic,
                                                      const Array& rotation_outer) {
   if (!(checked(duration, "duration") > 0))
     throw std::invalid_argument("duration must be positive");
@@ -14,13 +15,13 @@ static EndEffectorPolynomial end_effector_polynomial(double duration, const Arra
           matrix3(checked(rotation_outer, "rotation_outer", {3, 3}))};
 }
 
-static Coefficients coefficients(const Array& x) {
+inline Coefficients coefficients(const Array& x) {
   return Eigen::Map<const Coefficients>(checked(x, "x", {kParameters}));
 }
 
 // Returns the time of a dynamic singularity, or a tuple: q, v, q half-way; the derivatives of all
 // three; dv/dt.
-static py::object end_effector_motion(const Chain& chain, const Array& q_start,
+inline py::object end_effector_motion(const Chain& chain, const Array& q_start,
                                       const Array& momentum, double duration, const Array& quintic,
                                       const Array& rotation_outer, const Array& null_space,
                                       double fading, const Array& x, int points, double damping) {
@@ -50,7 +51,7 @@ static py::object end_effector_motion(const Chain& chain, const Array& q_start,
 }
 
 // Returns twists, accelerations and d twist / d x at some normalised times.
-static py::tuple end_effector_twist(double duration, const Array& quintic,
+inline py::tuple end_effector_twist(double duration, const Array& quintic,
                                     const Array& rotation_outer, const Array& x, const Array& s) {
   const EndEffectorPolynomial polynomial =
       end_effector_polynomial(duration, quintic, rotation_outer);
@@ -70,7 +71,7 @@ static py::tuple end_effector_twist(double duration, const Array& quintic,
                         result(by_x, "d twist / dx"));
 }
 
-void bind_end_effector(py::module_& m) {
+inline void bind_end_effector(py::module_& m) {
   m.def("end_effector_motion", &end_effector_motion, py::arg("chain"), py::arg("q_start"),
         py::arg("momentum"), py::arg("duration"), py::arg("quintic"), py::arg("rotation_outer"),
         py::arg("null_space"), py::arg("fading"), py::arg("x"), py::arg("points"),

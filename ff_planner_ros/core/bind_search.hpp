@@ -1,13 +1,13 @@
 // Python's way to the objective and to the certificate of a search.
+#pragma once
 #include "arrays.hpp"
-#include "bindings.hpp"
 #include "certificate.hpp"
 #include "joint_path.hpp"
 
 namespace ff {
 
 // Returns value, gradient and Hessian.
-static py::tuple joint_path(const Array& v, const Array& dv, double step, double slow,
+inline py::tuple joint_path(const Array& v, const Array& dv, double step, double slow,
                             double smoothing) {
   const double* of_v = checked(v, "v", {kAny, kAny});
   const py::ssize_t points = v.shape(0), size = v.shape(1);
@@ -22,7 +22,7 @@ static py::tuple joint_path(const Array& v, const Array& dv, double step, double
                         result(path.hessian, "hessian"));
 }
 
-static double certified(const Chain& chain, const Array& q, const Array& cubics, const Array& ways,
+inline double certified(const Chain& chain, const Array& q, const Array& cubics, const Array& ways,
                         const Array& times, const Array& centers, const Array& velocities,
                         const Array& radii, double gap) {
   const py::ssize_t n = chain.joints(), three = 3;
@@ -48,7 +48,7 @@ static double certified(const Chain& chain, const Array& q, const Array& cubics,
       all, gap);
 }
 
-void bind_search(py::module_& m) {
+inline void bind_search(py::module_& m) {
   m.def("joint_path", &joint_path, py::arg("v"), py::arg("by_x"), py::arg("step"), py::arg("slow"),
         py::arg("smoothing"));
   m.def("certified_clearance", &certified, py::arg("chain"), py::arg("q"), py::arg("cubics"),

@@ -1,17 +1,17 @@
 // Python's way to the motion of a system whose joints are driven.
+#pragma once
 #include "driven_motion.hpp"
 
 #include "arrays.hpp"
-#include "bindings.hpp"
 
 namespace ff {
 
-static RowMajor matrix(const Array& array, const char* name, const Shape& shape) {
+inline RowMajor matrix(const Array& array, const char* name, const Shape& shape) {
   const double* from = checked(array, name, shape);
   return Eigen::Map<const RowMajor>(from, array.shape(0), array.shape(1));
 }
 
-static Start start(const Array& position, const Array& rotation, const Array& center,
+inline Start start(const Array& position, const Array& rotation, const Array& center,
                    const Array& momentum, bool planar) {
   const Vector6 conserved = vector6(checked(momentum, "momentum", {6}));
   return {vector3(checked(position, "position", {3})),
@@ -22,14 +22,14 @@ static Start start(const Array& position, const Array& rotation, const Array& ce
           planar};
 }
 
-static Orientation orientation_named(const std::string& name) {
+inline Orientation orientation_named(const std::string& name) {
   if (name == "fixed") return Orientation::kFixed;
   if (name == "about_axis") return Orientation::kAboutAxis;
   if (name == "free") return Orientation::kFree;
   throw std::invalid_argument("orientation is " + name + ", not fixed, about_axis or free");
 }
 
-static Target target(const Array& position, const Array& rotation, const Array& twist,
+inline Target target(const Array& position, const Array& rotation, const Array& twist,
                      const Array& acceleration, const std::string& orientation,
                      const Array& free_axis, const Array& across) {
   const double* axes = checked(across, "across", {2, 3});
@@ -42,7 +42,7 @@ static Target target(const Array& position, const Array& rotation, const Array& 
           {vector3(axes), vector3(axes + 3)}};
 }
 
-static DrivenMotion driven_motion(const Chain& chain, const Start& start, const Array& angles,
+inline DrivenMotion driven_motion(const Chain& chain, const Start& start, const Array& angles,
                                   const Array& rates, const Array& accelerations, double duration) {
   const py::ssize_t half_steps = angles.ndim() > 0 ? angles.shape(0) : 0, n = chain.joints();
   if (half_steps < 3 || half_steps % 2 == 0)
@@ -54,7 +54,7 @@ static DrivenMotion driven_motion(const Chain& chain, const Start& start, const 
                       checked(duration, "duration"));
 }
 
-static py::tuple sensitivity(const DrivenMotion& motion, const Array& angle_rows,
+inline py::tuple sensitivity(const DrivenMotion& motion, const Array& angle_rows,
                              const Array& rate_rows, const Array& acceleration_row,
                              const Target& target) {
   const py::ssize_t points = motion.q.rows(), size = motion.v.cols(), joints = size - 6;
@@ -77,7 +77,7 @@ static py::tuple sensitivity(const DrivenMotion& motion, const Array& angle_rows
                         result(goal_error, "d(goal error)/dx"), result(acceleration, "dv/dt"));
 }
 
-void bind_driven_motion(py::module_& m) {
+inline void bind_driven_motion(py::module_& m) {
   py::class_<Start>(m, "Start").def(py::init(&start), py::arg("position"), py::arg("rotation"),
                                     py::arg("center"), py::arg("momentum"), py::arg("planar"));
   py::class_<Target>(m, "Target")

@@ -1,11 +1,12 @@
 // Python's way to the arm's points and to its distances from spheres.
-#include "bindings.hpp"
+#pragma once
+#include "arrays.hpp"
 #include "clearance.hpp"
 
 namespace ff {
 
 // Returns joint origins and end effector, and their derivatives along the columns of dq.
-static py::tuple arm_points_with_derivatives(const Chain& chain, const Array& q, const Array& dq) {
+inline py::tuple arm_points_with_derivatives(const Chain& chain, const Array& q, const Array& dq) {
   const py::ssize_t n = chain.joints(), size = 6 + n;
   const double* of_q = checked(q, "q", {kAny, 7 + n});
   const py::ssize_t count = q.shape(0), xyz = 3;
@@ -23,7 +24,7 @@ static py::tuple arm_points_with_derivatives(const Chain& chain, const Array& q,
 }
 
 // Returns distances of interest, their derivatives and their names.
-static py::tuple clearances(const Chain& chain, const Array& q, const Array& dq, const Array& times,
+inline py::tuple clearances(const Chain& chain, const Array& q, const Array& dq, const Array& times,
                             const Array& centers, const Array& velocities, const Array& radii,
                             double interest, bool quarter_way) {
   const py::ssize_t n = chain.joints();
@@ -52,7 +53,7 @@ static py::tuple clearances(const Chain& chain, const Array& q, const Array& dq,
                         py::array_t<long long>(found, rows.names.data()));
 }
 
-void bind_clearance(py::module_& m) {
+inline void bind_clearance(py::module_& m) {
   m.def("arm_points_with_derivatives", &arm_points_with_derivatives, py::arg("chain"), py::arg("q"),
         py::arg("q_sensitivity"));
   m.def("clearances", &clearances, py::arg("chain"), py::arg("q"), py::arg("q_sensitivity"),
