@@ -147,9 +147,9 @@ def test_what_is_left_is_little_however_few_the_points_are() -> None:
         assert deviation(execution, motion).final_position_error < 2e-7, points
 
 
-def test_torques_alone_are_not_enough_between_points_of_a_fast_wrist() -> None:
-    problem, answer = planned(LEMUR_SCENARIO, ATTITUDE)
-    motion = answer.trajectory
+def test_torques_alone_are_not_enough_between_few_points() -> None:
+    problem, _ = planned(LEMUR_SCENARIO, LENGTH)
+    motion = plan(replace(problem, points=13), load_parameters().planner).trajectory
     steps = steps_per_point(motion)
     for command, limit_deg in (
         (feed_forward(problem.robot, motion, steps), (0.0, 0.01)),

@@ -34,8 +34,8 @@ Judge = Callable[[FoundPath], Plan | None]
 _RUNGS = (6.0, 15.0, 45.0)
 # The race on few points: guesses, the first the plan of least joint path, and iterations for each;
 # then how many go on and for how many more, and how many go on to an optimum. Most guesses show
-# early that they lead nowhere.
-_GUESSES, _FIRST_HEAT, _SECOND_HEAT, _FINALISTS, _LAST_HEAT = 12, 8, (5, 8), 2, 24
+# early that they lead nowhere; some that are slow to begin with lead far.
+_GUESSES, _FIRST_HEAT, _SECOND_HEAT, _FINALISTS, _LAST_HEAT = 24, 14, (8, 8), 3, 24
 # Hops of a round from the best path on few points: at random along each direction, by two standard
 # deviations in turn. Where one comes so near to the best it is worth more iterations.
 _HOPS, _SPREADS, _NEARLY = 10, (0.1, 0.2), 1.3
