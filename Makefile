@@ -76,7 +76,8 @@ without-ros:
 	rm -rf $(WITHOUT_ROS)
 	$(PYTHON) -m venv $(WITHOUT_ROS)
 	touch $(WITHOUT_ROS)/COLCON_IGNORE
-	$(WITHOUT_ROS)/bin/python -m pip install --disable-pip-version-check --quiet --constraint constraints.txt .
+	$(WITHOUT_ROS)/bin/python -m pip wheel --disable-pip-version-check --quiet --no-deps --wheel-dir $(WITHOUT_ROS) .
+	$(WITHOUT_ROS)/bin/python -m pip install --disable-pip-version-check --quiet --constraint constraints.txt $(WITHOUT_ROS)/*.whl
 	! $(WITHOUT_ROS)/bin/python -m pip list | grep --ignore-case 'ros-\|rclpy\|_msgs\|mujoco'
 	mkdir $(WITHOUT_ROS)/run
 	cd $(WITHOUT_ROS)/run; PATH=$(WITHOUT_ROS)/bin:$$PATH; \
@@ -88,7 +89,7 @@ without-ros:
 	python $(CURDIR)/examples/plan_in_python.py; \
 	said=$$(ff-planner verify answer.json 2>&1) && exit 1; grep 'ff_planner_ros\[simulation\]' <<< "$$said"; \
 	python -m pip install --disable-pip-version-check --quiet --constraint $(CURDIR)/constraints.txt \
-		'$(CURDIR)[simulation]'; \
+		'ff_planner_ros[simulation]'; \
 	ff-planner verify answer.json
 	rm -rf $(WITHOUT_ROS)
 
