@@ -172,9 +172,11 @@ class AttitudeSearch(Search):
         """
         grid = _with(self._rough_grid(asked), tolerated=_FINE_TOLERATED)
         path = self._solve_feasibly(*_further(grid, path, _LAST_HEAT))
+        if not path.feasible:
+            return []
         _, more = self._toward(with_tie_break(asked, self._settings))[:2]
         looked = self._solve(_with(more, iterations=0), path.x).at_x
-        if not path.feasible or not looked.violation < _SMALL_VIOLATION:
+        if not looked.violation < _SMALL_VIOLATION:
             return []
         worth = looked.objective if asked.joint_path_length else float(looked.peaks.max())
         return [_Rough(path, worth)]

@@ -15,10 +15,10 @@ import numpy as np
 from scipy.stats import qmc
 
 from ff_planner_ros.arrays import Array
-from ff_planner_ros.planning.end_conditions import pose_conditions
 from ff_planner_ros.planning.end_effector_polynomial import applies, end_effector_families
 from ff_planner_ros.planning.problem import Sphere
 from ff_planner_ros.planning.spline_basis import FIXED
+from ff_planner_ros.planning.target import conditions_of
 
 if TYPE_CHECKING:
     from ff_planner_ros.planning.joint_spline import JointSplines
@@ -90,7 +90,7 @@ def _way_to_posture(family: JointSplines, posture: Array) -> Array:
     angles.
     """
     robot, problem = family.robot, family.problem
-    rows = pose_conditions(robot, problem.target)
+    rows = sum(conditions_of(robot, problem.target).values())
     straight = _straight(family)
     hold = np.repeat(family.fixed[-1:], family.basis.count - FIXED, axis=0).T.ravel()
     by_posture = np.kron(np.eye(robot.joints), straight[:, None])
