@@ -15,9 +15,12 @@ import pinocchio as pin
 
 from ff_planner_ros.arrays import Array, frozen
 from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.robot.bodies import Body, Geometry, bodies_of
+from ff_planner_ros.robot.pairs import neighbours, pairs_of
 from ff_planner_ros.robot.shapes import with_shapes
 from ff_planner_ros.robot.urdf import NOTHING_HELD, checked_urdf
-from ff_planner_ros.robot.urdf_xml import MAX_CHARACTERS
+from ff_planner_ros.robot.urdf_faults import Faults
+from ff_planner_ros.robot.urdf_xml import MAX_CHARACTERS, read_shapes
 
 
 class Base(enum.StrEnum):
@@ -61,6 +64,10 @@ class Robot:
     effort_limits: Array  # shape (joints,) [N m]
     notes: tuple[str, ...] = ()  # what a user should know: joints that are held, say
     base: Base = Base.FREE_FLYER
+    geometry: Geometry = Geometry.LINES
+    bodies: tuple[Body, ...] = ()  # empty with lines
+    # Indices of bodies that must not touch each other, the smaller one first; empty with lines
+    pairs: tuple[tuple[int, int], ...] = ()
 
     @property
     def joints(self) -> int:
@@ -74,6 +81,7 @@ def load_robot(
     tip_link: str,
     base: Base = Base.FREE_FLYER,
     held_at: Mapping[str, float] = NOTHING_HELD,
+    geometry: Geometry | None = None,
 ) -> Robot:
     """Load a robot from a URDF file.
 
@@ -82,7 +90,7 @@ def load_robot(
     Raises:
         InvalidInput: The file cannot be read, or its content is refused.
     """
-    return robot_from_urdf_text(read_urdf(urdf), base_link, tip_link, base, held_at)
+    return robot_from_urdf_text(read_urdf(urdf), base_link, tip_link, base, held_at, geometry)
 
 
 def read_urdf(urdf: Path) -> str:
@@ -113,6 +121,7 @@ def robot_from_urdf_text(
     tip_link: str | None = None,
     base: Base = Base.FREE_FLYER,
     held_at: Mapping[str, float] = NOTHING_HELD,
+    geometry: Geometry | None = None,
 ) -> Robot:
     """Build a robot from a URDF.
 
@@ -122,6 +131,7 @@ def robot_from_urdf_text(
         base_link: Link that carries the arm; it is the root or fixed to it. None: the root.
         tip_link: Link whose frame is the end effector. None: the only link that carries no other.
         held_at: Where joints are held that the URDF lets move [rad], or [m] where they slide.
+        geometry: None: shapes where the URDF has any `<collision>`, else lines.
 
     Raises:
         InvalidInput: The URDF is something else, a link's inertia is one that no body has, or an
@@ -140,6 +150,16 @@ def robot_from_urdf_text(
     efforts = np.array(model.upperEffortLimit[6:])
     if base is Base.PLANAR:
         _require_planar(model, base_frame)
+    solids = read_shapes(text)
+    if geometry is None:
+        found, mesh = solids.find("link/collision"), solids.find("link/collision/geometry/mesh")
+        # Meshes are not read yet.
+        geometry = Geometry.SHAPES if found is not None and mesh is None else Geometry.LINES
+    bodies: tuple[Body, ...] = ()
+    if geometry is Geometry.SHAPES:
+        faults = Faults()
+        bodies = bodies_of(solids, model, faults)
+        faults.refuse_if_any()
     return Robot(
         model=model,
         urdf=checked.xml,
@@ -157,6 +177,9 @@ def robot_from_urdf_text(
         effort_limits=frozen(np.where(efforts == 0.0, np.inf, efforts)),
         notes=checked.notes,
         base=base,
+        geometry=geometry,
+        bodies=bodies,
+        pairs=pairs_of(bodies, neighbours(ElementTree.fromstring(checked.xml), bodies)),
     )
 
 
