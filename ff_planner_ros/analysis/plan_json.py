@@ -82,6 +82,15 @@ def refusal_dictionary(
     return refusal
 
 
+def planned_obstacles(answer: object) -> tuple[Sphere, ...] | None:
+    """Read what a plan's dictionary says that was planned around; None: it does not tell.
+
+    Raises:
+        InvalidInput: They are something else.
+    """
+    return _asked_for(answer)[1]
+
+
 def planned_motion(answer: object) -> tuple[Robot, Trajectory]:
     """Read robot and motion of a plan's dictionary; nothing checks the shapes of the motion.
 

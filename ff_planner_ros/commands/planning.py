@@ -13,7 +13,12 @@ from pathlib import Path
 from typing import Any
 
 from ff_planner_ros.analysis.json_file import read_json
-from ff_planner_ros.analysis.plan_json import plan_dictionary, planned_motion, refusal_dictionary
+from ff_planner_ros.analysis.plan_json import (
+    plan_dictionary,
+    planned_motion,
+    planned_obstacles,
+    refusal_dictionary,
+)
 from ff_planner_ros.analysis.summary import plan_rows, robot_rows
 from ff_planner_ros.arrays import finite_number
 from ff_planner_ros.baselines.artificial_potential_field import artificial_potential_field
@@ -23,7 +28,7 @@ from ff_planner_ros.errors import FfPlannerError, InvalidInput, Status
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.plan import Plan, Trajectory
 from ff_planner_ros.planning.planner import plan
-from ff_planner_ros.planning.problem import Objective, Parametrisation
+from ff_planner_ros.planning.problem import Objective, Parametrisation, Sphere
 from ff_planner_ros.planning.scenario import Defaults, load_scenario, load_task
 from ff_planner_ros.planning.task import Method, PlanningTask, perform, without_search
 from ff_planner_ros.planning.watch import Watch
@@ -146,18 +151,20 @@ def verify_plans(options: argparse.Namespace) -> int:
     from ff_planner_ros.verify import print_verdict
 
     verdicts = [
-        print_verdict(name, robot, motion, options.sensitivity)
-        for name, robot, motion in _motions(options.source, options)
+        print_verdict(name, robot, motion, options.sensitivity, obstacles)
+        for name, robot, motion, obstacles in _motions(options.source, options)
     ]
     return SOLVED if all(verdicts) else NO_PLAN
 
 
-def _motions(source: Path, options: argparse.Namespace) -> Iterator[tuple[str, Robot, Trajectory]]:
-    """Yield name, robot and motion of each plan that a file or bag holds or asks for."""
+def _motions(
+    source: Path, options: argparse.Namespace
+) -> Iterator[tuple[str, Robot, Trajectory, Sequence[Sphere] | None]]:
+    """Yield name, robot, motion and obstacles of each plan that a file or bag holds or asks for."""
     if source.suffix in (".yaml", ".yml"):
         task, watch = _task(source, options)
         planned = perform(task, watch, _method(options.method))
-        yield source.name, task.problem.robot, planned.trajectory
+        yield source.name, task.problem.robot, planned.trajectory, task.problem.obstacles
     elif source.suffix == ".json":
         yield source.name, *_motion_in_json(source)
     elif source.is_dir() or source.suffix == ".mcap":
@@ -166,16 +173,16 @@ def _motions(source: Path, options: argparse.Namespace) -> Iterator[tuple[str, R
         recorded = robot_plans(source)
         print_notes(recorded.notes)
         for plan_id, motion in recorded.motions.items():
-            yield plan_id, recorded.robot, motion
+            yield plan_id, recorded.robot, motion, recorded.obstacles.get(plan_id)
     else:
         allowed = "it must be a scenario (.yaml), an answer (.json) or a bag (directory or .mcap)"
         raise InvalidInput(Status.UNSUPPORTED, "what to verify", source, allowed)
 
 
-def _motion_in_json(source: Path) -> tuple[Robot, Trajectory]:
+def _motion_in_json(source: Path) -> tuple[Robot, Trajectory, Sequence[Sphere] | None]:
     answer = read_json(source)
     try:
-        return planned_motion(answer)
+        return *planned_motion(answer), planned_obstacles(answer)
     except InvalidInput as error:
         field = f"{source}: {error.field}"
         raise InvalidInput(error.status, field, error.value, error.allowed) from None
