@@ -31,7 +31,7 @@ from ff_planner_ros.planning.problem import PlanningProblem, Sphere
 from ff_planner_ros.robot.bodies import Geometry
 from ff_planner_ros.robot.model import Robot
 
-ROBOTS = ("lemur", "arm6", "canadarm2")
+ROBOTS = ("arm6",)
 
 # What the witness keeps [m]: its bodies from each other, and from the spheres.
 APART, CLEAR = 0.01, 0.02
@@ -62,9 +62,14 @@ def problems(count: int) -> Iterator[BodiesProblem]:
 @cache
 def problem(robot: str, number: int) -> BodiesProblem:
     """Return one problem, always the same."""
-    rng = np.random.default_rng([*f"bodies {robot}".encode(), number])
+    return drawn_problem(bench_robot(robot, Geometry.SHAPES), f"bodies {robot}", number)
+
+
+def drawn_problem(robot: Robot, name: str, number: int) -> BodiesProblem:
+    """Return one problem of any robot with bodies; the same name and number give the same."""
+    rng = np.random.default_rng([*name.encode(), number])
     while True:
-        drawn = _draw(bench_robot(robot, Geometry.SHAPES), rng)
+        drawn = _draw(robot, rng)
         if drawn is not None:
             return drawn
 

@@ -16,10 +16,12 @@ from ff_planner_ros.errors import FfPlannerError, Status
 from ff_planner_ros.planning.motion import from_trajectory
 from ff_planner_ros.planning.plan import Plan
 from ff_planner_ros.planning.problem import Objective, PlanningProblem, Sphere
+from ff_planner_ros.planning.scenario import load_scenario
 from ff_planner_ros.planning.settings import PlannerSettings
 from ff_planner_ros.planning.task import PlanningTask, perform
 from ff_planner_ros.robot.bodies import Geometry
 from ff_planner_ros.robot.model import Robot
+from ff_planner_ros.share import share_directory
 
 OBJECTIVES = {
     "min(L)": Objective(1.0, 0.0),
@@ -90,7 +92,7 @@ HEADER = (
 )
 
 
-def side_by_side(tried: Sequence[GeometryAttempt]) -> Iterator[tuple[str, ...]]:
+def geometry_rows(tried: Sequence[GeometryAttempt]) -> Iterator[tuple[str, ...]]:
     """Yield a row for each objective and robot, and for all robots: `HEADER`."""
     for objective in OBJECTIVES:
         for robot in ("all", *bodies.ROBOTS):
@@ -127,6 +129,17 @@ class Crowd:
     spheres: int
     lines: float  # median processor time [s]
     shapes: float  # likewise [s]
+
+
+def crowded_problems() -> dict[str, PlanningProblem]:
+    """Return problems of robots with shapes among three spheres."""
+    scenarios = share_directory() / "config" / "scenarios"
+    found = {
+        name: load_scenario(scenarios / f"{name}.yaml")
+        for name in ("lemur_capture_bodies", "canadarm2_capture")
+    }
+    drawn = bodies.problem("arm6", 0).problem
+    return found | {"arm6": replace(drawn, obstacles=drawn.obstacles[:3])}
 
 
 def crowds(
