@@ -40,7 +40,8 @@ def bus_with(solid: str, world: str = "bus") -> Robot:
     origin = '<origin xyz="0.3 -0.2 0.1" rpy="0 0 1.5707963267948966"/>'
     return robot_from_urdf_text(
         f'<robot name="bus"><link name="{world}">{INERTIAL}<collision>{origin}'
-        f'<geometry>{solid}</geometry></collision></link><link name="arm">{INERTIAL}</link>'
+        f'<geometry>{solid}</geometry></collision></link><link name="arm">{INERTIAL}'
+        '<collision><geometry><sphere radius="0.1"/></geometry></collision></link>'
         f'<joint name="joint" type="revolute"><parent link="{world}"/><child link="arm"/>'
         '<origin xyz="0 0 2"/><axis xyz="0 1 0"/>'
         '<limit lower="-3" upper="3" velocity="1" effort="9"/></joint></robot>'
@@ -61,7 +62,8 @@ def by_hull(robot: Robot) -> Robot:
     cloud.addVertices(np.vstack([corners, [[0.1, 0.1, 0.1]]]))
     cloud.endModel()
     cloud.buildConvexHull(True, "Qt")
-    return replace(robot, bodies=tuple(replace(b, solid=cloud.convex) for b in robot.bodies))
+    bus, arm = robot.bodies
+    return replace(robot, bodies=(replace(bus, solid=cloud.convex), arm))
 
 
 @pytest.mark.parametrize("shape", [*SOLIDS, "hull"])
@@ -87,6 +89,10 @@ def test_a_moving_obstacle_is_where_it_is_then() -> None:
 def test_a_link_may_be_called_as_mujoco_calls_the_universe() -> None:
     ball = Sphere("ball", np.array([0.3, 0.4, 0.1]), 0.2)
     assert touch(bus_with(SOLIDS["sphere"], "world"), ball) == {"world/ball": pytest.approx(0.1)}
+
+
+def test_bodies_that_may_touch_all_others_are_no_hindrance() -> None:
+    assert touch(bus_with(SOLIDS["box"])) == {}
 
 
 def test_bodies_touch_where_coal_says_so_and_nothing_else_is_told() -> None:

@@ -50,6 +50,7 @@ class Touch:
             InvalidInput: MuJoCo refuses a shape.
         """
         spec, names = specification(robot.urdf)
+        spec.compiler.discardvisual = False  # else what is in no pair is left out
         bodies = [f"body {number}" for number in range(len(robot.bodies))]
         spheres = [f"obstacle {number}" for number in range(len(obstacles))]
         for geom, body in zip(bodies, robot.bodies, strict=True):
