@@ -24,6 +24,9 @@ _THINNEST = 1e-6
 MAX_VERTICES = 1000
 # Directions in which a hull of more is kept as large as it is: twice as many vertices at most.
 _DIRECTIONS = 300
+# Of more points, first those are left out that lie well inside; if they are still more, their hull
+# is not even tried: it takes a second, and more than a second for more.
+_MANY = 10_000
 # A binary STL of a million triangles: it is read in two seconds. And all files of a robot [bytes].
 MAX_FILE, MAX_FILES = 50_000_100, 200_000_000
 _SUFFIXES = (".stl", ".obj", ".dae")
@@ -80,7 +83,7 @@ class Meshes:
             file = "embedded" if name.startswith("data:") else shortened(Path(name).name)
             self.notes.append(
                 f"mesh {file}: its hull is simplified, at most {_growth(points, simple):.2g} of "
-                f"its size larger, from the vertices of {len(points)} to {len(simple)}"
+                f"its size larger, from the vertices of {len(points)} to {len(_once(simple))}"
             )
             points = simple
         raise _NoMesh("its convex hull cannot be simplified")
@@ -165,7 +168,7 @@ def _solid_points(points: Array) -> Array:
     """Return points in an order of their own, each once; what has no volume has no hull."""
     if not len(points) or not np.isfinite(points).all() or np.abs(points).max() > LARGEST_SIZE:
         raise _NoMesh(f"it must have vertices, none further than {LARGEST_SIZE:g} m")
-    points = np.unique(points, axis=0)
+    points = _once(points)
     centred = points - points.mean(axis=0)
     _, axes = np.linalg.eigh(centred.T @ centred)
     extents = np.ptp(centred @ axes, axis=0)
@@ -174,16 +177,40 @@ def _solid_points(points: Array) -> Array:
     return points
 
 
+def _once(points: Array) -> Array:
+    """Return the rows in order, each once."""
+    points = points[np.lexsort(points.T)] + 0.0  # no negative zeros
+    return points[np.append(True, (points[1:] != points[:-1]).any(axis=1))]
+
+
 def _corners(points: Array) -> Array | None:
-    """Return the corners of the hull, such that theirs are all of them; None: Coal takes it not."""
-    while True:
+    """Return the corners of the hull, such that theirs are all of them; None: too many for Coal."""
+    if len(points) > _MANY:
+        points = _outer(points)
+    while len(points) <= _MANY:
         try:
-            found = np.unique(_hull(points).points(), axis=0)
+            found = _once(_hull(points).points())
         except RuntimeError:  # an edge fan of more than 255 at one corner
             return None
         if len(found) == len(points):
             return points
         points = found
+    return None
+
+
+def _outer(points: Array) -> Array:
+    """Return points without those inside the hull of the outermost ones in some directions."""
+    inner = _hull(_solid_points(_outermost(points)))
+    outside = np.zeros(len(points), bool)
+    for normal, offset in zip(inner.normals(), inner.offsets(), strict=True):
+        outside |= points @ normal + offset > -_THINNEST
+    return points[outside]
+
+
+def _outermost(points: Array) -> Array:
+    """Return the point that is furthest, for each of some directions."""
+    # One after the other: all at once would need gigabytes.
+    return np.array([points[np.argmax(points @ way)] for way in _ways(_DIRECTIONS)])
 
 
 def _hull(points: Array) -> coal.Convex:
@@ -199,8 +226,7 @@ def _around(points: Array) -> Array:
     of the points n / h: each is the dual of the other.
     """
     ways = _ways(_DIRECTIONS)
-    # One after the other: all at once would need gigabytes.
-    center = np.mean([points[np.argmax(points @ way)] for way in ways], axis=0)
+    center = _outermost(points).mean(axis=0)
     reach = np.array([((points - center) @ way).max() for way in ways])
     dual = _hull(ways / reach[:, None])
     corners = dual.points()
@@ -209,7 +235,7 @@ def _around(points: Array) -> Array:
     normal = np.cross(planes[:, 1] - planes[:, 0], planes[:, 2] - planes[:, 0])
     height = np.einsum("ij,ij->i", normal, planes[:, 0])
     outside = normal / height[:, None] * (1.0 + _THINNEST)  # more than float32 rounds
-    return np.unique((center + outside).astype(np.float32).astype(float), axis=0)
+    return (center + outside).astype(np.float32).astype(float)
 
 
 def _ways(count: int) -> Array:
