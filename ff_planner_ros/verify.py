@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from ff_planner_ros.planning.plan import Trajectory
-from ff_planner_ros.planning.problem import Sphere
 from ff_planner_ros.robot.model import Robot
+from ff_planner_ros.simulation.contacts import Scene
 from ff_planner_ros.simulation.engine import ENGINE
 from ff_planner_ros.simulation.model_errors import model_errors
 from ff_planner_ros.simulation.verification import (
@@ -28,17 +26,17 @@ def print_verdict(
     robot: Robot,
     trajectory: Trajectory,
     sensitivity: bool,
-    obstacles: Sequence[Sphere] | None = (),
+    scene: Scene | None = None,
 ) -> bool:
     """Execute a plan open loop, also with a wrong model if asked, and tell whether it passed.
 
     Args:
-        obstacles: None: they are not known.
+        scene: None: it is not known.
 
     Raises:
         InvalidInput: The samples cannot be executed, or MuJoCo refuses the robot's URDF.
     """
-    found = verify(robot, trajectory, obstacles or ())
+    found = verify(robot, trajectory, scene or Scene())
     print_table(
         f"{name}, open loop in {ENGINE}: end effector at the end, chaser at worst",
         ("", *_COLUMNS, "momentum"),
@@ -48,7 +46,7 @@ def print_verdict(
         ],
     )
     if robot.bodies:
-        _print_contacts(found, unknown=obstacles is None)
+        _print_contacts(found, unknown=scene is None)
     print(f"verdict: {_verdict(found)}")
     if sensitivity:
         print_table(

@@ -18,7 +18,7 @@ from ff_planner_ros.planning.planner import plan
 from ff_planner_ros.planning.problem import PlanningProblem, Sphere
 from ff_planner_ros.robot.bodies import Geometry
 from ff_planner_ros.robot.model import Robot, robot_from_urdf_text
-from ff_planner_ros.simulation.contacts import Touch
+from ff_planner_ros.simulation.contacts import Contact, Scene, Touch
 from ff_planner_ros.simulation.verification import verify
 from ff_planner_ros.verify import print_verdict
 
@@ -50,7 +50,7 @@ def bus_with(solid: str, world: str = "bus") -> Robot:
 
 def touch(robot: Robot, *spheres: Sphere, time: float = 0.0) -> dict[str, float]:
     stretched = np.concatenate([[0, 0, 0, 1, 0, 0, 0], np.zeros(robot.joints)])
-    return Touch(robot, spheres).depths(stretched, time)
+    return Touch(robot, Scene(spheres)).depths(stretched, time)
 
 
 def by_hull(robot: Robot) -> Robot:
@@ -98,7 +98,7 @@ def test_bodies_that_may_touch_all_others_are_no_hindrance() -> None:
 def test_bodies_touch_where_coal_says_so_and_nothing_else_is_told() -> None:
     robot = bench_robot("arm6", Geometry.SHAPES)
     rng = np.random.default_rng(1)
-    data, engine = robot.model.createData(), Touch(robot, ())
+    data, engine = robot.model.createData(), Touch(robot, Scene())
     touched = 0
     for _ in range(300):
         joints = rng.uniform(robot.lower_position_limits, robot.upper_position_limits)
@@ -134,7 +134,7 @@ def test_a_plan_of_lines_fails_by_the_contacts_of_its_bodies(
 ) -> None:
     """Those that Coal finds a thousand times a second, and as deep."""
     problem, motion = planned
-    found = verify(problem.robot, motion, problem.obstacles)
+    found = verify(problem.robot, motion, Scene(problem.obstacles))
     assert found.came_true
     assert not found.passed
     assert found.pairs == len(problem.robot.pairs) + len(problem.robot.bodies) * len(
@@ -155,8 +155,8 @@ def test_contacts_do_not_push_and_lines_have_none(
     planned: tuple[PlanningProblem, Trajectory],
 ) -> None:
     problem, motion = planned
-    with_bodies = verify(problem.robot, motion, problem.obstacles)
-    with_lines = verify(bench_robot("arm6"), motion, problem.obstacles)
+    with_bodies = verify(problem.robot, motion, Scene(problem.obstacles))
+    with_lines = verify(bench_robot("arm6"), motion, Scene(problem.obstacles))
     assert with_lines.passed
     assert with_lines.contacts == ()
     assert with_lines.deviation == with_bodies.deviation
@@ -178,8 +178,8 @@ def test_contacts_are_the_same_from_any_frame_that_drifts(
         ee_linear_velocities=motion.ee_linear_velocities + speed,
     )
     spheres = [replace(s, center=s.center + away, velocity=speed) for s in problem.obstacles]
-    here = verify(problem.robot, motion, problem.obstacles).contacts
-    for one, other in zip(here, verify(problem.robot, there, spheres).contacts, strict=True):
+    here = verify(problem.robot, motion, Scene(problem.obstacles)).contacts
+    for one, other in zip(here, verify(problem.robot, there, Scene(spheres)).contacts, strict=True):
         assert one.pair == other.pair
         assert other.first_time == pytest.approx(one.first_time, abs=1e-6)
         assert other.depth == pytest.approx(one.depth, abs=1e-6)
@@ -189,12 +189,12 @@ def test_the_verdict_names_the_first_contact(
     planned: tuple[PlanningProblem, Trajectory], capsys: pytest.CaptureFixture[str]
 ) -> None:
     problem, motion = planned
-    assert not print_verdict("plan", problem.robot, motion, False, problem.obstacles)
+    assert not print_verdict("plan", problem.robot, motion, False, Scene(problem.obstacles))
     shown = capsys.readouterr().out
-    first = verify(problem.robot, motion, problem.obstacles).contacts[0]
+    first = verify(problem.robot, motion, Scene(problem.obstacles)).contacts[0]
     assert f"{first.pair} " in shown
     assert f"failed: {first.pair} touch at {first.first_time:.3f} s" in shown
-    assert print_verdict("plan", bench_robot("arm6"), motion, False, problem.obstacles)
+    assert print_verdict("plan", bench_robot("arm6"), motion, False, Scene(problem.obstacles))
     assert "contacts" not in capsys.readouterr().out
 
 
@@ -204,3 +204,28 @@ def test_unknown_obstacles_are_told(
     problem, motion = planned
     print_verdict("plan", problem.robot, motion, False, None)
     assert "but the obstacles are not known" in capsys.readouterr().out
+
+
+def test_what_is_grasped_may_be_touched_near_the_goal_and_only_there(
+    planned: tuple[PlanningProblem, Trajectory],
+) -> None:
+    """The tool's box is 12 cm long and ends in the end effector's frame."""
+    problem, motion = planned
+    goal, radius = motion.ee_positions[-1], 0.05
+    grasped = Sphere("grasped", goal, radius)
+    way = np.linalg.norm(motion.ee_positions - goal, axis=1)
+
+    def seen(distance: float, *allowed: str) -> dict[str, Contact]:
+        scene = Scene((grasped,), allowed, goal, contact_distance=distance)
+        found = verify(problem.robot, motion, scene).contacts
+        return {one.pair: one for one in found if one.pair.endswith("grasped")}
+
+    (touched,) = seen(1.0)
+    assert touched == "end_effector/grasped"
+    assert seen(0.15, "end_effector/grasped") == {}
+    assert seen(0.15, "grasped/end_effector") == {}
+    assert seen(0.15, "link_6/grasped").keys() == {touched}
+    early = seen(0.02, "end_effector/grasped")[touched]
+    assert early.first_time == seen(1.0)[touched].first_time
+    assert np.interp(early.time, motion.time, way) == pytest.approx(0.02, abs=1e-3)
+    assert seen(1.0)[touched].time > early.time

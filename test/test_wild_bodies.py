@@ -18,6 +18,7 @@ from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.task import PlanningTask, perform
 from ff_planner_ros.robot.bodies import Geometry
 from ff_planner_ros.robot.model import Robot, load_robot
+from ff_planner_ros.simulation.contacts import Scene
 from ff_planner_ros.simulation.verification import verify
 
 SETTINGS = load_parameters().planner
@@ -77,7 +78,7 @@ def test_a_plan_among_obstacles_comes_true_without_contact(
         pytest.skip("at night")
     problem = replace(drawn.problem, objective=OBJECTIVES[objective])
     plan = perform(PlanningTask(problem, SETTINGS))
-    found = verify(robot, plan.trajectory, problem.obstacles)
+    found = verify(robot, plan.trajectory, Scene(problem.obstacles))
     assert found.passed, (found.deviation, found.contacts)
     assert found.pairs > len(robot.pairs) > 10
     pairs: dict[str, list[str]] = {}

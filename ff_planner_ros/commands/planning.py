@@ -11,7 +11,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ff_planner_ros.analysis.json_file import read_json
 from ff_planner_ros.analysis.plan_json import (
@@ -39,6 +39,9 @@ from ff_planner_ros.robot.pairs import moveit_pairs
 from ff_planner_ros.robot.srdf import srdf_text
 from ff_planner_ros.share import share_directory
 from ff_planner_ros.time_budget import TimeBudget
+
+if TYPE_CHECKING:
+    from ff_planner_ros.simulation.contacts import Scene
 
 SOLVED, BAD_INPUT, NO_PLAN = 0, 2, 3
 
@@ -155,29 +158,36 @@ def verify_plans(options: argparse.Namespace) -> int:
     from ff_planner_ros.verify import print_verdict
 
     verdicts = [
-        print_verdict(name, robot, motion, options.sensitivity, obstacles)
-        for name, robot, motion, obstacles in _motions(options.source, options)
+        print_verdict(name, robot, motion, options.sensitivity, scene)
+        for name, robot, motion, scene in _motions(options.source, options)
     ]
     return SOLVED if all(verdicts) else NO_PLAN
 
 
 def _motions(
     source: Path, options: argparse.Namespace
-) -> Iterator[tuple[str, Robot, Trajectory, Sequence[Sphere] | None]]:
-    """Yield name, robot, motion and obstacles of each plan that a file or bag holds or asks for."""
+) -> Iterator[tuple[str, Robot, Trajectory, Scene | None]]:
+    """Yield name, robot, motion and scene of each plan that a file or bag holds or asks for."""
+    from ff_planner_ros.simulation.contacts import Scene
+
     if source.suffix in (".yaml", ".yml"):
         task, watch = _task(source, options)
         planned = perform(task, watch, _method(options.method))
-        yield source.name, task.problem.robot, planned.trajectory, task.problem.obstacles
+        scene: Scene | None = Scene(task.problem.obstacles)
+        yield source.name, task.problem.robot, planned.trajectory, scene
     elif source.suffix == ".json":
-        yield source.name, *_motion_in_json(source)
+        robot, motion, obstacles = _motion_in_json(source)
+        scene = None if obstacles is None else Scene(obstacles)
+        yield source.name, robot, motion, scene
     elif source.is_dir() or source.suffix == ".mcap":
         from ff_planner_ros.bag.robot_plans import robot_plans
 
         recorded = robot_plans(source)
         print_notes(recorded.notes)
         for plan_id, motion in recorded.motions.items():
-            yield plan_id, recorded.robot, motion, recorded.obstacles.get(plan_id)
+            obstacles = recorded.obstacles.get(plan_id)
+            scene = None if obstacles is None else Scene(obstacles)
+            yield plan_id, recorded.robot, motion, scene
     else:
         allowed = "it must be a scenario (.yaml), an answer (.json) or a bag (directory or .mcap)"
         raise InvalidInput(Status.UNSUPPORTED, "what to verify", source, allowed)

@@ -7,7 +7,7 @@ nothing about it.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Any
 
@@ -30,6 +30,31 @@ LOOKS = 20
 _BARE: dict[str, Any] = {"mass": 0.0, "contype": 0, "conaffinity": 0}
 
 
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """What a plan was made among, in the plan's inertial frame."""
+
+    obstacles: Sequence[Sphere] = ()
+    # `link/obstacle` or `link/link`: may touch from when on the end effector stays within the
+    # contact distance [m] of the target; shape (3,) [m]
+    allowed_at_goal: Sequence[str] = ()
+    target: Array | None = None
+    drift: Array = field(default_factory=lambda: np.zeros(3))  # of the target; shape (3,) [m/s]
+    contact_distance: float = 0.0
+
+    def seen_from(self, origin: Array, velocity: Array) -> Scene:
+        """Return the scene in a frame that moves, without turning."""
+        return replace(
+            self,
+            obstacles=[
+                replace(one, center=one.center - origin, velocity=one.velocity - velocity)
+                for one in self.obstacles
+            ],
+            target=None if self.target is None else self.target - origin,
+            drift=self.drift - velocity,
+        )
+
+
 @dataclass(frozen=True)
 class Contact:
     """Two things that must not touch, and do."""
@@ -41,14 +66,15 @@ class Contact:
 
 
 class Touch:
-    """A robot's bodies among obstacles, in MuJoCo."""
+    """A robot's bodies in a scene, in MuJoCo."""
 
-    def __init__(self, robot: Robot, obstacles: Sequence[Sphere]) -> None:
+    def __init__(self, robot: Robot, scene: Scene) -> None:
         """Give each link the geoms of its bodies.
 
         Raises:
             InvalidInput: MuJoCo refuses a shape.
         """
+        obstacles = scene.obstacles
         spec, names = specification(robot.urdf)
         spec.compiler.discardvisual = False  # else what is in no pair is left out
         bodies = [f"body {number}" for number in range(len(robot.bodies))]
@@ -69,9 +95,12 @@ class Touch:
         self._centers = np.array([one.center for one in obstacles]).reshape(-1, 3)
         self._velocities = np.array([one.velocity for one in obstacles]).reshape(-1, 3)
         told = [one.name for one in robot.bodies] + [one.id for one in obstacles]
+        links = [one.link for one in robot.bodies] + [one.id for one in obstacles]
         order = {self._model.geom(geom).id: n for n, geom in enumerate([*bodies, *spheres])}
-        self._names = [told[order[geom]] for geom in range(self._model.ngeom)]
         self._order = [order[geom] for geom in range(self._model.ngeom)]
+        self._names = [told[number] for number in self._order]
+        self._links = [links[number] for number in self._order]
+        self._scene, self._tip = scene, self._data.body(names[robot.tip_link])
 
     def depths(self, q: Array, time: float) -> dict[str, float]:
         """Return how deep the bodies of each pair are in each other [m], of all that touch.
@@ -80,18 +109,26 @@ class Touch:
             q: MuJoCo's configuration.
             time: From the start of the plan [s].
         """
+        return {pair: max(depths) for pair, depths in self._seen(q, time)[0].items()}
+
+    def _seen(self, q: Array, time: float) -> tuple[dict[str, list[float]], set[str]]:
+        """Return the depths of each pair that touches, and which of these may near the goal."""
         data = self._data
         data.qpos[:] = q
         data.mocap_pos[:] = self._centers + time * self._velocities
         mujoco.mj_kinematics(self._model, data)
         mujoco.mj_collision(self._model, data)
-        found: dict[str, float] = {}
+        found: dict[str, list[float]] = {}
+        allowed: set[str] = set()
         for geoms, distance in zip(data.contact.geom, data.contact.dist, strict=True):
             if distance < 0.0:  # one pair may touch in several points
                 first, second = sorted(geoms.tolist(), key=self._order.__getitem__)
                 pair = f"{self._names[first]}/{self._names[second]}"
-                found[pair] = max(found.get(pair, 0.0), -float(distance))
-        return found
+                found.setdefault(pair, []).append(-float(distance))
+                links = self._links[first], self._links[second]
+                if {"/".join(links), "/".join(reversed(links))} & set(self._scene.allowed_at_goal):
+                    allowed.add(pair)
+        return found, allowed
 
     def along(self, states: Sequence[Array], times: Array) -> tuple[Contact, ...]:
         """Return all contacts along a motion, the earliest first.
@@ -100,13 +137,26 @@ class Touch:
             states: Of the engine: MuJoCo's configuration comes first in them.
             times: Of the states, from the start of the plan. Shape (states,) [s].
         """
-        found: dict[str, Contact] = {}
+        found: list[tuple[float, str, float, bool]] = []
+        outside = -np.inf  # when the end effector was last away from the goal
         for q, time in self._looks(states, times):
-            for pair, depth in self.depths(q, time).items():
-                before = found.setdefault(pair, Contact(pair, time, time, depth))
-                if depth > before.depth:
-                    found[pair] = Contact(pair, before.first_time, time, depth)
-        return tuple(found.values())
+            depths, allowed = self._seen(q, time)
+            found += [(time, pair, max(deep), pair in allowed) for pair, deep in depths.items()]
+            target = self._scene.target
+            if (
+                target is None
+                or np.linalg.norm(self._tip.xpos - target - time * self._scene.drift)
+                > self._scene.contact_distance
+            ):
+                outside = time
+        told: dict[str, Contact] = {}
+        for time, pair, depth, may in found:
+            if may and time > outside:
+                continue
+            before = told.setdefault(pair, Contact(pair, time, time, depth))
+            if depth > before.depth:
+                told[pair] = Contact(pair, before.first_time, time, depth)
+        return tuple(told.values())
 
     def _looks(self, states: Sequence[Array], times: Array) -> Iterator[tuple[Array, float]]:
         """Yield configurations on the chords between states; off the arc by a few micrometres."""

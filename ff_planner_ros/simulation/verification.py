@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import astuple, dataclass, replace
 
 import numpy as np
@@ -10,10 +9,9 @@ import numpy as np
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.plan import Trajectory
-from ff_planner_ros.planning.problem import Sphere
 from ff_planner_ros.planning.sound_samples import require_sound_samples
 from ff_planner_ros.robot.model import Robot
-from ff_planner_ros.simulation.contacts import Contact, Touch
+from ff_planner_ros.simulation.contacts import Contact, Scene, Touch
 from ff_planner_ros.simulation.engine import Engine
 from ff_planner_ros.simulation.execution import (
     Execution,
@@ -37,6 +35,8 @@ MOMENTUM_TOLERANCE = 1e-6
 STEP_TURN, MIN_STEPS_PER_POINT = 0.01, 8
 # Of a whole execution: ten thousand points of a sound plan need less. It takes ten seconds.
 MOST_STEPS = 100_000
+
+_EMPTY = Scene()
 
 
 @dataclass(frozen=True)
@@ -77,7 +77,7 @@ class Verification:
         return self.came_true and not self.contacts
 
 
-def verify(robot: Robot, trajectory: Trajectory, obstacles: Sequence[Sphere] = ()) -> Verification:
+def verify(robot: Robot, trajectory: Trajectory, scene: Scene = _EMPTY) -> Verification:
     """Execute a plan's torques open loop in MuJoCo, and compare the motion with the plan.
 
     Where the robot has bodies, every contact of theirs is told, of the motion as executed.
@@ -100,7 +100,7 @@ def verify(robot: Robot, trajectory: Trajectory, obstacles: Sequence[Sphere] = (
     origin, velocity = engine.center_of_mass(start_state(trajectory))
     contacts, pairs = tuple[Contact, ...](), 0
     if robot.bodies:
-        touch = Touch(robot, [_beside(sphere, origin, velocity) for sphere in obstacles])
+        touch = Touch(robot, scene.seen_from(origin, velocity))
         contacts, pairs = touch.along(states, command.time[::2]), touch.pairs
     return Verification(
         execution=_seen_in(execution, origin, velocity, engine.mass),
@@ -109,11 +109,6 @@ def verify(robot: Robot, trajectory: Trajectory, obstacles: Sequence[Sphere] = (
         contacts=contacts,
         pairs=pairs,
     )
-
-
-def _beside(sphere: Sphere, origin: Array, velocity: Array) -> Sphere:
-    """Return an obstacle as seen in a frame that moves."""
-    return replace(sphere, center=sphere.center - origin, velocity=sphere.velocity - velocity)
 
 
 def beside_center_of_mass(engine: Engine, trajectory: Trajectory) -> Trajectory:
