@@ -23,7 +23,7 @@ class RobotPlans:
     robot: Robot
     motions: Mapping[str, Trajectory]  # by plan id, in the order of the requests
     # By plan id, as in `PlanMetrics.msg`
-    metrics: Mapping[str, Mapping[str, float | tuple[float, ...]]]
+    metrics: Mapping[str, Mapping[str, float | str | tuple[float, ...]]]
     notes: tuple[str, ...]  # what is wrong with the bag
 
 
