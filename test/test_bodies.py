@@ -139,4 +139,4 @@ def test_a_robot_with_bodies_can_be_sent_to_another_process() -> None:
 )
 def test_a_solid_without_size_is_refused_by_its_link(solid: str, words: str) -> None:
     with pytest.raises(InvalidInput, match=words.replace("(", r"\(")):
-        robot_from_urdf_text(with_collisions({"bus": [solid]}), *ENDS)
+        robot_from_urdf_text(with_collisions(SHAPES | {"bus": [solid]}), *ENDS)

@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.robot.bodies import Geometry
 from ff_planner_ros.robot.model import Robot, robot_from_urdf_text
 from ff_planner_ros.robot.urdf import checked_urdf
 
@@ -249,7 +250,7 @@ def test_shapes_and_foreign_tags_do_not_matter(capfd: pytest.CaptureFixture[str]
         "<transmission/><gazebo><gravity>true</gravity></gazebo><material/>",
     )
     plain = robot_from_urdf_text(LEMUR, "chaser", "end_effector")
-    robot = robot_from_urdf_text(decorated, "chaser", "end_effector")
+    robot = robot_from_urdf_text(decorated, "chaser", "end_effector", geometry=Geometry.LINES)
     assert robot.model == plain.model
     assert capfd.readouterr() == ("", "")
 

@@ -13,6 +13,7 @@ from ff_planner_ros.planning.plan import Plan, SolverReport, Trajectory
 from ff_planner_ros.planning.problem import Objective, Orientation, Sphere, Target
 from ff_planner_ros.planning.sound_samples import require_sound_samples
 from ff_planner_ros.planning.task import PlanningTask
+from ff_planner_ros.robot.bodies import Geometry
 from ff_planner_ros.robot.model import Base, Robot, robot_from_urdf_text
 from ff_planner_ros.shown import quoted
 
@@ -41,6 +42,7 @@ def plan_dictionary(plan: Plan, task: PlanningTask, solve_time: float) -> dict[s
         "status": Status.SOLVED.name.lower(),
         "message": plan.solver.stop_reason,
         "digest": task.digest,
+        "geometry": problem.robot.geometry.value,
         "robot": {
             "urdf": problem.robot.drawn_urdf,
             "base_link": problem.robot.base_link,
@@ -99,7 +101,13 @@ def planned_motion(answer: object) -> tuple[Robot, Trajectory]:
     if base not in tuple(Base):
         allowed = f"it must be {', '.join(Base)}"
         raise InvalidInput(Status.OUT_OF_RANGE, "robot.base", quoted(base), allowed)
-    robot = robot_from_urdf_text(urdf, base_link, tip_link, Base(base))
+    # Earlier versions kept lines clear, and said nothing of it.
+    geometry = answer.get("geometry", Geometry.LINES) if isinstance(answer, dict) else None
+    if geometry not in tuple(Geometry):
+        allowed = f"it must be {', '.join(Geometry)}"
+        raise InvalidInput(Status.OUT_OF_RANGE, "geometry", quoted(geometry), allowed)
+    kept_clear = Geometry(geometry)
+    robot = robot_from_urdf_text(urdf, base_link, tip_link, Base(base), geometry=kept_clear)
     names = _entry(answer, "joint_names")
     if names != list(robot.joint_names):
         allowed = f"they must be those of the robot, {', '.join(robot.joint_names)}"

@@ -11,6 +11,7 @@ from ff_planner_ros.planning.metrics import METRIC_BY_NAME
 from ff_planner_ros.planning.plan import Plan
 from ff_planner_ros.planning.problem import Limits
 from ff_planner_ros.planning.task import PlanningTask
+from ff_planner_ros.robot.bodies import Geometry, defining_numbers
 from ff_planner_ros.robot.model import Robot
 
 # Of the metrics, what a user wants to know first.
@@ -68,7 +69,26 @@ def robot_rows(robot: Robot) -> list[tuple[str, str]]:
         torque = f"{effort:6g} N m" if np.isfinite(effort) else "any torque"
         limits = f"{lower[k]:7.1f} to {upper[k]:6.1f} deg, {rates[k]:6.1f} deg/s, {torque}"
         rows.append((f"  {name}", f"{limits}, {moved}"))
-    return rows
+    return [*rows, *_body_rows(robot)]
+
+
+def _body_rows(robot: Robot) -> list[tuple[str, str]]:
+    """Return name and value of what is kept clear."""
+    if robot.geometry is Geometry.LINES:
+        return [("geometry", "lines: the arm's centre lines are kept clear of spheres")]
+    rows = [("geometry", "shapes, as <collision> has them"), ("bodies", str(len(robot.bodies)))]
+    for body in robot.bodies:
+        kind, numbers, _ = defining_numbers(body)
+        size = (
+            f"hull of {len(numbers)} vertices, {_vector(np.ptp(numbers, axis=0))} m"
+            if kind == "convex"
+            else f"{kind}, {_vector(numbers)} m"
+        )
+        joint = robot.model.names[body.joint]
+        rows.append((f"  {body.name}", f"{size}, on {'the chaser' if body.joint == 1 else joint}"))
+    rows.append(("pairs", f"{len(robot.pairs)} that must not touch"))
+    links = [f"{pair.link1} - {pair.link2}: {pair.reason}" for pair in robot.may_touch]
+    return [*rows, ("may touch", str(len(links))), *(("", text) for text in links)]
 
 
 def _tip_at_zero(robot: Robot) -> Array:

@@ -13,6 +13,7 @@ from ff_planner_ros.errors import BagError, InvalidInput
 from ff_planner_ros.parameters import RobotParameters
 from ff_planner_ros.planning.plan import Trajectory
 from ff_planner_ros.planning.yaml_file import yaml_document
+from ff_planner_ros.robot.bodies import Geometry
 from ff_planner_ros.robot.model import Base, Robot
 
 
@@ -69,9 +70,11 @@ def attached_robot(bag: Path, attachments: Mapping[str, bytes]) -> Robot:
         base_link, tip_link = str(links["base_link"]), str(links["tip_link"])
         # Bags of earlier versions do not tell: they know no other base.
         base, held = str(links.get("base", Base.FREE_FLYER)), str(links.get("held_joints", ""))
+        # What they recorded was planned with lines.
+        geometry = str(links.get("geometry", Geometry.LINES))
     except (InvalidInput, LookupError, TypeError, ValueError):
         raise BagError(
             f"bag {bag}: its parameters.yaml does not name robot.base_link and robot.tip_link"
         ) from None
-    robot = RobotParameters("robot.urdf", base_link, tip_link, base, held)
+    robot = RobotParameters("robot.urdf", base_link, tip_link, base, held, geometry, srdf="")
     return robot.load(documents["robot.urdf"])

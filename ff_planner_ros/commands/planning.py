@@ -6,6 +6,7 @@ import argparse
 import json
 import sys
 import time
+import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
@@ -27,7 +28,10 @@ from ff_planner_ros.planning.problem import Objective, Parametrisation
 from ff_planner_ros.planning.scenario import Defaults, load_scenario, load_task
 from ff_planner_ros.planning.task import Method, PlanningTask, perform, without_search
 from ff_planner_ros.planning.watch import Watch
+from ff_planner_ros.robot.bodies import Geometry
 from ff_planner_ros.robot.model import Robot, read_urdf, robot_from_urdf_text
+from ff_planner_ros.robot.pairs import moveit_pairs
+from ff_planner_ros.robot.srdf import srdf_text
 from ff_planner_ros.share import share_directory
 from ff_planner_ros.time_budget import TimeBudget
 
@@ -206,10 +210,32 @@ def run_benchmark(options: argparse.Namespace) -> int:
 
 def show_robot(options: argparse.Namespace) -> int:
     """Show what the planner makes of a URDF."""
-    robot = robot_from_urdf_text(read_urdf(options.urdf), options.base_link, options.tip_link)
+    robot = robot_from_urdf_text(
+        read_urdf(options.urdf),
+        options.base_link,
+        options.tip_link,
+        geometry=None if options.geometry is None else Geometry(options.geometry),
+        directory=options.urdf.resolve().parent,
+    )
     print_notes(robot.notes)
     print_table(robot_rows(robot))
+    if options.srdf is not None:
+        _write_srdf(options.srdf, robot)
     return SOLVED
+
+
+def _write_srdf(file: Path, robot: Robot) -> None:
+    """Write which links may touch, as MoveIt's assistant does."""
+    if robot.geometry is Geometry.LINES:
+        allowed = "only links with a <collision> can touch, and this robot is planned with lines"
+        raise InvalidInput(Status.UNSUPPORTED, "--srdf", file, allowed)
+    if file.exists():
+        allowed = "it is there: an SRDF may hold more, and is not replaced"
+        raise InvalidInput(Status.UNSUPPORTED, "--srdf", file, allowed)
+    tree = ElementTree.fromstring(robot.urdf)
+    pairs = moveit_pairs(tree, robot.model, robot.bodies)
+    file.write_text(srdf_text(tree.get("name", ""), pairs), encoding="utf-8")
+    print(f"\n{file}: {len(pairs)} pairs of links that may touch")
 
 
 def show_demo(options: argparse.Namespace) -> int:

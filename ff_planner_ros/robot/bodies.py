@@ -12,6 +12,7 @@ import numpy as np
 import pinocchio as pin
 
 from ff_planner_ros.arrays import Array, frozen
+from ff_planner_ros.robot.meshes import LARGEST_SIZE, SMALLEST_SIZE, Meshes
 from ff_planner_ros.robot.urdf_bodies import placement
 from ff_planner_ros.robot.urdf_faults import Faults, listed
 
@@ -22,8 +23,6 @@ SIZES = {
     "cylinder": {"radius": 1, "length": 1},
     "sphere": {"radius": 1},
 }
-# What is smaller is a slip of the pen, and what is larger no robot [m].
-SMALLEST_SIZE, LARGEST_SIZE = 1e-6, 1e4
 # A humanoid with both hands has a hundred; the pairs grow with the square.
 MAX_BODIES = 1000
 
@@ -48,11 +47,12 @@ class Body:
     radius: float  # of that sphere [m]
 
 
-def bodies_of(robot: Element, model: pin.Model, faults: Faults) -> tuple[Body, ...]:
+def bodies_of(robot: Element, model: pin.Model, meshes: Meshes, faults: Faults) -> tuple[Body, ...]:
     """Return the bodies of a robot.
 
     Args:
-        robot: `<robot>` with the `<collision>` elements of its links.
+        robot: `<robot>` with the `<collision>` elements of its links; a mesh among them that is in
+            a file is there afterwards itself, as its convex hull.
         faults: Takes what is wrong with them.
     """
     found: list[Body] = []
@@ -63,13 +63,28 @@ def bodies_of(robot: Element, model: pin.Model, faults: Faults) -> tuple[Body, .
             called = name if number == 1 else f"{name}#{number}"
             if not faults.vectors("link", name, "collision origin", collision.find("origin")):
                 continue
-            solid = _solid(name, collision, faults)
+            solid = _solid(name, collision, meshes, faults)
             if solid is not None:
                 place = frame.placement * placement(collision.find("origin"))
                 found.append(_body(called, name, frame.parentJoint, solid, place))
     if len(found) > MAX_BODIES:
         faults.add("<collision>", "", "", f"there {len(found)} times", f"at most {MAX_BODIES}")
     return tuple(found)
+
+
+def defining_numbers(body: Body) -> tuple[str, Array, Array]:
+    """Return what a body is: kind, sizes or corners [m], and placement in its joint."""
+    solid = body.solid
+    match solid:
+        case coal.Box():
+            sizes = 2.0 * solid.halfSide
+        case coal.Sphere():
+            sizes = np.array([solid.radius])
+        case coal.Capsule() | coal.Cylinder():
+            sizes = np.array([solid.radius, 2.0 * solid.halfLength])
+        case _:
+            sizes = solid.points()
+    return type(solid).__name__.lower(), np.array(sizes), body.placement_in_joint.homogeneous
 
 
 def _body(name: str, link: str, joint: int, solid: coal.CollisionGeometry, place: pin.SE3) -> Body:
@@ -91,13 +106,17 @@ def _radius(solid: coal.CollisionGeometry, center: Array) -> float:
     return float(np.linalg.norm(solid.points() - center, axis=1).max())
 
 
-def _solid(link: str, collision: Element, faults: Faults) -> coal.CollisionGeometry | None:
+def _solid(
+    link: str, collision: Element, meshes: Meshes, faults: Faults
+) -> coal.CollisionGeometry | None:
     """Return what a `<collision>` describes; None: a fault."""
-    shape = next(iter(collision.find("geometry") or ()), None)
-    if shape is None or shape.tag not in SIZES:
-        value = "without a geometry" if shape is None else f"a {shape.tag}"
-        faults.add("link", link, "collision", value, f"it must be a {listed(SIZES)}")
+    shape = collision.find("geometry/*")
+    if shape is None:
+        allowed = f"it must be one of {listed(SIZES)}, mesh"
+        faults.add("link", link, "collision", "without a geometry that is known", allowed)
         return None
+    if shape.tag == "mesh":
+        return meshes.hull(link, shape, faults)
     sizes = [
         size
         for name, count in SIZES[shape.tag].items()

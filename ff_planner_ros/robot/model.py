@@ -15,12 +15,11 @@ import pinocchio as pin
 
 from ff_planner_ros.arrays import Array, frozen
 from ff_planner_ros.errors import InvalidInput, Status
-from ff_planner_ros.robot.bodies import Body, Geometry, bodies_of
-from ff_planner_ros.robot.pairs import neighbours, pairs_of
-from ff_planner_ros.robot.shapes import with_shapes
+from ff_planner_ros.robot.bodies import Body, Geometry
+from ff_planner_ros.robot.srdf import MayTouch
 from ff_planner_ros.robot.urdf import NOTHING_HELD, checked_urdf
-from ff_planner_ros.robot.urdf_faults import Faults
-from ff_planner_ros.robot.urdf_xml import MAX_CHARACTERS, read_shapes
+from ff_planner_ros.robot.urdf_xml import MAX_CHARACTERS
+from ff_planner_ros.robot.whole_body import whole_body
 
 
 class Base(enum.StrEnum):
@@ -48,7 +47,8 @@ class Robot:
 
     model: pin.Model  # never changed after loading
     urdf: str  # the checked XML that the model was built from
-    drawn_urdf: str  # the same with the shapes of its links, to hand on
+    # The same to hand on: with shapes of its links, hulls of meshes, and links that may touch
+    drawn_urdf: str
     joint_names: tuple[str, ...]  # from base to tip
     base_link: str  # URDF link that carries the arm; its axes are the chaser's axes
     tip_link: str  # URDF link whose frame is the end effector
@@ -68,6 +68,7 @@ class Robot:
     bodies: tuple[Body, ...] = ()  # empty with lines
     # Indices of bodies that must not touch each other, the smaller one first; empty with lines
     pairs: tuple[tuple[int, int], ...] = ()
+    may_touch: tuple[MayTouch, ...] = ()  # links that could, but are not among the pairs
 
     @property
     def joints(self) -> int:
@@ -82,19 +83,28 @@ def load_robot(
     base: Base = Base.FREE_FLYER,
     held_at: Mapping[str, float] = NOTHING_HELD,
     geometry: Geometry | None = None,
+    srdf: Path | None = None,
 ) -> Robot:
     """Load a robot from a URDF file.
 
     See `robot_from_urdf_text` for what it must hold.
 
+    Args:
+        srdf: File that says which links may touch; None: see there.
+
     Raises:
-        InvalidInput: The file cannot be read, or its content is refused.
+        InvalidInput: A file cannot be read, or its content is refused.
     """
-    return robot_from_urdf_text(read_urdf(urdf), base_link, tip_link, base, held_at, geometry)
+    pairs = None if srdf is None else read_urdf(srdf, "robot.srdf")
+    directory = urdf.resolve().parent
+    text = read_urdf(urdf)
+    return robot_from_urdf_text(
+        text, base_link, tip_link, base, held_at, geometry, pairs, directory
+    )
 
 
-def read_urdf(urdf: Path) -> str:
-    """Return the text of a URDF file.
+def read_urdf(urdf: Path, field: str = "robot.urdf") -> str:
+    """Return the text of a URDF file, or of the SRDF that is the field's.
 
     Raises:
         InvalidInput: The file cannot be read.
@@ -112,7 +122,7 @@ def read_urdf(urdf: Path) -> str:
         reason = "not UTF-8"
     except OSError as error:
         reason = str(error.strerror)
-    raise InvalidInput(Status.BAD_ROBOT, "robot.urdf", urdf, f"it cannot be read: {reason}")
+    raise InvalidInput(Status.BAD_ROBOT, field, urdf, f"it cannot be read: {reason}")
 
 
 def robot_from_urdf_text(
@@ -122,6 +132,8 @@ def robot_from_urdf_text(
     base: Base = Base.FREE_FLYER,
     held_at: Mapping[str, float] = NOTHING_HELD,
     geometry: Geometry | None = None,
+    srdf: str | None = None,
+    directory: Path | None = None,
 ) -> Robot:
     """Build a robot from a URDF.
 
@@ -131,7 +143,10 @@ def robot_from_urdf_text(
         base_link: Link that carries the arm; it is the root or fixed to it. None: the root.
         tip_link: Link whose frame is the end effector. None: the only link that carries no other.
         held_at: Where joints are held that the URDF lets move [rad], or [m] where they slide.
-        geometry: None: shapes where the URDF has any `<collision>`, else lines.
+        geometry: None: shapes where the arm has any `<collision>`, else lines.
+        srdf: SRDF of links that may touch beside neighbours. None: those of a recorded URDF, or
+            links that touch in nearly every posture.
+        directory: Of the URDF, from which the paths of its meshes start. None: no file is read.
 
     Raises:
         InvalidInput: The URDF is something else, a link's inertia is one that no body has, or an
@@ -150,20 +165,11 @@ def robot_from_urdf_text(
     efforts = np.array(model.upperEffortLimit[6:])
     if base is Base.PLANAR:
         _require_planar(model, base_frame)
-    solids = read_shapes(text)
-    if geometry is None:
-        found, mesh = solids.find("link/collision"), solids.find("link/collision/geometry/mesh")
-        # Meshes are not read yet.
-        geometry = Geometry.SHAPES if found is not None and mesh is None else Geometry.LINES
-    bodies: tuple[Body, ...] = ()
-    if geometry is Geometry.SHAPES:
-        faults = Faults()
-        bodies = bodies_of(solids, model, faults)
-        faults.refuse_if_any()
+    whole = whole_body(model, checked.xml, text, geometry, srdf, directory)
     return Robot(
         model=model,
         urdf=checked.xml,
-        drawn_urdf=with_shapes(checked.xml, text),
+        drawn_urdf=whole.drawn_urdf,
         joint_names=tuple(model.names)[2:],
         base_link=checked.base_link,
         tip_link=checked.tip_link,
@@ -175,11 +181,12 @@ def robot_from_urdf_text(
         upper_position_limits=frozen(model.upperPositionLimit[7:]),
         velocity_limits=frozen(model.upperVelocityLimit[6:]),
         effort_limits=frozen(np.where(efforts == 0.0, np.inf, efforts)),
-        notes=checked.notes,
+        notes=(*checked.notes, *whole.notes),
         base=base,
-        geometry=geometry,
-        bodies=bodies,
-        pairs=pairs_of(bodies, neighbours(ElementTree.fromstring(checked.xml), bodies)),
+        geometry=whole.geometry,
+        bodies=whole.bodies,
+        pairs=whole.pairs,
+        may_touch=whole.may_touch,
     )
 
 

@@ -146,6 +146,8 @@ def _used(task: PlanningTask) -> dict[str, Any]:
             "tip_link": robot.tip_link,
             "base": robot.base.value,
             "held_joints": "",
+            "geometry": robot.geometry.value,
+            "srdf": "",
         },
         "inertial_frame": SCENARIO_FRAME,
         "state_source": "chaser_state",
