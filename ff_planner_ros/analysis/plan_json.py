@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, astuple, dataclass, fields
+from dataclasses import MISSING, asdict, astuple, dataclass, fields
 from typing import Any
 
 from ff_planner_ros.arrays import Array, finite_number, finite_vector, frozen
@@ -65,6 +65,7 @@ def plan_dictionary(plan: Plan, task: PlanningTask, solve_time: float) -> dict[s
         "joint_names": list(plan.joint_names),
         **{item.name: getattr(motion, item.name).tolist() for item in fields(motion)},
         "parametrisation": plan.family,
+        "geometry": problem.robot.geometry.value,
         "xi": plan.xi.tolist(),
         "coefficients": plan.coefficients.tolist(),
         "orientation_reading": plan.orientation_reading,
@@ -133,10 +134,18 @@ def plan_document(answer: object) -> PlanDocument:
     robot, trajectory = planned_motion(answer)
     require_sound_samples(robot, trajectory)
     metrics, solver = _entry(answer, "metrics"), _entry(answer, "solver")
-    found = {item.name: _entry(metrics, item.name, "metrics.") for item in fields(Metrics)}
+    found = {
+        item.name: _entry(metrics, item.name, "metrics.")
+        for item in fields(Metrics)
+        # Dictionaries of older versions lack what has a default.
+        if item.default is MISSING or item.name in metrics
+    }
     peaks = _numbers("metrics.peak_joint_torques", found.pop("peak_joint_torques"))
     peaks = finite_vector("metrics.peak_joint_torques", peaks, robot.joints)
-    numbers = {name: _number(f"metrics.{name}", value) for name, value in found.items()}
+    values: dict[str, Any] = {
+        name: str(value) if name.endswith("_pair") else _number(f"metrics.{name}", value)
+        for name, value in found.items()
+    }
     told = {item.name: _entry(solver, item.name, "solver.") for item in fields(SolverReport)}
     for name in ("starts", "iterations", "rollouts"):
         told[name] = int(finite_number(f"solver.{name}", told[name]))
@@ -147,7 +156,7 @@ def plan_document(answer: object) -> PlanDocument:
         trajectory=trajectory,
         xi=_numbers("xi", _entry(answer, "xi")),
         orientation_reading=str(_entry(answer, "orientation_reading")),
-        metrics=Metrics(peak_joint_torques=tuple(peaks.tolist()), **numbers),
+        metrics=Metrics(peak_joint_torques=tuple(peaks.tolist()), **values),
         solver=SolverReport(**told),
     )
     solve_time = _number("solver.solve_time", _entry(solver, "solve_time", "solver."))

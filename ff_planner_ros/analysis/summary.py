@@ -16,17 +16,17 @@ from ff_planner_ros.robot.model import Robot
 
 # Of the metrics, what a user wants to know first.
 _TOLD = (
-    *("joint_path_length", "max_chaser_euler", "min_clearance", "min_joint_margin"),
-    *("min_velocity_margin", "peak_joint_torques", "final_position_error"),
+    *("joint_path_length", "max_chaser_euler", "min_clearance", "min_self_clearance"),
+    *("min_joint_margin", "min_velocity_margin", "peak_joint_torques", "final_position_error"),
     *("final_orientation_error", "momentum_error"),
 )
 
 
 def plan_rows(plan: Plan, task: PlanningTask, solve_time: float) -> list[tuple[str, str]]:
     """Return name and value of what a user wants to know first of a plan made in `solve_time` s."""
-    solver, values = plan.solver, vars(plan.metrics)
-    told = {name: METRIC_BY_NAME[name].text(values[name]) for name in _TOLD}
-    told["peak_joint_torques"] += f", {plan.joint_names[np.argmax(values['peak_joint_torques'])]}"
+    solver, metrics = plan.solver, plan.metrics
+    told = {name: metrics.told(name) for name in _TOLD}
+    told["peak_joint_torques"] += f", {plan.joint_names[np.argmax(metrics.peak_joint_torques)]}"
     return [
         ("status", Status.SOLVED.name.lower()),
         ("limits kept", _limits(task.problem.limits)),

@@ -31,7 +31,7 @@ class RobotPlans:
     robot: Robot
     motions: Mapping[str, Trajectory]  # by plan id, in the order of the requests
     # By plan id, as in `PlanMetrics.msg`
-    metrics: Mapping[str, Mapping[str, float | tuple[float, ...]]]
+    metrics: Mapping[str, Mapping[str, float | str | tuple[float, ...]]]
     # By plan id, what was planned around, at rest as in every bag; missing: the bag does not tell
     obstacles: Mapping[str, tuple[Sphere, ...]]
     notes: tuple[str, ...]  # what is wrong with the bag

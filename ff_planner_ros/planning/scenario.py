@@ -15,6 +15,7 @@ from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.controller_rules import Controller
 from ff_planner_ros.planning.joint_motion import JointMotion
 from ff_planner_ros.planning.problem import (
+    CONTACT_DISTANCE,
     Limits,
     Objective,
     Orientation,
@@ -51,7 +52,7 @@ _NO_LIMITS = Limits()
 
 _ROBOT_MAY_HAVE = ("base", "held_joints", "geometry", "srdf")
 _REQUIRED = ("robot", "chaser", "joints", "target", "duration", "obstacles", "objective")
-_OF_PROBLEM = ("points", "limits", "parametrisation")
+_OF_PROBLEM = ("points", "limits", "parametrisation", "allowed_at_goal", "contact_distance")
 _OF_TASK = (
     *("start_after", "running", "end_behaviour", "tail_duration", "controller", "planner"),
     "first_guess",
@@ -156,6 +157,15 @@ def _problem(
         limits=_limits(scenario.get("limits", {}), limits),
         parametrisation=parametrisation_of(
             text("parametrisation", scenario.get("parametrisation", "auto"))
+        ),
+        allowed_at_goal=tuple(
+            text(f"allowed_at_goal[{index}]", name)
+            for index, name in enumerate(
+                sequence("allowed_at_goal", scenario.get("allowed_at_goal", []))
+            )
+        ),
+        contact_distance=number(
+            "contact_distance", scenario.get("contact_distance", CONTACT_DISTANCE)
         ),
     )
 

@@ -82,6 +82,14 @@ def _problem(problem: PlanningProblem) -> dict[str, Any]:
             "chaser_attitude": float(angle) if math.isfinite(angle) else "none",
         },
         "parametrisation": problem.parametrisation.value,
+        **(
+            {
+                "allowed_at_goal": list(problem.allowed_at_goal),
+                "contact_distance": float(problem.contact_distance),
+            }
+            if problem.allowed_at_goal
+            else {}
+        ),
     }
 
 

@@ -125,6 +125,8 @@ def _is_absent(value: Any, name: str) -> bool:
         return getattr(value, name) is Parametrisation.AUTO
     if name == "orientation":
         return getattr(value, name) is Orientation.FIXED
+    if name in ("allowed_at_goal", "contact_distance"):
+        return not value.allowed_at_goal
     return name in ("joint_accelerations", "free_axis_in_ee") and getattr(value, name) is None
 
 

@@ -86,6 +86,7 @@ def record_answer(
         state_source="start_state",
         obstacles_stamp_ns=now,
         task_digest=task.digest,
+        geometry=problem.robot.geometry.value,
     ).tell(response)
 
     with BagWriter(directory, flush_interval=0.0) as bag:
