@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import coal
 import numpy as np
 import pinocchio as pin
@@ -20,8 +22,11 @@ STRAIGHT = np.zeros((6, 3))
 
 
 @pytest.fixture(scope="module", params=[(robot, number) for robot in ROBOTS for number in (0, 1)])
-def drawn(request: pytest.FixtureRequest) -> BodiesProblem:
-    return bodies.problem(*request.param)
+def drawn(request: pytest.FixtureRequest, times: Callable[[int, int], int]) -> BodiesProblem:
+    robot, number = request.param
+    if number >= times(1, 2):
+        pytest.skip("at night")
+    return bodies.problem(robot, number)
 
 
 def least_distances(problem: PlanningProblem, way: Array) -> tuple[float, float]:
@@ -55,7 +60,8 @@ def test_the_robots_have_bodies_panels_and_all() -> None:
         robot = bodies.problem(name, 0).problem.robot
         assert robot.geometry is Geometry.SHAPES
         assert sum(body.joint == 1 for body in robot.bodies) >= 3, name
-        assert {body.joint for body in robot.bodies} == set(range(1, robot.joints + 2)), name
+        assert robot.joints + 1 in {body.joint for body in robot.bodies}, name  # a tool
+        assert len(robot.pairs) >= 15, name
 
 
 def test_the_witness_stays_clear_of_itself_and_of_the_spheres(drawn: BodiesProblem) -> None:
@@ -90,4 +96,4 @@ def test_the_same_problem_is_drawn_again_and_another_number_is_another() -> None
         return np.concatenate([found.problem.start.joint_positions, found.witness.ravel()])
 
     np.testing.assert_array_equal(numbers(0), numbers(0))
-    assert not np.array_equal(numbers(0), numbers(2))
+    assert not np.array_equal(numbers(0), numbers(3))

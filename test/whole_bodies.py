@@ -29,6 +29,22 @@ ROBOTS = Path(__file__).parent.parent / "config" / "robots"
 # For each robot every link that has a shape, with the links that it must not touch. Left out are
 # links that are fixed to each other and those that a joint joins.
 Pairs = Mapping[str, Sequence[str]]
+LEMUR: Pairs = {  # link_6 has no shape: link_5 and link_7 are neighbours
+    "chaser": ("link_2", "link_3", "link_4", "link_5", "link_7"),
+    "link_1": ("link_3", "link_4", "link_5", "link_7"),
+    "link_2": ("link_4", "link_5", "link_7"),
+    "link_3": ("link_5", "link_7"),
+    "link_4": ("link_7",),
+}
+CANADARM2: Pairs = {
+    "station": ("link_1", "link_2", "link_3", "link_4", "link_5", "link_6", "link_7"),
+    "link_0": ("link_2", "link_3", "link_4", "link_5", "link_6", "link_7"),
+    "link_1": ("link_3", "link_4", "link_5", "link_6", "link_7"),
+    "link_2": ("link_4", "link_5", "link_6", "link_7"),
+    "link_3": ("link_5", "link_6", "link_7"),
+    "link_4": ("link_6", "link_7"),
+    "link_5": ("link_7",),
+}
 ARM6: Pairs = {
     "chaser": ("link_2", "link_3", "link_4", "link_5", "link_6", "end_effector"),
     "panel_left": ("link_1", "link_2", "link_3", "link_4", "link_5", "link_6", "end_effector"),
@@ -115,7 +131,8 @@ def judge_of(robot: str, directory: Path) -> WholeBodies:
         urdf = directory / "arm6.urdf"
         urdf.write_text(arm_urdf(6, with_bodies=True))
         return WholeBodies(urdf, "chaser", ARM6)
-    raise LookupError(robot)
+    base_link, pairs = {"lemur": ("chaser", LEMUR), "canadarm2": ("station", CANADARM2)}[robot]
+    return WholeBodies(ROBOTS / robot / f"{robot}.urdf", base_link, pairs)
 
 
 def main(plans: int) -> int:

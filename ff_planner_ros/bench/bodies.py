@@ -31,7 +31,7 @@ from ff_planner_ros.planning.problem import PlanningProblem, Sphere
 from ff_planner_ros.robot.bodies import Geometry
 from ff_planner_ros.robot.model import Robot
 
-ROBOTS = ("arm6",)
+ROBOTS = ("lemur", "arm6", "canadarm2")
 
 # What the witness keeps [m]: its bodies from each other, and from the spheres.
 APART, CLEAR = 0.01, 0.02
