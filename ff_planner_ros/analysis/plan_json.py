@@ -65,7 +65,6 @@ def plan_dictionary(plan: Plan, task: PlanningTask, solve_time: float) -> dict[s
         "joint_names": list(plan.joint_names),
         **{item.name: getattr(motion, item.name).tolist() for item in fields(motion)},
         "parametrisation": plan.family,
-        "geometry": problem.robot.geometry.value,
         "xi": plan.xi.tolist(),
         "coefficients": plan.coefficients.tolist(),
         "orientation_reading": plan.orientation_reading,
