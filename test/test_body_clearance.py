@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 
 import coal
 import numpy as np
@@ -29,8 +30,12 @@ from ff_planner_ros.planning.planner import plan
 from ff_planner_ros.planning.preconditions import require_plannable
 from ff_planner_ros.planning.problem import Parametrisation, PlanningProblem, Sphere
 from ff_planner_ros.planning.scenario import load_scenario
+from ff_planner_ros.planning.scenario_writer import write_scenario
+from ff_planner_ros.planning.task import PlanningTask
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import Robot
+from ff_planner_ros.ros.messages.from_messages import problem_from_request
+from ff_planner_ros.ros.messages.to_messages import request_message
 
 SETTINGS = load_parameters().planner
 
@@ -53,14 +58,30 @@ def dense_least(
     for at, time in zip(q, times, strict=True):
         places = body_placements(robot, at)
         solids = [body.solid for body in robot.bodies]
+        centers = centers_of(robot, places)
         for sphere in spheres:
             ball = coal.Sphere(sphere.radius)
             there = pin.SE3(np.eye(3), sphere.center + time * sphere.velocity)
-            for solid, place in zip(solids, places, strict=True):
-                of_spheres = min(of_spheres, coal_distance(solid, place, ball, there))
+            apart = np.linalg.norm(centers - there.translation, axis=1) - sphere.radius
+            for number, body in enumerate(robot.bodies):
+                if apart[number] - body.radius < of_spheres:
+                    distance = coal_distance(body.solid, places[number], ball, there)
+                    of_spheres = min(of_spheres, distance)
         for a, b in robot.pairs:
-            of_pairs = min(of_pairs, coal_distance(solids[a], places[a], solids[b], places[b]))
+            around = robot.bodies[a].radius + robot.bodies[b].radius
+            if np.linalg.norm(centers[a] - centers[b]) - around < of_pairs:
+                of_pairs = min(of_pairs, coal_distance(solids[a], places[a], solids[b], places[b]))
     return of_spheres, of_pairs
+
+
+def centers_of(robot: Robot, places: list[pin.SE3]) -> Array:
+    """Where the spheres around the bodies are."""
+    return np.array(
+        [
+            place.act(body.placement_in_joint.actInv(body.center_in_joint))
+            for body, place in zip(robot.bodies, places, strict=True)
+        ]
+    )
 
 
 @pytest.mark.parametrize("family", list(Parametrisation)[1:])
@@ -185,3 +206,74 @@ def test_a_tool_inside_an_obstacle_at_the_goal_is_refused_at_once() -> None:
         require_plannable(touching, SETTINGS)
     assert refused.value.status is Status.COLLISION
     assert "allowed_at_goal" in str(refused.value)
+
+
+def grasping() -> PlanningProblem:
+    """The capture of a fixture that the wrist reaches into."""
+    problem = capture()
+    fixture = Sphere("fixture", problem.target.position, 0.12)
+    return replace(
+        problem,
+        obstacles=(*problem.obstacles, fixture),
+        allowed_at_goal=("link_7/fixture", "link_6/fixture"),
+        contact_distance=0.25,
+    )
+
+
+def test_what_is_allowed_at_the_goal_touches_near_it_alone() -> None:
+    problem = grasping()
+    require_plannable(problem, SETTINGS)
+    answer = plan(problem, SETTINGS)
+    dense = truth(problem, answer.trajectory)
+    robot, ball = problem.robot, coal.Sphere(0.12)
+    there = pin.SE3(np.eye(3), problem.target.position)
+    data, touched = robot.model.createData(), 0
+    for q in dense.q:
+        pin.forwardKinematics(robot.model, data, q)
+        tip = pin.updateFramePlacement(robot.model, data, robot.tip_frame_id)
+        is_near = np.linalg.norm(tip.translation - problem.target.position) < 0.25
+        places = body_placements(robot, q)
+        for body, place, center in zip(
+            robot.bodies, places, centers_of(robot, places), strict=True
+        ):
+            if np.linalg.norm(center - there.translation) > body.radius + 0.12:
+                continue
+            distance = coal_distance(body.solid, place, ball, there)
+            allowed = is_near and f"{body.link}/fixture" in problem.allowed_at_goal
+            assert distance >= -1e-6 or allowed, body.name
+            touched += distance < 0.0
+    assert touched > 5
+    assert answer.metrics.min_clearance >= 0.0
+    with pytest.raises(NoPlanFound, match="link_7/fixture in allowed_at_goal"):
+        require_plannable(replace(problem, allowed_at_goal=("link_6/fixture",)), SETTINGS)
+
+
+@pytest.mark.parametrize(
+    "name", ["link_7/moon", "gripper/c1", "link_7", "c1/link_7", "link_6/link_7"]
+)
+def test_a_contact_of_what_there_is_not_is_refused(name: str) -> None:
+    with pytest.raises(InvalidInput, match="allowed_at_goal is") as refused:
+        replace(capture(), allowed_at_goal=(name,))
+    assert refused.value.status is Status.OUT_OF_RANGE
+    assert name in str(refused.value)
+
+
+def test_allowed_contacts_are_part_of_the_task_and_of_its_scenario(tmp_path: Path) -> None:
+    robot = lemur_with_bodies()
+    plain = capture()
+    named = ("link_7/c1", "chaser/link_7")
+    asked = replace(plain, allowed_at_goal=named, contact_distance=0.3)
+    digests = {
+        PlanningTask(problem, SETTINGS).digest
+        for problem in (plain, asked, replace(asked, contact_distance=0.2))
+    }
+    assert len(digests) == 3
+    # In whatever order they are named.
+    again = replace(asked, allowed_at_goal=named[::-1])
+    assert PlanningTask(again, SETTINGS).digest == PlanningTask(asked, SETTINGS).digest
+    request = request_message(asked, "inertial")
+    read = problem_from_request(request, robot, asked.start, asked.obstacles, load_parameters())
+    assert (read.allowed_at_goal, read.contact_distance) == (asked.allowed_at_goal, 0.3)
+    write_scenario(PlanningTask(asked, SETTINGS), tmp_path / "asked.yaml")
+    scenario = load_scenario(tmp_path / "asked.yaml")
+    assert (scenario.allowed_at_goal, scenario.contact_distance) == (asked.allowed_at_goal, 0.3)

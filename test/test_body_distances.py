@@ -15,6 +15,7 @@ from ff_planner_ros.arrays import Array
 from ff_planner_ros.planning.bodies import (
     distance_from,
     near_pairs,
+    near_spheres,
     pair_distances,
     pair_gradients,
     placed_bodies,
@@ -227,6 +228,23 @@ def test_no_pair_that_is_near_is_left_out(seed: int) -> None:
     looked_at = set(zip(*(row.tolist() for row in found), strict=True))
     assert near <= looked_at
     assert 0 < len(near) < len(looked_at) < truth.size
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_no_sphere_that_is_near_is_left_out(seed: int) -> None:
+    robot, rng = random_robot(seed), np.random.default_rng(seed)
+    way = configurations(robot, 2, seed)
+    q = np.repeat(way[:1], 27, axis=0)
+    q[:, 7:] = np.linspace(way[0, 7:], way[1, 7:], 27)
+    centers, radius = spheres_around(robot, q, 8, rng)
+    placed, seen = placed_bodies(robot, q[:, 7:]), centers_in_base(q, centers)
+    rows = every_row(27, len(robot.bodies), 8)
+    truth = sphere_distances(robot, placed, seen, radius, rows).distance
+    near = {tuple(row) for row in np.transpose(rows)[truth < 0.05].tolist()}
+    found = near_spheres(robot, placed, seen, radius, 0.05)
+    looked_at = set(zip(*(row.tolist() for row in found), strict=True))
+    assert near <= looked_at
+    assert 0 < len(near) < len(looked_at) < truth.size / 2
 
 
 def test_a_distance_does_not_depend_on_what_was_measured_before() -> None:

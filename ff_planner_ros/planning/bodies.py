@@ -244,10 +244,48 @@ def sphere_bounds(robot: Robot, placed: Placed, centers: Array, radius: Array) -
     Returns:
         Shape (configurations, bodies, spheres) [m].
     """
-    # |a - b|^2 = |a|^2 + |b|^2 - 2 a b is exact enough for a bound of what is far.
     apart = np.linalg.norm(placed.centers[:, :, None] - centers[:, None], axis=-1)
     bounds: Array = apart - radii(robot)[:, None] - radius
     return bounds
+
+
+def near_spheres(
+    robot: Robot, placed: Placed, centers: Array, radius: Array, within: float
+) -> tuple[Indices, Indices, Indices]:
+    """Return the configurations, bodies and spheres that may be within a distance [m].
+
+    Most are known to be further apart from where both are in the middle of a `_BLOCK` of
+    configurations, and how far from there they come in it.
+
+    Args:
+        centers: As in `sphere_bounds`; in the order of time.
+        radius: Likewise.
+    """
+    begins = np.arange(0, len(centers), _BLOCK)
+    bodies, of_bodies = _tracks(placed.centers, begins)
+    spheres, of_spheres = _tracks(centers, begins)
+    apart = np.linalg.norm(bodies[:, :, None] - spheres[:, None], axis=-1)
+    around = (of_bodies + radii(robot))[:, :, None] + (of_spheres + radius)[:, None]
+    block, body, sphere = np.nonzero(apart - around < within)
+    sizes = np.diff(np.append(begins, len(centers)))[block]
+    body, sphere = body.repeat(sizes), sphere.repeat(sizes)
+    before = (np.cumsum(sizes) - sizes).repeat(sizes)
+    configuration = begins[block].repeat(sizes) + np.arange(len(body)) - before
+    way = placed.centers[configuration, body] - centers[configuration, sphere]
+    gap = np.linalg.norm(way, axis=1) - radii(robot)[body] - radius[sphere]
+    near = gap < within
+    return configuration[near], body[near], sphere[near]
+
+
+def _tracks(points: Array, begins: Indices) -> tuple[Array, Array]:
+    """Return the middle of where points are in each block, and how far they come from there.
+
+    Args:
+        points: Shape (configurations, points, 3).
+        begins: First configuration of each block.
+    """
+    low, high = np.minimum.reduceat(points, begins), np.maximum.reduceat(points, begins)
+    return (low + high) / 2, np.linalg.norm(high - low, axis=-1) / 2
 
 
 def sphere_distances(

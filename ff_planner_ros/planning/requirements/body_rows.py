@@ -17,10 +17,10 @@ from ff_planner_ros.planning.bodies import (
     Distances,
     Placed,
     near_pairs,
+    near_spheres,
     pair_distances,
     pair_gradients,
     placed_bodies,
-    sphere_bounds,
     sphere_distances,
     sphere_gradients,
 )
@@ -73,15 +73,15 @@ def sphere_rows(
     at = _looked_at(problem, motion, sensitivity)
     centers = centers_in_base(at.q, centers_at(at.times, spheres))
     radius = np.array([sphere.radius for sphere in spheres])
-    near = sphere_bounds(robot, at.placed, centers, radius) < OF_INTEREST
-    configurations, bodies, numbers = np.nonzero(near)
+    configurations, bodies, numbers = near_spheres(robot, at.placed, centers, radius, OF_INTEREST)
     apart = np.isin(bodies * len(spheres) + numbers, split_spheres(problem)[0])
     must = (configurations < at.until) | apart
     rows: tuple[Indices, ...] = configurations[must], bodies[must], numbers[must]
     found, rows = of_interest(sphere_distances(robot, at.placed, centers, radius, rows), rows)
     gradients = sphere_gradients(robot, at.placed, found, rows)
     jacobian = _along(gradients, at.sensitivity, rows[0])
-    return Rows(found.distance - margin, jacobian, np.ravel_multi_index(rows, near.shape))
+    names = np.ravel_multi_index(rows, (len(at.q), len(robot.bodies), len(spheres)))
+    return Rows(found.distance - margin, jacobian, names)
 
 
 def of_interest(
