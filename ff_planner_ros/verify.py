@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from ff_planner_ros.planning.plan import Trajectory
+from ff_planner_ros.planning.scene import Scene
 from ff_planner_ros.robot.model import Robot
-from ff_planner_ros.simulation.contacts import Scene
 from ff_planner_ros.simulation.engine import ENGINE
 from ff_planner_ros.simulation.model_errors import model_errors
 from ff_planner_ros.simulation.verification import (

@@ -16,9 +16,10 @@ from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.plan import Trajectory
 from ff_planner_ros.planning.planner import plan
 from ff_planner_ros.planning.problem import PlanningProblem, Sphere
+from ff_planner_ros.planning.scene import Scene
 from ff_planner_ros.robot.bodies import Geometry
 from ff_planner_ros.robot.model import Robot, robot_from_urdf_text
-from ff_planner_ros.simulation.contacts import Contact, Scene, Touch
+from ff_planner_ros.simulation.contacts import Contact, Touch
 from ff_planner_ros.simulation.verification import verify
 from ff_planner_ros.verify import print_verdict
 

@@ -10,7 +10,15 @@ from ff_planner_ros.arrays import Array, finite_number, finite_vector, frozen
 from ff_planner_ros.errors import FfPlannerError, InvalidInput, NoPlanFound, Status
 from ff_planner_ros.planning.metrics import Metrics
 from ff_planner_ros.planning.plan import Plan, SolverReport, Trajectory
-from ff_planner_ros.planning.problem import Objective, Orientation, Sphere, Target
+from ff_planner_ros.planning.problem import (
+    CONTACT_DISTANCE,
+    Objective,
+    Orientation,
+    PlanningProblem,
+    Sphere,
+    Target,
+)
+from ff_planner_ros.planning.scene import Scene
 from ff_planner_ros.planning.sound_samples import require_sound_samples
 from ff_planner_ros.planning.task import PlanningTask
 from ff_planner_ros.robot.bodies import Geometry
@@ -57,6 +65,7 @@ def plan_dictionary(plan: Plan, task: PlanningTask, solve_time: float) -> dict[s
             | ({"velocity": sphere.velocity.tolist()} if sphere.velocity.any() else {})
             for sphere in problem.obstacles
         ],
+        **_allowed(problem),
         "limits": {
             "position": "from_urdf",
             "velocity": "from_urdf" if problem.limits.joint_velocities else "none",
@@ -72,6 +81,16 @@ def plan_dictionary(plan: Plan, task: PlanningTask, solve_time: float) -> dict[s
     }
 
 
+def _allowed(problem: PlanningProblem) -> dict[str, Any]:
+    """Return what may touch at the goal; nothing where nothing may."""
+    if not problem.allowed_at_goal:
+        return {}
+    return {
+        "allowed_at_goal": list(problem.allowed_at_goal),
+        "contact_distance": problem.contact_distance,
+    }
+
+
 def refusal_dictionary(
     error: FfPlannerError, solve_time: float, digest: str | None = None
 ) -> dict[str, Any]:
@@ -84,13 +103,20 @@ def refusal_dictionary(
     return refusal
 
 
-def planned_obstacles(answer: object) -> tuple[Sphere, ...] | None:
-    """Read what a plan's dictionary says that was planned around; None: it does not tell.
+def planned_scene(answer: object) -> Scene | None:
+    """Read what a plan's dictionary says that it was made among; None: it does not tell.
 
     Raises:
-        InvalidInput: They are something else.
+        InvalidInput: That is something else.
     """
-    return _asked_for(answer)[1]
+    obstacles, goal = _asked_for(answer)[1], _goal(answer)
+    if obstacles is None or goal is None or not isinstance(answer, dict):
+        return None
+    allowed = answer.get("allowed_at_goal", [])
+    if not isinstance(allowed, list) or not all(isinstance(one, str) for one in allowed):
+        raise InvalidInput(Status.WRONG_SIZE, "allowed_at_goal", "something else", "a list of text")
+    distance = _number("contact_distance", answer.get("contact_distance", CONTACT_DISTANCE))
+    return Scene(obstacles, tuple(allowed), distance, goal.position)
 
 
 def planned_motion(answer: object) -> tuple[Robot, Trajectory]:

@@ -7,21 +7,18 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from ff_planner_ros.bag.decoding import nanoseconds
 from ff_planner_ros.bag.exchanges import exchanges
 from ff_planner_ros.bag.plans import RecordedPlan, recorded_plan
-from ff_planner_ros.bag.reader import Bag, Message, open_bag
+from ff_planner_ros.bag.reader import Message, open_bag
+from ff_planner_ros.bag.scenes import asked_scene, received_obstacles, with_received
 from ff_planner_ros.errors import BagError, InvalidInput
 from ff_planner_ros.parameters import RobotParameters
 from ff_planner_ros.planning.plan import Trajectory
-from ff_planner_ros.planning.problem import Sphere
+from ff_planner_ros.planning.scene import Scene
 from ff_planner_ros.planning.yaml_file import yaml_document
 from ff_planner_ros.robot.bodies import Geometry
 from ff_planner_ros.robot.model import Base, Robot
-
-_OBSTACLES = "ff_planner_msgs/msg/ObstacleSphereArray"
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,8 +29,7 @@ class RobotPlans:
     motions: Mapping[str, Trajectory]  # by plan id, in the order of the requests
     # By plan id, as in `PlanMetrics.msg`
     metrics: Mapping[str, Mapping[str, float | str | tuple[float, ...]]]
-    # By plan id, what was planned around, at rest as in every bag; missing: the bag does not tell
-    obstacles: Mapping[str, tuple[Sphere, ...]]
+    scenes: Mapping[str, Scene]  # by plan id, where the bag tells
     notes: tuple[str, ...]  # what is wrong with the bag
 
 
@@ -45,8 +41,8 @@ def robot_plans(bag: Path) -> RobotPlans:
         InvalidInput: The URDF in it is refused.
     """
     with open_bag(bag) as opened:
-        found = exchanges(opened, _scene_of_request, _answer)
-        scenes = _scenes(opened)
+        found = exchanges(opened, asked_scene, _answer)
+        received = received_obstacles(opened)
         attachments, notes = opened.attachments, opened.notes
     answers = [one.response[0] for one in found if one.response is not None]
     motions = {one.plan_id: one.trajectory for one in answers if one.trajectory is not None}
@@ -59,44 +55,22 @@ def robot_plans(bag: Path) -> RobotPlans:
         if one.plan_id in motions and one.joint_names != robot.joint_names:
             moved, wanted = ", ".join(one.joint_names), ", ".join(robot.joint_names)
             raise BagError(f"bag {bag}: {one.plan_id} moves {moved}, but its robot has {wanted}")
-    obstacles = {}
-    for exchange in found:
-        if exchange.response is not None:
-            answer, stamp_ns = exchange.response
-            scene = scenes.get(stamp_ns) if exchange.request is None else exchange.request
-            if scene is not None:
-                obstacles[answer.plan_id] = scene
+    told = {
+        exchange.response[0].plan_id: with_received(
+            exchange.request, exchange.response[1], received
+        )
+        for exchange in found
+        if exchange.response is not None
+    }
+    scenes = {plan_id: scene for plan_id, scene in told.items() if scene is not None}
     metrics = {one.plan_id: one.metrics for one in answers}
-    return RobotPlans(robot, motions, metrics, obstacles, notes)
+    return RobotPlans(robot, motions, metrics, scenes, notes)
 
 
 def _answer(message: Message, response: Any) -> tuple[RecordedPlan, int]:
     """Return an answer, and the stamp of the scene that it was made for [ns]."""
     stamp = getattr(response, "obstacles_stamp", None)
     return recorded_plan(message, response), 0 if stamp is None else nanoseconds(stamp)
-
-
-def _scene_of_request(request: Any) -> tuple[Sphere, ...] | None:
-    """Return the obstacles that a request brings; None: it brings none."""
-    return _spheres(request.obstacles) if getattr(request, "use_obstacles", False) else None
-
-
-def _scenes(bag: Bag) -> dict[int, tuple[Sphere, ...] | None]:
-    """Return the obstacles that were received, by their stamp [ns]."""
-    return {
-        nanoseconds(scene.header.stamp): _spheres(scene) for _, scene in bag.decoded(_OBSTACLES)
-    }
-
-
-def _spheres(scene: Any) -> tuple[Sphere, ...] | None:
-    """Return the obstacles in a message; None: it holds something else."""
-    try:
-        return tuple(
-            Sphere(one.id, np.array([one.center.x, one.center.y, one.center.z]), one.radius)
-            for one in scene.spheres
-        )
-    except (AttributeError, InvalidInput):
-        return None
 
 
 def attached_robot(bag: Path, attachments: Mapping[str, bytes]) -> Robot:

@@ -11,13 +11,13 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from ff_planner_ros.analysis.json_file import read_json
 from ff_planner_ros.analysis.plan_json import (
     plan_dictionary,
     planned_motion,
-    planned_obstacles,
+    planned_scene,
     refusal_dictionary,
 )
 from ff_planner_ros.analysis.summary import plan_rows, robot_rows
@@ -29,8 +29,9 @@ from ff_planner_ros.errors import FfPlannerError, InvalidInput, Status
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.plan import Plan, Trajectory
 from ff_planner_ros.planning.planner import plan
-from ff_planner_ros.planning.problem import Objective, Parametrisation, Sphere
+from ff_planner_ros.planning.problem import Objective, Parametrisation
 from ff_planner_ros.planning.scenario import Defaults, load_scenario, load_task
+from ff_planner_ros.planning.scene import Scene, scene_of
 from ff_planner_ros.planning.task import Method, PlanningTask, perform, without_search
 from ff_planner_ros.planning.watch import Watch
 from ff_planner_ros.robot.bodies import Geometry
@@ -39,9 +40,6 @@ from ff_planner_ros.robot.pairs import moveit_pairs
 from ff_planner_ros.robot.srdf import srdf_text
 from ff_planner_ros.share import share_directory
 from ff_planner_ros.time_budget import TimeBudget
-
-if TYPE_CHECKING:
-    from ff_planner_ros.simulation.contacts import Scene
 
 SOLVED, BAD_INPUT, NO_PLAN = 0, 2, 3
 
@@ -168,35 +166,28 @@ def _motions(
     source: Path, options: argparse.Namespace
 ) -> Iterator[tuple[str, Robot, Trajectory, Scene | None]]:
     """Yield name, robot, motion and scene of each plan that a file or bag holds or asks for."""
-    from ff_planner_ros.simulation.contacts import Scene
-
     if source.suffix in (".yaml", ".yml"):
         task, watch = _task(source, options)
         planned = perform(task, watch, _method(options.method))
-        scene: Scene | None = Scene(task.problem.obstacles)
-        yield source.name, task.problem.robot, planned.trajectory, scene
+        yield source.name, task.problem.robot, planned.trajectory, scene_of(task.problem)
     elif source.suffix == ".json":
-        robot, motion, obstacles = _motion_in_json(source)
-        scene = None if obstacles is None else Scene(obstacles)
-        yield source.name, robot, motion, scene
+        yield source.name, *_motion_in_json(source)
     elif source.is_dir() or source.suffix == ".mcap":
         from ff_planner_ros.bag.robot_plans import robot_plans
 
         recorded = robot_plans(source)
         print_notes(recorded.notes)
         for plan_id, motion in recorded.motions.items():
-            obstacles = recorded.obstacles.get(plan_id)
-            scene = None if obstacles is None else Scene(obstacles)
-            yield plan_id, recorded.robot, motion, scene
+            yield plan_id, recorded.robot, motion, recorded.scenes.get(plan_id)
     else:
         allowed = "it must be a scenario (.yaml), an answer (.json) or a bag (directory or .mcap)"
         raise InvalidInput(Status.UNSUPPORTED, "what to verify", source, allowed)
 
 
-def _motion_in_json(source: Path) -> tuple[Robot, Trajectory, Sequence[Sphere] | None]:
+def _motion_in_json(source: Path) -> tuple[Robot, Trajectory, Scene | None]:
     answer = read_json(source)
     try:
-        return *planned_motion(answer), planned_obstacles(answer)
+        return *planned_motion(answer), planned_scene(answer)
     except InvalidInput as error:
         field = f"{source}: {error.field}"
         raise InvalidInput(error.status, field, error.value, error.allowed) from None

@@ -7,7 +7,7 @@ nothing about it.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
@@ -17,7 +17,7 @@ import numpy as np
 import pinocchio as pin
 
 from ff_planner_ros.arrays import Array
-from ff_planner_ros.planning.problem import Sphere
+from ff_planner_ros.planning.scene import Scene
 from ff_planner_ros.robot.bodies import Body
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.simulation.engine import compiled, specification
@@ -28,31 +28,6 @@ LOOKS = 20
 
 # What a geom must not bring along: mass, and contacts beside those that are asked for.
 _BARE: dict[str, Any] = {"mass": 0.0, "contype": 0, "conaffinity": 0}
-
-
-@dataclass(frozen=True, eq=False)
-class Scene:
-    """What a plan was made among, in the plan's inertial frame."""
-
-    obstacles: Sequence[Sphere] = ()
-    # `link/obstacle` or `link/link`: may touch from when on the end effector stays within the
-    # contact distance [m] of the target; shape (3,) [m]
-    allowed_at_goal: Sequence[str] = ()
-    target: Array | None = None
-    drift: Array = field(default_factory=lambda: np.zeros(3))  # of the target; shape (3,) [m/s]
-    contact_distance: float = 0.0
-
-    def seen_from(self, origin: Array, velocity: Array) -> Scene:
-        """Return the scene in a frame that moves, without turning."""
-        return replace(
-            self,
-            obstacles=[
-                replace(one, center=one.center - origin, velocity=one.velocity - velocity)
-                for one in self.obstacles
-            ],
-            target=None if self.target is None else self.target - origin,
-            drift=self.drift - velocity,
-        )
 
 
 @dataclass(frozen=True)

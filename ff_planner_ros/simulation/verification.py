@@ -9,9 +9,10 @@ import numpy as np
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.plan import Trajectory
+from ff_planner_ros.planning.scene import Scene
 from ff_planner_ros.planning.sound_samples import require_sound_samples
 from ff_planner_ros.robot.model import Robot
-from ff_planner_ros.simulation.contacts import Contact, Scene, Touch
+from ff_planner_ros.simulation.contacts import Contact, Touch
 from ff_planner_ros.simulation.engine import Engine
 from ff_planner_ros.simulation.execution import (
     Execution,
