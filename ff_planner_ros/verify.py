@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ff_planner_ros.planning.plan import Trajectory
+from ff_planner_ros.planning.scene import Scene
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.simulation.engine import ENGINE
 from ff_planner_ros.simulation.model_errors import model_errors
@@ -12,6 +13,7 @@ from ff_planner_ros.simulation.verification import (
     ALLOWED,
     MOMENTUM_TOLERANCE,
     Deviation,
+    Verification,
     verify,
 )
 from ff_planner_ros.text_table import print_table
@@ -19,13 +21,22 @@ from ff_planner_ros.text_table import print_table
 _COLUMNS = ("end effector [mm]", "[deg]", "chaser [mm]", "[deg]")
 
 
-def print_verdict(name: str, robot: Robot, trajectory: Trajectory, sensitivity: bool) -> bool:
+def print_verdict(
+    name: str,
+    robot: Robot,
+    trajectory: Trajectory,
+    sensitivity: bool,
+    scene: Scene | None = None,
+) -> bool:
     """Execute a plan open loop, also with a wrong model if asked, and tell whether it passed.
+
+    Args:
+        scene: None: it is not known.
 
     Raises:
         InvalidInput: The samples cannot be executed, or MuJoCo refuses the robot's URDF.
     """
-    found = verify(robot, trajectory)
+    found = verify(robot, trajectory, scene or Scene())
     print_table(
         f"{name}, open loop in {ENGINE}: end effector at the end, chaser at worst",
         ("", *_COLUMNS, "momentum"),
@@ -34,12 +45,9 @@ def print_verdict(name: str, robot: Robot, trajectory: Trajectory, sensitivity: 
             ("allowed", *_cells(ALLOWED, 4), f"{MOMENTUM_TOLERANCE:.1e}"),
         ],
     )
-    verdict = "passed"
-    if not found.momentum_drift <= MOMENTUM_TOLERANCE:
-        verdict = "failed: the momentum changes, the motion is too fast to be integrated"
-    elif not found.passed:
-        verdict = "failed: the system does not do what the plan says"
-    print(f"verdict: {verdict}")
+    if robot.bodies:
+        _print_contacts(found, unknown=scene is None)
+    print(f"verdict: {_verdict(found)}")
     if sensitivity:
         print_table(
             f"{name}, open loop with something wrong: how far off the plan",
@@ -47,6 +55,32 @@ def print_verdict(name: str, robot: Robot, trajectory: Trajectory, sensitivity: 
             [(row.cause, *_cells(row.deviation, 2)) for row in model_errors(robot, trajectory)],
         )
     return found.passed
+
+
+def _print_contacts(found: Verification, unknown: bool) -> None:
+    told = ", but the obstacles are not known" if unknown else ""
+    if not found.contacts:
+        print(f"contacts: none of {found.pairs} pairs of bodies and obstacles{told}")
+        return
+    print_table(
+        f"contacts, of {found.pairs} pairs of bodies and obstacles{told}; none of them pushes",
+        ("pair", "from [s]", "deepest at [s]", "depth [mm]"),
+        [
+            (one.pair, f"{one.first_time:.3f}", f"{one.time:.3f}", f"{one.depth * 1e3:.2f}")
+            for one in found.contacts
+        ],
+    )
+
+
+def _verdict(found: Verification) -> str:
+    if not found.momentum_drift <= MOMENTUM_TOLERANCE:
+        return "failed: the momentum changes, the motion is too fast to be integrated"
+    if not found.came_true:
+        return "failed: the system does not do what the plan says"
+    if found.contacts:
+        first = found.contacts[0]
+        return f"failed: {first.pair} touch at {first.first_time:.3f} s, and must not"
+    return "passed"
 
 
 def _cells(deviation: Deviation, digits: int) -> list[str]:

@@ -17,6 +17,7 @@ from ff_planner_ros.arrays import Array
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.planner import plan
 from ff_planner_ros.planning.problem import Limits, Objective, PlanningProblem, Target
+from ff_planner_ros.robot.bodies import Geometry
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import Robot, robot_from_urdf_text
 from ff_planner_ros.robot.momentum import generalised_jacobian
@@ -26,6 +27,8 @@ from ff_planner_ros.simulation.verification import verify
 ROBOTS = Path(
     str(distribution("example-robot-data").locate_file("cmeel.prefix/share/example-robot-data"))
 )
+
+LINES = Geometry.LINES
 
 
 class Arm(NamedTuple):
@@ -67,7 +70,7 @@ def test_an_arm_as_found_is_shown_with_its_joints_and_all_its_mass(
     assert cli.main(["robot", str(file_of(arm.urdf)), "--tip-link", arm.tip_link]) == 0
     shown, notes = capsys.readouterr()
     text = file_of(arm.urdf).read_text()
-    robot = robot_from_urdf_text(text, tip_link=arm.tip_link)
+    robot = robot_from_urdf_text(text, tip_link=arm.tip_link, geometry=LINES)
     assert robot.joints == arm.joints
     assert all(joint in shown for joint in robot.joint_names)
     assert all(f"{joint} at 0" in notes for joint in arm.held)
@@ -109,7 +112,7 @@ def test_who_does_what_a_refusal_says_needs_no_second_refusal(
                 if turns:
                     joint.find("limit").attrib.update(lower="-3", upper="3")
     mended = ElementTree.tostring(robot, encoding="unicode")
-    assert robot_from_urdf_text(mended, None, tip_link).joints == joints
+    assert robot_from_urdf_text(mended, None, tip_link, geometry=LINES).joints == joints
 
 
 def test_every_robot_of_the_package_is_shown_or_refused_in_words(
@@ -129,7 +132,8 @@ def test_every_robot_of_the_package_is_shown_or_refused_in_words(
 def test_a_capture_with_an_arm_as_found_comes_true(name: str) -> None:
     """On a chaser, from the best of some postures: MuJoCo reads the URDF by itself."""
     arm = ARMS[name]
-    robot = robot_from_urdf_text(on_a_chaser(file_of(arm.urdf)), "chaser", arm.tip_link)
+    text = on_a_chaser(file_of(arm.urdf))
+    robot = robot_from_urdf_text(text, "chaser", arm.tip_link, geometry=LINES)
     start = best_posture(robot)
     data = robot.model.createData()
     pin.forwardKinematics(robot.model, data, *configuration(robot, start))

@@ -3,16 +3,25 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, astuple, dataclass, fields
+from dataclasses import MISSING, asdict, astuple, dataclass, fields
 from typing import Any
 
 from ff_planner_ros.arrays import Array, finite_number, finite_vector, frozen
 from ff_planner_ros.errors import FfPlannerError, InvalidInput, NoPlanFound, Status
 from ff_planner_ros.planning.metrics import Metrics
 from ff_planner_ros.planning.plan import Plan, SolverReport, Trajectory
-from ff_planner_ros.planning.problem import Objective, Orientation, Sphere, Target
+from ff_planner_ros.planning.problem import (
+    CONTACT_DISTANCE,
+    Objective,
+    Orientation,
+    PlanningProblem,
+    Sphere,
+    Target,
+)
+from ff_planner_ros.planning.scene import Scene
 from ff_planner_ros.planning.sound_samples import require_sound_samples
 from ff_planner_ros.planning.task import PlanningTask
+from ff_planner_ros.robot.bodies import Geometry
 from ff_planner_ros.robot.model import Base, Robot, robot_from_urdf_text
 from ff_planner_ros.shown import quoted
 
@@ -41,6 +50,7 @@ def plan_dictionary(plan: Plan, task: PlanningTask, solve_time: float) -> dict[s
         "status": Status.SOLVED.name.lower(),
         "message": plan.solver.stop_reason,
         "digest": task.digest,
+        "geometry": problem.robot.geometry.value,
         "robot": {
             "urdf": problem.robot.drawn_urdf,
             "base_link": problem.robot.base_link,
@@ -55,6 +65,7 @@ def plan_dictionary(plan: Plan, task: PlanningTask, solve_time: float) -> dict[s
             | ({"velocity": sphere.velocity.tolist()} if sphere.velocity.any() else {})
             for sphere in problem.obstacles
         ],
+        **_allowed(problem),
         "limits": {
             "position": "from_urdf",
             "velocity": "from_urdf" if problem.limits.joint_velocities else "none",
@@ -70,6 +81,16 @@ def plan_dictionary(plan: Plan, task: PlanningTask, solve_time: float) -> dict[s
     }
 
 
+def _allowed(problem: PlanningProblem) -> dict[str, Any]:
+    """Return what may touch at the goal; nothing where nothing may."""
+    if not problem.allowed_at_goal:
+        return {}
+    return {
+        "allowed_at_goal": list(problem.allowed_at_goal),
+        "contact_distance": problem.contact_distance,
+    }
+
+
 def refusal_dictionary(
     error: FfPlannerError, solve_time: float, digest: str | None = None
 ) -> dict[str, Any]:
@@ -80,6 +101,22 @@ def refusal_dictionary(
     if isinstance(error, NoPlanFound) and isinstance(error.attempt, Plan):
         refusal |= _how_good(error.attempt, solve_time)
     return refusal
+
+
+def planned_scene(answer: object) -> Scene | None:
+    """Read what a plan's dictionary says that it was made among; None: it does not tell.
+
+    Raises:
+        InvalidInput: That is something else.
+    """
+    obstacles, goal = _asked_for(answer)[1], _goal(answer)
+    if obstacles is None or goal is None or not isinstance(answer, dict):
+        return None
+    allowed = answer.get("allowed_at_goal", [])
+    if not isinstance(allowed, list) or not all(isinstance(one, str) for one in allowed):
+        raise InvalidInput(Status.WRONG_SIZE, "allowed_at_goal", "something else", "a list of text")
+    distance = _number("contact_distance", answer.get("contact_distance", CONTACT_DISTANCE))
+    return Scene(obstacles, tuple(allowed), distance, goal.position)
 
 
 def planned_motion(answer: object) -> tuple[Robot, Trajectory]:
@@ -98,7 +135,13 @@ def planned_motion(answer: object) -> tuple[Robot, Trajectory]:
     if base not in tuple(Base):
         allowed = f"it must be {', '.join(Base)}"
         raise InvalidInput(Status.OUT_OF_RANGE, "robot.base", quoted(base), allowed)
-    robot = robot_from_urdf_text(urdf, base_link, tip_link, Base(base))
+    # Earlier versions kept lines clear, and said nothing of it.
+    geometry = answer.get("geometry", Geometry.LINES) if isinstance(answer, dict) else None
+    if geometry not in tuple(Geometry):
+        allowed = f"it must be {', '.join(Geometry)}"
+        raise InvalidInput(Status.OUT_OF_RANGE, "geometry", quoted(geometry), allowed)
+    kept_clear = Geometry(geometry)
+    robot = robot_from_urdf_text(urdf, base_link, tip_link, Base(base), geometry=kept_clear)
     names = _entry(answer, "joint_names")
     if names != list(robot.joint_names):
         allowed = f"they must be those of the robot, {', '.join(robot.joint_names)}"
@@ -116,10 +159,18 @@ def plan_document(answer: object) -> PlanDocument:
     robot, trajectory = planned_motion(answer)
     require_sound_samples(robot, trajectory)
     metrics, solver = _entry(answer, "metrics"), _entry(answer, "solver")
-    found = {item.name: _entry(metrics, item.name, "metrics.") for item in fields(Metrics)}
+    found = {
+        item.name: _entry(metrics, item.name, "metrics.")
+        for item in fields(Metrics)
+        # Dictionaries of older versions lack what has a default.
+        if item.default is MISSING or item.name in metrics
+    }
     peaks = _numbers("metrics.peak_joint_torques", found.pop("peak_joint_torques"))
     peaks = finite_vector("metrics.peak_joint_torques", peaks, robot.joints)
-    numbers = {name: _number(f"metrics.{name}", value) for name, value in found.items()}
+    values: dict[str, Any] = {
+        name: str(value) if name.endswith("_pair") else _number(f"metrics.{name}", value)
+        for name, value in found.items()
+    }
     told = {item.name: _entry(solver, item.name, "solver.") for item in fields(SolverReport)}
     for name in ("starts", "iterations", "rollouts"):
         told[name] = int(finite_number(f"solver.{name}", told[name]))
@@ -130,7 +181,7 @@ def plan_document(answer: object) -> PlanDocument:
         trajectory=trajectory,
         xi=_numbers("xi", _entry(answer, "xi")),
         orientation_reading=str(_entry(answer, "orientation_reading")),
-        metrics=Metrics(peak_joint_torques=tuple(peaks.tolist()), **numbers),
+        metrics=Metrics(peak_joint_torques=tuple(peaks.tolist()), **values),
         solver=SolverReport(**told),
     )
     solve_time = _number("solver.solve_time", _entry(solver, "solve_time", "solver."))

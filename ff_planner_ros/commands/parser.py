@@ -9,6 +9,7 @@ from typing import Any
 
 from ff_planner_ros.commands import bags, planning
 from ff_planner_ros.planning.problem import Parametrisation
+from ff_planner_ros.robot.bodies import Geometry
 
 _A_BAG = "a directory or .mcap file"
 
@@ -157,6 +158,18 @@ def command_parser() -> ArgumentParser:
     robot.add_argument("urdf", type=Path, metavar="URDF")
     robot.add_argument("--base-link", metavar="LINK", help="default: the root")
     robot.add_argument("--tip-link", metavar="LINK", help="default: the only link without children")
+    robot.add_argument(
+        "--geometry",
+        choices=[one.value for one in Geometry],
+        help="default: shapes where the arm has any <collision>",
+    )
+    robot.add_argument(
+        "--srdf",
+        type=Path,
+        metavar="FILE",
+        help="write an SRDF of links that may touch: neighbours, and those that always or never "
+        "touch in 10,000 random postures",
+    )
 
     verify = add(
         "verify",

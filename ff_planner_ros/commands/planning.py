@@ -6,6 +6,7 @@ import argparse
 import json
 import sys
 import time
+import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
@@ -13,7 +14,12 @@ from pathlib import Path
 from typing import Any
 
 from ff_planner_ros.analysis.json_file import read_json
-from ff_planner_ros.analysis.plan_json import plan_dictionary, planned_motion, refusal_dictionary
+from ff_planner_ros.analysis.plan_json import (
+    plan_dictionary,
+    planned_motion,
+    planned_scene,
+    refusal_dictionary,
+)
 from ff_planner_ros.analysis.summary import plan_rows, robot_rows
 from ff_planner_ros.arrays import finite_number
 from ff_planner_ros.baselines.artificial_potential_field import artificial_potential_field
@@ -25,9 +31,13 @@ from ff_planner_ros.planning.plan import Plan, Trajectory
 from ff_planner_ros.planning.planner import plan
 from ff_planner_ros.planning.problem import Objective, Parametrisation
 from ff_planner_ros.planning.scenario import Defaults, load_scenario, load_task
+from ff_planner_ros.planning.scene import Scene, scene_of
 from ff_planner_ros.planning.task import Method, PlanningTask, perform, without_search
 from ff_planner_ros.planning.watch import Watch
+from ff_planner_ros.robot.bodies import Geometry
 from ff_planner_ros.robot.model import Robot, read_urdf, robot_from_urdf_text
+from ff_planner_ros.robot.pairs import moveit_pairs
+from ff_planner_ros.robot.srdf import srdf_text
 from ff_planner_ros.share import share_directory
 from ff_planner_ros.time_budget import TimeBudget
 
@@ -146,18 +156,20 @@ def verify_plans(options: argparse.Namespace) -> int:
     from ff_planner_ros.verify import print_verdict
 
     verdicts = [
-        print_verdict(name, robot, motion, options.sensitivity)
-        for name, robot, motion in _motions(options.source, options)
+        print_verdict(name, robot, motion, options.sensitivity, scene)
+        for name, robot, motion, scene in _motions(options.source, options)
     ]
     return SOLVED if all(verdicts) else NO_PLAN
 
 
-def _motions(source: Path, options: argparse.Namespace) -> Iterator[tuple[str, Robot, Trajectory]]:
-    """Yield name, robot and motion of each plan that a file or bag holds or asks for."""
+def _motions(
+    source: Path, options: argparse.Namespace
+) -> Iterator[tuple[str, Robot, Trajectory, Scene | None]]:
+    """Yield name, robot, motion and scene of each plan that a file or bag holds or asks for."""
     if source.suffix in (".yaml", ".yml"):
         task, watch = _task(source, options)
         planned = perform(task, watch, _method(options.method))
-        yield source.name, task.problem.robot, planned.trajectory
+        yield source.name, task.problem.robot, planned.trajectory, scene_of(task.problem)
     elif source.suffix == ".json":
         yield source.name, *_motion_in_json(source)
     elif source.is_dir() or source.suffix == ".mcap":
@@ -166,16 +178,16 @@ def _motions(source: Path, options: argparse.Namespace) -> Iterator[tuple[str, R
         recorded = robot_plans(source)
         print_notes(recorded.notes)
         for plan_id, motion in recorded.motions.items():
-            yield plan_id, recorded.robot, motion
+            yield plan_id, recorded.robot, motion, recorded.scenes.get(plan_id)
     else:
         allowed = "it must be a scenario (.yaml), an answer (.json) or a bag (directory or .mcap)"
         raise InvalidInput(Status.UNSUPPORTED, "what to verify", source, allowed)
 
 
-def _motion_in_json(source: Path) -> tuple[Robot, Trajectory]:
+def _motion_in_json(source: Path) -> tuple[Robot, Trajectory, Scene | None]:
     answer = read_json(source)
     try:
-        return planned_motion(answer)
+        return *planned_motion(answer), planned_scene(answer)
     except InvalidInput as error:
         field = f"{source}: {error.field}"
         raise InvalidInput(error.status, field, error.value, error.allowed) from None
@@ -206,10 +218,32 @@ def run_benchmark(options: argparse.Namespace) -> int:
 
 def show_robot(options: argparse.Namespace) -> int:
     """Show what the planner makes of a URDF."""
-    robot = robot_from_urdf_text(read_urdf(options.urdf), options.base_link, options.tip_link)
+    robot = robot_from_urdf_text(
+        read_urdf(options.urdf),
+        options.base_link,
+        options.tip_link,
+        geometry=None if options.geometry is None else Geometry(options.geometry),
+        directory=options.urdf.resolve().parent,
+    )
     print_notes(robot.notes)
     print_table(robot_rows(robot))
+    if options.srdf is not None:
+        _write_srdf(options.srdf, robot)
     return SOLVED
+
+
+def _write_srdf(file: Path, robot: Robot) -> None:
+    """Write which links may touch, as MoveIt's assistant does."""
+    if robot.geometry is Geometry.LINES:
+        allowed = "only links with a <collision> can touch, and this robot is planned with lines"
+        raise InvalidInput(Status.UNSUPPORTED, "--srdf", file, allowed)
+    if file.exists():
+        allowed = "it is there: an SRDF may hold more, and is not replaced"
+        raise InvalidInput(Status.UNSUPPORTED, "--srdf", file, allowed)
+    tree = ElementTree.fromstring(robot.urdf)
+    pairs = moveit_pairs(tree, robot.model, robot.bodies)
+    file.write_text(srdf_text(tree.get("name", ""), pairs), encoding="utf-8")
+    print(f"\n{file}: {len(pairs)} pairs of links that may touch")
 
 
 def show_demo(options: argparse.Namespace) -> int:

@@ -15,6 +15,7 @@ from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.controller_rules import Controller
 from ff_planner_ros.planning.joint_motion import JointMotion
 from ff_planner_ros.planning.problem import (
+    CONTACT_DISTANCE,
     Limits,
     Objective,
     Orientation,
@@ -37,6 +38,7 @@ from ff_planner_ros.planning.yaml_file import (
     sequence,
     text,
 )
+from ff_planner_ros.robot.bodies import Geometry
 from ff_planner_ros.robot.ee_at_rest import joint_rates_with_ee_at_rest
 from ff_planner_ros.robot.model import Base, Robot, load_robot
 from ff_planner_ros.robot.rotation import rotation_from_euler
@@ -49,8 +51,9 @@ SCENARIO_FRAME = "inertial"
 
 _NO_LIMITS = Limits()
 
+_ROBOT_MAY_HAVE = ("base", "held_joints", "geometry", "srdf")
 _REQUIRED = ("robot", "chaser", "joints", "target", "duration", "obstacles", "objective")
-_OF_PROBLEM = ("points", "limits", "parametrisation")
+_OF_PROBLEM = ("points", "limits", "parametrisation", "allowed_at_goal", "contact_distance")
 _OF_TASK = (
     *("start_after", "running", "end_behaviour", "tail_duration", "controller", "planner"),
     "first_guess",
@@ -159,6 +162,15 @@ def _problem(
         parametrisation=parametrisation_of(
             text("parametrisation", scenario.get("parametrisation", "auto"))
         ),
+        allowed_at_goal=tuple(
+            text(f"allowed_at_goal[{index}]", name)
+            for index, name in enumerate(
+                sequence("allowed_at_goal", scenario.get("allowed_at_goal", []))
+            )
+        ),
+        contact_distance=number(
+            "contact_distance", scenario.get("contact_distance", CONTACT_DISTANCE)
+        ),
     )
 
 
@@ -192,7 +204,7 @@ def from_urdf(field: str, source: object) -> bool:
 
 def _robot(value: object, directory: Path) -> Robot:
     names = ("urdf", "base_link", "tip_link")
-    entry = mapping("robot", value, required=names, optional=("base", "held_joints"))
+    entry = mapping("robot", value, required=names, optional=_ROBOT_MAY_HAVE)
     held = entry.get("held_joints", {})
     if not isinstance(held, dict) or not all(isinstance(name, str) for name in held):
         allowed = "it must hold a position for each name of a joint"
@@ -208,7 +220,14 @@ def _robot(value: object, directory: Path) -> Robot:
     urdf = resolve_uri(text("robot.urdf", entry["urdf"]), relative_to=directory)
     base_link = text("robot.base_link", entry["base_link"])
     tip_link = text("robot.tip_link", entry["tip_link"])
-    return load_robot(urdf, base_link, tip_link, Base(base), held_at)
+    geometry, srdf = entry.get("geometry"), entry.get("srdf")
+    if geometry is not None and geometry not in tuple(Geometry):
+        allowed = f"it must be {' or '.join(Geometry)}"
+        raise InvalidInput(Status.OUT_OF_RANGE, "robot.geometry", quoted(geometry), allowed)
+    if srdf is not None:
+        srdf = resolve_uri(text("robot.srdf", srdf), directory, "robot.srdf")
+    geometry = None if geometry is None else Geometry(geometry)
+    return load_robot(urdf, base_link, tip_link, Base(base), held_at, geometry, srdf)
 
 
 def _start(robot: Robot, chaser: object, joints: object) -> SystemState:

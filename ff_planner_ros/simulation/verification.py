@@ -9,10 +9,17 @@ import numpy as np
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.plan import Trajectory
+from ff_planner_ros.planning.scene import Scene
 from ff_planner_ros.planning.sound_samples import require_sound_samples
 from ff_planner_ros.robot.model import Robot
+from ff_planner_ros.simulation.contacts import Contact, Touch
 from ff_planner_ros.simulation.engine import Engine
-from ff_planner_ros.simulation.execution import Execution, execute, start_state
+from ff_planner_ros.simulation.execution import (
+    Execution,
+    execution_of,
+    start_state,
+    states_after_steps,
+)
 from ff_planner_ros.simulation.feed_forward import feed_forward
 
 # As much as the planner's check allows a plan to miss its target: physics may not add more. Errors
@@ -33,6 +40,8 @@ _FINER = (1, 2, 4, 8)
 _STANDSTILL = 1e-6  # [m/s]
 # Of a whole execution: ten thousand points of a sound plan need less. It takes ten seconds.
 MOST_STEPS = 100_000
+
+_EMPTY = Scene()
 
 
 @dataclass(frozen=True)
@@ -57,17 +66,26 @@ class Verification:
     execution: Execution  # what the system did, in the plan's inertial frame
     deviation: Deviation  # from the plan
     momentum_drift: float  # largest change of the total momentum, relative
+    contacts: tuple[Contact, ...] = ()  # the earliest first
+    pairs: int = 0  # that were watched for contacts; 0: the robot is one of lines
 
     @property
-    def passed(self) -> bool:
-        """Whether the plan came true within the tolerances."""
+    def came_true(self) -> bool:
+        """Whether the system did what the plan says, within the tolerances."""
         found, allowed = astuple(self.deviation), astuple(ALLOWED)
         kept = all(value <= most for value, most in zip(found, allowed, strict=True))
         return kept and self.momentum_drift <= MOMENTUM_TOLERANCE
 
+    @property
+    def passed(self) -> bool:
+        """Whether the plan came true, and nothing touched what it must not."""
+        return self.came_true and not self.contacts
 
-def verify(robot: Robot, trajectory: Trajectory) -> Verification:
+
+def verify(robot: Robot, trajectory: Trajectory, scene: Scene = _EMPTY) -> Verification:
     """Execute a plan's torques open loop in MuJoCo, and compare the motion with the plan.
+
+    Where the robot has bodies, every contact of theirs is told, of the motion as executed.
 
     Raises:
         InvalidInput: The samples cannot be executed, or MuJoCo refuses the robot's URDF.
@@ -80,15 +98,22 @@ def verify(robot: Robot, trajectory: Trajectory) -> Verification:
         if finer > 1 and finer * steps * (len(planned.time) - 1) > MOST_STEPS:
             break
         command = feed_forward(robot, planned, finer * steps)
-        execution = execute(engine, start_state(planned), command)
+        states = states_after_steps(engine, start_state(planned), command)
+        execution = execution_of(engine, states, command)
         drift = _momentum_drift(robot, engine, planned, execution)
         if drift <= MOMENTUM_TOLERANCE:
             break
     origin, velocity = engine.center_of_mass(start_state(trajectory))
+    contacts, pairs = tuple[Contact, ...](), 0
+    if robot.bodies:
+        touch = Touch(robot, scene.seen_from(origin, velocity))
+        contacts, pairs = touch.along(states, command.time[::2]), touch.pairs
     return Verification(
         execution=_seen_in(execution, origin, velocity, engine.mass),
         deviation=deviation(execution, planned),
         momentum_drift=drift,
+        contacts=contacts,
+        pairs=pairs,
     )
 
 

@@ -1,0 +1,420 @@
+"""Where the robot's bodies are, and how far from each other and from spheres.
+
+Everything here is in the frame of the chaser, that of the free-flyer joint: the joint angles
+alone decide where the bodies are in it.
+
+Coal measures pairs of bodies, one by one, but only those that may be near. Of a sphere the centre
+alone counts, and how far a point is from a ball, capsule, box or cylinder has a closed form, which
+numpy evaluates for many at once.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import NamedTuple
+
+import coal
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from ff_planner_ros.arrays import Array, Indices
+from ff_planner_ros.robot.bodies import Body
+from ff_planner_ros.robot.model import Robot
+
+# Distances are exact to this [m], and depths nearly so: asked for better ones, Coal sometimes fails
+# in round solids.
+_EXACT, _EXACT_DEPTH = 1e-8, 1e-6
+# No robot is so deep in itself [m]: Coal failed.
+_ABSURD = 1e3
+# One in so many configurations is looked at first: few, and near each other in a motion.
+_BLOCK = 8
+# A shorter direction is none: the point is on an axis, or in a centre [m].
+_NO_DIRECTION = 1e-12
+
+
+class Placed(NamedTuple):
+    """Bodies and joints at each configuration, seen from the chaser."""
+
+    rotations: Array  # of the solids; shape (configurations, bodies, 3, 3)
+    positions: Array  # of the solids' own frames; shape (configurations, bodies, 3) [m]
+    centers: Array  # of the spheres around the bodies; likewise
+    origins: Array  # of the joints; shape (configurations, joints, 3) [m]
+    axes: Array  # of the joints, unit length; likewise
+
+
+class Distances(NamedTuple):
+    """Signed distances with what their derivatives need, a row for each."""
+
+    distance: Array  # negative: how deep one is in the other; shape (rows,) [m]
+    point: Array  # on the line through both nearest points; shape (rows, 3) [m]
+    normal: Array  # unit vector, from the first to the second; shape (rows, 3)
+
+
+def placed_bodies(robot: Robot, angles: Array) -> Placed:
+    """Follow the chain of joints; angles: shape (configurations, joints) [rad]."""
+    count = len(angles)
+    turns = Rotation.from_rotvec((angles[:, :, None] * robot.joint_axes).reshape(-1, 3))
+    turn = turns.as_matrix().reshape(count, robot.joints, 3, 3)
+    rotations = np.empty((count, robot.joints + 1, 3, 3))
+    positions = np.empty((count, robot.joints + 1, 3))
+    axes = np.empty((count, robot.joints, 3))
+    rotations[:, 0], positions[:, 0] = np.eye(3), 0.0
+    for k, placement in enumerate(robot.model.jointPlacements[2:]):
+        before = rotations[:, k]
+        positions[:, k + 1] = positions[:, k] + before @ placement.translation
+        held = before @ placement.rotation
+        axes[:, k] = held @ robot.joint_axes[k]
+        rotations[:, k + 1] = held @ turn[:, k]
+    carriers, placements, offsets, centers = _in_joints(robot)
+    carried = rotations[:, carriers]
+    return Placed(
+        rotations=carried @ placements,
+        positions=positions[:, carriers] + np.einsum("cbij,bj->cbi", carried, offsets),
+        centers=positions[:, carriers] + np.einsum("cbij,bj->cbi", carried, centers),
+        origins=positions[:, 1:],
+        axes=axes,
+    )
+
+
+@lru_cache(maxsize=8)
+def _in_joints(robot: Robot) -> tuple[Indices, Array, Array, Array]:
+    """Return how many joints carry each body, and its placement and centre in the last of them."""
+    bodies = robot.bodies
+    return (
+        np.array([body.joint - 1 for body in bodies], np.intp),
+        np.array([body.placement_in_joint.rotation for body in bodies]).reshape(-1, 3, 3),
+        np.array([body.placement_in_joint.translation for body in bodies]).reshape(-1, 3),
+        np.array([body.center_in_joint for body in bodies]).reshape(-1, 3),
+    )
+
+
+def carriers(robot: Robot) -> Indices:
+    """Return how many of the arm's joints carry each body. Shape (bodies,)."""
+    return _in_joints(robot)[0]
+
+
+def radii(robot: Robot) -> Array:
+    """Return the radii of the spheres around the bodies. Shape (bodies,) [m]."""
+    return np.array([body.radius for body in robot.bodies])
+
+
+def pairs(robot: Robot) -> tuple[Indices, Indices]:
+    """Return the first and the second body of every pair."""
+    first, second = np.array(robot.pairs, np.intp).reshape(-1, 2).T
+    return first, second
+
+
+@lru_cache(maxsize=8)
+def pair_reaches(robot: Robot) -> Array:
+    """Return how far each joint moves the bodies of each pair against each other at most.
+
+    Shape (joints, pairs) [m per rad].
+    """
+    first, second = pairs(robot)
+    reaches, carried = body_reaches(robot), carriers(robot)
+    joint = np.arange(robot.joints)[:, None]
+    between = (joint < carried[first]) != (joint < carried[second])
+    return np.where(between, np.abs(reaches[:, second] - reaches[:, first]), 0.0)
+
+
+@lru_cache(maxsize=8)
+def body_reaches(robot: Robot) -> Array:
+    """Return the farthest that any point of a body comes from each joint that carries it.
+
+    Zero for joints beyond the body. Shape (joints, bodies) [m].
+    """
+    along, carried = _stretched(robot), carriers(robot)
+    reaches = along[carried] - along[1:, None] + _from_carrier(robot)
+    return np.where(np.arange(robot.joints)[:, None] < carried, reaches, 0.0)
+
+
+def base_reaches(robot: Robot) -> Array:
+    """Return the farthest that any point of a body comes from the base. Shape (bodies,) [m]."""
+    farthest: Array = _stretched(robot)[carriers(robot)] + _from_carrier(robot)
+    return farthest
+
+
+def _stretched(robot: Robot) -> Array:
+    """Return how far base and joints are along the stretched arm. Shape (joints + 1,) [m]."""
+    placements = robot.model.jointPlacements[2:]
+    return np.cumsum([0.0, *(np.linalg.norm(at.translation) for at in placements)])
+
+
+def _from_carrier(robot: Robot) -> Array:
+    """Return how far a point of each body is at most from the joint that carries it [m]."""
+    farthest: Array = np.linalg.norm(_in_joints(robot)[3], axis=1) + radii(robot)
+    return farthest
+
+
+def pair_bounds(robot: Robot, placed: Placed) -> Array:
+    """Return lower bounds of the distances of pairs, by the spheres around their bodies.
+
+    Shape (configurations, pairs) [m].
+    """
+    (first, second), around = pairs(robot), radii(robot)
+    apart = np.linalg.norm(placed.centers[:, first] - placed.centers[:, second], axis=-1)
+    bounds: Array = apart - around[first] - around[second]
+    return bounds
+
+
+def near_pairs(
+    robot: Robot, placed: Placed, angles: Array, within: float
+) -> tuple[Indices, Indices]:
+    """Return the configurations and numbers of pairs that may be within a distance [m].
+
+    Most pairs that are near by the spheres around them are known to be apart from a look at one
+    configuration in `_BLOCK`: between two configurations bodies move no further than the joints
+    between them turn.
+
+    Args:
+        angles: In the order of time, so that those of a block are near each other.
+    """
+    near = pair_bounds(robot, placed) < within
+    block = np.arange(len(near)) // _BLOCK
+    seen = np.minimum(block * _BLOCK + _BLOCK // 2, len(near) - 1)
+    looks = np.zeros_like(near)
+    np.logical_or.at(looks, seen, near)
+    rows = np.nonzero(looks)
+    distance = np.full(near.shape, -np.inf)
+    distance[rows] = pair_distances(robot, placed, rows).distance
+    ways = np.abs(angles - angles[seen]) @ pair_reaches(robot)
+    near &= distance[seen] - ways < within
+    configurations, numbers = np.nonzero(near)
+    return configurations, numbers
+
+
+def pair_distances(robot: Robot, placed: Placed, rows: tuple[Indices, ...]) -> Distances:
+    """Measure pairs; rows: their configurations and numbers, each of shape (rows,)."""
+    request, measures, result = _coal_request(), _pair_measures(robot), coal.DistanceResult()
+    transforms = [coal.Transform3s() for _ in robot.bodies]
+    set_to = [-1] * len(transforms)
+    rotations, positions = placed.rotations, placed.positions
+    count = len(rows[0])
+    distance, point, normal = np.empty(count), np.empty((count, 3)), np.empty((count, 3))
+    for row, (at, number) in enumerate(zip(*(each.tolist() for each in rows), strict=True)):
+        first, second = robot.pairs[number]
+        for body in (first, second):
+            if set_to[body] != at:
+                transforms[body].setTransform(rotations[at, body], positions[at, body])
+                set_to[body] = at
+        result.clear()
+        distance[row] = measures[number](transforms[first], transforms[second], request, result)
+        point[row] = result.getNearestPoint2()
+        normal[row] = result.normal
+    failed = ~(np.abs(distance) < _ABSURD) | ~(np.abs(normal).max(axis=1) <= 2.0)
+    for row in np.flatnonzero(failed).tolist():
+        distance[row], point[row], normal[row] = _as_spheres(
+            robot, placed, *(at[row] for at in rows)
+        )
+    return Distances(distance, point, normal)
+
+
+def _as_spheres(
+    robot: Robot, placed: Placed, at: np.intp, number: np.intp
+) -> tuple[float, Array, Array]:
+    """Return how far the spheres around a pair of bodies are apart, with point and normal."""
+    first, second = robot.pairs[number]
+    start, end = placed.centers[at, first], placed.centers[at, second]
+    apart = float(np.linalg.norm(end - start))
+    normal = (end - start) / apart if apart > _NO_DIRECTION else np.array([1.0, 0.0, 0.0])
+    return apart - robot.bodies[first].radius - robot.bodies[second].radius, end, normal
+
+
+@lru_cache(maxsize=8)
+def _pair_measures(robot: Robot) -> tuple[coal.ComputeDistance, ...]:
+    # Coal keeps no reference to the solids: they live as long as the robot, and the cache keeps it.
+    solids = [body.solid for body in robot.bodies]
+    return tuple(coal.ComputeDistance(solids[a], solids[b]) for a, b in robot.pairs)
+
+
+def _coal_request() -> coal.DistanceRequest:
+    request = coal.DistanceRequest()
+    request.enable_signed_distance = True
+    request.gjk_tolerance, request.epa_tolerance = _EXACT, _EXACT_DEPTH
+    return request
+
+
+def sphere_bounds(robot: Robot, placed: Placed, centers: Array, radius: Array) -> Array:
+    """Return lower bounds of the distances of bodies from spheres, by the spheres around bodies.
+
+    Args:
+        centers: Of the spheres, seen from the chaser. Shape (configurations, spheres, 3) [m].
+        radius: Of the spheres. Shape (spheres,) [m].
+
+    Returns:
+        Shape (configurations, bodies, spheres) [m].
+    """
+    apart = np.linalg.norm(placed.centers[:, :, None] - centers[:, None], axis=-1)
+    bounds: Array = apart - radii(robot)[:, None] - radius
+    return bounds
+
+
+def near_spheres(
+    robot: Robot, placed: Placed, centers: Array, radius: Array, within: float
+) -> tuple[Indices, Indices, Indices]:
+    """Return the configurations, bodies and spheres that may be within a distance [m].
+
+    Most are known to be further apart from where both are in the middle of a `_BLOCK` of
+    configurations, and how far from there they come in it.
+
+    Args:
+        centers: As in `sphere_bounds`; in the order of time.
+        radius: Likewise.
+    """
+    begins = np.arange(0, len(centers), _BLOCK)
+    bodies, of_bodies = _tracks(placed.centers, begins)
+    spheres, of_spheres = _tracks(centers, begins)
+    apart = np.linalg.norm(bodies[:, :, None] - spheres[:, None], axis=-1)
+    around = (of_bodies + radii(robot))[:, :, None] + (of_spheres + radius)[:, None]
+    block, body, sphere = np.nonzero(apart - around < within)
+    sizes = np.diff(np.append(begins, len(centers)))[block]
+    body, sphere = body.repeat(sizes), sphere.repeat(sizes)
+    before = (np.cumsum(sizes) - sizes).repeat(sizes)
+    configuration = begins[block].repeat(sizes) + np.arange(len(body)) - before
+    way = placed.centers[configuration, body] - centers[configuration, sphere]
+    gap = np.linalg.norm(way, axis=1) - radii(robot)[body] - radius[sphere]
+    near = gap < within
+    return configuration[near], body[near], sphere[near]
+
+
+def _tracks(points: Array, begins: Indices) -> tuple[Array, Array]:
+    """Return the middle of where points are in each block, and how far they come from there.
+
+    Args:
+        points: Shape (configurations, points, 3).
+        begins: First configuration of each block.
+    """
+    low, high = np.minimum.reduceat(points, begins), np.maximum.reduceat(points, begins)
+    return (low + high) / 2, np.linalg.norm(high - low, axis=-1) / 2
+
+
+def sphere_distances(
+    robot: Robot,
+    placed: Placed,
+    centers: Array,
+    radius: Array,
+    rows: tuple[Indices, ...],
+) -> Distances:
+    """Measure bodies against spheres.
+
+    Args:
+        centers: As in `sphere_bounds`.
+        radius: Likewise.
+        rows: Configurations, bodies and spheres, each of shape (rows,).
+    """
+    configuration, body, sphere = rows
+    center = centers[configuration, sphere]
+    to_base = placed.rotations[configuration, body]
+    seen = np.einsum("rji,rj->ri", to_base, center - placed.positions[configuration, body])
+    distance, out = np.empty(len(seen)), np.empty((len(seen), 3))
+    for number in np.unique(body):
+        of_body = body == number
+        distance[of_body], out[of_body] = _from_solid(robot.bodies[number], seen[of_body])
+    normal = np.einsum("rij,rj->ri", to_base, out)
+    return Distances(distance - radius[sphere], center, normal)
+
+
+def distance_from(body: Body, point: Array) -> float:
+    """Return the signed distance of a point from a body, in the frame of its solid [m]."""
+    (distance,), _ = _from_solid(body, point[None])
+    return float(distance)
+
+
+def _from_solid(body: Body, points: Array) -> tuple[Array, Array]:
+    """Return the signed distance of points from a solid, and its gradient; in the solid's frame."""
+    solid = body.solid
+    if isinstance(solid, coal.Sphere):
+        return _from_core(points, np.zeros_like(points), solid.radius)
+    if isinstance(solid, coal.Capsule):
+        core = np.zeros_like(points)
+        core[:, 2] = np.clip(points[:, 2], -solid.halfLength, solid.halfLength)
+        return _from_core(points, core, solid.radius)
+    if isinstance(solid, coal.Box):
+        distance, out = _from_box(np.abs(points), np.asarray(solid.halfSide))
+        return distance, np.copysign(out, points)
+    if isinstance(solid, coal.Cylinder):
+        across = np.linalg.norm(points[:, :2], axis=1)
+        corner = np.array([solid.radius, solid.halfLength])
+        distance, out = _from_box(np.column_stack([across, np.abs(points[:, 2])]), corner)
+        radial = points[:, :2] / np.maximum(across, _NO_DIRECTION)[:, None]
+        radial[across < _NO_DIRECTION] = [1.0, 0.0]
+        return distance, np.column_stack(
+            [out[:, :1] * radial, np.copysign(out[:, 1], points[:, 2])]
+        )
+    return _from_hull(solid, points)
+
+
+def _from_core(points: Array, core: Array, radius: float) -> tuple[Array, Array]:
+    """Return the distance from what is within a radius of a core; core: its nearest points."""
+    way = points - core
+    length = np.linalg.norm(way, axis=1)
+    out = way / np.maximum(length, _NO_DIRECTION)[:, None]
+    out[length < _NO_DIRECTION] = [1.0, 0.0, 0.0]
+    return length - radius, out
+
+
+def _from_box(points: Array, corner: Array) -> tuple[Array, Array]:
+    """Return the distance from a box around the origin of points beyond none of its axes."""
+    beyond = points - corner
+    outside = np.maximum(beyond, 0.0)
+    length = np.linalg.norm(outside, axis=1)
+    nearest = beyond.argmax(axis=1)
+    inside = length < _NO_DIRECTION
+    out = np.where(
+        inside[:, None],
+        np.eye(len(corner))[nearest],
+        outside / np.maximum(length, _NO_DIRECTION)[:, None],
+    )
+    return np.where(inside, beyond.max(axis=1), length), out
+
+
+def _from_hull(solid: coal.CollisionGeometry, points: Array) -> tuple[Array, Array]:
+    point_solid = coal.Sphere(0.0)  # Coal keeps no reference to what it measures
+    measure = coal.ComputeDistance(solid, point_solid)
+    request, result = _coal_request(), coal.DistanceResult()
+    here, there = coal.Transform3s(), coal.Transform3s()
+    distance, out = np.empty(len(points)), np.empty_like(points)
+    for row, point in enumerate(points):
+        there.setTranslation(point)
+        result.clear()
+        distance[row] = measure(here, there, request, result)
+        out[row] = result.normal
+    return distance, out
+
+
+def pair_gradients(
+    robot: Robot, placed: Placed, found: Distances, rows: tuple[Indices, ...]
+) -> Array:
+    """Return the derivatives of `pair_distances` by the joint angles. Shape (rows, joints).
+
+    Only the joints between two bodies move one against the other.
+    """
+    first, second = (carriers(robot)[side][rows[1]] for side in pairs(robot))
+    turned = _turned(placed, found, rows[0])
+    return turned * (_carries(robot, second) - _carries(robot, first))
+
+
+def sphere_gradients(
+    robot: Robot, placed: Placed, found: Distances, rows: tuple[Indices, ...]
+) -> Array:
+    """Return the derivatives of `sphere_distances` by base and joints. Shape (rows, 6 + joints).
+
+    Those by the base are by a step in the tangent space, linear first.
+    """
+    by_joints = -_turned(placed, found, rows[0]) * _carries(robot, carriers(robot)[rows[1]])
+    # Seen from a chaser that moves, a centre moves the other way.
+    by_turn = -np.cross(found.point, found.normal)
+    return np.hstack([-found.normal, by_turn, by_joints])
+
+
+def _turned(placed: Placed, found: Distances, configurations: Indices) -> Array:
+    """Return how fast each joint moves what it carries along the normal. Shape (rows, joints)."""
+    lever = found.point[:, None] - placed.origins[configurations]
+    moved = np.cross(placed.axes[configurations], lever)
+    along: Array = np.einsum("rji,ri->rj", moved, found.normal)
+    return along
+
+
+def _carries(robot: Robot, joints: Indices) -> Array:
+    """Return 1 for each joint that carries a body, else 0. Shape (rows, joints)."""
+    return (np.arange(robot.joints) < joints[:, None]).astype(np.float64)
