@@ -1,6 +1,7 @@
 """Meshes of a URDF as convex solids, against their own vertices, and files that are none."""
 
 import base64
+import pickle
 import re
 import struct
 from collections.abc import Callable
@@ -135,13 +136,14 @@ def test_what_is_handed_on_needs_no_files_and_is_the_same_to_the_last_bit(tmp_pa
     (tmp_path / "cloud.stl").write_bytes(stl(points))
     robot = loaded(tmp_path, '<mesh filename="cloud.stl" scale="0.1 0.13 0.001"/>')
     (tmp_path / "cloud.stl").unlink()
-    again = robot_from_urdf_text(robot.drawn_urdf, *ENDS)
-    assert again.drawn_urdf == robot.drawn_urdf
-    assert (again.pairs, again.may_touch) == (robot.pairs, robot.may_touch)
-    for ours, theirs in zip(again.bodies, robot.bodies, strict=True):
-        assert ours.solid == theirs.solid
-        assert ours.placement_in_joint == theirs.placement_in_joint
-        assert ours.radius == theirs.radius
+    built = robot_from_urdf_text(robot.drawn_urdf, *ENDS)
+    for again in (built, pickle.loads(pickle.dumps(robot))):
+        assert again.drawn_urdf == robot.drawn_urdf
+        assert (again.pairs, again.may_touch) == (robot.pairs, robot.may_touch)
+        for ours, theirs in zip(again.bodies, robot.bodies, strict=True):
+            assert ours.solid == theirs.solid
+            assert ours.placement_in_joint == theirs.placement_in_joint
+            assert ours.radius == theirs.radius
 
 
 def sphere(rows: int) -> Array:
