@@ -214,6 +214,12 @@ def test_a_file_that_holds_no_solid_is_refused_by_its_name(
         ('<mesh filename="box.stl" scale="1 nan 1"/>', "its scale is '1 nan 1'"),
         ('<mesh filename="box.stl" scale="1 1 1e-9"/>', "it is flat"),
         ("<mesh/>", "without a filename"),
+        ('<mesh filename="file:///a%00b.stl"/>', "it cannot be read"),
+        ('<mesh filename="loop.stl"/>', "collision mesh is loop.stl"),
+        (f'<mesh filename="{"a" * 300}.stl"/>', "there is no such file"),
+        (f'<mesh filename="package://arm/{"a" * 300}.stl"/>', "no package 'arm' with this file"),
+        ('<mesh filename="package://../a.stl"/>', "no package '..' with this file"),
+        ('<mesh filename="package:///a.stl"/>', "no package '' with this file"),
         ('<mesh filename="big.stl"/>', "a million triangles"),
         ('<mesh filename="data:application/x-float32-points;base64,AAA"/>', "it is damaged"),
         ('<mesh filename="data:application/x-float32-points;base64,"/>', "it must have vertices"),
@@ -224,6 +230,7 @@ def test_a_mesh_that_cannot_be_taken_is_refused_in_words(
 ) -> None:
     (tmp_path / "box.stl").write_bytes(stl(BOX))
     (tmp_path / "directory.stl").mkdir()
+    (tmp_path / "loop.stl").symlink_to(tmp_path / "loop.stl")
     with (tmp_path / "big.stl").open("wb") as file:
         file.truncate(10**9)  # a hole: nothing is written
     with pytest.raises(InvalidInput, match=re.escape(words)):

@@ -44,9 +44,10 @@ class Meshes:
             given = _decoded(name) if name.startswith(_EMBEDDED) else self._points(name)
             points, growth = few_corners(given, scale)
             hull = convex_hull(points * scale)
-        except (NoSolid, RuntimeError) as fault:
+        except (RuntimeError, ValueError, OSError) as fault:
             value = "embedded" if name.startswith("data:") else name or "without a filename"
-            why = str(fault) if isinstance(fault, NoSolid) else "it has no convex hull"
+            # Else of Coal, or of a path that no file can have.
+            why = str(fault) if isinstance(fault, NoSolid) else "it cannot be read"
             faults.add("link", link, "collision mesh", value, why)
             return None
         if growth > 0.0:
