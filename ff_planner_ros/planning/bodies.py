@@ -10,12 +10,14 @@ numpy evaluates for many at once.
 
 from __future__ import annotations
 
+import enum
+from collections.abc import Sequence
 from functools import lru_cache
 from typing import NamedTuple
 
 import coal
 import numpy as np
-from scipy.spatial.transform import Rotation
+import pinocchio as pin
 
 from ff_planner_ros.arrays import Array, Indices
 from ff_planner_ros.robot.bodies import Body
@@ -53,8 +55,10 @@ class Distances(NamedTuple):
 def placed_bodies(robot: Robot, angles: Array) -> Placed:
     """Follow the chain of joints; angles: shape (configurations, joints) [rad]."""
     count = len(angles)
-    turns = Rotation.from_rotvec((angles[:, :, None] * robot.joint_axes).reshape(-1, 3))
-    turn = turns.as_matrix().reshape(count, robot.joints, 3, 3)
+    # Rodrigues: R = I + sin K + (1 - cos) K^2, behind the joint's own placement.
+    held, turned, twice = _turning(robot)
+    sine, versine = np.sin(angles)[..., None, None], 1.0 - np.cos(angles)[..., None, None]
+    steps = held + sine * turned + versine * twice
     rotations = np.empty((count, robot.joints + 1, 3, 3))
     positions = np.empty((count, robot.joints + 1, 3))
     axes = np.empty((count, robot.joints, 3))
@@ -62,9 +66,8 @@ def placed_bodies(robot: Robot, angles: Array) -> Placed:
     for k, placement in enumerate(robot.model.jointPlacements[2:]):
         before = rotations[:, k]
         positions[:, k + 1] = positions[:, k] + before @ placement.translation
-        held = before @ placement.rotation
-        axes[:, k] = held @ robot.joint_axes[k]
-        rotations[:, k + 1] = held @ turn[:, k]
+        axes[:, k] = before @ (placement.rotation @ robot.joint_axes[k])
+        np.matmul(before, steps[:, k], out=rotations[:, k + 1])
     carriers, placements, offsets, centers = _in_joints(robot)
     carried = rotations[:, carriers]
     return Placed(
@@ -74,6 +77,14 @@ def placed_bodies(robot: Robot, angles: Array) -> Placed:
         origins=positions[:, 1:],
         axes=axes,
     )
+
+
+@lru_cache(maxsize=8)
+def _turning(robot: Robot) -> tuple[Array, Array, Array]:
+    """Return P, P K and P K^2 of each joint, P its placement and K its axis as a cross product."""
+    held = np.array([placement.rotation for placement in robot.model.jointPlacements[2:]])
+    axis = np.array([pin.skew(axis) for axis in robot.joint_axes])
+    return held, held @ axis, held @ axis @ axis
 
 
 @lru_cache(maxsize=8)
@@ -307,79 +318,110 @@ def sphere_distances(
     to_base = placed.rotations[configuration, body]
     seen = np.einsum("rji,rj->ri", to_base, center - placed.positions[configuration, body])
     distance, out = np.empty(len(seen)), np.empty((len(seen), 3))
-    for number in np.unique(body):
-        of_body = body == number
-        distance[of_body], out[of_body] = _from_solid(robot.bodies[number], seen[of_body])
+    kinds, sizes = _kinds_and_sizes(robot)
+    for kind in _Kind:
+        of_kind = np.flatnonzero(kinds[body] == kind)
+        if of_kind.size and kind is not _Kind.HULL:
+            found = _FORMULAS[kind](seen[of_kind], sizes[body[of_kind]])
+            distance[of_kind], out[of_kind] = found
+        for row in of_kind if kind is _Kind.HULL else ():
+            distance[row], out[row] = _from_hull(robot.bodies[body[row]].solid, seen[row])
     normal = np.einsum("rij,rj->ri", to_base, out)
     return Distances(distance - radius[sphere], center, normal)
 
 
 def distance_from(body: Body, point: Array) -> float:
     """Return the signed distance of a point from a body, in the frame of its solid [m]."""
-    (distance,), _ = _from_solid(body, point[None])
+    kind, sizes = _kind_and_sizes(body.solid)
+    if kind is _Kind.HULL:
+        return _from_hull(body.solid, point)[0]
+    (distance,), _ = _FORMULAS[kind](point[None], np.array([sizes]))
     return float(distance)
 
 
-def _from_solid(body: Body, points: Array) -> tuple[Array, Array]:
-    """Return the signed distance of points from a solid, and its gradient; in the solid's frame."""
-    solid = body.solid
+class _Kind(enum.IntEnum):
+    """Of what kind a solid is: which formula measures it."""
+
+    ROUND = 0  # what is within a radius of a piece of the z axis: spheres and capsules
+    BOX = 1
+    CYLINDER = 2
+    HULL = 3  # there is none: Coal measures it
+
+
+def _kind_and_sizes(solid: coal.CollisionGeometry) -> tuple[_Kind, Sequence[float]]:
+    """Return a solid's kind, and its half edges, or radius and half length."""
     if isinstance(solid, coal.Sphere):
-        return _from_core(points, np.zeros_like(points), solid.radius)
+        return _Kind.ROUND, (solid.radius, 0.0, 0.0)
     if isinstance(solid, coal.Capsule):
-        core = np.zeros_like(points)
-        core[:, 2] = np.clip(points[:, 2], -solid.halfLength, solid.halfLength)
-        return _from_core(points, core, solid.radius)
+        return _Kind.ROUND, (solid.radius, solid.halfLength, 0.0)
     if isinstance(solid, coal.Box):
-        distance, out = _from_box(np.abs(points), np.asarray(solid.halfSide))
-        return distance, np.copysign(out, points)
+        return _Kind.BOX, tuple(solid.halfSide)
     if isinstance(solid, coal.Cylinder):
-        across = np.linalg.norm(points[:, :2], axis=1)
-        corner = np.array([solid.radius, solid.halfLength])
-        distance, out = _from_box(np.column_stack([across, np.abs(points[:, 2])]), corner)
-        radial = points[:, :2] / np.maximum(across, _NO_DIRECTION)[:, None]
-        radial[across < _NO_DIRECTION] = [1.0, 0.0]
-        return distance, np.column_stack(
-            [out[:, :1] * radial, np.copysign(out[:, 1], points[:, 2])]
-        )
-    return _from_hull(solid, points)
+        return _Kind.CYLINDER, (solid.radius, solid.halfLength, 0.0)
+    return _Kind.HULL, (0.0, 0.0, 0.0)
 
 
-def _from_core(points: Array, core: Array, radius: float) -> tuple[Array, Array]:
-    """Return the distance from what is within a radius of a core; core: its nearest points."""
-    way = points - core
-    length = np.linalg.norm(way, axis=1)
+@lru_cache(maxsize=8)
+def _kinds_and_sizes(robot: Robot) -> tuple[Indices, Array]:
+    """Return kind and sizes of every body."""
+    kinds, sizes = zip(*(_kind_and_sizes(body.solid) for body in robot.bodies), strict=True)
+    return np.array(kinds, np.intp), np.array(sizes)
+
+
+def _from_round(points: Array, sizes: Array) -> tuple[Array, Array]:
+    """Return the distance of points from spheres and capsules, and its gradient."""
+    radius, half_length = sizes[:, 0], sizes[:, 1]
+    way = points.copy()
+    way[:, 2] -= np.minimum(np.maximum(points[:, 2], -half_length), half_length)
+    length = np.sqrt(np.einsum("ri,ri->r", way, way))
     out = way / np.maximum(length, _NO_DIRECTION)[:, None]
     out[length < _NO_DIRECTION] = [1.0, 0.0, 0.0]
     return length - radius, out
 
 
-def _from_box(points: Array, corner: Array) -> tuple[Array, Array]:
-    """Return the distance from a box around the origin of points beyond none of its axes."""
-    beyond = points - corner
+def _from_boxes(points: Array, sizes: Array) -> tuple[Array, Array]:
+    """Return the distance of points from boxes, and its gradient."""
+    distance, out = _beyond_corner(np.abs(points), sizes)
+    return distance, np.copysign(out, points)
+
+
+def _from_cylinders(points: Array, sizes: Array) -> tuple[Array, Array]:
+    """Return the distance of points from cylinders about z, and its gradient."""
+    across = np.hypot(points[:, 0], points[:, 1])
+    seen = np.column_stack([across, np.abs(points[:, 2])])
+    distance, out = _beyond_corner(seen, sizes[:, :2])
+    radial = points[:, :2] / np.maximum(across, _NO_DIRECTION)[:, None]
+    radial[across < _NO_DIRECTION] = [1.0, 0.0]
+    return distance, np.column_stack([out[:, :1] * radial, np.copysign(out[:, 1], points[:, 2])])
+
+
+def _beyond_corner(points: Array, corners: Array) -> tuple[Array, Array]:
+    """Return the distance from a box around the origin, of points and corners without a sign."""
+    beyond = points - corners
     outside = np.maximum(beyond, 0.0)
-    length = np.linalg.norm(outside, axis=1)
-    nearest = beyond.argmax(axis=1)
-    inside = length < _NO_DIRECTION
-    out = np.where(
-        inside[:, None],
-        np.eye(len(corner))[nearest],
-        outside / np.maximum(length, _NO_DIRECTION)[:, None],
-    )
-    return np.where(inside, beyond.max(axis=1), length), out
+    length = np.sqrt(np.einsum("ri,ri->r", outside, outside))
+    out = outside / np.maximum(length, _NO_DIRECTION)[:, None]
+    inside = np.flatnonzero(length < _NO_DIRECTION)
+    nearest = beyond[inside].argmax(axis=1)
+    out[inside] = np.eye(points.shape[1])[nearest]
+    length[inside] = beyond[inside, nearest]
+    return length, out
 
 
-def _from_hull(solid: coal.CollisionGeometry, points: Array) -> tuple[Array, Array]:
-    point_solid = coal.Sphere(0.0)  # Coal keeps no reference to what it measures
-    measure = coal.ComputeDistance(solid, point_solid)
+_FORMULAS = {
+    _Kind.ROUND: _from_round,
+    _Kind.BOX: _from_boxes,
+    _Kind.CYLINDER: _from_cylinders,
+}
+
+
+def _from_hull(solid: coal.CollisionGeometry, point: Array) -> tuple[float, Array]:
+    """Return the distance of a point from any solid, and its gradient."""
+    small = coal.Sphere(0.0)
     request, result = _coal_request(), coal.DistanceResult()
-    here, there = coal.Transform3s(), coal.Transform3s()
-    distance, out = np.empty(len(points)), np.empty_like(points)
-    for row, point in enumerate(points):
-        there.setTranslation(point)
-        result.clear()
-        distance[row] = measure(here, there, request, result)
-        out[row] = result.normal
-    return distance, out
+    here, there = coal.Transform3s(), coal.Transform3s(np.eye(3), point)
+    distance = coal.distance(solid, here, small, there, request, result)
+    return float(distance), np.array(result.normal)
 
 
 def pair_gradients(

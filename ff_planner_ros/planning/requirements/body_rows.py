@@ -10,6 +10,7 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.arrays import Array, Indices
 from ff_planner_ros.planning.allowed_contact import before_contact, split_pairs, split_spheres
@@ -21,6 +22,7 @@ from ff_planner_ros.planning.bodies import (
     pair_distances,
     pair_gradients,
     placed_bodies,
+    radii,
     sphere_distances,
     sphere_gradients,
 )
@@ -56,8 +58,10 @@ def pair_rows(
     """Return the distances of pairs of bodies that are of interest, less the margin."""
     robot, at = problem.robot, _looked_at(problem, motion, sensitivity)
     configurations, pairs = near_pairs(robot, at.placed, at.q[:, 7:], OF_INTEREST)
-    must = (configurations < at.until) | np.isin(pairs, split_pairs(problem)[0])
-    rows: tuple[Indices, ...] = configurations[must], pairs[must]
+    rows: tuple[Indices, ...] = configurations, pairs
+    if problem.allowed_at_goal:
+        must = (configurations < at.until) | np.isin(pairs, split_pairs(problem)[0])
+        rows = configurations[must], pairs[must]
     found, rows = of_interest(pair_distances(robot, at.placed, rows), rows)
     gradients = pair_gradients(robot, at.placed, found, rows)
     jacobian = _along(gradients, at.sensitivity[:, 6:], rows[0])
@@ -69,19 +73,48 @@ def sphere_rows(
     problem: PlanningProblem, motion: Motion, sensitivity: Sensitivity, margin: float
 ) -> Rows:
     """Return the distances of bodies from spheres that are of interest, less the margin."""
-    robot, spheres = problem.robot, problem.obstacles
-    at = _looked_at(problem, motion, sensitivity)
+    robot, at = problem.robot, _looked_at(problem, motion, sensitivity)
+    kept = _in_reach(problem, at)
+    spheres = [problem.obstacles[number] for number in kept.tolist()]
     centers = centers_in_base(at.q, centers_at(at.times, spheres))
     radius = np.array([sphere.radius for sphere in spheres])
-    configurations, bodies, numbers = near_spheres(robot, at.placed, centers, radius, OF_INTEREST)
-    apart = np.isin(bodies * len(spheres) + numbers, split_spheres(problem)[0])
-    must = (configurations < at.until) | apart
-    rows: tuple[Indices, ...] = configurations[must], bodies[must], numbers[must]
+    configurations, bodies, near = near_spheres(robot, at.placed, centers, radius, OF_INTEREST)
+    rows: tuple[Indices, ...] = configurations, bodies, near
+    if problem.allowed_at_goal:
+        pairs = bodies * len(problem.obstacles) + kept[near]
+        must = (configurations < at.until) | np.isin(pairs, split_spheres(problem)[0])
+        rows = configurations[must], bodies[must], near[must]
     found, rows = of_interest(sphere_distances(robot, at.placed, centers, radius, rows), rows)
     gradients = sphere_gradients(robot, at.placed, found, rows)
     jacobian = _along(gradients, at.sensitivity, rows[0])
-    names = np.ravel_multi_index(rows, (len(at.q), len(robot.bodies), len(spheres)))
+    shape = len(at.q), len(robot.bodies), len(problem.obstacles)
+    names = np.ravel_multi_index((*rows[:2], kept[rows[2]]), shape)
     return Rows(found.distance - margin, jacobian, names)
+
+
+def _in_reach(problem: PlanningProblem, at: _LookedAt) -> Indices:
+    """Return the numbers of the spheres that come near the box around the way of any body."""
+    to_inertial = Rotation.from_quat(at.q[:, 3:7]).as_matrix().transpose(0, 2, 1)
+    centers = at.placed.centers @ to_inertial + at.q[:, None, :3]
+    low, high = centers.min(axis=0), centers.max(axis=0)
+    begin, velocity, radius = _spheres(problem)
+    ends = begin + at.times[[0, -1], None, None] * velocity
+    first, last = ends.min(axis=0), ends.max(axis=0)
+    beyond = np.maximum(first - high[:, None], low[:, None] - last)
+    to_box = np.linalg.norm(np.maximum(beyond, 0.0), axis=-1)
+    around = radii(problem.robot)[:, None] + radius + OF_INTEREST
+    return np.flatnonzero((to_box < around).any(axis=0))
+
+
+@lru_cache(maxsize=4)
+def _spheres(problem: PlanningProblem) -> tuple[Array, Array, Array]:
+    """Return centres at the first point, velocities and radii of the spheres."""
+    spheres = problem.obstacles
+    return (
+        np.array([sphere.center for sphere in spheres]),
+        np.array([sphere.velocity for sphere in spheres]),
+        np.array([sphere.radius for sphere in spheres]),
+    )
 
 
 def of_interest(
