@@ -17,7 +17,7 @@ from ff_planner_ros.planning.motion import from_trajectory
 from ff_planner_ros.robot.model import Robot, robot_from_urdf_text
 from ff_planner_ros.robot.shapes import link_shapes
 
-URDF = robots.LEMUR_URDF.read_text()
+URDF = robots.of_lines(robots.LEMUR_URDF)
 
 LINKS = {"lemur": ("chaser", "end_effector"), "canadarm2": ("station", "end_effector")}
 
@@ -103,21 +103,21 @@ def test_what_is_handed_on_has_the_shapes_and_is_the_same_robot(lemur: Robot) ->
     ],
 )
 def test_a_shape_that_cannot_be_drawn_is_left_out_and_refuses_no_robot(shape: str) -> None:
-    broken = re.sub("<box.*?/>", shape, URDF, count=1)
+    broken = re.sub("<cylinder.*?/>", shape, URDF, count=1)
     assert broken != URDF
     robot = robot_from_urdf_text(broken, "chaser", "end_effector")
-    assert "chaser" not in [found.link for found in link_shapes(robot.drawn_urdf)]
+    assert "link_1" not in [found.link for found in link_shapes(robot.drawn_urdf)]
     assert len(link_shapes(robot.drawn_urdf)) > 5
     assert "mesh" not in robot.drawn_urdf
 
 
 def test_a_link_whose_looks_are_a_mesh_is_drawn_by_what_it_collides_with() -> None:
-    solid = '<collision><geometry><sphere radius="0.3"/></geometry></collision></link>'
-    looks = URDF.replace("</link>", solid, 1).replace(
-        '<box size="0.8 0.8 0.8"/>', '<mesh filename="a.dae"/>'
-    )
+    link = '<link name="link_1">'
+    solid = f'{link}<collision><geometry><sphere radius="0.3"/></geometry></collision>'
+    looks = re.sub("<cylinder.*?/>", '<mesh filename="a.dae"/>', URDF, count=1)
+    looks = looks.replace(link, solid)
     robot = robot_from_urdf_text(looks, "chaser", "end_effector")
-    shape = next(shape for shape in link_shapes(robot.drawn_urdf) if shape.link == "chaser")
+    shape = next(shape for shape in link_shapes(robot.drawn_urdf) if shape.link == "link_1")
     assert (shape.kind, shape.sizes) == ("sphere", (0.3,))
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from functools import cache
 
+from ff_planner_ros.robot.bodies import Geometry
 from ff_planner_ros.robot.model import Base, Robot, load_robot, robot_from_urdf_text
 from ff_planner_ros.share import share_directory
 
@@ -34,7 +35,8 @@ def bench_robot(name: str) -> Robot:
     """
     if name in _BASE_LINKS:
         urdf = share_directory() / "config" / "robots" / name / f"{name}.urdf"
-        return load_robot(urdf, _BASE_LINKS[name], "end_effector")
+        # As the scenarios have it with which the figures of earlier versions were measured.
+        return load_robot(urdf, _BASE_LINKS[name], "end_effector", geometry=Geometry.LINES)
     if name == "off7":
         moved = arm_urdf(7).replace('<origin xyz="0 0 0.0"/>', _OFF_THE_BASE, 1)
         return robot_from_urdf_text(moved, "chaser", "end_effector")

@@ -180,7 +180,8 @@ def _solid_points(points: Array) -> Array:
 def _once(points: Array) -> Array:
     """Return the rows in order, each once."""
     points = points[np.lexsort(points.T)] + 0.0  # no negative zeros
-    return points[np.append(True, (points[1:] != points[:-1]).any(axis=1))]
+    first: Array = points[np.append(True, (points[1:] != points[:-1]).any(axis=1))]
+    return first
 
 
 def _corners(points: Array) -> Array | None:
@@ -235,7 +236,8 @@ def _around(points: Array) -> Array:
     normal = np.cross(planes[:, 1] - planes[:, 0], planes[:, 2] - planes[:, 0])
     height = np.einsum("ij,ij->i", normal, planes[:, 0])
     outside = normal / height[:, None] * (1.0 + _THINNEST)  # more than float32 rounds
-    return (center + outside).astype(np.float32).astype(float)
+    corners = np.array(center + outside, np.float32)
+    return corners.astype(float)
 
 
 def _ways(count: int) -> Array:

@@ -57,8 +57,9 @@ def whole_body(
         allowed = "no link of the arm has a <collision>: it must be lines"
         raise InvalidInput(Status.BAD_ROBOT, "robot.geometry", Geometry.SHAPES, allowed)
     if geometry is Geometry.LINES or not on_arm:
-        notes = ["no link of the arm has a <collision>: its lines are kept clear of spheres"]
-        return WholeBody(Geometry.LINES, (), (), (), drawn, tuple(notes if joints else ()))
+        only_chaser = joints and not on_arm
+        note = "no link of the arm has a <collision>: its lines are kept clear of spheres"
+        return WholeBody(Geometry.LINES, (), (), (), drawn, (note,) if only_chaser else ())
     meshes, robot = Meshes(directory), ElementTree.fromstring(checked)
     bodies = bodies_of(solids, model, meshes, faults)
     links = [str(link.get("name")) for link in robot.findall("link")]
