@@ -23,14 +23,18 @@ from ff_planner_ros.planning.body_certificate import (
     least_sphere_distance,
 )
 from ff_planner_ros.planning.certificate import CERTIFICATE_GAP
+from ff_planner_ros.planning.clearance import arm_points
+from ff_planner_ros.planning.contact import deepest_contact
 from ff_planner_ros.planning.followed import FollowedMotion, followed
 from ff_planner_ros.planning.joint_motion import JointMotion
+from ff_planner_ros.planning.joint_spline import joint_splines
 from ff_planner_ros.planning.plan import Plan
 from ff_planner_ros.planning.planner import plan
 from ff_planner_ros.planning.preconditions import require_plannable
 from ff_planner_ros.planning.problem import Parametrisation, PlanningProblem, Sphere
 from ff_planner_ros.planning.scenario import load_scenario
 from ff_planner_ros.planning.scenario_writer import write_scenario
+from ff_planner_ros.planning.spline_guesses import spline_guesses
 from ff_planner_ros.planning.task import PlanningTask
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import Robot
@@ -277,3 +281,26 @@ def test_allowed_contacts_are_part_of_the_task_and_of_its_scenario(tmp_path: Pat
     write_scenario(PlanningTask(asked, SETTINGS), tmp_path / "asked.yaml")
     scenario = load_scenario(tmp_path / "asked.yaml")
     assert (scenario.allowed_at_goal, scenario.contact_distance) == (asked.allowed_at_goal, 0.3)
+
+
+def test_a_goal_in_contact_in_one_posture_is_planned_to_another() -> None:
+    problem = replace(
+        capture(), parametrisation=Parametrisation.JOINT_SPLINE, obstacles=capture().obstacles[:1]
+    )
+    q, _ = configuration(problem.robot, problem.start)
+    # Where the elbow would be at the goal: the arm has a joint to spare, and another place for it.
+    first = next(spline_guesses(joint_splines(problem, SETTINGS), problem.obstacles, 13))
+    way = joint_splines(problem, SETTINGS).motion(first, 13).q
+    elbow = arm_points(problem.robot, way[-1:])[0, 3]
+    blocked = replace(
+        problem,
+        obstacles=(*problem.obstacles, Sphere("mast", elbow + np.array([0.0, 0.0, 0.15]), 0.12)),
+    )
+    contact = deepest_contact(blocked, way[-1], blocked.duration)
+    assert contact is not None
+    assert contact.second == "mast"
+    assert deepest_contact(blocked, q) is None
+    family = joint_splines(blocked, SETTINGS)
+    first = next(spline_guesses(family, blocked.obstacles, 13))
+    assert deepest_contact(blocked, family.motion(first, 13).q[-1], blocked.duration) is None
+    assert plan(blocked, SETTINGS).metrics.min_clearance >= 0.0
