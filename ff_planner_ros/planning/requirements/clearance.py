@@ -17,10 +17,8 @@ from ff_planner_ros.errors import Failure, InvalidInput, Status
 from ff_planner_ros.planning.certificate import certified_clearance
 from ff_planner_ros.planning.clearance import (
     arm_points,
-    arm_points_with_derivatives,
-    clearance_gradients,
+    clearance_rows,
     clearances,
-    near_box,
     penalty,
     segments,
 )
@@ -78,28 +76,19 @@ class Clearance(Requirement):
         """Return the distances of interest, less the margin, at points and half-way between."""
         if problem.robot.geometry is Geometry.SHAPES:
             return None
-        positions, derivatives = arm_points_with_derivatives(
+        times = np.linspace(0.0, problem.duration, len(motion.q))
+        times = np.concatenate([times[1:], (times[:-1] + times[1:]) / 2])
+        few = len(motion.q) < FEW_POINTS
+        distances, jacobian, names = clearance_rows(
             problem.robot,
             np.concatenate([motion.q[1:], motion.q_half_way]),
             np.concatenate([sensitivity.q[1:], sensitivity.q_half_way]),
+            np.concatenate([times, _quarter_way(times)]) if few else times,
+            problem.obstacles,
+            OF_INTEREST,
+            quarter_way=few,
         )
-        times = np.linspace(0.0, problem.duration, len(motion.q))
-        times = np.concatenate([times[1:], (times[:-1] + times[1:]) / 2])
-        if len(motion.q) < FEW_POINTS:
-            positions, derivatives, times = (
-                np.concatenate([at, quarter_way(at)]) for at in (positions, derivatives, times)
-            )
-        starts = segments(positions)
-        near = near_box(positions, times, problem.obstacles, OF_INTEREST)
-        clear = clearances(positions, times, starts, near)
-        rows = np.nonzero(clear.distance < OF_INTEREST)
-        jacobian = clearance_gradients(clear, derivatives, starts, rows)
-        point, segment, sphere = rows
-        number = {id(sphere): k for k, sphere in enumerate(problem.obstacles)}
-        numbers = np.array([number[id(sphere)] for sphere in near], np.intp)
-        shape = (*clear.distance.shape[:2], len(problem.obstacles))
-        names = np.ravel_multi_index((point, segment, numbers[sphere]), shape)
-        return Rows(clear.distance[rows] - margin, jacobian, names)
+        return Rows(distances - margin, jacobian, names)
 
     def slack(self, problem: PlanningProblem, motion: FollowedMotion) -> float:
         """Return the certified clearance [m]."""
@@ -191,3 +180,16 @@ def link_name(robot: Robot, start: int) -> str:
     """Return words for the arm's segment that starts at a joint."""
     ends = (*robot.joint_names, robot.tip_link)
     return f"the link from {ends[start]} to {ends[start + 1]}"
+
+
+def _quarter_way(times: Array) -> Array:
+    """Return the times a quarter of the way between points, then at three quarters.
+
+    But in the first interval, whose beginning is the start.
+
+    Args:
+        times: Of all points but the first, then half-way in every interval.
+    """
+    at_points, _ = np.split(times, 2)
+    step = np.diff(at_points)
+    return np.concatenate([at_points[:-1] + step / 4, at_points[1:] - step / 4])
