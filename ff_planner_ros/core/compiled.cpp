@@ -1,4 +1,5 @@
 // The module `ff_planner_ros.core.compiled`; its types for Python are in compiled.pyi.
+#include "bind_bodies.hpp"
 #include "bind_chain.hpp"
 #include "bind_clearance.hpp"
 #include "bind_driven_motion.hpp"
@@ -10,4 +11,5 @@ PYBIND11_MODULE(compiled, m) {
   ff::bind_end_effector(m);
   ff::bind_driven_motion(m);
   ff::bind_clearance(m);
+  ff::bind_bodies(m);
 }

@@ -3,9 +3,9 @@
 Everything here is in the frame of the chaser, that of the free-flyer joint: the joint angles
 alone decide where the bodies are in it.
 
-Coal measures pairs of bodies, one by one, but only those that may be near. Of a sphere the centre
-alone counts, and how far a point is from a ball, capsule, box or cylinder has a closed form, which
-numpy evaluates for many at once.
+Coal measures pairs of bodies. Of a sphere the centre alone counts, and how far a point is from a
+ball, capsule, box or cylinder has a closed form. The search has the same from the core, but
+for bodies that are in each other; the check has it from here.
 """
 
 from __future__ import annotations
@@ -28,8 +28,6 @@ from ff_planner_ros.robot.model import Robot
 _EXACT, _EXACT_DEPTH = 1e-8, 1e-6
 # No robot is so deep in itself [m]: Coal failed.
 _ABSURD = 1e3
-# One in so many configurations is looked at first: few, and near each other in a motion.
-_BLOCK = 8
 # A shorter direction is none: the point is on an axis, or in a centre [m].
 _NO_DIRECTION = 1e-12
 
@@ -168,32 +166,6 @@ def pair_bounds(robot: Robot, placed: Placed) -> Array:
     return bounds
 
 
-def near_pairs(
-    robot: Robot, placed: Placed, angles: Array, within: float
-) -> tuple[Indices, Indices]:
-    """Return the configurations and numbers of pairs that may be within a distance [m].
-
-    Most pairs that are near by the spheres around them are known to be apart from a look at one
-    configuration in `_BLOCK`: between two configurations bodies move no further than the joints
-    between them turn.
-
-    Args:
-        angles: In the order of time, so that those of a block are near each other.
-    """
-    near = pair_bounds(robot, placed) < within
-    block = np.arange(len(near)) // _BLOCK
-    seen = np.minimum(block * _BLOCK + _BLOCK // 2, len(near) - 1)
-    looks = np.zeros_like(near)
-    np.logical_or.at(looks, seen, near)
-    rows = np.nonzero(looks)
-    distance = np.full(near.shape, -np.inf)
-    distance[rows] = pair_distances(robot, placed, rows).distance
-    ways = np.abs(angles - angles[seen]) @ pair_reaches(robot)
-    near &= distance[seen] - ways < within
-    configurations, numbers = np.nonzero(near)
-    return configurations, numbers
-
-
 def pair_distances(robot: Robot, placed: Placed, rows: tuple[Indices, ...]) -> Distances:
     """Measure pairs; rows: their configurations and numbers, each of shape (rows,)."""
     request, measures, result = _coal_request(), _pair_measures(robot), coal.DistanceResult()
@@ -260,45 +232,6 @@ def sphere_bounds(robot: Robot, placed: Placed, centers: Array, radius: Array) -
     return bounds
 
 
-def near_spheres(
-    robot: Robot, placed: Placed, centers: Array, radius: Array, within: float
-) -> tuple[Indices, Indices, Indices]:
-    """Return the configurations, bodies and spheres that may be within a distance [m].
-
-    Most are known to be further apart from where both are in the middle of a `_BLOCK` of
-    configurations, and how far from there they come in it.
-
-    Args:
-        centers: As in `sphere_bounds`; in the order of time.
-        radius: Likewise.
-    """
-    begins = np.arange(0, len(centers), _BLOCK)
-    bodies, of_bodies = _tracks(placed.centers, begins)
-    spheres, of_spheres = _tracks(centers, begins)
-    apart = np.linalg.norm(bodies[:, :, None] - spheres[:, None], axis=-1)
-    around = (of_bodies + radii(robot))[:, :, None] + (of_spheres + radius)[:, None]
-    block, body, sphere = np.nonzero(apart - around < within)
-    sizes = np.diff(np.append(begins, len(centers)))[block]
-    body, sphere = body.repeat(sizes), sphere.repeat(sizes)
-    before = (np.cumsum(sizes) - sizes).repeat(sizes)
-    configuration = begins[block].repeat(sizes) + np.arange(len(body)) - before
-    way = placed.centers[configuration, body] - centers[configuration, sphere]
-    gap = np.linalg.norm(way, axis=1) - radii(robot)[body] - radius[sphere]
-    near = gap < within
-    return configuration[near], body[near], sphere[near]
-
-
-def _tracks(points: Array, begins: Indices) -> tuple[Array, Array]:
-    """Return the middle of where points are in each block, and how far they come from there.
-
-    Args:
-        points: Shape (configurations, points, 3).
-        begins: First configuration of each block.
-    """
-    low, high = np.minimum.reduceat(points, begins), np.maximum.reduceat(points, begins)
-    return (low + high) / 2, np.linalg.norm(high - low, axis=-1) / 2
-
-
 def sphere_distances(
     robot: Robot,
     placed: Placed,
@@ -318,13 +251,13 @@ def sphere_distances(
     to_base = placed.rotations[configuration, body]
     seen = np.einsum("rji,rj->ri", to_base, center - placed.positions[configuration, body])
     distance, out = np.empty(len(seen)), np.empty((len(seen), 3))
-    kinds, sizes = _kinds_and_sizes(robot)
-    for kind in _Kind:
+    kinds, sizes = kinds_and_sizes(robot)
+    for kind in Kind:
         of_kind = np.flatnonzero(kinds[body] == kind)
-        if of_kind.size and kind is not _Kind.HULL:
+        if of_kind.size and kind is not Kind.HULL:
             found = _FORMULAS[kind](seen[of_kind], sizes[body[of_kind]])
             distance[of_kind], out[of_kind] = found
-        for row in of_kind if kind is _Kind.HULL else ():
+        for row in of_kind if kind is Kind.HULL else ():
             distance[row], out[row] = _from_hull(robot.bodies[body[row]].solid, seen[row])
     normal = np.einsum("rij,rj->ri", to_base, out)
     return Distances(distance - radius[sphere], center, normal)
@@ -333,14 +266,14 @@ def sphere_distances(
 def distance_from(body: Body, point: Array) -> float:
     """Return the signed distance of a point from a body, in the frame of its solid [m]."""
     kind, sizes = _kind_and_sizes(body.solid)
-    if kind is _Kind.HULL:
+    if kind is Kind.HULL:
         return _from_hull(body.solid, point)[0]
     (distance,), _ = _FORMULAS[kind](point[None], np.array([sizes]))
     return float(distance)
 
 
-class _Kind(enum.IntEnum):
-    """Of what kind a solid is: which formula measures it."""
+class Kind(enum.IntEnum):
+    """Of what kind a solid is: which formula measures it. The core has the same numbers."""
 
     ROUND = 0  # what is within a radius of a piece of the z axis: spheres and capsules
     BOX = 1
@@ -348,21 +281,21 @@ class _Kind(enum.IntEnum):
     HULL = 3  # there is none: Coal measures it
 
 
-def _kind_and_sizes(solid: coal.CollisionGeometry) -> tuple[_Kind, Sequence[float]]:
+def _kind_and_sizes(solid: coal.CollisionGeometry) -> tuple[Kind, Sequence[float]]:
     """Return a solid's kind, and its half edges, or radius and half length."""
     if isinstance(solid, coal.Sphere):
-        return _Kind.ROUND, (solid.radius, 0.0, 0.0)
+        return Kind.ROUND, (solid.radius, 0.0, 0.0)
     if isinstance(solid, coal.Capsule):
-        return _Kind.ROUND, (solid.radius, solid.halfLength, 0.0)
+        return Kind.ROUND, (solid.radius, solid.halfLength, 0.0)
     if isinstance(solid, coal.Box):
-        return _Kind.BOX, tuple(solid.halfSide)
+        return Kind.BOX, tuple(solid.halfSide)
     if isinstance(solid, coal.Cylinder):
-        return _Kind.CYLINDER, (solid.radius, solid.halfLength, 0.0)
-    return _Kind.HULL, (0.0, 0.0, 0.0)
+        return Kind.CYLINDER, (solid.radius, solid.halfLength, 0.0)
+    return Kind.HULL, (0.0, 0.0, 0.0)
 
 
 @lru_cache(maxsize=8)
-def _kinds_and_sizes(robot: Robot) -> tuple[Indices, Array]:
+def kinds_and_sizes(robot: Robot) -> tuple[Indices, Array]:
     """Return kind and sizes of every body."""
     kinds, sizes = zip(*(_kind_and_sizes(body.solid) for body in robot.bodies), strict=True)
     return np.array(kinds, np.intp), np.array(sizes)
@@ -409,9 +342,9 @@ def _beyond_corner(points: Array, corners: Array) -> tuple[Array, Array]:
 
 
 _FORMULAS = {
-    _Kind.ROUND: _from_round,
-    _Kind.BOX: _from_boxes,
-    _Kind.CYLINDER: _from_cylinders,
+    Kind.ROUND: _from_round,
+    Kind.BOX: _from_boxes,
+    Kind.CYLINDER: _from_cylinders,
 }
 
 
