@@ -8,13 +8,14 @@ from pathlib import Path
 
 import coal
 import numpy as np
+import pinocchio as pin
 import pytest
 from robots import random_urdf
 
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.errors import InvalidInput
 from ff_planner_ros.robot.bodies import Body, Geometry
-from ff_planner_ros.robot.meshes import MAX_VERTICES
+from ff_planner_ros.robot.convex_hull import MAX_VERTICES
 from ff_planner_ros.robot.model import Robot, load_robot, robot_from_urdf_text
 
 ENDS = ("bus", "tool")
@@ -152,19 +153,22 @@ def sphere(rows: int) -> Array:
     return np.concatenate([quads[:, :, face].reshape(-1, 3, 3) for face in ((0, 1, 2), (0, 2, 3))])
 
 
+@pytest.mark.parametrize("stretched", [(1.0, 1.0, 1.0), (50.0, 1.0, 0.1)], ids=["ball", "blade"])
 def test_a_hull_of_very_many_corners_is_simplified_to_one_that_holds_it(
-    tmp_path: Path, times: Callable[[int, int], int]
+    stretched: tuple[float, float, float], tmp_path: Path, times: Callable[[int, int], int]
 ) -> None:
-    given = sphere(times(120, 300))
+    given = sphere(times(120, 300)) @ (np.diag(stretched) @ pin.exp3(np.array([0.3, -0.2, 0.9])))
     (tmp_path / "ball.stl").write_bytes(stl(given))
     robot = loaded(tmp_path, '<mesh filename="ball.stl"/>')
     hull = body_of(robot).solid
     assert hull.num_points <= MAX_VERTICES
     assert any("ball.stl" in note and "simplified" in note for note in robot.notes)
+    corners = np.unique(given.astype(np.float32).reshape(-1, 3), axis=0)
     for normal, offset in zip(hull.normals(), hull.offsets(), strict=True):
-        assert (given.reshape(-1, 3) @ normal + offset).max() <= 1e-9
-    # Of a ball of radius one: by one and a half hundredths at most.
-    assert np.linalg.norm(hull.points(), axis=1).max() < 1.03
+        assert (corners @ normal + offset).max() <= 1e-7
+    # An ellipsoid of three per cent more, at most, holds it.
+    turned = np.linalg.inv(np.diag(stretched) @ pin.exp3(np.array([0.3, -0.2, 0.9])))
+    assert np.linalg.norm(hull.points() @ turned, axis=1).max() < 1.03
     again = robot_from_urdf_text(robot.drawn_urdf, *ENDS)
     assert body_of(again).solid == hull
     assert not any("simplified" in note for note in again.notes)
@@ -242,6 +246,12 @@ def test_embedded_points_of_any_number_are_a_hull_of_few() -> None:
     robot = robot_from_urdf_text(urdf_with(mesh), *ENDS)
     assert body_of(robot).solid.num_points <= MAX_VERTICES
     assert len(robot.drawn_urdf) < 100_000
+
+
+def test_a_mesh_in_millimetres_may_be_as_long_as_a_station(tmp_path: Path) -> None:
+    (tmp_path / "boom.stl").write_bytes(stl(BOX * [2e5, 1.0, 1e3]))
+    robot = loaded(tmp_path, '<mesh filename="boom.stl" scale="0.001 0.1 0.001"/>')
+    assert body_of(robot).solid.computeVolume() == pytest.approx(40.0 * 0.04 * 0.6, rel=1e-6)
 
 
 def test_a_file_on_many_links_is_read_once(tmp_path: Path) -> None:

@@ -12,7 +12,8 @@ import numpy as np
 import pinocchio as pin
 
 from ff_planner_ros.arrays import Array, frozen
-from ff_planner_ros.robot.meshes import LARGEST_SIZE, SMALLEST_SIZE, Meshes
+from ff_planner_ros.robot.convex_hull import LARGEST_SIZE, SMALLEST_SIZE
+from ff_planner_ros.robot.meshes import Meshes
 from ff_planner_ros.robot.urdf_bodies import placement
 from ff_planner_ros.robot.urdf_faults import Faults, listed
 
