@@ -81,7 +81,7 @@ def test_arm_points_are_the_joint_origins_and_the_end_effector(urdf: tuple[str, 
             err_msg=f"state {i}",
         )
     together, _ = arm_points_with_derivatives(robot, q, np.zeros((4, 6 + robot.joints, 1)))
-    np.testing.assert_array_equal(together, positions)
+    np.testing.assert_allclose(together, positions, rtol=0.0, atol=1e-14)
 
 
 def test_derivatives_of_arm_points_are_those_of_differences(urdf: tuple[str, str, str]) -> None:

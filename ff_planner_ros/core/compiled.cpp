@@ -4,6 +4,7 @@
 #include "bind_clearance.hpp"
 #include "bind_driven_motion.hpp"
 #include "bind_end_effector.hpp"
+#include "bind_search.hpp"
 
 PYBIND11_MODULE(compiled, m) {
   m.doc() = "Numerics of the search, compiled.";
@@ -12,4 +13,5 @@ PYBIND11_MODULE(compiled, m) {
   ff::bind_driven_motion(m);
   ff::bind_clearance(m);
   ff::bind_bodies(m);
+  ff::bind_search(m);
 }

@@ -90,6 +90,30 @@ def clearances(
         radii: Shape (spheres,).
     """
 
+def joint_path(
+    v: Array, by_x: Array, step: float, slow: float, smoothing: float
+) -> tuple[float, Array, Array]:
+    """Return what `planning.objectives.joint_path` does; slow: rate of the joint that it adds."""
+
+def certified_clearance(
+    chain: Chain,
+    q: Array,
+    cubics: Array,
+    ways: Array,
+    times: Array,
+    centers: Array,
+    velocities: Array,
+    radii: Array,
+    gap: float,
+) -> float:
+    """Return what `planning.certificate.certified_clearance` does.
+
+    Args:
+        cubics: Of `cubics_between`. Shape (points - 1, 3, 6 + joints).
+        ways: Of `way_bounds`. Shape (points - 1,) [m].
+        gap: How far it may be below the truth [m].
+    """
+
 class Start:
     """Where a system begins, and what stays of that."""
 

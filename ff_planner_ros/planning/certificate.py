@@ -46,7 +46,7 @@ def certified_clearance(
     cubics = cubics_between(robot, q, v, steps)
     speeds = np.array([np.linalg.norm(sphere.velocity) for sphere in spheres])
     # Of arm and sphere together, from each point to the next. Shape (points - 1, spheres).
-    ways = _way_bounds(positions[0], q[0], cubics)[:, None] + steps[:, None] * speeds
+    ways = way_bounds(positions[0], q[0], cubics)[:, None] + steps[:, None] * speeds
     index, begin, end = np.arange(len(cubics)), np.zeros(len(cubics)), np.ones(len(cubics))
     at_begin, at_end = at_points[:-1], at_points[1:]
     lowest = certified = float(at_points.min())
@@ -91,7 +91,7 @@ def cubics_between(robot: Robot, q: Array, v: Array, steps: Array) -> Array:
     return np.stack([first, 3 * whole - 2 * first - last, first + last - 2 * whole], axis=1)
 
 
-def _way_bounds(positions: Array, q: Array, cubics: Array) -> Array:
+def way_bounds(positions: Array, q: Array, cubics: Array) -> Array:
     """Return a speed for each cubic that no point of the arm exceeds along it [m per unit of s].
 
     Each joint, and the base's turn, move a point at most at their rate times the stretched

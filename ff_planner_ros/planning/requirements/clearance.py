@@ -33,6 +33,7 @@ from ff_planner_ros.planning.requirements.requirement import (
     Rows,
     Samples,
 )
+from ff_planner_ros.planning.search_certificate import search_certificate
 from ff_planner_ros.planning.settings import PlannerSettings
 from ff_planner_ros.robot.bodies import Geometry
 from ff_planner_ros.robot.model import Robot
@@ -94,7 +95,7 @@ class Clearance(Requirement):
         """Return the certified clearance [m]."""
         if problem.robot.geometry is Geometry.SHAPES:
             return np.inf
-        return _certified(problem, motion)
+        return search_certificate(problem.robot, *_looked_at(motion), problem.obstacles)
 
     def metrics(self, samples: Samples) -> Mapping[str, float | str]:
         """Return certified clearance and R_obst."""
@@ -108,8 +109,9 @@ class Clearance(Requirement):
         if not problem.obstacles:
             return found | {"min_clearance": np.inf}
         nearest = _nearest(problem, samples.followed)
+        looked_at = _looked_at(samples.followed)
         return found | {
-            "min_clearance": _certified(problem, samples.followed),
+            "min_clearance": certified_clearance(problem.robot, *looked_at, problem.obstacles),
             "min_clearance_pair": f"{nearest.line}/{nearest.obstacle}",
             "min_clearance_time": nearest.time,
         }
@@ -169,11 +171,10 @@ def _nearest(problem: PlanningProblem, motion: FollowedMotion) -> _Nearest:
     )
 
 
-def _certified(problem: PlanningProblem, motion: FollowedMotion) -> float:
-    """Return a lower bound of the clearance along a motion [m]."""
+def _looked_at(motion: FollowedMotion) -> tuple[Array, Array, Array]:
+    """Return the configurations, velocities and times that a certificate begins with."""
     every = 2 if len(motion.time) > _ENOUGH and len(motion.time) % 2 else 1
-    q, v, times = motion.q[::every], motion.v[::every], motion.time[::every]
-    return certified_clearance(problem.robot, q, v, times, problem.obstacles)
+    return motion.q[::every], motion.v[::every], motion.time[::every]
 
 
 def link_name(robot: Robot, start: int) -> str:
