@@ -31,6 +31,7 @@ from ff_planner_ros.planning.clearance import centers_at
 from ff_planner_ros.planning.path_family import Motion, Sensitivity
 from ff_planner_ros.planning.problem import PlanningProblem
 from ff_planner_ros.planning.requirements.requirement import Rows
+from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import Robot
 
 # On fewer points than this a body may jump over a corner of another: see `_LookedAt`.
@@ -69,10 +70,11 @@ def pair_rows(
         deeper = _along(gradients, at.sensitivity[:, 6:], rows[0])
         distances, names = np.append(distances, found.distance), np.append(names, deep)
         jacobian = np.vstack([jacobian, deeper])
-    rows_found = Rows(distances - margin, jacobian, names)
+    configurations, pairs = np.unravel_index(names, shape)
+    margins = np.minimum(margin, _room_of_pairs(problem)[pairs])
+    rows_found = Rows(distances - margins, jacobian, names)
     if not problem.allowed_at_goal:
         return rows_found
-    configurations, pairs = np.unravel_index(names, shape)
     apart = np.isin(pairs, split_pairs(problem)[0])
     return _chosen(rows_found, np.flatnonzero(apart | (configurations < at.until)))
 
@@ -103,16 +105,43 @@ def sphere_rows(
         gradients = sphere_gradients(robot, placed, found, rows)
         distances, names = np.append(distances, found.distance), np.append(names, deep)
         jacobian = np.vstack([jacobian, _along(gradients, at.sensitivity, rows[0])])
-    rows_found = Rows(distances - margin, jacobian, names)
+    configurations, bodies, spheres = np.unravel_index(names, shape)
+    margins = np.minimum(margin, _room_of_spheres(problem)[bodies, spheres])
+    rows_found = Rows(distances - margins, jacobian, names)
     if not problem.allowed_at_goal:
         return rows_found
-    configurations, bodies, spheres = np.unravel_index(names, shape)
     apart = np.isin(bodies * len(problem.obstacles) + spheres, split_spheres(problem)[0])
     return _chosen(rows_found, np.flatnonzero(apart | (configurations < at.until)))
 
 
 def _chosen(rows: Rows, which: Indices) -> Rows:
     return Rows(rows.values[which], rows.jacobian[which], rows.names[which])
+
+
+@lru_cache(maxsize=4)
+def _room_of_pairs(problem: PlanningProblem) -> Array:
+    """Return half the distance of each pair at the start [m].
+
+    A larger margin is asked of no pair: some are built closer together, and a motion cannot leave
+    at once where it begins.
+    """
+    robot, q = problem.robot, configuration(problem.robot, problem.start)[0]
+    rows = np.zeros(len(robot.pairs), np.intp), np.arange(len(robot.pairs))
+    distance = pair_distances(robot, placed_bodies(robot, q[None, 7:]), rows).distance
+    return np.maximum(distance, 0.0) / 2
+
+
+@lru_cache(maxsize=4)
+def _room_of_spheres(problem: PlanningProblem) -> Array:
+    """Return likewise half the distance of bodies from spheres. Shape (bodies, spheres) [m]."""
+    robot, q = problem.robot, configuration(problem.robot, problem.start)[0]
+    centers, _, radius = _spheres(problem)
+    shape = len(robot.bodies), len(radius)
+    bodies, spheres = (number.ravel() for number in np.indices(shape))
+    rows = np.zeros(len(bodies), np.intp), bodies, spheres
+    placed, seen = placed_bodies(robot, q[None, 7:]), centers_in_base(q[None], centers[None])
+    distance = sphere_distances(robot, placed, seen, radius, rows).distance
+    return np.maximum(distance, 0.0).reshape(shape) / 2
 
 
 @lru_cache(maxsize=4)
