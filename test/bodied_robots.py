@@ -13,31 +13,14 @@ import pinocchio as pin
 from robots import LEMUR_URDF, random_urdf
 
 from ff_planner_ros.arrays import Array
-from ff_planner_ros.robot.bodies import Body
-from ff_planner_ros.robot.model import Robot, robot_from_urdf_text
-
-_RIGHT = "1.5707963267948966"
+from ff_planner_ros.robot.bodies import Body, Geometry
+from ff_planner_ros.robot.model import Robot, load_robot, robot_from_urdf_text
 
 
 def collision(kind: str, sizes: str, xyz: str = "0 0 0", rpy: str = "0 0 0") -> str:
     """Write a `<collision>` element."""
     geometry = f"<geometry><{kind} {sizes}/></geometry>"
     return f'<collision><origin xyz="{xyz}" rpy="{rpy}"/>{geometry}</collision>'
-
-
-# The Lemur as tubes of 0.06 m radius, on a chaser with two panels.
-LEMUR_SOLIDS = {
-    "chaser": collision("box", 'size="0.8 0.8 0.8"')
-    + collision("box", 'size="0.04 2.0 0.7"', "0 1.5 0")
-    + collision("box", 'size="0.04 2.0 0.7"', "0 -1.5 0"),
-    "link_1": collision("cylinder", 'radius="0.06" length="0.2"', "0 0 0.1078"),
-    "link_2": collision("sphere", 'radius="0.08"'),
-    "link_3": collision("capsule", 'radius="0.06" length="1.2"', "0 0 0.75"),
-    "link_4": collision("cylinder", 'radius="0.06" length="0.24"', "0 0.08 0", f"{_RIGHT} 0 0")
-    + collision("capsule", 'radius="0.06" length="1.2"', "0.7 0.1626 0", f"0 {_RIGHT} 0"),
-    "link_6": collision("sphere", 'radius="0.07"'),
-    "link_7": collision("cylinder", 'radius="0.05" length="0.1"', "0 -0.1 0", f"{_RIGHT} 0 0"),
-}
 
 
 def with_solids(urdf: str, solids: dict[str, str]) -> str:
@@ -58,9 +41,8 @@ def with_solids(urdf: str, solids: dict[str, str]) -> str:
 
 @cache
 def lemur_with_bodies() -> Robot:
-    """Return the Lemur with `LEMUR_SOLIDS`."""
-    urdf = with_solids(LEMUR_URDF.read_text(), LEMUR_SOLIDS)
-    return robot_from_urdf_text(urdf, "chaser", "end_effector")
+    """Return the Lemur as its URDF's solids have it."""
+    return load_robot(LEMUR_URDF, "chaser", "end_effector", geometry=Geometry.SHAPES)
 
 
 @cache

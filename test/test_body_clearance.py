@@ -18,19 +18,24 @@ from ff_planner_ros.arrays import Array
 from ff_planner_ros.errors import InvalidInput, NoPlanFound, Status
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.body_certificate import (
+    EXACT_PART,
     Least,
     least_pair_distance,
     least_sphere_distance,
 )
 from ff_planner_ros.planning.certificate import CERTIFICATE_GAP
+from ff_planner_ros.planning.clearance import arm_points
+from ff_planner_ros.planning.contact import deepest_contact
 from ff_planner_ros.planning.followed import FollowedMotion, followed
 from ff_planner_ros.planning.joint_motion import JointMotion
+from ff_planner_ros.planning.joint_spline import joint_splines
 from ff_planner_ros.planning.plan import Plan
 from ff_planner_ros.planning.planner import plan
 from ff_planner_ros.planning.preconditions import require_plannable
 from ff_planner_ros.planning.problem import Parametrisation, PlanningProblem, Sphere
 from ff_planner_ros.planning.scenario import load_scenario
 from ff_planner_ros.planning.scenario_writer import write_scenario
+from ff_planner_ros.planning.spline_guesses import spline_guesses
 from ff_planner_ros.planning.task import PlanningTask
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import Robot
@@ -94,7 +99,7 @@ def test_no_body_touches_anything_between_the_points_of_a_plan(family: Parametri
     assert 0.0 <= metrics.min_self_clearance <= of_pairs + 1e-6
     # Found on 400 configurations, the least is not the very least.
     assert metrics.min_clearance == pytest.approx(of_spheres, abs=3e-3)
-    assert metrics.min_self_clearance == pytest.approx(of_pairs, abs=3e-3)
+    assert metrics.min_self_clearance == pytest.approx(of_pairs, abs=3e-3, rel=EXACT_PART)
 
 
 def test_the_pair_and_the_time_of_the_least_clearances_are_told() -> None:
@@ -156,7 +161,8 @@ def test_the_certificate_is_below_what_is_found_between_the_points_and_hardly_so
     finer = followed(robot, motion.q[0], motion.v[0], motion.joints, multiple=8)
     fine, q = finer.time, finer.q
     for least, dense in zip(found, dense_least(robot, q, fine, spheres), strict=True):
-        assert least.certified <= least.found <= least.certified + CERTIFICATE_GAP
+        exact = max(CERTIFICATE_GAP, EXACT_PART * least.found)
+        assert least.certified <= least.found <= least.certified + exact
         assert least.certified <= dense + 2e-5, f"seed {seed}: {least}, Coal {dense}"
         if dense > -0.05:  # deep inside, the depth has kinks that no sampling finds
             assert least.found >= dense - 3e-3, f"seed {seed}: {least}, Coal {dense}"
@@ -191,7 +197,7 @@ def test_a_start_inside_an_obstacle_is_refused_with_the_body_and_the_depth() -> 
     problem = capture()
     q, _ = configuration(problem.robot, problem.start)
     panel = body_placements(problem.robot, q)[1]
-    sphere = Sphere("debris", panel.act(np.array([0.1, 0.4, 0.0])), 0.2)
+    sphere = Sphere("debris", panel.act(np.array([0.1, 0.4, 0.1])), 0.2)
     with pytest.raises(
         InvalidInput, match=r"obstacles\[debris\] is around chaser#2, 0.1200 m deep"
     ):
@@ -202,20 +208,21 @@ def test_a_tool_inside_an_obstacle_at_the_goal_is_refused_at_once() -> None:
     problem = capture()
     sphere = Sphere("grapple", problem.target.position, 0.12)
     touching = replace(problem, obstacles=(sphere,))
-    with pytest.raises(NoPlanFound, match=r"link_6|link_7") as refused:
+    with pytest.raises(NoPlanFound, match="link_7") as refused:
         require_plannable(touching, SETTINGS)
     assert refused.value.status is Status.COLLISION
     assert "allowed_at_goal" in str(refused.value)
 
 
 def grasping() -> PlanningProblem:
-    """The capture of a fixture that the wrist reaches into."""
+    """The capture of a fixture that the tool reaches into."""
     problem = capture()
-    fixture = Sphere("fixture", problem.target.position, 0.12)
+    attitude = pin.Quaternion(problem.target.quaternion_xyzw).toRotationMatrix()
+    fixture = Sphere("fixture", problem.target.position + attitude @ [0.0, 0.0, 0.2], 0.08)
     return replace(
         problem,
         obstacles=(*problem.obstacles, fixture),
-        allowed_at_goal=("link_7/fixture", "link_6/fixture"),
+        allowed_at_goal=("link_7/fixture",),
         contact_distance=0.25,
     )
 
@@ -225,8 +232,8 @@ def test_what_is_allowed_at_the_goal_touches_near_it_alone() -> None:
     require_plannable(problem, SETTINGS)
     answer = plan(problem, SETTINGS)
     dense = truth(problem, answer.trajectory)
-    robot, ball = problem.robot, coal.Sphere(0.12)
-    there = pin.SE3(np.eye(3), problem.target.position)
+    robot, fixture = problem.robot, problem.obstacles[-1]
+    ball, there = coal.Sphere(fixture.radius), pin.SE3(np.eye(3), fixture.center)
     data, touched = robot.model.createData(), 0
     for q in dense.q:
         pin.forwardKinematics(robot.model, data, q)
@@ -236,7 +243,7 @@ def test_what_is_allowed_at_the_goal_touches_near_it_alone() -> None:
         for body, place, center in zip(
             robot.bodies, places, centers_of(robot, places), strict=True
         ):
-            if np.linalg.norm(center - there.translation) > body.radius + 0.12:
+            if np.linalg.norm(center - there.translation) > body.radius + fixture.radius:
                 continue
             distance = coal_distance(body.solid, place, ball, there)
             allowed = is_near and f"{body.link}/fixture" in problem.allowed_at_goal
@@ -245,7 +252,7 @@ def test_what_is_allowed_at_the_goal_touches_near_it_alone() -> None:
     assert touched > 5
     assert answer.metrics.min_clearance >= 0.0
     with pytest.raises(NoPlanFound, match="link_7/fixture in allowed_at_goal"):
-        require_plannable(replace(problem, allowed_at_goal=("link_6/fixture",)), SETTINGS)
+        require_plannable(replace(problem, allowed_at_goal=("link_5/fixture",)), SETTINGS)
 
 
 @pytest.mark.parametrize(
@@ -277,3 +284,26 @@ def test_allowed_contacts_are_part_of_the_task_and_of_its_scenario(tmp_path: Pat
     write_scenario(PlanningTask(asked, SETTINGS), tmp_path / "asked.yaml")
     scenario = load_scenario(tmp_path / "asked.yaml")
     assert (scenario.allowed_at_goal, scenario.contact_distance) == (asked.allowed_at_goal, 0.3)
+
+
+def test_a_goal_in_contact_in_one_posture_is_planned_to_another() -> None:
+    problem = replace(
+        capture(), parametrisation=Parametrisation.JOINT_SPLINE, obstacles=capture().obstacles[:1]
+    )
+    q, _ = configuration(problem.robot, problem.start)
+    # Where the elbow would be at the goal: the arm has a joint to spare, and another place for it.
+    first = next(spline_guesses(joint_splines(problem, SETTINGS), problem.obstacles, 13))
+    way = joint_splines(problem, SETTINGS).motion(first, 13).q
+    elbow = arm_points(problem.robot, way[-1:])[0, 3]
+    blocked = replace(
+        problem,
+        obstacles=(*problem.obstacles, Sphere("mast", elbow + np.array([0.0, 0.0, 0.15]), 0.12)),
+    )
+    contact = deepest_contact(blocked, way[-1], blocked.duration)
+    assert contact is not None
+    assert contact.second == "mast"
+    assert deepest_contact(blocked, q) is None
+    family = joint_splines(blocked, SETTINGS)
+    first = next(spline_guesses(family, blocked.obstacles, 13))
+    assert deepest_contact(blocked, family.motion(first, 13).q[-1], blocked.duration) is None
+    assert plan(blocked, SETTINGS).metrics.min_clearance >= 0.0

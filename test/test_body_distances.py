@@ -12,10 +12,10 @@ from bodied_robots import body_placements, coal_distance, moving_pairs, random_r
 from robots import random_state
 
 from ff_planner_ros.arrays import Array
+from ff_planner_ros.core import compiled
+from ff_planner_ros.core.chain import chain_of
 from ff_planner_ros.planning.bodies import (
     distance_from,
-    near_pairs,
-    near_spheres,
     pair_distances,
     pair_gradients,
     placed_bodies,
@@ -23,6 +23,7 @@ from ff_planner_ros.planning.bodies import (
     sphere_gradients,
 )
 from ff_planner_ros.planning.body_certificate import centers_in_base
+from ff_planner_ros.planning.requirements.body_rows import _compiled_bodies
 from ff_planner_ros.robot.bodies import Body
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import Robot
@@ -215,36 +216,58 @@ def test_bodies_move_against_spheres_as_their_derivatives_say(seed: int) -> None
         require_derivatives(gradients[:, number], *sides)
 
 
+def dense_rows(gradients: Array, sensitivity: Array, at: Array) -> Array:
+    return np.einsum("rj,rjx->rx", gradients, sensitivity[at])
+
+
+def require_rows(
+    found: tuple[Array, ...], distance: Array, jacobian: Array, interest: float, where: str
+) -> None:
+    """Hold rows of the core against all distances, by their names, and their derivatives."""
+    distances, derivatives, names, deep = found
+    assert set(np.flatnonzero(distance < interest - 1e-6)) <= {*names, *deep}, where
+    assert not set(names) & set(deep), where
+    np.testing.assert_allclose(distances, distance[names], rtol=0.0, atol=1e-6, err_msg=where)
+    assert (distance[deep] < 1e-5).all(), where
+    # Where nearest points are not the only ones, there are several derivatives.
+    error = np.abs(derivatives - jacobian[names]).max(axis=1)
+    assert (error > 1e-3).mean() < MOST_KINKS, where
+    assert np.median(error) < 1e-6, where
+    assert len(names) > 20
+
+
 @pytest.mark.parametrize("seed", SEEDS)
-def test_no_pair_that_is_near_is_left_out(seed: int) -> None:
+def test_the_core_finds_the_same_distances_and_derivatives(seed: int) -> None:
     robot, rng = all_pairs(seed), np.random.default_rng(seed)
-    way = configurations(robot, 2, seed)[:, 7:]
-    angles = np.linspace(way[0], way[1], 40) + rng.normal(scale=0.02, size=(40, robot.joints))
-    placed = placed_bodies(robot, angles)
-    rows = every_row(40, len(robot.pairs))
-    truth = pair_distances(robot, placed, rows).distance
-    near = {(row[0], row[1]) for row in np.transpose(rows)[truth < 0.05].tolist()}
-    found = near_pairs(robot, placed, angles, 0.05)
-    looked_at = set(zip(*(row.tolist() for row in found), strict=True))
-    assert near <= looked_at
-    assert 0 < len(near) < len(looked_at) < truth.size
-
-
-@pytest.mark.parametrize("seed", SEEDS)
-def test_no_sphere_that_is_near_is_left_out(seed: int) -> None:
-    robot, rng = random_robot(seed), np.random.default_rng(seed)
-    way = configurations(robot, 2, seed)
-    q = np.repeat(way[:1], 27, axis=0)
-    q[:, 7:] = np.linspace(way[0, 7:], way[1, 7:], 27)
-    centers, radius = spheres_around(robot, q, 8, rng)
-    placed, seen = placed_bodies(robot, q[:, 7:]), centers_in_base(q, centers)
-    rows = every_row(27, len(robot.bodies), 8)
-    truth = sphere_distances(robot, placed, seen, radius, rows).distance
-    near = {tuple(row) for row in np.transpose(rows)[truth < 0.05].tolist()}
-    found = near_spheres(robot, placed, seen, radius, 0.05)
-    looked_at = set(zip(*(row.tolist() for row in found), strict=True))
-    assert near <= looked_at
-    assert 0 < len(near) < len(looked_at) < truth.size / 2
+    q = configurations(robot, 12, seed)
+    centers, radius = spheres_around(robot, q[:1], 9, rng)
+    velocities, times = rng.normal(scale=0.05, size=(9, 3)), np.linspace(0.0, 3.0, 12)
+    sensitivity = rng.normal(size=(12, robot.model.nv, 5))
+    core, chain, interest = _compiled_bodies(robot), chain_of(robot), 0.3
+    placed = placed_bodies(robot, q[:, 7:])
+    rows = every_row(12, len(robot.pairs))
+    truth = pair_distances(robot, placed, rows)
+    gradients = pair_gradients(robot, placed, truth, rows)
+    require_rows(
+        compiled.pair_rows(chain, core, q, sensitivity, interest),
+        truth.distance,
+        dense_rows(gradients, sensitivity[:, 6:], rows[0]),
+        interest,
+        f"pairs, seed {seed}",
+    )
+    rows = every_row(12, len(robot.bodies), 9)
+    seen = centers_in_base(q, centers + times[:, None, None] * velocities)
+    truth = sphere_distances(robot, placed, seen, radius, rows)
+    gradients = sphere_gradients(robot, placed, truth, rows)
+    require_rows(
+        compiled.sphere_rows(
+            chain, core, q, sensitivity, times, centers[0], velocities, radius, interest
+        ),
+        truth.distance,
+        dense_rows(gradients, sensitivity, rows[0]),
+        interest,
+        f"spheres, seed {seed}",
+    )
 
 
 def test_a_distance_does_not_depend_on_what_was_measured_before() -> None:

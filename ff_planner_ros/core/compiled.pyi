@@ -187,3 +187,47 @@ class DrivenMotion:
             rate_rows: Likewise.
             acceleration_row: Likewise, at the end. Shape (variables of a joint,).
         """
+
+class Bodies:
+    """The solids of a robot, and which of them must not touch."""
+
+    def __init__(
+        self,
+        carriers: Indices,  # how many joints of the arm carry each; shape (bodies,)
+        rotations: Array,  # of the solids, in the last of these joints; shape (bodies, 3, 3)
+        positions: Array,  # likewise; shape (bodies, 3)
+        centers: Array,  # likewise, of spheres around the solids; shape (bodies, 3)
+        radii: Array,  # of these spheres; shape (bodies,)
+        kinds: Indices,  # as in solids.hpp; shape (bodies,)
+        sizes: Array,  # half edges, or radius and half length; shape (bodies, 3)
+        vertices: Array,  # of all hulls; shape (vertices, 3)
+        vertex_counts: Indices,  # of each body; shape (bodies,)
+        pairs: Indices,  # shape (pairs, 2)
+    ) -> None: ...
+
+def pair_rows(
+    chain: Chain, bodies: Bodies, q: Array, q_sensitivity: Array, interest: float
+) -> tuple[Array, Array, Indices, Indices]:
+    """Return the distances of pairs of bodies that are below the interest [m].
+
+    Args:
+        q: Shape (configurations, 7 + joints).
+        q_sensitivity: Shape (configurations, 6 + joints, variables).
+
+    Returns:
+        Distances, their derivatives (rows, variables), their names (configuration, then pair), and
+        the names of those that are in each other, of which GJK knows nothing.
+    """
+
+def sphere_rows(
+    chain: Chain,
+    bodies: Bodies,
+    q: Array,
+    q_sensitivity: Array,
+    times: Array,
+    centers: Array,
+    velocities: Array,
+    radii: Array,
+    interest: float,
+) -> tuple[Array, Array, Indices, Indices]:
+    """Return likewise those of bodies from spheres; names: configuration, body, then sphere."""

@@ -3,19 +3,21 @@
 Everything here is in the frame of the chaser, that of the free-flyer joint: the joint angles
 alone decide where the bodies are in it.
 
-Coal measures pairs of bodies, one by one, but only those that may be near. Of a sphere the centre
-alone counts, and how far a point is from a ball, capsule, box or cylinder has a closed form, which
-numpy evaluates for many at once.
+Coal measures pairs of bodies. Of a sphere the centre alone counts, and how far a point is from a
+ball, capsule, box or cylinder has a closed form. The search has the same from the core, but
+for bodies that are in each other; the check has it from here.
 """
 
 from __future__ import annotations
 
+import enum
+from collections.abc import Sequence
 from functools import lru_cache
 from typing import NamedTuple
 
 import coal
 import numpy as np
-from scipy.spatial.transform import Rotation
+import pinocchio as pin
 
 from ff_planner_ros.arrays import Array, Indices
 from ff_planner_ros.robot.bodies import Body
@@ -26,8 +28,6 @@ from ff_planner_ros.robot.model import Robot
 _EXACT, _EXACT_DEPTH = 1e-8, 1e-6
 # No robot is so deep in itself [m]: Coal failed.
 _ABSURD = 1e3
-# One in so many configurations is looked at first: few, and near each other in a motion.
-_BLOCK = 8
 # A shorter direction is none: the point is on an axis, or in a centre [m].
 _NO_DIRECTION = 1e-12
 
@@ -53,8 +53,10 @@ class Distances(NamedTuple):
 def placed_bodies(robot: Robot, angles: Array) -> Placed:
     """Follow the chain of joints; angles: shape (configurations, joints) [rad]."""
     count = len(angles)
-    turns = Rotation.from_rotvec((angles[:, :, None] * robot.joint_axes).reshape(-1, 3))
-    turn = turns.as_matrix().reshape(count, robot.joints, 3, 3)
+    # Rodrigues: R = I + sin K + (1 - cos) K^2, behind the joint's own placement.
+    held, turned, twice = _turning(robot)
+    sine, versine = np.sin(angles)[..., None, None], 1.0 - np.cos(angles)[..., None, None]
+    steps = held + sine * turned + versine * twice
     rotations = np.empty((count, robot.joints + 1, 3, 3))
     positions = np.empty((count, robot.joints + 1, 3))
     axes = np.empty((count, robot.joints, 3))
@@ -62,9 +64,8 @@ def placed_bodies(robot: Robot, angles: Array) -> Placed:
     for k, placement in enumerate(robot.model.jointPlacements[2:]):
         before = rotations[:, k]
         positions[:, k + 1] = positions[:, k] + before @ placement.translation
-        held = before @ placement.rotation
-        axes[:, k] = held @ robot.joint_axes[k]
-        rotations[:, k + 1] = held @ turn[:, k]
+        axes[:, k] = before @ (placement.rotation @ robot.joint_axes[k])
+        np.matmul(before, steps[:, k], out=rotations[:, k + 1])
     carriers, placements, offsets, centers = _in_joints(robot)
     carried = rotations[:, carriers]
     return Placed(
@@ -74,6 +75,14 @@ def placed_bodies(robot: Robot, angles: Array) -> Placed:
         origins=positions[:, 1:],
         axes=axes,
     )
+
+
+@lru_cache(maxsize=8)
+def _turning(robot: Robot) -> tuple[Array, Array, Array]:
+    """Return P, P K and P K^2 of each joint, P its placement and K its axis as a cross product."""
+    held = np.array([placement.rotation for placement in robot.model.jointPlacements[2:]])
+    axis = np.array([pin.skew(axis) for axis in robot.joint_axes])
+    return held, held @ axis, held @ axis @ axis
 
 
 @lru_cache(maxsize=8)
@@ -157,32 +166,6 @@ def pair_bounds(robot: Robot, placed: Placed) -> Array:
     return bounds
 
 
-def near_pairs(
-    robot: Robot, placed: Placed, angles: Array, within: float
-) -> tuple[Indices, Indices]:
-    """Return the configurations and numbers of pairs that may be within a distance [m].
-
-    Most pairs that are near by the spheres around them are known to be apart from a look at one
-    configuration in `_BLOCK`: between two configurations bodies move no further than the joints
-    between them turn.
-
-    Args:
-        angles: In the order of time, so that those of a block are near each other.
-    """
-    near = pair_bounds(robot, placed) < within
-    block = np.arange(len(near)) // _BLOCK
-    seen = np.minimum(block * _BLOCK + _BLOCK // 2, len(near) - 1)
-    looks = np.zeros_like(near)
-    np.logical_or.at(looks, seen, near)
-    rows = np.nonzero(looks)
-    distance = np.full(near.shape, -np.inf)
-    distance[rows] = pair_distances(robot, placed, rows).distance
-    ways = np.abs(angles - angles[seen]) @ pair_reaches(robot)
-    near &= distance[seen] - ways < within
-    configurations, numbers = np.nonzero(near)
-    return configurations, numbers
-
-
 def pair_distances(robot: Robot, placed: Placed, rows: tuple[Indices, ...]) -> Distances:
     """Measure pairs; rows: their configurations and numbers, each of shape (rows,)."""
     request, measures, result = _coal_request(), _pair_measures(robot), coal.DistanceResult()
@@ -249,45 +232,6 @@ def sphere_bounds(robot: Robot, placed: Placed, centers: Array, radius: Array) -
     return bounds
 
 
-def near_spheres(
-    robot: Robot, placed: Placed, centers: Array, radius: Array, within: float
-) -> tuple[Indices, Indices, Indices]:
-    """Return the configurations, bodies and spheres that may be within a distance [m].
-
-    Most are known to be further apart from where both are in the middle of a `_BLOCK` of
-    configurations, and how far from there they come in it.
-
-    Args:
-        centers: As in `sphere_bounds`; in the order of time.
-        radius: Likewise.
-    """
-    begins = np.arange(0, len(centers), _BLOCK)
-    bodies, of_bodies = _tracks(placed.centers, begins)
-    spheres, of_spheres = _tracks(centers, begins)
-    apart = np.linalg.norm(bodies[:, :, None] - spheres[:, None], axis=-1)
-    around = (of_bodies + radii(robot))[:, :, None] + (of_spheres + radius)[:, None]
-    block, body, sphere = np.nonzero(apart - around < within)
-    sizes = np.diff(np.append(begins, len(centers)))[block]
-    body, sphere = body.repeat(sizes), sphere.repeat(sizes)
-    before = (np.cumsum(sizes) - sizes).repeat(sizes)
-    configuration = begins[block].repeat(sizes) + np.arange(len(body)) - before
-    way = placed.centers[configuration, body] - centers[configuration, sphere]
-    gap = np.linalg.norm(way, axis=1) - radii(robot)[body] - radius[sphere]
-    near = gap < within
-    return configuration[near], body[near], sphere[near]
-
-
-def _tracks(points: Array, begins: Indices) -> tuple[Array, Array]:
-    """Return the middle of where points are in each block, and how far they come from there.
-
-    Args:
-        points: Shape (configurations, points, 3).
-        begins: First configuration of each block.
-    """
-    low, high = np.minimum.reduceat(points, begins), np.maximum.reduceat(points, begins)
-    return (low + high) / 2, np.linalg.norm(high - low, axis=-1) / 2
-
-
 def sphere_distances(
     robot: Robot,
     placed: Placed,
@@ -307,79 +251,110 @@ def sphere_distances(
     to_base = placed.rotations[configuration, body]
     seen = np.einsum("rji,rj->ri", to_base, center - placed.positions[configuration, body])
     distance, out = np.empty(len(seen)), np.empty((len(seen), 3))
-    for number in np.unique(body):
-        of_body = body == number
-        distance[of_body], out[of_body] = _from_solid(robot.bodies[number], seen[of_body])
+    kinds, sizes = kinds_and_sizes(robot)
+    for kind in Kind:
+        of_kind = np.flatnonzero(kinds[body] == kind)
+        if of_kind.size and kind is not Kind.HULL:
+            found = _FORMULAS[kind](seen[of_kind], sizes[body[of_kind]])
+            distance[of_kind], out[of_kind] = found
+        for row in of_kind if kind is Kind.HULL else ():
+            distance[row], out[row] = _from_hull(robot.bodies[body[row]].solid, seen[row])
     normal = np.einsum("rij,rj->ri", to_base, out)
     return Distances(distance - radius[sphere], center, normal)
 
 
 def distance_from(body: Body, point: Array) -> float:
     """Return the signed distance of a point from a body, in the frame of its solid [m]."""
-    (distance,), _ = _from_solid(body, point[None])
+    kind, sizes = _kind_and_sizes(body.solid)
+    if kind is Kind.HULL:
+        return _from_hull(body.solid, point)[0]
+    (distance,), _ = _FORMULAS[kind](point[None], np.array([sizes]))
     return float(distance)
 
 
-def _from_solid(body: Body, points: Array) -> tuple[Array, Array]:
-    """Return the signed distance of points from a solid, and its gradient; in the solid's frame."""
-    solid = body.solid
+class Kind(enum.IntEnum):
+    """Of what kind a solid is: which formula measures it. The core has the same numbers."""
+
+    ROUND = 0  # what is within a radius of a piece of the z axis: spheres and capsules
+    BOX = 1
+    CYLINDER = 2
+    HULL = 3  # there is none: Coal measures it
+
+
+def _kind_and_sizes(solid: coal.CollisionGeometry) -> tuple[Kind, Sequence[float]]:
+    """Return a solid's kind, and its half edges, or radius and half length."""
     if isinstance(solid, coal.Sphere):
-        return _from_core(points, np.zeros_like(points), solid.radius)
+        return Kind.ROUND, (solid.radius, 0.0, 0.0)
     if isinstance(solid, coal.Capsule):
-        core = np.zeros_like(points)
-        core[:, 2] = np.clip(points[:, 2], -solid.halfLength, solid.halfLength)
-        return _from_core(points, core, solid.radius)
+        return Kind.ROUND, (solid.radius, solid.halfLength, 0.0)
     if isinstance(solid, coal.Box):
-        distance, out = _from_box(np.abs(points), np.asarray(solid.halfSide))
-        return distance, np.copysign(out, points)
+        return Kind.BOX, tuple(solid.halfSide)
     if isinstance(solid, coal.Cylinder):
-        across = np.linalg.norm(points[:, :2], axis=1)
-        corner = np.array([solid.radius, solid.halfLength])
-        distance, out = _from_box(np.column_stack([across, np.abs(points[:, 2])]), corner)
-        radial = points[:, :2] / np.maximum(across, _NO_DIRECTION)[:, None]
-        radial[across < _NO_DIRECTION] = [1.0, 0.0]
-        return distance, np.column_stack(
-            [out[:, :1] * radial, np.copysign(out[:, 1], points[:, 2])]
-        )
-    return _from_hull(solid, points)
+        return Kind.CYLINDER, (solid.radius, solid.halfLength, 0.0)
+    return Kind.HULL, (0.0, 0.0, 0.0)
 
 
-def _from_core(points: Array, core: Array, radius: float) -> tuple[Array, Array]:
-    """Return the distance from what is within a radius of a core; core: its nearest points."""
-    way = points - core
-    length = np.linalg.norm(way, axis=1)
+@lru_cache(maxsize=8)
+def kinds_and_sizes(robot: Robot) -> tuple[Indices, Array]:
+    """Return kind and sizes of every body."""
+    kinds, sizes = zip(*(_kind_and_sizes(body.solid) for body in robot.bodies), strict=True)
+    return np.array(kinds, np.intp), np.array(sizes)
+
+
+def _from_round(points: Array, sizes: Array) -> tuple[Array, Array]:
+    """Return the distance of points from spheres and capsules, and its gradient."""
+    radius, half_length = sizes[:, 0], sizes[:, 1]
+    way = points.copy()
+    way[:, 2] -= np.minimum(np.maximum(points[:, 2], -half_length), half_length)
+    length = np.sqrt(np.einsum("ri,ri->r", way, way))
     out = way / np.maximum(length, _NO_DIRECTION)[:, None]
     out[length < _NO_DIRECTION] = [1.0, 0.0, 0.0]
     return length - radius, out
 
 
-def _from_box(points: Array, corner: Array) -> tuple[Array, Array]:
-    """Return the distance from a box around the origin of points beyond none of its axes."""
-    beyond = points - corner
+def _from_boxes(points: Array, sizes: Array) -> tuple[Array, Array]:
+    """Return the distance of points from boxes, and its gradient."""
+    distance, out = _beyond_corner(np.abs(points), sizes)
+    return distance, np.copysign(out, points)
+
+
+def _from_cylinders(points: Array, sizes: Array) -> tuple[Array, Array]:
+    """Return the distance of points from cylinders about z, and its gradient."""
+    across = np.hypot(points[:, 0], points[:, 1])
+    seen = np.column_stack([across, np.abs(points[:, 2])])
+    distance, out = _beyond_corner(seen, sizes[:, :2])
+    radial = points[:, :2] / np.maximum(across, _NO_DIRECTION)[:, None]
+    radial[across < _NO_DIRECTION] = [1.0, 0.0]
+    return distance, np.column_stack([out[:, :1] * radial, np.copysign(out[:, 1], points[:, 2])])
+
+
+def _beyond_corner(points: Array, corners: Array) -> tuple[Array, Array]:
+    """Return the distance from a box around the origin, of points and corners without a sign."""
+    beyond = points - corners
     outside = np.maximum(beyond, 0.0)
-    length = np.linalg.norm(outside, axis=1)
-    nearest = beyond.argmax(axis=1)
-    inside = length < _NO_DIRECTION
-    out = np.where(
-        inside[:, None],
-        np.eye(len(corner))[nearest],
-        outside / np.maximum(length, _NO_DIRECTION)[:, None],
-    )
-    return np.where(inside, beyond.max(axis=1), length), out
+    length = np.sqrt(np.einsum("ri,ri->r", outside, outside))
+    out = outside / np.maximum(length, _NO_DIRECTION)[:, None]
+    inside = np.flatnonzero(length < _NO_DIRECTION)
+    nearest = beyond[inside].argmax(axis=1)
+    out[inside] = np.eye(points.shape[1])[nearest]
+    length[inside] = beyond[inside, nearest]
+    return length, out
 
 
-def _from_hull(solid: coal.CollisionGeometry, points: Array) -> tuple[Array, Array]:
-    point_solid = coal.Sphere(0.0)  # Coal keeps no reference to what it measures
-    measure = coal.ComputeDistance(solid, point_solid)
+_FORMULAS = {
+    Kind.ROUND: _from_round,
+    Kind.BOX: _from_boxes,
+    Kind.CYLINDER: _from_cylinders,
+}
+
+
+def _from_hull(solid: coal.CollisionGeometry, point: Array) -> tuple[float, Array]:
+    """Return the distance of a point from any solid, and its gradient."""
+    small = coal.Sphere(0.0)
     request, result = _coal_request(), coal.DistanceResult()
-    here, there = coal.Transform3s(), coal.Transform3s()
-    distance, out = np.empty(len(points)), np.empty_like(points)
-    for row, point in enumerate(points):
-        there.setTranslation(point)
-        result.clear()
-        distance[row] = measure(here, there, request, result)
-        out[row] = result.normal
-    return distance, out
+    here, there = coal.Transform3s(), coal.Transform3s(np.eye(3), point)
+    distance = coal.distance(solid, here, small, there, request, result)
+    return float(distance), np.array(result.normal)
 
 
 def pair_gradients(

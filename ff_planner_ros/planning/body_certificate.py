@@ -34,6 +34,8 @@ from ff_planner_ros.planning.followed import FollowedMotion
 from ff_planner_ros.planning.problem import Sphere
 from ff_planner_ros.robot.model import Robot
 
+# What is far apart need not be known to half a millimetre, but to this part of the distance.
+EXACT_PART = 0.02
 # The motion is first looked at in so many steps at once: most pairs stay far apart for long.
 _STRIDE = 8
 
@@ -41,7 +43,8 @@ _STRIDE = 8
 class Least(NamedTuple):
     """The least distance along a motion."""
 
-    certified: float  # the least there is, or at most `CERTIFICATE_GAP` below it [m]
+    # The least there is, or below it by at most `CERTIFICATE_GAP` or a part of it [m]
+    certified: float
     found: float  # the least that was met [m]
     pair: int  # whose: number of the pair, or body times spheres plus sphere; -1: of none
     time: float  # when [s]
@@ -66,8 +69,14 @@ class _Kind:
     ways: Array  # of a pair against each other, from the first point on; shape (points, pairs) [m]
 
 
-def least_pair_distance(robot: Robot, motion: FollowedMotion, chosen: Indices, last: int) -> Least:
-    """Return the least distance of chosen pairs from the first point to the last."""
+def least_pair_distance(
+    robot: Robot, motion: FollowedMotion, chosen: Indices, last: int, part: float = EXACT_PART
+) -> Least:
+    """Return the least distance of chosen pairs from the first point to the last.
+
+    Args:
+        part: Of a distance, to which it is certified.
+    """
     if not len(chosen) or last < 0:
         return NOTHING
     cubics = cubics_between(robot, motion.q, motion.v, np.diff(motion.time))
@@ -83,7 +92,7 @@ def least_pair_distance(robot: Robot, motion: FollowedMotion, chosen: Indices, l
         return pair_distances(robot, placed(different), (configurations, which)).distance
 
     kind = _Kind(bounds, distances, _ways(_joint_rates(cubics) @ pair_reaches(robot)))
-    return _least(kind, chosen, last, motion.time)
+    return _least(kind, chosen, last, motion.time, part)
 
 
 def least_sphere_distance(
@@ -92,11 +101,13 @@ def least_sphere_distance(
     spheres: Sequence[Sphere],
     chosen: Indices,
     last: int,
+    part: float = EXACT_PART,
 ) -> Least:
     """Return the least distance of chosen bodies and spheres from the first point to the last.
 
     Args:
         chosen: Body times the number of spheres, plus sphere.
+        part: Of a distance, to which it is certified.
     """
     if not len(chosen) or last < 0:
         return NOTHING
@@ -126,7 +137,7 @@ def least_sphere_distance(
     speeds = np.array([np.linalg.norm(sphere.velocity) for sphere in spheres])
     together = of_bodies[:, :, None] + (steps_in_time[:, None] * speeds)[:, None]
     kind = _Kind(bounds, distances, _ways(together.reshape(len(together), -1)))
-    return _least(kind, chosen, last, motion.time)
+    return _least(kind, chosen, last, motion.time, part)
 
 
 def centers_in_base(q: Array, centers: Array) -> Array:
@@ -135,7 +146,7 @@ def centers_in_base(q: Array, centers: Array) -> Array:
     return np.asarray((centers - q[:, None, :3]) @ turns, np.float64)
 
 
-def _least(kind: _Kind, chosen: Indices, last: int, time: Array) -> Least:
+def _least(kind: _Kind, chosen: Indices, last: int, time: Array, part: float) -> Least:
     """Halve pieces of the motion until the least distance is known."""
     steps = np.append(np.arange(0.0, last, _STRIDE), float(last))
     bounds = kind.bounds(steps)[:, chosen]
@@ -159,7 +170,7 @@ def _least(kind: _Kind, chosen: Indices, last: int, time: Array) -> Least:
     while True:
         way = _way(kind.ways, end, pair_of) - _way(kind.ways, begin, pair_of)
         bound = (at_begin + at_end - way) / 2
-        open_ = bound < found - CERTIFICATE_GAP
+        open_ = bound < found - max(CERTIFICATE_GAP, part * found)
         certified = min(certified, float(bound[~open_].min(initial=np.inf)))
         if not open_.any():
             return Least(certified, found, pair, float(np.interp(step, np.arange(len(time)), time)))

@@ -167,7 +167,8 @@ class PlanningProblem:
         object.__setattr__(self, "contact_distance", distance)
         # In one order, so that equal problems are equal.
         object.__setattr__(self, "allowed_at_goal", tuple(sorted(set(self.allowed_at_goal))))
-        self._require_known_contacts()
+        if self.allowed_at_goal:
+            self._require_known_contacts()
 
     def _require_known_contacts(self) -> None:
         """Refuse an allowed contact of what there is not."""

@@ -12,6 +12,7 @@ from ff_planner_ros.arrays import Array
 from ff_planner_ros.errors import Failure, InvalidInput, Status
 from ff_planner_ros.planning.allowed_contact import before_contact, split_pairs, split_spheres
 from ff_planner_ros.planning.body_certificate import (
+    EXACT_PART,
     NOTHING,
     Least,
     least_pair_distance,
@@ -26,6 +27,9 @@ from ff_planner_ros.planning.problem import PlanningProblem
 from ff_planner_ros.planning.requirements.body_rows import pair_rows, sphere_rows
 from ff_planner_ros.planning.requirements.requirement import Requirement, Rows, Samples
 from ff_planner_ros.planning.settings import PlannerSettings
+
+# The search asks only whether anything is left of a clearance.
+_SLACK_PART = 0.5
 
 _DETOURS = (
     "a longer duration",
@@ -71,7 +75,7 @@ class BodyClearance(Requirement):
 
     def slack(self, problem: PlanningProblem, motion: FollowedMotion) -> float:
         """Return the certified clearance [m]."""
-        return _from_spheres(problem, motion).certified
+        return _from_spheres(problem, motion, _SLACK_PART).certified
 
     def metrics(self, samples: Samples) -> Mapping[str, float | str]:
         """Return the certified clearance, and of what it is and when."""
@@ -114,7 +118,7 @@ class SelfClearance(Requirement):
 
     def slack(self, problem: PlanningProblem, motion: FollowedMotion) -> float:
         """Return the certified clearance [m]."""
-        return _of_pairs(problem, motion).certified
+        return _of_pairs(problem, motion, _SLACK_PART).certified
 
     def metrics(self, samples: Samples) -> Mapping[str, float | str]:
         """Return the certified clearance of the bodies from each other, of which two and when."""
@@ -136,7 +140,9 @@ class SelfClearance(Requirement):
 
 
 @lru_cache(maxsize=4)
-def _from_spheres(problem: PlanningProblem, motion: FollowedMotion) -> Least:
+def _from_spheres(
+    problem: PlanningProblem, motion: FollowedMotion, part: float = EXACT_PART
+) -> Least:
     """Return the least distance of any body from any sphere where they must not touch."""
     robot, spheres = problem.robot, problem.obstacles
     if not (robot.bodies and spheres):
@@ -145,13 +151,13 @@ def _from_spheres(problem: PlanningProblem, motion: FollowedMotion) -> Least:
     end = len(motion.time) - 1
     until = before_contact(problem, motion.q) if len(may_touch) else -1
     return lesser(
-        least_sphere_distance(robot, motion, spheres, apart, end),
-        least_sphere_distance(robot, motion, spheres, may_touch, until),
+        least_sphere_distance(robot, motion, spheres, apart, end, part),
+        least_sphere_distance(robot, motion, spheres, may_touch, until, part),
     )
 
 
 @lru_cache(maxsize=4)
-def _of_pairs(problem: PlanningProblem, motion: FollowedMotion) -> Least:
+def _of_pairs(problem: PlanningProblem, motion: FollowedMotion, part: float = EXACT_PART) -> Least:
     """Return the least distance of any pair of bodies that must not touch."""
     if not problem.robot.pairs:
         return NOTHING
@@ -159,8 +165,8 @@ def _of_pairs(problem: PlanningProblem, motion: FollowedMotion) -> Least:
     end = len(motion.time) - 1
     until = before_contact(problem, motion.q) if len(may_touch) else -1
     return lesser(
-        least_pair_distance(problem.robot, motion, apart, end),
-        least_pair_distance(problem.robot, motion, may_touch, until),
+        least_pair_distance(problem.robot, motion, apart, end, part),
+        least_pair_distance(problem.robot, motion, may_touch, until, part),
     )
 
 

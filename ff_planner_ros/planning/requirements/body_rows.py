@@ -12,15 +12,17 @@ from typing import NamedTuple
 import numpy as np
 
 from ff_planner_ros.arrays import Array, Indices
+from ff_planner_ros.core import compiled
+from ff_planner_ros.core.chain import chain_of
 from ff_planner_ros.planning.allowed_contact import before_contact, split_pairs, split_spheres
 from ff_planner_ros.planning.bodies import (
-    Distances,
-    Placed,
-    near_pairs,
-    near_spheres,
+    Kind,
+    carriers,
+    kinds_and_sizes,
     pair_distances,
     pair_gradients,
     placed_bodies,
+    radii,
     sphere_distances,
     sphere_gradients,
 )
@@ -29,6 +31,8 @@ from ff_planner_ros.planning.clearance import centers_at
 from ff_planner_ros.planning.path_family import Motion, Sensitivity
 from ff_planner_ros.planning.problem import PlanningProblem
 from ff_planner_ros.planning.requirements.requirement import Rows
+from ff_planner_ros.robot.configuration import configuration
+from ff_planner_ros.robot.model import Robot
 
 # On fewer points than this a body may jump over a corner of another: see `_LookedAt`.
 FEW_POINTS = 40
@@ -46,7 +50,6 @@ class _LookedAt(NamedTuple):
     times: Array  # shape (configurations,) [s]
     q: Array  # shape (configurations, 7 + joints)
     sensitivity: Array  # of q in its tangent space; shape (configurations, 6 + joints, variables)
-    placed: Placed
     until: int  # the first configuration at which pairs that are allowed to touch may do so
 
 
@@ -55,41 +58,122 @@ def pair_rows(
 ) -> Rows:
     """Return the distances of pairs of bodies that are of interest, less the margin."""
     robot, at = problem.robot, _looked_at(problem, motion, sensitivity)
-    configurations, pairs = near_pairs(robot, at.placed, at.q[:, 7:], OF_INTEREST)
-    must = (configurations < at.until) | np.isin(pairs, split_pairs(problem)[0])
-    rows: tuple[Indices, ...] = configurations[must], pairs[must]
-    found, rows = of_interest(pair_distances(robot, at.placed, rows), rows)
-    gradients = pair_gradients(robot, at.placed, found, rows)
-    jacobian = _along(gradients, at.sensitivity[:, 6:], rows[0])
-    names = np.ravel_multi_index(rows, (len(at.q), len(robot.pairs)))
-    return Rows(found.distance - margin, jacobian, names)
+    distances, jacobian, names, deep = compiled.pair_rows(
+        chain_of(robot), _compiled_bodies(robot), at.q, at.sensitivity, OF_INTEREST
+    )
+    shape = len(at.q), len(robot.pairs)
+    if deep.size:  # Coal knows how deep they are in each other
+        rows = np.unravel_index(deep, shape)
+        placed = placed_bodies(robot, at.q[:, 7:])
+        found = pair_distances(robot, placed, rows)
+        gradients = pair_gradients(robot, placed, found, rows)
+        deeper = _along(gradients, at.sensitivity[:, 6:], rows[0])
+        distances, names = np.append(distances, found.distance), np.append(names, deep)
+        jacobian = np.vstack([jacobian, deeper])
+    configurations, pairs = np.unravel_index(names, shape)
+    margins = np.minimum(margin, _room_of_pairs(problem)[pairs])
+    rows_found = Rows(distances - margins, jacobian, names)
+    if not problem.allowed_at_goal:
+        return rows_found
+    apart = np.isin(pairs, split_pairs(problem)[0])
+    return _chosen(rows_found, np.flatnonzero(apart | (configurations < at.until)))
 
 
 def sphere_rows(
     problem: PlanningProblem, motion: Motion, sensitivity: Sensitivity, margin: float
 ) -> Rows:
     """Return the distances of bodies from spheres that are of interest, less the margin."""
-    robot, spheres = problem.robot, problem.obstacles
-    at = _looked_at(problem, motion, sensitivity)
-    centers = centers_in_base(at.q, centers_at(at.times, spheres))
-    radius = np.array([sphere.radius for sphere in spheres])
-    configurations, bodies, numbers = near_spheres(robot, at.placed, centers, radius, OF_INTEREST)
-    apart = np.isin(bodies * len(spheres) + numbers, split_spheres(problem)[0])
-    must = (configurations < at.until) | apart
-    rows: tuple[Indices, ...] = configurations[must], bodies[must], numbers[must]
-    found, rows = of_interest(sphere_distances(robot, at.placed, centers, radius, rows), rows)
-    gradients = sphere_gradients(robot, at.placed, found, rows)
-    jacobian = _along(gradients, at.sensitivity, rows[0])
-    names = np.ravel_multi_index(rows, (len(at.q), len(robot.bodies), len(spheres)))
-    return Rows(found.distance - margin, jacobian, names)
+    robot, at = problem.robot, _looked_at(problem, motion, sensitivity)
+    centers, velocities, radius = _spheres(problem)
+    distances, jacobian, names, deep = compiled.sphere_rows(
+        chain_of(robot),
+        _compiled_bodies(robot),
+        at.q,
+        at.sensitivity,
+        at.times,
+        centers=centers,
+        velocities=velocities,
+        radii=radius,
+        interest=OF_INTEREST,
+    )
+    shape = len(at.q), len(robot.bodies), len(problem.obstacles)
+    if deep.size:
+        rows = np.unravel_index(deep, shape)
+        placed = placed_bodies(robot, at.q[:, 7:])
+        seen = centers_in_base(at.q, centers_at(at.times, problem.obstacles))
+        found = sphere_distances(robot, placed, seen, radius, rows)
+        gradients = sphere_gradients(robot, placed, found, rows)
+        distances, names = np.append(distances, found.distance), np.append(names, deep)
+        jacobian = np.vstack([jacobian, _along(gradients, at.sensitivity, rows[0])])
+    configurations, bodies, spheres = np.unravel_index(names, shape)
+    margins = np.minimum(margin, _room_of_spheres(problem)[bodies, spheres])
+    rows_found = Rows(distances - margins, jacobian, names)
+    if not problem.allowed_at_goal:
+        return rows_found
+    apart = np.isin(bodies * len(problem.obstacles) + spheres, split_spheres(problem)[0])
+    return _chosen(rows_found, np.flatnonzero(apart | (configurations < at.until)))
 
 
-def of_interest(
-    found: Distances, rows: tuple[Indices, ...]
-) -> tuple[Distances, tuple[Indices, ...]]:
-    """Return those of measured distances that the solver wants to know of, and their rows."""
-    near = found.distance < OF_INTEREST
-    return Distances(*(part[near] for part in found)), tuple(row[near] for row in rows)
+def _chosen(rows: Rows, which: Indices) -> Rows:
+    return Rows(rows.values[which], rows.jacobian[which], rows.names[which])
+
+
+@lru_cache(maxsize=4)
+def _room_of_pairs(problem: PlanningProblem) -> Array:
+    """Return half the distance of each pair at the start [m].
+
+    A larger margin is asked of no pair: some are built closer together, and a motion cannot leave
+    at once where it begins.
+    """
+    robot, q = problem.robot, configuration(problem.robot, problem.start)[0]
+    rows = np.zeros(len(robot.pairs), np.intp), np.arange(len(robot.pairs))
+    distance = pair_distances(robot, placed_bodies(robot, q[None, 7:]), rows).distance
+    return np.maximum(distance, 0.0) / 2
+
+
+@lru_cache(maxsize=4)
+def _room_of_spheres(problem: PlanningProblem) -> Array:
+    """Return likewise half the distance of bodies from spheres. Shape (bodies, spheres) [m]."""
+    robot, q = problem.robot, configuration(problem.robot, problem.start)[0]
+    centers, _, radius = _spheres(problem)
+    shape = len(robot.bodies), len(radius)
+    bodies, spheres = (number.ravel() for number in np.indices(shape))
+    rows = np.zeros(len(bodies), np.intp), bodies, spheres
+    placed, seen = placed_bodies(robot, q[None, 7:]), centers_in_base(q[None], centers[None])
+    distance = sphere_distances(robot, placed, seen, radius, rows).distance
+    return np.maximum(distance, 0.0).reshape(shape) / 2
+
+
+@lru_cache(maxsize=4)
+def _spheres(problem: PlanningProblem) -> tuple[Array, Array, Array]:
+    """Return centres at the first point, velocities and radii of the spheres."""
+    spheres = problem.obstacles
+    return (
+        np.array([sphere.center for sphere in spheres]),
+        np.array([sphere.velocity for sphere in spheres]),
+        np.array([sphere.radius for sphere in spheres]),
+    )
+
+
+@lru_cache(maxsize=8)
+def _compiled_bodies(robot: Robot) -> compiled.Bodies:
+    kinds, sizes = kinds_and_sizes(robot)
+    vertices = [
+        np.asarray(body.solid.points()) if kind == Kind.HULL else np.empty((0, 3))
+        for body, kind in zip(robot.bodies, kinds, strict=True)
+    ]
+    return compiled.Bodies(
+        carriers=carriers(robot),
+        rotations=np.array([body.placement_in_joint.rotation for body in robot.bodies]),
+        positions=np.array([body.placement_in_joint.translation for body in robot.bodies]),
+        centers=np.array([body.center_in_joint for body in robot.bodies]),
+        radii=radii(robot),
+        kinds=kinds,
+        sizes=sizes,
+        vertices=np.concatenate(vertices),
+        vertex_counts=np.array([len(points) for points in vertices]),
+        pairs=np.array(robot.pairs, np.intp).reshape(-1, 2),
+    )
 
 
 @lru_cache(maxsize=2)
@@ -110,7 +194,7 @@ def _looked_at(problem: PlanningProblem, motion: Motion, sensitivity: Sensitivit
     order = np.argsort(times)
     q, by_x, times = q[order], by_x[order], times[order]
     until = before_contact(problem, q, _WITHIN) + 1 if problem.allowed_at_goal else len(q)
-    return _LookedAt(times, q, by_x, placed_bodies(problem.robot, q[:, 7:]), until)
+    return _LookedAt(times, q, by_x, until)
 
 
 def quarter_way(values: Array) -> Array:
