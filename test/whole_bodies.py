@@ -60,10 +60,13 @@ ARM6: Pairs = {
 class WholeBodies:
     """A robot and obstacles as Pinocchio reads and Coal sees them."""
 
-    def __init__(self, urdf: Path, base_link: str, pairs: Pairs, packages: Sequence[str] = ()):
-        self.model = pin.buildModelFromUrdf(str(urdf), pin.JointModelFreeFlyer())
-        self.geometry = pin.buildGeomFromUrdf(
-            self.model, str(urdf), pin.COLLISION, package_dirs=list(packages)
+    def __init__(self, urdf: Path, base_link: str, pairs: Pairs, held: Sequence[str] = ()) -> None:
+        """Read a URDF; `held` are joints that stay at zero."""
+        model = pin.buildModelFromUrdf(str(urdf), pin.JointModelFreeFlyer())
+        geometry = pin.buildGeomFromUrdf(model, str(urdf), pin.COLLISION)
+        locked = [model.getJointId(joint) for joint in held]
+        self.model, self.geometry = pin.buildReducedModel(
+            model, geometry, locked, pin.neutral(model)
         )
         self.solids: dict[str, list[int]] = {}
         for number, found in enumerate(self.geometry.geometryObjects):
