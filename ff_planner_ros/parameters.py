@@ -65,8 +65,8 @@ class RobotParameters:
     )
 
     geometry: str = tunable(
-        "What of the robot is kept clear: shapes, its bodies as <collision> has them; lines, the "
-        "arm's centre lines; auto: shapes where the arm has any <collision>, else lines"
+        "What of the robot is kept clear: shapes, its bodies as the URDF's collision elements have "
+        "them; lines, the arm's centre lines; auto: shapes where the arm has any, else lines"
     )
     srdf: str = tunable(
         "SRDF file of links that may touch beside neighbours: a path or a package:// URI; empty: "

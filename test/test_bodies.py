@@ -140,3 +140,10 @@ def test_a_robot_with_bodies_can_be_sent_to_another_process() -> None:
 def test_a_solid_without_size_is_refused_by_its_link(solid: str, words: str) -> None:
     with pytest.raises(InvalidInput, match=words.replace("(", r"\(")):
         robot_from_urdf_text(with_collisions(SHAPES | {"bus": [solid]}), *ENDS)
+
+
+def test_more_bodies_than_a_robot_has_are_refused() -> None:
+    """Each pair costs time, and there are as many as the square."""
+    sphere = '<sphere radius="0.1"/>'
+    with pytest.raises(InvalidInput, match="<collision> is there 308 times: it may be at most 300"):
+        robot_from_urdf_text(with_collisions(SHAPES | {"link_1": 302 * [sphere]}), *ENDS)

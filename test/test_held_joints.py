@@ -10,7 +10,7 @@ from robots import LEMUR_URDF, random_urdf
 
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.errors import InvalidInput
-from ff_planner_ros.parameters import RobotParameters, held_joints_of
+from ff_planner_ros.parameters import AUTO, RobotParameters, held_joints_of
 from ff_planner_ros.robot.model import Base, Robot, robot_from_urdf_text
 from ff_planner_ros.robot.urdf import TURN_OF_CONTINUOUS, checked_urdf
 from ff_planner_ros.simulation.engine import Engine
@@ -100,7 +100,7 @@ def test_what_is_fixed_cannot_be_held_elsewhere() -> None:
 def test_the_node_is_told_of_held_joints_in_one_line() -> None:
     assert held_joints_of("") == {}
     assert held_joints_of("rail: 0.2, other_elbow: -1.5e0,") == {"rail": 0.2, "other_elbow": -1.5}
-    told = RobotParameters("a.urdf", "body_0", "tip", "planar", "other_joint_1: 0.4")
+    told = RobotParameters("a.urdf", "body_0", "tip", "planar", "other_joint_1: 0.4", AUTO, "")
     robot = told.load(two_arms())
     assert robot.base is Base.PLANAR
     assert "other_joint_1 at 0.4 rad" in robot.notes[0]

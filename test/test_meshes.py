@@ -1,6 +1,7 @@
 """Meshes of a URDF as convex solids, against their own vertices, and files that are none."""
 
 import base64
+import pickle
 import re
 import struct
 from collections.abc import Callable
@@ -8,13 +9,14 @@ from pathlib import Path
 
 import coal
 import numpy as np
+import pinocchio as pin
 import pytest
 from robots import random_urdf
 
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.errors import InvalidInput
 from ff_planner_ros.robot.bodies import Body, Geometry
-from ff_planner_ros.robot.meshes import MAX_VERTICES
+from ff_planner_ros.robot.convex_hull import MAX_VERTICES
 from ff_planner_ros.robot.model import Robot, load_robot, robot_from_urdf_text
 
 ENDS = ("bus", "tool")
@@ -134,13 +136,14 @@ def test_what_is_handed_on_needs_no_files_and_is_the_same_to_the_last_bit(tmp_pa
     (tmp_path / "cloud.stl").write_bytes(stl(points))
     robot = loaded(tmp_path, '<mesh filename="cloud.stl" scale="0.1 0.13 0.001"/>')
     (tmp_path / "cloud.stl").unlink()
-    again = robot_from_urdf_text(robot.drawn_urdf, *ENDS)
-    assert again.drawn_urdf == robot.drawn_urdf
-    assert (again.pairs, again.may_touch) == (robot.pairs, robot.may_touch)
-    for ours, theirs in zip(again.bodies, robot.bodies, strict=True):
-        assert ours.solid == theirs.solid
-        assert ours.placement_in_joint == theirs.placement_in_joint
-        assert ours.radius == theirs.radius
+    built = robot_from_urdf_text(robot.drawn_urdf, *ENDS)
+    for again in (built, pickle.loads(pickle.dumps(robot))):
+        assert again.drawn_urdf == robot.drawn_urdf
+        assert (again.pairs, again.may_touch) == (robot.pairs, robot.may_touch)
+        for ours, theirs in zip(again.bodies, robot.bodies, strict=True):
+            assert ours.solid == theirs.solid
+            assert ours.placement_in_joint == theirs.placement_in_joint
+            assert ours.radius == theirs.radius
 
 
 def sphere(rows: int) -> Array:
@@ -152,19 +155,22 @@ def sphere(rows: int) -> Array:
     return np.concatenate([quads[:, :, face].reshape(-1, 3, 3) for face in ((0, 1, 2), (0, 2, 3))])
 
 
+@pytest.mark.parametrize("stretched", [(1.0, 1.0, 1.0), (50.0, 1.0, 0.1)], ids=["ball", "blade"])
 def test_a_hull_of_very_many_corners_is_simplified_to_one_that_holds_it(
-    tmp_path: Path, times: Callable[[int, int], int]
+    stretched: tuple[float, float, float], tmp_path: Path, times: Callable[[int, int], int]
 ) -> None:
-    given = sphere(times(120, 300))
+    given = sphere(times(120, 300)) @ (np.diag(stretched) @ pin.exp3(np.array([0.3, -0.2, 0.9])))
     (tmp_path / "ball.stl").write_bytes(stl(given))
     robot = loaded(tmp_path, '<mesh filename="ball.stl"/>')
     hull = body_of(robot).solid
     assert hull.num_points <= MAX_VERTICES
     assert any("ball.stl" in note and "simplified" in note for note in robot.notes)
+    corners = np.unique(given.astype(np.float32).reshape(-1, 3), axis=0)
     for normal, offset in zip(hull.normals(), hull.offsets(), strict=True):
-        assert (given.reshape(-1, 3) @ normal + offset).max() <= 1e-9
-    # Of a ball of radius one: by one and a half hundredths at most.
-    assert np.linalg.norm(hull.points(), axis=1).max() < 1.03
+        assert (corners @ normal + offset).max() <= 1e-7
+    # An ellipsoid of three per cent more, at most, holds it.
+    turned = np.linalg.inv(np.diag(stretched) @ pin.exp3(np.array([0.3, -0.2, 0.9])))
+    assert np.linalg.norm(hull.points() @ turned, axis=1).max() < 1.03
     again = robot_from_urdf_text(robot.drawn_urdf, *ENDS)
     assert body_of(again).solid == hull
     assert not any("simplified" in note for note in again.notes)
@@ -208,6 +214,12 @@ def test_a_file_that_holds_no_solid_is_refused_by_its_name(
         ('<mesh filename="box.stl" scale="1 nan 1"/>', "its scale is '1 nan 1'"),
         ('<mesh filename="box.stl" scale="1 1 1e-9"/>', "it is flat"),
         ("<mesh/>", "without a filename"),
+        ('<mesh filename="file:///a%00b.stl"/>', "it cannot be read"),
+        ('<mesh filename="loop.stl"/>', "collision mesh is loop.stl"),
+        (f'<mesh filename="{"a" * 300}.stl"/>', "there is no such file"),
+        (f'<mesh filename="package://arm/{"a" * 300}.stl"/>', "no package 'arm' with this file"),
+        ('<mesh filename="package://../a.stl"/>', "no package '..' with this file"),
+        ('<mesh filename="package:///a.stl"/>', "no package '' with this file"),
         ('<mesh filename="big.stl"/>', "a million triangles"),
         ('<mesh filename="data:application/x-float32-points;base64,AAA"/>', "it is damaged"),
         ('<mesh filename="data:application/x-float32-points;base64,"/>', "it must have vertices"),
@@ -218,6 +230,7 @@ def test_a_mesh_that_cannot_be_taken_is_refused_in_words(
 ) -> None:
     (tmp_path / "box.stl").write_bytes(stl(BOX))
     (tmp_path / "directory.stl").mkdir()
+    (tmp_path / "loop.stl").symlink_to(tmp_path / "loop.stl")
     with (tmp_path / "big.stl").open("wb") as file:
         file.truncate(10**9)  # a hole: nothing is written
     with pytest.raises(InvalidInput, match=re.escape(words)):
@@ -242,6 +255,12 @@ def test_embedded_points_of_any_number_are_a_hull_of_few() -> None:
     robot = robot_from_urdf_text(urdf_with(mesh), *ENDS)
     assert body_of(robot).solid.num_points <= MAX_VERTICES
     assert len(robot.drawn_urdf) < 100_000
+
+
+def test_a_mesh_in_millimetres_may_be_as_long_as_a_station(tmp_path: Path) -> None:
+    (tmp_path / "boom.stl").write_bytes(stl(BOX * [2e5, 1.0, 1e3]))
+    robot = loaded(tmp_path, '<mesh filename="boom.stl" scale="0.001 0.1 0.001"/>')
+    assert body_of(robot).solid.computeVolume() == pytest.approx(40.0 * 0.04 * 0.6, rel=1e-6)
 
 
 def test_a_file_on_many_links_is_read_once(tmp_path: Path) -> None:

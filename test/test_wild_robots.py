@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import NamedTuple
 from xml.etree import ElementTree
 
+import coal
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -145,6 +146,49 @@ def test_a_capture_with_an_arm_as_found_comes_true(name: str) -> None:
     problem = PlanningProblem(robot, start, target, 8.0, 41, (), Objective(1.0, 0.0), limits)
     found = verify(robot, plan(problem, load_parameters().planner).trajectory)
     assert found.passed, (found.deviation, found.momentum_drift)
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_the_bodies_of_an_arm_as_found_are_the_hulls_of_its_meshes(name: str) -> None:
+    """In the places where Pinocchio puts the meshes, which it reads by itself."""
+    arm = ARMS[name]
+    text, directory = on_a_chaser(file_of(arm.urdf)), file_of(arm.urdf).parent
+    robot = robot_from_urdf_text(text, "chaser", arm.tip_link, directory=directory)
+    theirs = pin.GeometryModel()
+    packages = [str(ROBOTS), str(ROBOTS.parent)]
+    kind = pin.GeometryType.COLLISION
+    pin.buildGeomFromUrdfString(robot.model, text, kind, theirs, packages)
+    others = {found.name: found for found in theirs.geometryObjects}
+    assert len(robot.bodies) == len(others)
+    data, rng = robot.model.createData(), np.random.default_rng(7)
+    q = pin.neutral(robot.model)
+    for _ in range(5):
+        q[7:] = rng.uniform(robot.lower_position_limits, robot.upper_position_limits)
+        q[:3] = rng.normal(size=3)
+        q[3:7] = pin.Quaternion(pin.exp3(rng.normal(size=3))).coeffs()
+        pin.forwardKinematics(robot.model, data, q)
+        for body in robot.bodies:
+            other = named(others, body.name)
+            ours = data.oMi[body.joint] * body.placement_in_joint
+            wanted = data.oMi[other.parentJoint] * other.placement
+            np.testing.assert_allclose(ours.homogeneous, wanted.homogeneous, rtol=0, atol=1e-12)
+    simplified = " ".join(note for note in robot.notes if "simplified" in note)
+    for body in robot.bodies:
+        mesh = named(others, body.name)
+        if isinstance(mesh.geometry, coal.BVHModelBase):
+            vertices, corners = mesh.geometry.vertices(), body.solid.points()
+            for normal, offset in zip(body.solid.normals(), body.solid.offsets(), strict=True):
+                assert (vertices @ normal + offset).max() < 1e-7, body.name
+            if Path(mesh.meshPath).name not in simplified:
+                known = {row.tobytes() for row in vertices.astype(np.float32)}
+                assert known.issuperset(row.tobytes() for row in corners.astype(np.float32))
+                np.testing.assert_allclose(np.ptp(corners, axis=0), np.ptp(vertices, axis=0), 1e-6)
+
+
+def named(others: dict[str, pin.GeometryObject], name: str) -> pin.GeometryObject:
+    """What Pinocchio calls `link_0` and `link_1` is `link` and `link#2` of ours."""
+    link, _, number = name.partition("#")
+    return others[f"{link}_{int(number or 1) - 1}"]
 
 
 def on_a_chaser(file: Path) -> str:

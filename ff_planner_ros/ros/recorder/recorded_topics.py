@@ -62,7 +62,7 @@ def recording(
 ) -> Iterator[Recorder]:
     """Record as long as the context lasts; a bag that cannot be written is no error here."""
     settings = parameters.bag
-    parameters, description = _recorded_robot(parameters, urdf, robot)
+    parameters, description = recorded_robot(parameters, urdf, robot)
     used = json.loads(json.dumps(asdict(parameters)))  # YAML's safe dumper knows no tuples
     document = yaml.safe_dump({"/**": {"ros__parameters": used}})
     simulated_time = node.get_parameter("use_sim_time").value
@@ -101,7 +101,7 @@ def recording(
         yield recorder
 
 
-def _recorded_robot(
+def recorded_robot(
     parameters: NodeParameters, urdf: Path, robot: Robot
 ) -> tuple[NodeParameters, bytes]:
     """Return the parameters and the URDF from which the robot can be built without other files."""
