@@ -217,7 +217,7 @@ def test_what_is_grasped_may_be_touched_near_the_goal_and_only_there(
     way = np.linalg.norm(motion.ee_positions - goal, axis=1)
 
     def seen(distance: float, *allowed: str) -> dict[str, Contact]:
-        scene = Scene((grasped,), allowed, goal, contact_distance=distance)
+        scene = Scene((grasped,), allowed, distance, goal)
         found = verify(problem.robot, motion, scene).contacts
         return {one.pair: one for one in found if one.pair.endswith("grasped")}
 

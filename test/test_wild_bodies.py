@@ -84,5 +84,5 @@ def test_a_plan_among_obstacles_comes_true_without_contact(
     pairs: dict[str, list[str]] = {}
     for first, second in robot.pairs:
         pairs.setdefault(robot.bodies[first].link, []).append(robot.bodies[second].link)
-    judge = WholeBodies(urdf, "chaser", pairs)
+    judge = WholeBodies(urdf, "chaser", pairs, ARMS[urdf.stem].held)
     assert judge.touching(plan.trajectory, problem.obstacles) == {}

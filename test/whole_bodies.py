@@ -2,7 +2,7 @@
 
 Of ours there are only the plan's samples; which links must not touch is written out here. As a
 command it plans the problems of bench and counts the plans that touch anything:
-`.venv/bin/python test/whole_bodies.py 1000`.
+`.venv/bin/python test/whole_bodies.py 1000`; a second number is the first problem's.
 """
 
 from __future__ import annotations
@@ -60,10 +60,13 @@ ARM6: Pairs = {
 class WholeBodies:
     """A robot and obstacles as Pinocchio reads and Coal sees them."""
 
-    def __init__(self, urdf: Path, base_link: str, pairs: Pairs, packages: Sequence[str] = ()):
-        self.model = pin.buildModelFromUrdf(str(urdf), pin.JointModelFreeFlyer())
-        self.geometry = pin.buildGeomFromUrdf(
-            self.model, str(urdf), pin.COLLISION, package_dirs=list(packages)
+    def __init__(self, urdf: Path, base_link: str, pairs: Pairs, held: Sequence[str] = ()) -> None:
+        """Read a URDF; `held` are joints that stay at zero."""
+        model = pin.buildModelFromUrdf(str(urdf), pin.JointModelFreeFlyer())
+        geometry = pin.buildGeomFromUrdf(model, str(urdf), pin.COLLISION)
+        locked = [model.getJointId(joint) for joint in held]
+        self.model, self.geometry = pin.buildReducedModel(
+            model, geometry, locked, pin.neutral(model)
         )
         self.solids: dict[str, list[int]] = {}
         for number, found in enumerate(self.geometry.geometryObjects):
@@ -135,7 +138,7 @@ def judge_of(robot: str, directory: Path) -> WholeBodies:
     return WholeBodies(ROBOTS / robot / f"{robot}.urdf", base_link, pairs)
 
 
-def main(plans: int) -> int:
+def main(plans: int, first: int = 0) -> int:
     """Plan problems of bench for three objectives, and count the plans that touch anything."""
     from ff_planner_ros.bench import bodies
     from ff_planner_ros.bench.geometries import OBJECTIVES
@@ -147,7 +150,7 @@ def main(plans: int) -> int:
     with tempfile.TemporaryDirectory() as directory:
         judges = {robot: judge_of(robot, Path(directory)) for robot in bodies.ROBOTS}
         while solved < plans:
-            index, objective = divmod(tried, len(OBJECTIVES))
+            index, objective = divmod(tried + first * len(OBJECTIVES), len(OBJECTIVES))
             number, robot = divmod(index, len(bodies.ROBOTS))
             name, called = bodies.ROBOTS[robot], list(OBJECTIVES)[objective]
             problem = replace(bodies.problem(name, number).problem, objective=OBJECTIVES[called])
@@ -167,4 +170,4 @@ def main(plans: int) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main(int(sys.argv[1])))
+    sys.exit(main(*map(int, sys.argv[1:])))

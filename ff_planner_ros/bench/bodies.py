@@ -42,6 +42,8 @@ _WINDING, _TURNING = 0.06, 0.2
 _FEWEST, _MOST = 3, 6  # spheres
 _SMALLEST = 0.025  # of them, in lengths of the stretched arm
 _SCREENING_POINTS, _POINTS = 13, 100
+# Joints of this rate are quick enough for the durations that are drawn [rad/s].
+_QUICK = 0.2
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +80,7 @@ def _draw(robot: Robot, rng: np.random.Generator) -> BodiesProblem | None:
     """Draw a problem; None if what was drawn is not sound."""
     reach = stretched_length(robot)
     try:
-        asked = draw_motion(robot, reach, rng)
+        asked = _slowed(draw_motion(robot, reach, rng))
     except InvalidInput:  # a singular posture
         return None
     spread = np.repeat([_WINDING * reach, _TURNING], 3)
@@ -100,6 +102,21 @@ def _draw(robot: Robot, rng: np.random.Generator) -> BodiesProblem | None:
     if spheres is None:
         return None
     return BodiesProblem(replace(asked, obstacles=spheres), witness)
+
+
+def _slowed(problem: PlanningProblem) -> PlanningProblem:
+    """Return the same motion for a robot of slow joints: in more time, and all velocities less."""
+    times, start = max(1.0, _QUICK / problem.robot.velocity_limits.min()), problem.start
+    return replace(
+        problem,
+        duration=times * problem.duration,
+        start=replace(
+            start,
+            linear_velocity_chaser_in_inertial=start.linear_velocity_chaser_in_inertial / times,
+            angular_velocity_chaser_in_inertial=start.angular_velocity_chaser_in_inertial / times,
+            joint_velocities=start.joint_velocities / times,
+        ),
+    )
 
 
 class Swept:

@@ -129,6 +129,8 @@ class Crowd:
     spheres: int
     lines: float  # median processor time [s]
     shapes: float  # likewise [s]
+    lines_rollouts: int  # that the search needed
+    shapes_rollouts: int  # likewise: the same task is another one with bodies, and often harder
 
 
 def crowded_problems() -> dict[str, PlanningProblem]:
@@ -161,11 +163,9 @@ def crowds(
         for size in sizes:
             crowded = replace(problem, obstacles=spheres[:size])
             as_lines = replace(crowded, robot=_with_lines(problem))
-            yield Crowd(
-                name,
-                size,
-                *(_median_time(one, settings, runs) for one in (as_lines, crowded)),
-            )
+            lines, of_lines = _measured(as_lines, settings, runs)
+            shapes, of_shapes = _measured(crowded, settings, runs)
+            yield Crowd(name, size, lines, shapes, of_lines, of_shapes)
 
 
 def _with_lines(problem: PlanningProblem) -> Robot:
@@ -185,5 +185,8 @@ def _more_spheres(problem: PlanningProblem, way: Swept, count: int) -> tuple[Sph
     return tuple(spheres)
 
 
-def _median_time(problem: PlanningProblem, settings: PlannerSettings, runs: int) -> float:
-    return float(np.median([_planned(problem, settings)[1] for _ in range(runs + 1)][1:]))
+def _measured(problem: PlanningProblem, settings: PlannerSettings, runs: int) -> tuple[float, int]:
+    """Return the median time of a plan [s] after one that does not count, and its rollouts."""
+    made = [_planned(problem, settings) for _ in range(runs + 1)]
+    rollouts = [plan.solver.rollouts for plan, _ in made if isinstance(plan, Plan)]
+    return float(np.median([seconds for _, seconds in made[1:]])), max(rollouts, default=0)

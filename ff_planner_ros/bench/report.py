@@ -244,10 +244,15 @@ def print_crowds(settings: PlannerSettings, *, quick: bool) -> list[dict[str, An
             f"{each.lines:.3f}",
             f"{each.shapes:.3f}",
             f"{each.shapes / each.lines:.2f}",
+            f"{each.lines_rollouts}",
+            f"{each.shapes_rollouts}",
         )
         for each in found
     ]
-    header = ("problem", "spheres", "lines [s]", "shapes [s]", "shapes / lines")
+    header = (
+        *("problem", "spheres", "lines [s]", "shapes [s]", "shapes / lines"),
+        *("lines: rollouts", "shapes: rollouts"),
+    )
     print_table("Processor time with lines and with shapes, min(L)", header, rows)
     return _figures(found)
 

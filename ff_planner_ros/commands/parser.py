@@ -51,9 +51,10 @@ def command_parser() -> ArgumentParser:
     demo = add("demo", planning.show_demo, "plan the paper's capture over ROS, show the result")
     demo.add_argument(
         "--testbed",
-        choices=("lemur", "planar"),
+        choices=("lemur", "bodies", "planar"),
         default="lemur",
-        help="lemur: the paper's capture in space (default); planar: one on an air-bearing table",
+        help="lemur: the paper's capture in space (default); bodies: the same with the whole robot "
+        "kept clear, panels and all; planar: one on an air-bearing table",
     )
     demo.add_argument("--output", type=Path, default="demo_output", metavar="DIR")
 

@@ -50,6 +50,9 @@ class Testbed(NamedTuple):
 
 TESTBEDS: Mapping[str, Testbed] = {
     "lemur": Testbed("The paper's capture", "lemur_capture.yaml", "planner.yaml"),
+    "bodies": Testbed(
+        "The paper's capture with the whole robot", "lemur_capture_bodies.yaml", "planner.yaml"
+    ),
     "planar": Testbed(
         "A capture on an air-bearing table", "planar_capture.yaml", "planar_testbed.yaml"
     ),
