@@ -26,7 +26,7 @@ from ff_planner_ros.planning.followed import FollowedMotion
 from ff_planner_ros.planning.metrics import Metrics
 from ff_planner_ros.planning.path_family import Motion, Sensitivity
 from ff_planner_ros.planning.problem import PlanningProblem
-from ff_planner_ros.planning.requirements.body_rows import FEW_POINTS
+from ff_planner_ros.planning.requirements.body_rows import FEW_POINTS, quarter_way
 from ff_planner_ros.planning.requirements.requirement import (
     OF_INTEREST,
     Requirement,
