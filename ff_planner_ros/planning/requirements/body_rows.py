@@ -16,23 +16,19 @@ from ff_planner_ros.core import compiled
 from ff_planner_ros.core.chain import chain_of
 from ff_planner_ros.planning.allowed_contact import before_contact, split_pairs, split_spheres
 from ff_planner_ros.planning.bodies import (
-    Kind,
-    carriers,
-    kinds_and_sizes,
     pair_distances,
     pair_gradients,
     placed_bodies,
-    radii,
     sphere_distances,
     sphere_gradients,
 )
 from ff_planner_ros.planning.body_certificate import centers_in_base
 from ff_planner_ros.planning.clearance import centers_at
+from ff_planner_ros.planning.compiled_bodies import compiled_bodies
 from ff_planner_ros.planning.path_family import Motion, Sensitivity
 from ff_planner_ros.planning.problem import PlanningProblem
 from ff_planner_ros.planning.requirements.requirement import Rows
 from ff_planner_ros.robot.configuration import configuration
-from ff_planner_ros.robot.model import Robot
 
 # On fewer points than this a body may jump over a corner of another: see `_LookedAt`.
 FEW_POINTS = 40
@@ -59,7 +55,7 @@ def pair_rows(
     """Return the distances of pairs of bodies that are of interest, less the margin."""
     robot, at = problem.robot, _looked_at(problem, motion, sensitivity)
     distances, jacobian, names, deep = compiled.pair_rows(
-        chain_of(robot), _compiled_bodies(robot), at.q, at.sensitivity, OF_INTEREST
+        chain_of(robot), compiled_bodies(robot), at.q, at.sensitivity, OF_INTEREST
     )
     shape = len(at.q), len(robot.pairs)
     if deep.size:  # Coal knows how deep they are in each other
@@ -87,7 +83,7 @@ def sphere_rows(
     centers, velocities, radius = _spheres(problem)
     distances, jacobian, names, deep = compiled.sphere_rows(
         chain_of(robot),
-        _compiled_bodies(robot),
+        compiled_bodies(robot),
         at.q,
         at.sensitivity,
         at.times,
@@ -152,27 +148,6 @@ def _spheres(problem: PlanningProblem) -> tuple[Array, Array, Array]:
         np.array([sphere.center for sphere in spheres]),
         np.array([sphere.velocity for sphere in spheres]),
         np.array([sphere.radius for sphere in spheres]),
-    )
-
-
-@lru_cache(maxsize=8)
-def _compiled_bodies(robot: Robot) -> compiled.Bodies:
-    kinds, sizes = kinds_and_sizes(robot)
-    vertices = [
-        np.asarray(body.solid.points()) if kind == Kind.HULL else np.empty((0, 3))
-        for body, kind in zip(robot.bodies, kinds, strict=True)
-    ]
-    return compiled.Bodies(
-        carriers=carriers(robot),
-        rotations=np.array([body.placement_in_joint.rotation for body in robot.bodies]),
-        positions=np.array([body.placement_in_joint.translation for body in robot.bodies]),
-        centers=np.array([body.center_in_joint for body in robot.bodies]),
-        radii=radii(robot),
-        kinds=kinds,
-        sizes=sizes,
-        vertices=np.concatenate(vertices),
-        vertex_counts=np.array([len(points) for points in vertices]),
-        pairs=np.array(robot.pairs, np.intp).reshape(-1, 2),
     )
 
 
