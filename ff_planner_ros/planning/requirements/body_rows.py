@@ -154,22 +154,31 @@ def _spheres(problem: PlanningProblem) -> tuple[Array, Array, Array]:
 @lru_cache(maxsize=2)
 def _looked_at(problem: PlanningProblem, motion: Motion, sensitivity: Sensitivity) -> _LookedAt:
     """Return where bodies are looked at: once for both kinds of rows."""
-    times = np.linspace(0.0, problem.duration, len(motion.q))
-    times = np.concatenate([times[1:], (times[:-1] + times[1:]) / 2])
-    q = np.concatenate([motion.q[1:], motion.q_half_way])
-    by_x = np.concatenate([sensitivity.q[1:], sensitivity.q_half_way])
+    at_points = np.linspace(0.0, problem.duration, len(motion.q))
+    times = _in_order(at_points[1:], (at_points[:-1] + at_points[1:]) / 2)
+    q = _in_order(motion.q[1:], motion.q_half_way)
+    by_x = _in_order(sensitivity.q[1:], sensitivity.q_half_way)
     if len(motion.q) < FEW_POINTS:
         # Quaternions of one sign: what lies between two is between their entries.
-        order = np.argsort(times)
-        along = q[order, 3:7]
-        turns_over = np.sum(along[:-1] * along[1:], axis=1) < 0.0
-        q[order[1:], 3:7] *= np.where(turns_over, -1.0, 1.0).cumprod()[:, None]
-        q, by_x, times = (np.concatenate([at, quarter_way(at)]) for at in (q, by_x, times))
+        turns_over = np.sum(q[:-1, 3:7] * q[1:, 3:7], axis=1) < 0.0
+        q[1:, 3:7] *= np.where(turns_over, -1.0, 1.0).cumprod()[:, None]
+        order = np.argsort(np.concatenate([times, quarter_way(_out_of_order(times))]))
+        q, by_x, times = (
+            np.concatenate([at, quarter_way(_out_of_order(at))])[order] for at in (q, by_x, times)
+        )
         q[:, 3:7] /= np.linalg.norm(q[:, 3:7], axis=1)[:, None]
-    order = np.argsort(times)
-    q, by_x, times = q[order], by_x[order], times[order]
     until = before_contact(problem, q, _WITHIN) + 1 if problem.allowed_at_goal else len(q)
     return _LookedAt(times, q, by_x, until)
+
+
+def _in_order(at_points: Array, half_way: Array) -> Array:
+    """Return values at all points but the first, each behind that half-way to it."""
+    return np.stack([half_way, at_points], axis=1).reshape(-1, *at_points.shape[1:])
+
+
+def _out_of_order(values: Array) -> Array:
+    """Return values at points, then those half-way; see `_in_order`."""
+    return np.concatenate([values[1::2], values[::2]])
 
 
 def quarter_way(values: Array) -> Array:
