@@ -137,7 +137,7 @@ def test_a_hurried_capture_is_refused_for_the_torque_that_it_needs(
 def test_where_the_first_path_needs_too_much_torque_another_is_found(
     capture: PlanningProblem, settings: PlannerSettings
 ) -> None:
-    hurried = replace(capture, duration=14.0, limits=Limits())
+    hurried = replace(capture, duration=15.0, limits=Limits())
     with pytest.raises(NoPlanFound, match="more than its effort limit"):
         plan(hurried, replace(settings, starts=1))
     answer = plan(hurried, settings)

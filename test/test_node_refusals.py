@@ -33,7 +33,7 @@ NAN = float("nan")
 # What an answer was made from is told, refusals included.
 SOURCES = (
     *("taken_up", "state_stamp", "state_source", "joint_states_stamp"),
-    *("obstacles_stamp", "obstacles_source", "following", "task_digest"),
+    *("obstacles_stamp", "obstacles_source", "following", "task_digest", "geometry"),
 )
 ARGUMENTS = (
     *("-p", "state_max_age:=60.0", "-p", "planning_allowance:=60.0"),

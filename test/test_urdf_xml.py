@@ -44,6 +44,7 @@ def loop_of(links: int) -> str:
 
 
 # What is written and how its refusal begins; empty: it is no fault.
+LINE_OF_LINK_5 = 1 + LEMUR[: LEMUR.index('"link_5"')].count("\n")
 HARMFUL: dict[str, tuple[Callable[[], str], str]] = {
     "nested deep": (lambda: "<robot>" * 400_000, "robot.urdf is not XML: no element found"),
     "nested deep in a shape": (
@@ -103,7 +104,7 @@ HARMFUL: dict[str, tuple[Callable[[], str], str]] = {
     "a zero byte": (lambda: LEMUR.replace("link_5", "\0"), "robot.urdf is not XML: not well-form"),
     "a terminal's command": (
         lambda: LEMUR.replace('"link_5"', '"&#27;[2J"'),
-        "robot.urdf is not XML: reference to invalid character number: line 6",
+        f"robot.urdf is not XML: reference to invalid character number: line {LINE_OF_LINK_5}",
     ),
     "nothing": (lambda: "", "robot.urdf is not XML: no element found: line 1, column 0"),
     "a robot of nothing": (lambda: "<robot/>", "robot.urdf is without links: it must have links;"),
