@@ -23,7 +23,7 @@ from ff_planner_ros.planning.bodies import (
     sphere_gradients,
 )
 from ff_planner_ros.planning.body_certificate import centers_in_base
-from ff_planner_ros.planning.requirements.body_rows import _compiled_bodies
+from ff_planner_ros.planning.compiled_bodies import compiled_bodies
 from ff_planner_ros.robot.bodies import Body
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import Robot
@@ -243,7 +243,7 @@ def test_the_core_finds_the_same_distances_and_derivatives(seed: int) -> None:
     centers, radius = spheres_around(robot, q[:1], 9, rng)
     velocities, times = rng.normal(scale=0.05, size=(9, 3)), np.linspace(0.0, 3.0, 12)
     sensitivity = rng.normal(size=(12, robot.model.nv, 5))
-    core, chain, interest = _compiled_bodies(robot), chain_of(robot), 0.3
+    core, chain, interest = compiled_bodies(robot), chain_of(robot), 0.3
     placed = placed_bodies(robot, q[:, 7:])
     rows = every_row(12, len(robot.pairs))
     truth = pair_distances(robot, placed, rows)

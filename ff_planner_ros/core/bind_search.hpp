@@ -43,9 +43,8 @@ inline double certified(const Chain& chain, const Array& q, const Array& cubics,
     all.push_back({vector3(center + 3 * i), vector3(velocity + 3 * i), radius[i]});
   return certified_clearance(
       {chain, at, Eigen::Map<const RowMajor>(of_cubics, 3 * intervals, 6 + n),
-       Eigen::Map<const Eigen::VectorXd>(checked(ways, "ways", {intervals}), intervals),
        Eigen::Map<const Eigen::VectorXd>(checked(times, "times", {points}), points)},
-      all, gap);
+      Eigen::Map<const Eigen::VectorXd>(checked(ways, "ways", {intervals}), intervals), all, gap);
 }
 
 inline void bind_search(py::module_& m) {

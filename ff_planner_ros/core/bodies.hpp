@@ -72,6 +72,7 @@ inline BodyRows pair_rows(const Chain& chain, const Bodies& of, const double* q,
                           int count, int columns, double interest) {
   BodyRows rows;
   const int joints = chain.joints(), pairs = static_cast<int>(of.pairs.size());
+  std::vector<Simplex> known(of.pairs.size());
   for (int i = 0; i < count; ++i) {
     const PlacedBodies placed(chain, of, Configuration::read(q + i * (7 + joints), joints).joints);
     const Eigen::Map<const RowMajor> by_x(dq + static_cast<long>(i) * (6 + joints) * columns,
@@ -81,7 +82,8 @@ inline BodyRows pair_rows(const Chain& chain, const Bodies& of, const double* q,
       const Body &first = of.bodies[a], &second = of.bodies[b];
       const double around = first.radius + second.radius + interest;
       if ((placed.centers[a] - placed.centers[b]).squaredNorm() >= around * around) continue;
-      const Gap found = gap(first.solid, placed.solids[a], second.solid, placed.solids[b]);
+      const Gap found = gap(first.solid, placed.solids[a], second.solid, placed.solids[b],
+                            known[number], interest);
       const long long name = static_cast<long long>(i) * pairs + number;
       if (!found.is_known) rows.unknown.push_back(name);
       if (!found.is_known || !(found.distance < interest)) continue;

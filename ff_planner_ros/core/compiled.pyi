@@ -231,3 +231,44 @@ def sphere_rows(
     interest: float,
 ) -> tuple[Array, Array, Indices, Indices]:
     """Return likewise those of bodies from spheres; names: configuration, body, then sphere."""
+
+def certified_pair_distance(
+    chain: Chain,
+    bodies: Bodies,
+    q: Array,
+    cubics: Array,
+    ways: Array,
+    times: Array,
+    chosen: Indices,
+    last: int,
+    gap: float,
+    part: float,
+) -> float:
+    """Return what `planning.body_certificate.least_pair_distance` certifies.
+
+    Args:
+        cubics: Of `cubics_between`. Shape (points - 1, 3, 6 + joints).
+        ways: Of pairs against each other. Shape (points - 1, pairs) [m].
+        gap: How far it may be below the truth [m], or
+        part: by which part of it.
+
+    Returns:
+        Minus infinity where two are in each other of which GJK knows nothing.
+    """
+
+def certified_sphere_distance(
+    chain: Chain,
+    bodies: Bodies,
+    q: Array,
+    cubics: Array,
+    ways: Array,
+    times: Array,
+    centers: Array,
+    velocities: Array,
+    radii: Array,
+    chosen: Indices,
+    last: int,
+    gap: float,
+    part: float,
+) -> float:
+    """Return likewise what `least_sphere_distance` certifies; ways: shape (points - 1, bodies)."""

@@ -113,48 +113,6 @@ def pairs(robot: Robot) -> tuple[Indices, Indices]:
     return first, second
 
 
-@lru_cache(maxsize=8)
-def pair_reaches(robot: Robot) -> Array:
-    """Return how far each joint moves the bodies of each pair against each other at most.
-
-    Shape (joints, pairs) [m per rad].
-    """
-    first, second = pairs(robot)
-    reaches, carried = body_reaches(robot), carriers(robot)
-    joint = np.arange(robot.joints)[:, None]
-    between = (joint < carried[first]) != (joint < carried[second])
-    return np.where(between, np.abs(reaches[:, second] - reaches[:, first]), 0.0)
-
-
-@lru_cache(maxsize=8)
-def body_reaches(robot: Robot) -> Array:
-    """Return the farthest that any point of a body comes from each joint that carries it.
-
-    Zero for joints beyond the body. Shape (joints, bodies) [m].
-    """
-    along, carried = _stretched(robot), carriers(robot)
-    reaches = along[carried] - along[1:, None] + _from_carrier(robot)
-    return np.where(np.arange(robot.joints)[:, None] < carried, reaches, 0.0)
-
-
-def base_reaches(robot: Robot) -> Array:
-    """Return the farthest that any point of a body comes from the base. Shape (bodies,) [m]."""
-    farthest: Array = _stretched(robot)[carriers(robot)] + _from_carrier(robot)
-    return farthest
-
-
-def _stretched(robot: Robot) -> Array:
-    """Return how far base and joints are along the stretched arm. Shape (joints + 1,) [m]."""
-    placements = robot.model.jointPlacements[2:]
-    return np.cumsum([0.0, *(np.linalg.norm(at.translation) for at in placements)])
-
-
-def _from_carrier(robot: Robot) -> Array:
-    """Return how far a point of each body is at most from the joint that carries it [m]."""
-    farthest: Array = np.linalg.norm(_in_joints(robot)[3], axis=1) + radii(robot)
-    return farthest
-
-
 def pair_bounds(robot: Robot, placed: Placed) -> Array:
     """Return lower bounds of the distances of pairs, by the spheres around their bodies.
 
