@@ -165,6 +165,8 @@ def command_parser() -> ArgumentParser:
         choices=[one.value for one in Geometry],
         help="default: shapes where the arm has any <collision>",
     )
+    draw_help = "draw it, bodies and lines, as a page for a browser"
+    robot.add_argument("--draw", type=Path, metavar="FILE.html", help=draw_help)
     robot.add_argument(
         "--srdf",
         type=Path,
