@@ -47,6 +47,8 @@ def print_verdict(
     )
     if robot.bodies:
         _print_contacts(found, unknown=scene is None)
+    else:
+        print("contacts: not looked for, the robot is planned with lines")
     print(f"verdict: {_verdict(found)}")
     if sensitivity:
         print_table(

@@ -79,7 +79,7 @@ def _some_as_hulls(bodies: tuple[Body, ...], rng: np.random.Generator) -> list[B
             center = body.placement_in_joint.actInv(body.center_in_joint)
             for direction in directions:
                 points.append(center + body.radius * direction)
-            hull = coal.Convex.convexHull(points, False, "Qt")
+            hull = coal.Convex.convexHull(points, True, "Qt")
             body = replace(body, solid=hull)
         found.append(body)
     return found

@@ -178,8 +178,18 @@ def leaning(angle: float) -> PlanningProblem:
     )
 
 
-def test_a_start_in_contact_with_itself_is_refused_and_the_way_out_is_right() -> None:
+# The upper arm through a panel: out of it is where the depth grows at first.
+DEEP = (1.5, -2.0, 2.5, 2.1, 2.6, 2.8, 1.8)
+
+
+@pytest.mark.parametrize("joints", [None, DEEP])
+def test_a_start_in_contact_with_itself_is_refused_and_the_way_out_is_right(
+    joints: tuple[float, ...] | None,
+) -> None:
     problem = replace(leaning(np.deg2rad(-80.0)), obstacles=())
+    if joints is not None:
+        start = replace(problem.start, joint_positions=np.array(joints))
+        problem = replace(problem, start=start)
     with pytest.raises(InvalidInput, match=r"m deep.*turned by") as refused:
         require_plannable(problem, SETTINGS)
     assert refused.value.status is Status.START_IN_COLLISION

@@ -71,6 +71,7 @@ def test_namespace_remapping_and_parameters_file_reach_planner_and_recorder(
             client.wait_until(lambda: client.received["joint_trajectory"], "the trajectory")
         assert planner.stop(signal.SIGTERM) == 0
     assert f"[servicer.planner]: ready; recording to {planner.bag}" in planner.log
+    assert "self-clearance no pairs, " in planner.log, "with lines"
     with AnyReader([planner.bag]) as reader:
         counts = {connection.topic: connection.msgcount for connection in reader.connections}
     assert set(counts) == {

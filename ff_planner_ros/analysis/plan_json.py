@@ -135,12 +135,13 @@ def planned_motion(answer: object) -> tuple[Robot, Trajectory]:
     if base not in tuple(Base):
         allowed = f"it must be {', '.join(Base)}"
         raise InvalidInput(Status.OUT_OF_RANGE, "robot.base", quoted(base), allowed)
-    # Earlier versions kept lines clear, and said nothing of it.
-    geometry = answer.get("geometry", Geometry.LINES) if isinstance(answer, dict) else None
-    if geometry not in tuple(Geometry):
-        allowed = f"it must be {', '.join(Geometry)}"
-        raise InvalidInput(Status.OUT_OF_RANGE, "geometry", quoted(geometry), allowed)
-    kept_clear = Geometry(geometry)
+    kept_clear = None  # what the URDF has: none of earlier versions' answers has a <collision>
+    if isinstance(answer, dict) and "geometry" in answer:
+        geometry = answer["geometry"]
+        if geometry not in tuple(Geometry):
+            allowed = f"it must be {', '.join(Geometry)}"
+            raise InvalidInput(Status.OUT_OF_RANGE, "geometry", quoted(geometry), allowed)
+        kept_clear = Geometry(geometry)
     robot = robot_from_urdf_text(urdf, base_link, tip_link, Base(base), geometry=kept_clear)
     names = _entry(answer, "joint_names")
     if names != list(robot.joint_names):

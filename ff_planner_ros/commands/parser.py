@@ -158,12 +158,15 @@ def command_parser() -> ArgumentParser:
     robot = add("robot", planning.show_robot, "show what the planner makes of a URDF")
     robot.add_argument("urdf", type=Path, metavar="URDF")
     robot.add_argument("--base-link", metavar="LINK", help="default: the root")
-    robot.add_argument("--tip-link", metavar="LINK", help="default: the only link without children")
+    tip_help = "default: the only link that moves and carries no other"
+    robot.add_argument("--tip-link", metavar="LINK", help=tip_help)
     robot.add_argument(
         "--geometry",
         choices=[one.value for one in Geometry],
         help="default: shapes where the arm has any <collision>",
     )
+    draw_help = "draw it, bodies and lines, as a page for a browser"
+    robot.add_argument("--draw", type=Path, metavar="FILE.html", help=draw_help)
     robot.add_argument(
         "--srdf",
         type=Path,

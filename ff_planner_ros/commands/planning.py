@@ -227,6 +227,11 @@ def show_robot(options: argparse.Namespace) -> int:
     )
     print_notes(robot.notes)
     print_table(robot_rows(robot))
+    if options.draw is not None:
+        from ff_planner_ros.analysis.robot_view import save_robot
+
+        save_robot(robot, options.draw)
+        print(f"\n{options.draw}  {options.draw.stat().st_size / 1e6:.1f} MB")
     if options.srdf is not None:
         _write_srdf(options.srdf, robot)
     return SOLVED

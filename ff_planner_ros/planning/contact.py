@@ -76,9 +76,12 @@ def way_out(problem: PlanningProblem, q: Array, contact: Contact) -> str:
     """
     robot = problem.robot
     for turn in _TURNS:
-        for joint in np.argsort(-np.abs(contact.by_joints), kind="stable").tolist():
+        # First the way that the distance grows; deep inside, the other may be the shorter one.
+        ways = [math.copysign(turn, slope) for slope in contact.by_joints]
+        order = np.argsort(-np.abs(contact.by_joints), kind="stable").tolist()
+        for joint, way in [(j, sign * ways[j]) for sign in (1.0, -1.0) for j in order]:
             aside = q.copy()
-            aside[7 + joint] += math.copysign(turn, contact.by_joints[joint])
+            aside[7 + joint] += way
             lower, upper = robot.lower_position_limits[joint], robot.upper_position_limits[joint]
             if not (contact.by_joints[joint] and lower <= aside[7 + joint] <= upper):
                 continue

@@ -318,12 +318,12 @@ class PlanningService:
 
     def _log_solved(self, response: PlanTrajectory.Response, what: str, asked_by: str) -> None:
         metrics, solver = response.metrics, response.solver
+        near = ", ".join(f"{label} {words}" for label, words in _clearances(response).items())
         self._logger.info(
             f"{response.plan_id}: SOLVED: joint path {metrics.joint_path_length:.4f} rad, "
             f"largest attitude {math.degrees(metrics.max_chaser_euler):.2f} deg, "
-            f"clearance {metrics.min_clearance * 1e3:.1f} mm, "
-            f"self-clearance {metrics.min_self_clearance * 1e3:.1f} mm, "
-            f"{solver.iterations} iterations, {solver.solve_time:.2f} s; {what} by {asked_by}"
+            f"{near}, {solver.iterations} iterations, {solver.solve_time:.2f} s; "
+            f"{what} by {asked_by}"
         )
 
 
