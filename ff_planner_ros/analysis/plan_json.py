@@ -6,17 +6,31 @@ import math
 from dataclasses import asdict, astuple, dataclass, fields
 from typing import Any
 
+import numpy as np
+from scipy.spatial.transform import Rotation
+
 from ff_planner_ros.arrays import Array, finite_number, finite_vector, frozen
 from ff_planner_ros.errors import FfPlannerError, InvalidInput, NoPlanFound, Status
 from ff_planner_ros.planning.metrics import Metrics
 from ff_planner_ros.planning.plan import Plan, SolverReport, Trajectory
-from ff_planner_ros.planning.problem import Objective, Orientation, Sphere, Target
+from ff_planner_ros.planning.problem import (
+    Objective,
+    Orientation,
+    Sphere,
+    Target,
+    attached_spheres,
+)
+from ff_planner_ros.planning.scenario import target_body_of
+from ff_planner_ros.planning.scenario_writer import described_body
 from ff_planner_ros.planning.sound_samples import require_sound_samples
+from ff_planner_ros.planning.target_body import TargetBody
 from ff_planner_ros.planning.task import PlanningTask
 from ff_planner_ros.robot.model import Base, Robot, robot_from_urdf_text
 from ff_planner_ros.shown import quoted
 
 _ROBOT = ("urdf", "base_link", "tip_link")
+# Of a target body at each point.
+_ROWS = ("positions", "quaternions_xyzw", "linear_velocities", "angular_velocities")
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,6 +46,7 @@ class PlanDocument:
     obstacles: tuple[Sphere, ...] | None
     # Where the end effector was to come; None: the dictionary does not tell
     goal: Target | None
+    target_body: TargetBody | None  # that was to be captured; None: none
 
 
 def plan_dictionary(plan: Plan, task: PlanningTask, solve_time: float) -> dict[str, Any]:
@@ -54,7 +69,9 @@ def plan_dictionary(plan: Plan, task: PlanningTask, solve_time: float) -> dict[s
             {"id": sphere.id, "center": sphere.center.tolist(), "radius": sphere.radius}
             | ({"velocity": sphere.velocity.tolist()} if sphere.velocity.any() else {})
             for sphere in problem.obstacles
+            if sphere.body is None
         ],
+        **({} if (body := problem.target_body) is None else _body_rows(body, motion.time)),
         "limits": {
             "position": "from_urdf",
             "velocity": "from_urdf" if problem.limits.joint_velocities else "none",
@@ -134,7 +151,23 @@ def plan_document(answer: object) -> PlanDocument:
         solver=SolverReport(**told),
     )
     solve_time = _number("solver.solve_time", _entry(solver, "solve_time", "solver."))
-    return PlanDocument(robot, plan, solve_time, *_asked_for(answer), _goal(answer))
+    weights, obstacles = _asked_for(answer)
+    body = captured_body(answer)
+    if body is not None and obstacles is not None:
+        obstacles = (*obstacles, *attached_spheres(body))
+    return PlanDocument(robot, plan, solve_time, weights, obstacles, _goal(answer), body)
+
+
+def captured_body(answer: Any) -> TargetBody | None:
+    """Return the target body of a plan's dictionary; None: it has none.
+
+    Raises:
+        InvalidInput: It is something else.
+    """
+    told = answer.get("target_body")
+    if not isinstance(told, dict):
+        return None if told is None else target_body_of(told)
+    return target_body_of({name: value for name, value in told.items() if name not in _ROWS})
 
 
 def _asked_for(answer: Any) -> tuple[tuple[float, float] | None, tuple[Sphere, ...] | None]:
@@ -156,6 +189,15 @@ def _sphere(sphere: Any) -> Sphere:
     if not isinstance(sphere["id"], str):
         raise InvalidInput(Status.WRONG_SIZE, "obstacles", sphere["id"], "an id must be text")
     return Sphere(**sphere)
+
+
+def _body_rows(body: TargetBody, times: Array) -> dict[str, Any]:
+    """Return a target body as a scenario has it, and where it is at each point."""
+    motion = body.motion(np.zeros(3), times)
+    quaternions = Rotation.from_matrix(motion.rotations).as_quat()
+    rows = (motion.positions, quaternions, motion.twists[:, :3], motion.twists[:, 3:])
+    told = {name: values.tolist() for name, values in zip(_ROWS, rows, strict=True)}
+    return {"target_body": described_body(body) | told}
 
 
 def _target(target: Target) -> dict[str, Any]:

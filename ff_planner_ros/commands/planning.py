@@ -13,7 +13,12 @@ from pathlib import Path
 from typing import Any
 
 from ff_planner_ros.analysis.json_file import read_json
-from ff_planner_ros.analysis.plan_json import plan_dictionary, planned_motion, refusal_dictionary
+from ff_planner_ros.analysis.plan_json import (
+    captured_body,
+    plan_dictionary,
+    planned_motion,
+    refusal_dictionary,
+)
 from ff_planner_ros.analysis.summary import plan_rows, robot_rows
 from ff_planner_ros.arrays import finite_number
 from ff_planner_ros.baselines.artificial_potential_field import artificial_potential_field
@@ -25,8 +30,10 @@ from ff_planner_ros.planning.plan import Plan, Trajectory
 from ff_planner_ros.planning.planner import plan
 from ff_planner_ros.planning.problem import Objective, Parametrisation
 from ff_planner_ros.planning.scenario import Defaults, load_scenario, load_task
+from ff_planner_ros.planning.target_body import TargetBody
 from ff_planner_ros.planning.task import Method, PlanningTask, perform, without_search
 from ff_planner_ros.planning.watch import Watch
+from ff_planner_ros.planning.yaml_file import number
 from ff_planner_ros.robot.model import Robot, read_urdf, robot_from_urdf_text
 from ff_planner_ros.share import share_directory
 from ff_planner_ros.time_budget import TimeBudget
@@ -146,18 +153,25 @@ def verify_plans(options: argparse.Namespace) -> int:
     from ff_planner_ros.verify import print_verdict
 
     verdicts = [
-        print_verdict(name, robot, motion, options.sensitivity)
-        for name, robot, motion in _motions(options.source, options)
+        print_verdict(name, robot, motion, options.sensitivity, body, capture_time)
+        for name, robot, motion, body, capture_time in _motions(options.source, options)
     ]
     return SOLVED if all(verdicts) else NO_PLAN
 
 
-def _motions(source: Path, options: argparse.Namespace) -> Iterator[tuple[str, Robot, Trajectory]]:
-    """Yield name, robot and motion of each plan that a file or bag holds or asks for."""
+def _motions(
+    source: Path, options: argparse.Namespace
+) -> Iterator[tuple[str, Robot, Trajectory, TargetBody | None, float | None]]:
+    """Yield each plan that a file or bag holds or asks for: name, robot, motion.
+
+    And the body that it captures, and when [s]; None: none, or it is not known.
+    """
     if source.suffix in (".yaml", ".yml"):
         task, watch = _task(source, options)
         planned = perform(task, watch, _method(options.method))
-        yield source.name, task.problem.robot, planned.trajectory
+        problem = task.problem
+        captured = problem.target_body, problem.duration
+        yield source.name, problem.robot, planned.trajectory, *captured
     elif source.suffix == ".json":
         yield source.name, *_motion_in_json(source)
     elif source.is_dir() or source.suffix == ".mcap":
@@ -166,16 +180,19 @@ def _motions(source: Path, options: argparse.Namespace) -> Iterator[tuple[str, R
         recorded = robot_plans(source)
         print_notes(recorded.notes)
         for plan_id, motion in recorded.motions.items():
-            yield plan_id, recorded.robot, motion
+            yield plan_id, recorded.robot, motion, None, None
     else:
         allowed = "it must be a scenario (.yaml), an answer (.json) or a bag (directory or .mcap)"
         raise InvalidInput(Status.UNSUPPORTED, "what to verify", source, allowed)
 
 
-def _motion_in_json(source: Path) -> tuple[Robot, Trajectory]:
+def _motion_in_json(
+    source: Path,
+) -> tuple[Robot, Trajectory, TargetBody | None, float | None]:
     answer = read_json(source)
     try:
-        return planned_motion(answer)
+        motion, body = planned_motion(answer), captured_body(answer)
+        return *motion, body, None if body is None else number("duration", answer.get("duration"))
     except InvalidInput as error:
         field = f"{source}: {error.field}"
         raise InvalidInput(error.status, field, error.value, error.allowed) from None

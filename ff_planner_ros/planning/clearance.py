@@ -69,6 +69,12 @@ def centers_at(times: Array, spheres: Sequence[Sphere]) -> Array:
     centers = np.array([sphere.center for sphere in spheres]).reshape(-1, 3)
     velocities = np.array([sphere.velocity for sphere in spheres]).reshape(-1, 3)
     moved: Array = centers + times[:, None, None] * velocities
+    bodies = {id(sphere.body): sphere.body for sphere in spheres if sphere.body is not None}
+    for body in bodies.values():
+        attached = [k for k, sphere in enumerate(spheres) if sphere.body is body]
+        moved[:, attached] = body.places(
+            np.array([spheres[k].place_in_body for k in attached], np.float64), times
+        )
     return moved
 
 
@@ -77,11 +83,11 @@ def near_box(
 ) -> tuple[Sphere, ...]:
     """Return the spheres within a distance [m] from the box around all points: the broad phase.
 
-    A sphere that moves is nearer than the box around its centre's way.
+    A sphere that moves is nearer than the box around its centres at these times.
     """
     low, high = positions.min(axis=(0, 1)), positions.max(axis=(0, 1))
-    first, last = centers_at(times[[times.argmin(), times.argmax()]], spheres)
-    beyond = np.maximum(np.minimum(first, last) - high, low - np.maximum(first, last))
+    centers = centers_at(times, spheres)
+    beyond = np.maximum(centers.min(axis=0) - high, low - centers.max(axis=0))
     to_box = np.linalg.norm(np.maximum(beyond, 0.0), axis=1)
     return tuple(
         sphere

@@ -39,7 +39,7 @@ def _require_reachable_goal(problem: PlanningProblem, q_start: Array, momentum: 
     """
     robot, target = problem.robot, problem.target.position
     for sphere in problem.obstacles:
-        center = sphere.center + problem.duration * sphere.velocity
+        center = sphere.center + sphere.way(problem.duration)
         depth = sphere.radius - float(np.linalg.norm(target - center))
         if depth >= 0.0:
             raise NoPlanFound(

@@ -22,9 +22,11 @@ from ff_planner_ros.planning.problem import (
     PlanningProblem,
     Sphere,
     Target,
+    attached_spheres,
 )
 from ff_planner_ros.planning.settings import PlannerSettings
 from ff_planner_ros.planning.tail import EndBehaviour
+from ff_planner_ros.planning.target_body import AttachedSphere, TargetBody
 from ff_planner_ros.planning.task import PlanningTask
 from ff_planner_ros.planning.yaml_file import (
     boolean,
@@ -48,8 +50,8 @@ SCENARIO_FRAME = "inertial"
 
 _NO_LIMITS = Limits()
 
-_REQUIRED = ("robot", "chaser", "joints", "target", "duration", "obstacles", "objective")
-_OF_PROBLEM = ("points", "limits", "parametrisation")
+_REQUIRED = ("robot", "chaser", "joints", "duration", "obstacles", "objective")
+_OF_PROBLEM = ("target", "target_body", "points", "limits", "parametrisation")
 _OF_TASK = (
     *("start_after", "running", "end_behaviour", "tail_duration", "controller", "planner"),
     "first_guess",
@@ -142,19 +144,33 @@ def _problem(
 ) -> PlanningProblem:
     if points is None and "points" not in scenario:
         raise InvalidInput(Status.OUT_OF_RANGE, "points", "missing", "it must be given")
+    if ("target" in scenario) == ("target_body" in scenario):
+        found = "given beside target_body" if "target" in scenario else "missing"
+        allowed = "either it or target_body must be given"
+        raise InvalidInput(Status.OUT_OF_RANGE, "target", found, allowed)
     robot = _robot(scenario["robot"], directory)
+    start = _start(robot, scenario["chaser"], scenario["joints"])
+    duration = finite_number("duration", number("duration", scenario["duration"]), above=0.0)
+    obstacles = _obstacles(scenario["obstacles"])
+    body = target_body_of(scenario["target_body"]) if "target_body" in scenario else None
+    attached = () if body is None else tuple(attached_spheres(body))
+    for index, sphere in enumerate(attached):
+        if sphere.id in {one.id for one in obstacles}:
+            field, allowed = f"target_body.obstacles[{index}].id", "an obstacle has it, too"
+            raise InvalidInput(Status.OUT_OF_RANGE, field, sphere.id, allowed)
     return PlanningProblem(
         robot=robot,
-        start=_start(robot, scenario["chaser"], scenario["joints"]),
-        target=_target(scenario["target"]),
-        duration=number("duration", scenario["duration"]),
+        start=start,
+        target=body.target(duration) if body is not None else _target(scenario["target"]),
+        duration=duration,
         points=integer("points", scenario.get("points", points)),
-        obstacles=_obstacles(scenario["obstacles"]),
+        obstacles=(*obstacles, *attached),
         objective=_objective(scenario["objective"]),
         limits=_limits(scenario.get("limits", {}), limits),
         parametrisation=parametrisation_of(
             text("parametrisation", scenario.get("parametrisation", "auto"))
         ),
+        target_body=body,
     )
 
 
@@ -279,6 +295,45 @@ def _quaternion(euler_xyz_deg: Array) -> Array:
     euler = np.deg2rad(finite_vector("target.euler_xyz_deg", euler_xyz_deg, 3))
     quaternion: Array = pin.Quaternion(rotation_from_euler(euler)).coeffs()
     return quaternion
+
+
+def target_body_of(value: object) -> TargetBody:
+    """Return what a mapping describes.
+
+    Raises:
+        InvalidInput: It describes no body.
+    """
+    told = "target_body"
+    moving = ("linear_velocity", "angular_velocity")
+    entry = mapping(
+        told,
+        value,
+        required=("position", "quaternion_xyzw", "inertia", "grasp"),
+        optional=(*moving, "obstacles"),
+    )
+    grasp = mapping(f"{told}.grasp", entry["grasp"], required=("position", "quaternion_xyzw"))
+    vectors: dict[str, Any] = {
+        name: numbers(f"{told}.{name}", entry[name])
+        for name in ("position", "quaternion_xyzw", *moving)
+        if name in entry
+    }
+    vectors |= {f"grasp_{name}": numbers(f"{told}.grasp.{name}", grasp[name]) for name in grasp}
+    spheres = []
+    for index, item in enumerate(sequence(f"{told}.obstacles", entry.get("obstacles", []))):
+        field = f"{told}.obstacles[{index}]"
+        sphere = mapping(field, item, required=("id", "center", "radius"))
+        name = text(f"{field}.id", sphere["id"])
+        center = numbers(f"{field}.center", sphere["center"])
+        spheres.append(AttachedSphere(name, center, number(f"{field}.radius", sphere["radius"])))
+    inertia = _inertia(f"{told}.inertia", entry["inertia"])
+    return TargetBody(**vectors, inertia=inertia, obstacles=tuple(spheres))
+
+
+def _inertia(field: str, value: object) -> Array:
+    names = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+    entry = mapping(field, value, required=names)
+    xx, xy, xz, yy, yz, zz = (number(f"{field}.{name}", entry[name]) for name in names)
+    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
 
 
 def _obstacles(value: object) -> tuple[Sphere, ...]:

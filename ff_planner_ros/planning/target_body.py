@@ -242,7 +242,7 @@ def _possible_inertia(inertia: Array) -> Array:
     size = float(np.abs(found).max())
     if np.abs(found - found.T).max() > _SYMMETRIC * size:
         raise InvalidInput(Status.OUT_OF_RANGE, name, found.tolist(), "it must be symmetric")
-    found = frozen((found + found.T) / 2.0)
+    found = frozen(found / 2.0 + found.T / 2.0)
     least, middle, largest = np.linalg.eigvalsh(found).tolist()
     told = f"{found.tolist()} with principal moments {least:.6g}, {middle:.6g}, {largest:.6g}"
     if not least > _LEAST_MOMENT * largest:

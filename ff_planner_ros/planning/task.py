@@ -109,14 +109,19 @@ def _canonical(value: Any) -> Iterator[bytes]:
 
 
 def _is_absent(value: Any, name: str) -> bool:
-    """Tell whether a field that older versions did not have says what they took for granted."""
+    """Tell whether a field follows from others, or says what older versions took for granted."""
+    if isinstance(value, Sphere) and value.body is not None:
+        return name not in ("id", "radius")
+    if name == "target" and isinstance(value, PlanningProblem):
+        return value.target_body is not None
     if name == "velocity" and isinstance(value, Sphere):
         return not value.velocity.any()
     if name == "parametrisation":
         return getattr(value, name) is Parametrisation.AUTO
     if name == "orientation":
         return getattr(value, name) is Orientation.FIXED
-    return name in ("joint_accelerations", "free_axis_in_ee") and getattr(value, name) is None
+    newer = ("joint_accelerations", "free_axis_in_ee", "target_body", "body", "place_in_body")
+    return name in newer and getattr(value, name) is None
 
 
 def without_search(solve: Callable[[PlanningProblem, PlannerSettings], Plan]) -> Method:

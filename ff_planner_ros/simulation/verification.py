@@ -10,7 +10,9 @@ from ff_planner_ros.arrays import Array
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.plan import Trajectory
 from ff_planner_ros.planning.sound_samples import require_sound_samples
+from ff_planner_ros.planning.target_body import TargetBody
 from ff_planner_ros.robot.model import Robot
+from ff_planner_ros.simulation.capture import Capture, capture, is_soft, seen_from
 from ff_planner_ros.simulation.engine import Engine
 from ff_planner_ros.simulation.execution import Execution, execute, start_state
 from ff_planner_ros.simulation.feed_forward import feed_forward
@@ -53,17 +55,28 @@ class Verification:
     execution: Execution  # what the system did, in the plan's inertial frame
     deviation: Deviation  # from the plan
     momentum_drift: float  # largest change of the total momentum, relative
+    capture: Capture | None = None  # of the target body; None: there is none
 
     @property
     def passed(self) -> bool:
         """Whether the plan came true within the tolerances."""
         found, allowed = astuple(self.deviation), astuple(ALLOWED)
         kept = all(value <= most for value, most in zip(found, allowed, strict=True))
-        return kept and self.momentum_drift <= MOMENTUM_TOLERANCE
+        soft = self.capture is None or is_soft(self.capture)
+        return kept and soft and self.momentum_drift <= MOMENTUM_TOLERANCE
 
 
-def verify(robot: Robot, trajectory: Trajectory) -> Verification:
+def verify(
+    robot: Robot,
+    trajectory: Trajectory,
+    body: TargetBody | None = None,
+    capture_time: float | None = None,
+) -> Verification:
     """Execute a plan's torques open loop in MuJoCo, and compare the motion with the plan.
+
+    Args:
+        body: That the plan captures, at its first point; None: none.
+        capture_time: From there on [s]; None: at its last point.
 
     Raises:
         InvalidInput: The samples cannot be executed, or MuJoCo refuses the robot's URDF.
@@ -84,6 +97,13 @@ def verify(robot: Robot, trajectory: Trajectory) -> Verification:
         execution=_seen_in(execution, origin, velocity, engine.mass),
         deviation=deviation(execution, planned),
         momentum_drift=float(change / scale),
+        capture=None
+        if body is None
+        else capture(
+            seen_from(body, origin, velocity),
+            float(trajectory.time[-1]) if capture_time is None else capture_time,
+            execution,
+        ),
     )
 
 
@@ -112,6 +132,7 @@ def _seen_in(execution: Execution, origin: Array, velocity: Array, mass: float) 
         execution,
         chaser_positions=execution.chaser_positions + centers,
         ee_positions=execution.ee_positions + centers,
+        ee_twists=execution.ee_twists + np.concatenate([velocity, np.zeros(3)]),
         momentum=np.hstack([linear, angular + np.cross(centers, linear)]),
     )
 
