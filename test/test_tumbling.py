@@ -32,6 +32,7 @@ from ff_planner_ros.planning.problem import (
 from ff_planner_ros.planning.scenario import Defaults, load_scenario, load_task
 from ff_planner_ros.planning.scenario_writer import write_scenario
 from ff_planner_ros.planning.system_frame import system_frame
+from ff_planner_ros.planning.tail import EndBehaviour
 from ff_planner_ros.planning.target_body import AttachedSphere, TargetBody
 from ff_planner_ros.planning.task import PlanningTask, perform
 from ff_planner_ros.simulation.verification import verify
@@ -357,3 +358,24 @@ def test_a_grasp_that_is_carried_into_an_obstacle_is_refused() -> None:
     rock = Sphere("rock", drawn.target.position, 0.3)
     with pytest.raises(NoPlanFound, match="inside obstacle rock"):
         perform(PlanningTask(replace(drawn, obstacles=(rock, *drawn.obstacles)), SETTINGS))
+
+
+@pytest.mark.parametrize("kind", tumbling.KINDS)
+def test_after_the_capture_the_arm_goes_on_with_the_body(kind: str) -> None:
+    drawn = tumbling.problem(kind, 0)
+    task = PlanningTask(drawn, SETTINGS, end_behaviour=EndBehaviour.HOLD_END_EFFECTOR, tail=3.0)
+    motion, body = perform(task).trajectory, body_of(drawn)
+    after = motion.time >= drawn.duration
+    centers, attitudes, _ = moved(body, motion.time)
+    levers = attitudes.apply(np.tile(body.grasp_position, (len(motion.time), 1)))
+    away = np.linalg.norm(motion.ee_positions - (centers + levers), axis=1)
+    grasps = attitudes * Rotation.from_quat(body.grasp_quaternion_xyzw.copy())
+    turned = (Rotation.from_quat(motion.ee_quaternions_xyzw.copy()) * grasps.inv()).magnitude()
+    assert after.sum() > 8
+    assert away[after].max() < 1e-4
+    assert turned[after].max() < 1e-4
+    # A target that went on as it was at the capture would be elsewhere by then.
+    straight = drawn.target.position + 3.0 * drawn.target.linear_velocity
+    assert np.linalg.norm(straight - motion.ee_positions[-1]) > 5e-4
+    found = verify(drawn.robot, motion, body, drawn.duration)
+    assert found.passed
