@@ -21,6 +21,8 @@ import numpy as np
 
 from ff_planner_ros.bench.attitude import BEST_KNOWN, Steadiness, steadiness
 from ff_planner_ros.bench.beliefs import BELIEFS, BeliefResult, belief_results
+from ff_planner_ros.bench.captures import HEADER as CAPTURES_HEADER
+from ff_planner_ros.bench.captures import capture_attempts, capture_rows
 from ff_planner_ros.bench.families import HEADER, family_attempts, side_by_side
 from ff_planner_ros.bench.methods import OURS, method_results
 from ff_planner_ros.bench.robots import ROBOTS
@@ -45,6 +47,8 @@ _EXECUTED = 40
 _STARTS = 20
 # Problems of each class that are planned in both path families.
 _FAMILIES = 40
+# Bodies of each class that are captured, and the plans executed.
+_CAPTURES = 100
 
 
 def run_on_one_core(quick: bool, scenarios: int | None, json_file: Path | None) -> int:
@@ -73,6 +77,7 @@ def main(quick: bool, scenarios: int, json_file: str) -> None:
     figures["scenarios"] = print_success(scenarios, settings)
     figures["starts"] = print_starts(min(scenarios, _STARTS), settings)
     figures["families"] = print_families(min(scenarios, _FAMILIES), settings)
+    figures["captures"] = print_captures(min(scenarios, _CAPTURES), settings)
     figures["steadiness"] = print_steadiness(1 if quick else len(BEST_KNOWN), settings)
     figures["executions"] = print_executions(1 if quick else min(scenarios, _EXECUTED), settings)
     if json_file:
@@ -203,6 +208,16 @@ def print_families(count: int, settings: PlannerSettings) -> list[dict[str, Any]
     for each in tried:
         if not each.solved and each.parametrisation is Parametrisation.JOINT_SPLINE:
             print(f"missed: {each.kind} {each.number}, {each.objective}: {each.message}")
+    return _figures(tried)
+
+
+def print_captures(count: int, settings: PlannerSettings) -> list[dict[str, Any]]:
+    """Capture bodies that tumble, and return the figures."""
+    tried = list(capture_attempts(count, settings))
+    print_table("Captures of bodies that tumble", CAPTURES_HEADER, list(capture_rows(tried)))
+    for each in tried:
+        if each.status is not Status.SOLVED:
+            print(f"missed: {each.kind} {each.number}: {each.status.name}: {each.message}")
     return _figures(tried)
 
 
