@@ -21,17 +21,18 @@ prerequisites:
 
 PYTHON_HEADERS := import sysconfig; print(sysconfig.get_path("include"))
 
-env: $(STAMP)
+env: $(STAMP) $(VENV)/core
 
-# What the messages need to be built, read from the one list there is.
+# What messages and core need to be built, read from the lists there are.
 BUILD_REQUIRES := import tomllib; \
-	print(*tomllib.load(open("msg_defs/pyproject.toml", "rb"))["build-system"]["requires"], sep="\n")
+	[print(*tomllib.load(open(file, "rb"))["build-system"]["requires"], sep="\n") \
+	for file in ("msg_defs/pyproject.toml", "pyproject.toml")]
 
 # Made anew from nothing, and marked complete as the last step: an interrupted run leaves no mark.
 # What is ignored is the advice against editable installations.
 INSTALL := $(BIN)/python -m pip install --disable-pip-version-check --quiet --constraint constraints.txt
 
-$(STAMP): setup.py package.xml constraints.txt $(shell find msg_defs -type f)
+$(STAMP): setup.py pyproject.toml package.xml constraints.txt $(shell find msg_defs -type f)
 	@$(MAKE) --no-print-directory prerequisites
 	@echo 'Setting up $(VENV); this takes a minute or two.'
 	@rm -rf $(VENV)
@@ -40,6 +41,11 @@ $(STAMP): setup.py package.xml constraints.txt $(shell find msg_defs -type f)
 	@$(INSTALL) --upgrade pip
 	@$(INSTALL) --requirement <($(BIN)/python -c '$(BUILD_REQUIRES)')
 	@PYTHONWARNINGS=ignore $(INSTALL) --no-build-isolation ./msg_defs --editable '.[test,robots]'
+	@touch $@
+
+# The editable installation has built the core; a change of its sources builds it anew in its place.
+$(VENV)/core: $(STAMP) $(wildcard ff_planner_ros/core/*.[ch]pp)
+	@$(BIN)/python setup.py --quiet build_ext --inplace
 	@touch $@
 
 demo: env
@@ -107,7 +113,7 @@ MESSAGES_LOAD := import os, ff_planner_msgs.srv as srv; \
 	check_for_type_support(srv.PlanTrajectory); \
 	assert srv.__file__.startswith(os.getcwd()), srv.__file__
 
-# Remakes constraints.txt with the newest versions that setup.py and msg_defs/pyproject.toml allow.
+# Remakes constraints.txt with the newest versions that setup.py and both pyproject.toml allow.
 lock:
 	: > constraints.txt
 	$(MAKE) env
@@ -119,4 +125,4 @@ INSTALLED_BY_PIP := import importlib.metadata as metadata; \
 	if d.read_text("INSTALLER") and not d.read_text("direct_url.json")), sep="\n")
 
 clean:
-	rm -rf .venv .venv_* build install log .coverage* .mypy_cache .pytest_cache .ruff_cache
+	rm -rf .venv .venv_* build install log ff_planner_ros/core/*.so .coverage* .mypy_cache .pytest_cache .ruff_cache

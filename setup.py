@@ -1,11 +1,16 @@
 """Build of the ROS package `ff_planner_ros`, by colcon or pip."""
 
+import importlib.metadata
+import shutil
+import sysconfig
 from pathlib import Path
 from xml.etree import ElementTree
 
-from setuptools import find_packages, setup
+from setuptools import Extension, find_packages, setup
+from setuptools.command.build_ext import build_ext
 
 NAME = "ff_planner_ros"
+CORE = f"{NAME}/core"
 VERSION = ElementTree.parse("package.xml").findtext("version")
 
 
@@ -14,6 +19,55 @@ def installed_as_they_are(*trees: str) -> list[tuple[str, list[str]]]:
     files = [path for tree in trees for path in sorted(Path(tree).rglob("*")) if path.is_file()]
     return [(f"share/{NAME}/{path.parent}", [str(path)]) for path in files]
 
+
+class BuildCore(build_ext):
+    """Builds the core, and says in words what the machine lacks for it."""
+
+    def build_extensions(self) -> None:
+        """Add what only a build needs to know, and build."""
+        compiler = self.compiler.compiler_cxx[0]
+        headers = Path(sysconfig.get_path("include"), "Python.h")
+        if shutil.which(compiler) is None or not headers.is_file():
+            raise SystemExit(
+                f"{NAME} is partly written in C++: to install it, a C++ compiler ({compiler}) and "
+                f"the headers of Python ({headers}) are needed (Debian: g++ python3-dev)"
+            )
+        for extension in self.extensions:
+            extension.include_dirs += [pybind11_headers(), eigen_headers()]
+        super().build_extensions()
+
+
+def pybind11_headers() -> str:
+    """Return where pybind11's headers are: pip's, else the system's."""
+    try:
+        import pybind11  # only a build has it
+    except ModuleNotFoundError:
+        return system_headers("pybind11/pybind11.h", "pybind11", "pybind11-dev")
+    return str(pybind11.get_include())
+
+
+def eigen_headers() -> str:
+    """Return where Eigen's headers are: pip's, else the system's."""
+    try:
+        eigen = importlib.metadata.distribution("cmeel-eigen")
+    except importlib.metadata.PackageNotFoundError:
+        return system_headers("eigen3/Eigen/Core", "cmeel-eigen", "libeigen3-dev") + "/eigen3"
+    return str(eigen.locate_file("cmeel.prefix/include/eigen3"))
+
+
+def system_headers(header: str, of_pip: str, of_debian: str) -> str:
+    """Return the directory in which the system has a header."""
+    for place in ("/usr/include", "/usr/local/include"):
+        if Path(place, header).is_file():
+            return place
+    raise SystemExit(
+        f"to build {NAME}, {header} is needed: pip install {of_pip} (Debian: {of_debian})"
+    )
+
+
+# The same results on every machine of one kind: no instructions that only some of them have, and
+# sums in the order in which they are written.
+FLAGS = ["-std=c++17", "-O3", "-g0", "-DNDEBUG", "-ffp-contract=off", "-fvisibility=hidden"]
 
 # The node, its demonstration and what reads messages by their types. The messages are no package of
 # an index: `pip install ./msg_defs '.[ros]'`.
@@ -30,7 +84,21 @@ setup(
     description="Trajectory planning service for free-floating space manipulators.",
     license="Apache-2.0",
     packages=find_packages(include=[NAME, f"{NAME}.*"]),
-    package_data={NAME: ["py.typed"], f"{NAME}.runs": ["*.css", "*.js"]},
+    package_data={
+        NAME: ["py.typed"],
+        f"{NAME}.core": ["*.pyi", "*.cpp", "*.hpp"],
+        f"{NAME}.runs": ["*.css", "*.js"],
+    },
+    ext_modules=[
+        Extension(
+            f"{NAME}.core.compiled",
+            [str(path) for path in sorted(Path(CORE).glob("*.cpp"))],
+            depends=[str(path) for path in sorted(Path(CORE).glob("*.hpp"))],
+            language="c++",
+            extra_compile_args=FLAGS,
+        )
+    ],
+    cmdclass={"build_ext": BuildCore},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),

@@ -39,7 +39,8 @@ def random_urdf(joints: int, seed: int) -> str:
         link = f"link_{number}"
         parts += [_link(link, rng, 5.0), _joint(f"joint_{number}", "revolute", parent, link, rng)]
         parent = link
-    parts += [_link("camera", rng, 3.0), _joint("camera_mount", "fixed", "link_3", "camera", rng)]
+    carrying = f"link_{min(joints, 3)}"
+    parts += [_link("camera", rng, 3.0), _joint("camera_mount", "fixed", carrying, "camera", rng)]
     parts += [_link("tool", rng, 2.0), _joint("tool_mount", "fixed", parent, "tool", rng)]
     return f'<robot name="random">{"".join(parts)}</robot>'
 
@@ -149,3 +150,22 @@ ROBOTS = {
     "nine joints": (random_urdf(9, seed=9), "bus", "tool"),
     "canadarm2": (CANADARM2_URDF.read_text(), "station", "end_effector"),
 }
+
+
+def one_line_urdf() -> str:
+    """Six joints about the base's z axis, every centre of mass on it: nothing but turns about z."""
+    inertial = (
+        '<inertial><mass value="1"/>'
+        '<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
+    )
+    parts = [f'<link name="base">{inertial}</link>']
+    parent = "base"
+    for number in range(1, 7):
+        parts.append(
+            f'<link name="link_{number}">{inertial}</link>'
+            f'<joint name="joint_{number}" type="revolute"><parent link="{parent}"/>'
+            f'<child link="link_{number}"/><axis xyz="0 0 1"/>'
+            '<limit lower="-3" upper="3" velocity="1" effort="1"/></joint>'
+        )
+        parent = f"link_{number}"
+    return f'<robot name="one_line">{"".join(parts)}</robot>'

@@ -13,8 +13,8 @@ from ff_planner_ros.planning.end_effector_polynomial import EndEffectorPaths
 from ff_planner_ros.planning.objectives import (
     chaser_euler,
     chaser_euler_with_derivative,
+    joint_path,
     joint_path_length,
-    joint_path_length_derivatives,
 )
 from ff_planner_ros.planning.polynomial import EndEffectorMotion, end_effector_polynomial
 from ff_planner_ros.planning.problem import PlanningProblem
@@ -73,10 +73,18 @@ def random_rates(seed: int) -> tuple[Array, Array]:
     return rng.normal(size=(6, 7)), rng.normal(size=(6, 7, 4))
 
 
+def joint_path_length_derivatives(rates: Array, sensitivity: Array) -> tuple[Array, Array]:
+    """Gradient and Hessian of the joint path; how the base moves does not matter."""
+    v, by_x = (np.concatenate([np.ones_like(at)[:, :6], at], axis=1) for at in (rates, sensitivity))
+    value, gradient, hessian = joint_path(v, by_x, STEP)
+    assert value == pytest.approx(joint_path_length(rates, STEP), rel=1e-14)
+    return gradient, hessian
+
+
 @pytest.mark.parametrize("seed", range(4))
 def test_the_joint_path_s_gradient_is_that_of_differences(seed: int) -> None:
     rates, sensitivity = random_rates(seed)
-    gradient, _ = joint_path_length_derivatives(rates, sensitivity, STEP)
+    gradient, _ = joint_path_length_derivatives(rates, sensitivity)
     step = 1e-5
     for k in range(4):
         ahead, behind = (
@@ -95,7 +103,7 @@ def test_the_hessian_is_the_integral_of_the_motion_across_the_path(seed: int) ->
         T, speed = sensitivity[i], np.sqrt(sum(rate**2 for rate in rates[i]))
         u = rates[i] / speed
         expected += T.T @ (np.eye(7) - np.outer(u, u)) @ T / speed * STEP
-    _, hessian = joint_path_length_derivatives(rates, sensitivity, STEP)
+    _, hessian = joint_path_length_derivatives(rates, sensitivity)
     np.testing.assert_allclose(hessian, expected, rtol=1e-12, atol=1e-12)
     smallest = np.linalg.eigvalsh(hessian)[0]
     assert smallest >= -1e-12, f"smallest eigenvalue {smallest:.1e}"
@@ -104,13 +112,13 @@ def test_the_hessian_is_the_integral_of_the_motion_across_the_path(seed: int) ->
 def test_the_hessian_is_that_of_differences_where_rates_are_affine() -> None:
     """There Gauss and Newton agree."""
     rates, sensitivity = random_rates(9)
-    _, hessian = joint_path_length_derivatives(rates, sensitivity, STEP)
+    _, hessian = joint_path_length_derivatives(rates, sensitivity)
     step = 1e-5
     for k in range(4):
         ahead, behind = (
-            joint_path_length_derivatives(
-                rates + sign * step * sensitivity[:, :, k], sensitivity, STEP
-            )[0]
+            joint_path_length_derivatives(rates + sign * step * sensitivity[:, :, k], sensitivity)[
+                0
+            ]
             for sign in (1, -1)
         )
         np.testing.assert_allclose(
@@ -120,7 +128,7 @@ def test_the_hessian_is_that_of_differences_where_rates_are_affine() -> None:
 
 def test_arms_at_standstill_have_finite_derivatives() -> None:
     _, sensitivity = random_rates(3)
-    gradient, hessian = joint_path_length_derivatives(np.zeros((6, 7)), sensitivity, STEP)
+    gradient, hessian = joint_path_length_derivatives(np.zeros((6, 7)), sensitivity)
     np.testing.assert_array_equal(gradient, np.zeros(4))
     assert np.isfinite(hessian).all()
 

@@ -24,6 +24,7 @@ TREES = {path: ast.parse(path.read_text(encoding="utf-8")) for path in MODULES +
 FLOORS = (
     {"", "errors", "arrays", "share", "shown", "text_file", "text_table"},  # "" is __init__.py
     {"robot"},
+    {"core"},
     {"planning"},
     {"parameters"},
     {"baselines", "simulation", "analysis"},

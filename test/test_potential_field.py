@@ -15,10 +15,10 @@ from ff_planner_ros.baselines.potential_field import (
     load_parameters,
     repulsion,
 )
+from ff_planner_ros.core.velocity_map import velocity
 from ff_planner_ros.errors import InvalidInput
 from ff_planner_ros.planning.problem import Objective, PlanningProblem, Sphere, Target
 from ff_planner_ros.robot.configuration import configuration
-from ff_planner_ros.robot.velocity_map import VelocityMap, stacked
 
 FILE = CONFIG / "baselines.yaml"
 FIELD = load_parameters(FILE)
@@ -104,10 +104,10 @@ def test_the_repulsion_is_the_fall_of_the_potential_along_the_motion_of_eq_31(ro
         for column in by_twist.T
     ]
     # The map of the planner's own rollout, as the method uses it.
-    velocity_map = VelocityMap(robot)
-    solution = velocity_map.solve(q, rng.normal(size=6), rng.normal(scale=0.1, size=6))
-    _, own = velocity_map.derivatives(stacked([solution]))
-    force, distance = repulsion(problem_with(robot, state, spheres), field, 0.0, q, own[0])
+    solution = velocity(robot, q, np.zeros(6), np.zeros(6))
+    force, distance = repulsion(
+        problem_with(robot, state, spheres), field, 0.0, q, solution.by_twist
+    )
     assert force == pytest.approx(expected, rel=1e-5, abs=1e-6 * np.abs(expected).max())
     assert distance.min() > 0.04
 

@@ -20,7 +20,13 @@ from ff_planner_ros.bench import tumbling
 from ff_planner_ros.errors import InvalidInput, NoPlanFound
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.certificate import certified_clearance
-from ff_planner_ros.planning.clearance import arm_points, centers_at, near_box
+from ff_planner_ros.planning.clearance import (
+    arm_points,
+    centers_at,
+    clearance_rows,
+    clearances,
+    segments,
+)
 from ff_planner_ros.planning.motion import from_trajectory
 from ff_planner_ros.planning.plan import Plan
 from ff_planner_ros.planning.problem import (
@@ -31,6 +37,7 @@ from ff_planner_ros.planning.problem import (
 )
 from ff_planner_ros.planning.scenario import Defaults, load_scenario, load_task
 from ff_planner_ros.planning.scenario_writer import write_scenario
+from ff_planner_ros.planning.search_certificate import search_certificate
 from ff_planner_ros.planning.system_frame import system_frame
 from ff_planner_ros.planning.tail import EndBehaviour
 from ff_planner_ros.planning.target_body import AttachedSphere, TargetBody
@@ -300,11 +307,43 @@ def swinging(radius: float, turns: float, duration: float) -> Sphere:
 
 
 def test_what_swings_by_between_first_and_last_point_is_not_overlooked() -> None:
-    sphere, times = swinging(0.1, 1.0, 10.0), np.linspace(0.0, 10.0, 51)
-    arm = np.tile(np.array([[4.0, 0.0, 0.0], [4.8, 0.0, 0.0]]), (51, 1, 1))
-    assert near_box(arm, times, [sphere], 0.2) == (sphere,)
-    assert near_box(arm, times[:5], [sphere], 0.2) == ()
-    assert centers_at(times[[25]], [sphere])[0, 0] == pytest.approx([5.0, 0.0, 0.0], abs=1e-9)
+    """At the first and the last point the sphere is where the arm never is."""
+    drawn = tumbling.problem("tumbling", 0)
+    robot = drawn.robot
+    q = np.concatenate([np.zeros(6), [1.0], drawn.start.joint_positions])
+    tip = arm_points(robot, q[None])[0, -1]
+    sphere = swinging(0.1, 1.0, 10.0)
+    body = sphere.body
+    assert body is not None
+    times = np.linspace(0.0, 10.0, 50)
+    shift = tip - np.array([5.2, 0.0, 0.0])
+    (moved_sphere,) = attached_spheres(replace(body, position=shift))
+    q_rows, none = np.tile(q, (50, 1)), np.zeros((50, robot.model.nv, 1))
+    for seen, expected in ((times, True), (0.1 * times, False)):
+        distances, _, _ = clearance_rows(
+            robot, q_rows, none, seen, [moved_sphere], 0.2, quarter_way=False
+        )
+        assert bool((distances < 0.2).any()) is expected
+
+
+@pytest.mark.parametrize("kind", tumbling.KINDS)
+def test_the_core_sees_attached_spheres_where_they_are(kind: str) -> None:
+    rng = np.random.default_rng(0)
+    drawn = tumbling.problem(kind, 1)
+    robot, spheres = drawn.robot, drawn.obstacles
+    own = (Sphere("rock", [1.0, 0.5, 0.3], 0.2, [0.01, 0.0, -0.02]), *spheres)
+    q = np.tile(np.concatenate([np.zeros(6), [1.0], drawn.start.joint_positions]), (20, 1))
+    q[:, 7:] += rng.normal(scale=0.3, size=q[:, 7:].shape)
+    v = 0.1 * rng.normal(size=(20, robot.model.nv))
+    times = np.linspace(0.0, drawn.duration, 20)
+    none = np.zeros((20, robot.model.nv, 1))
+    found, _, names = clearance_rows(robot, q, none, times, own, 100.0, quarter_way=False)
+    positions = arm_points(robot, q)
+    expected = clearances(positions, times, segments(positions), own).distance
+    assert np.sort(names).tolist() == list(range(expected.size))
+    assert found == pytest.approx(expected.ravel()[names], abs=1e-12)
+    whole = certified_clearance(robot, q, v, times, own)
+    assert search_certificate(robot, q, v, times, own) == pytest.approx(whole, abs=1e-9)
 
 
 @pytest.mark.parametrize("seed", range(3))

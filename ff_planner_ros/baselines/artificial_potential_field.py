@@ -20,6 +20,7 @@ from ff_planner_ros.baselines.potential_field import (
     attraction,
     repulsion,
 )
+from ff_planner_ros.core.velocity_map import velocity
 from ff_planner_ros.planning.families import require_papers_paths
 from ff_planner_ros.planning.metrics import Metrics
 from ff_planner_ros.planning.path_family import singular_refusal
@@ -31,7 +32,6 @@ from ff_planner_ros.planning.runge_kutta import runge_kutta_step
 from ff_planner_ros.planning.settings import PlannerSettings
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.momentum import total_momentum
-from ff_planner_ros.robot.velocity_map import VelocityMap, stacked
 
 # On the way to the goal, damping balances the attraction. In a local minimum, repulsion does, and
 # damping balances less than this part.
@@ -101,7 +101,6 @@ class _Motion:
         self, problem: PlanningProblem, parameters: PotentialFieldParameters, momentum: Array
     ) -> None:
         self._problem, self._parameters, self._momentum = problem, parameters, momentum
-        self._velocity_map = VelocityMap(problem.robot)
         self._data = problem.robot.model.createData()
         target = problem.target
         self._goal_rotation = pin.Quaternion(target.quaternion_xyzw).toRotationMatrix()
@@ -121,31 +120,30 @@ class _Motion:
             NoPlanFound: The posture is a dynamic singularity.
         """
         problem, parameters = self._problem, self._parameters
-        solution = self._velocity_map.regular(q, self._momentum, twist)
+        solution = velocity(problem.robot, q, self._momentum, twist)
         if solution is None:
             raise singular_refusal(time, problem.duration)
-        by_q, by_twist = self._velocity_map.derivatives(stacked([solution]))
-        push, distance = repulsion(problem, parameters, time, q, by_twist[0])
+        push, distance = repulsion(problem, parameters, time, q, solution.by_twist)
         pull = attraction(self._offset(time, q), parameters)
         drag = -parameters.damping * (twist - self._goal_twist)
         nearest = ""
         if problem.obstacles:
             nearest = problem.obstacles[int(distance.min(axis=0).argmin())].id
-        acceleration = by_q[0] @ solution.v + by_twist[0] @ (pull + push + drag)
+        acceleration = solution.by_q @ solution.v + solution.by_twist @ (pull + push + drag)
         return _Sample(q, solution.v, acceleration, pull, push, drag, nearest)
 
     def advanced(self, time: float, step: float, q: Array, twist: Array) -> tuple[Array, Array]:
         """Return configuration and twist one step later, both by Runge-Kutta of order four."""
         forces: list[Array] = []
 
-        def velocity(stage: int, there: Array) -> Array:
+        def at_stage(stage: int, there: Array) -> Array:
             part = (0.0, 0.5, 0.5, 1.0)[stage] * step
             sample = self.at(time + part, there, twist + part * forces[-1] if forces else twist)
             forces.append(sample.force)
             return sample.v
 
         model = self._problem.robot.model
-        way = runge_kutta_step(model, q, step, velocity)
+        way = runge_kutta_step(model, q, step, at_stage)
         f1, f2, f3, f4 = forces
         return pin.integrate(model, q, way), twist + step / 6 * (f1 + 2 * (f2 + f3) + f4)
 

@@ -15,7 +15,7 @@ from ff_planner_ros.robot.model import Robot
 
 # The certified clearance is below the true one by at most this [m]: thinner than paint, and a
 # quarter of the default margin.
-_CERTIFICATE_GAP = 5e-4
+CERTIFICATE_GAP = 5e-4
 
 
 def certified_clearance(
@@ -26,7 +26,7 @@ def certified_clearance(
     Between two points the motion is the cubic through both configurations and velocities. In a
     piece of it no point of the arm moves further than its speed allows, nor does a sphere, so the
     clearance is at least the mean of both ends' less half both ways. Pieces whose bound is too low
-    to tell are halved. The bound is within `_CERTIFICATE_GAP` of the truth.
+    to tell are halved. The bound is within `CERTIFICATE_GAP` of the truth.
 
     Args:
         q: Configurations. Shape (points, 7 + joints).
@@ -43,10 +43,10 @@ def certified_clearance(
     starts = segments(positions)
     by_sphere = clearances(positions, times, starts, spheres).distance.min(axis=1)
     at_points = by_sphere.min(axis=1)
-    cubics = _cubics_between(robot, q, v, steps)
+    cubics = cubics_between(robot, q, v, steps)
     speeds = np.array([sphere.highest_speed for sphere in spheres])
     # Of arm and sphere together, from each point to the next. Shape (points - 1, spheres).
-    ways = _way_bounds(positions[0], q[0], cubics)[:, None] + steps[:, None] * speeds
+    ways = way_bounds(positions[0], q[0], cubics)[:, None] + steps[:, None] * speeds
     index, begin, end = np.arange(len(cubics)), np.zeros(len(cubics)), np.ones(len(cubics))
     at_begin, at_end = at_points[:-1], at_points[1:]
     lowest = certified = float(at_points.min())
@@ -56,7 +56,7 @@ def certified_clearance(
     farthest = ways[:, reachable].max(axis=1)
     while True:
         bound = (at_begin + at_end - farthest[index] * (end - begin)) / 2
-        open_ = bound < lowest - _CERTIFICATE_GAP
+        open_ = bound < lowest - CERTIFICATE_GAP
         certified = min(certified, float(bound[~open_].min(initial=np.inf)))
         if not open_.any():
             return certified
@@ -77,7 +77,7 @@ def certified_clearance(
         at_end = np.concatenate([at_middle, at_end[open_]])
 
 
-def _cubics_between(robot: Robot, q: Array, v: Array, steps: Array) -> Array:
+def cubics_between(robot: Robot, q: Array, v: Array, steps: Array) -> Array:
     """Return the tangent-space cubics through consecutive configurations and velocities.
 
     Returns:
@@ -91,7 +91,7 @@ def _cubics_between(robot: Robot, q: Array, v: Array, steps: Array) -> Array:
     return np.stack([first, 3 * whole - 2 * first - last, first + last - 2 * whole], axis=1)
 
 
-def _way_bounds(positions: Array, q: Array, cubics: Array) -> Array:
+def way_bounds(positions: Array, q: Array, cubics: Array) -> Array:
     """Return a speed for each cubic that no point of the arm exceeds along it [m per unit of s].
 
     Each joint, and the base's turn, move a point at most at their rate times the stretched

@@ -16,6 +16,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ff_planner_ros.arrays import Array, Indices
+from ff_planner_ros.core import compiled
+from ff_planner_ros.core.chain import chain_of
 from ff_planner_ros.planning.problem import Sphere
 from ff_planner_ros.robot.kinematics import arm_kinematics
 from ff_planner_ros.robot.model import Robot
@@ -46,16 +48,7 @@ def arm_points_with_derivatives(
     Args:
         q_sensitivity: Derivatives of q in its tangent space. Shape (points, 6 + joints, columns).
     """
-    positions, axes, rotation = arm_kinematics(robot, q)
-    moving, turning = (rotation @ part for part in np.split(q_sensitivity[:, :6], 2, axis=1))
-    # Twist of each body at the inertial origin: the base's, plus each joint's on the way.
-    angular = np.cumsum(axes[..., None] * q_sensitivity[:, 6:, None], axis=1) + turning[:, None]
-    lever = np.cross(positions[:, :-1], axes)
-    linear = np.cumsum(lever[..., None] * q_sensitivity[:, 6:, None], axis=1)
-    linear += (moving + np.cross(q[:, :3, None], turning, axis=1))[:, None]
-    # The end effector rides on the last body.
-    linear, angular = (np.concatenate([t, t[:, -1:]], axis=1) for t in (linear, angular))
-    return positions, linear + np.cross(angular, positions[..., None], axis=2)
+    return compiled.arm_points_with_derivatives(chain_of(robot), q, q_sensitivity)
 
 
 def segments(positions: Array) -> Indices:
@@ -76,24 +69,6 @@ def centers_at(times: Array, spheres: Sequence[Sphere]) -> Array:
             np.array([spheres[k].place_in_body for k in attached], np.float64), times
         )
     return moved
-
-
-def near_box(
-    positions: Array, times: Array, spheres: Sequence[Sphere], distance: float
-) -> tuple[Sphere, ...]:
-    """Return the spheres within a distance [m] from the box around all points: the broad phase.
-
-    A sphere that moves is nearer than the box around its centres at these times.
-    """
-    low, high = positions.min(axis=(0, 1)), positions.max(axis=(0, 1))
-    centers = centers_at(times, spheres)
-    beyond = np.maximum(centers.min(axis=0) - high, low - centers.max(axis=0))
-    to_box = np.linalg.norm(np.maximum(beyond, 0.0), axis=1)
-    return tuple(
-        sphere
-        for sphere, gap in zip(spheres, to_box.tolist(), strict=True)
-        if gap <= sphere.radius + distance
-    )
 
 
 def clearances(
@@ -135,6 +110,63 @@ def clearance_gradients(
     moving = start + clear.fraction[rows][:, None, None] * (end - start)
     gradients: Array = np.einsum("rk,rkc->rc", clear.direction[rows], moving)
     return gradients
+
+
+def clearance_rows(
+    robot: Robot,
+    q: Array,
+    q_sensitivity: Array,
+    times: Array,
+    spheres: Sequence[Sphere],
+    interest: float,
+    quarter_way: bool,
+) -> tuple[Array, Array, Indices]:
+    """Return distances of segments from spheres below `interest` [m], and their derivatives.
+
+    Args:
+        q: At all points but the first, then half-way in every interval.
+        q_sensitivity: As for `arm_points_with_derivatives`.
+        times: Of all points that are looked at.
+        spheres: In the order in which they are named.
+        quarter_way: Look at the arm a quarter of the way between points, too, and three quarters:
+            by the parabola through both points and the one half-way, but in the first interval.
+
+    Returns:
+        Shapes (rows,), (rows, columns) and (rows,): the last says which point, segment and sphere.
+    """
+    return compiled.clearances(
+        chain=chain_of(robot),
+        q=q,
+        q_sensitivity=q_sensitivity,
+        times=times,
+        centers=centers_at(np.zeros(1), spheres)[0],
+        velocities=np.array([sphere.velocity for sphere in spheres]).reshape(-1, 3),
+        radii=np.array([sphere.radius for sphere in spheres]),
+        interest=interest,
+        quarter_way=quarter_way,
+        attached=attached_to_bodies(spheres, float(times.max())),
+    )
+
+
+def attached_to_bodies(spheres: Sequence[Sphere], until: float) -> list[compiled.Attached]:
+    """Return for the core which spheres are fixed to bodies, whose motion is known so far [s]."""
+    found = []
+    for body in {id(sphere.body): sphere.body for sphere in spheres if sphere.body}.values():
+        fixed = [k for k, sphere in enumerate(spheres) if sphere.body is body]
+        begins, series = body.attitude_series(until)
+        places = np.array([spheres[k].place_in_body for k in fixed], np.float64)
+        found.append(
+            compiled.Attached(
+                fixed,
+                places,
+                body.position,
+                body.linear_velocity,
+                begins,
+                series,
+                body.fastest_turn,
+            )
+        )
+    return found
 
 
 def penalty(distance: Array, gain: float, exponent: float) -> float:

@@ -10,40 +10,30 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import ClassVar, cast
 
 import numpy as np
-import pinocchio as pin
-from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.arrays import Array
-from ff_planner_ros.planning.base_turn import (
-    BaseTurn,
-    TurnDerivatives,
-    base_turn,
-    momentum_maps,
-    turn_derivatives,
-)
-from ff_planner_ros.planning.end_conditions import EndPoint, end_conditions
+from ff_planner_ros.core import compiled
+from ff_planner_ros.core.chain import chain_of
+from ff_planner_ros.core.start import start_of
+from ff_planner_ros.planning.end_conditions import compiled_target
 from ff_planner_ros.planning.path_family import JointHull, Motion, Sensitivity
 from ff_planner_ros.planning.problem import PlanningProblem, Sphere, Target
 from ff_planner_ros.planning.settings import PlannerSettings
 from ff_planner_ros.planning.spline_basis import FIXED, SplineBasis
 from ff_planner_ros.planning.spline_guesses import spline_guesses
 from ff_planner_ros.robot.configuration import configuration
-from ff_planner_ros.robot.dynamics import base_acceleration
-from ff_planner_ros.robot.model import Base, Robot
-from ff_planner_ros.robot.momentum import total_momentum
-from ff_planner_ros.robot.rotation import skew
+from ff_planner_ros.robot.model import Robot
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class SplineMotion(Motion):
     """A motion with what its derivatives need."""
 
-    joints: tuple[Array, Array, Array]  # angles, rates, accelerations; shape (half steps, joints)
-    turn: BaseTurn
+    compiled: compiled.DrivenMotion
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,8 +43,7 @@ class JointSplines:
     problem: PlanningProblem
     basis: SplineBasis
     q_start: Array  # configuration at the first point; shape (7 + joints,)
-    center: Array  # centre of mass at the first point; shape (3,) [m]
-    momentum: Array  # constant total P, and L about the centre of mass; shape (6,)
+    start: compiled.Start  # what stays of it
     fixed: Array  # control points that the start fixes; shape (3, joints) [rad]
 
     name: ClassVar[str] = "joint_spline"
@@ -96,105 +85,32 @@ class JointSplines:
 
     def motion(self, x: Array, points: int, damping: float = 0.0) -> Motion:
         """Integrate the base along one spline; there is nothing to damp."""
-        robot, duration, controls = self.robot, self.basis.duration, self.control_points(x)
-        joints = tuple(rows @ controls for rows in _rows(self.basis, points))
-        angles, rates, accelerated = joints
-        rotation = pin.Quaternion(self.q_start[3:7]).toRotationMatrix()
-        maps = momentum_maps(robot, angles)
-        turn = base_turn(maps, rates, rotation, self.momentum[3:], duration / (points - 1))
-        drift = self.momentum[:3] / pin.computeTotalMass(robot.model)
-        centers = self.center + np.linspace(0.0, duration, len(angles))[:, None] * drift
-        q, q_half_way = (
-            np.hstack(
-                [
-                    centers[at] - np.einsum("pij,pj->pi", rotations, maps.center[at]),
-                    Rotation.from_matrix(rotations).as_quat(),
-                    angles[at],
-                ]
-            )
-            for rotations, at in ((turn.rotations, np.s_[::2]), (turn.half_way, np.s_[1::2]))
+        controls = self.control_points(x)
+        angles, rates, accelerations = (rows @ controls for rows in _rows(self.basis, points))
+        motion = compiled.DrivenMotion(
+            chain_of(self.robot), self.start, angles, rates, accelerations, self.basis.duration
         )
-        base_rates = turn.rates[::4]
-        linear = drift @ turn.rotations - np.cross(base_rates, maps.center[::2])
-        linear -= np.einsum("pij,pj->pi", maps.of_center[::2], rates[::2])
-        v = np.hstack([linear, base_rates, rates[::2]])
-        if robot.base is Base.PLANAR:  # the table takes up what an axis is off its normal
-            q[:, 2] = q_half_way[:, 2] = self.q_start[2]
-            v[:, 2] = 0.0
-        of_base = base_acceleration(robot, robot.model.createData(), q[-1], v[-1], accelerated[-1])
-        none = np.empty((robot.model.nv, 0))
-        end = EndPoint(q[-1], v[-1], np.append(of_base, accelerated[-1]), none, none, none[6:])
-        goal_error, _ = end_conditions(robot, self.problem.target, end, duration)
-        hull = JointHull(*(matrix @ controls for matrix in _hulls(self.basis)))
         return SplineMotion(
             x=x,
-            q=q,
-            v=v,
-            q_half_way=q_half_way,
-            goal_error=goal_error,
-            hull=hull,
-            joints=(angles, rates, accelerated),
-            turn=turn,
+            q=motion.q,
+            v=motion.v,
+            q_half_way=motion.q_half_way,
+            goal_error=motion.goal_error(self._goal),
+            hull=JointHull(*(matrix @ controls for matrix in _hulls(self.basis))),
+            compiled=motion,
         )
 
     def sensitivity(self, motion: Motion, damping: float = 0.0) -> Sensitivity:
         """Differentiate a motion of this family, exact as discretised."""
-        motion = cast(SplineMotion, motion)
-        robot, duration, points = self.robot, self.basis.duration, len(motion.q)
-        of_angles, of_rates, of_accelerations = _by_x(self.basis, points, robot.joints)
-        step, maps = duration / (points - 1), motion.turn.maps
-        of_turn = turn_derivatives(
-            robot, motion.turn, motion.joints[:2], (of_angles, of_rates), step
-        )
-        q, q_half_way = (
-            np.concatenate(
-                [skew(maps.center[at]) @ turns - maps.of_center[at] @ by_x, turns, by_x], axis=1
-            )
-            for turns, at, by_x in (
-                (of_turn.turns, np.s_[::2], of_angles[::2]),
-                (of_turn.half_way, np.s_[1::2], of_angles[1::2]),
-            )
-        )
-        mass = pin.computeTotalMass(robot.model)
-        drift = self.momentum[:3] / mass @ motion.turn.rotations
-        linear = skew(drift) @ of_turn.turns + skew(maps.center[::2]) @ of_turn.rates
-        linear -= of_turn.of_linear / mass @ of_angles[::2]
-        linear -= maps.of_center[::2] @ of_rates[::2]
-        v = np.concatenate([linear, of_turn.rates, of_rates[::2]], axis=1)
-        if robot.base is Base.PLANAR:
-            q[:, 2] = q_half_way[:, 2] = v[:, 2] = 0.0
-        acceleration = self._acceleration(motion, of_turn)
-        end = EndPoint(
-            motion.q[-1], motion.v[-1], acceleration[-1], q[-1], v[-1], of_accelerations[-1]
-        )
-        _, goal_error = end_conditions(robot, self.problem.target, end, duration)
-        hulls = (_of_joints(matrix, robot.joints) for matrix in _hulls(self.basis))
+        rows = _rows_of_free(self.basis, len(motion.q))
         return Sensitivity(
-            q=q,
-            v=v,
-            q_half_way=q_half_way,
-            goal_error=goal_error,
-            acceleration=acceleration,
-            hull=JointHull(*hulls),
+            *cast(SplineMotion, motion).compiled.sensitivity(*rows, self._goal),
+            hull=_hulls_by_x(self.basis, self.robot.joints),
         )
 
-    def _acceleration(self, motion: SplineMotion, of_turn: TurnDerivatives) -> Array:
-        """Return dv/dt at the points, from the momenta's derivative in time. (points, 6 + joints).
-
-        In base axes:  d/dt (I omega + A theta') = -omega x R^T L, and likewise for P.
-        """
-        maps, base_rates = motion.turn.maps, motion.turn.rates[::4]
-        _, rates, accelerated = (of_time[::2, :, None] for of_time in motion.joints)
-        mass = pin.computeTotalMass(self.robot.model)
-        drift = self.momentum[:3] / mass @ motion.turn.rotations
-        angular = -np.cross(base_rates, motion.turn.momenta[::4])
-        angular -= (of_turn.of_angular @ rates + maps.coupling[::2] @ accelerated)[:, :, 0]
-        angular = np.einsum("pij,pj->pi", maps.to_rate[::2], angular)
-        linear = -np.cross(base_rates, drift) - np.cross(angular, maps.center[::2])
-        linear -= (of_turn.of_linear / mass @ rates + maps.of_center[::2] @ accelerated)[:, :, 0]
-        if self.robot.base is Base.PLANAR:
-            linear[:, 2] = 0.0
-        return np.hstack([linear, angular, accelerated[:, :, 0]])
+    @cached_property
+    def _goal(self) -> compiled.Target:
+        return compiled_target(self.problem.target)
 
 
 def joint_splines(problem: PlanningProblem, settings: PlannerSettings) -> JointSplines:
@@ -204,16 +120,12 @@ def joint_splines(problem: PlanningProblem, settings: PlannerSettings) -> JointS
     """
     robot, start = problem.robot, problem.start
     q, v = configuration(robot, start)
-    data = robot.model.createData()
-    momentum = total_momentum(robot, data, q, v)
-    center = np.array(pin.centerOfMass(robot.model, data, q))
-    momentum[3:] -= np.cross(center, momentum[:3])
     accelerated = start.joint_accelerations
     if accelerated is None:
         accelerated = np.zeros(robot.joints)
     basis = SplineBasis(problem.duration, settings.joint_spline_spans)
     fixed = basis.start(start.joint_positions, start.joint_velocities, accelerated)
-    return JointSplines(problem, basis, q, center, momentum, fixed)
+    return JointSplines(problem, basis, q, start_of(robot, q, v), fixed)
 
 
 @lru_cache(maxsize=32)
@@ -224,13 +136,13 @@ def _rows(basis: SplineBasis, points: int) -> tuple[Array, Array, Array]:
 
 
 @lru_cache(maxsize=32)
-def _by_x(basis: SplineBasis, points: int, joints: int) -> tuple[Array, Array, Array]:
-    """Return the derivatives of angles, rates and accelerations by x at half steps.
+def _rows_of_free(basis: SplineBasis, points: int) -> tuple[Array, Array, Array]:
+    """Return what free control points contribute: to angles and rates, and to accelerations last.
 
-    Each of shape (half steps, joints, variables).
+    Shapes (half steps, free), twice, and (free,).
     """
-    angles, rates, accelerated = (_of_joints(rows, joints) for rows in _rows(basis, points))
-    return angles, rates, accelerated
+    angles, rates, accelerations = _rows(basis, points)
+    return angles[:, FIXED:], rates[:, FIXED:], accelerations[-1, FIXED:]
 
 
 @lru_cache(maxsize=32)
@@ -241,6 +153,12 @@ def _hulls(basis: SplineBasis) -> tuple[Array, Array]:
     """
     angles, rates = basis.hull(), basis.hull(1)
     return angles[FIXED:], rates[FIXED - 1 :]
+
+
+@lru_cache(maxsize=32)
+def _hulls_by_x(basis: SplineBasis, joints: int) -> JointHull:
+    """Return the derivatives of both hulls by the free control points of all joints."""
+    return JointHull(*(_of_joints(matrix, joints) for matrix in _hulls(basis)))
 
 
 def _of_joints(rows: Array, joints: int) -> Array:

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ff_planner_ros.arrays import Array
+from ff_planner_ros.core import compiled
 from ff_planner_ros.planning.metrics import Metrics
 from ff_planner_ros.planning.path_family import Motion, Sensitivity
 from ff_planner_ros.planning.problem import Objective
@@ -21,8 +22,6 @@ from ff_planner_ros.robot.kinematics import rotation_base_to_inertial
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.rotation import euler_from_rotation, euler_rate_map
 
-# Below this joint rate the direction of motion, and with it the gradient, is not defined.
-_STANDSTILL = 1e-9
 # So far turns the joint that rounds the joint path [rad]: it makes a path of 1 rad 0.05 % longer.
 _ROUNDING = 0.03
 
@@ -48,22 +47,13 @@ def terms(
     """Return the terms of all objectives that have a weight.
 
     Args:
-        smoothing: Weight of `smoothness`, where the joint path's is one. Where it is not zero, the
-            joint path is rounded, too: joints may turn back, all at the same time.
+        smoothing: Weight of evenly run joints, where the joint path's is one; see `joint_path`.
     """
     found = []
     variables = len(motion.x)
     weight, nothing = weights.joint_path_length, np.zeros((variables, variables))
     if weight > 0.0:
-        rates, by_x = motion.v[:, 6:], sensitivity.v[:, 6:]
-        if smoothing > 0.0:
-            rates, by_x = _rounded(rates, by_x, step)
-        value = joint_path_length(rates, step)
-        gradient, hessian = joint_path_length_derivatives(rates, by_x, step)
-        if smoothing > 0.0:
-            smooth, of_smooth, curvature = smoothness(rates, by_x, step)
-            value += smoothing * smooth
-            gradient, hessian = gradient + smoothing * of_smooth, hessian + smoothing * curvature
+        value, gradient, hessian = joint_path(motion.v, sensitivity.v, step, smoothing)
         value = weight * value
         found.append(Term(value, weight * gradient, weight * hessian, nothing[0, :0], nothing[:0]))
     weight = weights.chaser_attitude
@@ -95,53 +85,23 @@ def joint_path_length(joint_velocities: Array, step: float) -> float:
     return float(np.linalg.norm(joint_velocities[:-1], axis=1).sum() * step)
 
 
-def joint_path_length_derivatives(
-    joint_velocities: Array, sensitivity: Array, step: float
-) -> tuple[Array, Array]:
-    """Return gradient and Gauss-Newton Hessian of J_L; the latter is positive semidefinite.
-
-    Args:
-        sensitivity: Of the joint velocities. Shape (points, joints, variables).
-    """
-    speed = np.maximum(np.linalg.norm(joint_velocities[:-1], axis=1), _STANDSTILL)
-    direction = joint_velocities[:-1] / speed[:, None]
-    along = np.einsum("pj,pjc->pc", direction, sensitivity[:-1])
-    across = sensitivity[:-1] - direction[:, :, None] * along[:, None]
-    scaled = across / np.sqrt(speed)[:, None, None]
-    return along.sum(axis=0) * step, np.einsum("pjc,pjd->cd", scaled, scaled) * step
-
-
-def smoothness(
-    joint_velocities: Array, sensitivity: Array, step: float
+def joint_path(
+    v: Array, by_x: Array, step: float, smoothing: float = 0.0
 ) -> tuple[float, Array, Array]:
-    """Return T times the integral of the squared joint rates, its gradient and Hessian [rad2].
+    """Return J_L of Eq. (44), its gradient and its Gauss-Newton Hessian, positive semidefinite.
 
-    By the trapezoidal rule. It is the squared joint path where the joints are run evenly along a
-    straight way, and more otherwise.
+    With smoothing, so many times T times the integral of the squared joint rates are added, by the
+    trapezoidal rule: the squared joint path where the joints are run evenly along a straight way,
+    and more otherwise. And one more joint turns, slowly and evenly: where all others stand still
+    for a moment and turn back, the joint path has a kink without it, in front of which the solver
+    stalls.
 
     Args:
-        sensitivity: Of the joint velocities. Shape (points, joints, variables).
+        v: Tangent velocities. Shape (points, 6 + joints).
+        by_x: Their derivatives. Shape (points, 6 + joints, variables).
     """
-    intervals = len(joint_velocities) - 1
-    weights = np.full(intervals + 1, step)
-    weights[[0, -1]] /= 2.0
-    weights *= intervals * step
-    of_rates = np.tensordot(weights[:, None] * joint_velocities, sensitivity, 2)
-    rows = (np.sqrt(weights)[:, None, None] * sensitivity).reshape(-1, sensitivity.shape[2])
-    value = float(weights @ (joint_velocities**2).sum(axis=1))
-    return value, 2.0 * of_rates, 2.0 * rows.T @ rows
-
-
-def _rounded(joint_velocities: Array, sensitivity: Array, step: float) -> tuple[Array, Array]:
-    """Return joint rates and their derivatives with one more joint, which turns slowly and evenly.
-
-    Where all others stand still for a moment, the joint path has a kink without it, in front of
-    which the solver stalls.
-    """
-    points, _, variables = sensitivity.shape
-    slowly = np.full((points, 1), _ROUNDING / ((points - 1) * step))
-    fixed = np.zeros((points, 1, variables))
-    return np.hstack([joint_velocities, slowly]), np.concatenate([sensitivity, fixed], axis=1)
+    slow = _ROUNDING / ((len(v) - 1) * step) if smoothing > 0.0 else 0.0
+    return compiled.joint_path(v, by_x, step, slow, smoothing)
 
 
 def chaser_euler(robot: Robot, q: Array) -> Array:

@@ -18,7 +18,7 @@ from ff_planner_ros.planning.check import (
     refusal,
 )
 from ff_planner_ros.planning.families import path_families
-from ff_planner_ros.planning.followed import followed_path
+from ff_planner_ros.planning.followed_path import followed_path
 from ff_planner_ros.planning.motion import to_trajectory
 from ff_planner_ros.planning.objectives import weighted_sum
 from ff_planner_ros.planning.path_family import PathFamily, singular_refusal

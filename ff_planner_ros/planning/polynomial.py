@@ -19,7 +19,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
 
 import numpy as np
 import pinocchio as pin
@@ -27,6 +26,7 @@ from scipy.spatial.transform import Rotation
 from scipy.special import beta
 
 from ff_planner_ros.arrays import Array, frozen
+from ff_planner_ros.core import compiled
 from ff_planner_ros.robot.rotation import (
     euler_from_rotation,
     euler_rate_map,
@@ -99,33 +99,20 @@ class EndEffectorPolynomial:
 
     def twist(self, coefficients: Array, s: Array) -> Array:
         """Return linear and angular velocities in the inertial frame. Shape (times, 6)."""
-        value, rate, _ = self.components(coefficients, s)
-        omega = _apply(self.rotation_outer @ euler_rate_map(value[:, 3:]), rate[:, 3:])
-        return np.concatenate([rate[:, :3], omega], axis=1)
+        return self._twist(coefficients, s)[0]
 
     def acceleration(self, coefficients: Array, s: Array) -> Array:
         """Return linear and angular accelerations in the inertial frame. Shape (times, 6)."""
-        value, rate, acceleration = self.components(coefficients, s)
-        euler, euler_rate = value[:, 3:], rate[:, 3:]
-        alpha = _apply(euler_rate_map(euler), acceleration[:, 3:])
-        alpha += _apply(euler_rate_map_derivative(euler, euler_rate), euler_rate)
-        return np.concatenate([acceleration[:, :3], alpha @ self.rotation_outer.T], axis=1)
+        return self._twist(coefficients, s)[1]
 
     def twist_derivative(self, coefficients: Array, s: Array) -> Array:
         """Return d twist / d coefficients, these flattened. Shape (times, 6, 18)."""
-        value, rate, _ = self.components(coefficients, s)
-        euler, euler_rate = value[:, 3:], rate[:, 3:]
-        of_value = _powers(s, 0) @ _FREE_TERM_COEFFICIENTS
-        of_rate = _powers(s, 1) @ _FREE_TERM_COEFFICIENTS / self.duration
-        derivative = np.zeros((len(s), COMPONENTS, COMPONENTS, FREE_TERMS))
-        for k in range(3):
-            derivative[:, k, k] = of_rate
-        derivative[:, 3:, 3:] = np.einsum("tij,tk->tijk", euler_rate_map(euler), of_rate)
-        derivative[:, 3:, 3:] += np.einsum(
-            "tij,tk->tijk", euler_rate_map_derivative(euler, euler_rate), of_value
+        return self._twist(coefficients, s)[2]
+
+    def _twist(self, coefficients: Array, s: Array) -> tuple[Array, Array, Array]:
+        return compiled.end_effector_twist(
+            self.duration, self.quintic, self.rotation_outer, coefficients.ravel(), s
         )
-        derivative[:, 3:] = np.einsum("ij,tjck->tick", self.rotation_outer, derivative[:, 3:])
-        return derivative.reshape(len(s), COMPONENTS, PARAMETERS)
 
     def towards(self, end: EndEffectorMotion) -> EndEffectorPolynomial:
         """Return the paths to another end near this one, the angles read in the same way."""
@@ -243,21 +230,8 @@ def _components(motion: EndEffectorMotion, outer: Array, inner: Array) -> tuple[
 
 def _powers(s: Array, order: int) -> Array:
     """Return derivatives of 1, s, ..., s^8 of an order with respect to s. Shape (times, 9)."""
-    return _powers_of(s.tobytes(), order)
-
-
-@lru_cache(maxsize=32)  # a search asks for few times, and for each of them a thousand times
-def _powers_of(times: bytes, order: int) -> Array:
-    s = np.frombuffer(times)
     derivatives = np.zeros((len(s), 9))
     derivatives[:, order:] = np.vander(s, 9 - order, increasing=True)
     for k in range(order):
         derivatives *= np.arange(9) - k
-    derivatives.setflags(write=False)
     return derivatives
-
-
-def _apply(matrices: Array, vectors: Array) -> Array:
-    """Return the product of each matrix with its vector. Shape (times, 3)."""
-    product: Array = np.einsum("tij,tj->ti", matrices, vectors)
-    return product

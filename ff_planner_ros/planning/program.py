@@ -9,7 +9,8 @@ import numpy as np
 import pinocchio as pin
 
 from ff_planner_ros.arrays import Array
-from ff_planner_ros.planning.followed import FollowedMotion, followed_path
+from ff_planner_ros.planning.followed import FollowedMotion
+from ff_planner_ros.planning.followed_path import followed_path
 from ff_planner_ros.planning.joint_spline import JointSplines
 from ff_planner_ros.planning.objectives import terms, with_tie_break
 from ff_planner_ros.planning.path_family import Motion, PathFamily

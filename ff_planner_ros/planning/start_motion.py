@@ -8,13 +8,13 @@ import numpy as np
 import pinocchio as pin
 
 from ff_planner_ros.arrays import Array
+from ff_planner_ros.core.velocity_map import velocity
 from ff_planner_ros.planning.polynomial import EndEffectorMotion
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.dynamics import base_acceleration
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.momentum import generalised_jacobian, total_momentum
 from ff_planner_ros.robot.state import SystemState
-from ff_planner_ros.robot.velocity_map import VelocityMap, stacked
 
 # Null-space motion that is so slow [rad/s], or changes so slowly [rad/s2], is rounding: a start
 # without any plans as Eq. (31) says.
@@ -80,11 +80,9 @@ def start_motion(robot: Robot, state: SystemState, duration: float) -> StartMoti
     project = np.eye(robot.joints) - np.linalg.pinv(jacobian) @ jacobian  # N
     z = _without_rounding(project @ state.joint_velocities, _ROUNDING_RATE)
     z_rate = np.zeros(robot.joints)
-    velocity_map = VelocityMap(robot)
-    solution = None if known is None else velocity_map.regular(q, momentum, twist, z)
+    solution = None if known is None else velocity(robot, q, momentum, twist, z)
     if solution is not None:
-        of_q, of_twist = velocity_map.derivatives(stacked([solution]))
-        while_z_stays = of_q[0, 6:] @ v + of_twist[0, 6:] @ of_ee
+        while_z_stays = solution.by_q[6:] @ v + solution.by_twist[6:] @ of_ee
         z_rate = _without_rounding(project @ (known - while_z_stays), _ROUNDING_ACCELERATION)
     return StartMotion(
         q=q,

@@ -10,6 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 from ff_planner_ros.arrays import Array, finite_number
+from ff_planner_ros.core.velocity_map import Velocity, velocity
 from ff_planner_ros.errors import Failure, InvalidInput, NoPlanFound, Status
 from ff_planner_ros.planning.check import failures, measure
 from ff_planner_ros.planning.forward import driven
@@ -24,7 +25,6 @@ from ff_planner_ros.planning.requirements.requirement import Samples
 from ff_planner_ros.planning.runge_kutta import runge_kutta_step
 from ff_planner_ros.planning.settings import PlannerSettings
 from ff_planner_ros.robot.momentum import total_momentum
-from ff_planner_ros.robot.velocity_map import VelocityMap, VelocitySolution, stacked
 
 # On so many intervals or more the quintics between the points are the motion, within 1e-6 rad.
 _LEAST_INTERVALS = 8
@@ -128,13 +128,13 @@ def _holding(
         NoPlanFound: It meets a dynamic singularity.
     """
     robot, target = problem.robot, problem.target
-    model, velocity_map = robot.model, VelocityMap(robot)
+    model = robot.model
     twist = np.concatenate([target.linear_velocity, target.angular_velocity])
     step, last = time[1], problem.duration + time[-1]
 
-    def solution(seconds: float, q: Array) -> VelocitySolution:
+    def solution(seconds: float, q: Array) -> Velocity:
         when = problem.duration + seconds
-        regular = velocity_map.regular(q, momentum, twist)
+        regular = velocity(robot, q, momentum, twist)
         if regular is None:
             raise singular_refusal(when, last)
         return regular
@@ -142,14 +142,13 @@ def _holding(
     q = [q_goal]
     for begin in time[:-1]:
 
-        def velocity(_: int, at: Array, begin: float = begin) -> Array:
+        def stage(_: int, at: Array, begin: float = begin) -> Array:
             return solution(begin, at).v
 
-        q.append(pin.integrate(model, q[-1], runge_kutta_step(model, q[-1], step, velocity)))
+        q.append(pin.integrate(model, q[-1], runge_kutta_step(model, q[-1], step, stage)))
     solutions = [solution(*at) for at in zip(time, q, strict=True)]
     v = np.array([at.v for at in solutions])
-    by_q, _ = velocity_map.derivatives(stacked(solutions))
-    return np.array(q), v, np.einsum("pij,pj->pi", by_q, v)
+    return np.array(q), v, np.array([at.by_q @ at.v for at in solutions])
 
 
 def _ramp(positions: Array, rates: Array, accelerations: Array, seconds: float) -> JointMotion:

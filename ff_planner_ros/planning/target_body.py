@@ -151,6 +151,15 @@ class TargetBody:
         places: Array = centers[:, None] + points @ rotations.swapaxes(1, 2)
         return places
 
+    def attitude_series(self, until: float) -> tuple[Array, Array]:
+        """Return the Taylor series of its quaternion up to a time [s], or further.
+
+        Returns:
+            When each begins, shape (series,) [s], and its terms, shape (series, orders, 4).
+        """
+        self._turned(np.array([until]))
+        return self._turning.attitude_series(until)
+
     def motion(self, point: Array, times: Array) -> PointMotion:
         """Return the motion of a point of the body, and of the body's axes.
 

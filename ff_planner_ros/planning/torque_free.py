@@ -76,6 +76,11 @@ class TorqueFreeMotion:
         jerks = np.cross(accelerations @ self._inertia.T, rates) + np.cross(momenta, accelerations)
         return Turning(_rotations(values[:, :4]), rates, accelerations, jerks @ self._inverse.T)
 
+    def attitude_series(self, until: float) -> tuple[Array, Array]:
+        """Return when each series begins, and those of q, as far as a time [s] that was solved."""
+        count = int(np.searchsorted(self._begins, until, side="right"))
+        return self._begins[:count], self._series[:count, :, :4]
+
     def _solve(self, until: float) -> None:
         """Add series until they reach a time [s]."""
         begins, series = [], []

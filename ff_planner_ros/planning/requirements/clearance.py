@@ -16,10 +16,8 @@ from ff_planner_ros.errors import Failure, InvalidInput, Status
 from ff_planner_ros.planning.certificate import certified_clearance
 from ff_planner_ros.planning.clearance import (
     arm_points,
-    arm_points_with_derivatives,
-    clearance_gradients,
+    clearance_rows,
     clearances,
-    near_box,
     penalty,
     segments,
 )
@@ -33,6 +31,7 @@ from ff_planner_ros.planning.requirements.requirement import (
     Rows,
     Samples,
 )
+from ff_planner_ros.planning.search_certificate import search_certificate
 from ff_planner_ros.planning.settings import PlannerSettings
 from ff_planner_ros.robot.model import Robot
 
@@ -74,39 +73,34 @@ class Clearance(Requirement):
         self, problem: PlanningProblem, motion: Motion, sensitivity: Sensitivity, margin: float
     ) -> Rows:
         """Return the distances of interest, less the margin, at points and half-way between."""
-        positions, derivatives = arm_points_with_derivatives(
+        times = np.linspace(0.0, problem.duration, len(motion.q))
+        times = np.concatenate([times[1:], (times[:-1] + times[1:]) / 2])
+        few = len(motion.q) < _FEW_POINTS
+        distances, jacobian, names = clearance_rows(
             problem.robot,
             np.concatenate([motion.q[1:], motion.q_half_way]),
             np.concatenate([sensitivity.q[1:], sensitivity.q_half_way]),
+            np.concatenate([times, _quarter_way(times)]) if few else times,
+            problem.obstacles,
+            OF_INTEREST,
+            quarter_way=few,
         )
-        times = np.linspace(0.0, problem.duration, len(motion.q))
-        times = np.concatenate([times[1:], (times[:-1] + times[1:]) / 2])
-        if len(motion.q) < _FEW_POINTS:
-            positions, derivatives, times = (
-                np.concatenate([at, _quarter_way(at)]) for at in (positions, derivatives, times)
-            )
-        starts = segments(positions)
-        near = near_box(positions, times, problem.obstacles, OF_INTEREST)
-        clear = clearances(positions, times, starts, near)
-        rows = np.nonzero(clear.distance < OF_INTEREST)
-        jacobian = clearance_gradients(clear, derivatives, starts, rows)
-        point, segment, sphere = rows
-        number = {id(sphere): k for k, sphere in enumerate(problem.obstacles)}
-        numbers = np.array([number[id(sphere)] for sphere in near], np.intp)
-        shape = (*clear.distance.shape[:2], len(problem.obstacles))
-        names = np.ravel_multi_index((point, segment, numbers[sphere]), shape)
-        return Rows(clear.distance[rows] - margin, jacobian, names)
+        return Rows(distances - margin, jacobian, names)
 
     def slack(self, problem: PlanningProblem, motion: FollowedMotion) -> float:
         """Return the certified clearance [m]."""
-        return _certified(problem, motion)
+        return search_certificate(problem.robot, *_looked_at(motion), problem.obstacles)
 
     def metrics(self, samples: Samples) -> Mapping[str, float]:
         """Return certified clearance and R_obst."""
         problem, settings, times = samples.problem, samples.settings, samples.trajectory.time
         at_points = clearances(samples.arm, times, segments(samples.arm), problem.obstacles)
         return {
-            "min_clearance": _certified(problem, samples.followed) if problem.obstacles else np.inf,
+            "min_clearance": certified_clearance(
+                problem.robot, *_looked_at(samples.followed), problem.obstacles
+            )
+            if problem.obstacles
+            else np.inf,
             "penalty": penalty(
                 at_points.distance, settings.penalty_gain, settings.penalty_exponent
             ),
@@ -145,11 +139,10 @@ class Clearance(Requirement):
         )
 
 
-def _certified(problem: PlanningProblem, motion: FollowedMotion) -> float:
-    """Return a lower bound of the clearance along a motion [m]."""
+def _looked_at(motion: FollowedMotion) -> tuple[Array, Array, Array]:
+    """Return the configurations, velocities and times that a certificate begins with."""
     every = 2 if len(motion.time) > _ENOUGH and len(motion.time) % 2 else 1
-    q, v, times = motion.q[::every], motion.v[::every], motion.time[::every]
-    return certified_clearance(problem.robot, q, v, times, problem.obstacles)
+    return motion.q[::every], motion.v[::every], motion.time[::every]
 
 
 def link_name(robot: Robot, start: int) -> str:
@@ -158,15 +151,14 @@ def link_name(robot: Robot, start: int) -> str:
     return f"the link from {ends[start]} to {ends[start + 1]}"
 
 
-def _quarter_way(values: Array) -> Array:
-    """Return values a quarter of the way between points and three quarters, by parabolas.
+def _quarter_way(times: Array) -> Array:
+    """Return the times a quarter of the way between points, then at three quarters.
 
-    But for the first interval, whose beginning is the start.
+    But in the first interval, whose beginning is the start.
 
     Args:
-        values: At all points but the first, then half-way in every interval.
+        times: Of all points but the first, then half-way in every interval.
     """
-    at_points, half_way = np.split(values, 2)
-    begin, middle, end = at_points[:-1], half_way[1:], at_points[1:]
-    first = (3.0 * begin + 6.0 * middle - end) / 8.0
-    return np.concatenate([first, (3.0 * end + 6.0 * middle - begin) / 8.0])
+    at_points, _ = np.split(times, 2)
+    step = np.diff(at_points)
+    return np.concatenate([at_points[:-1] + step / 4, at_points[1:] - step / 4])

@@ -104,7 +104,7 @@ class JointRates(Requirement):
 
     def failures(self, samples: Samples, metrics: Metrics) -> Iterator[Failure]:
         """Yield the joint whose rate exceeds its limit by most."""
-        if not samples.problem.limits.joint_velocities:
+        if not samples.problem.limits.joint_velocities or metrics.min_velocity_margin >= 0.0:
             return
         robot, limits = samples.problem.robot, samples.problem.robot.velocity_limits
         distances, times = _distances(robot, samples.followed.joints)

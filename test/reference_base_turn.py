@@ -1,4 +1,4 @@
-"""How the base turns while its joints move and nothing pushes the system, with derivatives.
+"""The base's turn by numpy and Pinocchio: what the compiled core is compared with.
 
 The centre of mass moves uniformly, whatever the joints do. About it, Eq. (27) says in base axes
 I(theta) omega + A(theta) theta' = R^T L, which steps of Runge-Kutta of order four integrate on the

@@ -1,0 +1,103 @@
+// A lower bound of the clearance along a whole motion, between its points too, while a search goes
+// on. Between two points the motion is the cubic through both configurations and velocities.
+#pragma once
+#include "clearance.hpp"
+
+namespace ff {
+
+// Distance of the arm from the nearest of some spheres, negative inside.
+inline double nearest(const ArmPoints& points, const std::vector<int>& starts,
+                      const std::vector<Sphere>& spheres, double time) {
+  double least = std::numeric_limits<double>::infinity();
+  for (const Sphere& sphere : spheres) {
+    const Vector3 center = sphere.center_at(time);
+    for (const int k : starts) {
+      const Vector3 to_center = center - points.col(k);
+      const Vector3 along = points.col(k + 1) - points.col(k);
+      const double fraction = std::clamp(to_center.dot(along) / along.squaredNorm(), 0.0, 1.0);
+      least = std::min(least, (to_center - fraction * along).norm() - sphere.radius);
+    }
+  }
+  return least;
+}
+
+// A motion from point to point.
+struct CubicMotion {
+  const Chain& chain;
+  std::vector<Configuration> q;       // at the points
+  Eigen::Map<const RowMajor> cubics;  // of s, s^2, s^3 to the next point, three rows each
+  Eigen::Map<const Eigen::VectorXd> ways;  // that no point of the arm exceeds to the next point [m]
+  Eigen::Map<const Eigen::VectorXd> times;
+
+  // At a part s of the way from a point to the next.
+  Configuration at(int point, double s) const {
+    const Velocity moved = s * cubics.row(3 * point) + s * s * cubics.row(3 * point + 1) +
+                           s * s * s * cubics.row(3 * point + 2);
+    return q[point].step(moved);
+  }
+};
+
+// In a piece of the motion the clearance is at least the mean of both ends' less half the ways of
+// arm and sphere. Pieces whose bound is too low to tell are halved, until it is within `gap`.
+inline double certified_clearance(const CubicMotion& motion, const std::vector<Sphere>& spheres,
+                                  double gap) {
+  struct Piece {
+    int point;
+    double begin, end, at_begin, at_end;
+  };
+  const int intervals = static_cast<int>(motion.ways.size());
+  const std::vector<int> starts = segments(Arm(motion.chain, motion.q[0]).points);
+  // The least distance from each sphere, and from all of them at each point.
+  const double infinite = std::numeric_limits<double>::infinity();
+  std::vector<double> from(spheres.size(), infinite), at_points(intervals + 1, infinite);
+  for (int i = 0; i <= intervals; ++i) {
+    const Arm arm(motion.chain, motion.q[i]);
+    for (size_t k = 0; k < spheres.size(); ++k) {
+      const double distance = nearest(arm.points, starts, {spheres[k]}, motion.times[i]);
+      from[k] = std::min(from[k], distance);
+      at_points[i] = std::min(at_points[i], distance);
+    }
+  }
+  double lowest = *std::min_element(at_points.begin(), at_points.end()), certified = lowest;
+  const auto way = [&](int point, const Sphere& sphere) {
+    const double seconds = motion.times[point + 1] - motion.times[point];
+    return motion.ways[point] + seconds * sphere.highest_speed;
+  };
+  // What no step can bring nearer than the nearest point need not be looked at again.
+  std::vector<Sphere> reachable;
+  std::vector<double> farthest(intervals, 0);
+  for (size_t k = 0; k < spheres.size(); ++k) {
+    double longest = 0;
+    for (int i = 0; i < intervals; ++i) longest = std::max(longest, way(i, spheres[k]));
+    if (from[k] > lowest + longest) continue;
+    reachable.push_back(spheres[k]);
+    for (int i = 0; i < intervals; ++i) farthest[i] = std::max(farthest[i], way(i, spheres[k]));
+  }
+  std::vector<Piece> pieces;
+  for (int i = 0; i < intervals; ++i) pieces.push_back({i, 0, 1, at_points[i], at_points[i + 1]});
+  while (true) {
+    std::vector<Piece> open, halves;
+    for (const Piece& piece : pieces) {
+      const double moved = farthest[piece.point] * (piece.end - piece.begin);
+      const double bound = (piece.at_begin + piece.at_end - moved) / 2;
+      if (bound < lowest - gap)
+        open.push_back(piece);
+      else
+        certified = std::min(certified, bound);
+    }
+    if (open.empty()) return certified;
+    for (const auto& [point, begin, end, at_begin, at_end] : open) {
+      const double middle = (begin + end) / 2;
+      const double time =
+          motion.times[point] + middle * (motion.times[point + 1] - motion.times[point]);
+      const Arm arm(motion.chain, motion.at(point, middle));
+      const double there = nearest(arm.points, starts, reachable, time);
+      lowest = std::min(lowest, there);
+      halves.push_back({point, begin, middle, at_begin, there});
+      halves.push_back({point, middle, end, there, at_end});
+    }
+    pieces = halves;
+  }
+}
+
+}  // namespace ff

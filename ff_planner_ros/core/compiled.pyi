@@ -1,0 +1,190 @@
+"""What compiled.cpp offers. Arrays of a wrong shape or that hold NaN are refused by ValueError."""
+
+from collections.abc import Sequence
+
+from ff_planner_ros.arrays import Array, Indices
+
+class Chain:
+    """A chaser with one arm of joints that turn, 64 at most."""
+
+    def __init__(
+        self,
+        translations: Array,  # of joints and end effector in the joint before; (joints + 1, 3)
+        rotations: Array,  # likewise; shape (joints + 1, 3, 3)
+        axes: Array,  # unit vectors in the joints' frames; shape (joints, 3)
+        masses: Array,  # of base and links; shape (joints + 1,)
+        centers: Array,  # of mass, in the frames of their joints; shape (joints + 1, 3)
+        inertias: Array,  # about the centres of mass; shape (joints + 1, 3, 3)
+    ) -> None: ...
+    @property
+    def joints(self) -> int: ...
+
+def velocity(
+    chain: Chain,
+    q: Array,
+    momentum: Array,
+    twist_ee_in_inertial: Array,
+    bias: Array,
+    damping: float,
+) -> tuple[Array, Array, Array, Array] | None:
+    """Return what `core.velocity_map.Velocity` holds; None in a dynamic singularity."""
+
+def end_effector_motion(
+    chain: Chain,
+    q_start: Array,
+    momentum: Array,
+    duration: float,
+    quintic: Array,
+    rotation_outer: Array,
+    null_space: Array,
+    fading: float,
+    x: Array,
+    points: int,
+    damping: float,
+) -> float | tuple[Array, Array, Array, Array, Array, Array, Array]:
+    """Integrate the motion that follows from a polynomial path of the end effector.
+
+    Args:
+        q_start: Configuration at the first point. Shape (7 + joints,).
+        momentum: Constant total P and L about the inertial origin. Shape (6,).
+        duration: Of the motion [s].
+        quintic: As in `EndEffectorPolynomial`, like the next. Shape (6, 6).
+        rotation_outer: Shape (3, 3).
+        null_space: Rates and accelerations of `NullSpaceFade`. Shape (2, joints).
+        fading: Until they have faded [s].
+        x: Coefficients of the free terms, flattened. Shape (18,).
+
+    Returns:
+        The time of a dynamic singularity [s], or q, v and q half-way; their derivatives, with a
+        column a coefficient; dv/dt. Shapes as in `Motion` and `Sensitivity`.
+    """
+
+def end_effector_twist(
+    duration: float, quintic: Array, rotation_outer: Array, x: Array, s: Array
+) -> tuple[Array, Array, Array]:
+    """Return twists, accelerations and d twist / dx of the path at normalised times s.
+
+    Returns:
+        Inertial axes. Shapes (times, 6), (times, 6) and (times, 6, 18).
+    """
+
+def arm_points_with_derivatives(
+    chain: Chain, q: Array, q_sensitivity: Array
+) -> tuple[Array, Array]:
+    """Return what the function of this name in `planning.clearance` does."""
+
+class Attached:
+    """A body that turns freely, and the spheres that are fixed to it."""
+
+    def __init__(
+        self,
+        spheres: Sequence[int],  # which they are
+        places: Array,  # in the body; shape (spheres, 3) [m]
+        position: Array,  # of the centre of mass when the plan begins; shape (3,) [m]
+        velocity: Array,  # shape (3,) [m/s]
+        begins: Array,  # of the series; shape (series,) [s]
+        series: Array,  # of the quaternion (x, y, z, w); shape (series, orders, 4)
+        fastest_turn: float,  # [rad/s]
+    ) -> None: ...
+
+def clearances(
+    chain: Chain,
+    q: Array,
+    q_sensitivity: Array,
+    times: Array,
+    centers: Array,
+    velocities: Array,
+    radii: Array,
+    interest: float,
+    quarter_way: bool,
+    attached: Sequence[Attached] = (),
+) -> tuple[Array, Array, Indices]:
+    """Return what `planning.clearance.clearance_rows` does.
+
+    Args:
+        centers: Of the spheres when the plan begins. Shape (spheres, 3).
+        velocities: Shape (spheres, 3).
+        radii: Shape (spheres,).
+    """
+
+def joint_path(
+    v: Array, by_x: Array, step: float, slow: float, smoothing: float
+) -> tuple[float, Array, Array]:
+    """Return what `planning.objectives.joint_path` does; slow: rate of the joint that it adds."""
+
+def certified_clearance(
+    chain: Chain,
+    q: Array,
+    cubics: Array,
+    ways: Array,
+    times: Array,
+    centers: Array,
+    velocities: Array,
+    radii: Array,
+    gap: float,
+    attached: Sequence[Attached] = (),
+) -> float:
+    """Return what `planning.certificate.certified_clearance` does.
+
+    Args:
+        cubics: Of `cubics_between`. Shape (points - 1, 3, 6 + joints).
+        ways: Of `way_bounds`. Shape (points - 1,) [m].
+        gap: How far it may be below the truth [m].
+    """
+
+class Start:
+    """Where a system begins, and what stays of that."""
+
+    def __init__(
+        self,
+        position: Array,  # of the base; shape (3,) [m]
+        rotation: Array,  # base to inertial axes; shape (3, 3)
+        center: Array,  # of mass; shape (3,) [m]
+        momentum: Array,  # total P, and L about the centre of mass; shape (6,)
+        planar: bool,  # the base moves in the plane of x and y and turns about z
+    ) -> None: ...
+
+class Target:
+    """What the end effector shall do at the end of a motion, in the inertial frame."""
+
+    def __init__(
+        self,
+        position: Array,  # shape (3,) [m]
+        rotation: Array,  # shape (3, 3)
+        twist: Array,  # linear part first; shape (6,)
+        acceleration: Array,  # classical; shape (6,)
+        orientation: str,  # fixed, about_axis or free
+        free_axis: Array,  # in axes of the end effector; shape (3,)
+        across: Array,  # axes of the end effector across that one; shape (2, 3)
+    ) -> None: ...
+
+class DrivenMotion:
+    """The motion of a system whose joints are driven and that nothing pushes."""
+
+    q: Array  # configurations; shape (points, 7 + joints)
+    v: Array  # tangent velocities; shape (points, 6 + joints)
+    q_half_way: Array  # configurations half-way between the points; shape (points - 1, 7 + joints)
+
+    def __init__(
+        self,
+        chain: Chain,
+        start: Start,
+        angles: Array,  # at the points and half-way between; shape (half steps, joints)
+        rates: Array,  # likewise
+        accelerations: Array,  # likewise
+        duration: float,
+    ) -> None: ...
+    def goal_error(self, target: Target) -> Array:
+        """Return what the motion misses of a goal. Shape (rows,)."""
+
+    def sensitivity(
+        self, angle_rows: Array, rate_rows: Array, acceleration_row: Array, target: Target
+    ) -> tuple[Array, Array, Array, Array, Array]:
+        """Return the derivatives of q, v, q half-way and the goal error by x, and dv/dt.
+
+        Args:
+            angle_rows: Derivatives of the angles of any joint, at half steps, by the variables of
+                that joint. Shape (half steps, variables of a joint).
+            rate_rows: Likewise.
+            acceleration_row: Likewise, at the end. Shape (variables of a joint,).
+        """

@@ -1,0 +1,193 @@
+// The motion of a system whose joints are driven and that nothing pushes, with derivatives by what
+// the joints' motion depends on. Half steps are the points and the times half-way between them.
+#pragma once
+#include "base_turn.hpp"
+#include "end_conditions.hpp"
+
+namespace ff {
+
+// Where a system begins, and what stays of that.
+struct Start {
+  Vector3 position;         // of the base
+  Matrix3 rotation;         // base to inertial axes
+  Vector3 center;           // of mass
+  Vector3 linear, angular;  // momentum, the latter about the centre of mass
+  bool planar;              // the base moves in the plane of x and y and turns about z
+};
+
+class DrivenMotion {
+ public:
+  RowMajor q, v, q_half_way;  // a row a point; half-way between two
+
+  // angles, rates, accelerations: of the joints, a row a half step.
+  DrivenMotion(const Chain& chain, const Start& start, const RowMajor& angles,
+               const RowMajor& rates, const RowMajor& accelerations, double duration)
+      : start_(start),
+        rates_(rates),
+        accelerations_(accelerations),
+        duration_(duration),
+        step_(2 * duration / static_cast<double>(angles.rows() - 1)),
+        momenta_(momenta(chain, angles, start.planar)),
+        turn_(momenta_, rates, start.rotation, start.angular, step_),
+        end_(chain, angles.row(angles.rows() - 1)),
+        mass_(end_.composite[0].mass),
+        drift_(start.linear / mass_) {
+    const int n = chain.joints(), points = static_cast<int>(turn_.steps.size()) + 1;
+    q.resize(points, 7 + n), v.resize(points, 6 + n), q_half_way.resize(points - 1, 7 + n);
+    for (int i = 0; i < points; ++i) {
+      const SystemMomentum& at = momenta_[2 * i];
+      const Vector3 rate = rate_at(i), drift = drift_at(i);
+      q.row(i) << place(2 * i, rotation_at(i)), angles.row(2 * i);
+      // The centre of mass drifts:  v = R^T P / m - omega x c - dc/dtheta theta'
+      const Vector3 linear = drift - rate.cross(at.center) - at.of_center * joint_rates(2 * i);
+      v.row(i) << on_table(linear).transpose(), rate.transpose(), rates.row(2 * i);
+      if (i + 1 < points)
+        q_half_way.row(i) << place(2 * i + 1, turn_.steps[i].half_way), angles.row(2 * i + 1);
+    }
+  }
+
+  // What the motion misses of a goal.
+  std::vector<double> goal_error(const Target& target) const {
+    return conditions(target, end_effector(), StateChange()).values;
+  }
+
+  // Derivatives by the variables. Python's arrays, a block of rows a point, take those of q, v and q
+  // half-way in the tangent space, and `acceleration` dv/dt itself, a row a point.
+  struct Sensitivity {
+    double *q, *v, *q_half_way, *acceleration, *goal_error;
+  };
+
+  // acceleration_row: of any joint's acceleration at the end, by the variables of that joint.
+  void sensitivity(const JointRows& rows, const double* acceleration_row, const Target& target,
+                   const Sensitivity& to) const {
+    const int n = static_cast<int>(rates_.cols()), variables = rows.variables(), size = 6 + n;
+    const int points = static_cast<int>(turn_.steps.size()) + 1;
+    const TurnDerivatives of(turn_, momenta_, rates_, rows, step_);
+    for (int i = 0; i < points; ++i) {
+      const int block = i * size * variables;
+      write_step(rows, 2 * i, of.turns[i], to.q + block);
+      if (i + 1 < points) write_step(rows, 2 * i + 1, of.half_way[i], to.q_half_way + block);
+      write_change(rows, i, of, to.v + block);
+      Eigen::Map<Velocity>(to.acceleration + i * size, size) = acceleration(i, of.by_joints[i]);
+    }
+    const EndEffectorMotion tip = end_effector();
+    const int last = (points - 1) * size * variables;
+    const Eigen::Map<const RowMajor> dq(to.q + last, size, variables), dv(to.v + last, size, variables);
+    for (int x = 0; x < variables; ++x) {
+      const int joint = x / rows.each(), k = x % rows.each();
+      const StateChange change{dq.col(x).head<6>(), dv.col(x).head<6>(), joint,
+                               dq(6 + joint, x),    dv(6 + joint, x),    acceleration_row[k]};
+      const std::vector<double> changes = conditions(target, tip, change).changes;
+      for (size_t row = 0; row < changes.size(); ++row)
+        to.goal_error[row * variables + x] = changes[row];
+    }
+  }
+
+ private:
+  static std::vector<SystemMomentum> momenta(const Chain& chain, const RowMajor& angles,
+                                             bool planar) {
+    std::vector<SystemMomentum> found;
+    found.reserve(angles.rows());
+    for (int i = 0; i < angles.rows(); ++i)
+      found.emplace_back(Posture(chain, angles.row(i)), planar);
+    return found;
+  }
+
+  // The end effector at the last point.
+  EndEffectorMotion end_effector() const {
+    const auto last = q.rows() - 1, n = rates_.cols();
+    return {end_,
+            {q.row(last).head<3>(), turn_.rotation, v.row(last).head<6>(), v.row(last).tail(n),
+             accelerations_.row(accelerations_.rows() - 1)},
+            start_.planar};
+  }
+  Conditions conditions(const Target& target, const EndEffectorMotion& tip,
+                        const StateChange& change) const {
+    return end_conditions(target, tip, tip.along(change), duration_, start_.planar);
+  }
+
+  const Matrix3& rotation_at(int point) const {
+    return point < static_cast<int>(turn_.steps.size()) ? turn_.steps[point].rotation
+                                                        : turn_.rotation;
+  }
+  const Vector3& rate_at(int point) const {
+    return point < static_cast<int>(turn_.steps.size()) ? turn_.steps[point].rates[0] : turn_.rate;
+  }
+  Joints joint_rates(int half_step) const { return rates_.row(half_step); }
+  Vector3 drift_at(int point) const { return rotation_at(point).transpose() * drift_; }
+
+  // Position and quaternion of the base: the centre of mass moves uniformly, whatever the joints do.
+  Eigen::Matrix<double, 1, 7> place(int half_step, const Matrix3& rotation) const {
+    Vector3 position = start_.center + half_step * step_ / 2 * drift_;
+    position -= rotation * momenta_[half_step].center;
+    // The table takes up what an axis is off its normal.
+    if (start_.planar) position.z() = start_.position.z();
+    Eigen::Matrix<double, 1, 7> row;
+    row << position.transpose(), quaternion_xyzw(rotation).transpose();
+    return row;
+  }
+  Vector3 on_table(const Vector3& linear) const {
+    return start_.planar ? Vector3(linear.x(), linear.y(), 0) : linear;
+  }
+
+  // Derivatives of a configuration: the base's step in its own axes, its turn, and the joints.
+  void write_step(const JointRows& rows, int half_step, const Columns3& turns, double* to) const {
+    const SystemMomentum& at = momenta_[half_step];
+    for (int x = 0; x < rows.variables(); ++x) {
+      const Vector3 turn = turns.col(x), of_center = at.of_center.col(x / rows.each());
+      const Vector3 way = at.center.cross(turn) - of_center * rows.angles(half_step, x % rows.each());
+      write(rows, x, stack(on_table(way), turn), rows.angles(half_step, x % rows.each()), to);
+    }
+  }
+
+  // Derivatives of a velocity.
+  void write_change(const JointRows& rows, int point, const TurnDerivatives& of, double* to) const {
+    const SystemMomentum& at = momenta_[2 * point];
+    const Vector3 drift = drift_at(point);
+    for (int x = 0; x < rows.variables(); ++x) {
+      const int joint = x / rows.each(), k = x % rows.each();
+      const Vector3 turn = of.turns[point].col(x), rate = of.rates[point].col(x);
+      const Vector3 of_momentum = of.by_joints[point].col(joint).head<3>();
+      const Vector3 linear = drift.cross(turn) + at.center.cross(rate) -
+                             of_momentum / mass_ * rows.angles(2 * point, k) -
+                             at.of_center.col(joint) * rows.rates(2 * point, k);
+      write(rows, x, stack(on_table(linear), rate), rows.rates(2 * point, k), to);
+    }
+  }
+
+  // Writes the column of a variable, which changes one joint.
+  static void write(const JointRows& rows, int variable, const Vector6& base, double of_joint,
+                    double* to) {
+    const int variables = rows.variables(), joint = variable / rows.each();
+    for (int row = 0; row < 6; ++row) to[row * variables + variable] = base[row];
+    for (int row = 0; row < rows.joints; ++row)
+      to[(6 + row) * variables + variable] = row == joint ? of_joint : 0;
+  }
+
+  // dv/dt:  d/dt (I omega + A theta') = -omega x R^T L, and likewise for P.
+  Velocity acceleration(int point, const Columns6& by_joints) const {
+    const SystemMomentum& at = momenta_[2 * point];
+    const Vector3 rate = rate_at(point), drift = drift_at(point);
+    const Vector3 momentum = rotation_at(point).transpose() * start_.angular;
+    const Joints accelerated = accelerations_.row(2 * point);
+    const Vector6 moving = by_joints * joint_rates(2 * point);
+    const Vector3 angular =
+        at.to_rate * (-rate.cross(momentum) - moving.tail<3>() - at.coupling * accelerated);
+    const Vector3 linear = -rate.cross(drift) - angular.cross(at.center) -
+                           moving.head<3>() / mass_ - at.of_center * accelerated;
+    Velocity all(6 + accelerated.size());
+    all << on_table(linear), angular, accelerated;
+    return all;
+  }
+
+  Start start_;
+  RowMajor rates_, accelerations_;
+  double duration_, step_;
+  std::vector<SystemMomentum> momenta_;  // at the half steps
+  BaseTurn turn_;
+  Posture end_;
+  double mass_;
+  Vector3 drift_;  // velocity of the centre of mass, inertial axes
+};
+
+}  // namespace ff

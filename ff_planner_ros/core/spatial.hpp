@@ -1,0 +1,99 @@
+// Spatial vectors as Pinocchio orders them: the linear part first. Angular velocity and force act at
+// the origin of the frame that they are expressed in [Featherstone, Rigid Body Dynamics Algorithms].
+#pragma once
+#include <Eigen/Cholesky>
+#include <Eigen/Core>
+#include <Eigen/Geometry>
+
+#include <cmath>
+
+namespace ff {
+
+using Vector3 = Eigen::Vector3d;
+using Matrix3 = Eigen::Matrix3d;
+using Vector6 = Eigen::Matrix<double, 6, 1>;
+using Matrix6 = Eigen::Matrix<double, 6, 6>;
+
+inline Matrix3 skew(const Vector3& a) {
+  return (Matrix3() << 0, -a.z(), a.y(), a.z(), 0, -a.x(), -a.y(), a.x(), 0).finished();
+}
+
+inline Vector6 stack(const Vector3& linear, const Vector3& angular) {
+  return (Vector6() << linear, angular).finished();
+}
+
+// How a motion changes that is carried along by the motion `by`: by x motion.
+inline Vector6 cross_motion(const Vector6& by, const Vector6& motion) {
+  const Vector3 v = by.head<3>(), w = by.tail<3>();
+  const Vector3 linear = motion.head<3>(), angular = motion.tail<3>();
+  return stack(w.cross(linear) + v.cross(angular), w.cross(angular));
+}
+
+// The same for a force: by x* force.
+inline Vector6 cross_force(const Vector6& by, const Vector6& force) {
+  const Vector3 v = by.head<3>(), w = by.tail<3>();
+  const Vector3 linear = force.head<3>(), torque = force.tail<3>();
+  return stack(w.cross(linear), w.cross(torque) + v.cross(linear));
+}
+
+// The matrix of `cross_motion` with `by`.
+inline Matrix6 cross_motion_matrix(const Vector6& by) {
+  Matrix6 matrix = Matrix6::Zero();
+  matrix.topLeftCorner<3, 3>() = matrix.bottomRightCorner<3, 3>() = skew(by.tail<3>());
+  matrix.topRightCorner<3, 3>() = skew(by.head<3>());
+  return matrix;
+}
+
+// Inertia of one body or of several: mass, first and second moments about the origin.
+struct Inertia {
+  double mass;
+  Vector3 first;
+  Matrix3 second;
+
+  static Inertia of_body(double mass, const Vector3& center, const Matrix3& about_center) {
+    const Matrix3 lever = skew(center);
+    return {mass, mass * center, about_center - mass * lever * lever};
+  }
+  Inertia operator+(const Inertia& other) const {
+    return {mass + other.mass, first + other.first, second + other.second};
+  }
+  // Momentum of a motion.
+  Vector6 operator*(const Vector6& motion) const {
+    const Vector3 v = motion.head<3>(), w = motion.tail<3>();
+    return stack(mass * v + w.cross(first), first.cross(v) + second * w);
+  }
+  Matrix6 matrix() const {
+    Matrix6 all;
+    all.topLeftCorner<3, 3>() = mass * Matrix3::Identity();
+    all.bottomLeftCorner<3, 3>() = skew(first);
+    all.topRightCorner<3, 3>() = -skew(first);
+    all.bottomRightCorner<3, 3>() = second;
+    return all;
+  }
+};
+
+// Where a frame is in an outer one.
+struct Pose {
+  Vector3 position;
+  Matrix3 rotation;  // to the outer frame
+
+  Pose operator*(const Pose& inner) const {
+    return {position + rotation * inner.position, rotation * inner.rotation};
+  }
+  // X: turns motions of the outer frame into those of the inner one.
+  Matrix6 motion_to_inner() const {
+    Matrix6 action = Matrix6::Zero();
+    const Matrix3 to_inner = rotation.transpose();
+    action.topLeftCorner<3, 3>() = action.bottomRightCorner<3, 3>() = to_inner;
+    action.topRightCorner<3, 3>() = -to_inner * skew(position);
+    return action;
+  }
+};
+
+// Rotation by an angle about an axis of unit length [Rodrigues].
+inline Matrix3 rotation_about(const Vector3& axis, double angle) {
+  const Matrix3 K = skew(axis);
+  return Matrix3::Identity() + std::sin(angle) * K + (1 - std::cos(angle)) * (K * K);
+}
+
+}  // namespace ff

@@ -1,0 +1,153 @@
+// The momentum-constrained velocity map of Eqs. (27)-(32) and its exact derivatives.
+//
+// Given configuration, total momentum and wanted end-effector twist, joint rates and base twist are
+// together the solution of
+//
+//     minimise 1/2 |theta_dot - z|^2   subject to   A v = b,   A = [H; J],   b = [h; w]
+//
+// with H the momentum map, J the end-effector Jacobian, h the momentum in the frame of the base and
+// w the wanted twist in that of the end effector. The bias z is zero in the paper.
+#pragma once
+#include "chain.hpp"
+
+namespace ff {
+
+// Derivatives along some directions, a column each.
+template <int columns>
+constexpr int kOrder = columns == 1 ? Eigen::ColMajor : Eigen::RowMajor;
+template <int columns>
+using Along = Eigen::Matrix<double, Eigen::Dynamic, columns, kOrder<columns>, kMaxVelocities, columns>;
+template <int columns>
+using Twists = Eigen::Matrix<double, 6, columns, kOrder<columns>>;
+
+// Faster than this no arm in space moves, by an order of magnitude; the velocity map says so only
+// next to a dynamic singularity [rad/s].
+constexpr double kSingularJointRate = 10.0;
+
+class VelocityMap {
+ public:
+  Velocity v;    // base twist in the base frame, joint rates
+  bool regular;  // whether the arm can follow; else nothing else has a meaning
+
+  // momentum: total P and L about the inertial origin; twist: linear and angular, inertial axes;
+  // bias: z; damping: singular values of J_D that are not much greater are damped.
+  VelocityMap(const Chain& chain, const Configuration& q, const Vector6& momentum,
+              const Vector6& twist, const Joints& bias, double damping)
+      : v(6 + chain.joints()), at_(chain, q.joints), momenta_(6, chain.joints()) {
+    const int n = chain.joints();
+    const Matrix3 inertial_to_base = q.attitude.toRotationMatrix().transpose();
+    const Vector3 linear = momentum.head<3>();
+    h_ = stack(inertial_to_base * linear,
+               inertial_to_base * (momentum.tail<3>() - q.position.cross(linear)));
+    inertial_to_ee_ = at_.tip.rotation.transpose() * inertial_to_base;
+    w_ = stack(inertial_to_ee_ * twist.head<3>(), inertial_to_ee_ * twist.tail<3>());
+    to_tip_ = at_.tip.motion_to_inner();  // X: J = X [1 S], H = [I^c_0, I^c_k S_k]
+
+    base_inertia_.compute(at_.composite[0].matrix());
+    for (int k = 0; k < n; ++k) momenta_.col(k) = at_.composite[k + 1] * at_.screws.col(k);
+    coupling_ = base_inertia_.solve(momenta_);
+    const Vector6 drift = base_inertia_.solve(h_);
+    generalised_ = to_tip_ * (at_.screws - coupling_);  // J_D, Eq. (32)
+    Matrix6 square = generalised_ * generalised_.transpose();
+    square.diagonal().array() += damping * damping;
+    square_.compute(square);
+    mu_ = square_.solve(w_ - to_tip_ * drift - generalised_ * bias);
+    v.tail(n) = bias + generalised_.transpose() * mu_;  // Eq. (31)
+    v.head<6>() = drift - coupling_ * v.tail(n);        // Eq. (27)
+    // Written so that it is false, too, where there is no number.
+    regular = square_.info() == Eigen::Success &&
+              v.tail(n).squaredNorm() < kSingularJointRate * kSingularJointRate;
+  }
+
+  // Makes ready for `along`: how the three parts of the linear system that determines the velocity
+  // change with each joint. With V_k the twist of body k and G_k the momentum of all from k on,
+  //     d(H v) / dtheta_k = S_k x* G_k - I^c_k (S_k x V_k),
+  //     d(J v) / dtheta_k = -X (S_k x V_k),
+  // and the derivative of A^T lambda, lambda the multipliers, has the form of the first.
+  void prepare_derivative() {
+    const int n = static_cast<int>(v.size()) - 6;
+    const Matrix6J& S = at_.screws;
+    const Vector6 pull = to_tip_.transpose() * mu_;  // of the twist's multiplier, at the base
+    const Vector6 a = base_inertia_.solve(pull);     // the momentum's multiplier
+    std::array<Vector6, kMaxJoints + 1> V;
+    V[0] = v.head<6>();
+    for (int k = 0; k < n; ++k) V[k + 1] = V[k] + S.col(k) * v[6 + k];
+
+    Matrix6J of_base_force(6, n), carried(6, n);
+    of_momentum_.resize(6, n), of_twist_.resize(6, n);
+    Vector6 G = Vector6::Zero();
+    for (int k = n - 1; k >= 0; --k) {
+      const Inertia& beyond = at_.composite[k + 1];
+      const Vector6 s = S.col(k), swept = cross_motion(s, V[k + 1]);
+      G += at_.body[k + 1] * V[k + 1];
+      of_momentum_.col(k) = cross_force(s, G) - beyond * swept;
+      of_twist_.col(k) = -(to_tip_ * swept);
+      carried.col(k) = cross_motion(s, a);
+      of_base_force.col(k) = cross_force(s, beyond * a - pull) - beyond * carried.col(k);
+    }
+    MatrixJJ of_joint_force = S.transpose() * of_base_force;
+    for (int k = 0; k < n; ++k)  // what is beyond joint i does not move with it
+      for (int i = k + 1; i < n; ++i) of_joint_force(i, k) = -momenta_.col(i).dot(carried.col(k));
+    of_force_ = of_joint_force - coupling_.transpose() * of_base_force;
+    turning_ = to_tip_.block<3, 3>(3, 3) * S.bottomRows<3>();
+  }
+
+  // Derivatives of v along steps dq of the configuration in its tangent space, and of the twist and
+  // the bias with them. Each of dtwist and dbias has as many columns as dq.
+  template <int columns>
+  Along<columns> along(const Along<columns>& dq, const Twists<columns>& dtwist) const {
+    const auto joints = dq.bottomRows(v.size() - 6);
+    Twists<columns> momentum = momentum_derivative() * dq.template topRows<6>();  // dh - d(H) v
+    momentum.noalias() -= of_momentum_.lazyProduct(joints);
+    Twists<columns> twist = dtwist;  // dw - d(J) v
+    twist.template topRows<3>() = inertial_to_ee_ * dtwist.template topRows<3>();
+    twist.template bottomRows<3>() = inertial_to_ee_ * dtwist.template bottomRows<3>();
+    const Eigen::Matrix<double, 3, columns, kOrder<columns>> turn =
+        to_tip_.block<3, 3>(3, 3) * dq.template middleRows<3>(3) + turning_.lazyProduct(joints);
+    twist.template topRows<3>() += skew(w_.head<3>()) * turn;
+    twist.template bottomRows<3>() += skew(w_.tail<3>()) * turn;
+    twist.noalias() -= of_twist_.lazyProduct(joints);
+    return solved<columns>(momentum, twist, -of_force_.lazyProduct(joints));
+  }
+
+  // Derivative of v along a step of the bias.
+  Velocity along_bias(const Joints& dbias) const {
+    return solved<1>(Vector6::Zero(), Vector6::Zero(), dbias);
+  }
+
+ private:
+  // Solves the linear system for v, the base eliminated first; force: on the joints.
+  template <int columns, typename Force>
+  Along<columns> solved(const Twists<columns>& momentum, const Twists<columns>& twist,
+                        const Force& force) const {
+    const Twists<columns> drift = base_inertia_.solve(momentum);
+    Along<columns> dv(v.size(), drift.cols());
+    auto rates = dv.bottomRows(v.size() - 6);
+    rates = force;
+    const Twists<columns> slack = twist - to_tip_ * drift - generalised_.lazyProduct(rates);
+    const Twists<columns> multipliers = square_.solve(slack);
+    rates.noalias() += generalised_.transpose().lazyProduct(multipliers);
+    dv.template topRows<6>() = drift - coupling_.lazyProduct(rates);
+    return dv;
+  }
+
+  // dh/dq for a step of the base in its own frame.
+  Matrix6 momentum_derivative() const {
+    Matrix6 derivative = Matrix6::Zero();
+    derivative.topRightCorner<3, 3>() = derivative.bottomLeftCorner<3, 3>() = skew(h_.head<3>());
+    derivative.bottomRightCorner<3, 3>() = skew(h_.tail<3>());
+    return derivative;
+  }
+
+  Posture at_;
+  Vector6 h_, w_, mu_;
+  Matrix3 inertial_to_ee_;
+  Matrix6 to_tip_;
+  Matrix6J momenta_, coupling_, generalised_;  // I^c_k S_k; base twist per rate, negative; J_D
+  Eigen::LLT<Matrix6> base_inertia_, square_;  // I^c_0; J_D J_D^T, damped
+  Matrix6J of_momentum_, of_twist_;            // what `prepare_derivative` makes
+  MatrixJJ of_force_;
+  Matrix3J turning_;
+};
+
+}  // namespace ff

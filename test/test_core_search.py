@@ -1,0 +1,105 @@
+"""What the search has compiled for it against the same mathematics by numpy and Pinocchio."""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from reference_objectives import joint_path
+from robots import random_state
+from test_core import FREE, PLANAR, agree, chain_robot
+
+from ff_planner_ros.core import compiled
+from ff_planner_ros.core.chain import chain_of
+from ff_planner_ros.planning.certificate import certified_clearance
+from ff_planner_ros.planning.clearance import arm_points
+from ff_planner_ros.planning.problem import Sphere
+from ff_planner_ros.planning.search_certificate import search_certificate
+from ff_planner_ros.robot.configuration import configuration
+
+
+@pytest.mark.parametrize("joints", [1, 3, 7, 14])
+@pytest.mark.parametrize(("slow", "smoothing"), [(0.0, 0.0), (0.01, 0.05), (0.3, 2.0)])
+def test_the_joint_path_and_its_derivatives_are_those_of_numpy(
+    joints: int, slow: float, smoothing: float
+) -> None:
+    rng = np.random.default_rng(joints)
+    points, variables = int(rng.integers(2, 20)), int(rng.integers(1, 60))
+    v = rng.normal(size=(points, 6 + joints))
+    v[points // 2, 6:] = 0.0  # all joints stand still for a moment
+    by_x = rng.normal(size=(points, 6 + joints, variables)) * rng.integers(
+        0, 2, (points, 6 + joints, variables)
+    )
+    question = (v, by_x, 0.2, slow, smoothing)
+    found, expected = compiled.joint_path(*question), joint_path(*question)
+    assert found[0] == pytest.approx(expected[0], rel=1e-12)
+    agree(found[1], expected[1], "gradient")
+    agree(found[2], expected[2], "Hessian")
+    np.testing.assert_array_equal(found[2], found[2].T)
+
+
+@pytest.mark.parametrize("name", FREE + PLANAR)
+def test_the_certificate_of_the_search_is_that_of_the_check(name: str) -> None:
+    """Among spheres that rest and that move, near and far."""
+    robot = chain_robot(name)
+    rng = np.random.default_rng(robot.joints)
+    q_start, v = configuration(robot, random_state(robot, rng))
+    times = np.cumsum(rng.uniform(0.1, 0.3, 12))
+    q = np.array([pin.integrate(robot.model, q_start, t * v) for t in times])
+    points = arm_points(robot, q).reshape(-1, 3)
+    for away in (0.4, 3.0):
+        places = rng.choice(points, 5) + away * rng.normal(size=(5, 3))
+        spheres = [
+            Sphere(str(k), place, rng.uniform(0.05, 0.3), rng.normal(scale=0.1 * k, size=3))
+            for k, place in enumerate(places)
+        ]
+        question = (robot, q, np.tile(v, (12, 1)), times, spheres)
+        expected = certified_clearance(*question)
+        assert search_certificate(*question) == pytest.approx(expected, rel=0.0, abs=1e-10)
+    assert search_certificate(robot, q, q[:, 1:], times, []) == np.inf
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"q": np.zeros((1, 13))}, "q must hold two configurations or more"),
+        ({"cubics": np.zeros((1, 2, 12))}, "cubics has the shape (1, 2, 12, ), not (1, 3, 12, )"),
+        ({"ways": np.full(1, np.inf)}, "ways is not finite"),
+        ({"times": np.zeros(3)}, "times has the shape (3, ), not (2, )"),
+        ({"radii": np.zeros(2)}, "radii has the shape (2, ), not (1, )"),
+        ({"gap": 0.0}, "gap must be positive"),
+    ],
+)
+def test_a_certificate_of_wrong_sizes_or_of_nan_is_refused_by_name(
+    change: dict[str, Any], said: str
+) -> None:
+    """A gap of zero would halve without end."""
+    chain = chain_of(chain_robot("free6"))
+    q = np.zeros((2, 13))
+    q[:, 6] = 1.0
+    arguments = {
+        "q": q,
+        "cubics": np.zeros((1, 3, 12)),
+        "ways": np.zeros(1),
+        "times": np.arange(2.0),
+        "centers": np.full((1, 3), 9.0),
+        "velocities": np.zeros((1, 3)),
+        "radii": np.ones(1),
+        "gap": 1e-3,
+    }
+    assert 0.0 < compiled.certified_clearance(chain, **arguments) < 20.0
+    with pytest.raises(ValueError, match=re.escape(said)):
+        compiled.certified_clearance(chain, **(arguments | change))
+
+
+def test_a_joint_path_of_wrong_sizes_or_of_nan_is_refused_by_name() -> None:
+    v, by_x = np.ones((3, 8)), np.ones((3, 8, 4))
+    with pytest.raises(ValueError, match="dv/dx has the shape"):
+        compiled.joint_path(v, by_x[:2], 0.1, 0.0, 0.0)
+    with pytest.raises(ValueError, match="v has the shape"):
+        compiled.joint_path(v[:, :6], by_x[:, :6], 0.1, 0.0, 0.0)
+    with pytest.raises(ValueError, match="step is not finite"):
+        compiled.joint_path(v, by_x, np.nan, 0.0, 0.0)
