@@ -1,6 +1,6 @@
 // Python's way to the distances of bodies.
 #pragma once
-#include "arrays.hpp"
+#include "bind_clearance.hpp"
 #include "bodies.hpp"
 
 namespace ff {
@@ -73,19 +73,15 @@ inline py::tuple rows_of_pairs(const Chain& chain, const Bodies& of, const Array
 
 inline py::tuple rows_of_spheres(const Chain& chain, const Bodies& of, const Array& q,
                                  const Array& dq, const Array& times, const Array& centers,
-                                 const Array& velocities, const Array& radii, double interest) {
+                                 const Array& velocities, const Array& radii, double interest,
+                                 const std::vector<Attached>& fixed) {
   const py::ssize_t n = chain.joints();
   const double* of_q = checked(q, "q", {kAny, 7 + n});
   const double* of_dq = checked(dq, "q_sensitivity", {q.shape(0), 6 + n, kAny});
   const double* time = checked(times, "times", {q.shape(0)});
-  const double* center = checked(centers, "centers", {kAny, 3});
-  const double* velocity = checked(velocities, "velocities", {centers.shape(0), 3});
-  const double* radius = checked(radii, "radii", {centers.shape(0)});
+  const std::vector<Sphere> spheres = moving_spheres(centers, velocities, radii, fixed);
   require_carried(chain, of);
   if (q.shape(0) == 0) throw std::invalid_argument("q has no configuration");
-  std::vector<Sphere> spheres;
-  for (py::ssize_t i = 0; i < centers.shape(0); ++i)
-    spheres.push_back({vector3(center + 3 * i), vector3(velocity + 3 * i), radius[i]});
   const py::ssize_t columns = dq.shape(2);
   return written(sphere_rows(chain, of, of_q, of_dq, time, static_cast<int>(q.shape(0)),
                              static_cast<int>(columns), spheres, checked(interest, "interest")),
@@ -101,7 +97,7 @@ inline void bind_bodies(py::module_& m) {
         py::arg("q_sensitivity"), py::arg("interest"));
   m.def("sphere_rows", &rows_of_spheres, py::arg("chain"), py::arg("bodies"), py::arg("q"),
         py::arg("q_sensitivity"), py::arg("times"), py::arg("centers"), py::arg("velocities"),
-        py::arg("radii"), py::arg("interest"));
+        py::arg("radii"), py::arg("interest"), py::arg("attached") = std::vector<Attached>());
 }
 
 }  // namespace ff

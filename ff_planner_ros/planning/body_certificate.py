@@ -134,7 +134,7 @@ def least_sphere_distance(
     moving, turning = (np.linalg.norm(part, axis=1) for part in np.split(rates[:, :6], 2, axis=1))
     of_base = moving[:, None] + turning[:, None] * (base_reaches(robot) + way[:, None] / 2)
     of_bodies = of_base + rates[:, 6:] @ body_reaches(robot)
-    speeds = np.array([np.linalg.norm(sphere.velocity) for sphere in spheres])
+    speeds = np.array([sphere.highest_speed for sphere in spheres])
     together = of_bodies[:, :, None] + (steps_in_time[:, None] * speeds)[:, None]
     kind = _Kind(bounds, distances, _ways(together.reshape(len(together), -1)))
     return _least(kind, chosen, last, motion.time, part)

@@ -10,7 +10,7 @@ from ff_planner_ros.arrays import Array
 from ff_planner_ros.core import compiled
 from ff_planner_ros.core.chain import chain_of
 from ff_planner_ros.planning.certificate import CERTIFICATE_GAP, cubics_between, way_bounds
-from ff_planner_ros.planning.clearance import arm_points, sphere_arrays
+from ff_planner_ros.planning.clearance import arm_points, attached_to_bodies, sphere_arrays
 from ff_planner_ros.planning.problem import Sphere
 from ff_planner_ros.robot.model import Robot
 
@@ -30,4 +30,5 @@ def search_certificate(
         times,
         *sphere_arrays(spheres),
         CERTIFICATE_GAP,
+        attached_to_bodies(spheres, float(times[-1])),
     )

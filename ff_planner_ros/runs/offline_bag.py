@@ -122,6 +122,7 @@ def require_recordable(task: PlanningTask) -> None:
     for field, given in (
         ("running", task.running is not None),
         ("first_guess", task.first_guess is not None),
+        ("target_body", task.problem.target_body is not None),
         ("target.linear_acceleration", target.linear_acceleration.any()),
         ("target.angular_acceleration", target.angular_acceleration.any()),
         ("start_after", task.ahead * NANOSECONDS % 1.0 != 0.0),

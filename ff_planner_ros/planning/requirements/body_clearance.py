@@ -149,7 +149,7 @@ def _from_spheres(
         return NOTHING
     apart, may_touch = split_spheres(problem)
     end = len(motion.time) - 1
-    until = before_contact(problem, motion.q) if len(may_touch) else -1
+    until = before_contact(problem, motion.time, motion.q) if len(may_touch) else -1
     return lesser(
         least_sphere_distance(robot, motion, spheres, apart, end, part),
         least_sphere_distance(robot, motion, spheres, may_touch, until, part),
@@ -163,7 +163,7 @@ def _of_pairs(problem: PlanningProblem, motion: FollowedMotion, part: float = EX
         return NOTHING
     apart, may_touch = split_pairs(problem)
     end = len(motion.time) - 1
-    until = before_contact(problem, motion.q) if len(may_touch) else -1
+    until = before_contact(problem, motion.time, motion.q) if len(may_touch) else -1
     return lesser(
         least_pair_distance(problem.robot, motion, apart, end, part),
         least_pair_distance(problem.robot, motion, may_touch, until, part),
