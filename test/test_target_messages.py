@@ -17,15 +17,18 @@ from rclpy.serialization import serialize_message
 from scipy.spatial.transform import Rotation
 from test_tumbling import body_of, moved
 
+from ff_planner_ros.analysis.relative_motion import relative_motion
 from ff_planner_ros.bag.decoding import NANOSECONDS
 from ff_planner_ros.bag.reader import open_bag
 from ff_planner_ros.bag.robot_plans import robot_plans
 from ff_planner_ros.bench import tumbling
+from ff_planner_ros.demo.executive import captured
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.plan import Plan
 from ff_planner_ros.planning.problem import PlanningProblem, Sphere
 from ff_planner_ros.planning.task import PlanningTask, perform
+from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.ros.inputs.input_topics import TARGET_BODY
 from ff_planner_ros.ros.inputs.scene_input import SceneInput
 from ff_planner_ros.ros.inputs.state_input import Snapshot
@@ -348,6 +351,50 @@ def test_the_predicted_relative_pose_is_zero_at_the_capture(
     place = found.pose.position
     assert [place.x, place.y, place.z] == pytest.approx(grasp.inv().apply(way), abs=1e-8)
     assert predicted_relative_pose(motion, NOW, NOW - 1, body) is None
+
+
+def test_what_is_drawn_of_the_relative_motion_ends_at_the_grasp_and_at_rest(
+    problem: PlanningProblem, plan: Plan
+) -> None:
+    body, motion = body_of(problem), plan.trajectory
+    place, velocity = (quantity.of(motion) for quantity in relative_motion(body))
+    assert np.abs(place[-1]).max() < 1e-5
+    assert np.abs(velocity[-1]).max() < 1e-5
+    centers, attitudes, _ = moved(body, motion.time)
+    grasps = attitudes * Rotation.from_quat(body.grasp_quaternion_xyzw.copy())
+    levers = attitudes.apply(np.tile(body.grasp_position, (len(centers), 1)))
+    expected = grasps.inv().apply(motion.ee_positions - centers - levers)
+    assert place == pytest.approx(expected, abs=1e-8)
+    # Its change is the velocity: a quantity of the axes that turn with the body.
+    change = np.gradient(place, motion.time, axis=0, edge_order=2)
+    assert np.abs(change - velocity)[2:-2].max() < 0.02 * np.abs(velocity).max()
+
+
+def test_the_executive_tells_how_the_measured_arm_is_to_the_measured_grasp(
+    problem: PlanningProblem, plan: Plan
+) -> None:
+    motion = plan.trajectory
+    end = SystemState(
+        motion.chaser_positions[-1],
+        motion.chaser_quaternions_xyzw[-1],
+        motion.chaser_linear_velocities[-1],
+        motion.chaser_angular_velocities[-1],
+        motion.joint_positions[-1],
+        motion.joint_velocities[-1],
+    )
+    there = body_of(problem).after(problem.duration)
+    found = captured(problem.robot, end, there)
+    assert max(found.position_error, found.linear_speed, found.angular_speed) < 1e-5
+    aside = replace(
+        there,
+        position=there.position + np.array([3e-3, 0.0, -4e-3]),
+        linear_velocity=there.linear_velocity + np.array([0.0, 7e-3, 0.0]),
+    )
+    found = captured(problem.robot, end, aside)
+    assert found.position_error == pytest.approx(5e-3, abs=1e-5)
+    # The body's point where the end effector is moves a little otherwise than its grasp does.
+    assert found.linear_speed == pytest.approx(7e-3, abs=1e-3)
+    assert found.orientation_error < 1e-5
 
 
 def test_markers_show_the_body_where_it_is_when_the_arm_is_shown(
