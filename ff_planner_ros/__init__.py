@@ -20,11 +20,14 @@ if TYPE_CHECKING:
     from ff_planner_ros.planning.problem import PlanningProblem as PlanningProblem
     from ff_planner_ros.planning.problem import Sphere as Sphere
     from ff_planner_ros.planning.problem import Target as Target
+    from ff_planner_ros.planning.problem import capturing as capturing
     from ff_planner_ros.planning.scenario import Defaults as Defaults
     from ff_planner_ros.planning.scenario import load_scenario as load_scenario
     from ff_planner_ros.planning.scenario import load_task as load_task
     from ff_planner_ros.planning.settings import PlannerSettings as PlannerSettings
     from ff_planner_ros.planning.tail import EndBehaviour as EndBehaviour
+    from ff_planner_ros.planning.target_body import AttachedSphere as AttachedSphere
+    from ff_planner_ros.planning.target_body import TargetBody as TargetBody
     from ff_planner_ros.planning.task import PlanningTask as PlanningTask
     from ff_planner_ros.planning.task import perform as perform
     from ff_planner_ros.robot.bodies import Geometry as Geometry
@@ -39,7 +42,11 @@ _MODULES = {
     "planning.scenario": ("load_scenario", "load_task", "Defaults"),
     "parameters": ("load_parameters",),
     "planning.task": ("PlanningTask", "perform"),
-    "planning.problem": ("PlanningProblem", "Target", "Sphere", "Objective", "Limits"),
+    "planning.problem": (
+        *("PlanningProblem", "Target", "Sphere", "Objective", "Limits"),
+        "capturing",
+    ),
+    "planning.target_body": ("TargetBody", "AttachedSphere"),
     "robot.model": ("Robot", "load_robot"),
     "robot.bodies": ("Geometry",),
     "robot.state": ("SystemState",),

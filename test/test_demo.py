@@ -206,6 +206,31 @@ def test_an_output_directory_that_cannot_be_made_is_bad_input() -> None:
     assert len(ended.stderr.splitlines()) == 1
 
 
+def test_a_body_that_tumbles_is_captured_in_real_time(
+    tmp_path: Path, times: Callable[[int, int], int]
+) -> None:
+    if not times(0, 1):
+        pytest.skip("two flights in real time: at night")
+    ended = subprocess.run(
+        [sys.executable, "-m", "ff_planner_ros.cli", "demo", "--scene", "tumbling"],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        timeout=3 * DEADLINE,
+        check=False,
+    )
+    assert ended.returncode == 0, ended.stderr
+    lines = ended.stdout.splitlines()
+    captured = [row for row in rows(lines, "min(") if len(row) == 5]
+    assert len(captured) == 2
+    for row in captured:
+        apart_mm, turned_deg, moving_mm_s, turning_deg_s = (float(cell) for cell in row[1:])
+        assert max(apart_mm, moving_mm_s) < 1.0
+        assert max(turned_deg, turning_deg_s) < 0.05
+    (picture,) = tmp_path.glob("demo_output/*/relative_motion.png")
+    assert picture.read_bytes().startswith(PNG)
+
+
 def test_a_capture_on_a_table_is_flown_and_seen_from_above(
     tmp_path: Path, times: Callable[[int, int], int]
 ) -> None:

@@ -77,6 +77,9 @@ def test_namespace_remapping_and_parameters_file_reach_planner_and_recorder(
     assert set(counts) == {
         "/servicer/chaser_state",
         "/vision/spheres",
+        "/servicer/target_body",
+        "/servicer/predicted_target_path",
+        "/servicer/predicted_relative_pose",
         "/servicer/joint_trajectory",
         "/servicer/published_plan",
         "/servicer/predicted_chaser_path",

@@ -86,8 +86,8 @@ def scene_figure(
     figure = go.Figure(
         [*drawn_obstacles(near, len(obstacles)), *drawn_goal(goal, drawn[0].axis_length)]
     )
-    passing = [sphere for sphere in near if sphere.velocity.any()]
-    moving = [number for number, sphere in enumerate(near) if sphere.velocity.any()]
+    passing = [sphere for sphere in near if sphere.moves]
+    moving = [number for number, sphere in enumerate(near) if sphere.moves]
     for motion in drawn:
         bodies = list(_bodies(motion, 0))
         moving += range(len(figure.data), len(figure.data) + len(bodies))

@@ -62,7 +62,7 @@ def drawn_obstacles(drawn: Sequence[Sphere], count: int) -> list[go.Mesh3d]:
 def sphere_at(one: Sphere, time: float, drawn: int) -> dict[str, NDArray[np.floating]]:
     """Return the points of a sphere's surface at a time [s], one of so many that are drawn."""
     corners, _ = sphere(_meridians(drawn))
-    return xyz(one.center + time * one.velocity + one.radius * corners)
+    return xyz(one.center + one.way(time) + one.radius * corners)
 
 
 def drawn_goal(goal: Target, axis_length: float) -> Iterator[go.Scatter3d]:

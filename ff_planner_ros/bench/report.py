@@ -21,6 +21,8 @@ import numpy as np
 
 from ff_planner_ros.bench.attitude import BEST_KNOWN, Steadiness, steadiness
 from ff_planner_ros.bench.beliefs import BELIEFS, BeliefResult, belief_results
+from ff_planner_ros.bench.captures import HEADER as CAPTURES_HEADER
+from ff_planner_ros.bench.captures import capture_attempts, capture_rows
 from ff_planner_ros.bench.families import HEADER, family_attempts, side_by_side
 from ff_planner_ros.bench.geometries import HEADER as GEOMETRIES_HEADER
 from ff_planner_ros.bench.geometries import (
@@ -57,6 +59,8 @@ _ROUNDS = (1, 3)
 _FAMILIES = 40
 # Problems that are planned with lines and with shapes.
 _GEOMETRIES = 60
+# Bodies of each class that are captured, and the plans executed.
+_CAPTURES = 100
 
 
 def run_on_one_core(quick: bool, scenarios: int | None, json_file: Path | None) -> int:
@@ -87,6 +91,7 @@ def main(quick: bool, scenarios: int, json_file: str) -> None:
     figures["families"] = print_families(min(scenarios, _FAMILIES), settings)
     figures["geometries"] = print_geometries(min(scenarios, _GEOMETRIES), settings)
     figures["crowds"] = print_crowds(settings, quick=quick)
+    figures["captures"] = print_captures(min(scenarios, _CAPTURES), settings)
     figures["steadiness"] = print_steadiness(1 if quick else len(BEST_KNOWN), settings)
     figures["executions"] = print_executions(1 if quick else min(scenarios, _EXECUTED), settings)
     if json_file:
@@ -255,6 +260,16 @@ def print_crowds(settings: PlannerSettings, *, quick: bool) -> list[dict[str, An
     )
     print_table("Processor time with lines and with shapes, min(L)", header, rows)
     return _figures(found)
+
+
+def print_captures(count: int, settings: PlannerSettings) -> list[dict[str, Any]]:
+    """Capture bodies that tumble, and return the figures."""
+    tried = list(capture_attempts(count, settings))
+    print_table("Captures of bodies that tumble", CAPTURES_HEADER, list(capture_rows(tried)))
+    for each in tried:
+        if each.status is not Status.SOLVED:
+            print(f"missed: {each.kind} {each.number}: {each.status.name}: {each.message}")
+    return _figures(tried)
 
 
 def print_steadiness(count: int, settings: PlannerSettings) -> list[dict[str, Any]]:

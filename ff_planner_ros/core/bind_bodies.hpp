@@ -1,6 +1,6 @@
 // Python's way to the distances of bodies.
 #pragma once
-#include "arrays.hpp"
+#include "bind_clearance.hpp"
 #include "bodies.hpp"
 #include "body_certificate.hpp"
 
@@ -60,18 +60,6 @@ inline py::tuple written(const BodyRows& rows, py::ssize_t columns) {
       py::array_t<long long>(static_cast<py::ssize_t>(rows.unknown.size()), rows.unknown.data()));
 }
 
-inline std::vector<Sphere> read_spheres(const Array& centers, const Array& velocities,
-                                        const Array& radii) {
-  const double* center = checked(centers, "centers", {kAny, 3});
-  const py::ssize_t count = centers.shape(0);
-  const double* velocity = checked(velocities, "velocities", {count, 3});
-  const double* radius = checked(radii, "radii", {count});
-  std::vector<Sphere> spheres;
-  for (py::ssize_t i = 0; i < count; ++i)
-    spheres.push_back({vector3(center + 3 * i), vector3(velocity + 3 * i), radius[i]});
-  return spheres;
-}
-
 inline py::tuple rows_of_pairs(const Chain& chain, const Bodies& of, const Array& q,
                                const Array& dq, double interest) {
   const py::ssize_t n = chain.joints();
@@ -86,12 +74,13 @@ inline py::tuple rows_of_pairs(const Chain& chain, const Bodies& of, const Array
 
 inline py::tuple rows_of_spheres(const Chain& chain, const Bodies& of, const Array& q,
                                  const Array& dq, const Array& times, const Array& centers,
-                                 const Array& velocities, const Array& radii, double interest) {
+                                 const Array& velocities, const Array& radii, double interest,
+                                 const std::vector<Attached>& fixed) {
   const py::ssize_t n = chain.joints();
   const double* of_q = checked(q, "q", {kAny, 7 + n});
   const double* of_dq = checked(dq, "q_sensitivity", {q.shape(0), 6 + n, kAny});
   const double* time = checked(times, "times", {q.shape(0)});
-  const std::vector<Sphere> spheres = read_spheres(centers, velocities, radii);
+  const std::vector<Sphere> spheres = moving_spheres(centers, velocities, radii, fixed);
   require_carried(chain, of);
   if (q.shape(0) == 0) throw std::invalid_argument("q has no configuration");
   const py::ssize_t columns = dq.shape(2);
@@ -149,8 +138,9 @@ inline double certified_pairs(const Chain& chain, const Bodies& of, const Array&
 inline double certified_spheres(const Chain& chain, const Bodies& of, const Array& q,
                                 const Array& cubics, const Array& ways, const Array& times,
                                 const Array& centers, const Array& velocities, const Array& radii,
-                                const Numbers& chosen, int last, double gap, double part) {
-  const std::vector<Sphere> spheres = read_spheres(centers, velocities, radii);
+                                const Numbers& chosen, int last, double gap, double part,
+                                const std::vector<Attached>& fixed) {
+  const std::vector<Sphere> spheres = moving_spheres(centers, velocities, radii, fixed);
   const auto count = static_cast<py::ssize_t>(of.bodies.size());
   const Asked asked(chain, of, q, cubics, ways, count, times, chosen,
                     count * static_cast<py::ssize_t>(spheres.size()), last, gap, part);
@@ -167,14 +157,14 @@ inline void bind_bodies(py::module_& m) {
         py::arg("q_sensitivity"), py::arg("interest"));
   m.def("sphere_rows", &rows_of_spheres, py::arg("chain"), py::arg("bodies"), py::arg("q"),
         py::arg("q_sensitivity"), py::arg("times"), py::arg("centers"), py::arg("velocities"),
-        py::arg("radii"), py::arg("interest"));
+        py::arg("radii"), py::arg("interest"), py::arg("attached") = std::vector<Attached>());
   m.def("certified_pair_distance", &certified_pairs, py::arg("chain"), py::arg("bodies"),
         py::arg("q"), py::arg("cubics"), py::arg("ways"), py::arg("times"), py::arg("chosen"),
         py::arg("last"), py::arg("gap"), py::arg("part"));
   m.def("certified_sphere_distance", &certified_spheres, py::arg("chain"), py::arg("bodies"),
         py::arg("q"), py::arg("cubics"), py::arg("ways"), py::arg("times"), py::arg("centers"),
         py::arg("velocities"), py::arg("radii"), py::arg("chosen"), py::arg("last"),
-        py::arg("gap"), py::arg("part"));
+        py::arg("gap"), py::arg("part"), py::arg("attached") = std::vector<Attached>());
 }
 
 }  // namespace ff

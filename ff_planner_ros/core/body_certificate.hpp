@@ -122,7 +122,7 @@ struct SpheresOnTheWay {
   }
   double way(int number, double begin, double end) const {
     return bodies.grown(ways, end, body(number)) - bodies.grown(ways, begin, body(number)) +
-           (bodies.time(end) - bodies.time(begin)) * sphere(number).velocity.norm();
+           (bodies.time(end) - bodies.time(begin)) * sphere(number).highest_speed;
   }
 };
 

@@ -9,13 +9,15 @@ namespace ff {
 inline double nearest(const ArmPoints& points, const std::vector<int>& starts,
                       const std::vector<Sphere>& spheres, double time) {
   double least = std::numeric_limits<double>::infinity();
-  for (const Sphere& sphere : spheres)
+  for (const Sphere& sphere : spheres) {
+    const Vector3 center = sphere.center_at(time);
     for (const int k : starts) {
-      const Vector3 to_center = sphere.center_at(time) - points.col(k);
+      const Vector3 to_center = center - points.col(k);
       const Vector3 along = points.col(k + 1) - points.col(k);
       const double fraction = std::clamp(to_center.dot(along) / along.squaredNorm(), 0.0, 1.0);
       least = std::min(least, (to_center - fraction * along).norm() - sphere.radius);
     }
+  }
   return least;
 }
 
@@ -60,7 +62,7 @@ inline double certified_clearance(const CubicMotion& motion,
   double lowest = *std::min_element(at_points.begin(), at_points.end()), certified = lowest;
   const auto way = [&](int point, const Sphere& sphere) {
     const double seconds = motion.times[point + 1] - motion.times[point];
-    return ways[point] + seconds * sphere.velocity.norm();
+    return ways[point] + seconds * sphere.highest_speed;
   };
   // What no step can bring nearer than the nearest point need not be looked at again.
   std::vector<Sphere> reachable;

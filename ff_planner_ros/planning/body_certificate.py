@@ -113,7 +113,7 @@ def least_sphere_distance(
         return NOTHING
     radius = np.array([sphere.radius for sphere in spheres])
 
-    speeds = np.array([np.linalg.norm(sphere.velocity) for sphere in spheres])
+    speeds = np.array([sphere.highest_speed for sphere in spheres])
     of_bodies = _sums(body_ways(robot, motion))
 
     def bounds(steps: Array) -> Array:

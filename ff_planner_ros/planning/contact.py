@@ -44,7 +44,7 @@ def deepest_contact(problem: PlanningProblem, q: Array, time: float = 0.0) -> Co
     if not bodies:
         return None
     placed, found = placed_bodies(robot, q[None, 7:]), list[Contact]()
-    free = is_near_goal(problem, q)
+    free = is_near_goal(problem, q, time)
     near = pair_bounds(robot, placed) <= 0.0
     near[0, split_pairs(problem)[1]] &= not free
     rows = np.nonzero(near)
@@ -107,16 +107,16 @@ def tool_contact(problem: PlanningProblem) -> Contact | None:
             continue
         place = last_joint * body.placement_in_joint
         for index, sphere in enumerate(problem.obstacles):
-            center = sphere.center + problem.duration * sphere.velocity
+            center = sphere.center + sphere.way(problem.duration)
             distance = distance_from(body, place.actInv(center)) - sphere.radius
             if distance <= 0.0 and number * len(problem.obstacles) + index not in allowed:
                 found.append(Contact(distance, body.name, sphere.id, True, np.zeros(robot.joints)))
     return min(found, key=lambda contact: contact.distance, default=None)
 
 
-def is_near_goal(problem: PlanningProblem, q: Array) -> bool:
+def is_near_goal(problem: PlanningProblem, q: Array, time: float) -> bool:
     """Tell whether a configuration may belong to the part of the way where contact is allowed."""
-    return bool(problem.allowed_at_goal) and before_contact(problem, q[None]) < 0
+    return bool(problem.allowed_at_goal) and before_contact(problem, np.array([time]), q[None]) < 0
 
 
 def _spheres(problem: PlanningProblem, q: Array, time: float) -> tuple[Array, Array]:

@@ -4,18 +4,20 @@ from __future__ import annotations
 
 import enum
 import math
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from ff_planner_ros.arrays import Array, finite_number, finite_vector
-from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.errors import InvalidInput, Status, fields_named
 from ff_planner_ros.planning.target import (
     Orientation,
     Target,
     require_enough_joints,
     target_on_the_table,
 )
+from ff_planner_ros.planning.target_body import TargetBody
 from ff_planner_ros.robot.model import Base, Robot
 from ff_planner_ros.robot.plane import on_the_table
 from ff_planner_ros.robot.state import SystemState
@@ -31,6 +33,11 @@ __all__ = [
     "PlanningProblem",
     "Sphere",
     "Target",
+    "TargetBody",
+    "attached_spheres",
+    "capturing",
+    "carried_spheres",
+    "with_attached_spheres",
 ]
 
 # Five points hold a plan's start, end and middle; above ten thousand the answer no longer
@@ -40,6 +47,15 @@ MIN_POINTS, MAX_POINTS = 5, 10_000
 # What a tool closes on is within its reach: so near its goal the end effector may touch, where the
 # problem does not say it [m].
 CONTACT_DISTANCE = 0.1
+
+
+# Where the target of a capture comes from.
+_OF_BODY = {
+    "target.position": "target_body.grasp.position",
+    "target.quaternion_xyzw": "target_body.grasp.quaternion_xyzw",
+    "target.linear_velocity": "target_body.linear_velocity",
+    "target.angular_velocity": "target_body.angular_velocity",
+}
 
 
 def _zeros() -> Array:
@@ -56,7 +72,9 @@ class Parametrisation(enum.StrEnum):
 
 @dataclass(frozen=True, eq=False)
 class Sphere:
-    """An obstacle, at rest or in uniform motion: a sphere that the arm's centre lines stay out of.
+    """An obstacle: a sphere that the arm's centre lines stay out of.
+
+    It rests, moves uniformly, or is fixed to a target body and moves with it.
 
     Raises:
         InvalidInput: Wrong size, not finite, or a radius that is not positive.
@@ -65,7 +83,10 @@ class Sphere:
     id: str  # name in messages
     center: Array  # at the plan's first point, in the inertial frame; shape (3,) [m]
     radius: float  # greater than zero [m]
-    velocity: Array = field(default_factory=_zeros)  # constant, likewise; shape (3,) [m/s]
+    # At the plan's first point, and from then on unless it is fixed to a body; shape (3,) [m/s]
+    velocity: Array = field(default_factory=_zeros)
+    body: TargetBody | None = None  # that it is fixed to; None: to none
+    place_in_body: Array | None = None  # of its centre then; shape (3,) [m]
 
     def __post_init__(self) -> None:
         """Check every value and replace it by a read-only copy."""
@@ -74,6 +95,27 @@ class Sphere:
             checked = finite_vector(f"{name}.{part}", getattr(self, part), 3)
             object.__setattr__(self, part, checked)
         object.__setattr__(self, "radius", finite_number(f"{name}.radius", self.radius, above=0.0))
+
+    @property
+    def moves(self) -> bool:
+        """Whether it is elsewhere later."""
+        return self.body is not None or bool(self.velocity.any())
+
+    @property
+    def highest_speed(self) -> float:
+        """A speed of its centre that it never exceeds [m/s]."""
+        if self.body is None or self.place_in_body is None:
+            return float(np.linalg.norm(self.velocity))
+        drift = float(np.linalg.norm(self.body.linear_velocity))
+        return drift + self.body.fastest_turn * float(np.linalg.norm(self.place_in_body))
+
+    def way(self, time: float) -> Array:
+        """Return how far its centre has come since the plan's first point. Shape (3,) [m]."""
+        if self.body is None or self.place_in_body is None:
+            uniform: Array = time * self.velocity
+            return uniform
+        there = self.body.places(self.place_in_body[None], np.array([time]))
+        return np.asarray(there[0, 0] - self.center, np.float64)
 
 
 @dataclass(frozen=True)
@@ -135,7 +177,7 @@ class PlanningProblem:
 
     robot: Robot
     start: SystemState  # state at the first point of the plan
-    target: Target  # end effector at the last point of the plan
+    target: Target  # end effector at the last point of the plan; by `capturing` that of a body
     duration: float  # time between the two, greater than zero [s]
     points: int  # number of points of the plan, n_p in the paper
     obstacles: tuple[Sphere, ...]
@@ -146,6 +188,8 @@ class PlanningProblem:
     # stays within the contact distance from its target, and in the tail
     allowed_at_goal: tuple[str, ...] = ()
     contact_distance: float = CONTACT_DISTANCE  # greater than zero [m]
+    # Whose grasp the target is, and to which some of the obstacles are fixed; None: to none
+    target_body: TargetBody | None = None
 
     def __post_init__(self) -> None:
         """Check what the parts cannot check by themselves."""
@@ -160,7 +204,8 @@ class PlanningProblem:
         finite_vector("joints.position", self.start.joint_positions, self.robot.joints)
         if self.robot.base is Base.PLANAR:
             object.__setattr__(self, "start", on_the_table(self.start))
-            target = target_on_the_table(self.robot, self.start, self.target)
+            with fields_named({} if self.target_body is None else _OF_BODY):
+                target = target_on_the_table(self.robot, self.start, self.target)
             object.__setattr__(self, "target", target)
         require_enough_joints(self.robot, self.target)
         distance = finite_number("contact_distance", self.contact_distance, above=0.0)
@@ -186,3 +231,49 @@ class PlanningProblem:
                     else "with robot.geometry lines nothing but the arm's lines is kept clear"
                 )
                 raise InvalidInput(Status.OUT_OF_RANGE, "allowed_at_goal", quoted(name), allowed)
+
+
+def capturing(body: TargetBody, problem: PlanningProblem) -> PlanningProblem:
+    """Return a problem whose goal is the grasp of a body, with what is fixed to it in the way.
+
+    Goal and attached obstacles of another body, that the problem may have had, are left out.
+
+    Raises:
+        InvalidInput: What is fixed to it has the name of an obstacle, or it turns too far.
+    """
+    others = tuple(sphere for sphere in problem.obstacles if sphere.body is None)
+    return replace(
+        problem,
+        target=body.target(problem.duration),
+        obstacles=with_attached_spheres(others, body),
+        target_body=body,
+    )
+
+
+def carried_spheres(spheres: tuple[Sphere, ...], time: float) -> tuple[Sphere, ...]:
+    """Return spheres that rest or move uniformly as they will be in a time [s]."""
+    if not any(sphere.moves for sphere in spheres):
+        return spheres
+    return tuple(replace(one, center=one.center + one.way(time)) for one in spheres)
+
+
+def with_attached_spheres(obstacles: Sequence[Sphere], body: TargetBody) -> tuple[Sphere, ...]:
+    """Return obstacles, and what is fixed to a body behind them.
+
+    Raises:
+        InvalidInput: One of these has the name of an obstacle.
+    """
+    names, attached = {sphere.id for sphere in obstacles}, tuple(attached_spheres(body))
+    for index, sphere in enumerate(attached):
+        if sphere.id in names:
+            field, allowed = f"target_body.obstacles[{index}].id", "an obstacle has it, too"
+            raise InvalidInput(Status.OUT_OF_RANGE, field, sphere.id, allowed)
+    return (*obstacles, *attached)
+
+
+def attached_spheres(body: TargetBody) -> Iterator[Sphere]:
+    """Yield what is fixed to a body as obstacles of a problem."""
+    for sphere in body.obstacles:
+        motion = body.motion(sphere.center, np.zeros(1))
+        center, velocity = motion.positions[0], motion.twists[0, :3]
+        yield Sphere(sphere.id, center, sphere.radius, velocity, body, sphere.center)

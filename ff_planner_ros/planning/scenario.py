@@ -23,10 +23,12 @@ from ff_planner_ros.planning.problem import (
     PlanningProblem,
     Sphere,
     Target,
+    with_attached_spheres,
 )
 from ff_planner_ros.planning.settings import PlannerSettings
 from ff_planner_ros.planning.tail import EndBehaviour
 from ff_planner_ros.planning.target import require_enough_joints
+from ff_planner_ros.planning.target_body import AttachedSphere, TargetBody
 from ff_planner_ros.planning.task import PlanningTask
 from ff_planner_ros.planning.yaml_file import (
     boolean,
@@ -52,8 +54,11 @@ SCENARIO_FRAME = "inertial"
 _NO_LIMITS = Limits()
 
 _ROBOT_MAY_HAVE = ("base", "held_joints", "geometry", "srdf")
-_REQUIRED = ("robot", "chaser", "joints", "target", "duration", "obstacles", "objective")
-_OF_PROBLEM = ("points", "limits", "parametrisation", "allowed_at_goal", "contact_distance")
+_REQUIRED = ("robot", "chaser", "joints", "duration", "obstacles", "objective")
+_OF_PROBLEM = (
+    *("target", "target_body", "points", "limits", "parametrisation"),
+    *("allowed_at_goal", "contact_distance"),
+)
 _OF_TASK = (
     *("start_after", "running", "end_behaviour", "tail_duration", "controller", "planner"),
     "first_guess",
@@ -146,17 +151,25 @@ def _problem(
 ) -> PlanningProblem:
     if points is None and "points" not in scenario:
         raise InvalidInput(Status.OUT_OF_RANGE, "points", "missing", "it must be given")
+    if ("target" in scenario) == ("target_body" in scenario):
+        found = "given beside target_body" if "target" in scenario else "missing"
+        allowed = "either it or target_body must be given"
+        raise InvalidInput(Status.OUT_OF_RANGE, "target", found, allowed)
     robot = _robot(scenario["robot"], directory)
-    target = _target(scenario["target"])
+    duration = finite_number("duration", number("duration", scenario["duration"]), above=0.0)
+    body = target_body_of(scenario["target_body"]) if "target_body" in scenario else None
+    target = _target(scenario["target"]) if body is None else body.target(duration)
     # Before the start: an arm that cannot meet the target may well be unable to rest, too.
     require_enough_joints(robot, target)
+    start = _start(robot, scenario["chaser"], scenario["joints"])
+    obstacles = _obstacles(scenario["obstacles"])
     return PlanningProblem(
         robot=robot,
-        start=_start(robot, scenario["chaser"], scenario["joints"]),
+        start=start,
         target=target,
-        duration=number("duration", scenario["duration"]),
+        duration=duration,
         points=integer("points", scenario.get("points", points)),
-        obstacles=_obstacles(scenario["obstacles"]),
+        obstacles=obstacles if body is None else with_attached_spheres(obstacles, body),
         objective=_objective(scenario["objective"]),
         limits=_limits(scenario.get("limits", {}), limits),
         parametrisation=parametrisation_of(
@@ -171,6 +184,7 @@ def _problem(
         contact_distance=number(
             "contact_distance", scenario.get("contact_distance", CONTACT_DISTANCE)
         ),
+        target_body=body,
     )
 
 
@@ -302,6 +316,45 @@ def _quaternion(euler_xyz_deg: Array) -> Array:
     euler = np.deg2rad(finite_vector("target.euler_xyz_deg", euler_xyz_deg, 3))
     quaternion: Array = pin.Quaternion(rotation_from_euler(euler)).coeffs()
     return quaternion
+
+
+def target_body_of(value: object) -> TargetBody:
+    """Return what a mapping describes.
+
+    Raises:
+        InvalidInput: It describes no body.
+    """
+    told = "target_body"
+    moving = ("linear_velocity", "angular_velocity")
+    entry = mapping(
+        told,
+        value,
+        required=("position", "quaternion_xyzw", "inertia", "grasp"),
+        optional=(*moving, "obstacles"),
+    )
+    grasp = mapping(f"{told}.grasp", entry["grasp"], required=("position", "quaternion_xyzw"))
+    vectors: dict[str, Any] = {
+        name: numbers(f"{told}.{name}", entry[name])
+        for name in ("position", "quaternion_xyzw", *moving)
+        if name in entry
+    }
+    vectors |= {f"grasp_{name}": numbers(f"{told}.grasp.{name}", grasp[name]) for name in grasp}
+    spheres = []
+    for index, item in enumerate(sequence(f"{told}.obstacles", entry.get("obstacles", []))):
+        field = f"{told}.obstacles[{index}]"
+        sphere = mapping(field, item, required=("id", "center", "radius"))
+        name = text(f"{field}.id", sphere["id"])
+        center = numbers(f"{field}.center", sphere["center"])
+        spheres.append(AttachedSphere(name, center, number(f"{field}.radius", sphere["radius"])))
+    inertia = _inertia(f"{told}.inertia", entry["inertia"])
+    return TargetBody(**vectors, inertia=inertia, obstacles=tuple(spheres))
+
+
+def _inertia(field: str, value: object) -> Array:
+    names = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+    entry = mapping(field, value, required=names)
+    xx, xy, xz, yy, yz, zz = (number(f"{field}.{name}", entry[name]) for name in names)
+    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
 
 
 def _obstacles(value: object) -> tuple[Sphere, ...]:

@@ -13,6 +13,7 @@ from ff_planner_ros.arrays import normalising_to
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.problem import Orientation, PlanningProblem, Target
 from ff_planner_ros.planning.scenario import Defaults, load_task
+from ff_planner_ros.planning.target_body import TargetBody
 from ff_planner_ros.planning.task import PlanningTask
 from ff_planner_ros.robot.bodies import Geometry
 from ff_planner_ros.robot.model import Base
@@ -63,17 +64,14 @@ def _problem(problem: PlanningProblem) -> dict[str, Any]:
             "velocity": start.joint_velocities.tolist(),
         }
         | ({} if accelerations is None else {"acceleration": accelerations.tolist()}),
-        "target": {
-            item.name: getattr(problem.target, item.name).tolist() for item in fields(Target)[:6]
-        }
-        | {"quaternion_xyzw": normalising_to(problem.target.quaternion_xyzw).tolist()}
-        | _orientation(problem.target),
+        **_goal(problem),
         "duration": float(problem.duration),
         "points": int(problem.points),
         "obstacles": [
             {"id": str(sphere.id), "center": sphere.center.tolist(), "radius": sphere.radius}
             | ({"velocity": sphere.velocity.tolist()} if sphere.velocity.any() else {})
             for sphere in problem.obstacles
+            if sphere.body is None
         ],
         "objective": {name: float(weight) for name, weight in asdict(problem.objective).items()},
         "limits": {
@@ -90,6 +88,35 @@ def _problem(problem: PlanningProblem) -> dict[str, Any]:
             if problem.allowed_at_goal
             else {}
         ),
+    }
+
+
+def _goal(problem: PlanningProblem) -> dict[str, Any]:
+    target, body = problem.target, problem.target_body
+    if body is not None:
+        return {"target_body": described_body(body)}
+    vectors = {item.name: getattr(target, item.name).tolist() for item in fields(Target)[:6]}
+    vectors["quaternion_xyzw"] = normalising_to(target.quaternion_xyzw).tolist()
+    return {"target": vectors | _orientation(target)}
+
+
+def described_body(body: TargetBody) -> dict[str, Any]:
+    """Return a target body as a scenario has it."""
+    xx, xy, xz, _, yy, yz, _, _, zz = body.inertia.ravel().tolist()
+    return {
+        "position": body.position.tolist(),
+        "quaternion_xyzw": normalising_to(body.quaternion_xyzw).tolist(),
+        "linear_velocity": body.linear_velocity.tolist(),
+        "angular_velocity": body.angular_velocity.tolist(),
+        "inertia": {"ixx": xx, "ixy": xy, "ixz": xz, "iyy": yy, "iyz": yz, "izz": zz},
+        "grasp": {
+            "position": body.grasp_position.tolist(),
+            "quaternion_xyzw": normalising_to(body.grasp_quaternion_xyzw).tolist(),
+        },
+        "obstacles": [
+            {"id": str(sphere.id), "center": sphere.center.tolist(), "radius": sphere.radius}
+            for sphere in body.obstacles
+        ],
     }
 
 

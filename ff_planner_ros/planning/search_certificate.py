@@ -17,7 +17,7 @@ from ff_planner_ros.planning.body_certificate import (
     pair_ways,
 )
 from ff_planner_ros.planning.certificate import CERTIFICATE_GAP, cubics_between, way_bounds
-from ff_planner_ros.planning.clearance import arm_points, sphere_arrays
+from ff_planner_ros.planning.clearance import arm_points, attached_to_bodies, sphere_arrays
 from ff_planner_ros.planning.compiled_bodies import compiled_bodies
 from ff_planner_ros.planning.followed import FollowedMotion
 from ff_planner_ros.planning.problem import Sphere
@@ -39,6 +39,7 @@ def search_certificate(
         times,
         *sphere_arrays(spheres),
         CERTIFICATE_GAP,
+        attached_to_bodies(spheres, float(times[-1])),
     )
 
 
@@ -88,6 +89,7 @@ def search_sphere_distance(
         last,
         CERTIFICATE_GAP,
         part,
+        attached_to_bodies(spheres, float(motion.time[-1])),
     )
     if np.isfinite(found):
         return found

@@ -118,7 +118,11 @@ def _parts_of_robot(robot: Robot) -> list[Any]:
 
 
 def _is_absent(value: Any, name: str) -> bool:
-    """Tell whether a field that older versions did not have says what they took for granted."""
+    """Tell whether a field follows from others, or says what older versions took for granted."""
+    if isinstance(value, Sphere) and value.body is not None:
+        return name not in ("id", "radius")
+    if name == "target" and isinstance(value, PlanningProblem):
+        return value.target_body is not None
     if name == "velocity" and isinstance(value, Sphere):
         return not value.velocity.any()
     if name == "parametrisation":
@@ -127,7 +131,8 @@ def _is_absent(value: Any, name: str) -> bool:
         return getattr(value, name) is Orientation.FIXED
     if name in ("allowed_at_goal", "contact_distance"):
         return not value.allowed_at_goal
-    return name in ("joint_accelerations", "free_axis_in_ee") and getattr(value, name) is None
+    newer = ("joint_accelerations", "free_axis_in_ee", "target_body", "body", "place_in_body")
+    return name in newer and getattr(value, name) is None
 
 
 def without_search(solve: Callable[[PlanningProblem, PlannerSettings], Plan]) -> Method:

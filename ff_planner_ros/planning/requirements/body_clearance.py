@@ -186,7 +186,7 @@ def _until(
     problem: PlanningProblem, motion: FollowedMotion, apart: Indices, may_touch: Indices
 ) -> tuple[tuple[Indices, int], tuple[Indices, int]]:
     """Return what must not touch, each with the last point until which that holds."""
-    until = before_contact(problem, motion.q) if len(may_touch) else -1
+    until = before_contact(problem, motion.time, motion.q) if len(may_touch) else -1
     return (apart, len(motion.time) - 1), (may_touch, until)
 
 

@@ -23,7 +23,7 @@ from ff_planner_ros.planning.bodies import (
     sphere_gradients,
 )
 from ff_planner_ros.planning.body_certificate import centers_in_base
-from ff_planner_ros.planning.clearance import centers_at
+from ff_planner_ros.planning.clearance import attached_to_bodies, centers_at, sphere_arrays
 from ff_planner_ros.planning.compiled_bodies import compiled_bodies
 from ff_planner_ros.planning.path_family import Motion, Sensitivity
 from ff_planner_ros.planning.problem import PlanningProblem
@@ -91,6 +91,7 @@ def sphere_rows(
         velocities=velocities,
         radii=radius,
         interest=OF_INTEREST,
+        attached=attached_to_bodies(problem.obstacles, float(at.times[-1])),
     )
     shape = len(at.q), len(robot.bodies), len(problem.obstacles)
     if deep.size:
@@ -143,12 +144,7 @@ def _room_of_spheres(problem: PlanningProblem) -> Array:
 @lru_cache(maxsize=4)
 def _spheres(problem: PlanningProblem) -> tuple[Array, Array, Array]:
     """Return centres at the first point, velocities and radii of the spheres."""
-    spheres = problem.obstacles
-    return (
-        np.array([sphere.center for sphere in spheres]),
-        np.array([sphere.velocity for sphere in spheres]),
-        np.array([sphere.radius for sphere in spheres]),
-    )
+    return sphere_arrays(problem.obstacles)
 
 
 @lru_cache(maxsize=2)
@@ -167,7 +163,7 @@ def _looked_at(problem: PlanningProblem, motion: Motion, sensitivity: Sensitivit
             np.concatenate([at, quarter_way(_out_of_order(at))])[order] for at in (q, by_x, times)
         )
         q[:, 3:7] /= np.linalg.norm(q[:, 3:7], axis=1)[:, None]
-    until = before_contact(problem, q, _WITHIN) + 1 if problem.allowed_at_goal else len(q)
+    until = before_contact(problem, times, q, _WITHIN) + 1 if problem.allowed_at_goal else len(q)
     return _LookedAt(times, q, by_x, until)
 
 
