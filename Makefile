@@ -2,7 +2,7 @@
 SHELL := /bin/bash
 .SHELLFLAGS := -euo pipefail -c
 .DEFAULT_GOAL := demo
-.PHONY: env prerequisites demo test nightly short-test without-ros lint build lock clean
+.PHONY: env prerequisites demo test nightly short-test without-ros sanitize lint build lock clean
 
 PYTHON ?= python3
 VENV ?= .venv
@@ -41,10 +41,10 @@ $(STAMP): setup.py pyproject.toml package.xml constraints.txt $(shell find msg_d
 	@$(INSTALL) --upgrade pip
 	@$(INSTALL) --requirement <($(BIN)/python -c '$(BUILD_REQUIRES)')
 	@PYTHONWARNINGS=ignore $(INSTALL) --no-build-isolation ./msg_defs --editable '.[test,robots]'
-	@touch $@
+	@touch $(VENV)/core $@
 
 # The editable installation has built the core; a change of its sources builds it anew in its place.
-$(VENV)/core: $(STAMP) $(wildcard ff_planner_ros/core/*.[ch]pp)
+$(VENV)/core: $(wildcard ff_planner_ros/core/*.[ch]pp) | $(STAMP)
 	@$(BIN)/python setup.py --quiet build_ext --inplace
 	@touch $@
 
@@ -76,7 +76,8 @@ without-ros:
 	rm -rf $(WITHOUT_ROS)
 	$(PYTHON) -m venv $(WITHOUT_ROS)
 	touch $(WITHOUT_ROS)/COLCON_IGNORE
-	$(WITHOUT_ROS)/bin/python -m pip install --disable-pip-version-check --quiet --constraint constraints.txt .
+	$(WITHOUT_ROS)/bin/python -m pip wheel --disable-pip-version-check --quiet --no-deps --wheel-dir $(WITHOUT_ROS) .
+	$(WITHOUT_ROS)/bin/python -m pip install --disable-pip-version-check --quiet --constraint constraints.txt $(WITHOUT_ROS)/*.whl
 	! $(WITHOUT_ROS)/bin/python -m pip list | grep --ignore-case 'ros-\|rclpy\|_msgs\|mujoco'
 	mkdir $(WITHOUT_ROS)/run
 	cd $(WITHOUT_ROS)/run; PATH=$(WITHOUT_ROS)/bin:$$PATH; \
@@ -88,9 +89,19 @@ without-ros:
 	python $(CURDIR)/examples/plan_in_python.py; \
 	said=$$(ff-planner verify answer.json 2>&1) && exit 1; grep 'ff_planner_ros\[simulation\]' <<< "$$said"; \
 	python -m pip install --disable-pip-version-check --quiet --constraint $(CURDIR)/constraints.txt \
-		'$(CURDIR)[simulation]'; \
+		'ff_planner_ros[simulation]'; \
 	ff-planner verify answer.json
 	rm -rf $(WITHOUT_ROS)
+
+# The core's tests on a build that stops at every access out of bounds and all undefined behaviour.
+SANITIZED := $(CURDIR)/build/sanitized
+
+sanitize: env
+	$(BIN)/python setup.py --quiet build_py --build-lib $(SANITIZED) \
+		build_ext --sanitize --build-lib $(SANITIZED) --build-temp build/sanitized_objects
+	LD_PRELOAD="$$(c++ -print-file-name=libasan.so) $$(c++ -print-file-name=libstdc++.so)" \
+	ASAN_OPTIONS=detect_leaks=0 PYTHONPATH=$(SANITIZED) \
+		$(BIN)/python -m pytest -p no:cacheprovider $(wildcard test/test_core*.py)
 
 lint: env
 	$(BIN)/ruff format --check

@@ -3,7 +3,9 @@
 import importlib.metadata
 import shutil
 import sysconfig
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
+from typing import Any, cast
 from xml.etree import ElementTree
 
 from setuptools import Extension, find_packages, setup
@@ -23,6 +25,17 @@ def installed_as_they_are(*trees: str) -> list[tuple[str, list[str]]]:
 class BuildCore(build_ext):
     """Builds the core, and says in words what the machine lacks for it."""
 
+    user_options = [  # noqa: RUF012  # as setuptools reads it
+        *build_ext.user_options,
+        ("sanitize", None, "stop at every access out of bounds and all undefined behaviour"),
+    ]
+    boolean_options = [*build_ext.boolean_options, "sanitize"]  # noqa: RUF012
+
+    def initialize_options(self) -> None:
+        """Sanitize only where it is asked for."""
+        super().initialize_options()
+        self.sanitize = False
+
     def build_extensions(self) -> None:
         """Add what only a build needs to know, and build."""
         compiler = self.compiler.compiler_cxx[0]
@@ -34,7 +47,20 @@ class BuildCore(build_ext):
             )
         for extension in self.extensions:
             extension.include_dirs += [pybind11_headers(), eigen_headers()]
-        super().build_extensions()
+            if self.sanitize:
+                extension.extra_compile_args += SANITIZERS
+                extension.extra_link_args += SANITIZERS
+        with compiled_side_by_side():
+            super().build_extensions()
+
+
+def compiled_side_by_side() -> AbstractContextManager[Any]:
+    """Let the compiler work on a file a processor, where pybind11 helps with that."""
+    try:
+        from pybind11.setup_helpers import ParallelCompile
+    except ModuleNotFoundError:
+        return nullcontext()
+    return cast(AbstractContextManager[Any], ParallelCompile())
 
 
 def pybind11_headers() -> str:
@@ -68,6 +94,9 @@ def system_headers(header: str, of_pip: str, of_debian: str) -> str:
 # The same results on every machine of one kind: no instructions that only some of them have, and
 # sums in the order in which they are written.
 FLAGS = ["-std=c++17", "-O3", "-g0", "-DNDEBUG", "-ffp-contract=off", "-fvisibility=hidden"]
+FLAGS += ["-Wno-maybe-uninitialized"]  # gcc 12 suspects Eigen's small matrices
+
+SANITIZERS = ["-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-O1", "-g", "-UNDEBUG"]
 
 # The node, its demonstration and what reads messages by their types. The messages are no package of
 # an index: `pip install ./msg_defs '.[ros]'`.

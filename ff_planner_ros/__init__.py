@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from ff_planner_ros.planning.target_body import TargetBody as TargetBody
     from ff_planner_ros.planning.task import PlanningTask as PlanningTask
     from ff_planner_ros.planning.task import perform as perform
+    from ff_planner_ros.robot.bodies import Geometry as Geometry
     from ff_planner_ros.robot.model import Robot as Robot
     from ff_planner_ros.robot.model import load_robot as load_robot
     from ff_planner_ros.robot.state import SystemState as SystemState
@@ -47,6 +48,7 @@ _MODULES = {
     ),
     "planning.target_body": ("TargetBody", "AttachedSphere"),
     "robot.model": ("Robot", "load_robot"),
+    "robot.bodies": ("Geometry",),
     "robot.state": ("SystemState",),
     "planning.settings": ("PlannerSettings",),
     "planning.tail": ("EndBehaviour",),

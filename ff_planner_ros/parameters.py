@@ -26,8 +26,9 @@ from ff_planner_ros.planning.settings import (
 )
 from ff_planner_ros.planning.tail import EndBehaviour
 from ff_planner_ros.planning.yaml_file import mapping, read_yaml
-from ff_planner_ros.robot.model import Base, Robot, robot_from_urdf_text
-from ff_planner_ros.share import share_directory
+from ff_planner_ros.robot.bodies import Geometry
+from ff_planner_ros.robot.model import Base, Robot, read_urdf, robot_from_urdf_text
+from ff_planner_ros.share import resolve_uri, share_directory
 from ff_planner_ros.shown import quoted
 
 if TYPE_CHECKING:
@@ -41,6 +42,8 @@ _MAX_DEPTH = 10_000
 _LONGEST_NAME = 100  # [characters] of a parameter, more than any has
 # What a request does that meets another one: parameter when_busy.
 REJECT, PREEMPT = "reject", "preempt"
+# Parameter robot.geometry: what the URDF has.
+AUTO = "auto"
 STATE_SOURCES = ("chaser_state", "odometry")
 RELIABILITIES, DURABILITIES = ("best_effort", "reliable"), ("volatile", "transient_local")
 
@@ -61,20 +64,44 @@ class RobotParameters:
         "Joints that are not planned and where they are [rad or m]: `rail: 0.2, hand: -1.0`"
     )
 
+    geometry: str = tunable(
+        "What of the robot is kept clear: shapes, its bodies as the URDF's collision elements have "
+        "them; lines, the arm's centre lines; auto: shapes where the arm has any, else lines"
+    )
+    srdf: str = tunable(
+        "SRDF file of links that may touch beside neighbours: a path or a package:// URI; empty: "
+        "those that touch in nearly every posture may"
+    )
+
     def __post_init__(self) -> None:
-        """Check the word and the list."""
+        """Check the words and the list."""
         _require_word("robot.base", self.base, tuple(Base))
+        _require_word("robot.geometry", self.geometry, (AUTO, *Geometry))
         held_joints_of(self.held_joints)
 
-    def load(self, description: str) -> Robot:
+    def load(self, description: str, directory: Path | None = None) -> Robot:
         """Return the robot of a URDF's text.
 
+        Args:
+            directory: Of the URDF; None: it was recorded, and neither meshes nor SRDF are read.
+
         Raises:
-            InvalidInput: The URDF is refused.
+            InvalidInput: URDF or SRDF is refused.
         """
-        held_at = held_joints_of(self.held_joints)
-        base = Base(self.base)
-        return robot_from_urdf_text(description, self.base_link, self.tip_link, base, held_at)
+        srdf = None
+        if self.srdf and directory is not None:
+            field = "robot.srdf"
+            srdf = read_urdf(resolve_uri(self.srdf, relative_to=Path.cwd(), field=field), field)
+        return robot_from_urdf_text(
+            description,
+            self.base_link,
+            self.tip_link,
+            Base(self.base),
+            held_joints_of(self.held_joints),
+            None if self.geometry == AUTO else Geometry(self.geometry),
+            srdf,
+            directory,
+        )
 
 
 def held_joints_of(text: str) -> dict[str, float]:
@@ -351,8 +378,8 @@ class NodeParameters:
     rates: RateParameters
     autostart: bool = tunable("Configure and activate at start; else a lifecycle manager does")
     allow_remote_paths: bool = tunable(
-        "Whether robot.urdf and bag.directory may be set over ROS while the node is unconfigured; "
-        "else they are those that the process was started with"
+        "Whether robot.urdf, robot.srdf and bag.directory may be set over ROS while the node is "
+        "unconfigured; else they are those that the process was started with"
     )
     inertial_frame: str = tunable("frame_id that states, obstacles and targets must carry")
     state_source: str = tunable(

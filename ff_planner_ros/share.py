@@ -31,24 +31,25 @@ def share_directory() -> Path:
     return installed
 
 
-def resolve_uri(uri: str, relative_to: Path) -> Path:
+def resolve_uri(uri: str, relative_to: Path, field: str = "robot.urdf") -> Path:
     """Return the absolute path of the robot description that a URI names.
 
     Args:
         uri: `package://PACKAGE/PATH`, or a path; `~` is the home directory.
+        field: That gives it, for a refusal.
 
     Raises:
         InvalidInput: There is no such package or no such file.
     """
     if uri.startswith(PACKAGE_SCHEME):
-        path = _path_in_package(uri)
+        path = _path_in_package(uri, field)
     else:
         try:
             path = (relative_to / Path(uri).expanduser()).resolve()
         except (RuntimeError, ValueError) as error:  # no such user; a character no path can have
-            raise _refused(uri, f"it is no path: {error}") from None
+            raise _refused(field, uri, f"it is no path: {error}") from None
     if not path.is_file():
-        raise _refused(uri, f"there is no file {path}")
+        raise _refused(field, uri, f"there is no file {path}")
     return path
 
 
@@ -62,13 +63,18 @@ def installation_prefixes() -> list[Path]:
     return [Path(prefix) for prefix in (*sourced, sys.prefix) if prefix]
 
 
-def _path_in_package(uri: str) -> Path:
+def package_directory(package: str) -> Path | None:
+    """Return the share directory of a ROS package; None: there is no such package."""
+    return share_directory() if package == PACKAGE else _installed_share_directory(package)
+
+
+def _path_in_package(uri: str, field: str) -> Path:
     package, _, path = uri.removeprefix(PACKAGE_SCHEME).partition("/")
     if not package or not path:
-        raise _refused(uri, f"it must read {PACKAGE_SCHEME}PACKAGE/PATH")
-    share = share_directory() if package == PACKAGE else _installed_share_directory(package)
+        raise _refused(field, uri, f"it must read {PACKAGE_SCHEME}PACKAGE/PATH")
+    share = package_directory(package)
     if share is None:
-        raise _refused(uri, f"there is no package {package} below {_prefix_list()}")
+        raise _refused(field, uri, f"there is no package {package} below {_prefix_list()}")
     return share / path
 
 
@@ -84,5 +90,5 @@ def _prefix_list() -> str:
     return ", ".join(map(str, installation_prefixes()))
 
 
-def _refused(uri: str, reason: str) -> InvalidInput:
-    return InvalidInput(Status.BAD_ROBOT, "robot.urdf", uri, reason)
+def _refused(field: str, uri: str, reason: str) -> InvalidInput:
+    return InvalidInput(Status.BAD_ROBOT, field, uri, reason)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ff_planner_ros.planning.plan import Trajectory
-from ff_planner_ros.planning.target_body import TargetBody
+from ff_planner_ros.planning.scene import Scene
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.simulation.capture import ALLOWED_AT_CAPTURE, Capture, is_soft
 from ff_planner_ros.simulation.engine import ENGINE
@@ -14,6 +14,7 @@ from ff_planner_ros.simulation.verification import (
     ALLOWED,
     MOMENTUM_TOLERANCE,
     Deviation,
+    Verification,
     verify,
 )
 from ff_planner_ros.text_table import print_table
@@ -26,19 +27,17 @@ def print_verdict(
     robot: Robot,
     trajectory: Trajectory,
     sensitivity: bool,
-    body: TargetBody | None = None,
-    capture_time: float | None = None,
+    scene: Scene | None = None,
 ) -> bool:
     """Execute a plan open loop, also with a wrong model if asked, and tell whether it passed.
 
     Args:
-        body: That the plan captures; None: none.
-        capture_time: From its first point on [s]; None: at its last point.
+        scene: None: it is not known.
 
     Raises:
         InvalidInput: The samples cannot be executed, or MuJoCo refuses the robot's URDF.
     """
-    found = verify(robot, trajectory, body, capture_time)
+    found = verify(robot, trajectory, scene or Scene())
     print_table(
         f"{name}, open loop in {ENGINE}: end effector at the end, chaser at worst",
         ("", *_COLUMNS, "momentum"),
@@ -56,14 +55,9 @@ def print_verdict(
                 ("allowed", *_relative(ALLOWED_AT_CAPTURE)),
             ],
         )
-    verdict = "passed"
-    if not found.momentum_drift <= MOMENTUM_TOLERANCE:
-        verdict = "failed: the momentum changes, the motion is too fast to be integrated"
-    elif found.capture is not None and not is_soft(found.capture):
-        verdict = "failed: the end effector does not meet the grasp of the target body"
-    elif not found.passed:
-        verdict = "failed: the system does not do what the plan says"
-    print(f"verdict: {verdict}")
+    if robot.bodies:
+        _print_contacts(found, unknown=scene is None)
+    print(f"verdict: {_verdict(found)}")
     if sensitivity:
         print_table(
             f"{name}, open loop with something wrong: how far off the plan",
@@ -81,6 +75,34 @@ def _relative(found: Capture) -> list[str]:
         np.rad2deg(found.angular_speed),
     )
     return [f"{number:.4f}" for number in numbers]
+
+
+def _print_contacts(found: Verification, unknown: bool) -> None:
+    told = ", but the obstacles are not known" if unknown else ""
+    if not found.contacts:
+        print(f"contacts: none of {found.pairs} pairs of bodies and obstacles{told}")
+        return
+    print_table(
+        f"contacts, of {found.pairs} pairs of bodies and obstacles{told}; none of them pushes",
+        ("pair", "from [s]", "deepest at [s]", "depth [mm]"),
+        [
+            (one.pair, f"{one.first_time:.3f}", f"{one.time:.3f}", f"{one.depth * 1e3:.2f}")
+            for one in found.contacts
+        ],
+    )
+
+
+def _verdict(found: Verification) -> str:
+    if not found.momentum_drift <= MOMENTUM_TOLERANCE:
+        return "failed: the momentum changes, the motion is too fast to be integrated"
+    if found.capture is not None and not is_soft(found.capture):
+        return "failed: the end effector does not meet the grasp of the target body"
+    if not found.came_true:
+        return "failed: the system does not do what the plan says"
+    if found.contacts:
+        first = found.contacts[0]
+        return f"failed: {first.pair} touch at {first.first_time:.3f} s, and must not"
+    return "passed"
 
 
 def _cells(deviation: Deviation, digits: int) -> list[str]:

@@ -14,6 +14,7 @@ from ff_planner_ros.planning.plan import Plan
 from ff_planner_ros.planning.planner import plan
 from ff_planner_ros.planning.problem import PlanningProblem
 from ff_planner_ros.planning.scenario import load_scenario
+from ff_planner_ros.robot.bodies import Geometry
 from ff_planner_ros.robot.model import Robot, load_robot, robot_from_urdf_text
 
 # The files that take longest begin first, so that the workers end at about the same time.
@@ -117,7 +118,7 @@ def times(request: pytest.FixtureRequest) -> Callable[[int, int], int]:
 @pytest.fixture(scope="session")
 def lemur() -> Robot:
     """The paper's chaser and arm."""
-    return load_robot(robots.LEMUR_URDF, "chaser", "end_effector")
+    return load_robot(robots.LEMUR_URDF, "chaser", "end_effector", geometry=Geometry.LINES)
 
 
 @pytest.fixture(scope="session", params=list(robots.ROBOTS))

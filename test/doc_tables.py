@@ -26,7 +26,9 @@ def codes() -> Iterator[tuple[str, ...]]:
 def metrics() -> Iterator[tuple[str, ...]]:
     yield "metric", "meaning"
     text = (MESSAGES / "PlanMetrics.msg").read_text(encoding="utf-8")
-    for name, meaning in re.findall(r"^float64(?:\[\])? (\w+) *# (.*)$", text, re.MULTILINE):
+    for name, meaning in re.findall(
+        r"^(?:float64(?:\[\])?|string) (\w+) *# (.*)$", text, re.MULTILINE
+    ):
         yield f"`{name}`", meaning
 
 

@@ -12,7 +12,7 @@ from reference_velocity_map import VelocityMap, VelocitySolution, stacked
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.planning.end_effector_polynomial import EndEffectorPaths
 from ff_planner_ros.planning.path_family import Motion, Sensitivity
-from ff_planner_ros.planning.polynomial import EndEffectorPolynomial
+from ff_planner_ros.planning.polynomial import EndEffectorPolynomial, powers
 from ff_planner_ros.planning.runge_kutta import increment
 from ff_planner_ros.robot.rotation import euler_rate_map, euler_rate_map_derivative, skew
 
@@ -186,8 +186,8 @@ def twist_derivative(path: EndEffectorPolynomial, coefficients: Array, s: Array)
     """Return d twist / d coefficients, these flattened. Shape (times, 6, 18)."""
     value, rate, _ = path.components(coefficients, s)
     euler, euler_rate = value[:, 3:], rate[:, 3:]
-    of_value = _powers(s, 0) @ FREE_TERM_COEFFICIENTS
-    of_rate = _powers(s, 1) @ FREE_TERM_COEFFICIENTS / path.duration
+    of_value = powers(s, 0) @ FREE_TERM_COEFFICIENTS
+    of_rate = powers(s, 1) @ FREE_TERM_COEFFICIENTS / path.duration
     derivative = np.zeros((len(s), 6, 6, 3))
     for k in range(3):
         derivative[:, k, k] = of_rate
@@ -197,15 +197,6 @@ def twist_derivative(path: EndEffectorPolynomial, coefficients: Array, s: Array)
     )
     derivative[:, 3:] = np.einsum("ij,tjck->tick", path.rotation_outer, derivative[:, 3:])
     return derivative.reshape(len(s), 6, 18)
-
-
-def _powers(s: Array, order: int) -> Array:
-    """Return derivatives of 1, s, ..., s^8 of an order with respect to s. Shape (times, 9)."""
-    derivatives = np.zeros((len(s), 9))
-    derivatives[:, order:] = np.vander(s, 9 - order, increasing=True)
-    for k in range(order):
-        derivatives *= np.arange(9) - k
-    return derivatives
 
 
 def _apply(matrices: Array, vectors: Array) -> Array:

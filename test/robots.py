@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -144,11 +145,18 @@ def _numbers(vector: Array) -> str:
 
 
 # URDF, base link and tip link of each; the tests that hold for any robot hold for these.
+
+
+def of_lines(urdf: Path) -> str:
+    """A URDF without what collides: the arm's lines are kept clear."""
+    return re.sub("<collision>.*?</collision>", "", urdf.read_text(), flags=re.DOTALL)
+
+
 ROBOTS = {
     "six joints": (random_urdf(6, seed=6), "bus", "tool"),
-    "lemur": (LEMUR_URDF.read_text(), "chaser", "end_effector"),
+    "lemur": (of_lines(LEMUR_URDF), "chaser", "end_effector"),
     "nine joints": (random_urdf(9, seed=9), "bus", "tool"),
-    "canadarm2": (CANADARM2_URDF.read_text(), "station", "end_effector"),
+    "canadarm2": (of_lines(CANADARM2_URDF), "station", "end_effector"),
 }
 
 

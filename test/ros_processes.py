@@ -53,7 +53,8 @@ class PlannerProcess:
             self.process = subprocess.Popen(
                 [
                     *(sys.executable, "-m", "ff_planner_ros.ros.node", "--ros-args"),
-                    *("-p", f"bag.directory:={self._bags}", *ros_arguments),
+                    *("-p", f"bag.directory:={self._bags}"),
+                    *("-p", "robot.geometry:=lines", *ros_arguments),  # the paper's capture
                 ],
                 cwd=directory,
                 stderr=log,

@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from dense_motion import Truth, truth
-from robots import CANADARM2_SCENARIO, LEMUR_URDF
+from robots import CANADARM2_SCENARIO, LEMUR_URDF, of_lines
 
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.bench.scenarios import scenario
@@ -41,7 +41,7 @@ POINTS = (5, 8, 13, 25, 50, 200)
 def lemur_off_centre() -> PlanningProblem:
     """The paper's capture with a chaser whose centre of mass is far from its base frame."""
     capture = load_scenario(LEMUR_URDF.parents[2] / "scenarios/lemur_capture.yaml")
-    urdf = LEMUR_URDF.read_text()
+    urdf = of_lines(LEMUR_URDF)
     moved = re.sub(
         r'(<link name="chaser">\s*<inertial>\s*)(<origin[^>]*/>)?',
         r'\1<origin xyz="0.15 -0.2 0.1" rpy="0 0 0"/>',

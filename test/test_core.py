@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pinocchio as pin
@@ -16,17 +17,21 @@ from ff_planner_ros.arrays import Array
 from ff_planner_ros.bench.robots import planar_urdf
 from ff_planner_ros.core import compiled
 from ff_planner_ros.core.chain import chain_of
+from ff_planner_ros.errors import InvalidInput
+from ff_planner_ros.parameters import load_parameters
+from ff_planner_ros.planning.check import failures, measure
 from ff_planner_ros.planning.clearance import (
     arm_points,
     arm_points_with_derivatives,
     clearance_rows,
 )
 from ff_planner_ros.planning.end_effector_polynomial import EndEffectorPaths
-from ff_planner_ros.planning.problem import Sphere
+from ff_planner_ros.planning.plan import Plan
+from ff_planner_ros.planning.problem import PlanningProblem, Sphere
 from ff_planner_ros.planning.start_motion import NullSpaceFade
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import Base, Robot, robot_from_urdf_text
-from ff_planner_ros.robot.momentum import total_momentum
+from ff_planner_ros.robot.momentum import smallest_singular_values, total_momentum
 
 # Outputs and derivatives agree to this part of their largest entry, or of 1 where that is greater.
 EXACT = 1e-10
@@ -146,6 +151,43 @@ def test_arm_points_and_their_derivatives_are_those_of_numpy(name: str) -> None:
         agree(one, other, what)
 
 
+@pytest.mark.parametrize("name", FREE + PLANAR)
+def test_smallest_singular_values_are_those_of_pinocchio(name: str) -> None:
+    robot = chain_robot(name)
+    rng = np.random.default_rng(robot.joints)
+    q = np.tile(pin.neutral(robot.model), (5, 1))  # a table is level
+    q[:, 7:] = rng.uniform(-3.0, 3.0, (5, robot.joints))
+    found, by_joints = compiled.smallest_singular_values(
+        chain_of(robot), q[:, 7:].copy(), robot.base.rows
+    )
+    agree(found, smallest_singular_values(robot, q), "values")
+    # Differences of order four, of the squares, which have no kink at zero.
+    expected = np.zeros_like(by_joints)
+    for k in range(robot.joints):
+        aside = 1e-3 * np.eye(7 + robot.joints)[7 + k]
+        for steps, weight in ((1, 2 / 3), (2, -1 / 12)):
+            ahead, behind = (
+                smallest_singular_values(robot, q + sign * steps * aside) ** 2 for sign in (1, -1)
+            )
+            expected[:, k] += weight * (ahead - behind) / 1e-3
+    np.testing.assert_allclose(2.0 * found[:, None] * by_joints, expected, rtol=0.0, atol=1e-8)
+
+
+def test_the_check_of_a_plan_uses_nothing_of_the_core(
+    lemur_capture: PlanningProblem, lemur_plan: Plan, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*_: object, **__: object) -> None:
+        raise AssertionError("the check calls the core")
+
+    for name in [name for name in vars(compiled) if name[0].islower()]:
+        monkeypatch.setattr(compiled, name, refuse)
+    settings = load_parameters().planner
+    measured = replace(lemur_plan, trajectory=replace(lemur_plan.trajectory))
+    metrics = measure(lemur_capture, measured.trajectory, settings)
+    assert metrics == lemur_plan.metrics
+    assert list(failures(lemur_capture, measured, settings)) == []
+
+
 def test_twists_and_their_derivatives_are_those_of_the_expanded_polynomials() -> None:
     robot = chain_robot("free6")
     rng = np.random.default_rng(1)
@@ -196,3 +238,8 @@ def test_a_chain_without_joints_or_with_too_many_is_refused() -> None:
                 np.zeros((bodies, 3)),
                 np.zeros((bodies, 3, 3)),
             )
+
+
+def test_an_arm_with_too_many_joints_is_refused_by_its_robot() -> None:
+    with pytest.raises(InvalidInput, match="an arm of 65 joints: an arm has 64 joints at most"):
+        chain_of(chain_robot("planar65"))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -14,11 +15,45 @@ from test_core import FREE, PLANAR, agree, chain_robot
 
 from ff_planner_ros.core import compiled
 from ff_planner_ros.core.chain import chain_of
+from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.certificate import certified_clearance
+from ff_planner_ros.planning.check import failures, measure
 from ff_planner_ros.planning.clearance import arm_points
-from ff_planner_ros.planning.problem import Sphere
+from ff_planner_ros.planning.metrics import Metrics
+from ff_planner_ros.planning.planner import plan
+from ff_planner_ros.planning.problem import Parametrisation, PlanningProblem, Sphere
 from ff_planner_ros.planning.search_certificate import search_certificate
 from ff_planner_ros.robot.configuration import configuration
+
+SETTINGS = load_parameters().planner
+
+
+@pytest.mark.parametrize("family", ["joint_spline", "end_effector_polynomial"])
+def test_the_check_says_the_same_of_a_plan_with_the_core_taken_away(
+    family: str, lemur_capture: PlanningProblem, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    problem = replace(lemur_capture, parametrisation=Parametrisation(family))
+    found = plan(problem, SETTINGS)
+
+    def said_of(aside: float) -> tuple[Metrics, list[str]]:
+        """What the check says of a motion that it has not seen before."""
+        positions = found.trajectory.joint_positions + aside
+        seen = replace(found, trajectory=replace(found.trajectory, joint_positions=positions))
+        seen = replace(seen, metrics=measure(problem, seen.trajectory, SETTINGS))
+        return seen.metrics, [failure.finding for failure in failures(problem, seen, SETTINGS)]
+
+    def taken_away(*_: object, **__: object) -> None:
+        raise AssertionError("the check asked the core")
+
+    sound, spoilt = said_of(0.0), said_of(0.4)
+    assert sound == (found.metrics, [])
+    assert len(spoilt[1]) >= 3
+    for name in [name for name in dir(compiled) if callable(getattr(compiled, name))]:
+        monkeypatch.setattr(compiled, name, taken_away)
+    with pytest.raises(AssertionError, match="asked the core"):
+        plan(problem, SETTINGS)
+    assert said_of(0.0) == sound
+    assert said_of(0.4) == spoilt
 
 
 @pytest.mark.parametrize("joints", [1, 3, 7, 14])

@@ -182,3 +182,16 @@ def test_percentiles_are_those_of_a_list_that_everybody_can_sort() -> None:
     values = part(replace(WELL, solve_times=times), "solve time")[2]
     assert (values["median [s]"], values["95 % [s]"]) == ("50.000", "95.000")
     assert values["worst [s]"] == "100.000"
+
+
+def test_the_clearances_of_the_last_plan_are_told() -> None:
+    near = {"self-clearance": "4.2 mm, chaser/link_7 at 3.46 s"}
+    last = LastRequest("run.7", Status.SOLVED, "converged", near)
+    (part,) = (
+        one
+        for one in diagnostics(replace(WELL, last=last), "planner", Time()).status
+        if one.name.endswith("last request")
+    )
+    assert {"self-clearance": near["self-clearance"]}.items() <= {
+        value.key: value.value for value in part.values
+    }.items()

@@ -64,3 +64,17 @@ def test_an_arm_with_too_few_joints_cannot_rest() -> None:
     state = random_state(robot, np.random.default_rng(0))
     with pytest.raises(InvalidInput, match=r"to rest is 6 conditions, the arm has 3 joints"):
         joint_rates_with_ee_at_rest(robot, state)
+
+
+def test_while_the_chaser_is_at_rest_so_is_any_arm_in_any_posture() -> None:
+    names = [f"joint_{k}" for k in range(4, 8)]
+    for held in ({}, dict.fromkeys(names, 0.0)):
+        robot = load_robot(LEMUR_URDF, "chaser", "end_effector", held_at=held)
+        drifting = random_state(robot, np.random.default_rng(0))
+        still = replace(
+            drifting,
+            linear_velocity_chaser_in_inertial=np.zeros(3),
+            angular_velocity_chaser_in_inertial=np.zeros(3),
+            joint_positions=np.zeros(robot.joints),  # stretched
+        )
+        assert not joint_rates_with_ee_at_rest(robot, still).any()

@@ -10,6 +10,7 @@ from drawn_plans import distance_to_arm, drawn_plan, paper_terms_at
 
 from ff_planner_ros.analysis.extremes import distances, joint_extremes, nearest
 from ff_planner_ros.arrays import frozen
+from ff_planner_ros.bench import bodies
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.plan import Plan, Trajectory
 from ff_planner_ros.planning.planner import plan
@@ -115,3 +116,14 @@ def test_torques_between_the_points_come_from_who_knows_them(lemur: Robot) -> No
     first, second, *_ = joint_extremes(lemur, motion, [peak, *[np.nan] * 6])
     assert first.torque == peak
     assert second.torque == np.abs(motion.joint_torques[:, 1]).max()
+
+
+def test_the_least_clearance_of_bodies_is_that_which_was_certified() -> None:
+    """The check measures otherwise: in pieces of the motion, to half a millimetre."""
+    problem = bodies.problem("arm6", 0).problem
+    made = plan(problem, load_parameters().planner)
+    found = distances(problem.robot, problem.obstacles, made.trajectory)
+    least = nearest(problem.robot, problem.obstacles, found)
+    assert f"{least.link}/{least.obstacle}" == made.metrics.min_clearance_pair
+    assert least.time == pytest.approx(made.metrics.min_clearance_time, abs=0.1)
+    assert 0.0 <= least.distance - made.metrics.min_clearance < 1e-3

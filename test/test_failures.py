@@ -163,6 +163,19 @@ def test_an_error_of_one_status_crosses_processes(error: FfPlannerError) -> None
     assert (type(copy), copy.status, str(copy)) == (type(error), error.status, str(error))
 
 
+def test_a_clearance_tells_what_it_is_of_and_when(lemur_plan: Plan) -> None:
+    near = replace(
+        lemur_plan.metrics,
+        min_self_clearance=0.0042,
+        min_self_clearance_pair="chaser/link_7",
+        min_self_clearance_time=3.456,
+    )
+    assert near.told("min_self_clearance") == "4.2 mm, chaser/link_7 at 3.46 s"
+    assert lemur_plan.metrics.told("min_self_clearance") == "no pairs"
+    line, obstacle = lemur_plan.metrics.min_clearance_pair.split("/")
+    assert (line, obstacle) == ("joint_4-joint_5", "c2")
+
+
 @pytest.mark.parametrize(
     ("value", "words"), [(0.0123, "12.3 mm"), (np.inf, "no obstacles"), (np.nan, "none")]
 )

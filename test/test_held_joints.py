@@ -10,7 +10,7 @@ from robots import LEMUR_URDF, random_urdf
 
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.errors import InvalidInput
-from ff_planner_ros.parameters import RobotParameters, held_joints_of
+from ff_planner_ros.parameters import AUTO, RobotParameters, held_joints_of
 from ff_planner_ros.robot.model import Base, Robot, robot_from_urdf_text
 from ff_planner_ros.robot.urdf import TURN_OF_CONTINUOUS, checked_urdf
 from ff_planner_ros.simulation.engine import Engine
@@ -97,10 +97,43 @@ def test_what_is_fixed_cannot_be_held_elsewhere() -> None:
         checked_urdf(random_urdf(3, 0), "bus", "tool", {"tool_mount": 0.3})
 
 
+def test_what_is_held_must_be_somewhere_that_it_can_be() -> None:
+    """Where its position is no number, or none that leaves a body a body."""
+    rail = random_urdf(3, 0).replace('"revolute"', '"prismatic"', 1)
+    name = robot_from_urdf_text(random_urdf(3, 0), "bus", "tool").joint_names[0]
+    with pytest.raises(InvalidInput, match=r"robot\.held_joints.*size must be at most"):
+        checked_urdf(rail, "bus", "tool", {name: 1e300})
+    for kind in ("floating", "planar"):
+        loose = random_urdf(3, 0).replace('"revolute"', f'"{kind}"', 1)
+        with pytest.raises(InvalidInput, match=rf"robot\.held_joints.*is {kind}: only joints"):
+            checked_urdf(loose, "bus", "tool", {name: 0.1})
+
+
+def test_a_finger_that_moves_along_with_one_that_is_held_is_where_that_one_takes_it() -> None:
+    parts = [two_arms().replace("</robot>", "")]
+    for finger, side, along in (
+        ("left", 1, ""),
+        ("right", -1, '<mimic joint="left" multiplier="-0.5" offset="0.01"/>'),
+    ):
+        parts.append(
+            f'<link name="{finger}_finger"><inertial><mass value="0.2"/><inertia ixx="1e-4" '
+            'iyy="1e-4" izz="1e-4" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+            f'<joint name="{finger}" type="prismatic"><parent link="tip"/>'
+            f'<child link="{finger}_finger"/><axis xyz="0 {side} 0"/>'
+            f'<limit lower="0" upper="0.04" velocity="1" effort="1"/>{along}</joint>'
+        )
+    robot = robot_from_urdf_text(
+        "".join(parts) + "</robot>", "body_0", "tip", held_at={"left": 0.04}
+    )
+    (note, _) = robot.notes
+    assert "left at 0.04 m" in note
+    assert "right at -0.01 m" in note
+
+
 def test_the_node_is_told_of_held_joints_in_one_line() -> None:
     assert held_joints_of("") == {}
     assert held_joints_of("rail: 0.2, other_elbow: -1.5e0,") == {"rail": 0.2, "other_elbow": -1.5}
-    told = RobotParameters("a.urdf", "body_0", "tip", "planar", "other_joint_1: 0.4")
+    told = RobotParameters("a.urdf", "body_0", "tip", "planar", "other_joint_1: 0.4", AUTO, "")
     robot = told.load(two_arms())
     assert robot.base is Base.PLANAR
     assert "other_joint_1 at 0.4 rad" in robot.notes[0]

@@ -10,9 +10,14 @@ from drawn_plans import POINTS, drawn_plan, paper_terms_at
 from scipy.spatial.transform import Rotation
 from visualization_msgs.msg import Marker, MarkerArray
 
+from ff_planner_ros.analysis.nearest import nearest
+from ff_planner_ros.analysis.solids import robot_surface, surface_at
 from ff_planner_ros.arrays import Array
+from ff_planner_ros.bench.robots import bench_robot
+from ff_planner_ros.planning.motion import from_trajectory
 from ff_planner_ros.planning.plan import Plan
 from ff_planner_ros.planning.problem import Sphere
+from ff_planner_ros.robot.bodies import Geometry
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.ros.outputs.markers import SNAPSHOTS, plan_markers
 
@@ -122,3 +127,24 @@ def test_every_marker_can_be_seen_and_the_later_the_better(markers: MarkerArray)
 
 def test_a_free_scene_has_no_spheres(lemur: Robot, plan: Plan) -> None:
     assert of(plan_markers(lemur, plan, (), "world"), "obstacles") == []
+
+
+def test_a_robot_with_bodies_is_drawn_as_the_planner_sees_it() -> None:
+    """Its triangles instead of the chaser's box, and a line with words where they come nearest."""
+    robot = bench_robot("arm6", Geometry.SHAPES)
+    plan = drawn_plan(robot, seed=4)
+    markers = plan_markers(robot, plan, SPHERES, "world")
+    bodies, (line, words) = of(markers, "bodies"), of(markers, "nearest")
+    assert not of(markers, "chaser")
+    assert [marker.id for marker in bodies] == list(range(SNAPSHOTS))
+    surface, near = robot_surface(robot), nearest(robot, plan.trajectory, SPHERES)
+    q, _ = from_trajectory(robot, plan.trajectory)
+    for marker, corners in zip(bodies, surface_at(robot, surface, q[list(SHOWN)]), strict=True):
+        assert marker.type == Marker.TRIANGLE_LIST
+        drawn = np.array([xyz(point) for point in marker.points]).reshape(-1, 3, 3)
+        np.testing.assert_array_equal(drawn, corners[surface.triangles])
+    assert near is not None
+    assert (line.type, words.type) == (Marker.LINE_STRIP, Marker.TEXT_VIEW_FACING)
+    np.testing.assert_array_equal([xyz(point) for point in line.points], near.ends)
+    assert words.text == near.words
+    assert all(marker.color.a > 0.0 and marker.scale.x > 0.0 for marker in (*bodies, line, words))

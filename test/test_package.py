@@ -54,6 +54,7 @@ ROS_IN_BAG = "rosidl_parser"  # reads the definitions that a bag carries
 ROOM_WITH_CLOCKS = "bench"
 # Import name to name for pip, where the two differ.
 PIP_NAMES = {
+    "coal": "pin",  # which is built on it and brings it
     "mcap_ros2": "mcap-ros2-support",
     "mujoco": "mujoco-core",
     "pinocchio": "pin",

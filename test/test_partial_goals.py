@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from planar_model import TESTBED, planar_robot, planar_state
-from robots import CONFIG
+from robots import CONFIG, random_urdf
 from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.arrays import Array
@@ -27,9 +27,10 @@ from ff_planner_ros.planning.problem import (
 )
 from ff_planner_ros.planning.requirements.goal import miss
 from ff_planner_ros.planning.scenario import load_scenario
+from ff_planner_ros.planning.steered import steered
 from ff_planner_ros.planning.task import PlanningTask, perform
 from ff_planner_ros.robot.configuration import configuration
-from ff_planner_ros.robot.model import Robot
+from ff_planner_ros.robot.model import Base, Robot, load_robot, robot_from_urdf_text
 from ff_planner_ros.simulation.verification import verify
 
 SETTINGS = load_parameters().planner
@@ -262,6 +263,28 @@ def test_what_a_camera_is_off_by_is_left_out(planar: PlanningProblem) -> None:
     assert heading.as_euler("xyz")[2] == pytest.approx(0.7, abs=1e-3)
 
 
+@pytest.mark.parametrize("seed", range(5))
+def test_a_target_on_the_table_stays_what_it_is_however_often_it_is_checked(
+    planar: PlanningProblem, seed: int
+) -> None:
+    """Else a task that is written down and read again would be another one."""
+    text = (CONFIG / "robots/planar_testbed/planar_testbed.urdf").read_text()
+    hand = '<origin xyz="0.3545 0 0"/>'
+    assert hand in text
+    angles = np.random.default_rng(seed).uniform(-3.0, 3.0, 3)
+    turned = hand.replace("/>", f' rpy="{angles[0]} {angles[1]} {angles[2]}"/>')
+    robot = robot_from_urdf_text(
+        text.replace(hand, turned), "satellite", "end_effector", Base.PLANAR
+    )
+    tip = ee_pose(robot, configuration(robot, planar.start)[0])
+    wanted = Rotation.from_euler("xyz", [0.003 * (seed % 2), 0.0, seed - 2.0])
+    target = replace(
+        planar.target, quaternion_xyzw=(wanted * Rotation.from_matrix(tip.rotation)).as_quat()
+    )
+    once = replace(planar, robot=robot, target=target)
+    assert PlanningTask(replace(once), SETTINGS).digest == PlanningTask(once, SETTINGS).digest
+
+
 def table_problem(joints: int, target: Target) -> PlanningProblem:
     rng = np.random.default_rng(0)
     bodies = TESTBED[: joints + 1]
@@ -292,6 +315,37 @@ def test_a_goal_with_more_conditions_than_joints_is_refused_by_their_names(
     with pytest.raises(InvalidInput, match=message) as refused:
         table_problem(joints, target)
     assert refused.value.status is Status.UNSUPPORTED
+
+
+def test_an_arm_whose_axes_are_parallel_reaches_what_lies_in_its_plane_and_is_told_why_no_other(
+    planar: PlanningProblem,
+) -> None:
+    """Three joints are as many as a position has conditions, but off a table they meet two."""
+    table = CONFIG / "robots/planar_testbed/planar_testbed.urdf"
+    problem = PlanningProblem(
+        robot=load_robot(table, "satellite", "end_effector"),
+        start=planar.start,
+        target=Target([1.35, 0.5, 0.0], [0.0, 0.0, 0.0, 1.0], orientation=Orientation.FREE),
+        duration=planar.duration,
+        points=planar.points,
+        obstacles=(),
+        objective=planar.objective,
+    )
+    perform(PlanningTask(problem, SETTINGS))
+    above = targeted(problem, position=np.array([1.35, 0.5, 0.1]))
+    message = r"target\.position.*3 conditions.* no more than 2 of them at once"
+    with pytest.raises(InvalidInput, match=message) as refused:
+        perform(PlanningTask(above, SETTINGS))
+    assert refused.value.status is Status.UNSUPPORTED
+
+
+@pytest.mark.parametrize("joints", [6, 7, 9])
+def test_an_arm_whose_axes_lie_anyhow_meets_every_condition_at_once(joints: int) -> None:
+    robot = robot_from_urdf_text(random_urdf(joints, seed=joints), "bus", "tool")
+    target = Target(np.zeros(3), [0.0, 0.0, 0.0, 1.0])
+    assert steered(robot, target) == 6
+    free = replace(target, orientation=Orientation.ABOUT_AXIS, free_axis_in_ee=AXIS)
+    assert steered(robot, free) == 5
 
 
 # ---- plans

@@ -25,6 +25,7 @@ from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.forward import carried_forward, driven
 from ff_planner_ros.planning.joint_motion import JointMotion
 from ff_planner_ros.planning.motion import to_trajectory
+from ff_planner_ros.robot.bodies import Geometry
 from ff_planner_ros.robot.configuration import configuration, system_state
 from ff_planner_ros.robot.dynamics import base_acceleration, inverse_dynamics
 from ff_planner_ros.robot.model import Base, load_robot, robot_from_urdf_text
@@ -43,7 +44,9 @@ class Case:
         rng = np.random.default_rng(CASES.index(name))
         if name == "testbed":
             self.bodies: tuple[Body, ...] = TESTBED
-            self.robot = load_robot(TESTBED_URDF, "satellite", "end_effector", Base.PLANAR)
+            self.robot = load_robot(
+                TESTBED_URDF, "satellite", "end_effector", Base.PLANAR, geometry=Geometry.LINES
+            )
         else:
             self.bodies = random_bodies(CASES.index(name) + 1, rng)
             self.robot = planar_robot(self.bodies, rng)

@@ -72,6 +72,7 @@ def test_without_a_start_time_the_plan_starts_after_the_allowance(
         state_stamp_ns=NOW - 300_000_000,
         state_source="chaser_state",
         task_digest=found.task.digest,
+        geometry="lines",
     )
 
 
@@ -80,7 +81,9 @@ def test_a_refusal_tells_its_sources_as_far_as_it_came(lemur_capture: PlanningPr
     request.obstacles.header.frame_id = "elsewhere"
     with pytest.raises(RequestRefused, match=r"obstacles\.header\.frame_id") as refusal:
         asked(lemur_capture, request)
-    known = Provenance(taken_up_ns=NOW, state_stamp_ns=NOW, state_source="start_state")
+    known = Provenance(
+        taken_up_ns=NOW, state_stamp_ns=NOW, state_source="start_state", geometry="lines"
+    )
     assert refusal.value.provenance == known
 
 

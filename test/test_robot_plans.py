@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import fields
 from pathlib import Path
 
+import numpy as np
 import pytest
 import yaml
 from ff_planner_msgs.srv import PlanTrajectory
@@ -18,7 +19,11 @@ from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.plan import Plan
 from ff_planner_ros.planning.problem import PlanningProblem
 from ff_planner_ros.planning.task import PlanningTask
-from ff_planner_ros.ros.messages.to_messages import response_from_error, response_from_plan
+from ff_planner_ros.ros.messages.to_messages import (
+    obstacles_message,
+    response_from_error,
+    response_from_plan,
+)
 from ff_planner_ros.runs.offline_bag import record_answer
 
 EVENTS, EVENT = "/servicer/plan/_service_event", "ff_planner_msgs/srv/PlanTrajectory_Event"
@@ -141,3 +146,36 @@ def test_a_plan_for_other_joints_is_refused(
     }
     with pytest.raises(BagError, match=r"run\.1 moves other_0.*its robot has joint_1"):
         robot_plans(write_bag(tmp_path / "bag", attached, response))
+
+
+def test_a_plan_comes_with_the_scene_that_it_was_made_among(
+    lemur_capture: PlanningProblem, lemur_plan: Plan, tmp_path: Path
+) -> None:
+    """Of its request, or as it was received; where the bag has neither, it is not known."""
+    record_answer(tmp_path / "bag", PlanningTask(lemur_capture, SETTINGS), lemur_plan, 0.5)
+    (asked,) = robot_plans(tmp_path / "bag").scenes.values()
+    stamp = 10**18 + 5 * 10**9
+    response = response_from_plan(lemur_plan, "run.1", 10**18, "inertial", 0.1)
+    response.obstacles_stamp.sec = stamp // 10**9
+    attached = {
+        "robot.urdf": lemur_capture.robot.urdf.encode(),
+        "parameters.yaml": parameters(LINKS),
+    }
+    alone = write_bag(tmp_path / "alone", attached, response)
+    with BagWriter(tmp_path / "received", flush_interval=0.0) as bag:
+        for name, content in attached.items():
+            bag.attach(name, "text/plain", content)
+        message = obstacles_message(lemur_capture.obstacles, stamp, "inertial")
+        bag.add_topic("/obstacles", "ff_planner_msgs/msg/ObstacleSphereArray", [])
+        bag.write("/obstacles", encode(message), 0, 0)
+        event = PlanTrajectory.Event(response=[response])
+        event.info.event_type = ServiceEventInfo.RESPONSE_SENT
+        bag.add_topic(EVENTS, EVENT, [])
+        bag.write(EVENTS, encode(event), 1, 1)
+    (received,) = robot_plans(tmp_path / "received").scenes.values()
+    for scene in (asked, received):
+        for found, wanted in zip(scene.obstacles, lemur_capture.obstacles, strict=True):
+            assert (found.id, found.radius) == (wanted.id, wanted.radius)
+            np.testing.assert_array_equal(found.center, wanted.center)
+    np.testing.assert_array_equal(asked.target, lemur_capture.target.position)
+    assert robot_plans(alone).scenes == {}

@@ -291,3 +291,15 @@ def test_a_file_that_is_no_scenario_is_refused(directory: Path, content: str) ->
 
 def test_a_file_that_is_not_there_is_refused(directory: Path) -> None:
     assert refusal_of(directory / "gone.yaml").field == "file"
+
+
+def test_conditions_that_are_too_many_are_named_before_an_arm_that_cannot_rest(
+    directory: Path,
+) -> None:
+    scenario = deepcopy(SCENARIO)
+    scenario["robot"]["held_joints"] = {"joint_1": 0.5, "joint_2": 0.5}
+    scenario["joints"] = {"position": [0.1] * 5, "end_effector_at_rest": True}
+    path = directory / "scenario.yaml"
+    path.write_text(yaml.safe_dump(scenario))
+    with pytest.raises(InvalidInput, match=r"target\.orientation is fixed: .*the arm has 5 joints"):
+        load_scenario(path)

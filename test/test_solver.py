@@ -242,6 +242,23 @@ def test_a_tolerated_violation_lets_long_steps_along_a_curve_pass():
     assert abs(angles[0.3]) < 0.6 < 1.4 < angles[0.0]
 
 
+def test_where_a_violation_is_tolerated_a_winding_way_is_followed_to_its_end():
+    """Towards (20, 0) along a sine curve, a millimetre wide, from beside it."""
+
+    def linearise(x):
+        beside = x[1] - np.sin(x[0])
+        normal = np.array([-np.cos(x[0]), 1.0])
+        constraints = np.array([beside + 1e-3, 1e-3 - beside]), np.array([normal, -normal])
+        to_go = x[0] - 20.0
+        gradient, hessian = np.array([0.1 * to_go, 0.0]), np.diag([0.1, 0.0])
+        return Linearisation(0.05 * to_go**2, gradient, hessian, *NO_ROWS, *constraints)
+
+    start = np.array([0.0, 0.01])
+    found = minimise(linearise, start, 100, 1e-6, 1e-6, 0.3, None, 0.3)
+    assert found.feasible, found.stop_reason
+    assert found.x[0] == pytest.approx(20.0, abs=1e-4), found.stop_reason
+
+
 def on_circle(x):
     """The distance to (2, 1), on the unit circle."""
     equality = np.array([x @ x - 1.0]), 2.0 * x[None]

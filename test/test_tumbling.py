@@ -37,6 +37,7 @@ from ff_planner_ros.planning.problem import (
 )
 from ff_planner_ros.planning.scenario import Defaults, load_scenario, load_task
 from ff_planner_ros.planning.scenario_writer import write_scenario
+from ff_planner_ros.planning.scene import Scene, scene_of
 from ff_planner_ros.planning.search_certificate import search_certificate
 from ff_planner_ros.planning.system_frame import system_frame
 from ff_planner_ros.planning.tail import EndBehaviour
@@ -125,7 +126,7 @@ def test_the_arm_stays_outside_what_is_fixed_to_the_body(
 
 
 def test_mujoco_sees_the_capture_come_true(problem: PlanningProblem, plan: Plan) -> None:
-    found = verify(problem.robot, plan.trajectory, problem.target_body)
+    found = verify(problem.robot, plan.trajectory, scene_of(problem))
     assert found.passed
     assert found.capture is not None
     assert found.capture.position_error < 1e-3
@@ -138,7 +139,7 @@ def test_mujoco_sees_the_capture_come_true(problem: PlanningProblem, plan: Plan)
         {"linear_velocity": body_of(problem).linear_velocity + np.array([2e-3, 0.0, 0.0])},
     ):
         other = replace(body_of(problem), **change)
-        assert not verify(problem.robot, plan.trajectory, other).passed
+        assert not verify(problem.robot, plan.trajectory, Scene(target_body=other)).passed
 
 
 @pytest.mark.parametrize("name", ["turned", "in orbit"])
@@ -416,5 +417,5 @@ def test_after_the_capture_the_arm_goes_on_with_the_body(kind: str) -> None:
     # A target that went on as it was at the capture would be elsewhere by then.
     straight = drawn.target.position + 3.0 * drawn.target.linear_velocity
     assert np.linalg.norm(straight - motion.ee_positions[-1]) > 5e-4
-    found = verify(drawn.robot, motion, body, drawn.duration)
+    found = verify(drawn.robot, motion, scene_of(drawn))
     assert found.passed

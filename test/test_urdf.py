@@ -14,10 +14,12 @@ from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.robot.bodies import Geometry
 from ff_planner_ros.robot.model import Robot, robot_from_urdf_text
 from ff_planner_ros.robot.urdf import checked_urdf
 
 LEMUR = LEMUR_URDF.read_text()
+TESTBED_URDF = LEMUR_URDF.parents[1] / "planar_testbed/planar_testbed.urdf"
 LINK_3_INERTIA = 'ixx="1.1304" iyy="1.1304" izz="0.0108" ixy="0.0" ixz="0.0" iyz="0.0"'
 JOINT_1_LIMIT = (
     '<limit lower="-3.141592653589793" upper="3.141592653589793" velocity="0.5" effort="80.0"/>'
@@ -249,7 +251,7 @@ def test_shapes_and_foreign_tags_do_not_matter(capfd: pytest.CaptureFixture[str]
         "<transmission/><gazebo><gravity>true</gravity></gazebo><material/>",
     )
     plain = robot_from_urdf_text(LEMUR, "chaser", "end_effector")
-    robot = robot_from_urdf_text(decorated, "chaser", "end_effector")
+    robot = robot_from_urdf_text(decorated, "chaser", "end_effector", geometry=Geometry.LINES)
     assert robot.model == plain.model
     assert capfd.readouterr() == ("", "")
 
@@ -273,15 +275,28 @@ def test_the_urdf_checked_moves_like_the_urdf_given() -> None:
 
 
 @pytest.mark.parametrize("file", [LEMUR_URDF, CANADARM2_URDF], ids=lambda file: file.stem)
-def test_the_shapes_of_a_shipped_robot_reach_from_joint_to_joint(file: Path) -> None:
+def test_each_joint_of_a_shipped_robot_lies_in_a_shape_of_a_link_next_to_it(file: Path) -> None:
+    """Or, within a wrist whose axes meet in a point, of one that turns about the same point."""
     robot = ElementTree.parse(file).getroot()
     shapes = {link.get("name"): link.findall("visual") for link in robot.iter("link")}
+    held = []  # whether the point of the last joint is
     for joint in robot.iter("joint"):
         parent, origin = joint.find("parent").get("link"), joint.find("origin").get("xyz")
-        assert any(_holds(shape, _numbers(origin)) for shape in shapes[parent])
-        child = joint.find("child").get("link")
-        if child != "end_effector":  # a frame, where the last link ends
-            assert any(_holds(shape, np.zeros(3)) for shape in shapes[child]), child
+        child, here = joint.find("child").get("link"), _numbers(origin)
+        near = any(_holds(shape, here) for shape in shapes[parent])
+        near |= any(_holds(shape, np.zeros(3)) for shape in shapes[child])
+        held.append(near or (bool(held) and held[-1] and not here.any()))
+        assert held[-1], joint.get("name")
+
+
+@pytest.mark.parametrize("file", [LEMUR_URDF, CANADARM2_URDF, TESTBED_URDF], ids=lambda f: f.stem)
+def test_a_shipped_robot_is_drawn_as_it_collides(file: Path) -> None:
+    for link in ElementTree.parse(file).getroot().iter("link"):
+        drawn, solid = (
+            [[ElementTree.tostring(part).strip() for part in shape] for shape in link.findall(tag)]
+            for tag in ("visual", "collision")
+        )
+        assert drawn == solid, link.get("name")
 
 
 def _holds(visual: ElementTree.Element, point: np.ndarray) -> bool:
@@ -292,6 +307,8 @@ def _holds(visual: ElementTree.Element, point: np.ndarray) -> bool:
     if shape.tag == "box":
         half = _numbers(shape.get("size")) / 2
         return bool((np.abs([x, y, z]) <= half + 1e-9).all())
+    if shape.tag == "sphere":
+        return bool(np.linalg.norm([x, y, z]) <= float(shape.get("radius")) + 1e-9)
     radius, length = float(shape.get("radius")), float(shape.get("length"))
     return bool(np.hypot(x, y) <= radius + 1e-9 and abs(z) <= length / 2 + 1e-9)
 

@@ -57,7 +57,7 @@ GRIPPER = with_parts(
     body("wheel"),
     joint("wheel_joint", "continuous", "finger", "wheel", '<axis xyz="0 0 1"/>'),
 )  # fmt: skip
-HELD_AT = {"slide_joint": 0.01, "other_slide_joint": 0.0, "finger_joint": -0.3}
+HELD_AT = {"slide_joint": 0.01, "other_slide_joint": 0.01, "finger_joint": -0.3}
 
 
 def test_a_gripper_is_held_where_its_limits_allow_and_weighs_what_it_weighs() -> None:

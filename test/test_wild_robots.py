@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import NamedTuple
 from xml.etree import ElementTree
 
+import coal
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -17,6 +18,7 @@ from ff_planner_ros.arrays import Array
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.planner import plan
 from ff_planner_ros.planning.problem import Limits, Objective, PlanningProblem, Target
+from ff_planner_ros.robot.bodies import Geometry
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import Robot, robot_from_urdf_text
 from ff_planner_ros.robot.momentum import generalised_jacobian
@@ -26,6 +28,8 @@ from ff_planner_ros.simulation.verification import verify
 ROBOTS = Path(
     str(distribution("example-robot-data").locate_file("cmeel.prefix/share/example-robot-data"))
 )
+
+LINES = Geometry.LINES
 
 
 class Arm(NamedTuple):
@@ -67,7 +71,7 @@ def test_an_arm_as_found_is_shown_with_its_joints_and_all_its_mass(
     assert cli.main(["robot", str(file_of(arm.urdf)), "--tip-link", arm.tip_link]) == 0
     shown, notes = capsys.readouterr()
     text = file_of(arm.urdf).read_text()
-    robot = robot_from_urdf_text(text, tip_link=arm.tip_link)
+    robot = robot_from_urdf_text(text, tip_link=arm.tip_link, geometry=LINES)
     assert robot.joints == arm.joints
     assert all(joint in shown for joint in robot.joint_names)
     assert all(f"{joint} at 0" in notes for joint in arm.held)
@@ -109,7 +113,7 @@ def test_who_does_what_a_refusal_says_needs_no_second_refusal(
                 if turns:
                     joint.find("limit").attrib.update(lower="-3", upper="3")
     mended = ElementTree.tostring(robot, encoding="unicode")
-    assert robot_from_urdf_text(mended, None, tip_link).joints == joints
+    assert robot_from_urdf_text(mended, None, tip_link, geometry=LINES).joints == joints
 
 
 def test_every_robot_of_the_package_is_shown_or_refused_in_words(
@@ -129,7 +133,8 @@ def test_every_robot_of_the_package_is_shown_or_refused_in_words(
 def test_a_capture_with_an_arm_as_found_comes_true(name: str) -> None:
     """On a chaser, from the best of some postures: MuJoCo reads the URDF by itself."""
     arm = ARMS[name]
-    robot = robot_from_urdf_text(on_a_chaser(file_of(arm.urdf)), "chaser", arm.tip_link)
+    text = on_a_chaser(file_of(arm.urdf))
+    robot = robot_from_urdf_text(text, "chaser", arm.tip_link, geometry=LINES)
     start = best_posture(robot)
     data = robot.model.createData()
     pin.forwardKinematics(robot.model, data, *configuration(robot, start))
@@ -141,6 +146,49 @@ def test_a_capture_with_an_arm_as_found_comes_true(name: str) -> None:
     problem = PlanningProblem(robot, start, target, 8.0, 41, (), Objective(1.0, 0.0), limits)
     found = verify(robot, plan(problem, load_parameters().planner).trajectory)
     assert found.passed, (found.deviation, found.momentum_drift)
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_the_bodies_of_an_arm_as_found_are_the_hulls_of_its_meshes(name: str) -> None:
+    """In the places where Pinocchio puts the meshes, which it reads by itself."""
+    arm = ARMS[name]
+    text, directory = on_a_chaser(file_of(arm.urdf)), file_of(arm.urdf).parent
+    robot = robot_from_urdf_text(text, "chaser", arm.tip_link, directory=directory)
+    theirs = pin.GeometryModel()
+    packages = [str(ROBOTS), str(ROBOTS.parent)]
+    kind = pin.GeometryType.COLLISION
+    pin.buildGeomFromUrdfString(robot.model, text, kind, theirs, packages)
+    others = {found.name: found for found in theirs.geometryObjects}
+    assert len(robot.bodies) == len(others)
+    data, rng = robot.model.createData(), np.random.default_rng(7)
+    q = pin.neutral(robot.model)
+    for _ in range(5):
+        q[7:] = rng.uniform(robot.lower_position_limits, robot.upper_position_limits)
+        q[:3] = rng.normal(size=3)
+        q[3:7] = pin.Quaternion(pin.exp3(rng.normal(size=3))).coeffs()
+        pin.forwardKinematics(robot.model, data, q)
+        for body in robot.bodies:
+            other = named(others, body.name)
+            ours = data.oMi[body.joint] * body.placement_in_joint
+            wanted = data.oMi[other.parentJoint] * other.placement
+            np.testing.assert_allclose(ours.homogeneous, wanted.homogeneous, rtol=0, atol=1e-12)
+    simplified = " ".join(note for note in robot.notes if "simplified" in note)
+    for body in robot.bodies:
+        mesh = named(others, body.name)
+        if isinstance(mesh.geometry, coal.BVHModelBase):
+            vertices, corners = mesh.geometry.vertices(), body.solid.points()
+            for normal, offset in zip(body.solid.normals(), body.solid.offsets(), strict=True):
+                assert (vertices @ normal + offset).max() < 1e-7, body.name
+            if Path(mesh.meshPath).name not in simplified:
+                known = {row.tobytes() for row in vertices.astype(np.float32)}
+                assert known.issuperset(row.tobytes() for row in corners.astype(np.float32))
+                np.testing.assert_allclose(np.ptp(corners, axis=0), np.ptp(vertices, axis=0), 1e-6)
+
+
+def named(others: dict[str, pin.GeometryObject], name: str) -> pin.GeometryObject:
+    """What Pinocchio calls `link_0` and `link_1` is `link` and `link#2` of ours."""
+    link, _, number = name.partition("#")
+    return others[f"{link}_{int(number or 1) - 1}"]
 
 
 def on_a_chaser(file: Path) -> str:

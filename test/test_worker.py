@@ -20,7 +20,7 @@ from ros_processes import DEADLINE
 from ff_planner_ros.errors import FfPlannerError, Interrupted, InvalidInput, NoPlanFound, Status
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.plan import Plan
-from ff_planner_ros.planning.problem import PlanningProblem, Target
+from ff_planner_ros.planning.problem import Objective, PlanningProblem, Target
 from ff_planner_ros.planning.settings import PlannerSettings
 from ff_planner_ros.planning.task import PlanningTask, perform
 from ff_planner_ros.planning.watch import Progress
@@ -176,6 +176,7 @@ def test_given_up_at_any_moment_again_and_again_the_server_stays_and_the_next_pl
     times: Callable[[int, int], int],
 ) -> None:
     """Moments are numbers of looks at whether the plan is still wanted."""
+    longer = replace(lemur_capture, objective=Objective(0.0, 1.0))
     solve(worker, lemur_capture, settings)
     before, moments = server(worker), random.Random(SEED)
     for _ in range(times(30, 300)):
@@ -186,7 +187,7 @@ def test_given_up_at_any_moment_again_and_again_the_server_stays_and_the_next_pl
                 raise Unlucky
 
         with pytest.raises(Unlucky):
-            solve(worker, lemur_capture, settings, check=look)
+            solve(worker, longer, settings, check=look)
     assert solve(worker, lemur_capture, settings).metrics.min_clearance >= 0.0
     assert server(worker) == before
 

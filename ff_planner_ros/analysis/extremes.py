@@ -9,7 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ff_planner_ros.arrays import Array
-from ff_planner_ros.planning.clearance import arm_points, clearances, segments
+from ff_planner_ros.planning.bodies import (
+    placed_bodies,
+    radii,
+    sphere_bounds,
+    sphere_distances,
+)
+from ff_planner_ros.planning.body_certificate import centers_in_base
+from ff_planner_ros.planning.clearance import arm_points, centers_at, clearances, segments
 from ff_planner_ros.planning.joint_motion import joint_motion
 from ff_planner_ros.planning.plan import Trajectory
 from ff_planner_ros.planning.pose_motion import poses_between
@@ -29,11 +36,11 @@ _MOST_DISTANCES = 500_000
 
 @dataclass(frozen=True, eq=False)
 class Distances:
-    """How far the arm's centre lines are from every sphere over time."""
+    """How far the robot is from every sphere over time: its bodies, or else the arm's lines."""
 
     time: Array  # the motion's points, and times between them; shape (times,) [s]
-    of_sphere: Array  # from the nearest segment; shape (times, spheres) [m]
-    segment: NDArray[np.intp]  # which one that is; shape (times, spheres)
+    of_sphere: Array  # from the nearest segment or body; shape (times, spheres) [m]
+    nearest: NDArray[np.intp]  # which one that is; shape (times, spheres)
 
     @property
     def closest(self) -> Array:
@@ -44,12 +51,12 @@ class Distances:
 
 @dataclass(frozen=True)
 class Nearest:
-    """Where the arm comes nearest to an obstacle."""
+    """Where the robot comes nearest to an obstacle."""
 
     distance: float  # negative inside the obstacle [m]
     time: float  # [s]
     obstacle: str  # its id
-    link: str  # in words
+    link: str  # in words, or the name of the body
 
     @property
     def words(self) -> str:
@@ -62,30 +69,49 @@ class Nearest:
 def distances(robot: Robot, obstacles: Sequence[Sphere], motion: Trajectory) -> Distances:
     """Return the distances of a motion, between its points, too."""
     time, q = _between_points(robot, motion)
-    positions = arm_points(robot, q)
-    starts = segments(positions)
+    starts = np.arange(len(robot.bodies)) if robot.bodies else segments(arm_points(robot, q))
     rows = max(1, _MOST_DISTANCES // max(1, len(starts) * len(obstacles)))
     found, which = [], []
     for k in range(0, len(time), rows):
         part = slice(k, k + rows)
-        distance = clearances(positions[part], time[part], starts, obstacles).distance
+        if robot.bodies:
+            distance = _of_bodies(robot, obstacles, time[part], q[part])
+        else:
+            lines = arm_points(robot, q[part])
+            distance = clearances(lines, time[part], starts, obstacles).distance
         found.append(distance.min(axis=1))
         which.append(starts[distance.argmin(axis=1)])
     return Distances(time, np.concatenate(found), np.concatenate(which))
 
 
+def _of_bodies(robot: Robot, obstacles: Sequence[Sphere], time: Array, q: Array) -> Array:
+    """Return distances of bodies from spheres; infinite where another body is nearer for certain.
+
+    Shape (times, bodies, spheres) [m].
+    """
+    placed, radius = placed_bodies(robot, q[:, 7:]), np.array([one.radius for one in obstacles])
+    centers = centers_in_base(q, centers_at(time, obstacles))
+    lowest = sphere_bounds(robot, placed, centers, radius)
+    highest = lowest + 2.0 * radii(robot)[:, None]
+    distance = np.full(lowest.shape, np.inf)
+    rows = np.nonzero(lowest <= highest.min(axis=1, keepdims=True))
+    distance[rows] = sphere_distances(robot, placed, centers, radius, rows).distance
+    return distance
+
+
 def nearest(
     robot: Robot, obstacles: Sequence[Sphere], found: Distances, sphere: int | None = None
 ) -> Nearest:
-    """Return where the arm comes nearest to any obstacle, or to the one of that number."""
+    """Return where the robot comes nearest to any obstacle, or to the one of that number."""
     if sphere is None:
         sphere = int(found.of_sphere.min(axis=0).argmin())
     time = int(found.of_sphere[:, sphere].argmin())
+    which = int(found.nearest[time, sphere])
     return Nearest(
         distance=float(found.of_sphere[time, sphere]),
         time=float(found.time[time]),
         obstacle=obstacles[sphere].id,
-        link=link_name(robot, int(found.segment[time, sphere])),
+        link=robot.bodies[which].name if robot.bodies else link_name(robot, which),
     )
 
 

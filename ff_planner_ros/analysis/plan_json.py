@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, astuple, dataclass, fields
+from dataclasses import MISSING, asdict, astuple, dataclass, fields
 from typing import Any
 
 import numpy as np
@@ -14,17 +14,21 @@ from ff_planner_ros.errors import FfPlannerError, InvalidInput, NoPlanFound, Sta
 from ff_planner_ros.planning.metrics import Metrics
 from ff_planner_ros.planning.plan import Plan, SolverReport, Trajectory
 from ff_planner_ros.planning.problem import (
+    CONTACT_DISTANCE,
     Objective,
     Orientation,
+    PlanningProblem,
     Sphere,
     Target,
     attached_spheres,
 )
 from ff_planner_ros.planning.scenario import target_body_of
 from ff_planner_ros.planning.scenario_writer import described_body
+from ff_planner_ros.planning.scene import Scene
 from ff_planner_ros.planning.sound_samples import require_sound_samples
 from ff_planner_ros.planning.target_body import TargetBody
 from ff_planner_ros.planning.task import PlanningTask
+from ff_planner_ros.robot.bodies import Geometry
 from ff_planner_ros.robot.model import Base, Robot, robot_from_urdf_text
 from ff_planner_ros.shown import quoted
 
@@ -56,6 +60,7 @@ def plan_dictionary(plan: Plan, task: PlanningTask, solve_time: float) -> dict[s
         "status": Status.SOLVED.name.lower(),
         "message": plan.solver.stop_reason,
         "digest": task.digest,
+        "geometry": problem.robot.geometry.value,
         "robot": {
             "urdf": problem.robot.drawn_urdf,
             "base_link": problem.robot.base_link,
@@ -71,6 +76,7 @@ def plan_dictionary(plan: Plan, task: PlanningTask, solve_time: float) -> dict[s
             for sphere in problem.obstacles
             if sphere.body is None
         ],
+        **_allowed(problem),
         **({} if (body := problem.target_body) is None else _body_rows(body, motion.time)),
         "limits": {
             "position": "from_urdf",
@@ -87,6 +93,16 @@ def plan_dictionary(plan: Plan, task: PlanningTask, solve_time: float) -> dict[s
     }
 
 
+def _allowed(problem: PlanningProblem) -> dict[str, Any]:
+    """Return what may touch at the goal; nothing where nothing may."""
+    if not problem.allowed_at_goal:
+        return {}
+    return {
+        "allowed_at_goal": list(problem.allowed_at_goal),
+        "contact_distance": problem.contact_distance,
+    }
+
+
 def refusal_dictionary(
     error: FfPlannerError, solve_time: float, digest: str | None = None
 ) -> dict[str, Any]:
@@ -97,6 +113,30 @@ def refusal_dictionary(
     if isinstance(error, NoPlanFound) and isinstance(error.attempt, Plan):
         refusal |= _how_good(error.attempt, solve_time)
     return refusal
+
+
+def planned_scene(answer: object) -> Scene | None:
+    """Read what a plan's dictionary says that it was made among; None: it does not tell.
+
+    Raises:
+        InvalidInput: That is something else.
+    """
+    body = captured_body(answer)
+    obstacles, goal = _asked_for(answer, body)[1], _goal(answer)
+    if obstacles is None or goal is None or not isinstance(answer, dict):
+        return None
+    allowed = answer.get("allowed_at_goal", [])
+    if not isinstance(allowed, list) or not all(isinstance(one, str) for one in allowed):
+        raise InvalidInput(Status.WRONG_SIZE, "allowed_at_goal", "something else", "a list of text")
+    distance = _number("contact_distance", answer.get("contact_distance", CONTACT_DISTANCE))
+    return Scene(
+        obstacles,
+        tuple(allowed),
+        distance,
+        goal.position,
+        target_body=body,
+        capture_time=None if body is None else _number("duration", _entry(answer, "duration")),
+    )
 
 
 def planned_motion(answer: object) -> tuple[Robot, Trajectory]:
@@ -115,7 +155,13 @@ def planned_motion(answer: object) -> tuple[Robot, Trajectory]:
     if base not in tuple(Base):
         allowed = f"it must be {', '.join(Base)}"
         raise InvalidInput(Status.OUT_OF_RANGE, "robot.base", quoted(base), allowed)
-    robot = robot_from_urdf_text(urdf, base_link, tip_link, Base(base))
+    # Earlier versions kept lines clear, and said nothing of it.
+    geometry = answer.get("geometry", Geometry.LINES) if isinstance(answer, dict) else None
+    if geometry not in tuple(Geometry):
+        allowed = f"it must be {', '.join(Geometry)}"
+        raise InvalidInput(Status.OUT_OF_RANGE, "geometry", quoted(geometry), allowed)
+    kept_clear = Geometry(geometry)
+    robot = robot_from_urdf_text(urdf, base_link, tip_link, Base(base), geometry=kept_clear)
     names = _entry(answer, "joint_names")
     if names != list(robot.joint_names):
         allowed = f"they must be those of the robot, {', '.join(robot.joint_names)}"
@@ -133,10 +179,18 @@ def plan_document(answer: object) -> PlanDocument:
     robot, trajectory = planned_motion(answer)
     require_sound_samples(robot, trajectory)
     metrics, solver = _entry(answer, "metrics"), _entry(answer, "solver")
-    found = {item.name: _entry(metrics, item.name, "metrics.") for item in fields(Metrics)}
+    found = {
+        item.name: _entry(metrics, item.name, "metrics.")
+        for item in fields(Metrics)
+        # Dictionaries of older versions lack what has a default.
+        if item.default is MISSING or item.name in metrics
+    }
     peaks = _numbers("metrics.peak_joint_torques", found.pop("peak_joint_torques"))
     peaks = finite_vector("metrics.peak_joint_torques", peaks, robot.joints)
-    numbers = {name: _number(f"metrics.{name}", value) for name, value in found.items()}
+    values: dict[str, Any] = {
+        name: str(value) if name.endswith("_pair") else _number(f"metrics.{name}", value)
+        for name, value in found.items()
+    }
     told = {item.name: _entry(solver, item.name, "solver.") for item in fields(SolverReport)}
     for name in ("starts", "iterations", "rollouts"):
         told[name] = int(finite_number(f"solver.{name}", told[name]))
@@ -147,14 +201,12 @@ def plan_document(answer: object) -> PlanDocument:
         trajectory=trajectory,
         xi=_numbers("xi", _entry(answer, "xi")),
         orientation_reading=str(_entry(answer, "orientation_reading")),
-        metrics=Metrics(peak_joint_torques=tuple(peaks.tolist()), **numbers),
+        metrics=Metrics(peak_joint_torques=tuple(peaks.tolist()), **values),
         solver=SolverReport(**told),
     )
     solve_time = _number("solver.solve_time", _entry(solver, "solve_time", "solver."))
-    weights, obstacles = _asked_for(answer)
     body = captured_body(answer)
-    if body is not None and obstacles is not None:
-        obstacles = (*obstacles, *attached_spheres(body))
+    weights, obstacles = _asked_for(answer, body)
     return PlanDocument(robot, plan, solve_time, weights, obstacles, _goal(answer), body)
 
 
@@ -170,13 +222,16 @@ def captured_body(answer: Any) -> TargetBody | None:
     return target_body_of({name: value for name, value in told.items() if name not in _ROWS})
 
 
-def _asked_for(answer: Any) -> tuple[tuple[float, float] | None, tuple[Sphere, ...] | None]:
+def _asked_for(
+    answer: Any, body: TargetBody | None
+) -> tuple[tuple[float, float] | None, tuple[Sphere, ...] | None]:
     """Return what was minimised and what was avoided; older dictionaries tell neither."""
     objective, obstacles = answer.get("objective"), answer.get("obstacles")
+    attached = () if body is None else tuple(attached_spheres(body))
     try:
         return (
             None if objective is None else astuple(Objective(**objective)),
-            None if obstacles is None else tuple(_sphere(sphere) for sphere in obstacles),
+            None if obstacles is None else (*map(_sphere, obstacles), *attached),
         )
     except (TypeError, LookupError):
         allowed = "`ff-planner plan --json` writes them"

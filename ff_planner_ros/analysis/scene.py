@@ -6,6 +6,7 @@ legend shows and hides each method.
 
 from __future__ import annotations
 
+import html
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations, product
@@ -17,6 +18,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.analysis.methods import Method
+from ff_planner_ros.analysis.nearest import Nearest, nearest
 from ff_planner_ros.analysis.scene_layout import add_controls, lay_out
 from ff_planner_ros.analysis.solids import RobotSurface, robot_surface, surface_at
 from ff_planner_ros.analysis.surroundings import (
@@ -42,6 +44,7 @@ _MOST_FRAMES = 50
 _SNAPSHOTS = 5
 # Length of drawn axes beside the arm's.
 _AXIS_LENGTH = 0.1
+_NEAREST = "#d40000"
 _PAGE = (
     '<!doctype html><html><head><meta charset="utf-8"><title>{title}</title>'
     '<meta name="viewport" content="width=device-width">'
@@ -89,7 +92,8 @@ def scene_figure(
     times = np.linspace(0.0, longest[-1], min(len(longest), _MOST_FRAMES))
     surface = robot_surface(robot)
     drawn = [
-        _motion(robot, surface, method, trajectory, times) for method, trajectory in motions.items()
+        _motion(robot, obstacles, surface, method, trajectory, times)
+        for method, trajectory in motions.items()
     ]
     snapshots = drawn[0].snapshots
     near = near_arm(
@@ -103,7 +107,7 @@ def scene_figure(
     for motion in drawn:
         bodies = list(_bodies(motion, 0))
         moving += range(len(figure.data), len(figure.data) + len(bodies))
-        traces = [*bodies, *_paths(motion)]
+        traces = [*bodies, *_paths(motion), *_nearest(motion)]
         for trace in traces:
             trace.visible = True if motion.method in shown else "legendonly"
         figure.add_traces(traces)
@@ -137,10 +141,12 @@ class _Motion:
     method: Method
     chaser: Array  # centre of mass; shape (points, 3)
     box: Array  # corners of the chaser's box; shape (points, 8, 3)
+    boxed: bool  # whether it is drawn: a chaser with bodies needs none
     arm: Array  # joints and end effector; shape (points, joints + 1, 3)
     axes: Array  # of the end effector, unit length; shape (points, 3 axes, 3)
     surface: Array  # corners of the links' shapes; shape (frames, corners, 3)
     triangles: NDArray[np.intp]  # of them; shape (triangles, 3)
+    nearest: Nearest | None  # where bodies come nearest to each other or to an obstacle
     rows: NDArray[np.intp]  # the point that each frame shows; shape (frames,)
 
     @property
@@ -156,7 +162,12 @@ class _Motion:
 
 
 def _motion(
-    robot: Robot, surface: RobotSurface, method: Method, trajectory: Trajectory, times: Array
+    robot: Robot,
+    obstacles: Sequence[Sphere],
+    surface: RobotSurface,
+    method: Method,
+    trajectory: Trajectory,
+    times: Array,
 ) -> _Motion:
     q, _ = from_trajectory(robot, trajectory)
     turns = Rotation.from_quat(trajectory.chaser_quaternions_xyzw).as_matrix()
@@ -167,10 +178,12 @@ def _motion(
         method=method,
         chaser=trajectory.chaser_positions,
         box=trajectory.chaser_positions[:, None] + corners,
+        boxed=not any(body.joint == 1 for body in robot.bodies),
         arm=arm_points(robot, q),
         axes=axes_of(trajectory.ee_quaternions_xyzw),
         surface=surface_at(robot, surface, q[rows]),
         triangles=surface.triangles,
+        nearest=nearest(robot, trajectory, obstacles),
         rows=rows,
     )
 
@@ -183,7 +196,7 @@ def _bodies(motion: _Motion, frame: int) -> Iterator[go.Scatter3d | go.Mesh3d]:
     """Draw what moves: chaser, arm, end effector's axes, and the links where they have shapes."""
     point = motion.rows[frame]
     box, arm = motion.box[point], motion.arm[point]
-    edges = [box[list(edge)] for edge in _EDGES]
+    edges = [box[list(edge)] for edge in _EDGES] if motion.boxed else []
     mount = np.array([motion.chaser[point], arm[0]])
     yield _lines(motion.method, "chaser", [*edges, mount], width=3)
     yield _lines(motion.method, "arm", [arm], width=9, marker_size=4)
@@ -213,6 +226,20 @@ def _paths(motion: _Motion) -> tuple[go.Scatter3d, ...]:
         _lines(motion.method, "chaser's way", [motion.chaser], width=6),
         arms.update(opacity=0.35),
     )
+
+
+def _nearest(motion: _Motion) -> Iterator[go.Scatter3d]:
+    """Mark where bodies come nearest to each other or to an obstacle."""
+    if motion.nearest is not None:
+        yield go.Scatter3d(
+            **xyz(motion.nearest.ends),
+            mode="lines+markers",
+            line={"color": _NEAREST, "width": 8},
+            marker={"color": _NEAREST, "size": 4, "symbol": "diamond"},
+            name=f"nearest, {motion.nearest.distance * 1e3:.1f} mm",
+            legendgroup=motion.method.name,
+            hovertemplate=f"{html.escape(motion.nearest.words)}<extra></extra>",
+        )
 
 
 def _lines(

@@ -1,14 +1,16 @@
-"""Surfaces of triangles: of spheres, boxes and cylinders, and of a whole robot.
+"""Surfaces of triangles: of spheres, boxes, cylinders, capsules and hulls, and of a whole robot.
 
 Corners have shape (corners, 3) [m], triangles shape (triangles, 3) with the numbers of corners.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import product
 from typing import TypeAlias
 
+import coal
 import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
@@ -73,21 +75,49 @@ def cylinder(radius: float, length: float, around: int) -> tuple[Array, Triangle
     return corners, np.concatenate([np.stack(three, axis=1) for three in triangles])
 
 
+def capsule(radius: float, length: float, around: int) -> tuple[Array, Triangles]:
+    """Return a capsule about the z axis; length: between the centres of its ends."""
+    corners, triangles = sphere(2 * around)
+    ends = np.where(corners[:, 2:] > 1e-9, 1.0, -1.0) * [0.0, 0.0, length / 2]
+    return radius * corners + ends, triangles
+
+
+def hull(solid: coal.Convex) -> tuple[Array, Triangles]:
+    """Return the surface of a convex solid."""
+    corners = np.array(solid.points())
+    triangles = np.array(
+        [[solid.polygons(k)[i] for i in range(3)] for k in range(solid.num_polygons)], np.intp
+    )
+    a, b, c = (corners[triangles[:, k]] for k in range(3))
+    inwards = np.einsum("tx,tx->t", np.cross(b - a, c - a), a - corners.mean(axis=0)) < 0.0
+    triangles[inwards] = triangles[inwards][:, ::-1]
+    return corners, triangles
+
+
 def robot_surface(robot: Robot) -> RobotSurface:
-    """Return the surface of all shapes in a robot's URDF; it may have no corner."""
+    """Return the surface of the robot's bodies, or of what its URDF draws where it has none.
+
+    It may have no corner.
+    """
     corners, triangles, joints, count = [np.empty((0, 3))], [np.empty((0, 3), int)], [], 0
-    for shape in link_shapes(robot.drawn_urdf):
-        frame = robot.model.frames[robot.model.getFrameId(shape.link, pin.FrameType.BODY)]
-        surface, faces = _solid(shape)
-        in_link = surface @ shape.rotation_to_link.T + shape.position_in_link
-        placement = frame.placement
-        corners.append(in_link @ placement.rotation.T + placement.translation)
+    for (surface, faces), placement, joint in _solids(robot):
+        corners.append(surface @ placement.rotation.T + placement.translation)
         triangles.append(faces + count)
-        joints += [frame.parentJoint] * len(surface)
+        joints += [joint] * len(surface)
         count += len(surface)
     return RobotSurface(
         np.concatenate(corners), np.concatenate(triangles), np.array(joints, np.intp)
     )
+
+
+def _solids(robot: Robot) -> Iterator[tuple[tuple[Array, Triangles], pin.SE3, int]]:
+    """Yield surfaces, their places in the joints that carry them, and these joints."""
+    for body in robot.bodies:
+        yield _of_body(body.solid), body.placement_in_joint, body.joint
+    for shape in () if robot.bodies else link_shapes(robot.drawn_urdf):
+        frame = robot.model.frames[robot.model.getFrameId(shape.link, pin.FrameType.BODY)]
+        in_link = pin.SE3(np.array(shape.rotation_to_link), np.array(shape.position_in_link))
+        yield _of_shape(shape), frame.placement * in_link, frame.parentJoint
 
 
 def surface_at(robot: Robot, surface: RobotSurface, q: Array) -> Array:
@@ -108,7 +138,7 @@ def surface_at(robot: Robot, surface: RobotSurface, q: Array) -> Array:
     return placed
 
 
-def _solid(shape: Shape) -> tuple[Array, Triangles]:
+def _of_shape(shape: Shape) -> tuple[Array, Triangles]:
     if shape.kind == "box":
         return box(shape.sizes)
     if shape.kind == "cylinder":
@@ -116,3 +146,16 @@ def _solid(shape: Shape) -> tuple[Array, Triangles]:
         return cylinder(radius, length, _AROUND_LINK)
     corners, triangles = sphere(_AROUND_LINK)
     return shape.sizes[0] * corners, triangles
+
+
+def _of_body(solid: coal.CollisionGeometry) -> tuple[Array, Triangles]:
+    if isinstance(solid, coal.Box):
+        return box(tuple((2.0 * np.asarray(solid.halfSide)).tolist()))
+    if isinstance(solid, coal.Cylinder):
+        return cylinder(solid.radius, 2.0 * solid.halfLength, _AROUND_LINK)
+    if isinstance(solid, coal.Capsule):
+        return capsule(solid.radius, 2.0 * solid.halfLength, _AROUND_LINK)
+    if isinstance(solid, coal.Sphere):
+        corners, triangles = sphere(_AROUND_LINK)
+        return solid.radius * corners, triangles
+    return hull(solid)

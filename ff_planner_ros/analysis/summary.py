@@ -11,21 +11,22 @@ from ff_planner_ros.planning.metrics import METRIC_BY_NAME
 from ff_planner_ros.planning.plan import Plan
 from ff_planner_ros.planning.problem import Limits
 from ff_planner_ros.planning.task import PlanningTask
+from ff_planner_ros.robot.bodies import Geometry, defining_numbers
 from ff_planner_ros.robot.model import Robot
 
 # Of the metrics, what a user wants to know first.
 _TOLD = (
-    *("joint_path_length", "max_chaser_euler", "min_clearance", "min_joint_margin"),
-    *("min_velocity_margin", "peak_joint_torques", "final_position_error"),
+    *("joint_path_length", "max_chaser_euler", "min_clearance", "min_self_clearance"),
+    *("min_joint_margin", "min_velocity_margin", "peak_joint_torques", "final_position_error"),
     *("final_orientation_error", "momentum_error"),
 )
 
 
 def plan_rows(plan: Plan, task: PlanningTask, solve_time: float) -> list[tuple[str, str]]:
     """Return name and value of what a user wants to know first of a plan made in `solve_time` s."""
-    solver, values = plan.solver, vars(plan.metrics)
-    told = {name: METRIC_BY_NAME[name].text(values[name]) for name in _TOLD}
-    told["peak_joint_torques"] += f", {plan.joint_names[np.argmax(values['peak_joint_torques'])]}"
+    solver, metrics = plan.solver, plan.metrics
+    told = {name: metrics.told(name) for name in _TOLD}
+    told["peak_joint_torques"] += f", {plan.joint_names[np.argmax(metrics.peak_joint_torques)]}"
     return [
         ("status", Status.SOLVED.name.lower()),
         ("limits kept", _limits(task.problem.limits)),
@@ -68,7 +69,26 @@ def robot_rows(robot: Robot) -> list[tuple[str, str]]:
         torque = f"{effort:6g} N m" if np.isfinite(effort) else "any torque"
         limits = f"{lower[k]:7.1f} to {upper[k]:6.1f} deg, {rates[k]:6.1f} deg/s, {torque}"
         rows.append((f"  {name}", f"{limits}, {moved}"))
-    return rows
+    return [*rows, *_body_rows(robot)]
+
+
+def _body_rows(robot: Robot) -> list[tuple[str, str]]:
+    """Return name and value of what is kept clear."""
+    if robot.geometry is Geometry.LINES:
+        return [("geometry", "lines: the arm's centre lines are kept clear of spheres")]
+    rows = [("geometry", "shapes, as <collision> has them"), ("bodies", str(len(robot.bodies)))]
+    for body in robot.bodies:
+        kind, numbers, _ = defining_numbers(body)
+        size = (
+            f"hull of {len(numbers)} vertices, {_vector(np.ptp(numbers, axis=0))} m"
+            if kind == "convex"
+            else f"{kind}, {_vector(numbers)} m"
+        )
+        joint = robot.model.names[body.joint]
+        rows.append((f"  {body.name}", f"{size}, on {'the chaser' if body.joint == 1 else joint}"))
+    rows.append(("pairs", f"{len(robot.pairs)} that must not touch"))
+    links = [f"{pair.link1} - {pair.link2}: {pair.reason}" for pair in robot.may_touch]
+    return [*rows, ("may touch", str(len(links))), *(("", text) for text in links)]
 
 
 def _tip_at_zero(robot: Robot) -> Array:

@@ -52,7 +52,7 @@ class RecordedPlan:
     joint_names: tuple[str, ...]
     trajectory: Trajectory | None  # in the inertial frame, NaN where an old bag lacks it
     # Of the plan, or of the best attempt if there was any; names as in `PlanMetrics.msg`
-    metrics: Mapping[str, float | tuple[float, ...]]
+    metrics: Mapping[str, float | str | tuple[float, ...]]
     # What was asked for, and how the solver went, by column of the table of answers
     asked: Mapping[str, Cell] = field(default_factory=dict)  # empty: the bag lacks the request
     asked_ns: int = 0  # when the node received the request, by its clock; zero: not known
@@ -231,9 +231,11 @@ def _table(rows: list[Any], points: int, width: int) -> Array:
     return table
 
 
-def _metrics(metrics: Any) -> dict[str, float | tuple[float, ...]]:
+def _metrics(metrics: Any) -> dict[str, float | str | tuple[float, ...]]:
     return {
-        name: tuple(value.tolist()) if isinstance(value, np.ndarray) else float(value)
+        name: value
+        if isinstance(value, str)
+        else (tuple(value.tolist()) if isinstance(value, np.ndarray) else float(value))
         for name, value in vars(metrics).items()
         if not name.startswith("_")
     }

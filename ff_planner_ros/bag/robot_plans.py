@@ -5,14 +5,19 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
+from ff_planner_ros.bag.decoding import nanoseconds
 from ff_planner_ros.bag.exchanges import exchanges
 from ff_planner_ros.bag.plans import RecordedPlan, recorded_plan
-from ff_planner_ros.bag.reader import open_bag
+from ff_planner_ros.bag.reader import Message, open_bag
+from ff_planner_ros.bag.scenes import asked_scene, received_obstacles, with_received
 from ff_planner_ros.errors import BagError, InvalidInput
 from ff_planner_ros.parameters import RobotParameters
 from ff_planner_ros.planning.plan import Trajectory
+from ff_planner_ros.planning.scene import Scene
 from ff_planner_ros.planning.yaml_file import yaml_document
+from ff_planner_ros.robot.bodies import Geometry
 from ff_planner_ros.robot.model import Base, Robot
 
 
@@ -23,7 +28,8 @@ class RobotPlans:
     robot: Robot
     motions: Mapping[str, Trajectory]  # by plan id, in the order of the requests
     # By plan id, as in `PlanMetrics.msg`
-    metrics: Mapping[str, Mapping[str, float | tuple[float, ...]]]
+    metrics: Mapping[str, Mapping[str, float | str | tuple[float, ...]]]
+    scenes: Mapping[str, Scene]  # by plan id, where the bag tells
     notes: tuple[str, ...]  # what is wrong with the bag
 
 
@@ -35,9 +41,10 @@ def robot_plans(bag: Path) -> RobotPlans:
         InvalidInput: The URDF in it is refused.
     """
     with open_bag(bag) as opened:
-        found = exchanges(opened, lambda _: True, recorded_plan)
+        found = exchanges(opened, asked_scene, _answer)
+        received = received_obstacles(opened)
         attachments, notes = opened.attachments, opened.notes
-    answers: list[RecordedPlan] = [one.response for one in found if one.response is not None]
+    answers = [one.response[0] for one in found if one.response is not None]
     motions = {one.plan_id: one.trajectory for one in answers if one.trajectory is not None}
     if not motions:
         refusals = "; ".join(f"{one.plan_id}: {one.message}" for one in answers)
@@ -48,7 +55,22 @@ def robot_plans(bag: Path) -> RobotPlans:
         if one.plan_id in motions and one.joint_names != robot.joint_names:
             moved, wanted = ", ".join(one.joint_names), ", ".join(robot.joint_names)
             raise BagError(f"bag {bag}: {one.plan_id} moves {moved}, but its robot has {wanted}")
-    return RobotPlans(robot, motions, {one.plan_id: one.metrics for one in answers}, notes)
+    told = {
+        exchange.response[0].plan_id: with_received(
+            exchange.request, exchange.response[1], received
+        )
+        for exchange in found
+        if exchange.response is not None
+    }
+    scenes = {plan_id: scene for plan_id, scene in told.items() if scene is not None}
+    metrics = {one.plan_id: one.metrics for one in answers}
+    return RobotPlans(robot, motions, metrics, scenes, notes)
+
+
+def _answer(message: Message, response: Any) -> tuple[RecordedPlan, int]:
+    """Return an answer, and the stamp of the scene that it was made for [ns]."""
+    stamp = getattr(response, "obstacles_stamp", None)
+    return recorded_plan(message, response), 0 if stamp is None else nanoseconds(stamp)
 
 
 def attached_robot(bag: Path, attachments: Mapping[str, bytes]) -> Robot:
@@ -69,9 +91,11 @@ def attached_robot(bag: Path, attachments: Mapping[str, bytes]) -> Robot:
         base_link, tip_link = str(links["base_link"]), str(links["tip_link"])
         # Bags of earlier versions do not tell: they know no other base.
         base, held = str(links.get("base", Base.FREE_FLYER)), str(links.get("held_joints", ""))
+        # What they recorded was planned with lines.
+        geometry = str(links.get("geometry", Geometry.LINES))
     except (InvalidInput, LookupError, TypeError, ValueError):
         raise BagError(
             f"bag {bag}: its parameters.yaml does not name robot.base_link and robot.tip_link"
         ) from None
-    robot = RobotParameters("robot.urdf", base_link, tip_link, base, held)
+    robot = RobotParameters("robot.urdf", base_link, tip_link, base, held, geometry, srdf="")
     return robot.load(documents["robot.urdf"])

@@ -10,6 +10,7 @@ import numpy as np
 from ff_planner_ros.bench import tumbling
 from ff_planner_ros.bench.success import Stopwatch
 from ff_planner_ros.errors import FfPlannerError, Status
+from ff_planner_ros.planning.scene import scene_of
 from ff_planner_ros.planning.settings import PlannerSettings
 from ff_planner_ros.planning.task import PlanningTask, perform
 from ff_planner_ros.simulation.verification import verify
@@ -46,7 +47,7 @@ def capture_attempts(count: int, settings: PlannerSettings) -> Iterator[CaptureA
                 missed = (error.status, str(error), stopwatch.seconds, None, None, None)
                 yield CaptureAttempt(kind, number, *missed)
                 continue
-            found = verify(problem.robot, plan.trajectory, problem.target_body).capture
+            found = verify(problem.robot, plan.trajectory, scene_of(problem)).capture
             errors = (
                 (None, None, None)
                 if found is None

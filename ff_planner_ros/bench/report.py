@@ -24,6 +24,13 @@ from ff_planner_ros.bench.beliefs import BELIEFS, BeliefResult, belief_results
 from ff_planner_ros.bench.captures import HEADER as CAPTURES_HEADER
 from ff_planner_ros.bench.captures import capture_attempts, capture_rows
 from ff_planner_ros.bench.families import HEADER, family_attempts, side_by_side
+from ff_planner_ros.bench.geometries import HEADER as GEOMETRIES_HEADER
+from ff_planner_ros.bench.geometries import (
+    crowded_problems,
+    crowds,
+    geometry_attempts,
+    geometry_rows,
+)
 from ff_planner_ros.bench.methods import OURS, method_results
 from ff_planner_ros.bench.robots import ROBOTS
 from ff_planner_ros.bench.scaling import Growth, with_joints, with_points, with_spheres
@@ -35,6 +42,7 @@ from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.problem import Parametrisation, PlanningProblem
 from ff_planner_ros.planning.scenario import load_scenario
 from ff_planner_ros.planning.settings import PlannerSettings
+from ff_planner_ros.robot.bodies import Geometry
 from ff_planner_ros.share import share_directory
 from ff_planner_ros.text_table import print_table
 
@@ -45,8 +53,12 @@ ONE_THREAD = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_
 _EXECUTED = 40
 # Scenarios that are planned from starts in motion.
 _STARTS = 20
+# Rounds of search for the attitude that are compared: a race alone, and with hops, the default.
+_ROUNDS = (1, 3)
 # Problems of each class that are planned in both path families.
 _FAMILIES = 40
+# Problems that are planned with lines and with shapes.
+_GEOMETRIES = 60
 # Bodies of each class that are captured, and the plans executed.
 _CAPTURES = 100
 
@@ -77,6 +89,8 @@ def main(quick: bool, scenarios: int, json_file: str) -> None:
     figures["scenarios"] = print_success(scenarios, settings)
     figures["starts"] = print_starts(min(scenarios, _STARTS), settings)
     figures["families"] = print_families(min(scenarios, _FAMILIES), settings)
+    figures["geometries"] = print_geometries(min(scenarios, _GEOMETRIES), settings)
+    figures["crowds"] = print_crowds(settings, quick=quick)
     figures["captures"] = print_captures(min(scenarios, _CAPTURES), settings)
     figures["steadiness"] = print_steadiness(1 if quick else len(BEST_KNOWN), settings)
     figures["executions"] = print_executions(1 if quick else min(scenarios, _EXECUTED), settings)
@@ -211,6 +225,43 @@ def print_families(count: int, settings: PlannerSettings) -> list[dict[str, Any]
     return _figures(tried)
 
 
+def print_geometries(count: int, settings: PlannerSettings) -> list[dict[str, Any]]:
+    """Plan the same problems with lines and with shapes, and return the figures."""
+    tried = list(geometry_attempts(count, settings))
+    title = "Lines and shapes side by side, contacts looked for 1000 times a second"
+    print_table(title, GEOMETRIES_HEADER, list(geometry_rows(tried)))
+    for each in tried:
+        if not each.solved and each.geometry is Geometry.SHAPES:
+            print(f"missed: {each.robot} {each.number}, {each.objective}: {each.message}")
+        if each.touches and each.geometry is Geometry.SHAPES:
+            print(f"touches: {each.robot} {each.number}, {each.objective}: {each.touches}")
+    return _figures(tried)
+
+
+def print_crowds(settings: PlannerSettings, *, quick: bool) -> list[dict[str, Any]]:
+    """Compare times of lines and shapes among few and many spheres, and return the figures."""
+    runs, sizes = (1, (3, 30)) if quick else (5, (3, 200))
+    found = list(crowds(crowded_problems(), settings, sizes, runs))
+    rows = [
+        (
+            each.problem,
+            f"{each.spheres}",
+            f"{each.lines:.3f}",
+            f"{each.shapes:.3f}",
+            f"{each.shapes / each.lines:.2f}",
+            f"{each.lines_rollouts}",
+            f"{each.shapes_rollouts}",
+        )
+        for each in found
+    ]
+    header = (
+        *("problem", "spheres", "lines [s]", "shapes [s]", "shapes / lines"),
+        *("lines: rollouts", "shapes: rollouts"),
+    )
+    print_table("Processor time with lines and with shapes, min(L)", header, rows)
+    return _figures(found)
+
+
 def print_captures(count: int, settings: PlannerSettings) -> list[dict[str, Any]]:
     """Capture bodies that tumble, and return the figures."""
     tried = list(capture_attempts(count, settings))
@@ -223,10 +274,10 @@ def print_captures(count: int, settings: PlannerSettings) -> list[dict[str, Any]
 
 def print_steadiness(count: int, settings: PlannerSettings) -> list[dict[str, Any]]:
     """Compare plans of least attitude with the best that are known, and return the figures."""
-    done = [each for rounds in (1, 4) for each in steadiness(count, rounds, settings)]
+    done = [each for rounds in _ROUNDS for each in steadiness(count, rounds, settings)]
     rows = [
         (f"{rounds}", *_nearness([each for each in done if each.rounds == rounds]))
-        for rounds in (1, 4)
+        for rounds in _ROUNDS
     ]
     header = (
         "rounds", "scenarios", "min(L)", "min(Theta) too", "worse than min(L)",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from functools import cache
 
+from ff_planner_ros.robot.bodies import Geometry
 from ff_planner_ros.robot.model import Base, Robot, load_robot, robot_from_urdf_text
 from ff_planner_ros.share import share_directory
 
@@ -19,6 +20,11 @@ _TABLE_ARM, _TABLE_ARM_MASS, _TABLE_MASS = 1.2, 7.0, 60.0
 # Each pitch joint sits beside the one before [m], so that no wrist is spherical.
 _SIDEWAYS = 0.08
 
+# What the arms with bodies look like [m]: a chaser with two panels, tubes that end beside the
+# joints, a ball in a joint between two others, a tool.
+_CHASER_BOX, _PANEL, _PANEL_AT = (1.0, 1.0, 0.8), (0.8, 2.0, 0.04), 1.7
+_TUBE, _BALL, _BESIDE, _TOOL = 0.05, 0.06, 0.1, 0.12
+
 # Robots that are read from the share directory, by name.
 _BASE_LINKS = {"lemur": "chaser", "canadarm2": "station"}
 # Where the chaser of `off7` has its centre of mass and axes.
@@ -26,22 +32,23 @@ _OFF_THE_BASE = '<origin xyz="0.3 -0.2 0.25" rpy="0.3 -0.2 0.5"/>'
 
 
 @cache
-def bench_robot(name: str) -> Robot:
+def bench_robot(name: str, geometry: Geometry = Geometry.LINES) -> Robot:
     """Return `lemur`, `canadarm2`, or a generated arm by its number of joints: `arm6` has six.
 
     `planar3` has three and its chaser floats on a table. `off7` has seven, and the centre of mass
-    of its chaser is off the base link's frame.
+    of its chaser is off the base link's frame. These two have no bodies.
     """
     if name in _BASE_LINKS:
         urdf = share_directory() / "config" / "robots" / name / f"{name}.urdf"
-        return load_robot(urdf, _BASE_LINKS[name], "end_effector")
+        return load_robot(urdf, _BASE_LINKS[name], "end_effector", geometry=geometry)
     if name == "off7":
         moved = arm_urdf(7).replace('<origin xyz="0 0 0.0"/>', _OFF_THE_BASE, 1)
         return robot_from_urdf_text(moved, "chaser", "end_effector")
     if name.startswith("planar"):
         text = planar_urdf(int(name.removeprefix("planar")))
         return robot_from_urdf_text(text, "chaser", "end_effector", Base.PLANAR)
-    return robot_from_urdf_text(arm_urdf(int(name.removeprefix("arm"))), "chaser", "end_effector")
+    text = arm_urdf(int(name.removeprefix("arm")), with_bodies=geometry is Geometry.SHAPES)
+    return robot_from_urdf_text(text, "chaser", "end_effector")
 
 
 def planar_urdf(joints: int) -> str:
@@ -60,7 +67,7 @@ def planar_urdf(joints: int) -> str:
     return f'<robot name="planar{joints}">{"".join(parts)}</robot>'
 
 
-def arm_urdf(joints: int) -> str:
+def arm_urdf(joints: int, *, with_bodies: bool = False) -> str:
     """Write a chaser with an arm whose joints roll and pitch in turn, along z at zero angles.
 
     It has six joints or more; without the upper arm's roll if their number is even.
@@ -71,6 +78,12 @@ def arm_urdf(joints: int) -> str:
     axes = axes[:joints]
     pitches = axes.count("y")
     parts = [_link("chaser", _CHASER_MASS, (11.0, 9.0, 15.0), 0.0)]
+    if with_bodies:
+        parts[0] = _filled(parts[0], _box(_CHASER_BOX))
+        for side, place in (("left", _PANEL_AT), ("right", -_PANEL_AT)):
+            parts.append(_filled(f'<link name="panel_{side}"></link>', _box(_PANEL)))
+            at = f"0 {place} 0"
+            parts.append(_joint(f"hinge_{side}", "fixed", "chaser", f"panel_{side}", at))
     parent, offset = "chaser", "0.2 0.1 0.4"
     for number, axis in enumerate(axes, 1):
         # A roll joint sits with the pitch joint below it; the length lies between pitch joints.
@@ -79,10 +92,13 @@ def arm_urdf(joints: int) -> str:
         mass = _ARM_MASS / joints
         thin, thick = mass * (0.005 + length**2 / 12), mass * 0.003
         parts.append(_link(f"link_{number}", mass, (thin, thin, thick), length / 2))
+        if with_bodies:
+            parts[-1] = _filled(parts[-1], _tube(0.0 if number == 1 else _BESIDE, length))
         parts.append(_joint(f"joint_{number}", "revolute", parent, f"link_{number}", offset, axis))
         parent = f"link_{number}"
         offset = f"0 {_SIDEWAYS if number > 1 and length else 0.0} {length}"
-    parts.append('<link name="end_effector"/>')
+    tool = _box((_TOOL, _TOOL, _TOOL), -_TOOL / 2) if with_bodies else ""
+    parts.append(_filled('<link name="end_effector"></link>', tool))
     parts.append(_joint("hand", "fixed", parent, "end_effector", offset))
     return f'<robot name="arm{joints}">{"".join(parts)}</robot>'
 
@@ -104,3 +120,25 @@ def _joint(name: str, kind: str, parent: str, child: str, offset: str, axis: str
         f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
         f'<origin xyz="{offset}"/>{moves if axis else ""}</joint>'
     )
+
+
+def _filled(link: str, solid: str) -> str:
+    """Return a link with what it collides with."""
+    return link.replace("</link>", f"{solid}</link>") if solid else link
+
+
+def _tube(begin: float, length: float) -> str:
+    """Return what a link along z is made of: a tube that ends beside the next joint, or a ball."""
+    end = length - _BESIDE
+    if end <= begin:
+        return _collision(f'<sphere radius="{_BALL}"/>', 0.0)
+    tube = f'<cylinder radius="{_TUBE}" length="{end - begin}"/>'
+    return _collision(tube, (begin + end) / 2)
+
+
+def _box(edges: tuple[float, float, float], height: float = 0.0) -> str:
+    return _collision(f'<box size="{" ".join(map(str, edges))}"/>', height)
+
+
+def _collision(solid: str, height: float) -> str:
+    return f'<collision><origin xyz="0 0 {height}"/><geometry>{solid}</geometry></collision>'

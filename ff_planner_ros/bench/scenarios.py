@@ -96,9 +96,9 @@ def _twins(kind: str, robot: str, number: int) -> tuple[Scenario, Scenario]:
 
 def _draw(kind: Kind, robot: Robot, rng: np.random.Generator) -> tuple[Scenario, Scenario] | None:
     """Draw twins; None if what was drawn is not sound."""
-    reach = _stretched_length(robot)
+    reach = stretched_length(robot)
     try:
-        problem = _draw_motion(robot, reach, rng)
+        problem = draw_motion(robot, reach, rng)
     except InvalidInput:  # a singular posture
         return None
     witness = _draw_coefficients(kind, reach, rng)
@@ -128,7 +128,7 @@ def _draw(kind: Kind, robot: Robot, rng: np.random.Generator) -> tuple[Scenario,
     return first, second
 
 
-def _draw_motion(robot: Robot, reach: float, rng: np.random.Generator) -> PlanningProblem:
+def draw_motion(robot: Robot, reach: float, rng: np.random.Generator) -> PlanningProblem:
     """Draw start, target and duration; the chaser frame is the inertial frame at the start."""
     start = SystemState(
         position_chaser_in_inertial=np.zeros(3),
@@ -182,7 +182,7 @@ def _draw_spheres(
         (hit[0], kind.blocking, kind.depth),
         (cleared[0], wanted, -np.inf),
     ):
-        candidates = _draw_near(near, reach, rng)
+        candidates = draw_near(near, reach, rng)
         clear = np.min([clearance_of(sweep, candidates) for sweep in cleared], axis=0)
         shrink = np.maximum(0.0, kind.clearance + _CERTIFICATE_ALLOWANCE - clear)
         inside = -np.max([clearance_of(sweep, candidates) for sweep in hit], axis=0) - shrink
@@ -201,7 +201,7 @@ def _draw_spheres(
     return tuple(chosen)
 
 
-def _draw_near(sweep: Array, reach: float, rng: np.random.Generator) -> list[Sphere]:
+def draw_near(sweep: Array, reach: float, rng: np.random.Generator) -> list[Sphere]:
     """Draw spheres around the points of the arm on its way."""
     starts = segments(sweep)
     times, links = rng.integers(len(sweep), size=_CANDIDATES), rng.choice(starts, _CANDIDATES)
@@ -215,7 +215,7 @@ def _draw_near(sweep: Array, reach: float, rng: np.random.Generator) -> list[Sph
     ]
 
 
-def _stretched_length(robot: Robot) -> float:
+def stretched_length(robot: Robot) -> float:
     """Return the length of the stretched arm, from the first joint to the end effector."""
     neutral = pin.neutral(robot.model)
     along = np.diff(arm_points(robot, neutral[None])[0], axis=0)

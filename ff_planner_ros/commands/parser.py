@@ -9,6 +9,7 @@ from typing import Any
 
 from ff_planner_ros.commands import bags, planning
 from ff_planner_ros.planning.problem import Parametrisation
+from ff_planner_ros.robot.bodies import Geometry
 
 _A_BAG = "a directory or .mcap file"
 
@@ -50,9 +51,10 @@ def command_parser() -> ArgumentParser:
     demo = add("demo", planning.show_demo, "plan the paper's capture over ROS, show the result")
     demo.add_argument(
         "--testbed",
-        choices=("lemur", "planar"),
+        choices=("lemur", "bodies", "planar"),
         default="lemur",
-        help="lemur: the paper's capture in space (default); planar: one on an air-bearing table",
+        help="lemur: the paper's capture in space (default); bodies: the same with the whole robot "
+        "kept clear, panels and all; planar: one on an air-bearing table",
     )
     demo.add_argument("--output", type=Path, default="demo_output", metavar="DIR")
 
@@ -157,6 +159,18 @@ def command_parser() -> ArgumentParser:
     robot.add_argument("urdf", type=Path, metavar="URDF")
     robot.add_argument("--base-link", metavar="LINK", help="default: the root")
     robot.add_argument("--tip-link", metavar="LINK", help="default: the only link without children")
+    robot.add_argument(
+        "--geometry",
+        choices=[one.value for one in Geometry],
+        help="default: shapes where the arm has any <collision>",
+    )
+    robot.add_argument(
+        "--srdf",
+        type=Path,
+        metavar="FILE",
+        help="write an SRDF of links that may touch: neighbours, and those that always or never "
+        "touch in 10,000 random postures",
+    )
 
     verify = add(
         "verify",

@@ -6,6 +6,7 @@ import argparse
 import json
 import sys
 import time
+import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
@@ -14,9 +15,9 @@ from typing import Any
 
 from ff_planner_ros.analysis.json_file import read_json
 from ff_planner_ros.analysis.plan_json import (
-    captured_body,
     plan_dictionary,
     planned_motion,
+    planned_scene,
     refusal_dictionary,
 )
 from ff_planner_ros.analysis.summary import plan_rows, robot_rows
@@ -30,11 +31,13 @@ from ff_planner_ros.planning.plan import Plan, Trajectory
 from ff_planner_ros.planning.planner import plan
 from ff_planner_ros.planning.problem import Objective, Parametrisation
 from ff_planner_ros.planning.scenario import Defaults, load_scenario, load_task
-from ff_planner_ros.planning.target_body import TargetBody
+from ff_planner_ros.planning.scene import Scene, scene_of
 from ff_planner_ros.planning.task import Method, PlanningTask, perform, without_search
 from ff_planner_ros.planning.watch import Watch
-from ff_planner_ros.planning.yaml_file import number
+from ff_planner_ros.robot.bodies import Geometry
 from ff_planner_ros.robot.model import Robot, read_urdf, robot_from_urdf_text
+from ff_planner_ros.robot.pairs import moveit_pairs
+from ff_planner_ros.robot.srdf import srdf_text
 from ff_planner_ros.share import share_directory
 from ff_planner_ros.time_budget import TimeBudget
 
@@ -153,25 +156,20 @@ def verify_plans(options: argparse.Namespace) -> int:
     from ff_planner_ros.verify import print_verdict
 
     verdicts = [
-        print_verdict(name, robot, motion, options.sensitivity, body, capture_time)
-        for name, robot, motion, body, capture_time in _motions(options.source, options)
+        print_verdict(name, robot, motion, options.sensitivity, scene)
+        for name, robot, motion, scene in _motions(options.source, options)
     ]
     return SOLVED if all(verdicts) else NO_PLAN
 
 
 def _motions(
     source: Path, options: argparse.Namespace
-) -> Iterator[tuple[str, Robot, Trajectory, TargetBody | None, float | None]]:
-    """Yield each plan that a file or bag holds or asks for: name, robot, motion.
-
-    And the body that it captures, and when [s]; None: none, or it is not known.
-    """
+) -> Iterator[tuple[str, Robot, Trajectory, Scene | None]]:
+    """Yield name, robot, motion and scene of each plan that a file or bag holds or asks for."""
     if source.suffix in (".yaml", ".yml"):
         task, watch = _task(source, options)
         planned = perform(task, watch, _method(options.method))
-        problem = task.problem
-        captured = problem.target_body, problem.duration
-        yield source.name, problem.robot, planned.trajectory, *captured
+        yield source.name, task.problem.robot, planned.trajectory, scene_of(task.problem)
     elif source.suffix == ".json":
         yield source.name, *_motion_in_json(source)
     elif source.is_dir() or source.suffix == ".mcap":
@@ -180,19 +178,16 @@ def _motions(
         recorded = robot_plans(source)
         print_notes(recorded.notes)
         for plan_id, motion in recorded.motions.items():
-            yield plan_id, recorded.robot, motion, None, None
+            yield plan_id, recorded.robot, motion, recorded.scenes.get(plan_id)
     else:
         allowed = "it must be a scenario (.yaml), an answer (.json) or a bag (directory or .mcap)"
         raise InvalidInput(Status.UNSUPPORTED, "what to verify", source, allowed)
 
 
-def _motion_in_json(
-    source: Path,
-) -> tuple[Robot, Trajectory, TargetBody | None, float | None]:
+def _motion_in_json(source: Path) -> tuple[Robot, Trajectory, Scene | None]:
     answer = read_json(source)
     try:
-        motion, body = planned_motion(answer), captured_body(answer)
-        return *motion, body, None if body is None else number("duration", answer.get("duration"))
+        return *planned_motion(answer), planned_scene(answer)
     except InvalidInput as error:
         field = f"{source}: {error.field}"
         raise InvalidInput(error.status, field, error.value, error.allowed) from None
@@ -223,10 +218,32 @@ def run_benchmark(options: argparse.Namespace) -> int:
 
 def show_robot(options: argparse.Namespace) -> int:
     """Show what the planner makes of a URDF."""
-    robot = robot_from_urdf_text(read_urdf(options.urdf), options.base_link, options.tip_link)
+    robot = robot_from_urdf_text(
+        read_urdf(options.urdf),
+        options.base_link,
+        options.tip_link,
+        geometry=None if options.geometry is None else Geometry(options.geometry),
+        directory=options.urdf.resolve().parent,
+    )
     print_notes(robot.notes)
     print_table(robot_rows(robot))
+    if options.srdf is not None:
+        _write_srdf(options.srdf, robot)
     return SOLVED
+
+
+def _write_srdf(file: Path, robot: Robot) -> None:
+    """Write which links may touch, as MoveIt's assistant does."""
+    if robot.geometry is Geometry.LINES:
+        allowed = "only links with a <collision> can touch, and this robot is planned with lines"
+        raise InvalidInput(Status.UNSUPPORTED, "--srdf", file, allowed)
+    if file.exists():
+        allowed = "it is there: an SRDF may hold more, and is not replaced"
+        raise InvalidInput(Status.UNSUPPORTED, "--srdf", file, allowed)
+    tree = ElementTree.fromstring(robot.urdf)
+    pairs = moveit_pairs(tree, robot.model, robot.bodies)
+    file.write_text(srdf_text(tree.get("name", ""), pairs), encoding="utf-8")
+    print(f"\n{file}: {len(pairs)} pairs of links that may touch")
 
 
 def show_demo(options: argparse.Namespace) -> int:

@@ -36,7 +36,8 @@ inline py::object velocity(const Chain& chain, const Array& q, const Array& mome
                            const Array& twist, const Array& bias, double damping) {
   const int n = chain.joints(), size = 6 + n;
   VelocityMap map(chain, Configuration::read(checked(q, "q", {7 + n}), n),
-                  vector6(checked(momentum, "momentum", {6})), vector6(checked(twist, "twist", {6})),
+                  vector6(checked(momentum, "momentum", {6})),
+                  vector6(checked(twist, "twist_ee_in_inertial", {6})),
                   Eigen::Map<const Joints>(checked(bias, "bias", {n}), n),
                   checked(damping, "damping"));
   if (!map.regular) return py::none();
@@ -53,6 +54,7 @@ inline py::object velocity(const Chain& chain, const Array& q, const Array& mome
 }
 
 inline void bind_chain(py::module_& m) {
+  m.attr("MAX_JOINTS") = kMaxJoints;
   py::class_<Chain>(m, "Chain")
       .def(py::init(&chain), py::arg("translations"), py::arg("rotations"), py::arg("axes"),
            py::arg("masses"), py::arg("centers"), py::arg("inertias"))

@@ -59,8 +59,8 @@ class ArmMotion {
     RowMajor& known = known_[i];
     if (known.size() == 0) {
       known.resize(3 * arms_[i].points.cols(), columns_);
-      arms_[i].derivatives(
-          Eigen::Map<const RowMajor>(dq_ + i * velocities_ * columns_, velocities_, columns_), known);
+      const double* dq = dq_ + i * velocities_ * columns_;
+      arms_[i].derivatives(Eigen::Map<const RowMajor>(dq, velocities_, columns_), known);
     }
     return known;
   }
@@ -87,13 +87,9 @@ inline std::vector<int> near_box(const std::vector<ArmPoints>& points, const dou
   Eigen::AlignedBox3d box;
   for (const ArmPoints& arm : points)
     for (int k = 0; k < arm.cols(); ++k) box.extend(arm.col(k));
-  const auto [first, last] = std::minmax_element(times, times + points.size());
   std::vector<int> near;
   for (size_t sphere = 0; sphere < spheres.size(); ++sphere) {
-    const Vector3 begin = spheres[sphere].center_at(*first), end = spheres[sphere].center_at(*last);
-    Eigen::AlignedBox3d way(begin.cwiseMin(end), begin.cwiseMax(end));
-    if (spheres[sphere].body)  // it may have swung by meanwhile
-      for (size_t i = 0; i < points.size(); ++i) way.extend(spheres[sphere].center_at(times[i]));
+    const Eigen::AlignedBox3d way = spheres[sphere].way(times, points.size());
     if (box.exteriorDistance(way) <= spheres[sphere].radius + distance)
       near.push_back(static_cast<int>(sphere));
   }
@@ -105,8 +101,8 @@ struct ClearanceRows {
   std::vector<long long> names;             // by point, segment and sphere
 };
 
-// The distances below `interest`. The nearest point of a segment moves with the segment; its sliding
-// along it does not change the distance to first order.
+// The distances below `interest`. The nearest point of a segment moves with the segment; its
+// sliding along it does not change the distance to first order.
 inline ClearanceRows clearance_rows(ArmMotion& arm, const double* times,
                                     const std::vector<Sphere>& spheres, double interest) {
   ClearanceRows rows;
@@ -134,8 +130,8 @@ inline ClearanceRows clearance_rows(ArmMotion& arm, const double* times,
         rows.distances.push_back(distance);
         rows.jacobian.insert(rows.jacobian.end(), gradient.data(),
                              gradient.data() + gradient.size());
-        rows.names.push_back(static_cast<long long>((i * starts.size() + segment) * spheres.size()) +
-                             sphere);
+        const size_t name = (i * starts.size() + segment) * spheres.size() + sphere;
+        rows.names.push_back(static_cast<long long>(name));
       }
   }
   return rows;

@@ -4,8 +4,10 @@ from collections.abc import Sequence
 
 from ff_planner_ros.arrays import Array, Indices
 
+MAX_JOINTS: int
+
 class Chain:
-    """A chaser with one arm of joints that turn, 64 at most."""
+    """A chaser with one arm of 1 to `MAX_JOINTS` joints that turn."""
 
     def __init__(
         self,
@@ -107,6 +109,19 @@ def clearances(
         radii: Shape (spheres,).
     """
 
+def smallest_singular_values(
+    chain: Chain, joints: Array, rows: Sequence[int]
+) -> tuple[Array, Array]:
+    """Return those of the generalised Jacobian, Eq. (32), and their derivatives by the joints.
+
+    Args:
+        joints: Positions. Shape (points, joints).
+        rows: `Base.rows`.
+
+    Returns:
+        Shapes (points,) and (points, joints).
+    """
+
 def joint_path(
     v: Array, by_x: Array, step: float, slow: float, smoothing: float
 ) -> tuple[float, Array, Array]:
@@ -188,3 +203,48 @@ class DrivenMotion:
             rate_rows: Likewise.
             acceleration_row: Likewise, at the end. Shape (variables of a joint,).
         """
+
+class Bodies:
+    """The solids of a robot, and which of them must not touch."""
+
+    def __init__(
+        self,
+        carriers: Indices,  # how many joints of the arm carry each; shape (bodies,)
+        rotations: Array,  # of the solids, in the last of these joints; shape (bodies, 3, 3)
+        positions: Array,  # likewise; shape (bodies, 3)
+        centers: Array,  # likewise, of spheres around the solids; shape (bodies, 3)
+        radii: Array,  # of these spheres; shape (bodies,)
+        kinds: Indices,  # as in solids.hpp; shape (bodies,)
+        sizes: Array,  # half edges, or radius and half length; shape (bodies, 3)
+        vertices: Array,  # of all hulls; shape (vertices, 3)
+        vertex_counts: Indices,  # of each body; shape (bodies,)
+        pairs: Indices,  # shape (pairs, 2)
+    ) -> None: ...
+
+def pair_rows(
+    chain: Chain, bodies: Bodies, q: Array, q_sensitivity: Array, interest: float
+) -> tuple[Array, Array, Indices, Indices]:
+    """Return the distances of pairs of bodies that are below the interest [m].
+
+    Args:
+        q: Shape (configurations, 7 + joints).
+        q_sensitivity: Shape (configurations, 6 + joints, variables).
+
+    Returns:
+        Distances, their derivatives (rows, variables), their names (configuration, then pair), and
+        the names of those that are in each other, of which GJK knows nothing.
+    """
+
+def sphere_rows(
+    chain: Chain,
+    bodies: Bodies,
+    q: Array,
+    q_sensitivity: Array,
+    times: Array,
+    centers: Array,
+    velocities: Array,
+    radii: Array,
+    interest: float,
+    attached: Sequence[Attached] = (),
+) -> tuple[Array, Array, Indices, Indices]:
+    """Return likewise those of bodies from spheres; names: configuration, body, then sphere."""

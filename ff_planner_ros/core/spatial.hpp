@@ -1,9 +1,11 @@
-// Spatial vectors as Pinocchio orders them: the linear part first. Angular velocity and force act at
-// the origin of the frame that they are expressed in [Featherstone, Rigid Body Dynamics Algorithms].
+// Spatial vectors as Pinocchio orders them: the linear part first. Angular velocity and force act
+// at the origin of the frame that they are expressed in [Featherstone, Rigid Body Dynamics
+// Algorithms, 2008].
 #pragma once
 #include <Eigen/Cholesky>
 #include <Eigen/Core>
 #include <Eigen/Geometry>
+#include <Eigen/LU>
 
 #include <cmath>
 
@@ -62,12 +64,24 @@ struct Inertia {
     const Vector3 v = motion.head<3>(), w = motion.tail<3>();
     return stack(mass * v + w.cross(first), first.cross(v) + second * w);
   }
+  // The same as a matrix.
   Matrix6 matrix() const {
     Matrix6 all;
     all.topLeftCorner<3, 3>() = mass * Matrix3::Identity();
     all.bottomLeftCorner<3, 3>() = skew(first);
     all.topRightCorner<3, 3>() = -skew(first);
     all.bottomRightCorner<3, 3>() = second;
+    return all;
+  }
+  // The matrix that gives the motion of a momentum: with c the centre of mass and A the inverse of
+  // the inertia about it, w = A (torque - c x force) and v = force / mass + c x w.
+  Matrix6 inverse() const {
+    const Matrix3 C = skew(first / mass), A = Matrix3(second + mass * C * C).inverse();
+    Matrix6 all;
+    all.topLeftCorner<3, 3>() = Matrix3::Identity() / mass - C * A * C;
+    all.topRightCorner<3, 3>() = C * A;
+    all.bottomLeftCorner<3, 3>() = -A * C;
+    all.bottomRightCorner<3, 3>() = A;
     return all;
   }
 };

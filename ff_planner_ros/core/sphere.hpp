@@ -40,6 +40,16 @@ struct Sphere {
   Vector3 center_at(double time) const {
     return body ? body->place(place, time) : center + time * velocity;
   }
+
+  // The box around its centre at all of some times.
+  Eigen::AlignedBox3d way(const double* times, size_t count) const {
+    const auto [first, last] = std::minmax_element(times, times + count);
+    const Vector3 begin = center_at(*first), end = center_at(*last);
+    Eigen::AlignedBox3d box(begin.cwiseMin(end), begin.cwiseMax(end));
+    if (body)  // it may have swung by meanwhile
+      for (size_t i = 0; i < count; ++i) box.extend(center_at(times[i]));
+    return box;
+  }
 };
 
 }  // namespace ff

@@ -16,7 +16,8 @@ namespace ff {
 template <int columns>
 constexpr int kOrder = columns == 1 ? Eigen::ColMajor : Eigen::RowMajor;
 template <int columns>
-using Along = Eigen::Matrix<double, Eigen::Dynamic, columns, kOrder<columns>, kMaxVelocities, columns>;
+using Along =
+    Eigen::Matrix<double, Eigen::Dynamic, columns, kOrder<columns>, kMaxVelocities, columns>;
 template <int columns>
 using Twists = Eigen::Matrix<double, 6, columns, kOrder<columns>>;
 
@@ -43,19 +44,20 @@ class VelocityMap {
     w_ = stack(inertial_to_ee_ * twist.head<3>(), inertial_to_ee_ * twist.tail<3>());
     to_tip_ = at_.tip.motion_to_inner();  // X: J = X [1 S], H = [I^c_0, I^c_k S_k]
 
-    base_inertia_.compute(at_.composite[0].matrix());
+    base_inertia_inverse_ = at_.composite[0].inverse();
     for (int k = 0; k < n; ++k) momenta_.col(k) = at_.composite[k + 1] * at_.screws.col(k);
-    coupling_ = base_inertia_.solve(momenta_);
-    const Vector6 drift = base_inertia_.solve(h_);
-    generalised_ = to_tip_ * (at_.screws - coupling_);  // J_D, Eq. (32)
-    Matrix6 square = generalised_ * generalised_.transpose();
-    square.diagonal().array() += damping * damping;
-    square_.compute(square);
-    mu_ = square_.solve(w_ - to_tip_ * drift - generalised_ * bias);
+    coupling_ = base_inertia_inverse_.lazyProduct(momenta_);
+    const Vector6 drift = base_inertia_inverse_ * h_;
+    generalised_ = to_tip_.lazyProduct(at_.screws - coupling_);  // J_D, Eq. (32)
+    Matrix6 square = damping * damping * Matrix6::Identity();
+    for (int k = 0; k < n; ++k) square += generalised_.col(k) * generalised_.col(k).transpose();
+    const Eigen::LLT<Matrix6> factors(square);
+    for (int k = 0; k < 6; ++k) square_inverse_.col(k) = factors.solve(Vector6::Unit(k));
+    mu_ = square_inverse_ * Vector6(w_ - to_tip_ * drift - generalised_ * bias);
     v.tail(n) = bias + generalised_.transpose() * mu_;  // Eq. (31)
     v.head<6>() = drift - coupling_ * v.tail(n);        // Eq. (27)
     // Written so that it is false, too, where there is no number.
-    regular = square_.info() == Eigen::Success &&
+    regular = factors.info() == Eigen::Success &&
               v.tail(n).squaredNorm() < kSingularJointRate * kSingularJointRate;
   }
 
@@ -68,7 +70,7 @@ class VelocityMap {
     const int n = static_cast<int>(v.size()) - 6;
     const Matrix6J& S = at_.screws;
     const Vector6 pull = to_tip_.transpose() * mu_;  // of the twist's multiplier, at the base
-    const Vector6 a = base_inertia_.solve(pull);     // the momentum's multiplier
+    const Vector6 a = base_inertia_inverse_ * pull;  // the momentum's multiplier
     std::array<Vector6, kMaxJoints + 1> V;
     V[0] = v.head<6>();
     for (int k = 0; k < n; ++k) V[k + 1] = V[k] + S.col(k) * v[6 + k];
@@ -85,11 +87,11 @@ class VelocityMap {
       carried.col(k) = cross_motion(s, a);
       of_base_force.col(k) = cross_force(s, beyond * a - pull) - beyond * carried.col(k);
     }
-    MatrixJJ of_joint_force = S.transpose() * of_base_force;
+    MatrixJJ of_joint_force = S.transpose().lazyProduct(of_base_force);
     for (int k = 0; k < n; ++k)  // what is beyond joint i does not move with it
       for (int i = k + 1; i < n; ++i) of_joint_force(i, k) = -momenta_.col(i).dot(carried.col(k));
-    of_force_ = of_joint_force - coupling_.transpose() * of_base_force;
-    turning_ = to_tip_.block<3, 3>(3, 3) * S.bottomRows<3>();
+    of_force_ = of_joint_force - coupling_.transpose().lazyProduct(of_base_force);
+    turning_ = to_tip_.block<3, 3>(3, 3).lazyProduct(S.bottomRows<3>());
   }
 
   // Derivatives of v along steps dq of the configuration in its tangent space, and of the twist and
@@ -120,12 +122,12 @@ class VelocityMap {
   template <int columns, typename Force>
   Along<columns> solved(const Twists<columns>& momentum, const Twists<columns>& twist,
                         const Force& force) const {
-    const Twists<columns> drift = base_inertia_.solve(momentum);
+    const Twists<columns> drift = base_inertia_inverse_ * momentum;
     Along<columns> dv(v.size(), drift.cols());
     auto rates = dv.bottomRows(v.size() - 6);
     rates = force;
     const Twists<columns> slack = twist - to_tip_ * drift - generalised_.lazyProduct(rates);
-    const Twists<columns> multipliers = square_.solve(slack);
+    const Twists<columns> multipliers = square_inverse_ * slack;
     rates.noalias() += generalised_.transpose().lazyProduct(multipliers);
     dv.template topRows<6>() = drift - coupling_.lazyProduct(rates);
     return dv;
@@ -142,9 +144,9 @@ class VelocityMap {
   Posture at_;
   Vector6 h_, w_, mu_;
   Matrix3 inertial_to_ee_;
-  Matrix6 to_tip_;
+  Matrix6 to_tip_, base_inertia_inverse_;
+  Matrix6 square_inverse_;                     // of J_D J_D^T, damped
   Matrix6J momenta_, coupling_, generalised_;  // I^c_k S_k; base twist per rate, negative; J_D
-  Eigen::LLT<Matrix6> base_inertia_, square_;  // I^c_0; J_D J_D^T, damped
   Matrix6J of_momentum_, of_twist_;            // what `prepare_derivative` makes
   MatrixJJ of_force_;
   Matrix3J turning_;

@@ -26,6 +26,7 @@ from ff_planner_ros.bag.writer import unique_directory
 from ff_planner_ros.demo.domain import private_environment
 from ff_planner_ros.errors import FfPlannerError, Status
 from ff_planner_ros.planning.scenario import load_scenario
+from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.rotation import euler_from_rotation
 from ff_planner_ros.share import share_directory
 from ff_planner_ros.text_table import print_table
@@ -49,6 +50,9 @@ class Testbed(NamedTuple):
 
 TESTBEDS: Mapping[str, Testbed] = {
     "lemur": Testbed("The paper's capture", "lemur_capture.yaml", "planner.yaml"),
+    "bodies": Testbed(
+        "The paper's capture with the whole robot", "lemur_capture_bodies.yaml", "planner.yaml"
+    ),
     "planar": Testbed(
         "A capture on an air-bearing table", "planar_capture.yaml", "planar_testbed.yaml"
     ),
@@ -104,7 +108,7 @@ def _demonstrate(
     )
     os.environ.update(private_environment())
     flown: dict[Method, dict[str, Any]] = {}
-    with _running(_node(directory, parameters), directory / "node.log") as node:
+    with _running(_node(directory, parameters, problem.robot), directory / "node.log") as node:
         for method in _OBJECTIVES:
             flown[method] = _fly(method, scenario, directory, node, stop)
     (bag,) = (metadata.parent for metadata in directory.glob("*/metadata.yaml"))
@@ -183,11 +187,12 @@ def _fly(
     raise FfPlannerError(Status.INTERNAL_ERROR, "no lead to try")
 
 
-def _node(directory: Path, parameters: Path) -> list[str]:
+def _node(directory: Path, parameters: Path, robot: Robot) -> list[str]:
     # Quoted: ROS reads the value as YAML.
     bag = f"bag.directory:={json.dumps(str(directory))}"
+    geometry = ["-p", f"robot.geometry:={robot.geometry}"]  # as the scenario has it
     node = [sys.executable, "-m", "ff_planner_ros.ros.node", "--ros-args"]
-    return [*node, "--params-file", str(parameters), "-p", bag]
+    return [*node, "--params-file", str(parameters), "-p", bag, *geometry]
 
 
 def _example(name: str) -> list[str]:

@@ -1,9 +1,9 @@
 """From a plan of least joint path to one that weighs the chaser's attitude, too.
 
-The attitude has many local optima, the joint path few. So the search begins at the plan of least
-joint path, raises the weight of the attitude rung by rung, and tries other first guesses beside.
-Most of it is done on few points, where it is cheap. Nothing is answered that is worse than the
-plan of least joint path in the objective asked for, as the plans' metrics measure it.
+The attitude has many local optima, the joint path few. So the plan of least joint path and other
+first guesses run a race, and from the best of them the search hops to better ones. Most of it is
+done on few points, where it is cheap. Nothing is answered that is worse than the plan of least
+joint path in the objective asked for, as the plans' metrics measure it.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, fields, replace
 from itertools import cycle, islice
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 
@@ -28,18 +28,22 @@ from ff_planner_ros.planning.watch import CHECKING
 
 # Returns the plan along a path, or None where it does not pass the check.
 Judge = Callable[[FoundPath], Plan | None]
-# Decision variables, and the curvature there as far as it is known.
-Start: TypeAlias = tuple[Array, Array | None]
 
 # Rungs of the ladder: weights of the attitude, where the joint path's is one. Each about three
 # times the last; below the first the joint path alone decides.
 _RUNGS = (6.0, 15.0, 45.0)
-# The first round's guesses beside the plan of least joint path; those of the later rounds are near
-# the best plan, moved at random along each direction by two standard deviations in turn.
-_GUESSES, _NEARBY, _SPREADS = 6, 6, (0.1, 0.2)
-# The race on few points: iterations for every path, then how many go on and for how many more, then
-# iterations for the best. Most guesses show early that they lead nowhere.
-_FIRST_HEAT, _SECOND_HEAT, _LAST_HEAT = 8, (3, 8), 24
+# The race on few points: guesses, the first the plan of least joint path, and iterations for each;
+# then how many go on and for how many more, and how many go on to an optimum. Most guesses show
+# early that they lead nowhere; some that are slow to begin with lead far.
+_GUESSES, _FIRST_HEAT, _SECOND_HEAT, _FINALISTS, _LAST_HEAT = 24, 14, (8, 8), 3, 24
+# Hops of a round from the best path on few points: at random along each direction, by two standard
+# deviations in turn. Where one comes so near to the best it is worth more iterations.
+_HOPS, _SPREADS, _NEARLY = 10, (0.1, 0.2), 1.3
+# Rounds of hops that leave more than this part of the best path's worth lead nowhere: after so many
+# in a row the next round is a race of other guesses.
+_GAIN, _IN_VAIN = 0.98, 2
+# So many paths of a round at most are refined on more points.
+_REFINED = 2
 # Iterations on more points: they begin near the optimum.
 _FINE_ITERATIONS = 12
 # First trust regions, far from an optimum and near one. The path is moved in all of its own ways
@@ -51,12 +55,10 @@ _TOLERATED, _FINE_TOLERATED = 2e-2, 5e-3
 _SMALL_VIOLATION, _MENDING_ITERATIONS = 3e-2, 6
 # Singular values stay so many times above their threshold: they may fall between the points.
 _AWAY = 1.2
-# Of the best plan's objective: a path on few points that is not below it is not refined.
+# Of the best plan's objective: a path on few points that is above it is not refined.
 _PROMISING = 1.02
 # A joint path or an angle known to this part is known well enough to compare two.
 _ROUGH_OPTIMALITY, _ROUGH_PROGRESS, _FINE_PROGRESS = 1e-5, 1e-4, 2e-4
-# Two paths whose objectives differ by less than this part are the same path.
-_SAME = 1e-3
 
 NO_BETTER = "good enough: no better attitude was found than that of the least joint path"
 
@@ -75,17 +77,27 @@ class AttitudeSearch(Search):
         objective, best = with_tie_break(asked, self._settings), shortest
         for path in self._paths_at_guess(objective):
             best = _better(asked, best, judge(path))
-        start: Start = shortest.coefficients, None
-        tried = list[float]()
+        guesses, found, tried = self._guesses(shortest), list[_Rough](), list[_Rough]()
+        in_vain = 0
         for number in range(self._settings.attitude_rounds):
-            rough = self._raced(objective, list(self._guesses(number, start)))
-            limit = np.inf if best is shortest else weighted_sum(objective, best.metrics)
-            if _is_worth_refining(rough, limit, tried):
-                tried.append(rough.at_x.objective)
-                for path in self._path_near(objective, rough.x, rough.curvature):
-                    better = _better(asked, best, judge(path))
-                    if better is not best:
-                        best, start = better, (path.at_x.motion.x, rough.curvature)
+            if found and in_vain < _IN_VAIN:
+                reached = min(map(_worth, found))
+                self._hop(asked, found, number)
+                gains = min(map(_worth, found)) < _GAIN * reached
+                in_vain = 0 if gains else in_vain + 1
+            else:
+                found += self._raced(asked, list(islice(guesses, _GUESSES)))
+                in_vain = 0
+            for rough in sorted(found, key=_worth)[:_REFINED]:
+                limit = np.inf if best is shortest else weighted_sum(asked, best.metrics)
+                if rough in tried or rough.worth > _PROMISING * limit:
+                    continue
+                tried.append(rough)
+                refined = self._path_near(objective, rough.path.x, rough.path.curvature)
+                plans = [judge(path) for path in refined]
+                best = _better(asked, best, *plans)
+                if not any(plans):  # nor is anything gained near it
+                    found.remove(rough)
             if number == 0 and best is shortest:
                 best = self._climbed(asked, shortest, judge)
         if best is shortest:
@@ -119,39 +131,65 @@ class AttitudeSearch(Search):
             best = better
         return best
 
-    def _guesses(self, number: int, start: Start) -> Iterator[Start]:
-        """Yield where the paths of a round of the race begin."""
-        x, curvature = start
-        if number == 0:
-            yield start
-            level = self._grids[0].level
-            guesses = self._program.family.first_guesses(
-                self._program.problem.obstacles, level.points, level.damping
-            )
-            for guess in islice(guesses, _GUESSES):
-                yield guess, None
-            return
-        random = np.random.default_rng(number)
-        for _, spread in zip(range(_NEARBY), cycle(_SPREADS), strict=False):
-            aside = self._program.family.directions @ random.normal(scale=spread, size=len(x))
-            yield x + aside, curvature
+    def _guesses(self, shortest: Plan) -> Iterator[Array]:
+        """Yield where the paths of the races begin, without end."""
+        yield shortest.coefficients
+        level, obstacles = self._grids[0].level, self._program.problem.obstacles
+        guesses = self._program.family.first_guesses(obstacles, level.points, level.damping)
+        yield from guesses
 
-    def _raced(self, objective: Objective, starts: Sequence[Start]) -> PathSolution:
-        """Return the path on few points that comes furthest; it may be singular."""
-        grid = _with(
-            self._toward(objective)[0],
+    def _raced(self, asked: Objective, starts: Sequence[Array]) -> list[_Rough]:
+        """Return the paths on few points that come furthest."""
+        grid = self._rough_grid(asked)
+        self._starts += len(starts)
+        paths = [self._solve(_with(grid, iterations=_FIRST_HEAT), start) for start in starts]
+        count, iterations = _SECOND_HEAT
+        leading = sorted(paths, key=_lead)[:count]
+        paths = [self._solve(*_further(grid, path, iterations)) for path in leading]
+        found = list[_Rough]()
+        for number, path in enumerate(sorted(paths, key=_lead)):
+            if number < _FINALISTS or not found:
+                found += self._settled(asked, path)
+        return found
+
+    def _hop(self, asked: Objective, found: list[_Rough], number: int) -> None:
+        """Look around the best path on few points, then around the better one, and so on."""
+        grid, random = self._rough_grid(asked), np.random.default_rng(number)
+        directions = grid.program.family.directions
+        self._starts += _HOPS
+        for _, spread in zip(range(_HOPS), cycle(_SPREADS), strict=False):
+            best = min(found, key=_worth).path
+            aside = directions @ random.normal(scale=spread, size=len(best.x))
+            begin = best.x + aside, best.curvature
+            path = self._solve(_with(grid, iterations=_FIRST_HEAT), *begin)
+            if not _lead(path)[0] and path.at_x.objective < _NEARLY * best.at_x.objective:
+                found += self._settled(asked, path)
+
+    def _settled(self, asked: Objective, path: PathSolution) -> list[_Rough]:
+        """Return what comes of a path on few points, if there is a path and more do not refute it.
+
+        Between few points a path may be singular or run through an obstacle.
+        """
+        grid = _with(self._rough_grid(asked), tolerated=_FINE_TOLERATED)
+        path = self._solve_feasibly(*_further(grid, path, _LAST_HEAT))
+        if not path.feasible:
+            return []
+        _, more = self._toward(with_tie_break(asked, self._settings))[:2]
+        looked = self._solve(_with(more, iterations=0), path.x).at_x
+        if not looked.violation < _SMALL_VIOLATION:
+            return []
+        worth = looked.objective if asked.joint_path_length else float(looked.peaks.max())
+        return [_Rough(path, worth)]
+
+    def _rough_grid(self, asked: Objective) -> Grid:
+        """Return few points with the objective asked for."""
+        return _with(
+            self._toward(with_tie_break(asked, self._settings))[0],
             optimality=_ROUGH_OPTIMALITY,
             progress=_ROUGH_PROGRESS,
             tolerated=_TOLERATED,
             first_radius=_FAR,
         )
-        self._starts += len(starts)
-        paths = [self._solve(_with(grid, iterations=_FIRST_HEAT), *start) for start in starts]
-        count, iterations = _SECOND_HEAT
-        leading = sorted(paths, key=_lead)[:count]
-        paths = [self._solve(*_further(grid, path, iterations)) for path in leading]
-        best = min(paths, key=_lead)
-        return self._solve_feasibly(*_further(grid, best, _LAST_HEAT))
 
     def _path_near(
         self, objective: Objective, x: Array, curvature: Array | None
@@ -251,24 +289,22 @@ class _Remembering(PathProgram):
         return at_x
 
 
+@dataclass(frozen=True, eq=False)
+class _Rough:
+    """A path on few points that keeps the constraints there."""
+
+    path: PathSolution
+    worth: float  # by the objective asked for, on more points; less is better
+
+
+def _worth(rough: _Rough) -> float:
+    return rough.worth
+
+
 def _lead(path: PathSolution) -> tuple[bool, float]:
     """Return a key to sort by, the best first; a small violation can be mended later."""
     is_far_off = not path.at_x.violation <= _SMALL_VIOLATION
     return is_far_off, path.at_x.violation if is_far_off else path.at_x.objective
-
-
-def _is_worth_refining(rough: PathSolution, best: float, tried: Sequence[float]) -> bool:
-    """Tell whether a path on few points may become one that is better than the best.
-
-    Args:
-        best: Objective of the best plan.
-        tried: Objectives of rough paths that have been refined.
-    """
-    if _lead(rough)[0]:
-        return False
-    value = rough.at_x.objective
-    is_new = all(abs(value - other) > _SAME * abs(value) for other in tried)
-    return is_new and value < _PROMISING * best
 
 
 def _further(grid: Grid, path: PathSolution, iterations: int) -> tuple[Grid, Array, Array | None]:

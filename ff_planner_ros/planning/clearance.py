@@ -57,10 +57,16 @@ def segments(positions: Array) -> Indices:
     return np.flatnonzero(length > _SAME_POINT)
 
 
-def centers_at(times: Array, spheres: Sequence[Sphere]) -> Array:
-    """Return where the spheres' centres are. Shape (points, spheres, 3) [m]."""
+def sphere_arrays(spheres: Sequence[Sphere]) -> tuple[Array, Array, Array]:
+    """Return centres and velocities, shape (spheres, 3) [m, m/s], and radii, (spheres,) [m]."""
     centers = np.array([sphere.center for sphere in spheres]).reshape(-1, 3)
     velocities = np.array([sphere.velocity for sphere in spheres]).reshape(-1, 3)
+    return centers, velocities, np.array([sphere.radius for sphere in spheres])
+
+
+def centers_at(times: Array, spheres: Sequence[Sphere]) -> Array:
+    """Return where the spheres' centres are. Shape (points, spheres, 3) [m]."""
+    centers, velocities, _ = sphere_arrays(spheres)
     moved: Array = centers + times[:, None, None] * velocities
     bodies = {id(sphere.body): sphere.body for sphere in spheres if sphere.body is not None}
     for body in bodies.values():
@@ -134,14 +140,15 @@ def clearance_rows(
     Returns:
         Shapes (rows,), (rows, columns) and (rows,): the last says which point, segment and sphere.
     """
+    centers, velocities, radii = sphere_arrays(spheres)
     return compiled.clearances(
         chain=chain_of(robot),
         q=q,
         q_sensitivity=q_sensitivity,
         times=times,
-        centers=centers_at(np.zeros(1), spheres)[0],
-        velocities=np.array([sphere.velocity for sphere in spheres]).reshape(-1, 3),
-        radii=np.array([sphere.radius for sphere in spheres]),
+        centers=centers,
+        velocities=velocities,
+        radii=radii,
         interest=interest,
         quarter_way=quarter_way,
         attached=attached_to_bodies(spheres, float(times.max())),

@@ -12,8 +12,7 @@ import numpy as np
 import pinocchio as pin
 
 from ff_planner_ros.core import compiled
-from ff_planner_ros.planning.problem import Orientation, Target
-from ff_planner_ros.robot.model import Robot
+from ff_planner_ros.planning.problem import Target
 
 
 def compiled_target(target: Target) -> compiled.Target:
@@ -29,11 +28,3 @@ def compiled_target(target: Target) -> compiled.Target:
         axis,
         axes[1:],
     )
-
-
-def pose_conditions(robot: Robot, target: Target) -> int:
-    """Return how many of the conditions, the first ones, are on the pose."""
-    if target.orientation is Orientation.FIXED:
-        return len(robot.base.rows)
-    linear = sum(row < 3 for row in robot.base.rows)
-    return linear if target.orientation is Orientation.FREE else linear + 2

@@ -8,8 +8,9 @@ from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.planning.path_family import singular_refusal
-from ff_planner_ros.planning.problem import Orientation, PlanningProblem, Target
+from ff_planner_ros.planning.problem import PlanningProblem, Target
 from ff_planner_ros.planning.runge_kutta import runge_kutta_step
+from ff_planner_ros.planning.steered import twist_conditions
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.momentum import base_twist, generalised_jacobian
 
@@ -114,7 +115,7 @@ def _held_rates(
         spare: Joint rates. Shape (joints,).
     """
     rows = robot.base.rows
-    conditions = _conditions(robot, data, target, q)
+    conditions = twist_conditions(robot, data, target, q)
     of_rates = conditions @ generalised_jacobian(robot, data, q)
     drifting = np.concatenate([base_twist(robot, data, q, momentum, spare), spare])
     pin.computeJointJacobians(robot.model, data, q)
@@ -126,18 +127,3 @@ def _held_rates(
     except np.linalg.LinAlgError:
         return None
     return rates if float(rates @ rates) < _SINGULAR_RATE**2 else None
-
-
-def _conditions(robot: Robot, data: pin.Data, target: Target, q: Array) -> Array:
-    """Return what of a twist in inertial axes, the base's rows of it, the target asks for."""
-    rows = robot.base.rows
-    every = np.eye(len(rows))
-    linear = every[[row < 3 for row in rows]]
-    if target.orientation is Orientation.FREE:
-        return linear
-    if target.free_axis_in_ee is None:
-        return every
-    pin.forwardKinematics(robot.model, data, q)
-    tip = pin.updateFramePlacement(robot.model, data, robot.tip_frame_id)
-    _, _, across = np.linalg.svd((tip.rotation @ target.free_axis_in_ee)[None])
-    return np.concatenate([linear, np.hstack([np.zeros((2, 3)), across[1:]])])

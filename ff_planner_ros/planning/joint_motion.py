@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from math import comb
 
 import numpy as np
@@ -124,6 +124,7 @@ def _highest(coefficients: Array, time: Array) -> tuple[Array, Array]:
     return highest, when
 
 
+@cache
 def _half(size: int) -> Array:
     """Return the matrix that makes the first half's coefficients of those of a piece."""
     return np.array([[comb(i, j) / 2**i for j in range(size)] for i in range(size)])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import MISSING, dataclass, field, fields
 from typing import Any
 
 import numpy as np
@@ -32,7 +32,8 @@ class Metric:
         if np.isnan(value).any():
             return "none"  # not known, as in a bag of an older version
         if np.isinf(value).any():
-            return "no obstacles"  # nothing else makes a metric infinite
+            # Nothing else makes a metric infinite.
+            return "no pairs" if self.name == "min_self_clearance" else "no obstacles"
         return format(np.max(value) * _UNITS.get(self.shown_unit, 1.0), self.digits)
 
     def text(self, value: float | Sequence[float]) -> str:
@@ -41,8 +42,11 @@ class Metric:
         return f"{self.shown(value)} {unit}".rstrip()
 
 
-def _metric(unit: str, label: str, tolerance: float, shown_unit: str, digits: str) -> Any:
-    return field(metadata={"metric": (unit, label, tolerance, shown_unit, digits)})
+def _metric(
+    unit: str, label: str, tolerance: float, shown_unit: str, digits: str, default: Any = MISSING
+) -> Any:
+    said = {"metric": (unit, label, tolerance, shown_unit, digits)}
+    return field(default=default, metadata=said)
 
 
 @dataclass(frozen=True)
@@ -55,7 +59,7 @@ class Metrics:
 
     joint_path_length: float = _metric("rad", "joint path length", 10 * _RAD, "rad", ".4f")
     max_chaser_euler: float = _metric("rad", "largest chaser attitude", _RAD, "deg", ".2f")
-    # Of any link line from any sphere, between the points too; infinite without obstacles.
+    # Of any body, or link line, from any sphere, between the points too; infinite: no obstacles.
     min_clearance: float = _metric("m", "clearance", _METRE, "mm", ".1f")
     # At any time: between two points the joints are on the quintics through them.
     min_joint_margin: float = _metric("rad", "margin to joint limits", _RAD, "deg", ".1f")
@@ -79,7 +83,24 @@ class Metrics:
     min_singular_value: float = _metric("", "smallest singular value", _ONE, "", ".3g")
     # Between the start state's joint rates and the plan's first: Eq. (31) has no null-space motion.
     start_velocity_jump: float = _metric("rad/s", "jump of joint rates", _RAD_S, "deg/s", ".2f")
+    # Of any body from any other that moves against it, likewise; infinite: no bodies.
+    min_self_clearance: float = _metric("m", "self-clearance", _METRE, "mm", ".1f", np.inf)
+    # What these two are of, `body/obstacle` and `body/body`, and when [s]; empty, infinite: none.
+    min_clearance_pair: str = ""
+    min_clearance_time: float = np.inf
+    min_self_clearance_pair: str = ""
+    min_self_clearance_time: float = np.inf
+
+    def told(self, name: str) -> str:
+        """Return a metric in words, with what a clearance is of, and when it is least."""
+        text = METRIC_BY_NAME[name].text(getattr(self, name))
+        pair = getattr(self, f"{name}_pair", "")
+        return f"{text}, {pair} at {getattr(self, f'{name}_time'):.2f} s" if pair else text
 
 
-METRICS = tuple(Metric(item.name, *item.metadata["metric"]) for item in fields(Metrics))
+METRICS = tuple(
+    Metric(item.name, *item.metadata["metric"])
+    for item in fields(Metrics)
+    if "metric" in item.metadata
+)
 METRIC_BY_NAME = {metric.name: metric for metric in METRICS}

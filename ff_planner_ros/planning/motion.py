@@ -6,11 +6,12 @@ from collections.abc import Sequence
 
 import numpy as np
 import pinocchio as pin
+from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.planning.plan import Trajectory
-from ff_planner_ros.robot.configuration import configuration, system_state
 from ff_planner_ros.robot.dynamics import inverse_dynamics
+from ff_planner_ros.robot.kinematics import rotation_base_to_inertial
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.state import SystemState
 
@@ -27,9 +28,8 @@ def to_trajectory(
         accelerations: dv/dt. Shape (points, 6 + joints).
     """
     model, data, tip = robot.model, robot.model.createData(), robot.tip_frame_id
-    states, torques, ee_poses, ee_twists = [], [], [], []
+    torques, ee_poses, ee_twists = [], [], []
     for q_i, v_i, acceleration in zip(q, v, accelerations, strict=True):
-        states.append(system_state(robot, q_i, v_i))
         torques.append(inverse_dynamics(robot, data, q_i, v_i, acceleration)[6:])
         pin.forwardKinematics(model, data, q_i, v_i)
         ee_poses.append(pin.SE3ToXYZQUAT(pin.updateFramePlacement(model, data, tip)))
@@ -41,7 +41,7 @@ def to_trajectory(
         joint_velocities=v[:, 6:],
         joint_accelerations=accelerations[:, 6:],
         joint_torques=np.array(torques),
-        **chaser_motion(states),
+        **_chaser(robot, q, v),
         ee_positions=poses[:, :3],
         ee_quaternions_xyzw=poses[:, 3:],
         ee_linear_velocities=twists[:, :3],
@@ -63,20 +63,41 @@ def chaser_motion(states: Sequence[SystemState]) -> dict[str, Array]:
     }
 
 
+def _chaser(robot: Robot, q: Array, v: Array) -> dict[str, Array]:
+    """Return what `chaser_motion` does, of all configurations and velocities at once."""
+    base_to_inertial = rotation_base_to_inertial(q)
+    chaser_from_base = base_to_inertial @ robot.position_chaser_in_base
+    omega = np.einsum("pij,pj->pi", base_to_inertial, v[:, 3:6])
+    velocity_base = np.einsum("pij,pj->pi", base_to_inertial, v[:, :3])
+    attitudes = base_to_inertial @ robot.rotation_chaser_to_base
+    return {
+        "chaser_positions": q[:, :3] + chaser_from_base,
+        "chaser_quaternions_xyzw": np.array([pin.Quaternion(R).coeffs() for R in attitudes]),
+        "chaser_linear_velocities": velocity_base + np.cross(omega, chaser_from_base),
+        "chaser_angular_velocities": omega,
+    }
+
+
 def from_trajectory(robot: Robot, trajectory: Trajectory) -> tuple[Array, Array]:
     """Return configurations, (points, 7 + joints), and tangent velocities, (points, 6 + joints)."""
-    samples = [
-        configuration(
-            robot,
-            SystemState(
-                position_chaser_in_inertial=trajectory.chaser_positions[i],
-                quaternion_chaser_to_inertial_xyzw=trajectory.chaser_quaternions_xyzw[i],
-                linear_velocity_chaser_in_inertial=trajectory.chaser_linear_velocities[i],
-                angular_velocity_chaser_in_inertial=trajectory.chaser_angular_velocities[i],
-                joint_positions=trajectory.joint_positions[i],
-                joint_velocities=trajectory.joint_velocities[i],
-            ),
-        )
-        for i in range(len(trajectory.time))
-    ]
-    return np.array([q for q, _ in samples]), np.array([v for _, v in samples])
+    motion = trajectory
+    attitudes = Rotation.from_quat(motion.chaser_quaternions_xyzw).as_matrix()
+    base_to_inertial = attitudes @ robot.rotation_chaser_to_base.T
+    base_from_chaser = -base_to_inertial @ robot.position_chaser_in_base
+    omega = motion.chaser_angular_velocities
+    velocity_base = motion.chaser_linear_velocities + np.cross(omega, base_from_chaser)
+    q = np.hstack(
+        [
+            motion.chaser_positions + base_from_chaser,
+            Rotation.from_matrix(base_to_inertial).as_quat(),
+            motion.joint_positions,
+        ]
+    )
+    v = np.hstack(
+        [
+            np.einsum("pji,pj->pi", base_to_inertial, velocity_base),
+            np.einsum("pji,pj->pi", base_to_inertial, omega),
+            motion.joint_velocities,
+        ]
+    )
+    return q, v

@@ -29,6 +29,8 @@ from ff_planner_ros.planning.problem import Objective, Parametrisation, Planning
 from ff_planner_ros.planning.program import path_program
 from ff_planner_ros.planning.search import FoundPath
 from ff_planner_ros.planning.settings import PlannerSettings
+from ff_planner_ros.planning.steered import steered
+from ff_planner_ros.planning.target import conditions_of, too_many_conditions
 from ff_planner_ros.planning.watch import Watch
 from ff_planner_ros.robot.dynamics import accelerations
 from ff_planner_ros.robot.kinematics import rotation_base_to_inertial
@@ -40,6 +42,8 @@ SHORTEST = Objective(1.0, 0.0)
 # A hundredth of what the check allows at the goal [m, rad]. A path whose own motion is as near as
 # this to what comes of it is published as it is: its end effector's twist is exact at the goal.
 _NEAR = 1e-5
+# First guesses towards a goal with more conditions than the arm can meet at once.
+_STARTS_OF_A_POOR_ARM = 3
 
 
 def plan(
@@ -67,7 +71,8 @@ def plan(
             that has as many. None: the families' own guesses alone.
 
     Raises:
-        InvalidInput: The start violates what the plan must keep, or the first guess is no path.
+        InvalidInput: The start violates what the plan must keep, the first guess is no path, or
+            there is no plan and the arm cannot meet all conditions of the goal at once.
         NoPlanFound: The goal is out of reach, the search found no feasible path or was ended, or
             the check refused the path that it found.
     """
@@ -84,6 +89,11 @@ def _plan_in_time(
     groups = path_families(problem, settings)
     if first_guess is not None and all(len(first_guess) != ways[0].variables for ways in groups):
         finite_vector("first_guess", first_guess, groups[0][0].variables)
+    conditions = conditions_of(problem.robot, problem.target)
+    met = steered(problem.robot, problem.target)
+    too_many = met < sum(conditions.values())
+    if too_many:  # a goal that happens to be one of those that it can meet is found soon
+        settings = replace(settings, starts=min(settings.starts, _STARTS_OF_A_POOR_ARM))
     refusals: list[NoPlanFound] = []
     for ways in groups:
         fits = first_guess is not None and len(first_guess) == ways[0].variables
@@ -93,6 +103,9 @@ def _plan_in_time(
             if refused.status is Status.OUT_OF_TIME:
                 raise
             refusals.append(refused)
+    if too_many:
+        why = f"and as its axes lie the arm meets no more than {met} of them at once"
+        raise too_many_conditions(problem.target, conditions, why, met)
     # That one family meets a singularity is no reason why there is no plan.
     others = [refused for refused in refusals if refused.status is not Status.SINGULAR]
     raise (others or refusals)[0]

@@ -87,7 +87,7 @@ class EndEffectorPolynomial:
         polynomial = _FREE_TERM_COEFFICIENTS @ coefficients.T
         polynomial[:6] += self.quintic
         value, rate, acceleration = (
-            _powers(s, order) @ polynomial / self.duration**order for order in range(3)
+            powers(s, order) @ polynomial / self.duration**order for order in range(3)
         )
         return value, rate, acceleration
 
@@ -212,7 +212,7 @@ def _nearest(euler: Array, others: Array) -> Array:
 def _quintic(conditions: Sequence[tuple[Array, ...]], duration: float) -> Array:
     """Return the quintic through components, rates and accelerations at both ends."""
     ends = np.array([0.0, 1.0])
-    system = np.concatenate([_powers(ends, order)[:, :6] / duration**order for order in range(3)])
+    system = np.concatenate([powers(ends, order)[:, :6] / duration**order for order in range(3)])
     wanted = np.array([conditions[i][order] for order in range(3) for i in range(2)])
     return frozen(np.linalg.solve(system, wanted))
 
@@ -232,7 +232,7 @@ def _components(motion: EndEffectorMotion, outer: Array, inner: Array) -> tuple[
     )
 
 
-def _powers(s: Array, order: int) -> Array:
+def powers(s: Array, order: int) -> Array:
     """Return derivatives of 1, s, ..., s^8 of an order with respect to s. Shape (times, 9)."""
     derivatives = np.zeros((len(s), 9))
     derivatives[:, order:] = np.vander(s, 9 - order, increasing=True)

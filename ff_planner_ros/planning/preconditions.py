@@ -7,6 +7,7 @@ import pinocchio as pin
 
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.errors import NoPlanFound, Status
+from ff_planner_ros.planning.contact import tool_contact
 from ff_planner_ros.planning.problem import PlanningProblem
 from ff_planner_ros.planning.requirements import REQUIREMENTS
 from ff_planner_ros.planning.settings import PlannerSettings
@@ -38,7 +39,15 @@ def _require_reachable_goal(problem: PlanningProblem, q_start: Array, momentum: 
     joint and the centre of mass.
     """
     robot, target = problem.robot, problem.target.position
-    for sphere in problem.obstacles:
+    contact = tool_contact(problem)
+    if contact is not None:
+        raise NoPlanFound(
+            Status.COLLISION,
+            f"at the goal {contact.first} is {-contact.distance:.4f} m inside obstacle "
+            f"{contact.second}, in any posture: choose a target further from it, or name "
+            f"{contact.first.split('#')[0]}/{contact.second} in allowed_at_goal if it is grasped",
+        )
+    for sphere in () if robot.bodies else problem.obstacles:
         center = sphere.center + sphere.way(problem.duration)
         depth = sphere.radius - float(np.linalg.norm(target - center))
         if depth >= 0.0:

@@ -21,6 +21,7 @@ from ff_planner_ros.planning.target_body import TargetBody
 from ff_planner_ros.robot.model import Base, Robot
 from ff_planner_ros.robot.plane import on_the_table
 from ff_planner_ros.robot.state import SystemState
+from ff_planner_ros.shown import quoted
 
 __all__ = [
     "MAX_POINTS",
@@ -42,6 +43,10 @@ __all__ = [
 # Five points hold a plan's start, end and middle; above ten thousand the answer no longer
 # fits a service response that a mission executive would want to read.
 MIN_POINTS, MAX_POINTS = 5, 10_000
+
+# What a tool closes on is within its reach: so near its goal the end effector may touch, where the
+# problem does not say it [m].
+CONTACT_DISTANCE = 0.1
 
 
 def _zeros() -> Array:
@@ -184,8 +189,9 @@ class PlanningProblem:
     """What is asked of the planner: a motion from a start state to a target.
 
     Raises:
-        InvalidInput: A duration that is not positive or out of its range, a number of points out
-            of range, or a state whose number of joints is not the robot's or that leaves the plane of a planar
+        InvalidInput: A duration or contact distance that is not positive, a duration out of its
+            range, a number of points out of range, a contact that is none of the robot's, or a
+            state whose number of joints is not the robot's or that leaves the plane of a planar
             base.
     """
 
@@ -198,6 +204,10 @@ class PlanningProblem:
     objective: Objective
     limits: Limits = Limits()  # what to keep beside the joints' position limits
     parametrisation: Parametrisation = Parametrisation.AUTO
+    # What may touch at the goal, `link/obstacle` or `link/link`: from when on the end effector
+    # stays within the contact distance from its target, and in the tail
+    allowed_at_goal: tuple[str, ...] = ()
+    contact_distance: float = CONTACT_DISTANCE  # greater than zero [m]
     # Whose grasp the target is, and to which some of the obstacles are fixed; None: to none
     target_body: TargetBody | None = None
     # Of which the planner chooses a duration; None: the duration is given
@@ -223,6 +233,29 @@ class PlanningProblem:
             target = target_on_the_table(self.robot, self.start, self.target)
             object.__setattr__(self, "target", target)
         require_enough_joints(self.robot, self.target)
+        distance = finite_number("contact_distance", self.contact_distance, above=0.0)
+        object.__setattr__(self, "contact_distance", distance)
+        # In one order, so that equal problems are equal.
+        object.__setattr__(self, "allowed_at_goal", tuple(sorted(set(self.allowed_at_goal))))
+        if self.allowed_at_goal:
+            self._require_known_contacts()
+
+    def _require_known_contacts(self) -> None:
+        """Refuse an allowed contact of what there is not."""
+        links = [body.link for body in self.robot.bodies]
+        pairs = [(links[a], links[b]) for a, b in self.robot.pairs]
+        spheres = [sphere.id for sphere in self.obstacles]
+        known = {f"{a}/{b}" for a, b in (*pairs, *((b, a) for a, b in pairs))}
+        known |= {f"{link}/{sphere}" for link in links for sphere in spheres}
+        for name in self.allowed_at_goal:
+            if name not in known:
+                allowed = (
+                    "it must be link/obstacle or link/link, of links with shapes: "
+                    f"{', '.join(dict.fromkeys(links))}; and obstacles: {', '.join(spheres)}"
+                    if links
+                    else "with robot.geometry lines nothing but the arm's lines is kept clear"
+                )
+                raise InvalidInput(Status.OUT_OF_RANGE, "allowed_at_goal", quoted(name), allowed)
 
 
 def capturing(body: TargetBody, problem: PlanningProblem) -> PlanningProblem:

@@ -15,6 +15,7 @@ from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.controller_rules import Controller
 from ff_planner_ros.planning.joint_motion import JointMotion
 from ff_planner_ros.planning.problem import (
+    CONTACT_DISTANCE,
     Limits,
     Objective,
     Orientation,
@@ -26,6 +27,7 @@ from ff_planner_ros.planning.problem import (
 )
 from ff_planner_ros.planning.settings import PlannerSettings
 from ff_planner_ros.planning.tail import EndBehaviour
+from ff_planner_ros.planning.target import require_enough_joints
 from ff_planner_ros.planning.target_body import AttachedSphere, TargetBody
 from ff_planner_ros.planning.task import PlanningTask
 from ff_planner_ros.planning.yaml_file import (
@@ -38,6 +40,7 @@ from ff_planner_ros.planning.yaml_file import (
     sequence,
     text,
 )
+from ff_planner_ros.robot.bodies import Geometry
 from ff_planner_ros.robot.ee_at_rest import joint_rates_with_ee_at_rest
 from ff_planner_ros.robot.model import Base, Robot, load_robot
 from ff_planner_ros.robot.rotation import rotation_from_euler
@@ -50,8 +53,12 @@ SCENARIO_FRAME = "inertial"
 
 _NO_LIMITS = Limits()
 
+_ROBOT_MAY_HAVE = ("base", "held_joints", "geometry", "srdf")
 _REQUIRED = ("robot", "chaser", "joints", "duration", "obstacles", "objective")
-_OF_PROBLEM = ("target", "target_body", "points", "limits", "parametrisation")
+_OF_PROBLEM = (
+    *("target", "target_body", "points", "limits", "parametrisation"),
+    *("allowed_at_goal", "contact_distance"),
+)
 _OF_TASK = (
     *("start_after", "running", "end_behaviour", "tail_duration", "controller", "planner"),
     "first_guess",
@@ -149,10 +156,13 @@ def _problem(
         allowed = "either it or target_body must be given"
         raise InvalidInput(Status.OUT_OF_RANGE, "target", found, allowed)
     robot = _robot(scenario["robot"], directory)
-    start = _start(robot, scenario["chaser"], scenario["joints"])
     duration = finite_number("duration", number("duration", scenario["duration"]), above=0.0)
-    obstacles = _obstacles(scenario["obstacles"])
     body = target_body_of(scenario["target_body"]) if "target_body" in scenario else None
+    target = _target(scenario["target"]) if body is None else body.target(duration)
+    # Before the start: an arm that cannot meet the target may well be unable to rest, too.
+    require_enough_joints(robot, target)
+    start = _start(robot, scenario["chaser"], scenario["joints"])
+    obstacles = _obstacles(scenario["obstacles"])
     attached = () if body is None else tuple(attached_spheres(body))
     for index, sphere in enumerate(attached):
         if sphere.id in {one.id for one in obstacles}:
@@ -161,7 +171,7 @@ def _problem(
     return PlanningProblem(
         robot=robot,
         start=start,
-        target=body.target(duration) if body is not None else _target(scenario["target"]),
+        target=target,
         duration=duration,
         points=integer("points", scenario.get("points", points)),
         obstacles=(*obstacles, *attached),
@@ -169,6 +179,15 @@ def _problem(
         limits=_limits(scenario.get("limits", {}), limits),
         parametrisation=parametrisation_of(
             text("parametrisation", scenario.get("parametrisation", "auto"))
+        ),
+        allowed_at_goal=tuple(
+            text(f"allowed_at_goal[{index}]", name)
+            for index, name in enumerate(
+                sequence("allowed_at_goal", scenario.get("allowed_at_goal", []))
+            )
+        ),
+        contact_distance=number(
+            "contact_distance", scenario.get("contact_distance", CONTACT_DISTANCE)
         ),
         target_body=body,
     )
@@ -204,7 +223,7 @@ def from_urdf(field: str, source: object) -> bool:
 
 def _robot(value: object, directory: Path) -> Robot:
     names = ("urdf", "base_link", "tip_link")
-    entry = mapping("robot", value, required=names, optional=("base", "held_joints"))
+    entry = mapping("robot", value, required=names, optional=_ROBOT_MAY_HAVE)
     held = entry.get("held_joints", {})
     if not isinstance(held, dict) or not all(isinstance(name, str) for name in held):
         allowed = "it must hold a position for each name of a joint"
@@ -220,7 +239,14 @@ def _robot(value: object, directory: Path) -> Robot:
     urdf = resolve_uri(text("robot.urdf", entry["urdf"]), relative_to=directory)
     base_link = text("robot.base_link", entry["base_link"])
     tip_link = text("robot.tip_link", entry["tip_link"])
-    return load_robot(urdf, base_link, tip_link, Base(base), held_at)
+    geometry, srdf = entry.get("geometry"), entry.get("srdf")
+    if geometry is not None and geometry not in tuple(Geometry):
+        allowed = f"it must be {' or '.join(Geometry)}"
+        raise InvalidInput(Status.OUT_OF_RANGE, "robot.geometry", quoted(geometry), allowed)
+    if srdf is not None:
+        srdf = resolve_uri(text("robot.srdf", srdf), directory, "robot.srdf")
+    geometry = None if geometry is None else Geometry(geometry)
+    return load_robot(urdf, base_link, tip_link, Base(base), held_at, geometry, srdf)
 
 
 def _start(robot: Robot, chaser: object, joints: object) -> SystemState:

@@ -15,6 +15,7 @@ from ff_planner_ros.planning.problem import Orientation, PlanningProblem, Target
 from ff_planner_ros.planning.scenario import Defaults, load_task
 from ff_planner_ros.planning.target_body import TargetBody
 from ff_planner_ros.planning.task import PlanningTask
+from ff_planner_ros.robot.bodies import Geometry
 from ff_planner_ros.robot.model import Base
 
 
@@ -32,6 +33,8 @@ def write_scenario(task: PlanningTask, path: Path) -> None:
     urdf.write_text(robot.drawn_urdf, encoding="utf-8", newline="")
     content = {
         "robot": {"urdf": urdf.name, "base_link": robot.base_link, "tip_link": robot.tip_link}
+        # What is written of a robot with lines has no <collision>.
+        | ({} if robot.geometry is Geometry.LINES else {"geometry": robot.geometry.value})
         | ({} if robot.base is Base.FREE_FLYER else {"base": robot.base.value}),
         **_problem(task.problem),
         **_beyond_the_problem(task),
@@ -77,6 +80,14 @@ def _problem(problem: PlanningProblem) -> dict[str, Any]:
             "chaser_attitude": float(angle) if math.isfinite(angle) else "none",
         },
         "parametrisation": problem.parametrisation.value,
+        **(
+            {
+                "allowed_at_goal": list(problem.allowed_at_goal),
+                "contact_distance": float(problem.contact_distance),
+            }
+            if problem.allowed_at_goal
+            else {}
+        ),
     }
 
 

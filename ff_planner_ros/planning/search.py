@@ -13,6 +13,7 @@ from ff_planner_ros.arrays import Array
 from ff_planner_ros.planning.followed import FollowedMotion
 from ff_planner_ros.planning.plan import SolverReport
 from ff_planner_ros.planning.program import PathLinearisation, PathProgram
+from ff_planner_ros.planning.requirements.body_clearance import BodyClearance, SelfClearance
 from ff_planner_ros.planning.requirements.clearance import Clearance
 from ff_planner_ros.planning.requirements.goal import miss
 from ff_planner_ros.planning.settings import PlannerSettings
@@ -149,7 +150,8 @@ class Search:
 
     def _grid(self, level: _Level) -> Grid:
         margins = dict(self._program.margins)
-        margins[Clearance.name] += level.extra_margin
+        for required in (Clearance, BodyClearance, SelfClearance):
+            margins[required.name] += level.extra_margin
         program = replace(
             self._program, points=level.points, margins=margins, damping=level.damping
         )

@@ -10,7 +10,7 @@ from ff_planner_ros.arrays import Array
 from ff_planner_ros.core import compiled
 from ff_planner_ros.core.chain import chain_of
 from ff_planner_ros.planning.certificate import CERTIFICATE_GAP, cubics_between, way_bounds
-from ff_planner_ros.planning.clearance import arm_points, attached_to_bodies
+from ff_planner_ros.planning.clearance import arm_points, attached_to_bodies, sphere_arrays
 from ff_planner_ros.planning.problem import Sphere
 from ff_planner_ros.robot.model import Robot
 
@@ -28,9 +28,7 @@ def search_certificate(
         cubics,
         way_bounds(arm_points(robot, q[:1])[0], q[0], cubics),
         times,
-        np.array([sphere.center for sphere in spheres]),
-        np.array([sphere.velocity for sphere in spheres]),
-        np.array([sphere.radius for sphere in spheres]),
+        *sphere_arrays(spheres),
         CERTIFICATE_GAP,
         attached_to_bodies(spheres, float(times[-1])),
     )

@@ -134,7 +134,8 @@ def minimise(
         first_radius: Largest entry of the first step: small where the start is nearly optimal.
         curvature: Of peaks and constraints, as another solution learned it. None: nothing is known.
         tolerated: A smaller violation does not stop a step that brings what it promised of the
-            objective: long steps along curved constraints. The solution may violate as much.
+            objective: long steps along curved constraints. The solution may violate as much. Where
+            it is not zero, a violation that no longer falls does not end the search.
     """
     x, here = start, linearise(start)
     if curvature is None:
@@ -166,7 +167,7 @@ def minimise(
             x, here, optimality = x + step.dx, there, np.nan
         radius = _next_radius(radius, ratio, float(np.abs(step.dx).max()))
         violations += [here.violation] * _tells_of_violation(here, step, ratio)
-        if _is_stuck(violations):
+        if not tolerated and _is_stuck(violations):
             reason = "stuck: the violation of the constraints no longer falls"
             break
         if radius < _SMALLEST_RADIUS:

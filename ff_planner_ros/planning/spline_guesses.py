@@ -7,6 +7,7 @@ another posture.
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Iterator, Sequence
 from itertools import islice
 from typing import TYPE_CHECKING
@@ -15,10 +16,11 @@ import numpy as np
 from scipy.stats import qmc
 
 from ff_planner_ros.arrays import Array
-from ff_planner_ros.planning.end_conditions import pose_conditions
+from ff_planner_ros.planning.contact import deepest_contact
 from ff_planner_ros.planning.end_effector_polynomial import applies, end_effector_families
 from ff_planner_ros.planning.problem import Sphere
 from ff_planner_ros.planning.spline_basis import FIXED
+from ff_planner_ros.planning.target import conditions_of
 
 if TYPE_CHECKING:
     from ff_planner_ros.planning.joint_spline import JointSplines
@@ -36,6 +38,8 @@ _POINTS = 9
 # error [m, rad] that is small enough for a guess.
 _LEAST_DAMPING = 1e-9  # else a long arm with a joint to spare has a singular system in the end
 _ITERATIONS, _FIRST_DAMPING, _LESS, _MORE, _NEAR = 30, 1e-2, 0.25, 6.0, 1e-3
+# So many guesses that end in contact wait until there are others: then they are tried all the same.
+_WAITING = 8
 # Other postures to begin at, and detours, are spread so wide [rad]; postures stay away from limits.
 _POSTURES, _DETOURS, _FROM_LIMITS = 1.0, 0.5, 0.02
 
@@ -43,7 +47,28 @@ _POSTURES, _DETOURS, _FROM_LIMITS = 1.0, 0.5, 0.02
 def spline_guesses(
     family: JointSplines, obstacles: Sequence[Sphere], points: int
 ) -> Iterator[Array]:
-    """Yield control points without end, always the same for one problem."""
+    """Yield control points without end, always the same for one problem.
+
+    Where the robot has bodies, those that end in contact come later.
+    """
+    guesses = _guesses(family, obstacles, points)
+    return _touching_later(family, guesses) if family.robot.bodies else guesses
+
+
+def _touching_later(family: JointSplines, guesses: Iterator[Array]) -> Iterator[Array]:
+    """Yield guesses; those whose goal posture is in contact wait for some others to come."""
+    waiting = deque[Array]()
+    for guess in guesses:
+        end = family.motion(guess, _POINTS).q[-1]
+        if deepest_contact(family.problem, end, family.problem.duration) is None:
+            yield guess
+            continue
+        waiting.append(guess)
+        if len(waiting) > _WAITING:
+            yield waiting.popleft()
+
+
+def _guesses(family: JointSplines, obstacles: Sequence[Sphere], points: int) -> Iterator[Array]:
     joints = family.robot.joints
     ways = list[Array]()
     for guess in _near_papers_path(family, obstacles, points, slice(1)):
@@ -90,7 +115,7 @@ def _way_to_posture(family: JointSplines, posture: Array) -> Array:
     angles.
     """
     robot, problem = family.robot, family.problem
-    rows = pose_conditions(robot, problem.target)
+    rows = sum(conditions_of(robot, problem.target).values())
     straight = _straight(family)
     hold = np.repeat(family.fixed[-1:], family.basis.count - FIXED, axis=0).T.ravel()
     by_posture = np.kron(np.eye(robot.joints), straight[:, None])

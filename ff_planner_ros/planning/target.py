@@ -22,6 +22,9 @@ SHORTEST_FREE_AXIS = 1e-6
 UNIT_TOLERANCE = 1e-12
 # What rounding leaves of a turn that was meant to be across the free axis [rad/s, rad/s2].
 FREE_TURN_TOLERANCE = 1e-6
+# By which a target stays off the plane [rad], so that it stays what it is however often it is
+# checked.
+TILT_OF_ROUNDING = 1e-9
 
 
 def _zeros() -> Array:
@@ -144,7 +147,7 @@ def target_on_the_table(robot: Robot, start: SystemState, target: Target) -> Tar
                 "with robot.base planar the end effector turns about z only: its start attitude, "
                 f"{np.round(pin.Quaternion(tip.rotation).coeffs(), 6).tolist()}, turned about z",
             )
-        if tilt > 0.0:
+        if tilt > TILT_OF_ROUNDING:
             turned = pin.Quaternion(heading) * pin.Quaternion(tip.rotation)
             target = replace(target, quaternion_xyzw=turned.normalized().coeffs())
     place = np.append(target.position[:2], tip.translation[2])
@@ -181,26 +184,35 @@ def require_enough_joints(robot: Robot, target: Target) -> None:
     Raises:
         InvalidInput: It has; the text names them.
     """
+    conditions = conditions_of(robot, target)
+    if sum(conditions.values()) > robot.joints:
+        joints = f"{robot.joints} joint{'s' if robot.joints != 1 else ''}"
+        raise too_many_conditions(target, conditions, f"the arm has {joints}", robot.joints)
+
+
+def conditions_of(robot: Robot, target: Target) -> dict[str, int]:
+    """Return the conditions on the end effector's pose by name, and how many numbers each is."""
     planar = robot.base is Base.PLANAR
     conditions = {"position": 2 if planar else 3}
     if target.orientation is Orientation.FIXED:
         conditions["heading" if planar else "orientation"] = 1 if planar else 3
     elif target.orientation is Orientation.ABOUT_AXIS:
         conditions["direction of free_axis"] = 2
+    return conditions
+
+
+def too_many_conditions(
+    target: Target, conditions: dict[str, int], why: str, at_most: int
+) -> InvalidInput:
+    """Return the error of a goal with more conditions than an arm can meet; why: how it is."""
     count = sum(conditions.values())
-    if count <= robot.joints:
-        return
     words = " and ".join(f"{name} ({number})" for name, number in conditions.items())
-    if conditions["position"] > robot.joints:
+    if conditions["position"] > at_most:
         field, value = "target.position", "given"
         advice = f"no goal has fewer than {conditions['position']}"
     else:
         field, value = "target.orientation", str(target.orientation)
         advice = "orientation free has fewer"
-    raise InvalidInput(
-        Status.UNSUPPORTED,
-        field,
-        value,
-        f"{words} are {count} conditions, the arm has {robot.joints} "
-        f"joint{'s' if robot.joints != 1 else ''}; {advice}",
+    return InvalidInput(
+        Status.UNSUPPORTED, field, value, f"{words} are {count} conditions, {why}; {advice}"
     )

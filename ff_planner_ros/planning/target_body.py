@@ -9,7 +9,7 @@ grasp and attached spheres, moves with it:
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -217,6 +217,19 @@ class TargetBody:
             angular_velocity=grasp.twists[0, 3:],
             linear_acceleration=grasp.accelerations[0, :3],
             angular_acceleration=grasp.accelerations[0, 3:],
+        )
+
+    def seen_from(self, origin: Array, velocity: Array) -> TargetBody:
+        """Return the body in an inertial frame of the same axes that is elsewhere and moves.
+
+        Args:
+            origin: Of that frame, at the plan's first point. Shape (3,) [m].
+            velocity: Of that frame. Shape (3,) [m/s].
+        """
+        return replace(
+            self,
+            position=self.position - origin,
+            linear_velocity=self.linear_velocity - velocity,
         )
 
     @cached_property

@@ -31,6 +31,7 @@ from ff_planner_ros.planning.settings import PlannerSettings
 from ff_planner_ros.planning.system_frame import system_frame
 from ff_planner_ros.planning.tail import EndBehaviour, with_tail
 from ff_planner_ros.planning.watch import Watch
+from ff_planner_ros.robot.bodies import Geometry, defining_numbers
 from ff_planner_ros.robot.model import Base, Robot
 
 # Problem, in the frame that the plan is made in, settings, who watches, first guess.
@@ -90,10 +91,7 @@ class PlanningTask:
 def _canonical(value: Any) -> Iterator[bytes]:
     """Yield bytes that are the same for equal values, on every machine and in every process."""
     if isinstance(value, Robot):
-        of_robot = (value.urdf, value.base_link, value.tip_link)
-        yield from _canonical(
-            of_robot if value.base is Base.FREE_FLYER else (*of_robot, value.base)
-        )
+        yield from _canonical(_parts_of_robot(value))
     elif is_dataclass(value):
         for item in fields(value):
             if _is_absent(value, item.name):
@@ -115,6 +113,17 @@ def _canonical(value: Any) -> Iterator[bytes]:
         yield b"d" + struct.pack("<d", value)
 
 
+def _parts_of_robot(robot: Robot) -> list[Any]:
+    """Return what a robot is to a plan; what older versions did not have is left out."""
+    parts: list[Any] = [robot.urdf, robot.base_link, robot.tip_link]
+    if robot.base is not Base.FREE_FLYER:
+        parts.append(robot.base)
+    if robot.geometry is not Geometry.LINES:
+        bodies = [(body.name, body.joint, *defining_numbers(body)) for body in robot.bodies]
+        parts += [robot.geometry, bodies, robot.pairs]
+    return parts
+
+
 def _is_absent(value: Any, name: str) -> bool:
     """Tell whether a field follows from others, or says what older versions took for granted."""
     if isinstance(value, Sphere) and value.body is not None:
@@ -129,6 +138,8 @@ def _is_absent(value: Any, name: str) -> bool:
         return value.duration == 0.0
     if name == "orientation":
         return getattr(value, name) is Orientation.FIXED
+    if name in ("allowed_at_goal", "contact_distance"):
+        return not value.allowed_at_goal
     newer = (
         *("joint_accelerations", "free_axis_in_ee", "target_body", "body", "place_in_body"),
         "duration_range",

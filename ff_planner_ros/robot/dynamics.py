@@ -30,13 +30,9 @@ def joint_torques(robot: Robot, q: Array, v: Array, joint_accelerations: Array) 
     Like the joint accelerations [rad/s2] they have the shape (points, joints); q and v hold a row a
     point, too.
     """
-    data = robot.model.createData()
-    torques = []
-    for q_i, v_i, of_joints in zip(q, v, joint_accelerations, strict=True):
-        of_base = base_acceleration(robot, data, q_i, v_i, of_joints)
-        acceleration = np.concatenate([of_base, of_joints])
-        torques.append(inverse_dynamics(robot, data, q_i, v_i, acceleration)[6:])
-    return np.array(torques)
+    of_base, forces, coupling = _pushed_by_nothing(robot, q, v, joint_accelerations)
+    torques: Array = forces[:, 6:] + np.einsum("pij,pi->pj", coupling, of_base)
+    return torques
 
 
 def accelerations(robot: Robot, q: Array, v: Array, joint_accelerations: Array) -> Array:
@@ -44,9 +40,29 @@ def accelerations(robot: Robot, q: Array, v: Array, joint_accelerations: Array) 
 
     Like the joint accelerations [rad/s2], q and v hold a row a point.
     """
-    data, samples = robot.model.createData(), zip(q, v, joint_accelerations, strict=True)
-    of_base = [base_acceleration(robot, data, *sample) for sample in samples]
+    of_base, _, _ = _pushed_by_nothing(robot, q, v, joint_accelerations)
     return np.hstack([of_base, joint_accelerations])
+
+
+def _pushed_by_nothing(
+    robot: Robot, q: Array, v: Array, joint_accelerations: Array
+) -> tuple[Array, Array, Array]:
+    """Return the accelerations of `base_acceleration`, and what Eq. (20) makes torques of them.
+
+    Returns:
+        Accelerations, shape (points, 6); forces that the joints' accelerations take by themselves,
+        shape (points, 6 + joints); and the mass matrix's part between base and joints, shape
+        (points, 6, joints).
+    """
+    model, data, rows = robot.model, robot.model.createData(), robot.base.rows
+    at_rest = np.pad(joint_accelerations, ((0, 0), (6, 0)))
+    samples = zip(q, v, at_rest, strict=True)
+    forces = np.array([inverse_dynamics(robot, data, *sample) for sample in samples])
+    mass = np.array([pin.crba(model, data, q_i)[:6] for q_i in q])
+    of_base = np.zeros((len(q), 6))
+    free = mass[:, rows][:, :, rows]
+    of_base[:, rows] = np.linalg.solve(free, -forces[:, rows, None])[:, :, 0]
+    return of_base, forces, mass[:, :, 6:]
 
 
 def base_acceleration(

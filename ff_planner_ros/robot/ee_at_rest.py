@@ -23,22 +23,25 @@ def joint_rates_with_ee_at_rest(robot: Robot, state: SystemState) -> Array:
     space of J_D, theta_dot = J_D^T y, so that (J_m J_D^T) y = -J_ch w_ch; no iteration over
     the momentum, which depends on theta_dot, is needed.
 
-    The joint rates of the state do not matter.
+    The joint rates of the state do not matter. Where the chaser is at rest, so are the joints of
+    any arm in any posture.
 
     Raises:
-        InvalidInput: The arm is in a singular posture, or has too few joints.
+        InvalidInput: The chaser moves, and the arm is in a singular posture or has too few joints.
     """
     rows = robot.base.rows
+    data = robot.model.createData()
+    q, v = configuration(robot, state)
+    if not v[rows].any():
+        return np.zeros(robot.joints)
     if robot.joints < len(rows):
         raise InvalidInput(
             Status.UNSUPPORTED,
             "joints.end_effector_at_rest",
             "true",
-            f"to rest is {len(rows)} conditions, the arm has {robot.joints} joints; "
-            "give joints.velocity",
+            f"to rest is {len(rows)} conditions, the arm has {robot.joints} "
+            f"joint{'s' if robot.joints != 1 else ''}; give joints.velocity",
         )
-    data = robot.model.createData()
-    q, v = configuration(robot, state)
     row_space = generalised_jacobian(robot, data, q).T
     pin.computeJointJacobians(robot.model, data, q)
     jacobian = pin.getFrameJacobian(robot.model, data, robot.tip_frame_id, pin.LOCAL_WORLD_ALIGNED)

@@ -15,9 +15,11 @@ import pinocchio as pin
 
 from ff_planner_ros.arrays import Array, frozen
 from ff_planner_ros.errors import InvalidInput, Status
-from ff_planner_ros.robot.shapes import with_shapes
+from ff_planner_ros.robot.bodies import Body, Geometry
+from ff_planner_ros.robot.srdf import MayTouch
 from ff_planner_ros.robot.urdf import NOTHING_HELD, checked_urdf
 from ff_planner_ros.robot.urdf_xml import MAX_CHARACTERS
+from ff_planner_ros.robot.whole_body import whole_body
 
 
 class Base(enum.StrEnum):
@@ -45,7 +47,8 @@ class Robot:
 
     model: pin.Model  # never changed after loading
     urdf: str  # the checked XML that the model was built from
-    drawn_urdf: str  # the same with the shapes of its links, to hand on
+    # The same to hand on: with shapes of its links, hulls of meshes, and links that may touch
+    drawn_urdf: str
     joint_names: tuple[str, ...]  # from base to tip
     base_link: str  # URDF link that carries the arm; its axes are the chaser's axes
     tip_link: str  # URDF link whose frame is the end effector
@@ -61,6 +64,11 @@ class Robot:
     effort_limits: Array  # shape (joints,) [N m]
     notes: tuple[str, ...] = ()  # what a user should know: joints that are held, say
     base: Base = Base.FREE_FLYER
+    geometry: Geometry = Geometry.LINES
+    bodies: tuple[Body, ...] = ()  # empty with lines
+    # Indices of bodies that must not touch each other, the smaller one first; empty with lines
+    pairs: tuple[tuple[int, int], ...] = ()
+    may_touch: tuple[MayTouch, ...] = ()  # links that could, but are not among the pairs
 
     @property
     def joints(self) -> int:
@@ -74,19 +82,29 @@ def load_robot(
     tip_link: str,
     base: Base = Base.FREE_FLYER,
     held_at: Mapping[str, float] = NOTHING_HELD,
+    geometry: Geometry | None = None,
+    srdf: Path | None = None,
 ) -> Robot:
     """Load a robot from a URDF file.
 
     See `robot_from_urdf_text` for what it must hold.
 
+    Args:
+        srdf: File that says which links may touch; None: see there.
+
     Raises:
-        InvalidInput: The file cannot be read, or its content is refused.
+        InvalidInput: A file cannot be read, or its content is refused.
     """
-    return robot_from_urdf_text(read_urdf(urdf), base_link, tip_link, base, held_at)
+    pairs = None if srdf is None else read_urdf(srdf, "robot.srdf")
+    directory = urdf.resolve().parent
+    text = read_urdf(urdf)
+    return robot_from_urdf_text(
+        text, base_link, tip_link, base, held_at, geometry, pairs, directory
+    )
 
 
-def read_urdf(urdf: Path) -> str:
-    """Return the text of a URDF file.
+def read_urdf(urdf: Path, field: str = "robot.urdf") -> str:
+    """Return the text of a URDF file, or of the SRDF that is the field's.
 
     Raises:
         InvalidInput: The file cannot be read.
@@ -104,7 +122,7 @@ def read_urdf(urdf: Path) -> str:
         reason = "not UTF-8"
     except OSError as error:
         reason = str(error.strerror)
-    raise InvalidInput(Status.BAD_ROBOT, "robot.urdf", urdf, f"it cannot be read: {reason}")
+    raise InvalidInput(Status.BAD_ROBOT, field, urdf, f"it cannot be read: {reason}")
 
 
 def robot_from_urdf_text(
@@ -113,6 +131,9 @@ def robot_from_urdf_text(
     tip_link: str | None = None,
     base: Base = Base.FREE_FLYER,
     held_at: Mapping[str, float] = NOTHING_HELD,
+    geometry: Geometry | None = None,
+    srdf: str | None = None,
+    directory: Path | None = None,
 ) -> Robot:
     """Build a robot from a URDF.
 
@@ -122,6 +143,10 @@ def robot_from_urdf_text(
         base_link: Link that carries the arm; it is the root or fixed to it. None: the root.
         tip_link: Link whose frame is the end effector. None: the only link that carries no other.
         held_at: Where joints are held that the URDF lets move [rad], or [m] where they slide.
+        geometry: None: shapes where the arm has any `<collision>`, else lines.
+        srdf: SRDF of links that may touch beside neighbours. None: those of a recorded URDF, or
+            links that touch in nearly every posture.
+        directory: Of the URDF, from which the paths of its meshes start. None: no file is read.
 
     Raises:
         InvalidInput: The URDF is something else, a link's inertia is one that no body has, or an
@@ -140,10 +165,11 @@ def robot_from_urdf_text(
     efforts = np.array(model.upperEffortLimit[6:])
     if base is Base.PLANAR:
         _require_planar(model, base_frame)
+    whole = whole_body(model, checked.xml, text, geometry, srdf, directory)
     return Robot(
         model=model,
         urdf=checked.xml,
-        drawn_urdf=with_shapes(checked.xml, text),
+        drawn_urdf=whole.drawn_urdf,
         joint_names=tuple(model.names)[2:],
         base_link=checked.base_link,
         tip_link=checked.tip_link,
@@ -155,8 +181,12 @@ def robot_from_urdf_text(
         upper_position_limits=frozen(model.upperPositionLimit[7:]),
         velocity_limits=frozen(model.upperVelocityLimit[6:]),
         effort_limits=frozen(np.where(efforts == 0.0, np.inf, efforts)),
-        notes=checked.notes,
+        notes=(*checked.notes, *whole.notes),
         base=base,
+        geometry=whole.geometry,
+        bodies=whole.bodies,
+        pairs=whole.pairs,
+        may_touch=whole.may_touch,
     )
 
 

@@ -14,7 +14,7 @@ import pinocchio as pin
 
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.robot.urdf_bodies import SMALLEST, check_bodies, placement
-from ff_planner_ros.robot.urdf_faults import Faults, listed, shortened
+from ff_planner_ros.robot.urdf_faults import LARGEST, Faults, listed, shortened
 from ff_planner_ros.robot.urdf_tree import Tree, link_of, one_of, tree_of
 from ff_planner_ros.robot.urdf_xml import read_elements
 
@@ -129,6 +129,7 @@ def _check_joints(
     for name in [name for name in held_at if name not in movable]:
         allowed = f"it must be one of the joints that move: {listed(sorted(movable))}"
         faults.add("robot.held_joints", name, "", "unknown", allowed)
+    held_at = {name: at for name, at in held_at.items() if _can_be_held(tree, name, at, faults)}
     moving = [
         joint
         for joint in chain
@@ -144,6 +145,8 @@ def _check_joints(
     first = link_of(moving[-1], "child") if moving else tree.order[0]
     beyond: set[str] = {first}
     held, held_elsewhere = list[str](), list[str]()
+    still = {_name(joint): joint for joint in tree.above.values() if joint not in moving}
+    where = {name: _where_held(name, still, held_at) for name in still}
     for link in tree.order:
         joint = tree.above.get(link)
         if joint is None or joint in moving:
@@ -157,12 +160,25 @@ def _check_joints(
             faults.add("joint", _name(joint), "", value, "make it fixed")
         else:
             told = held if link in beyond else held_elsewhere
-            told.append(_hold(joint, placements, link, held_at.get(_name(joint))))
+            told.append(_hold(joint, placements, link, where[_name(joint)]))
     notes = [f"held, because the end effector carries them: {listed(held)}"] if held else []
     if held_elsewhere:
         why = "they do not belong to the arm, slide, or are to be held"
         notes.append(f"held, because {why}: {listed(held_elsewhere)}")
     return notes
+
+
+def _can_be_held(tree: Tree, name: str, at: float, faults: Faults) -> bool:
+    """Tell whether a joint can be held somewhere: a fault, if it has no position of one number."""
+    kind = tree.joints[name].get("type") if name in tree.joints else None
+    if kind not in (*_UNITS, "fixed", None):
+        allowed = f"only joints that are {', '.join(_UNITS)} can be held somewhere"
+        faults.add("robot.held_joints", name, "", f"of a joint that is {kind}", allowed)
+    elif not abs(at) <= LARGEST:
+        faults.add("robot.held_joints", name, "", at, f"its size must be at most {LARGEST:g}")
+    else:
+        return True
+    return False
 
 
 def _check_arm_joint(name: str, joint: Element, faults: Faults) -> None:
@@ -218,16 +234,36 @@ def _limit_continuous(joint: Element) -> None:
         limit.set("upper", repr(TURN_OF_CONTINUOUS))
 
 
-def _hold(
-    joint: Element, placements: dict[str, pin.SE3 | None], link: str, where: float | None
-) -> str:
-    """Make a joint a fixed one, and return its name and where it is held."""
-    kind, aside = joint.get("type", ""), Faults()  # a held joint has no use for its limits
-    limit, axis = joint.find("limit"), joint.find("axis")
+def _where_held(name: str, still: dict[str, Element], held_at: Mapping[str, float]) -> float:
+    """Return where a joint is held: as asked for, or as one that is held has it move along.
+
+    Else at zero, or at the limit next to it.
+    """
+    factor, offset = 1.0, 0.0
+    aside = Faults()  # a held joint has no use for its limits
+    for _ in still:  # more joints that move along with one another are a loop
+        mimic = still[name].find("mimic")
+        if name in held_at or mimic is None or mimic.get("joint") not in still:
+            break
+        along = {"multiplier": 1.0, "offset": 0.0}
+        for key in along:
+            if mimic.get(key) is not None:
+                along[key] = aside.number("", "", "", mimic, key)
+        offset += factor * along["offset"]
+        factor *= along["multiplier"]
+        name = mimic.get("joint", "")
+    limit = still[name].find("limit")
     lower, upper = (aside.number("", "", "", limit, key) for key in ("lower", "upper"))
-    limited = kind in ("revolute", "prismatic") and lower <= upper
-    at = min(max(0.0, lower), upper) if limited else 0.0
-    at = at if where is None else where
+    limited = still[name].get("type") in ("revolute", "prismatic") and lower <= upper
+    at = held_at.get(name, min(max(0.0, lower), upper) if limited else 0.0)
+    at = factor * at + offset
+    return at if abs(at) <= LARGEST else 0.0
+
+
+def _hold(joint: Element, placements: dict[str, pin.SE3 | None], link: str, at: float) -> str:
+    """Make a joint a fixed one, and return its name and where it is held."""
+    kind, aside = joint.get("type", ""), Faults()
+    axis = joint.find("axis")
     direction = np.array([1.0, 0.0, 0.0])
     if axis is not None and aside.vectors("", "", "", axis):
         direction = np.array(axis.get("xyz", "").split(), float)

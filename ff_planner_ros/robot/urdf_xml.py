@@ -21,10 +21,14 @@ _PARTS: dict[str, Any] = {
     "joint": {"origin": {}, "parent": {}, "child": {}, "axis": {}, "limit": {}, "mimic": {}},
 }
 # The same for what links look like; a link may have several of these.
-_GEOMETRY: dict[str, Any] = {"box": {}, "cylinder": {}, "sphere": {}}
+_GEOMETRY: dict[str, Any] = {"box": {}, "capsule": {}, "cylinder": {}, "mesh": {}, "sphere": {}}
 _SHAPES: dict[str, Any] = {
     "link": {name: {"origin": {}, "geometry": _GEOMETRY} for name in ("visual", "collision")}
 }
+# What a recorded URDF says of links that may touch, as an SRDF does.
+DISABLE = "disable_collisions"
+_DISABLED: dict[str, Any] = {DISABLE: {}}
+_MOST_DISABLED = 100_000  # a humanoid's SRDF has two thousand
 _SEVERAL, _MOST_OF_THEM = tuple(_SHAPES["link"]), 10_000
 _ATTRIBUTES = {
     "link": ("name",),
@@ -37,13 +41,16 @@ _ATTRIBUTES = {
     "child": ("link",),
     "axis": ("xyz",),
     "limit": ("lower", "upper", "velocity", "effort"),
-    "mimic": ("joint",),
+    "mimic": ("joint", "multiplier", "offset"),
     "visual": (),
     "collision": (),
     "geometry": (),
     "box": ("size",),
+    "capsule": ("radius", "length"),
     "cylinder": ("radius", "length"),
+    "mesh": ("filename", "scale"),
     "sphere": ("radius",),
+    DISABLE: ("link1", "link2", "reason"),
 }
 
 
@@ -53,8 +60,7 @@ def read_elements(text: str) -> Element:
     Raises:
         InvalidInput: No XML, another document, too large, or with declarations of its own.
     """
-    if len(text) > MAX_CHARACTERS:
-        _refuse(f"{len(text)} characters long", f"it must be at most {MAX_CHARACTERS}")
+    _require_short(text)
     return _read(text, _PARTS)
 
 
@@ -63,8 +69,26 @@ def read_shapes(text: str) -> Element:
     return _read(text, _SHAPES)
 
 
-def _read(text: str, parts: dict[str, Any]) -> Element:
-    reader = _Reader(parts)
+def read_disabled(text: str, field: str) -> list[Element]:
+    """Return the pairs of links that may touch, from an SRDF or a recorded URDF.
+
+    Raises:
+        InvalidInput: As for `read_elements`; it is of the field.
+    """
+    try:
+        _require_short(text)
+        return list(_read(text, _DISABLED, _MOST_DISABLED))
+    except InvalidInput as error:
+        raise InvalidInput(error.status, field, error.value, error.allowed) from None
+
+
+def _require_short(text: str) -> None:
+    if len(text) > MAX_CHARACTERS:
+        _refuse(f"{len(text)} characters long", f"it must be at most {MAX_CHARACTERS}")
+
+
+def _read(text: str, parts: dict[str, Any], most: int = 2 * MAX_LINKS) -> Element:
+    reader = _Reader(parts, most)
     parser = expat.ParserCreate("utf-8")
     parser.StartElementHandler = reader.start
     parser.EndElementHandler = reader.end
@@ -79,10 +103,11 @@ def _read(text: str, parts: dict[str, Any]) -> Element:
 class _Reader:
     """Builds elements; what is passed over may be nested as deep as it likes."""
 
-    def __init__(self, parts: dict[str, Any]) -> None:
+    def __init__(self, parts: dict[str, Any], most: int) -> None:
         self.robot = Element("robot")
+        self._most = most  # elements of the robot
         self._of_robot = parts
-        self._several = 0  # so far
+        self._several = dict.fromkeys(_SEVERAL, 0)  # so far
         self._open: list[Element] = []
         self._parts: list[dict[str, Any]] = []
         self._passed_over = 0  # elements open, the innermost ones
@@ -98,13 +123,15 @@ class _Reader:
         # Of two parts of one kind the first one counts, as for every reader of URDFs.
         again = parent is not self.robot and parent.find(tag) is not None
         if tag in _SEVERAL and not self._passed_over and parts is not None:
-            self._several += 1
-            again = self._several > _MOST_OF_THEM
+            self._several[tag] += 1
+            again = self._several[tag] > _MOST_OF_THEM
         if self._passed_over or parts is None or again:
             self._passed_over += 1
             return
-        if parent is self.robot and len(parent) == 2 * MAX_LINKS:
-            _refuse("too large", f"it must have at most {MAX_LINKS} links and as many joints")
+        if parent is self.robot and len(parent) == self._most:
+            most = f"{MAX_LINKS} links and as many joints"
+            most = f"{self._most} {DISABLE}" if tag == DISABLE else most
+            _refuse("too large", f"it must have at most {most}")
         kept = {key: attributes[key] for key in _ATTRIBUTES[tag] if key in attributes}
         self._enter(SubElement(parent, tag, kept), parts)
 

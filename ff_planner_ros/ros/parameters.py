@@ -35,7 +35,7 @@ _WHILE_CONFIGURED = (
 )
 # Their time is over when the node is there.
 _AT_START = ("autostart", "allow_remote_paths")
-_PATHS = ("robot.urdf", "bag.directory")
+_PATHS = ("robot.urdf", "robot.srdf", "bag.directory")
 _TRANSITIONS = "lifecycle transitions deactivate and cleanup"
 
 

@@ -51,14 +51,14 @@ class Session:
         now = parameters.current
         urdf = resolve_uri(now.robot.urdf, relative_to=Path.cwd())
         self._description = read_urdf(urdf)
-        robot = now.robot.load(self._description)
+        robot = now.robot.load(self._description, urdf.parent)
         for note in robot.notes:
             node.get_logger().warning(f"robot.urdf: {note}")
         self._states = StateInput(robot, now.inertial_frame, now.state_source, now.odometry)
         self._scenes = SceneInput(now.inertial_frame, lambda: node.get_clock().now().nanoseconds)
         self._bag = unique_directory(Path(now.bag.directory).resolve(), "ff_planner")
         with ExitStack() as stack:
-            self._recorder = stack.enter_context(recording(node, now, urdf, self._bag))
+            self._recorder = stack.enter_context(recording(node, now, urdf, robot, self._bag))
             stack.enter_context(recording_services(node, self._recorder))
             self._output = stack.enter_context(closing(PlanOutput(node, robot, now)))
             # Nobody learns more from a preview by reading it twice.

@@ -110,7 +110,9 @@ def _values(response: PlanTrajectory.Response) -> Iterator[tuple[str, Array]]:
     for name in QUANTITIES:
         group, _, field = name.partition(".")
         if field:
-            yield name, np.array(getattr(getattr(response, group), field), dtype=float)
+            # Answers of earlier versions lack a clearance of bodies, of which they had none.
+            value = getattr(getattr(response, group), field, math.inf)
+            yield name, np.array(value, dtype=float)
 
 
 def _difference(name: str, before: Array, now: Array) -> Difference | None:

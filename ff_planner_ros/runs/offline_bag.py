@@ -86,6 +86,7 @@ def record_answer(
         state_source="start_state",
         obstacles_stamp_ns=now,
         task_digest=task.digest,
+        geometry=problem.robot.geometry.value,
     ).tell(response)
 
     with BagWriter(directory, flush_interval=0.0) as bag:
@@ -146,6 +147,8 @@ def _used(task: PlanningTask) -> dict[str, Any]:
             "tip_link": robot.tip_link,
             "base": robot.base.value,
             "held_joints": "",
+            "geometry": robot.geometry.value,
+            "srdf": "",
         },
         "inertial_frame": SCENARIO_FRAME,
         "state_source": "chaser_state",

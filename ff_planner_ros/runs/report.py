@@ -143,7 +143,13 @@ def robot_facts(robot: Robot) -> list[tuple[str, str]]:
     """Return names and values that describe a robot."""
     mass = sum(inertia.mass for inertia in robot.model.inertias)
     joints = f"{robot.joints} joints from {robot.base_link} to {robot.tip_link}"
-    return [("robot", f"{robot.model.name}: {joints}, {mass:.1f} kg in all")]
+    kept = "the arm's lines"
+    if robot.bodies:
+        kept = f"shapes: {len(robot.bodies)} bodies, {len(robot.pairs)} pairs must not touch"
+    return [
+        ("robot", f"{robot.model.name}: {joints}, {mass:.1f} kg in all"),
+        ("kept clear", kept),
+    ]
 
 
 def clock_time(time_ns: int, with_date: bool = True) -> str:

@@ -91,7 +91,7 @@ def _metrics(request: ReportedRequest) -> Iterator[tuple[str, str]]:
         yield "starts", clock_time(request.start_ns)
     if metrics is not None:
         for metric in METRICS:
-            yield metric.label, metric.text(getattr(metrics, metric.name))
+            yield metric.label, metrics.told(metric.name)
     if solver is not None:
         yield "solver", solver.stop_reason
         yield "search", f"{solver.starts} starts, {solver.rollouts} rollouts"

@@ -36,12 +36,19 @@ def plan_plots(plan: ReportedPlan) -> Iterator[tuple[str, str, go.Figure]]:
     scene = scene_figure(robot, obstacles, plan.goal, motions, motions, controls=False)
     words = (
         "Arm, chaser and obstacles (the paper's Fig. 2): drag to turn. The axes of end effector "
-        "and goal are x red, y green, z blue; the box of lines has the chaser's mass and inertia."
+        "and goal are x red, y green, z blue; "
+    )
+    words += (
+        "the bodies are those that the planner keeps clear; a red line marks where they come "
+        "nearest to each other or to an obstacle."
+        if robot.bodies
+        else "the box of lines has the chaser's mass and inertia."
     )
     yield "scene", words, scene
     all_of = " and ".join(method.label for method in motions)
     if plan.obstacles is not None:
-        words = f"Distance of the arm to the closest obstacle, {all_of} (Fig. 6)."
+        what = "bodies" if robot.bodies else "arm"
+        words = f"Distance of the {what} to the closest obstacle, {all_of} (Fig. 6)."
         yield "clearance", words, clearance_plot(robot, obstacles, motions)
     words = f"Joints, {all_of}; a double click zooms out to the limits, which are dashed."
     yield "joints", words, joint_plot(robot, motions)

@@ -69,6 +69,10 @@ def worst(
         if metrics is not None and np.isfinite(metrics.min_clearance):
             certain = f"; for certain never less than {1e3 * metrics.min_clearance:.1f} mm"
         yield "least clearance", _said(words, least.time, certain)
+    if metrics is not None and metrics.min_self_clearance_pair:
+        words = f"{1e3 * metrics.min_self_clearance:.1f} mm for certain, "
+        words += f"{metrics.min_self_clearance_pair} at "
+        yield "least self-clearance", _said(words, metrics.min_self_clearance_time)
     near = min(found, key=lambda joint: joint.margin)
     words = f"{near.name}, {np.rad2deg(near.margin):.1f} deg from its limit, at "
     if np.isfinite(near.margin):

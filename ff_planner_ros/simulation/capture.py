@@ -6,7 +6,7 @@ is moved in a model of its own; the robot's stays as it is.
 
 from __future__ import annotations
 
-from dataclasses import astuple, dataclass, replace
+from dataclasses import astuple, dataclass
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -61,15 +61,6 @@ def capture(body: TargetBody, time: float, execution: Execution) -> Capture:
         orientation_error=float(turn.magnitude()),
         linear_speed=float(np.linalg.norm(linear - there)),
         angular_speed=float(np.linalg.norm(angular - twist[3:])),
-    )
-
-
-def seen_from(body: TargetBody, origin: Array, velocity: Array) -> TargetBody:
-    """Return a body in an inertial frame of the same axes that is elsewhere and moves."""
-    return replace(
-        body,
-        position=body.position - origin,
-        linear_velocity=body.linear_velocity - velocity,
     )
 
 

@@ -65,9 +65,8 @@ class Engine:
         Raises:
             InvalidInput: MuJoCo refuses the URDF.
         """
-        tree = ElementTree.fromstring(robot.urdf)
-        names = _names_of_links(tree)
-        self.model = _model(ElementTree.tostring(tree, encoding="unicode"), robot.base)
+        spec, names = specification(robot.urdf)
+        self.model = _model(spec, robot.base)
         self._data = mujoco.MjData(self.model)
         self._base = self._data.body(names[robot.base_link])
         self._tip = self._data.body(names[robot.tip_link])
@@ -178,6 +177,42 @@ class Engine:
         return np.asarray(masses @ self._data.xipos[self.chaser_bodies] / masses.sum(), np.float64)
 
 
+def specification(urdf: str) -> tuple[mujoco.MjSpec, dict[str, str]]:
+    """Return what MuJoCo reads of a URDF, its root link free, and what it calls the links.
+
+    Raises:
+        InvalidInput: MuJoCo refuses the URDF.
+    """
+    tree = ElementTree.fromstring(urdf)
+    names = _names_of_links(tree)
+    try:
+        spec = mujoco.MjSpec.from_string(ElementTree.tostring(tree, encoding="unicode"))
+    except ValueError as error:
+        raise _refused(error) from None
+    spec.compiler.fusestatic = False  # else links fixed to others lose their names
+    spec.worldbody.first_body().add_freejoint()
+    return spec, names
+
+
+def compiled(spec: mujoco.MjSpec) -> mujoco.MjModel:
+    """Return MuJoCo's model.
+
+    Raises:
+        InvalidInput: MuJoCo refuses what was specified.
+    """
+    with warnings.catch_warnings():  # what is nearly singular is seen in the numbers
+        warnings.simplefilter("ignore")
+        try:
+            return spec.compile()
+        except ValueError as error:
+            raise _refused(error) from None
+
+
+def _refused(error: ValueError) -> InvalidInput:
+    reason = " ".join(str(error).split())[:300]
+    return InvalidInput(Status.BAD_ROBOT, "robot.urdf", "refused", f"MuJoCo says: {reason}")
+
+
 def _names_of_links(urdf: ElementTree.Element) -> dict[str, str]:
     """Return what links are called in MuJoCo, where `world` is the inertial frame; rename it."""
     names = {link.get("name", ""): link.get("name", "") for link in urdf.findall("link")}
@@ -191,23 +226,12 @@ def _names_of_links(urdf: ElementTree.Element) -> dict[str, str]:
     return names
 
 
-def _model(urdf: str, base: Base) -> mujoco.MjModel:
-    """Return MuJoCo's model of a URDF, its root link free, with nothing that MuJoCo adds.
+def _model(spec: mujoco.MjSpec, base: Base) -> mujoco.MjModel:
+    """Return MuJoCo's model of a robot, with nothing that MuJoCo adds.
 
     On a planar base nothing lifts or tilts the root link off the table.
     """
-    try:
-        spec = mujoco.MjSpec.from_string(urdf)
-        spec.compiler.fusestatic = False  # else links fixed to others lose their names
-        spec.worldbody.first_body().add_freejoint()
-        with warnings.catch_warnings():  # as above: what is nearly singular is seen in the numbers
-            warnings.simplefilter("ignore")
-            model = spec.compile()
-    except ValueError as error:
-        reason = " ".join(str(error).split())[:300]
-        raise InvalidInput(
-            Status.BAD_ROBOT, "robot.urdf", "refused", f"MuJoCo says: {reason}"
-        ) from None
+    model = compiled(spec)
     model.opt.gravity = 0.0
     model.dof_damping = 0.0  # the planner leaves a URDF's <dynamics> aside, too
     model.dof_frictionloss = 0.0

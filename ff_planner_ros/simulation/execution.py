@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 
 import numpy as np
@@ -37,23 +38,34 @@ class Execution:
 
 
 def execute(engine: Engine, start: SystemState, command: FeedForward) -> Execution:
-    """Integrate the engine's forward dynamics under commanded torques, by RK4.
+    """Integrate the engine's forward dynamics under commanded torques: `states_after_steps`."""
+    return execution_of(engine, states_after_steps(engine, start, command), command)
+
+
+def states_after_steps(engine: Engine, start: SystemState, command: FeedForward) -> list[Array]:
+    """Return the engine's states at the start and after every step of RK4, while they are finite.
 
     MuJoCo's own steps hold the torques constant and are of second order in the turn of a free body.
     Here the quaternion is integrated as four numbers, and the method keeps its fourth order.
     """
     state = engine.state(start)
     states = [state]
-    half_steps = 2 * command.steps_per_point
     with np.errstate(over="ignore", invalid="ignore"):
         for k in range(0, len(command.time) - 1, 2):
             state = _step(engine, state, command.time[k : k + 3], command.torques[k : k + 3])
             if not np.isfinite(state).all():
                 break
-            if (k + 2) % half_steps == 0:
-                states.append(state)
-    seen = [(*engine.joints(state), *engine.observe(state)) for state in states]
-    time = command.time[::half_steps]
+            states.append(state)
+    return states
+
+
+def execution_of(engine: Engine, states: Sequence[Array], command: FeedForward) -> Execution:
+    """Return what is seen of `states_after_steps` at the points of the plan."""
+    seen = [
+        (*engine.joints(state), *engine.observe(state))
+        for state in states[:: command.steps_per_point]
+    ]
+    time = command.time[:: 2 * command.steps_per_point]
     lost = [[np.full_like(value, np.nan) for value in seen[0]]] * (len(time) - len(seen))
     return Execution(time, *(np.array(column) for column in zip(*seen, *lost, strict=True)))
 

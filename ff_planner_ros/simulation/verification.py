@@ -9,12 +9,18 @@ import numpy as np
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.plan import Trajectory
+from ff_planner_ros.planning.scene import Scene
 from ff_planner_ros.planning.sound_samples import require_sound_samples
-from ff_planner_ros.planning.target_body import TargetBody
 from ff_planner_ros.robot.model import Robot
-from ff_planner_ros.simulation.capture import Capture, capture, is_soft, seen_from
+from ff_planner_ros.simulation.capture import Capture, capture, is_soft
+from ff_planner_ros.simulation.contacts import Contact, Touch
 from ff_planner_ros.simulation.engine import Engine
-from ff_planner_ros.simulation.execution import Execution, execute, start_state
+from ff_planner_ros.simulation.execution import (
+    Execution,
+    execution_of,
+    start_state,
+    states_after_steps,
+)
 from ff_planner_ros.simulation.feed_forward import feed_forward
 
 # As much as the planner's check allows a plan to miss its target: physics may not add more. Errors
@@ -29,8 +35,14 @@ MOMENTUM_TOLERANCE = 1e-6
 # In one step neither a joint nor the chaser turns further [rad]: the error of RK4 is then below a
 # hundredth of the tolerances. At least eight steps, because the motion varies between two points.
 STEP_TURN, MIN_STEPS_PER_POINT = 0.01, 8
+# Where the momentum says that this was too coarse, steps are so many times finer: an arm of many
+# joints that is not controlled runs away from its plan faster than it moves.
+_FINER = (1, 2, 4, 8)
+_STANDSTILL = 1e-6  # [m/s]
 # Of a whole execution: ten thousand points of a sound plan need less. It takes ten seconds.
 MOST_STEPS = 100_000
+
+_EMPTY = Scene()
 
 
 @dataclass(frozen=True)
@@ -55,28 +67,29 @@ class Verification:
     execution: Execution  # what the system did, in the plan's inertial frame
     deviation: Deviation  # from the plan
     momentum_drift: float  # largest change of the total momentum, relative
+    contacts: tuple[Contact, ...] = ()  # the earliest first
+    pairs: int = 0  # that were watched for contacts; 0: the robot is one of lines
     capture: Capture | None = None  # of the target body; None: there is none
 
     @property
-    def passed(self) -> bool:
-        """Whether the plan came true within the tolerances."""
+    def came_true(self) -> bool:
+        """Whether the system did what the plan says, within the tolerances."""
         found, allowed = astuple(self.deviation), astuple(ALLOWED)
         kept = all(value <= most for value, most in zip(found, allowed, strict=True))
         soft = self.capture is None or is_soft(self.capture)
         return kept and soft and self.momentum_drift <= MOMENTUM_TOLERANCE
 
+    @property
+    def passed(self) -> bool:
+        """Whether the plan came true, and nothing touched what it must not."""
+        return self.came_true and not self.contacts
 
-def verify(
-    robot: Robot,
-    trajectory: Trajectory,
-    body: TargetBody | None = None,
-    capture_time: float | None = None,
-) -> Verification:
+
+def verify(robot: Robot, trajectory: Trajectory, scene: Scene = _EMPTY) -> Verification:
     """Execute a plan's torques open loop in MuJoCo, and compare the motion with the plan.
 
-    Args:
-        body: That the plan captures, at its first point; None: none.
-        capture_time: From there on [s]; None: at its last point.
+    Where the robot has bodies, every contact of theirs is told, of the motion as executed. A target
+    body is a second free body.
 
     Raises:
         InvalidInput: The samples cannot be executed, or MuJoCo refuses the robot's URDF.
@@ -84,27 +97,52 @@ def verify(
     require_sound_samples(robot, trajectory)
     engine = Engine(robot)
     planned = beside_center_of_mass(engine, trajectory)
-    command = feed_forward(robot, planned, steps_per_point(planned))
-    execution = execute(engine, start_state(planned), command)
-    kept = execution.momentum[:, robot.base.rows]
-    change = np.linalg.norm(kept - kept[0], axis=1).max()
-    # A system whose total is zero is measured against the chaser's own momentum.
-    speed = np.linalg.norm(planned.chaser_linear_velocities, axis=1).max()
-    chaser_momentum = robot.model.inertias[1].mass * speed
-    scale = max(np.linalg.norm(kept[0]), chaser_momentum, np.finfo(float).tiny)
+    steps = steps_per_point(planned)
+    for finer in _FINER:
+        if finer > 1 and finer * steps * (len(planned.time) - 1) > MOST_STEPS:
+            break
+        command = feed_forward(robot, planned, finer * steps)
+        states = states_after_steps(engine, start_state(planned), command)
+        execution = execution_of(engine, states, command)
+        drift = _momentum_drift(robot, engine, planned, execution)
+        if drift <= MOMENTUM_TOLERANCE:
+            break
     origin, velocity = engine.center_of_mass(start_state(trajectory))
+    seen = scene.seen_from(origin, velocity)
+    contacts, pairs = tuple[Contact, ...](), 0
+    if robot.bodies:
+        touch = Touch(robot, seen)
+        contacts, pairs = touch.along(states, command.time[::2]), touch.pairs
     return Verification(
         execution=_seen_in(execution, origin, velocity, engine.mass),
         deviation=deviation(execution, planned),
-        momentum_drift=float(change / scale),
-        capture=None
-        if body is None
-        else capture(
-            seen_from(body, origin, velocity),
-            float(trajectory.time[-1]) if capture_time is None else capture_time,
-            execution,
-        ),
+        momentum_drift=drift,
+        contacts=contacts,
+        pairs=pairs,
+        capture=_capture(seen, execution),
     )
+
+
+def _capture(scene: Scene, execution: Execution) -> Capture | None:
+    """Return how an execution captures the target body of a scene; None: there is none."""
+    if scene.target_body is None:
+        return None
+    time = execution.time[-1] if scene.capture_time is None else scene.capture_time
+    return capture(scene.target_body, float(time), execution)
+
+
+def _momentum_drift(
+    robot: Robot, engine: Engine, planned: Trajectory, execution: Execution
+) -> float:
+    """Return the largest change of the total momentum, relative."""
+    kept = execution.momentum[:, robot.base.rows]
+    change = np.linalg.norm(kept - kept[0], axis=1).max()
+    # A system whose total is zero is measured against the chaser's own momentum, one that stands
+    # still against one that nearly does.
+    speed = np.linalg.norm(planned.chaser_linear_velocities, axis=1).max()
+    of_chaser = robot.model.inertias[1].mass * speed
+    scale = max(np.linalg.norm(kept[0]), of_chaser, engine.mass * _STANDSTILL)
+    return float(change / scale)
 
 
 def beside_center_of_mass(engine: Engine, trajectory: Trajectory) -> Trajectory:

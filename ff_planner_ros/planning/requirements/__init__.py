@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from ff_planner_ros.planning.requirements.body_clearance import BodyClearance, SelfClearance
 from ff_planner_ros.planning.requirements.chaser_attitude import ChaserAttitude
 from ff_planner_ros.planning.requirements.clearance import Clearance
 from ff_planner_ros.planning.requirements.goal import Goal
@@ -16,6 +17,8 @@ from ff_planner_ros.planning.requirements.torques import Torques
 
 REQUIREMENTS: tuple[Requirement, ...] = (
     Clearance(),
+    BodyClearance(),
+    SelfClearance(),
     JointPositions(),
     JointRates(),
     ChaserAttitude(),

@@ -8,6 +8,7 @@ outside every sphere at every point.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from typing import NamedTuple
 
 import numpy as np
 
@@ -25,6 +26,7 @@ from ff_planner_ros.planning.followed import FollowedMotion
 from ff_planner_ros.planning.metrics import Metrics
 from ff_planner_ros.planning.path_family import Motion, Sensitivity
 from ff_planner_ros.planning.problem import PlanningProblem
+from ff_planner_ros.planning.requirements.body_rows import FEW_POINTS, quarter_way
 from ff_planner_ros.planning.requirements.requirement import (
     OF_INTEREST,
     Requirement,
@@ -33,18 +35,16 @@ from ff_planner_ros.planning.requirements.requirement import (
 )
 from ff_planner_ros.planning.search_certificate import search_certificate
 from ff_planner_ros.planning.settings import PlannerSettings
+from ff_planner_ros.robot.bodies import Geometry
 from ff_planner_ros.robot.model import Robot
 
-# On fewer points than this an arm may jump over a corner of a sphere: it is looked at a quarter of
-# the way between them, too, by the parabola through both points and the one half-way.
-_FEW_POINTS = 40
 # Of a motion at more times, every second is enough to begin with: between two of them it is looked
 # at where it matters.
 _ENOUGH = 98
 
 
 class Clearance(Requirement):
-    """The arm stays outside every obstacle."""
+    """The arm's lines stay outside every obstacle; where the robot has shapes, its bodies do."""
 
     name = "clearance"
 
@@ -52,6 +52,8 @@ class Clearance(Requirement):
         self, problem: PlanningProblem, q_start: Array, settings: PlannerSettings
     ) -> None:
         """Refuse a start inside an obstacle."""
+        if problem.robot.geometry is Geometry.SHAPES:
+            return
         positions = arm_points(problem.robot, q_start[None])
         starts = segments(positions)
         distance = clearances(positions, np.zeros(1), starts, problem.obstacles).distance[0]
@@ -71,16 +73,18 @@ class Clearance(Requirement):
 
     def rows(
         self, problem: PlanningProblem, motion: Motion, sensitivity: Sensitivity, margin: float
-    ) -> Rows:
+    ) -> Rows | None:
         """Return the distances of interest, less the margin, at points and half-way between."""
+        if problem.robot.geometry is Geometry.SHAPES:
+            return None
         times = np.linspace(0.0, problem.duration, len(motion.q))
         times = np.concatenate([times[1:], (times[:-1] + times[1:]) / 2])
-        few = len(motion.q) < _FEW_POINTS
+        few = len(motion.q) < FEW_POINTS
         distances, jacobian, names = clearance_rows(
             problem.robot,
             np.concatenate([motion.q[1:], motion.q_half_way]),
             np.concatenate([sensitivity.q[1:], sensitivity.q_half_way]),
-            np.concatenate([times, _quarter_way(times)]) if few else times,
+            np.concatenate([times, quarter_way(times)]) if few else times,
             problem.obstacles,
             OF_INTEREST,
             quarter_way=few,
@@ -89,35 +93,36 @@ class Clearance(Requirement):
 
     def slack(self, problem: PlanningProblem, motion: FollowedMotion) -> float:
         """Return the certified clearance [m]."""
+        if problem.robot.geometry is Geometry.SHAPES:
+            return np.inf
         return search_certificate(problem.robot, *_looked_at(motion), problem.obstacles)
 
-    def metrics(self, samples: Samples) -> Mapping[str, float]:
+    def metrics(self, samples: Samples) -> Mapping[str, float | str]:
         """Return certified clearance and R_obst."""
         problem, settings, times = samples.problem, samples.settings, samples.trajectory.time
         at_points = clearances(samples.arm, times, segments(samples.arm), problem.obstacles)
-        return {
-            "min_clearance": certified_clearance(
-                problem.robot, *_looked_at(samples.followed), problem.obstacles
-            )
-            if problem.obstacles
-            else np.inf,
-            "penalty": penalty(
-                at_points.distance, settings.penalty_gain, settings.penalty_exponent
-            ),
+        found: dict[str, float | str] = {
+            "penalty": penalty(at_points.distance, settings.penalty_gain, settings.penalty_exponent)
+        }
+        if problem.robot.geometry is Geometry.SHAPES:
+            return found
+        if not problem.obstacles:
+            return found | {"min_clearance": np.inf}
+        nearest, looked_at = _nearest(problem, samples.followed), _looked_at(samples.followed)
+        return found | {
+            "min_clearance": certified_clearance(problem.robot, *looked_at, problem.obstacles),
+            "min_clearance_pair": f"{nearest.line}/{nearest.obstacle}",
+            "min_clearance_time": nearest.time,
         }
 
     def failures(self, samples: Samples, metrics: Metrics) -> Iterator[Failure]:
         """Yield the deepest collision."""
-        if metrics.min_clearance >= 0.0:
+        if samples.problem.robot.geometry is Geometry.SHAPES or metrics.min_clearance >= 0.0:
             return
-        motion, obstacles = samples.followed, samples.problem.obstacles
-        arm = arm_points(samples.problem.robot, motion.q)
-        starts = segments(arm)
-        distance = clearances(arm, motion.time, starts, obstacles).distance
-        time, segment, sphere = np.unravel_index(distance.argmin(), distance.shape)
-        depth, obstacle = -distance[time, segment, sphere], obstacles[sphere].id
-        link = link_name(samples.problem.robot, int(starts[segment]))
-        when = samples.at(float(motion.time[time]))
+        nearest = _nearest(samples.problem, samples.followed)
+        depth, obstacle = -nearest.distance, nearest.obstacle
+        link = link_name(samples.problem.robot, nearest.segment)
+        when = samples.at(nearest.time)
         if depth <= 0.0:
             yield Failure(
                 Status.COLLISION,
@@ -139,6 +144,32 @@ class Clearance(Requirement):
         )
 
 
+class _Nearest(NamedTuple):
+    """Where a line comes nearest to an obstacle at the times of a motion."""
+
+    distance: float  # negative inside [m]
+    segment: int  # joint that the line starts at
+    line: str  # by the joints at its ends
+    obstacle: str
+    time: float  # [s]
+
+
+def _nearest(problem: PlanningProblem, motion: FollowedMotion) -> _Nearest:
+    robot = problem.robot
+    arm = arm_points(robot, motion.q)
+    starts = segments(arm)
+    distance = clearances(arm, motion.time, starts, problem.obstacles).distance
+    time, segment, sphere = np.unravel_index(distance.argmin(), distance.shape)
+    start, ends = int(starts[segment]), (*robot.joint_names, robot.tip_link)
+    return _Nearest(
+        distance=float(distance[time, segment, sphere]),
+        segment=start,
+        line=f"{ends[start]}-{ends[start + 1]}",
+        obstacle=problem.obstacles[sphere].id,
+        time=float(motion.time[time]),
+    )
+
+
 def _looked_at(motion: FollowedMotion) -> tuple[Array, Array, Array]:
     """Return the configurations, velocities and times that a certificate begins with."""
     every = 2 if len(motion.time) > _ENOUGH and len(motion.time) % 2 else 1
@@ -149,16 +180,3 @@ def link_name(robot: Robot, start: int) -> str:
     """Return words for the arm's segment that starts at a joint."""
     ends = (*robot.joint_names, robot.tip_link)
     return f"the link from {ends[start]} to {ends[start + 1]}"
-
-
-def _quarter_way(times: Array) -> Array:
-    """Return the times a quarter of the way between points, then at three quarters.
-
-    But in the first interval, whose beginning is the start.
-
-    Args:
-        times: Of all points but the first, then half-way in every interval.
-    """
-    at_points, _ = np.split(times, 2)
-    step = np.diff(at_points)
-    return np.concatenate([at_points[:-1] + step / 4, at_points[1:] - step / 4])

@@ -17,6 +17,7 @@ from ff_planner_ros.planning.requirements.requirement import (
     too_large,
 )
 from ff_planner_ros.robot.configuration import configuration
+from ff_planner_ros.robot.kinematics import rotation_base_to_inertial
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.momentum import total_momentum
 
@@ -41,7 +42,7 @@ class Momentum(Requirement):
         mass, way = pin.computeTotalMass(robot.model, data), samples.settings.position_tolerance
         scale = max(
             float(np.linalg.norm(wanted)),
-            max(_chaser_momentum(robot, *at) for at in zip(*samples.q_and_v, strict=True)),
+            _chaser_momentum(robot, *samples.q_and_v),
             mass * way / problem.duration,
         )
         off = np.linalg.norm((momentum - wanted)[:, robot.base.rows], axis=1).max()
@@ -58,6 +59,11 @@ class Momentum(Requirement):
 
 
 def _chaser_momentum(robot: Robot, q: Array, v: Array) -> float:
-    """Return the size of the chaser's own momentum, linear and angular about the origin."""
-    in_base = robot.model.inertias[1] * pin.Motion(v[:6])
-    return float(np.linalg.norm(pin.XYZQUATToSE3(q[:7]).act(in_base).vector))
+    """Return the largest size of the chaser's own momentum, linear and angular about the origin."""
+    base_to_inertial = rotation_base_to_inertial(q)
+    in_base = v[:, :6] @ robot.model.inertias[1].matrix()
+    linear, about_base = (
+        np.einsum("pij,pj->pi", base_to_inertial, part) for part in (in_base[:, :3], in_base[:, 3:])
+    )
+    angular = about_base + np.cross(q[:, :3], linear)
+    return float(np.linalg.norm(np.hstack([linear, angular]), axis=1).max())

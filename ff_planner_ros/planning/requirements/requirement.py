@@ -137,7 +137,7 @@ class Requirement:
         """
         return np.inf
 
-    def metrics(self, samples: Samples) -> Mapping[str, float | tuple[float, ...]]:
+    def metrics(self, samples: Samples) -> Mapping[str, float | str | tuple[float, ...]]:
         """Return metrics by their names in `METRICS`, measured from the samples."""
         return {}
 

@@ -7,6 +7,8 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 
 from ff_planner_ros.arrays import Array
+from ff_planner_ros.core import compiled
+from ff_planner_ros.core.chain import chain_of
 from ff_planner_ros.errors import Failure, InvalidInput, Status
 from ff_planner_ros.planning.metrics import Metrics
 from ff_planner_ros.planning.path_family import Motion, Sensitivity
@@ -23,8 +25,6 @@ from ff_planner_ros.robot.momentum import smallest_singular_values
 
 # A singular value of so many margins does not become smaller than one in one step of the solver.
 _OF_INTEREST = 4.0
-# Derivatives by central differences so wide [rad] are exact to nine digits.
-_ASIDE = 1e-5
 
 
 class SingularValues(Requirement):
@@ -63,17 +63,13 @@ class SingularValues(Requirement):
         if margin == 0.0 or problem.parametrisation is Parametrisation.JOINT_SPLINE:
             return None
         robot = problem.robot
-        values = smallest_singular_values(robot, motion.q)
+        values, by_joints = compiled.smallest_singular_values(
+            chain_of(robot), motion.q[:, 7:], robot.base.rows
+        )
         margin = min(margin, values[0])
         (near,) = np.nonzero(values[1:] < _OF_INTEREST * margin)
         near += 1
-        # They depend on the joints alone.
-        nudges = np.zeros((2, robot.joints, motion.q.shape[1]))
-        nudges[:, :, 7:] = _ASIDE * np.array([-np.eye(robot.joints), np.eye(robot.joints)])
-        beside = (motion.q[near, None, None] + nudges).reshape(-1, motion.q.shape[1])
-        at_both = smallest_singular_values(robot, beside).reshape(len(near), 2, robot.joints)
-        by_joints = (at_both[:, 1] - at_both[:, 0]) / (2.0 * _ASIDE)
-        jacobian = np.einsum("pj,pjx->px", by_joints, sensitivity.q[near, 6:])
+        jacobian = np.einsum("pj,pjx->px", by_joints[near], sensitivity.q[near, 6:])
         return Rows(values[near] - margin, jacobian, near)
 
     def metrics(self, samples: Samples) -> Mapping[str, float]:

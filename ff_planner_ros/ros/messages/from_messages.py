@@ -6,7 +6,7 @@ import math
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import fields
+from dataclasses import MISSING, fields
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -19,6 +19,7 @@ from ff_planner_ros.parameters import NodeParameters
 from ff_planner_ros.planning.metrics import Metrics
 from ff_planner_ros.planning.plan import Plan, SolverReport
 from ff_planner_ros.planning.problem import (
+    CONTACT_DISTANCE,
     Objective,
     Orientation,
     PlanningProblem,
@@ -103,6 +104,8 @@ def problem_from_request(
             ),
             limits=parameters.limits.limits(asked_attitude),
             parametrisation=parametrisation_of(getattr(request, "parametrisation", "") or "auto"),
+            allowed_at_goal=tuple(getattr(request, "allowed_at_goal", ())),
+            contact_distance=getattr(request, "contact_distance", 0.0) or CONTACT_DISTANCE,
         )
 
 
@@ -198,7 +201,12 @@ def plan_from_response(response: PlanTrajectory.Response) -> Plan:
 
 def metrics_from_message(message: PlanMetrics) -> Metrics:
     """Read the metrics of a plan or of the best attempt."""
-    values = {item.name: getattr(message, item.name) for item in fields(Metrics)}
+    values = {
+        item.name: getattr(message, item.name)
+        for item in fields(Metrics)
+        # A message decoded from a bag of an earlier version lacks what has a default.
+        if item.default is MISSING or hasattr(message, item.name)
+    }
     return Metrics(**values | {"peak_joint_torques": tuple(message.peak_joint_torques)})
 
 

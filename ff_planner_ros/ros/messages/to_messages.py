@@ -48,6 +48,8 @@ def request_message(problem: PlanningProblem, inertial_frame: str) -> PlanTrajec
         points=problem.points,
         limit_chaser_attitude=angle if math.isfinite(angle) else 0.0,
         parametrisation=problem.parametrisation.value,
+        allowed_at_goal=list(problem.allowed_at_goal),
+        contact_distance=problem.contact_distance,
         orientation=target.orientation.value,
         free_axis=_vector(axis.tolist() if axis is not None else [0.0] * 3),
     )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from operator import itemgetter
 
 import numpy as np
@@ -26,6 +26,8 @@ class LastRequest:
     plan_id: str
     status: Status
     message: str
+    # Of the plan, by their labels, in words; empty: there is no plan
+    clearances: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -108,6 +110,7 @@ def _last(health: NodeHealth) -> _Part:
     if last is None:
         return OK, "no request yet", {}
     values = {"plan id": last.plan_id, "code": str(int(last.status)), "status": last.status.name}
+    values |= last.clearances
     if last.status is Status.SOLVED:
         return OK, f"{last.plan_id} solved", values
     level = ERROR if last.status >= Status.INTERNAL_ERROR else WARN

@@ -9,6 +9,8 @@ from scipy.spatial.transform import Rotation
 from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
+from ff_planner_ros.analysis.nearest import Nearest, nearest
+from ff_planner_ros.analysis.solids import robot_surface, surface_at
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.planning.clearance import arm_points
 from ff_planner_ros.planning.motion import from_trajectory
@@ -27,6 +29,8 @@ _OBSTACLE = (0.84, 0.37, 0.0, 0.5)
 _EE_PATH = (0.0, 0.45, 0.70, 1.0)
 _CHASER_PATH = (0.0, 0.62, 0.45, 1.0)
 _ARM, _CHASER = _EE_PATH[:3], _CHASER_PATH[:3]
+_BODIES, _NEAREST = (0.80, 0.47, 0.65), (0.84, 0.0, 0.0, 1.0)
+_TEXT_HEIGHT = 0.08  # [m]
 
 
 def plan_markers(
@@ -36,7 +40,8 @@ def plan_markers(
 
     The first marker deletes all that were drawn before. Namespaces: `obstacles`,
     `end_effector_path`, `chaser_path`, `arm` and `chaser`; ids count from 0 in each, in the order
-    of the spheres and of time.
+    of the spheres and of time. A robot with shapes has `bodies`, too, instead of the chaser's box
+    if the chaser has one of them; and `nearest`, a line and words where they come nearest.
     """
     motion = plan.trajectory
     shown = np.linspace(0, len(motion.time) - 1, SNAPSHOTS).round().astype(int)
@@ -47,6 +52,9 @@ def plan_markers(
     attitudes = Rotation.from_quat(motion.chaser_quaternions_xyzw[shown])
     turns = (attitudes * Rotation.from_matrix(box.rotation_box_to_chaser)).as_quat()
     chasers = zip(motion.chaser_positions[shown].tolist(), turns.tolist(), strict=True)
+    surface = robot_surface(robot) if robot.bodies else None
+    near = nearest(robot, motion, obstacles)
+    boxed = not any(body.joint == 1 for body in robot.bodies)
     markers = [
         Marker(action=Marker.DELETEALL),
         *(
@@ -62,8 +70,14 @@ def plan_markers(
         *(
             _solid("chaser", Marker.CUBE, position, box.edges, (*_CHASER, opacity), turn)
             for (position, turn), opacity in zip(chasers, opacities, strict=True)
+            if boxed
         ),
     ]
+    if surface is not None:
+        for corners, opacity in zip(surface_at(robot, surface, q[shown]), opacities, strict=True):
+            markers.append(_surface("bodies", corners[surface.triangles], (*_BODIES, opacity)))
+    if near is not None:
+        markers += _marked(near)
     ids: dict[str, int] = {}
     for marker in markers:
         # Stamp zero: to be drawn whatever time it is.
@@ -84,6 +98,22 @@ def _solid(
     marker.pose = pose_message(position, quaternion_xyzw)
     marker.scale.x, marker.scale.y, marker.scale.z = (float(edge) for edge in edges)
     return marker
+
+
+def _surface(namespace: str, triangles: Array, colour: Sequence[float]) -> Marker:
+    """Draw triangles; shape (triangles, 3 corners, 3)."""
+    marker = Marker(ns=namespace, type=Marker.TRIANGLE_LIST, color=_colour(colour))
+    marker.scale.x = marker.scale.y = marker.scale.z = 1.0
+    marker.points = [point_message(point) for point in triangles.reshape(-1, 3).tolist()]
+    return marker
+
+
+def _marked(near: Nearest) -> tuple[Marker, Marker]:
+    words = Marker(ns="nearest", type=Marker.TEXT_VIEW_FACING, text=near.words)
+    words.color = _colour(_NEAREST)
+    words.pose = pose_message(near.ends.mean(axis=0).tolist(), (0.0, 0.0, 0.0, 1.0))
+    words.scale.x = words.scale.y = words.scale.z = _TEXT_HEIGHT
+    return _line("nearest", near.ends, _PATH_WIDTH, _NEAREST), words
 
 
 def _line(namespace: str, points: Array, width: float, colour: Sequence[float]) -> Marker:

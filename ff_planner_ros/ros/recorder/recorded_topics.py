@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import yaml
@@ -36,6 +36,8 @@ from ff_planner_ros.bag.exchanges import GOAL_EVENTS, RESULT_EVENTS, SERVICE_EVE
 from ff_planner_ros.bag.provenance import PROVENANCE, provenance
 from ff_planner_ros.bag.writer import BagWriter
 from ff_planner_ros.parameters import NodeParameters
+from ff_planner_ros.robot.bodies import Geometry
+from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.ros.inputs.input_topics import heard_with
 from ff_planner_ros.ros.messages.interfaces import (
     ACTION,
@@ -56,10 +58,11 @@ _CLOCK_QOS = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 @contextmanager
 def recording(
-    node: Node, parameters: NodeParameters, urdf: Path, bag_directory: Path
+    node: Node, parameters: NodeParameters, urdf: Path, robot: Robot, bag_directory: Path
 ) -> Iterator[Recorder]:
     """Record as long as the context lasts; a bag that cannot be written is no error here."""
     settings = parameters.bag
+    parameters, description = recorded_robot(parameters, urdf, robot)
     used = json.loads(json.dumps(asdict(parameters)))  # YAML's safe dumper knows no tuples
     document = yaml.safe_dump({"/**": {"ros__parameters": used}})
     simulated_time = node.get_parameter("use_sim_time").value
@@ -72,7 +75,7 @@ def recording(
             settings.max_duration,
             owner_only=settings.owner_only,
         )
-        bag.attach("robot.urdf", "application/xml", urdf.read_bytes())
+        bag.attach("robot.urdf", "application/xml", description)
         bag.attach("parameters.yaml", "application/yaml", document.encode())
         bag.add_record(
             PROVENANCE,
@@ -96,6 +99,19 @@ def recording(
         )
     ) as recorder:
         yield recorder
+
+
+def recorded_robot(
+    parameters: NodeParameters, urdf: Path, robot: Robot
+) -> tuple[NodeParameters, bytes]:
+    """Return the parameters and the URDF from which the robot can be built without other files."""
+    described = replace(parameters.robot, geometry=robot.geometry.value)
+    description = urdf.read_bytes()
+    if robot.geometry is Geometry.SHAPES:
+        # With meshes and links that may touch; joints that are held are fixed ones there.
+        described = replace(described, held_joints="", srdf="")
+        description = robot.drawn_urdf.encode()
+    return replace(parameters, robot=described), description
 
 
 def _topics(node: Node, parameters: NodeParameters) -> list[RecordedTopic]:

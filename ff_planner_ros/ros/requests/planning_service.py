@@ -25,11 +25,13 @@ from ff_planner_ros.bag.decoding import NANOSECONDS
 from ff_planner_ros.errors import FfPlannerError, Interrupted, NoPlanFound, Status
 from ff_planner_ros.parameters import PREEMPT, NodeParameters
 from ff_planner_ros.planning.controller_rules import require_in_time
+from ff_planner_ros.planning.metrics import METRIC_BY_NAME
 from ff_planner_ros.planning.watch import Progress
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.ros.inputs.scene_input import SceneInput
 from ff_planner_ros.ros.inputs.state_input import StateInput
 from ff_planner_ros.ros.messages.controller_message import controller_message
+from ff_planner_ros.ros.messages.from_messages import metrics_from_message
 from ff_planner_ros.ros.messages.interfaces import ACTION, SERVICE
 from ff_planner_ros.ros.messages.to_messages import (
     response_from_error,
@@ -229,7 +231,8 @@ class PlanningService:
             response = response_from_error(cause, job.plan_id, time.perf_counter() - begun)
         provenance.tell(response)
         status = Status(response.status.code)
-        self.last = LastRequest(job.plan_id, status, response.status.message)
+        clearances = _clearances(response) if status is Status.SOLVED else {}
+        self.last = LastRequest(job.plan_id, status, response.status.message, clearances)
         self._answered = time.monotonic()
         return response
 
@@ -319,8 +322,15 @@ class PlanningService:
             f"{response.plan_id}: SOLVED: joint path {metrics.joint_path_length:.4f} rad, "
             f"largest attitude {math.degrees(metrics.max_chaser_euler):.2f} deg, "
             f"clearance {metrics.min_clearance * 1e3:.1f} mm, "
+            f"self-clearance {metrics.min_self_clearance * 1e3:.1f} mm, "
             f"{solver.iterations} iterations, {solver.solve_time:.2f} s; {what} by {asked_by}"
         )
+
+
+def _clearances(response: PlanTrajectory.Response) -> dict[str, str]:
+    """Return how near a plan comes to obstacles and to itself, in words."""
+    metrics, names = metrics_from_message(response.metrics), ("min_clearance", "min_self_clearance")
+    return {METRIC_BY_NAME[name].label: metrics.told(name) for name in names}
 
 
 def _is_cancelling(goal: ServerGoalHandle) -> bool:

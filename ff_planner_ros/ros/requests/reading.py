@@ -54,6 +54,7 @@ class Provenance:
     obstacles_source: str = ""  # as their message says
     following: str = ""  # id of the plan that the joints follow until the start; empty: none
     task_digest: str = ""  # empty: there is no task
+    geometry: str = ""  # what of the robot is kept clear; empty: the request was not read
 
     def tell(self, response: PlanTrajectory.Response) -> None:
         """Write it into a response."""
@@ -91,7 +92,10 @@ def read_request(request: PlanTrajectory.Request, knowledge: Knowledge) -> ReadR
     Raises:
         InvalidInput: The first thing that cannot be used, named; it is a `RequestRefused`.
     """
-    parameters, provenance = knowledge.parameters, Provenance(taken_up_ns=knowledge.now_ns)
+    parameters, provenance = (
+        knowledge.parameters,
+        Provenance(taken_up_ns=knowledge.now_ns, geometry=knowledge.robot.geometry.value),
+    )
     try:
         asked_by = asker(request.asked_by, "")
         budget = _time_budget(request, parameters)

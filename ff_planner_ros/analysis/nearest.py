@@ -1,0 +1,84 @@
+"""Where the bodies of a robot come nearest to each other or to an obstacle, at a plan's points."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import coal
+import numpy as np
+import pinocchio as pin
+
+from ff_planner_ros.arrays import Array
+from ff_planner_ros.planning.clearance import centers_at
+from ff_planner_ros.planning.motion import from_trajectory
+from ff_planner_ros.planning.plan import Trajectory
+from ff_planner_ros.planning.problem import Sphere
+from ff_planner_ros.robot.model import Robot
+
+
+@dataclass(frozen=True, eq=False)
+class Nearest:
+    """The least distance."""
+
+    pair: str  # "body/body" or "body/obstacle", by their names
+    time: float  # from the start of the plan [s]
+    distance: float  # negative where one is in the other [m]
+    ends: Array  # the point of each that is nearest to the other; shape (2, 3) [m]
+
+    @property
+    def words(self) -> str:
+        """Return pair, distance and time."""
+        return f"{self.pair}, {self.distance * 1e3:.1f} mm at {self.time:.2f} s"
+
+
+def nearest(robot: Robot, motion: Trajectory, obstacles: Sequence[Sphere]) -> Nearest | None:
+    """Return the least distance at the points of a plan; None: the robot has no bodies."""
+    if not robot.bodies:
+        return None
+    q, _ = from_trajectory(robot, motion)
+    times = motion.time - motion.time[0]
+    data, placed, balls = robot.model.createData(), [], []
+    for centers, q_i in zip(centers_at(times, obstacles), q, strict=True):
+        pin.forwardKinematics(robot.model, data, q_i)
+        places = [data.oMi[body.joint] * body.placement_in_joint for body in robot.bodies]
+        places += [pin.SE3(np.eye(3), center) for center in centers]
+        placed.append(places)
+        balls.append(
+            [data.oMi[body.joint].act(body.center_in_joint) for body in robot.bodies]
+            + [place.translation for place in places[len(robot.bodies) :]]
+        )
+    count = len(robot.bodies)
+    pairs = [*robot.pairs, *((a, count + b) for a in range(count) for b in range(len(obstacles)))]
+    if not pairs:
+        return None
+    solids = [body.solid for body in robot.bodies]
+    solids += [coal.Sphere(sphere.radius) for sphere in obstacles]
+    names = [body.name for body in robot.bodies] + [sphere.id for sphere in obstacles]
+    radii = np.array(
+        [body.radius for body in robot.bodies] + [sphere.radius for sphere in obstacles]
+    )
+    first, second = np.array(pairs).T
+    around = np.array(balls)
+    apart = np.linalg.norm(around[:, first] - around[:, second], axis=-1)
+    bounds = apart - radii[first] - radii[second]
+    found: Nearest | None = None
+    # The promising first: most need not be measured then.
+    for flat in np.argsort(bounds, axis=None, kind="stable"):
+        row, pair = divmod(int(flat), len(pairs))
+        if found is not None and bounds[row, pair] >= found.distance:
+            break
+        a, b = pairs[pair]
+        distance, ends = _measured(solids[a], placed[row][a], solids[b], placed[row][b])
+        if found is None or distance < found.distance:
+            found = Nearest(f"{names[a]}/{names[b]}", float(times[row]), distance, ends)
+    return found
+
+
+def _measured(
+    one: coal.CollisionGeometry, at_one: pin.SE3, other: coal.CollisionGeometry, at_other: pin.SE3
+) -> tuple[float, Array]:
+    request, result = coal.DistanceRequest(), coal.DistanceResult()
+    places = [coal.Transform3s(at.rotation, at.translation) for at in (at_one, at_other)]
+    distance = coal.distance(one, places[0], other, places[1], request, result)
+    return float(distance), np.array([result.getNearestPoint1(), result.getNearestPoint2()])

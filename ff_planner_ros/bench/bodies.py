@@ -1,0 +1,216 @@
+"""Problems of robots with bodies that are known to have a plan: a witness whose bodies stay clear.
+
+The chaser has panels, the links have radii. The witness is drawn as in `scenarios`; its bodies keep
+away from each other and from the spheres, and the straight path (xi = 0) touches something. All
+distances are Coal's; nothing here knows how the planner measures or searches.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+
+import coal
+import numpy as np
+import pinocchio as pin
+
+from ff_planner_ros.arrays import Array
+from ff_planner_ros.bench.paths import STRAIGHT, roll_out, within_limits
+from ff_planner_ros.bench.robots import bench_robot
+from ff_planner_ros.bench.scenarios import (
+    SINGULAR_VALUE_BOUND,
+    draw_motion,
+    draw_near,
+    stretched_length,
+)
+from ff_planner_ros.errors import InvalidInput, NoPlanFound
+from ff_planner_ros.planning.clearance import arm_points
+from ff_planner_ros.planning.polynomial import COMPONENTS, FREE_TERMS
+from ff_planner_ros.planning.problem import PlanningProblem, Sphere
+from ff_planner_ros.robot.bodies import Geometry
+from ff_planner_ros.robot.model import Robot
+
+ROBOTS = ("lemur", "arm6", "canadarm2")
+
+# What the witness keeps [m]: its bodies from each other, and from the spheres.
+APART, CLEAR = 0.01, 0.02
+# Between two looks at the witness a distance falls by no more than this [m], nearly always.
+_ALLOWANCE = 2e-3
+# Spread of the witness's coefficients, in lengths of the stretched arm and [rad].
+_WINDING, _TURNING = 0.06, 0.2
+_FEWEST, _MOST = 3, 6  # spheres
+_SMALLEST = 0.025  # of them, in lengths of the stretched arm
+_SCREENING_POINTS, _POINTS = 13, 100
+# Joints of this rate are quick enough for the durations that are drawn [rad/s].
+_QUICK = 0.2
+
+
+@dataclass(frozen=True, eq=False)
+class BodiesProblem:
+    """A problem and a path that solves it."""
+
+    problem: PlanningProblem
+    witness: Array  # coefficients of the path's free terms, shape (6, 3)
+
+
+def problems(count: int) -> Iterator[BodiesProblem]:
+    """Yield the first problems, the robots in turn; always the same."""
+    for number in range(count):
+        of_robot, robot = divmod(number, len(ROBOTS))
+        yield problem(ROBOTS[robot], of_robot)
+
+
+@cache
+def problem(robot: str, number: int) -> BodiesProblem:
+    """Return one problem, always the same."""
+    return drawn_problem(bench_robot(robot, Geometry.SHAPES), f"bodies {robot}", number)
+
+
+def drawn_problem(robot: Robot, name: str, number: int) -> BodiesProblem:
+    """Return one problem of any robot with bodies; the same name and number give the same."""
+    rng = np.random.default_rng([*name.encode(), number])
+    while True:
+        drawn = _draw(robot, rng)
+        if drawn is not None:
+            return drawn
+
+
+def _draw(robot: Robot, rng: np.random.Generator) -> BodiesProblem | None:
+    """Draw a problem; None if what was drawn is not sound."""
+    reach = stretched_length(robot)
+    try:
+        asked = _slowed(draw_motion(robot, reach, rng))
+    except InvalidInput:  # a singular posture
+        return None
+    spread = np.repeat([_WINDING * reach, _TURNING], 3)
+    witness = rng.normal(size=(COMPONENTS, FREE_TERMS)) * spread[:, None]
+    if not within_limits(asked, witness, SINGULAR_VALUE_BOUND, _SCREENING_POINTS):
+        return None
+    if own_gap(Swept(robot, roll_out(asked, witness, _SCREENING_POINTS).q), APART) < APART:
+        return None
+    if not within_limits(asked, witness, SINGULAR_VALUE_BOUND):
+        return None
+    way = Swept(robot, roll_out(asked, witness, _POINTS).q)
+    if own_gap(way, APART + _ALLOWANCE) < APART + _ALLOWANCE:
+        return None
+    try:
+        straight = Swept(robot, roll_out(asked, STRAIGHT, _POINTS).q)
+    except NoPlanFound:  # it meets a singularity
+        return None
+    spheres = _draw_spheres(reach, way, straight, rng)
+    if spheres is None:
+        return None
+    return BodiesProblem(replace(asked, obstacles=spheres), witness)
+
+
+def _slowed(problem: PlanningProblem) -> PlanningProblem:
+    """Return the same motion for a robot of slow joints: in more time, and all velocities less."""
+    times, start = max(1.0, _QUICK / problem.robot.velocity_limits.min()), problem.start
+    return replace(
+        problem,
+        duration=times * problem.duration,
+        start=replace(
+            start,
+            linear_velocity_chaser_in_inertial=start.linear_velocity_chaser_in_inertial / times,
+            angular_velocity_chaser_in_inertial=start.angular_velocity_chaser_in_inertial / times,
+            joint_velocities=start.joint_velocities / times,
+        ),
+    )
+
+
+class Swept:
+    """The bodies of a robot in many configurations."""
+
+    def __init__(self, robot: Robot, way: Array) -> None:
+        """Place all bodies.
+
+        Args:
+            way: Configurations. Shape (points, 7 + joints).
+        """
+        self.robot = robot
+        self.way = way
+        data = robot.model.createData()
+        self.places: list[list[coal.Transform3s]] = []  # of the bodies, at each configuration
+        centers = []
+        for q in way:
+            pin.forwardKinematics(robot.model, data, q)
+            placed = [data.oMi[one.joint] * one.placement_in_joint for one in robot.bodies]
+            self.places.append([coal.Transform3s(at.rotation, at.translation) for at in placed])
+            centers.append([data.oMi[one.joint].act(one.center_in_joint) for one in robot.bodies])
+        self.centers = np.array(centers)  # of the spheres around them; shape (points, bodies, 3)
+
+
+def own_gap(swept: Swept, below: float) -> float:
+    """Return the least distance of bodies that must not touch, where it is below a bound [m]."""
+    robot, centers = swept.robot, swept.centers
+    first, second = np.array(robot.pairs).T
+    radii = np.array([body.radius for body in robot.bodies])
+    apart = np.linalg.norm(centers[:, first] - centers[:, second], axis=-1)
+    near = np.argwhere(apart - radii[first] - radii[second] < below)
+    return min(
+        (_own_distance(swept, point, *robot.pairs[pair]) for point, pair in near), default=np.inf
+    )
+
+
+def sphere_gap(swept: Swept, sphere: Sphere, below: float) -> float:
+    """Return the least distance of bodies from a resting sphere, where it is below a bound [m]."""
+    radii = np.array([body.radius for body in swept.robot.bodies])
+    apart = np.linalg.norm(swept.centers - sphere.center, axis=-1)
+    ball, place = coal.Sphere(sphere.radius), coal.Transform3s(np.eye(3), sphere.center)
+    return min(
+        (
+            _distance(swept.robot.bodies[body].solid, swept.places[point][body], ball, place)
+            for point, body in np.argwhere(apart - radii - sphere.radius < below)
+        ),
+        default=np.inf,
+    )
+
+
+def _own_distance(swept: Swept, point: int, first: int, second: int) -> float:
+    one, other = swept.robot.bodies[first].solid, swept.robot.bodies[second].solid
+    return _distance(one, swept.places[point][first], other, swept.places[point][second])
+
+
+def _distance(
+    one: coal.CollisionGeometry,
+    at_one: coal.Transform3s,
+    other: coal.CollisionGeometry,
+    at_other: coal.Transform3s,
+) -> float:
+    """Return the distance of two solids, negative where they are in each other [m]."""
+    request, result = coal.DistanceRequest(), coal.DistanceResult()
+    return float(coal.distance(one, at_one, other, at_other, request, result))
+
+
+def _draw_spheres(
+    reach: float, way: Swept, straight: Swept, rng: np.random.Generator
+) -> tuple[Sphere, ...] | None:
+    """Draw spheres that one way clears; the other touches the first one, or itself."""
+    wanted = int(rng.integers(_FEWEST, _MOST, endpoint=True))
+    chosen: list[Sphere] = []
+    blocked = own_gap(straight, 0.0) < 0.0
+    for near, needed in ((straight, 0 if blocked else 1), (way, wanted)):
+        if len(chosen) == needed:
+            continue
+        for one in draw_near(arm_points(near.robot, near.way), reach, rng):
+            room = sphere_gap(way, one, CLEAR + _ALLOWANCE) - CLEAR - _ALLOWANCE
+            radius = one.radius + min(0.0, room)
+            if radius < _SMALLEST * reach:
+                continue
+            sphere = Sphere(f"s{len(chosen) + 1}", one.center, radius)
+            hit = near is way or sphere_gap(straight, sphere, 0.0) < 0.0
+            if hit and not _overlaps(sphere, chosen):
+                chosen.append(sphere)
+            if len(chosen) == needed:
+                break
+        else:
+            return None
+    return tuple(chosen)
+
+
+def _overlaps(sphere: Sphere, others: Sequence[Sphere]) -> bool:
+    return any(
+        np.linalg.norm(sphere.center - other.center) <= max(sphere.radius, other.radius)
+        for other in others
+    )

@@ -1,0 +1,192 @@
+"""The same problems planned with lines and with shapes: who touches what, how often, how fast."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ff_planner_ros.bench import bodies
+from ff_planner_ros.bench.bodies import Swept, sphere_gap
+from ff_planner_ros.bench.robots import bench_robot
+from ff_planner_ros.bench.touching import touching
+from ff_planner_ros.errors import FfPlannerError, Status
+from ff_planner_ros.planning.motion import from_trajectory
+from ff_planner_ros.planning.plan import Plan
+from ff_planner_ros.planning.problem import Objective, PlanningProblem, Sphere
+from ff_planner_ros.planning.scenario import load_scenario
+from ff_planner_ros.planning.settings import PlannerSettings
+from ff_planner_ros.planning.task import PlanningTask, perform
+from ff_planner_ros.robot.bodies import Geometry
+from ff_planner_ros.robot.model import Robot
+from ff_planner_ros.share import share_directory
+
+OBJECTIVES = {
+    "min(L)": Objective(1.0, 0.0),
+    "min(Theta)": Objective(0.0, 1.0),
+    "L + Theta": Objective(1.0, 1.0),
+}
+
+# Added spheres keep so far from the bodies on their way [m].
+_APART = 0.05
+
+
+@dataclass(frozen=True)
+class GeometryAttempt:
+    """What became of one problem with one geometry."""
+
+    robot: str
+    number: int
+    objective: str  # key of `OBJECTIVES`
+    geometry: Geometry  # that was planned with
+    status: Status
+    message: str  # cause of a miss; empty if solved
+    seconds: float  # of processor time
+    touches: tuple[str, ...]  # pairs that touch along the plan, with shapes whatever it was made of
+
+    @property
+    def solved(self) -> bool:
+        """Whether there is a plan."""
+        return self.status is Status.SOLVED
+
+
+def geometry_attempts(count: int, settings: PlannerSettings) -> Iterator[GeometryAttempt]:
+    """Plan so many problems for every objective, with lines and with shapes; the robots in turn."""
+    for index in range(count):
+        number, robot = divmod(index, len(bodies.ROBOTS))
+        for objective in OBJECTIVES:
+            for geometry in (Geometry.LINES, Geometry.SHAPES):
+                yield geometry_attempt(bodies.ROBOTS[robot], number, objective, geometry, settings)
+
+
+def geometry_attempt(
+    robot: str, number: int, objective: str, geometry: Geometry, settings: PlannerSettings
+) -> GeometryAttempt:
+    """Plan one problem."""
+    whole = replace(bodies.problem(robot, number).problem, objective=OBJECTIVES[objective])
+    made, seconds = _planned(replace(whole, robot=bench_robot(robot, geometry)), settings)
+    if isinstance(made, FfPlannerError):
+        status, message, touches = made.status, str(made), tuple[str, ...]()
+    else:
+        status, message = Status.SOLVED, ""
+        touches = tuple(sorted(touching(whole.robot, made.trajectory, whole.obstacles)))
+    return GeometryAttempt(robot, number, objective, geometry, status, message, seconds, touches)
+
+
+def _planned(
+    problem: PlanningProblem, settings: PlannerSettings
+) -> tuple[Plan | FfPlannerError, float]:
+    begun = time.process_time()
+    try:
+        made: Plan | FfPlannerError = perform(PlanningTask(problem, settings))
+    except FfPlannerError as error:
+        made = error
+    return made, time.process_time() - begun
+
+
+HEADER = (
+    *("objective", "robot", "problems", "lines: solved", "lines: touch", "shapes: solved"),
+    *("shapes: touch", "time, shapes / lines"),
+)
+
+
+def geometry_rows(tried: Sequence[GeometryAttempt]) -> Iterator[tuple[str, ...]]:
+    """Yield a row for each objective and robot, and for all robots: `HEADER`."""
+    for objective in OBJECTIVES:
+        for robot in ("all", *bodies.ROBOTS):
+            group = [
+                each
+                for each in tried
+                if each.objective == objective and robot in ("all", each.robot)
+            ]
+            lines, shapes = (
+                [e for e in group if e.geometry is g] for g in (Geometry.LINES, Geometry.SHAPES)
+            )
+            if not lines:
+                continue
+            cells = list[str]()
+            for one in (lines, shapes):
+                found = [each for each in one if each.solved]
+                touch = sum(bool(each.touches) for each in found)
+                cells.append(f"{len(found) / len(one):.1%}")
+                cells.append(f"{touch / len(found):.1%}" if found else "-")
+            ratios = [
+                b.seconds / a.seconds
+                for a, b in zip(lines, shapes, strict=True)
+                if a.solved and b.solved
+            ]
+            cells.append(f"{np.median(ratios):.2f}" if ratios else "-")
+            yield (objective, robot, f"{len(lines)}", *cells)
+
+
+@dataclass(frozen=True)
+class Crowd:
+    """Time of one problem among so many spheres."""
+
+    problem: str
+    spheres: int
+    lines: float  # median processor time [s]
+    shapes: float  # likewise [s]
+    lines_rollouts: int  # that the search needed
+    shapes_rollouts: int  # likewise: the same task is another one with bodies, and often harder
+
+
+def crowded_problems() -> dict[str, PlanningProblem]:
+    """Return problems of robots with shapes among three spheres."""
+    scenarios = share_directory() / "config" / "scenarios"
+    found = {
+        name: load_scenario(scenarios / f"{name}.yaml")
+        for name in ("lemur_capture_bodies", "canadarm2_capture")
+    }
+    drawn = bodies.problem("arm6", 0).problem
+    return found | {"arm6": replace(drawn, obstacles=drawn.obstacles[:3])}
+
+
+def crowds(
+    problems: dict[str, PlanningProblem],
+    settings: PlannerSettings,
+    sizes: Sequence[int],
+    runs: int,
+) -> Iterator[Crowd]:
+    """Yield the times with lines and with shapes among more and more spheres.
+
+    Args:
+        problems: By name, of robots with shapes. The spheres that are added leave their plans as
+            they are.
+        runs: Of which the median counts, after one that does not.
+    """
+    for name, problem in problems.items():
+        q, _ = from_trajectory(problem.robot, perform(PlanningTask(problem, settings)).trajectory)
+        spheres = _more_spheres(problem, Swept(problem.robot, q), max(sizes))
+        for size in sizes:
+            crowded = replace(problem, obstacles=spheres[:size])
+            as_lines = replace(crowded, robot=_with_lines(problem))
+            lines, of_lines = _measured(as_lines, settings, runs)
+            shapes, of_shapes = _measured(crowded, settings, runs)
+            yield Crowd(name, size, lines, shapes, of_lines, of_shapes)
+
+
+def _with_lines(problem: PlanningProblem) -> Robot:
+    return replace(problem.robot, geometry=Geometry.LINES, bodies=(), pairs=())
+
+
+def _more_spheres(problem: PlanningProblem, way: Swept, count: int) -> tuple[Sphere, ...]:
+    """Return a problem's spheres and others around the robot, away from its bodies on their way."""
+    rng = np.random.default_rng(0)
+    spheres = list(problem.obstacles)
+    middle, reach = way.centers.mean(axis=(0, 1)), np.ptp(way.centers, axis=(0, 1)).max()
+    while len(spheres) < count:
+        center = middle + rng.uniform(-1.5 * reach, 1.5 * reach, 3)
+        sphere = Sphere(f"far{len(spheres)}", center, reach * rng.uniform(0.02, 0.08))
+        if sphere_gap(way, sphere, _APART) > _APART:
+            spheres.append(sphere)
+    return tuple(spheres)
+
+
+def _measured(problem: PlanningProblem, settings: PlannerSettings, runs: int) -> tuple[float, int]:
+    """Return the median time of a plan [s] after one that does not count, and its rollouts."""
+    made = [_planned(problem, settings) for _ in range(runs + 1)]
+    rollouts = [plan.solver.rollouts for plan, _ in made if isinstance(plan, Plan)]
+    return float(np.median([seconds for _, seconds in made[1:]])), max(rollouts, default=0)

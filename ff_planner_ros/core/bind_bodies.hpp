@@ -1,0 +1,103 @@
+// Python's way to the distances of bodies.
+#pragma once
+#include "bind_clearance.hpp"
+#include "bodies.hpp"
+
+namespace ff {
+
+using Numbers = py::array_t<long long, py::array::c_style | py::array::forcecast>;
+
+inline Bodies bodies(const Numbers& carriers, const Array& rotations, const Array& positions,
+                     const Array& centers, const Array& radii, const Numbers& kinds,
+                     const Array& sizes, const Array& vertices, const Numbers& vertex_counts,
+                     const Numbers& pairs) {
+  const py::ssize_t count = carriers.size();
+  const double* rotation = checked(rotations, "rotations", {count, 3, 3});
+  const double* position = checked(positions, "positions", {count, 3});
+  const double* center = checked(centers, "centers", {count, 3});
+  const double* radius = checked(radii, "radii", {count});
+  const double* size = checked(sizes, "sizes", {count, 3});
+  const double* vertex = checked(vertices, "vertices", {kAny, 3});
+  if (kinds.size() != count || vertex_counts.size() != count || pairs.ndim() != 2 ||
+      pairs.shape(1) != 2)
+    throw std::invalid_argument("kinds, vertex_counts or pairs have a wrong shape");
+  Bodies made;
+  py::ssize_t used = 0;
+  for (py::ssize_t i = 0; i < count; ++i) {
+    const long long kind = kinds.data()[i], own = vertex_counts.data()[i];
+    if (kind < 0 || kind > 3 || own < (kind == Solid::kHull) || used + own > vertices.shape(0) ||
+        carriers.data()[i] < 0 || carriers.data()[i] > kMaxJoints)
+      throw std::invalid_argument("body " + std::to_string(i) + " is none");
+    Solid solid{static_cast<Solid::Kind>(kind), vector3(size + 3 * i), {}};
+    for (long long k = 0; k < own; ++k) solid.vertices.push_back(vector3(vertex + 3 * used++));
+    made.bodies.push_back({static_cast<int>(carriers.data()[i]),
+                           {vector3(position + 3 * i), matrix3(rotation + 9 * i)},
+                           vector3(center + 3 * i), radius[i], solid});
+  }
+  for (py::ssize_t i = 0; i < pairs.shape(0); ++i) {
+    const long long a = pairs.data()[2 * i], b = pairs.data()[2 * i + 1];
+    if (a < 0 || b < 0 || a >= count || b >= count)
+      throw std::invalid_argument("pair " + std::to_string(i) + " is of bodies that there are not");
+    made.pairs.emplace_back(static_cast<int>(a), static_cast<int>(b));
+  }
+  return made;
+}
+
+inline void require_carried(const Chain& chain, const Bodies& of) {
+  for (const Body& body : of.bodies)
+    if (body.carriers > chain.joints()) throw std::invalid_argument("bodies of another chain");
+}
+
+inline py::tuple written(const BodyRows& rows, py::ssize_t columns) {
+  const auto found = static_cast<py::ssize_t>(rows.distances.size());
+  Array distances(found), jacobian({found, columns});
+  std::copy(rows.distances.begin(), rows.distances.end(), distances.mutable_data());
+  std::copy(rows.jacobian.begin(), rows.jacobian.end(), jacobian.mutable_data());
+  return py::make_tuple(
+      result(distances, "distances"), result(jacobian, "jacobian"),
+      py::array_t<long long>(found, rows.names.data()),
+      py::array_t<long long>(static_cast<py::ssize_t>(rows.unknown.size()), rows.unknown.data()));
+}
+
+inline py::tuple rows_of_pairs(const Chain& chain, const Bodies& of, const Array& q,
+                               const Array& dq, double interest) {
+  const py::ssize_t n = chain.joints();
+  const double* of_q = checked(q, "q", {kAny, 7 + n});
+  const double* of_dq = checked(dq, "q_sensitivity", {q.shape(0), 6 + n, kAny});
+  require_carried(chain, of);
+  const py::ssize_t columns = dq.shape(2);
+  return written(pair_rows(chain, of, of_q, of_dq, static_cast<int>(q.shape(0)),
+                           static_cast<int>(columns), checked(interest, "interest")),
+                 columns);
+}
+
+inline py::tuple rows_of_spheres(const Chain& chain, const Bodies& of, const Array& q,
+                                 const Array& dq, const Array& times, const Array& centers,
+                                 const Array& velocities, const Array& radii, double interest,
+                                 const std::vector<Attached>& fixed) {
+  const py::ssize_t n = chain.joints();
+  const double* of_q = checked(q, "q", {kAny, 7 + n});
+  const double* of_dq = checked(dq, "q_sensitivity", {q.shape(0), 6 + n, kAny});
+  const double* time = checked(times, "times", {q.shape(0)});
+  const std::vector<Sphere> spheres = moving_spheres(centers, velocities, radii, fixed);
+  require_carried(chain, of);
+  if (q.shape(0) == 0) throw std::invalid_argument("q has no configuration");
+  const py::ssize_t columns = dq.shape(2);
+  return written(sphere_rows(chain, of, of_q, of_dq, time, static_cast<int>(q.shape(0)),
+                             static_cast<int>(columns), spheres, checked(interest, "interest")),
+                 columns);
+}
+
+inline void bind_bodies(py::module_& m) {
+  py::class_<Bodies>(m, "Bodies")
+      .def(py::init(&bodies), py::arg("carriers"), py::arg("rotations"), py::arg("positions"),
+           py::arg("centers"), py::arg("radii"), py::arg("kinds"), py::arg("sizes"),
+           py::arg("vertices"), py::arg("vertex_counts"), py::arg("pairs"));
+  m.def("pair_rows", &rows_of_pairs, py::arg("chain"), py::arg("bodies"), py::arg("q"),
+        py::arg("q_sensitivity"), py::arg("interest"));
+  m.def("sphere_rows", &rows_of_spheres, py::arg("chain"), py::arg("bodies"), py::arg("q"),
+        py::arg("q_sensitivity"), py::arg("times"), py::arg("centers"), py::arg("velocities"),
+        py::arg("radii"), py::arg("interest"), py::arg("attached") = std::vector<Attached>());
+}
+
+}  // namespace ff

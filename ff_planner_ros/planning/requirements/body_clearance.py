@@ -1,0 +1,203 @@
+"""The whole body stays clear: of every obstacle, and of itself, between the points too.
+
+Where the robot has shapes this takes the place of the arm's lines; see `Clearance` for those.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from functools import lru_cache
+
+from ff_planner_ros.arrays import Array
+from ff_planner_ros.errors import Failure, InvalidInput, Status
+from ff_planner_ros.planning.allowed_contact import before_contact, split_pairs, split_spheres
+from ff_planner_ros.planning.body_certificate import (
+    EXACT_PART,
+    NOTHING,
+    Least,
+    least_pair_distance,
+    least_sphere_distance,
+    lesser,
+)
+from ff_planner_ros.planning.contact import deepest_contact, way_out
+from ff_planner_ros.planning.followed import FollowedMotion
+from ff_planner_ros.planning.metrics import Metrics
+from ff_planner_ros.planning.path_family import Motion, Sensitivity
+from ff_planner_ros.planning.problem import PlanningProblem
+from ff_planner_ros.planning.requirements.body_rows import pair_rows, sphere_rows
+from ff_planner_ros.planning.requirements.requirement import Requirement, Rows, Samples
+from ff_planner_ros.planning.settings import PlannerSettings
+
+# The search asks only whether anything is left of a clearance.
+_SLACK_PART = 0.5
+
+_DETOURS = (
+    "a longer duration",
+    "a goal or start posture on another side of the obstacle",
+    "more planner.starts",
+)
+_POSTURES = ("another goal or start posture", "a longer duration", "more planner.starts")
+
+
+class BodyClearance(Requirement):
+    """Every body stays outside every obstacle."""
+
+    name = "body_clearance"
+
+    def refuse_start(
+        self, problem: PlanningProblem, q_start: Array, settings: PlannerSettings
+    ) -> None:
+        """Refuse a start with a body inside an obstacle or in another body."""
+        contact = deepest_contact(problem, q_start)
+        if contact is None:
+            return
+        depth = f"{-contact.distance:.4f} m deep"
+        if contact.obstacle:
+            field, value = f"obstacles[{contact.second}]", f"around {contact.first}, {depth}"
+        else:
+            field, value = "joints.position", f"with {contact.first} in {contact.second}, {depth}"
+        allowed = "at the start the robot must touch neither an obstacle nor itself"
+        raise InvalidInput(
+            Status.START_IN_COLLISION, field, value, allowed + way_out(problem, q_start, contact)
+        )
+
+    def margin(self, problem: PlanningProblem, settings: PlannerSettings) -> float:
+        """Return the clearance that the search keeps at the points [m]."""
+        return settings.clearance_margin
+
+    def rows(
+        self, problem: PlanningProblem, motion: Motion, sensitivity: Sensitivity, margin: float
+    ) -> Rows | None:
+        """Return the distances of bodies from spheres that are of interest, less the margin."""
+        if not (problem.robot.bodies and problem.obstacles):
+            return None
+        return sphere_rows(problem, motion, sensitivity, margin)
+
+    def slack(self, problem: PlanningProblem, motion: FollowedMotion) -> float:
+        """Return the certified clearance [m]."""
+        return _from_spheres(problem, motion, _SLACK_PART).certified
+
+    def metrics(self, samples: Samples) -> Mapping[str, float | str]:
+        """Return the certified clearance, and of what it is and when."""
+        problem = samples.problem
+        if not problem.robot.bodies:
+            return {}
+        least = _from_spheres(problem, samples.followed)
+        return {
+            "min_clearance": least.certified,
+            "min_clearance_pair": "/".join(_body_and_sphere(problem, least)),
+            "min_clearance_time": least.time,
+        }
+
+    def failures(self, samples: Samples, metrics: Metrics) -> Iterator[Failure]:
+        """Yield the deepest collision."""
+        problem = samples.problem
+        if not problem.robot.bodies or metrics.min_clearance >= 0.0:
+            return
+        least = _from_spheres(problem, samples.followed)
+        body, sphere = _body_and_sphere(problem, least)
+        yield _failure(samples, least, body, f"obstacle {sphere}", _DETOURS)
+
+
+class SelfClearance(Requirement):
+    """No two bodies touch that move against each other."""
+
+    name = "self_clearance"
+
+    def margin(self, problem: PlanningProblem, settings: PlannerSettings) -> float:
+        """Return the clearance that the search keeps at the points [m]."""
+        return settings.clearance_margin
+
+    def rows(
+        self, problem: PlanningProblem, motion: Motion, sensitivity: Sensitivity, margin: float
+    ) -> Rows | None:
+        """Return the distances of pairs of bodies that are of interest, less the margin."""
+        if not problem.robot.pairs:
+            return None
+        return pair_rows(problem, motion, sensitivity, margin)
+
+    def slack(self, problem: PlanningProblem, motion: FollowedMotion) -> float:
+        """Return the certified clearance [m]."""
+        return _of_pairs(problem, motion, _SLACK_PART).certified
+
+    def metrics(self, samples: Samples) -> Mapping[str, float | str]:
+        """Return the certified clearance of the bodies from each other, of which two and when."""
+        problem = samples.problem
+        least = _of_pairs(problem, samples.followed)
+        return {
+            "min_self_clearance": least.certified,
+            "min_self_clearance_pair": "/".join(_two_bodies(problem, least)),
+            "min_self_clearance_time": least.time,
+        }
+
+    def failures(self, samples: Samples, metrics: Metrics) -> Iterator[Failure]:
+        """Yield the deepest collision."""
+        if metrics.min_self_clearance >= 0.0 or not samples.problem.robot.pairs:
+            return
+        least = _of_pairs(samples.problem, samples.followed)
+        first, second = _two_bodies(samples.problem, least)
+        yield _failure(samples, least, first, second, _POSTURES)
+
+
+@lru_cache(maxsize=4)
+def _from_spheres(
+    problem: PlanningProblem, motion: FollowedMotion, part: float = EXACT_PART
+) -> Least:
+    """Return the least distance of any body from any sphere where they must not touch."""
+    robot, spheres = problem.robot, problem.obstacles
+    if not (robot.bodies and spheres):
+        return NOTHING
+    apart, may_touch = split_spheres(problem)
+    end = len(motion.time) - 1
+    until = before_contact(problem, motion.time, motion.q) if len(may_touch) else -1
+    return lesser(
+        least_sphere_distance(robot, motion, spheres, apart, end, part),
+        least_sphere_distance(robot, motion, spheres, may_touch, until, part),
+    )
+
+
+@lru_cache(maxsize=4)
+def _of_pairs(problem: PlanningProblem, motion: FollowedMotion, part: float = EXACT_PART) -> Least:
+    """Return the least distance of any pair of bodies that must not touch."""
+    if not problem.robot.pairs:
+        return NOTHING
+    apart, may_touch = split_pairs(problem)
+    end = len(motion.time) - 1
+    until = before_contact(problem, motion.time, motion.q) if len(may_touch) else -1
+    return lesser(
+        least_pair_distance(problem.robot, motion, apart, end, part),
+        least_pair_distance(problem.robot, motion, may_touch, until, part),
+    )
+
+
+def _body_and_sphere(problem: PlanningProblem, least: Least) -> tuple[str, ...]:
+    """Return the names of both; nothing where nothing was met."""
+    if least.pair < 0:
+        return ()
+    body, sphere = divmod(least.pair, len(problem.obstacles))
+    return problem.robot.bodies[body].name, problem.obstacles[sphere].id
+
+
+def _two_bodies(problem: PlanningProblem, least: Least) -> tuple[str, ...]:
+    if least.pair < 0:
+        return ()
+    return tuple(problem.robot.bodies[body].name for body in problem.robot.pairs[least.pair])
+
+
+def _failure(
+    samples: Samples, least: Least, first: str, second: str, advice: tuple[str, ...]
+) -> Failure:
+    when = samples.at(least.time)
+    if least.found >= 0.0:
+        return Failure(
+            Status.COLLISION,
+            f"{first} may touch {second} near {when}: all that is certain is a clearance of "
+            f"{least.certified * 1e3:.2f} mm",
+            ("more points", "a larger planner.clearance_margin"),
+        )
+    depth = -least.found
+    shallow = depth < samples.settings.clearance_margin
+    margin = ("a smaller planner.clearance_margin",) if shallow else ()
+    return Failure(
+        Status.COLLISION, f"{first} is {depth:.3g} m inside {second} at {when}", (*advice, *margin)
+    )

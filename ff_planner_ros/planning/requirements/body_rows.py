@@ -1,0 +1,213 @@
+"""What the solver keeps of the distances of bodies: rows with exact derivatives.
+
+Both pairs of bodies and bodies with spheres are looked at where the arm's lines are: at the points
+but the start, half-way between, and on few points a quarter of the way, too.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+
+from ff_planner_ros.arrays import Array, Indices
+from ff_planner_ros.core import compiled
+from ff_planner_ros.core.chain import chain_of
+from ff_planner_ros.planning.allowed_contact import before_contact, split_pairs, split_spheres
+from ff_planner_ros.planning.bodies import (
+    Kind,
+    carriers,
+    kinds_and_sizes,
+    pair_distances,
+    pair_gradients,
+    placed_bodies,
+    radii,
+    sphere_distances,
+    sphere_gradients,
+)
+from ff_planner_ros.planning.body_certificate import centers_in_base
+from ff_planner_ros.planning.clearance import attached_to_bodies, centers_at, sphere_arrays
+from ff_planner_ros.planning.path_family import Motion, Sensitivity
+from ff_planner_ros.planning.problem import PlanningProblem
+from ff_planner_ros.planning.requirements.requirement import Rows
+from ff_planner_ros.robot.configuration import configuration
+from ff_planner_ros.robot.model import Robot
+
+# On fewer points than this a body may jump over a corner of another: see `_LookedAt`.
+FEW_POINTS = 40
+# Bodies that are further from each other or from a sphere than this [m] do not meet in one step of
+# the solver that the linearisation still describes.
+OF_INTEREST = 0.1
+# Of the contact distance, the part in which the search lets allowed pairs touch: between the points
+# the check measures it anew.
+_WITHIN = 0.9
+
+
+class _LookedAt(NamedTuple):
+    """The configurations of a path at which its bodies are looked at, in the order of time."""
+
+    times: Array  # shape (configurations,) [s]
+    q: Array  # shape (configurations, 7 + joints)
+    sensitivity: Array  # of q in its tangent space; shape (configurations, 6 + joints, variables)
+    until: int  # the first configuration at which pairs that are allowed to touch may do so
+
+
+def pair_rows(
+    problem: PlanningProblem, motion: Motion, sensitivity: Sensitivity, margin: float
+) -> Rows:
+    """Return the distances of pairs of bodies that are of interest, less the margin."""
+    robot, at = problem.robot, _looked_at(problem, motion, sensitivity)
+    distances, jacobian, names, deep = compiled.pair_rows(
+        chain_of(robot), _compiled_bodies(robot), at.q, at.sensitivity, OF_INTEREST
+    )
+    shape = len(at.q), len(robot.pairs)
+    if deep.size:  # Coal knows how deep they are in each other
+        rows = np.unravel_index(deep, shape)
+        placed = placed_bodies(robot, at.q[:, 7:])
+        found = pair_distances(robot, placed, rows)
+        gradients = pair_gradients(robot, placed, found, rows)
+        deeper = _along(gradients, at.sensitivity[:, 6:], rows[0])
+        distances, names = np.append(distances, found.distance), np.append(names, deep)
+        jacobian = np.vstack([jacobian, deeper])
+    configurations, pairs = np.unravel_index(names, shape)
+    margins = np.minimum(margin, _room_of_pairs(problem)[pairs])
+    rows_found = Rows(distances - margins, jacobian, names)
+    if not problem.allowed_at_goal:
+        return rows_found
+    apart = np.isin(pairs, split_pairs(problem)[0])
+    return _chosen(rows_found, np.flatnonzero(apart | (configurations < at.until)))
+
+
+def sphere_rows(
+    problem: PlanningProblem, motion: Motion, sensitivity: Sensitivity, margin: float
+) -> Rows:
+    """Return the distances of bodies from spheres that are of interest, less the margin."""
+    robot, at = problem.robot, _looked_at(problem, motion, sensitivity)
+    centers, velocities, radius = _spheres(problem)
+    distances, jacobian, names, deep = compiled.sphere_rows(
+        chain_of(robot),
+        _compiled_bodies(robot),
+        at.q,
+        at.sensitivity,
+        at.times,
+        centers=centers,
+        velocities=velocities,
+        radii=radius,
+        interest=OF_INTEREST,
+        attached=attached_to_bodies(problem.obstacles, float(at.times[-1])),
+    )
+    shape = len(at.q), len(robot.bodies), len(problem.obstacles)
+    if deep.size:
+        rows = np.unravel_index(deep, shape)
+        placed = placed_bodies(robot, at.q[:, 7:])
+        seen = centers_in_base(at.q, centers_at(at.times, problem.obstacles))
+        found = sphere_distances(robot, placed, seen, radius, rows)
+        gradients = sphere_gradients(robot, placed, found, rows)
+        distances, names = np.append(distances, found.distance), np.append(names, deep)
+        jacobian = np.vstack([jacobian, _along(gradients, at.sensitivity, rows[0])])
+    configurations, bodies, spheres = np.unravel_index(names, shape)
+    margins = np.minimum(margin, _room_of_spheres(problem)[bodies, spheres])
+    rows_found = Rows(distances - margins, jacobian, names)
+    if not problem.allowed_at_goal:
+        return rows_found
+    apart = np.isin(bodies * len(problem.obstacles) + spheres, split_spheres(problem)[0])
+    return _chosen(rows_found, np.flatnonzero(apart | (configurations < at.until)))
+
+
+def _chosen(rows: Rows, which: Indices) -> Rows:
+    return Rows(rows.values[which], rows.jacobian[which], rows.names[which])
+
+
+@lru_cache(maxsize=4)
+def _room_of_pairs(problem: PlanningProblem) -> Array:
+    """Return half the distance of each pair at the start [m].
+
+    A larger margin is asked of no pair: some are built closer together, and a motion cannot leave
+    at once where it begins.
+    """
+    robot, q = problem.robot, configuration(problem.robot, problem.start)[0]
+    rows = np.zeros(len(robot.pairs), np.intp), np.arange(len(robot.pairs))
+    distance = pair_distances(robot, placed_bodies(robot, q[None, 7:]), rows).distance
+    return np.maximum(distance, 0.0) / 2
+
+
+@lru_cache(maxsize=4)
+def _room_of_spheres(problem: PlanningProblem) -> Array:
+    """Return likewise half the distance of bodies from spheres. Shape (bodies, spheres) [m]."""
+    robot, q = problem.robot, configuration(problem.robot, problem.start)[0]
+    centers, _, radius = _spheres(problem)
+    shape = len(robot.bodies), len(radius)
+    bodies, spheres = (number.ravel() for number in np.indices(shape))
+    rows = np.zeros(len(bodies), np.intp), bodies, spheres
+    placed, seen = placed_bodies(robot, q[None, 7:]), centers_in_base(q[None], centers[None])
+    distance = sphere_distances(robot, placed, seen, radius, rows).distance
+    return np.maximum(distance, 0.0).reshape(shape) / 2
+
+
+@lru_cache(maxsize=4)
+def _spheres(problem: PlanningProblem) -> tuple[Array, Array, Array]:
+    """Return centres at the first point, velocities and radii of the spheres."""
+    return sphere_arrays(problem.obstacles)
+
+
+@lru_cache(maxsize=8)
+def _compiled_bodies(robot: Robot) -> compiled.Bodies:
+    kinds, sizes = kinds_and_sizes(robot)
+    vertices = [
+        np.asarray(body.solid.points()) if kind == Kind.HULL else np.empty((0, 3))
+        for body, kind in zip(robot.bodies, kinds, strict=True)
+    ]
+    return compiled.Bodies(
+        carriers=carriers(robot),
+        rotations=np.array([body.placement_in_joint.rotation for body in robot.bodies]),
+        positions=np.array([body.placement_in_joint.translation for body in robot.bodies]),
+        centers=np.array([body.center_in_joint for body in robot.bodies]),
+        radii=radii(robot),
+        kinds=kinds,
+        sizes=sizes,
+        vertices=np.concatenate(vertices),
+        vertex_counts=np.array([len(points) for points in vertices]),
+        pairs=np.array(robot.pairs, np.intp).reshape(-1, 2),
+    )
+
+
+@lru_cache(maxsize=2)
+def _looked_at(problem: PlanningProblem, motion: Motion, sensitivity: Sensitivity) -> _LookedAt:
+    """Return where bodies are looked at: once for both kinds of rows."""
+    times = np.linspace(0.0, problem.duration, len(motion.q))
+    times = np.concatenate([times[1:], (times[:-1] + times[1:]) / 2])
+    q = np.concatenate([motion.q[1:], motion.q_half_way])
+    by_x = np.concatenate([sensitivity.q[1:], sensitivity.q_half_way])
+    if len(motion.q) < FEW_POINTS:
+        # Quaternions of one sign: what lies between two is between their entries.
+        order = np.argsort(times)
+        along = q[order, 3:7]
+        turns_over = np.sum(along[:-1] * along[1:], axis=1) < 0.0
+        q[order[1:], 3:7] *= np.where(turns_over, -1.0, 1.0).cumprod()[:, None]
+        q, by_x, times = (np.concatenate([at, quarter_way(at)]) for at in (q, by_x, times))
+        q[:, 3:7] /= np.linalg.norm(q[:, 3:7], axis=1)[:, None]
+    order = np.argsort(times)
+    q, by_x, times = q[order], by_x[order], times[order]
+    until = before_contact(problem, times, q, _WITHIN) + 1 if problem.allowed_at_goal else len(q)
+    return _LookedAt(times, q, by_x, until)
+
+
+def quarter_way(values: Array) -> Array:
+    """Return values a quarter of the way between points and three quarters, by parabolas.
+
+    But for the first interval, whose beginning is the start.
+
+    Args:
+        values: At all points but the first, then half-way in every interval.
+    """
+    at_points, half_way = np.split(values, 2)
+    begin, middle, end = at_points[:-1], half_way[1:], at_points[1:]
+    first = (3.0 * begin + 6.0 * middle - end) / 8.0
+    return np.concatenate([first, (3.0 * end + 6.0 * middle - begin) / 8.0])
+
+
+def _along(gradients: Array, sensitivity: Array, configurations: Indices) -> Array:
+    """Return derivatives by the decision variables. Shape (rows, variables)."""
+    jacobian: Array = np.einsum("rj,rjx->rx", gradients, sensitivity[configurations])
+    return jacobian

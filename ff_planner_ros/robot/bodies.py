@@ -1,0 +1,156 @@
+"""The solids of a robot: what its URDF's `<collision>` elements say that its links fill."""
+
+from __future__ import annotations
+
+import enum
+import math
+from dataclasses import dataclass
+from xml.etree.ElementTree import Element
+
+import coal
+import numpy as np
+import pinocchio as pin
+
+from ff_planner_ros.arrays import Array, frozen
+from ff_planner_ros.robot.convex_hull import LARGEST_SIZE, SMALLEST_SIZE
+from ff_planner_ros.robot.meshes import Meshes
+from ff_planner_ros.robot.urdf_bodies import placement
+from ff_planner_ros.robot.urdf_faults import Faults, listed
+
+# The sizes that each kind of solid has, in the URDF's words, and how many numbers each is [m].
+SIZES = {
+    "box": {"size": 3},
+    "capsule": {"radius": 1, "length": 1},
+    "cylinder": {"radius": 1, "length": 1},
+    "sphere": {"radius": 1},
+}
+# A humanoid with both hands has a hundred; the pairs grow with the square.
+MAX_BODIES = 300
+
+
+class Geometry(enum.StrEnum):
+    """What of the robot is kept clear."""
+
+    SHAPES = "shapes"  # links, chaser, panels and tool as the URDF's <collision> has them
+    LINES = "lines"  # the paper's: the arm's centre lines, nothing else
+
+
+@dataclass(frozen=True, eq=False)
+class Body:
+    """One convex solid, fixed to a link."""
+
+    name: str  # of its link; `link#2` for a link's second solid
+    link: str
+    joint: int  # Pinocchio's, that carries it: 1 the chaser, 2 and more the arm's
+    solid: coal.CollisionGeometry  # Sphere, Capsule, Box, Cylinder or Convex
+    placement_in_joint: pin.SE3  # never changed
+    center_in_joint: Array  # of a sphere around it; shape (3,) [m]
+    radius: float  # of that sphere [m]
+
+
+def bodies_of(robot: Element, model: pin.Model, meshes: Meshes, faults: Faults) -> tuple[Body, ...]:
+    """Return the bodies of a robot.
+
+    Args:
+        robot: `<robot>` with the `<collision>` elements of its links; a mesh among them that is in
+            a file is there afterwards itself, as its convex hull.
+        faults: Takes what is wrong with them.
+    """
+    found: list[Body] = []
+    for link in robot.findall("link"):
+        name = str(link.get("name"))
+        frame = model.frames[model.getFrameId(name, pin.FrameType.BODY)]
+        for number, collision in enumerate(link.findall("collision"), start=1):
+            called = name if number == 1 else f"{name}#{number}"
+            if not faults.vectors("link", name, "collision origin", collision.find("origin")):
+                continue
+            solid = _solid(name, collision, meshes, faults)
+            if solid is not None:
+                place = frame.placement * placement(collision.find("origin"))
+                found.append(_body(called, name, frame.parentJoint, solid, place))
+    if len(found) > MAX_BODIES:
+        faults.add(
+            "<collision>",
+            "",
+            "",
+            f"there {len(found)} times",
+            f"it may be at most {MAX_BODIES} times",
+        )
+    return tuple(found)
+
+
+def defining_numbers(body: Body) -> tuple[str, Array, Array]:
+    """Return what a body is: kind, sizes or corners [m], and placement in its joint."""
+    solid = body.solid
+    match solid:
+        case coal.Box():
+            sizes = 2.0 * solid.halfSide
+        case coal.Sphere():
+            sizes = np.array([solid.radius])
+        case coal.Capsule() | coal.Cylinder():
+            sizes = np.array([solid.radius, 2.0 * solid.halfLength])
+        case _:
+            sizes = solid.points()
+    return type(solid).__name__.lower(), np.array(sizes), body.placement_in_joint.homogeneous
+
+
+def _body(name: str, link: str, joint: int, solid: coal.CollisionGeometry, place: pin.SE3) -> Body:
+    solid.computeLocalAABB()
+    center = np.array(solid.aabb_center)
+    return Body(name, link, joint, solid, place, frozen(place.act(center)), _radius(solid, center))
+
+
+def _radius(solid: coal.CollisionGeometry, center: Array) -> float:
+    """Return the radius of a sphere about a centre that holds a solid."""
+    if isinstance(solid, coal.Sphere):
+        return float(solid.radius)
+    if isinstance(solid, coal.Capsule):
+        return float(solid.halfLength + solid.radius)
+    if isinstance(solid, coal.Cylinder):
+        return math.hypot(solid.halfLength, solid.radius)
+    if isinstance(solid, coal.Box):
+        return float(np.linalg.norm(solid.halfSide))
+    return float(np.linalg.norm(solid.points() - center, axis=1).max())
+
+
+def _solid(
+    link: str, collision: Element, meshes: Meshes, faults: Faults
+) -> coal.CollisionGeometry | None:
+    """Return what a `<collision>` describes; None: a fault."""
+    shape = collision.find("geometry/*")
+    if shape is None:
+        allowed = f"it must be one of {listed(SIZES)}, mesh"
+        faults.add("link", link, "collision", "without a geometry that is known", allowed)
+        return None
+    if shape.tag == "mesh":
+        return meshes.hull(link, shape, faults)
+    sizes = [
+        size
+        for name, count in SIZES[shape.tag].items()
+        for size in _numbers(link, f"collision {shape.tag} {name}", shape.get(name), count, faults)
+    ]
+    if not sizes or not all(sizes):
+        return None
+    match shape.tag:
+        case "box":
+            return coal.Box(*sizes)
+        case "capsule":
+            return coal.Capsule(*sizes)
+        case "cylinder":
+            return coal.Cylinder(*sizes)
+        case _:
+            return coal.Sphere(*sizes)
+
+
+def _numbers(link: str, part: str, text: str | None, count: int, faults: Faults) -> list[float]:
+    """Return sizes; zeros where there is a fault."""
+    try:
+        sizes = [float(word) for word in (text or "").split()]
+    except ValueError:
+        sizes = []
+    if len(sizes) == count and all(SMALLEST_SIZE <= size <= LARGEST_SIZE for size in sizes):
+        return sizes
+    numbers = "one number" if count == 1 else f"{count} numbers"
+    allowed = f"it must be {numbers} from {SMALLEST_SIZE:g} to {LARGEST_SIZE:g} [m]"
+    faults.add("link", link, part, repr(text) if text else "missing", allowed)
+    return count * [0.0]

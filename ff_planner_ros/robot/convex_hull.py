@@ -1,0 +1,154 @@
+"""Convex hulls of points that are few enough to ask for distances again and again."""
+
+from __future__ import annotations
+
+import coal
+import numpy as np
+from numpy.typing import NDArray
+
+from ff_planner_ros.arrays import Array
+
+# A solid that is smaller is a slip of the pen, and one that is larger no robot [m].
+SMALLEST_SIZE, LARGEST_SIZE = 1e-6, 1e4
+# Of its length: what is thinner is flat but for rounding, and has no convex hull.
+_THINNEST = 1e-6
+# Those of robots have a few hundred; each point costs time at every distance.
+MAX_VERTICES = 1000
+# Directions in which a hull of more is kept as large as it is: twice as many vertices at most.
+_DIRECTIONS = 300
+# Of more points, first those are left out that lie well inside; if they are still more, their hull
+# is not even tried: it takes a second, and more than a second for more.
+_MANY = 10_000
+
+
+class NoSolid(ValueError):
+    """Why points have no convex hull."""
+
+
+def few_corners(points: Array, scale: Array) -> tuple[Array, float]:
+    """Return the corners of a convex solid that holds points, in an order of their own.
+
+    It is the hull, or, where that has very many corners, one that is larger by the share of its
+    width that is returned, too. The corners of corners are they themselves.
+
+    Args:
+        points: Before they are scaled; shape (points, 3).
+        scale: Along each axis; shape (3,).
+
+    Raises:
+        ValueError: A `NoSolid`. They lie in a plane, say.
+    """
+    points, growth = _once(points), 0.0
+    for _ in range(2):
+        _require_solid(points * scale)
+        corners = _corners(points, scale)
+        if corners is not None and len(corners) <= MAX_VERTICES:
+            return corners, growth
+        simple = _once((_around(points * scale) / scale).astype(np.float32).astype(float))
+        growth = _growth(points * scale, simple * scale)
+        points = simple
+    raise NoSolid("its convex hull cannot be simplified")
+
+
+def _once(points: Array) -> Array:
+    """Return the rows in order, each once."""
+    points = points[np.lexsort(points.T)] + 0.0  # no negative zeros
+    new = np.ones(len(points), bool)
+    new[1:] = (points[1:] != points[:-1]).any(axis=1)
+    return np.array(points[new])
+
+
+def _require_solid(points: Array) -> None:
+    """Refuse points that have no hull: Coal would not only refuse, but crash."""
+    if not len(points) or not (np.abs(points) <= LARGEST_SIZE).all():
+        raise NoSolid(f"it must have vertices, none further than {LARGEST_SIZE:g} m")
+    extents = np.ptp(points @ _axes(points), axis=0)
+    if extents.min() < max(SMALLEST_SIZE, _THINNEST * extents.max()):
+        raise NoSolid("it is flat, and has no volume: a thin <box> says how thick it is")
+
+
+def _axes(points: Array) -> Array:
+    """Return the principal axes, as columns."""
+    centred = points - points.mean(axis=0)
+    return np.array(np.linalg.eigh(centred.T @ centred)[1])
+
+
+def _corners(points: Array, scale: Array) -> Array | None:
+    """Return the points at the corners of the hull after `scale`; None: too many for Coal.
+
+    The hull of what is returned has all of it as its corners.
+    """
+    if len(points) > _MANY:
+        points = points[_outer(points * scale)]
+    while len(points) <= _MANY:
+        placed = points * scale + 0.0
+        try:
+            corners = {row.tobytes() for row in convex_hull(placed).points()}
+        except RuntimeError:  # an edge fan of more than 255 at one corner
+            return None
+        if len(corners) == len(points):
+            return points
+        points = points[[row.tobytes() in corners for row in placed]]
+    return None
+
+
+def _outer(points: Array) -> NDArray[np.bool_]:
+    """Tell which points are not inside the hull of the outermost ones in some directions."""
+    outermost = _once(_outermost(points))
+    _require_solid(outermost)
+    inner = convex_hull(outermost)
+    outside = np.zeros(len(points), bool)
+    for normal, offset in zip(inner.normals(), inner.offsets(), strict=True):
+        outside |= points @ normal + offset > -_THINNEST
+    return outside
+
+
+def _outermost(points: Array) -> Array:
+    """Return the point that is furthest, for each of some directions."""
+    # One after the other: all at once would need gigabytes.
+    return np.array([points[np.argmax(points @ way)] for way in _ways(_DIRECTIONS)])
+
+
+def convex_hull(points: Array) -> coal.Convex:
+    """Return Coal's hull of points that are a solid."""
+    rows = coal.StdVec_Vec3s()
+    rows.extend(list(points))
+    return coal.Convex.convexHull(rows, True, "Qt")
+
+
+def _around(points: Array) -> Array:
+    """Return the corners of the solid between planes that touch the points from outside.
+
+    Planes n.(x - c) = h about an inner point c have the solid's corners as the planes of the hull
+    of the points n / h: each is the dual of the other. Seen along its axes in units of its widths,
+    a long tube is as round as a ball.
+    """
+    ways, axes = _ways(_DIRECTIONS), _axes(points)
+    widths = np.ptp(points @ axes, axis=0)
+    points = points @ axes / widths
+    center = _outermost(points).mean(axis=0)
+    reach = np.array([((points - center) @ way).max() for way in ways])
+    dual = convex_hull(ways / reach[:, None])
+    corners = dual.points()
+    faces = [dual.polygons(i) for i in range(dual.num_polygons)]
+    planes = np.array([[corners[face[k]] for k in range(3)] for face in faces])
+    normal = np.cross(planes[:, 1] - planes[:, 0], planes[:, 2] - planes[:, 0])
+    height = np.einsum("ij,ij->i", normal, planes[:, 0])
+    outside = normal / height[:, None] * (1.0 + _THINNEST)  # more than float32 rounds
+    return np.array((center + outside) * widths @ axes.T)
+
+
+def _ways(count: int) -> Array:
+    """Return directions all around, the axes among them; shape (count + 6, 3)."""
+    k = np.arange(count) + 0.5
+    height, turn = 1.0 - 2.0 * k / count, np.pi * (1.0 + 5.0**0.5) * k
+    across = np.sqrt(1.0 - height**2)
+    spiral = np.stack([across * np.cos(turn), across * np.sin(turn), height], axis=1)
+    return np.vstack([spiral, np.eye(3), -np.eye(3)])
+
+
+def _growth(points: Array, simple: Array) -> float:
+    """Return how much further a solid reaches than the points, of their width, in many ways."""
+    ways = _ways(_DIRECTIONS // 2)
+    further = [((simple @ way).max() - (points @ way).max()) / np.ptp(points @ way) for way in ways]
+    return float(max(further))

@@ -1,0 +1,128 @@
+"""What of a robot is kept clear: its bodies, the pairs of them, and how to hand both on."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+from typing import NamedTuple
+from xml.etree.ElementTree import Element
+
+import pinocchio as pin
+
+from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.robot.bodies import Body, Geometry, bodies_of
+from ff_planner_ros.robot.meshes import Meshes
+from ff_planner_ros.robot.pairs import Pairs, always_touching, neighbours, pairs_of
+from ff_planner_ros.robot.shapes import with_shapes
+from ff_planner_ros.robot.srdf import ALWAYS, MayTouch, read_srdf, write_pairs
+from ff_planner_ros.robot.urdf_faults import Faults, listed
+from ff_planner_ros.robot.urdf_xml import read_shapes
+
+
+class WholeBody(NamedTuple):
+    """The fields of a `Robot` that say what of it is kept clear."""
+
+    geometry: Geometry
+    bodies: tuple[Body, ...]
+    pairs: Pairs
+    may_touch: tuple[MayTouch, ...]
+    drawn_urdf: str
+    notes: tuple[str, ...]
+
+
+def whole_body(
+    model: pin.Model,
+    checked: str,
+    text: str,
+    geometry: Geometry | None,
+    srdf: str | None,
+    directory: Path | None,
+) -> WholeBody:
+    """Return what of a robot is kept clear.
+
+    Args:
+        checked: The URDF that the model was built from, without shapes.
+        text: The URDF as given.
+        geometry: None: shapes where the arm has any, else lines.
+        srdf: None: the URDF says itself which links may touch, or it is found out.
+        directory: Of the URDF; None: no mesh is read from a file.
+
+    Raises:
+        InvalidInput: A shape, a mesh or the SRDF is refused.
+    """
+    solids, drawn, faults = read_shapes(text), with_shapes(checked, text), Faults()
+    joints = _joints_with_solids(solids, model)
+    on_arm = any(joint > 1 for joint in joints.values())
+    if geometry is Geometry.SHAPES and not on_arm:
+        allowed = "no link of the arm has a <collision>: it must be lines"
+        raise InvalidInput(Status.BAD_ROBOT, "robot.geometry", Geometry.SHAPES, allowed)
+    if geometry is Geometry.LINES or not on_arm:
+        only_chaser = joints and not on_arm
+        note = "no link of the arm has a <collision>: its lines are kept clear of spheres"
+        return WholeBody(Geometry.LINES, (), (), (), drawn, (note,) if only_chaser else ())
+    meshes, robot = Meshes(directory), ElementTree.fromstring(checked)
+    bodies = bodies_of(solids, model, meshes, faults)
+    links = [str(link.get("name")) for link in robot.findall("link")]
+    told = read_srdf(text, links, faults, "robot.urdf")
+    told += [] if srdf is None else read_srdf(srdf, links, faults)
+    faults.refuse_if_any()
+    may_touch = neighbours(robot, bodies)
+    known = {pair.links for pair in (*may_touch, *told)}
+    may_touch += told
+    if srdf is None and not told:
+        may_touch += always_touching(model, bodies, known)
+    may_touch = _that_count(may_touch, joints)
+    notes = [*meshes.notes, *_notes(model, bodies, may_touch if srdf is None else [])]
+    return WholeBody(
+        geometry=Geometry.SHAPES,
+        bodies=bodies,
+        pairs=pairs_of(bodies, {pair.links for pair in may_touch}),
+        may_touch=tuple(may_touch),
+        drawn_urdf=_handed_on(drawn, solids, may_touch),
+        notes=tuple(notes),
+    )
+
+
+def _joints_with_solids(solids: Element, model: pin.Model) -> dict[str, int]:
+    """Return the joint that carries it for each link with a `<collision>`."""
+    links = [str(link.get("name")) for link in solids.findall("link[collision]")]
+    frames = (model.frames[model.getFrameId(link, pin.FrameType.BODY)] for link in links)
+    return {link: frame.parentJoint for link, frame in zip(links, frames, strict=True)}
+
+
+def _that_count(may_touch: list[MayTouch], joints: dict[str, int]) -> list[MayTouch]:
+    """Return each pair of links once, without those that have no solids or do not move."""
+    found: dict[frozenset[str], MayTouch] = {}
+    for pair in may_touch:
+        if pair.links <= joints.keys() and joints[pair.link1] != joints[pair.link2]:
+            found.setdefault(pair.links, pair)
+    return list(found.values())
+
+
+def _notes(model: pin.Model, bodies: tuple[Body, ...], may_touch: list[MayTouch]) -> list[str]:
+    always = [f"{pair.link1} and {pair.link2}" for pair in may_touch if pair.reason == ALWAYS]
+    bare = {*range(2, model.njoints)} - {body.joint for body in bodies}
+    # A link without length needs none: the next joint turns about the same point.
+    bare -= {
+        j - 1 for j in range(3, model.njoints) if not model.jointPlacements[j].translation.any()
+    }
+    found = []
+    if always:
+        found.append(
+            f"not kept apart, because they touch in nearly every posture: {listed(always)}; "
+            "a robot.srdf can say otherwise"
+        )
+    if bare:
+        names = listed(model.names[joint] for joint in sorted(bare))
+        found.append(f"without a <collision>, and kept clear of nothing: what {names} moves")
+    return found
+
+
+def _handed_on(drawn: str, solids: Element, may_touch: list[MayTouch]) -> str:
+    """Return a drawn URDF with its solids, and the links that may touch."""
+    robot = ElementTree.fromstring(drawn)
+    given = {link.get("name"): link.findall("collision") for link in solids.findall("link")}
+    for link in robot.findall("link"):
+        link.extend(given[link.get("name")])
+    write_pairs(robot, may_touch)
+    return ElementTree.tostring(robot, encoding="unicode")

@@ -1,0 +1,113 @@
+"""Robots with solids of every kind, and their distances as Coal and Pinocchio have them."""
+
+from __future__ import annotations
+
+import itertools
+import re
+from dataclasses import replace
+from functools import cache
+
+import coal
+import numpy as np
+import pinocchio as pin
+from robots import LEMUR_URDF, random_urdf
+
+from ff_planner_ros.arrays import Array
+from ff_planner_ros.robot.bodies import Body, Geometry
+from ff_planner_ros.robot.model import Robot, load_robot, robot_from_urdf_text
+
+
+def collision(kind: str, sizes: str, xyz: str = "0 0 0", rpy: str = "0 0 0") -> str:
+    """Write a `<collision>` element."""
+    geometry = f"<geometry><{kind} {sizes}/></geometry>"
+    return f'<collision><origin xyz="{xyz}" rpy="{rpy}"/>{geometry}</collision>'
+
+
+def with_solids(urdf: str, solids: dict[str, str]) -> str:
+    """Return a URDF whose links have solids."""
+    for link, elements in solids.items():
+        if f'<link name="{link}"/>' in urdf:
+            urdf = urdf.replace(f'<link name="{link}"/>', f'<link name="{link}">{elements}</link>')
+            continue
+        urdf = re.sub(
+            rf'(<link name="{link}">.*?)(</link>)',
+            rf"\g<1>{elements}\g<2>",
+            urdf,
+            count=1,
+            flags=re.DOTALL,
+        )
+    return urdf
+
+
+@cache
+def lemur_with_bodies() -> Robot:
+    """Return the Lemur as its URDF's solids have it."""
+    return load_robot(LEMUR_URDF, "chaser", "end_effector", geometry=Geometry.SHAPES)
+
+
+@cache
+def random_robot(seed: int, joints: int = 6) -> Robot:
+    """Return an arm with one or two solids on every link, hulls among them."""
+    rng = np.random.default_rng(seed)
+    links = ["bus", "antenna", "tool", *(f"link_{number + 1}" for number in range(joints))]
+    solids = {
+        link: "".join(_random_solid(rng) for _ in range(rng.integers(1, 3))) for link in links
+    }
+    robot = robot_from_urdf_text(with_solids(random_urdf(joints, seed), solids), "bus", "tool")
+    return replace(robot, bodies=tuple(_some_as_hulls(robot.bodies, rng)))
+
+
+def _random_solid(rng: np.random.Generator) -> str:
+    kind = str(rng.choice(["box", "capsule", "cylinder", "sphere"]))
+    sizes = {
+        "box": f'size="{_words(rng.uniform(0.05, 0.4, 3))}"',
+        "sphere": f'radius="{rng.uniform(0.03, 0.2)}"',
+    }
+    round_ = f'radius="{rng.uniform(0.03, 0.1)}" length="{rng.uniform(0.05, 0.5)}"'
+    place, turn = rng.uniform(-0.2, 0.2, 3), rng.uniform(-1.5, 1.5, 3)
+    return collision(kind, sizes.get(kind, round_), _words(place), _words(turn))
+
+
+def _some_as_hulls(bodies: tuple[Body, ...], rng: np.random.Generator) -> list[Body]:
+    """Return bodies of which every third is a hull of random points in the sphere around it."""
+    found = []
+    for number, body in enumerate(bodies):
+        if number % 3 == 2:
+            points = coal.StdVec_Vec3s()
+            directions = rng.normal(size=(20, 3))
+            directions /= np.linalg.norm(directions, axis=1)[:, None]
+            center = body.placement_in_joint.actInv(body.center_in_joint)
+            for direction in directions:
+                points.append(center + body.radius * direction)
+            hull = coal.Convex.convexHull(points, False, "Qt")
+            body = replace(body, solid=hull)
+        found.append(body)
+    return found
+
+
+def body_placements(robot: Robot, q: Array) -> list[pin.SE3]:
+    """Return where Pinocchio's own kinematics puts each solid, in the inertial frame."""
+    data = robot.model.createData()
+    pin.forwardKinematics(robot.model, data, q)
+    return [data.oMi[body.joint] * body.placement_in_joint for body in robot.bodies]
+
+
+def coal_distance(
+    first: coal.CollisionGeometry, at: pin.SE3, second: coal.CollisionGeometry, there: pin.SE3
+) -> float:
+    """Return the signed distance of two solids."""
+    request, result = coal.DistanceRequest(), coal.DistanceResult()
+    request.enable_signed_distance = True
+    places = [coal.Transform3s(place.rotation, place.translation) for place in (at, there)]
+    return float(coal.distance(first, places[0], second, places[1], request, result))
+
+
+def moving_pairs(robot: Robot) -> list[tuple[int, int]]:
+    """Return all pairs of bodies that move against each other."""
+    bodies = range(len(robot.bodies))
+    joint = [body.joint for body in robot.bodies]
+    return [(a, b) for a, b in itertools.combinations(bodies, 2) if joint[a] != joint[b]]
+
+
+def _words(vector: Array) -> str:
+    return " ".join(str(float(number)) for number in vector)

@@ -1,0 +1,99 @@
+"""The laws of the problems with bodies, checked by Pinocchio's own model of geometry."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import coal
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from ff_planner_ros.arrays import Array
+from ff_planner_ros.bench import bodies
+from ff_planner_ros.bench.bodies import ROBOTS, BodiesProblem
+from ff_planner_ros.bench.paths import roll_out
+from ff_planner_ros.planning.problem import PlanningProblem
+from ff_planner_ros.robot.bodies import Geometry
+from ff_planner_ros.robot.momentum import smallest_singular_values
+
+FINE = 250
+STRAIGHT = np.zeros((6, 3))
+
+
+@pytest.fixture(scope="module", params=[(robot, number) for robot in ROBOTS for number in (0, 1)])
+def drawn(request: pytest.FixtureRequest, times: Callable[[int, int], int]) -> BodiesProblem:
+    robot, number = request.param
+    if number >= times(1, 2):
+        pytest.skip("at night")
+    return bodies.problem(robot, number)
+
+
+def least_distances(problem: PlanningProblem, way: Array) -> tuple[float, float]:
+    """Of bodies from each other, and from the spheres, along a way."""
+    robot, spheres = problem.robot, problem.obstacles
+    model = pin.GeometryModel()
+    for k, body in enumerate(robot.bodies):
+        model.addGeometryObject(
+            pin.GeometryObject(f"b{k}", body.joint, body.placement_in_joint, body.solid)
+        )
+    for k, sphere in enumerate(spheres):
+        ball, place = coal.Sphere(sphere.radius), pin.SE3(np.eye(3), sphere.center)
+        model.addGeometryObject(pin.GeometryObject(f"s{k}", 0, place, ball))
+    count = len(robot.bodies)
+    with_spheres = [(a, count + b) for a in range(count) for b in range(len(spheres))]
+    for pair in (*robot.pairs, *with_spheres):
+        model.addCollisionPair(pin.CollisionPair(*pair))
+    data, geometry = robot.model.createData(), model.createData()
+    own = outer = np.inf
+    for q in way:
+        pin.updateGeometryPlacements(robot.model, data, model, geometry, q)
+        pin.computeDistances(model, geometry)
+        found = [result.min_distance for result in geometry.distanceResults]
+        own = min(own, *found[: len(robot.pairs)])
+        outer = min(outer, *found[len(robot.pairs) :])
+    return own, outer
+
+
+def test_the_robots_have_bodies_panels_and_all() -> None:
+    for name in ROBOTS:
+        robot = bodies.problem(name, 0).problem.robot
+        assert robot.geometry is Geometry.SHAPES
+        assert sum(body.joint == 1 for body in robot.bodies) >= 3, name
+        assert robot.joints + 1 in {body.joint for body in robot.bodies}, name  # a tool
+        assert len(robot.pairs) >= 15, name
+
+
+def test_the_witness_stays_clear_of_itself_and_of_the_spheres(drawn: BodiesProblem) -> None:
+    own, outer = least_distances(drawn.problem, roll_out(drawn.problem, drawn.witness, FINE).q)
+    assert own >= 0.01
+    assert outer >= 0.02
+    assert 3 <= len(drawn.problem.obstacles) <= 6
+
+
+def test_the_straight_path_touches_something(drawn: BodiesProblem) -> None:
+    assert min(least_distances(drawn.problem, roll_out(drawn.problem, STRAIGHT, FINE).q)) < 1e-4
+
+
+def test_the_witness_keeps_the_limits_and_leads_to_the_target(drawn: BodiesProblem) -> None:
+    problem, robot = drawn.problem, drawn.problem.robot
+    motion = roll_out(problem, drawn.witness, FINE)
+    joints, rates = motion.q[:, 7:], np.abs(motion.v[:, 6:])
+    assert (joints >= robot.lower_position_limits - 1e-6).all()
+    assert (joints <= robot.upper_position_limits + 1e-6).all()
+    assert (rates <= 1.001 * robot.velocity_limits).all()
+    assert smallest_singular_values(robot, motion.q).min() > 0.99 * 0.05
+    data = robot.model.createData()
+    pin.forwardKinematics(robot.model, data, motion.q[-1])
+    tip = pin.updateFramePlacement(robot.model, data, robot.tip_frame_id)
+    np.testing.assert_allclose(tip.translation, problem.target.position, atol=1e-5)
+
+
+def test_the_same_problem_is_drawn_again_and_another_number_is_another() -> None:
+    def numbers(number: int) -> Array:
+        bodies.problem.cache_clear()
+        found = bodies.problem("arm6", number)
+        return np.concatenate([found.problem.start.joint_positions, found.witness.ravel()])
+
+    np.testing.assert_array_equal(numbers(0), numbers(0))
+    assert not np.array_equal(numbers(0), numbers(3))
