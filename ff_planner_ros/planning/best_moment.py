@@ -123,25 +123,26 @@ def _best_of(asked: _Asked, promising: Sequence[Moment]) -> Plan | None:
 
 def _near(asked: _Asked, moment: Moment) -> Plan | None:
     """Return the plan at a moment, or else at the next one that has a plan, if there is any."""
-    window = asked.problem.duration_range
-    assert window is not None
-    too_short, guess = 0.0, moment.x
+    window = asked.problem.durations
+    plan: Plan | None = None
+    too_short, duration = 0.0, moment.duration
     for part in _LATER:
         duration = min(moment.duration * (1.0 + part), window.maximum)
-        found = asked.at(duration, moment.family, guess, 1)
+        found = asked.at(duration, moment.family, moment.x, 1)
         if isinstance(found, Plan):
+            plan = found
             break
-        if duration == window.maximum:
-            return None
         too_short = duration
-    while too_short and duration > (1.0 + _KNOWN) * too_short:
+        if duration == window.maximum:
+            break
+    while plan is not None and too_short and duration > (1.0 + _KNOWN) * too_short:
         between = math.sqrt(too_short * duration)
-        sooner = asked.at(between, moment.family, found.coefficients, 1)
-        if isinstance(sooner, Plan):
-            found, duration = sooner, between
+        found = asked.at(between, moment.family, plan.coefficients, 1)
+        if isinstance(found, Plan):
+            plan, duration = found, between
         else:
             too_short = between
-    return found
+    return plan
 
 
 def _any(asked: _Asked) -> Plan:
@@ -165,8 +166,7 @@ def _shortened(asked: _Asked, best: Plan) -> Plan:
     Where nothing but the duration counts, it is known then that there is none that is a step
     shorter: not from the plan's own path, and not from any of the first guesses.
     """
-    window, objective = asked.problem.duration_range, asked.problem.objective
-    assert window is not None
+    window, objective = asked.problem.durations, asked.problem.objective
     only_duration = objective.joint_path_length == objective.chaser_attitude == 0.0
     every = asked.problem.parametrisation, asked.settings.starts
     while duration_of(best) > window.minimum:

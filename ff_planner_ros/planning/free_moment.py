@@ -110,8 +110,7 @@ def moments(
 
 def moments_to_begin_at(problem: PlanningProblem) -> list[float]:
     """Return durations all over the range, the shortest first [s]."""
-    window = problem.duration_range
-    assert window is not None
+    window = problem.durations
     wide = window.maximum - window.minimum
     return [window.minimum + part * wide for part in (_PARTS if wide > 0.0 else _PARTS[:1])]
 
@@ -164,9 +163,7 @@ def _ways(
     return [(fixed, way) for way in groups[number]] if number < len(groups) else []
 
 
-def _guesses(
-    fixed: PlanningProblem, way: PathFamily, first_guess: Array | None
-) -> Iterator[Array]:
+def _guesses(fixed: PlanningProblem, way: PathFamily, first_guess: Array | None) -> Iterator[Array]:
     if first_guess is not None and len(first_guess) == way.variables:
         yield first_guess
     points, damping, *_ = _LEVELS[0]
@@ -183,8 +180,7 @@ def improved(
     effort: Effort,
 ) -> Moment | None:
     """Return where path and duration together lead to from a first guess; None: nowhere."""
-    window, asked = problem.duration_range, problem.objective
-    assert window is not None
+    window, asked = problem.durations, problem.objective
     least = settings.joint_path_tie_break * max(asked.chaser_attitude, asked.duration)
     path = replace(asked, joint_path_length=asked.joint_path_length or least)
     radius = FIRST_RADIUS * family.stride
@@ -201,9 +197,7 @@ def improved(
             at_x = free.linearise(along)
             effort.rollouts += 1
             watch.report(
-                Progress(
-                    SEARCHING, effort.starts, effort.rollouts, at_x.objective, at_x.violation
-                )
+                Progress(SEARCHING, effort.starts, effort.rollouts, at_x.objective, at_x.violation)
             )
             return at_x
 

@@ -1,9 +1,9 @@
 """The optimisation problem with the duration as one more variable.
 
 Everything that moves with the duration, the goal, the obstacles, the momentum's drift and the
-limits on rates, is a function of the path's variables x and of the duration T. By x the program of
-one duration knows the exact derivatives. Those by T are central differences of all its rows at
-once, along the exact column of none: whatever a requirement depends on, it cannot be forgotten.
+limits on rates, is a function of the path's variables x and of the duration T. The program of
+one duration knows the exact derivatives by x. Those by T are central differences of objective and
+rows as a whole, good to nine digits: whatever a requirement depends on, nothing is forgotten.
 """
 
 from __future__ import annotations
@@ -34,8 +34,7 @@ class FreeProgram:
 
     def duration(self, along: Array) -> float:
         """Return the duration that variables stand for, within its range [s]."""
-        window = self.problem.duration_range
-        assert window is not None
+        window = self.problem.durations
         return float(np.clip(along[-1] * self.unit, window.minimum, window.maximum))
 
     def at(self, duration: float) -> PathProgram:
@@ -73,14 +72,17 @@ class FreeProgram:
         bent = (after.value - 2.0 * here.value + before.value) * (self.unit / step) ** 2
         turned = (after.gradient - before.gradient) * over
         constraints_by_t = _difference(here, before, after) * (2.0 * over)
-        # The duration is told as a peak, beside those of the attitude: the solver then learns how the
-        # constraints are curved, which alone decide where the shortest duration is.
-        peaks, by_x, by_duration = here.peaks, here.peaks_jacobian, (after.peaks - before.peaks) * over
+        # The duration is told as a peak, beside those of the attitude: the solver then learns how
+        # the constraints are curved, which alone decide where the shortest duration is.
+        peaks, by_x, by_duration = (
+            here.peaks,
+            here.peaks_jacobian,
+            (after.peaks - before.peaks) * over,
+        )
         if not peaks.size:
             peaks, by_x, by_duration = np.zeros(1), np.zeros((1, len(here.gradient))), np.zeros(1)
         by_duration = by_duration + self.weight * self.unit
-        window = self.problem.duration_range
-        assert window is not None
+        window = self.problem.durations
         bounds = np.array([duration - window.minimum, window.maximum - duration])
         by_bounds = np.zeros((2, len(here.gradient) + 1))
         by_bounds[:, -1] = self.unit, -self.unit

@@ -25,7 +25,7 @@ from ff_planner_ros.planning.objectives import weighted_sum
 from ff_planner_ros.planning.path_family import PathFamily, singular_refusal
 from ff_planner_ros.planning.plan import Plan, SolverReport
 from ff_planner_ros.planning.preconditions import require_plannable
-from ff_planner_ros.planning.problem import Objective, Parametrisation, PlanningProblem
+from ff_planner_ros.planning.problem import Objective, Parametrisation, PlanningProblem, lasting
 from ff_planner_ros.planning.program import path_program
 from ff_planner_ros.planning.search import FoundPath
 from ff_planner_ros.planning.settings import PlannerSettings
@@ -76,7 +76,10 @@ def plan(
         NoPlanFound: The goal is out of reach, the search found no feasible path or was ended, or
             the check refused the path that it found.
     """
-    if problem.duration_range is not None:
+    window = problem.duration_range
+    if window is not None and window.minimum == window.maximum:
+        problem, window = lasting(problem, window.minimum), None
+    if window is not None:
         return plan_at_best_moment(problem, settings, watch, first_guess, _plan_in_time)
     return _plan_in_time(problem, settings, watch, first_guess)
 

@@ -240,6 +240,11 @@ class PlanningProblem:
         if self.allowed_at_goal:
             self._require_known_contacts()
 
+    @property
+    def durations(self) -> DurationRange:
+        """Those to choose from: one where the duration is given."""
+        return self.duration_range or DurationRange(self.duration, self.duration)
+
     def _require_known_contacts(self) -> None:
         """Refuse an allowed contact of what there is not."""
         links = [body.link for body in self.robot.bodies]

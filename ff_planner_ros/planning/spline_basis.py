@@ -32,7 +32,7 @@ class SplineBasis:
 
         Shape (times, control points) [1/s^order].
         """
-        spline = BSpline(self._knots, np.eye(self.count), DEGREE)
+        spline = BSpline(self.knots, np.eye(self.count), DEGREE)
         rows: Array = spline(s, nu=order) / self.duration**order
         return rows
 
@@ -62,7 +62,8 @@ class SplineBasis:
         return np.asarray(points, np.float64)
 
     @cached_property
-    def _knots(self) -> Array:
+    def knots(self) -> Array:
+        """Knots of a duration of 1 s, those at the ends six times. Shape (control points + 6,)."""
         ends = np.zeros(DEGREE), np.ones(DEGREE)
         return np.concatenate([ends[0], np.linspace(0.0, 1.0, self.spans + 1), ends[1]])
 
@@ -77,7 +78,7 @@ def _on_grid(spans: int, points: int, order: int) -> Array:
 def _finer(spans: int) -> tuple[Array, Array]:
     """Return the knots of splines on half spans, and their control points for each of the whole."""
     basis, finer = SplineBasis(1.0, spans), SplineBasis(1.0, 2 * spans)
-    knots = finer._knots
+    knots = finer.knots
     # Both splines are the same function, and so they agree at the Greville abscissae.
     at = np.array([knots[k + 1 : k + 1 + DEGREE].mean() for k in range(finer.count)])
     return knots, np.asarray(np.linalg.solve(finer.rows(at), basis.rows(at)), np.float64)

@@ -122,6 +122,8 @@ def require_recordable(task: PlanningTask) -> None:
     for field, given in (
         ("running", task.running is not None),
         ("first_guess", task.first_guess is not None),
+        ("duration", task.problem.duration_range is not None),
+        ("objective.duration", task.problem.objective.duration != 0.0),
         ("target_body", task.problem.target_body is not None),
         ("target.linear_acceleration", target.linear_acceleration.any()),
         ("target.angular_acceleration", target.angular_acceleration.any()),
