@@ -157,7 +157,11 @@ def _any(asked: _Asked) -> Plan:
         if isinstance(found, Plan):
             return found
         refusals.append(found)
-    raise refusals[-1]
+    window, last = asked.problem.durations, refusals[-1]
+    why = (
+        f"no duration from {window.minimum:g} s to {window.maximum:g} s has a plan; with the last,"
+    )
+    raise NoPlanFound(last.status, f"{why} {last.constraint}", last.attempt, last.failures)
 
 
 def _shortened(asked: _Asked, best: Plan) -> Plan:
@@ -166,13 +170,12 @@ def _shortened(asked: _Asked, best: Plan) -> Plan:
     Where nothing but the duration counts, it is known then that there is none that is a step
     shorter: not from the plan's own path, and not from any of the first guesses.
     """
-    window, objective = asked.problem.durations, asked.problem.objective
-    only_duration = objective.joint_path_length == objective.chaser_attitude == 0.0
+    window = asked.problem.durations
     every = asked.problem.parametrisation, asked.settings.starts
     while duration_of(best) > window.minimum:
         duration = max((1.0 - _SHORTER) * duration_of(best), window.minimum)
         own = Parametrisation(best.family), 1
-        for family, starts in (own, every) if only_duration else (own,):
+        for family, starts in (own, every) if asked.problem.objective.only_duration else (own,):
             found = asked.at(duration, family, best.coefficients, starts)
             if isinstance(found, Plan) and asked.worth(found) < asked.worth(best):
                 best = found

@@ -98,10 +98,14 @@ def moments(
         NoPlanFound: At no moment is the goal within reach, or the search was ended.
     """
     begun = _begun(problem, settings)
-    found = list[Moment]()
+    found, shortest = list[Moment](), problem.durations.minimum
     for number in range(len(path_families(begun[0], settings))):
         in_family = _in_family(problem, begun, number, settings, watch, first_guess, effort)
-        found += [moment for moment in in_family if moment.violation <= _PROMISING]
+        for moment in in_family:
+            if moment.violation <= _PROMISING:
+                found.append(moment)
+                if problem.objective.only_duration and moment.duration == shortest:
+                    return [moment]  # there is no better one
         # Where only the path counts, families come in the order in which they are tried.
         if found and problem.objective.duration == 0.0:
             break

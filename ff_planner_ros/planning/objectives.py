@@ -70,7 +70,7 @@ def with_tie_break(objective: Objective, settings: PlannerSettings) -> Objective
     """Return the objective to solve where the duration is given: never the attitude alone."""
     if objective.joint_path_length > 0.0:
         return objective
-    if objective.chaser_attitude == 0.0:  # only the duration counted, and that is decided
+    if objective.only_duration:  # which is decided
         return replace(objective, joint_path_length=1.0)
     tie_break = settings.joint_path_tie_break * objective.chaser_attitude
     return replace(objective, joint_path_length=tie_break)

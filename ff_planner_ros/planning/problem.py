@@ -134,6 +134,11 @@ class Objective:
                 Status.OUT_OF_RANGE, "objective", "all zero", "one weight must be positive"
             )
 
+    @property
+    def only_duration(self) -> bool:
+        """Whether the shortest plan is asked for, whatever else it is."""
+        return self.joint_path_length == self.chaser_attitude == 0.0
+
 
 @dataclass(frozen=True)
 class Limits:
@@ -290,8 +295,9 @@ def lasting(problem: PlanningProblem, duration: float | None) -> PlanningProblem
     if body is not None:
         target = body.target(chosen)
     else:
-        way = (chosen - problem.duration) * window.target_velocity
-        target = replace(problem.target, position=problem.target.position + way)
+        target, way = problem.target, (chosen - problem.duration) * window.target_velocity
+        if way.any():
+            target = replace(target, position=target.position + way)
     return replace(problem, duration=chosen, target=target, duration_range=None)
 
 
