@@ -135,11 +135,12 @@ def _weights(text: str) -> Objective:
     if text in OBJECTIVES:
         return OBJECTIVES[text]
     try:
-        length, attitude = map(float, text.split(","))
-    except ValueError:
-        allowed = f"it must be one of {', '.join(OBJECTIVES)}, or two weights such as 1,10"
+        length, attitude, *duration = map(float, text.split(","))
+        return Objective(length, attitude, *duration)
+    except (ValueError, TypeError):
+        names = ", ".join(OBJECTIVES)
+        allowed = f"it must be one of {names}, or two weights such as 1,10 and that of the duration"
         raise InvalidInput(Status.UNSUPPORTED, "--objective", text, allowed) from None
-    return Objective(length, attitude)
 
 
 def _method(name: str) -> Method:

@@ -21,6 +21,7 @@ from ff_planner_ros.planning.path_family import PathFamily
 from ff_planner_ros.planning.plan import SolverReport
 from ff_planner_ros.planning.preconditions import require_plannable
 from ff_planner_ros.planning.problem import (
+    DurationRange,
     Parametrisation,
     PlanningProblem,
     lasting,
@@ -39,6 +40,8 @@ _STRIDE = 0.1
 _LEVELS = ((13, 0.005, 1e-2, 2e-3, 40), (25, 0.0, 3e-3, 2e-4, 40))
 # A path on few points that violates a requirement by less may lead to a plan nearby.
 _PROMISING = 5e-3
+# The solver stays a little inside the range: so near to its end it means the end [s].
+_AT_END = 1e-4
 # So many moments that are promising are enough to choose from.
 _ENOUGH = 3
 
@@ -199,7 +202,7 @@ def improved(
         def linearise(along: Array, free: FreeProgram = free) -> PathLinearisation:
             watch.require_time()
             at_x = free.linearise(along)
-            effort.rollouts += 1
+            effort.rollouts += 3  # at the duration, and on both sides of it
             watch.report(
                 Progress(SEARCHING, effort.starts, effort.rollouts, at_x.objective, at_x.violation)
             )
@@ -211,9 +214,15 @@ def improved(
             return None
         along = solution.x
     return Moment(
-        free.duration(along),
+        _chosen(window, free.duration(along)),
         Parametrisation(family.name),
         along[:-1],
         solution.at_x.objective,
         solution.at_x.violation,
     )
+
+
+def _chosen(window: DurationRange, duration: float) -> float:
+    """Return the duration that the solver means [s]."""
+    ends = (window.minimum, window.maximum)
+    return next((end for end in ends if abs(duration - end) < _AT_END), duration)
