@@ -115,7 +115,7 @@ def _drawn(
     if witness is None:
         return None
     way, times = witness
-    body = _at_start(grip.body(_tip(robot, way[-1])), duration)
+    body = grip.body(_tip(robot, way[-1])).after(-duration)
     spheres = _attached(robot, way, times, body, rng)
     if len(spheres) < _FEWEST:
         return None
@@ -235,19 +235,6 @@ def _tip(robot: Robot, q: Array) -> pin.SE3:
     data = robot.model.createData()
     pin.forwardKinematics(robot.model, data, q)
     return pin.updateFramePlacement(robot.model, data, robot.tip_frame_id).copy()
-
-
-def _at_start(body: TargetBody, duration: float) -> TargetBody:
-    """Return a body so long [s] before: it comes back to where it was if it turns back."""
-    back = replace(
-        body, linear_velocity=-body.linear_velocity, angular_velocity=-body.angular_velocity
-    ).motion(np.zeros(3), np.array([duration]))
-    return replace(
-        body,
-        position=back.positions[0],
-        quaternion_xyzw=pin.Quaternion(back.rotations[0]).coeffs(),
-        angular_velocity=-back.twists[0, 3:],
-    )
 
 
 def _attached(

@@ -50,11 +50,12 @@ def command_parser() -> ArgumentParser:
 
     demo = add("demo", planning.show_demo, "plan the paper's capture over ROS, show the result")
     demo.add_argument(
-        "--testbed",
-        choices=("lemur", "bodies", "planar"),
+        *("--testbed", "--scene"),
+        choices=("lemur", "bodies", "planar", "tumbling"),
         default="lemur",
         help="lemur: the paper's capture in space (default); bodies: the same with the whole robot "
-        "kept clear, panels and all; planar: one on an air-bearing table",
+        "kept clear, panels and all; planar: one on an air-bearing table; tumbling: of a body "
+        "that tumbles",
     )
     demo.add_argument("--output", type=Path, default="demo_output", metavar="DIR")
 

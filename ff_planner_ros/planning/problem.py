@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import enum
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -37,7 +37,9 @@ __all__ = [
     "TargetBody",
     "attached_spheres",
     "capturing",
+    "carried_spheres",
     "lasting",
+    "with_attached_spheres",
 ]
 
 # Five points hold a plan's start, end and middle; above ten thousand the answer no longer
@@ -272,12 +274,15 @@ def capturing(body: TargetBody, problem: PlanningProblem) -> PlanningProblem:
     """Return a problem whose goal is the grasp of a body, with what is fixed to it in the way.
 
     Goal and attached obstacles of another body, that the problem may have had, are left out.
+
+    Raises:
+        InvalidInput: What is fixed to it has the name of an obstacle, or it turns too far.
     """
-    others = (sphere for sphere in problem.obstacles if sphere.body is None)
+    others = tuple(sphere for sphere in problem.obstacles if sphere.body is None)
     return replace(
         problem,
         target=body.target(problem.duration),
-        obstacles=(*others, *attached_spheres(body)),
+        obstacles=with_attached_spheres(others, body),
         target_body=body,
     )
 
@@ -299,6 +304,27 @@ def lasting(problem: PlanningProblem, duration: float | None) -> PlanningProblem
         if way.any():
             target = replace(target, position=target.position + way)
     return replace(problem, duration=chosen, target=target, duration_range=None)
+
+
+def carried_spheres(spheres: tuple[Sphere, ...], time: float) -> tuple[Sphere, ...]:
+    """Return spheres that rest or move uniformly as they will be in a time [s]."""
+    if not any(sphere.moves for sphere in spheres):
+        return spheres
+    return tuple(replace(one, center=one.center + one.way(time)) for one in spheres)
+
+
+def with_attached_spheres(obstacles: Sequence[Sphere], body: TargetBody) -> tuple[Sphere, ...]:
+    """Return obstacles, and what is fixed to a body behind them.
+
+    Raises:
+        InvalidInput: One of these has the name of an obstacle.
+    """
+    names, attached = {sphere.id for sphere in obstacles}, tuple(attached_spheres(body))
+    for index, sphere in enumerate(attached):
+        if sphere.id in names:
+            field, allowed = f"target_body.obstacles[{index}].id", "an obstacle has it, too"
+            raise InvalidInput(Status.OUT_OF_RANGE, field, sphere.id, allowed)
+    return (*obstacles, *attached)
 
 
 def attached_spheres(body: TargetBody) -> Iterator[Sphere]:

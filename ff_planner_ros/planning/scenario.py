@@ -24,7 +24,7 @@ from ff_planner_ros.planning.problem import (
     PlanningProblem,
     Sphere,
     Target,
-    attached_spheres,
+    with_attached_spheres,
 )
 from ff_planner_ros.planning.settings import PlannerSettings
 from ff_planner_ros.planning.tail import EndBehaviour
@@ -164,11 +164,6 @@ def _problem(
     require_enough_joints(robot, target)
     start = _start(robot, scenario["chaser"], scenario["joints"])
     obstacles = _obstacles(scenario["obstacles"])
-    attached = () if body is None else tuple(attached_spheres(body))
-    for index, sphere in enumerate(attached):
-        if sphere.id in {one.id for one in obstacles}:
-            field, allowed = f"target_body.obstacles[{index}].id", "an obstacle has it, too"
-            raise InvalidInput(Status.OUT_OF_RANGE, field, sphere.id, allowed)
     return PlanningProblem(
         robot=robot,
         start=start,
@@ -176,7 +171,7 @@ def _problem(
         duration=duration,
         duration_range=window,
         points=integer("points", scenario.get("points", points)),
-        obstacles=(*obstacles, *attached),
+        obstacles=obstacles if body is None else with_attached_spheres(obstacles, body),
         objective=_objective(scenario["objective"]),
         limits=_limits(scenario.get("limits", {}), limits),
         parametrisation=parametrisation_of(

@@ -219,6 +219,20 @@ class TargetBody:
             angular_acceleration=grasp.accelerations[0, 3:],
         )
 
+    def after(self, time: float) -> TargetBody:
+        """Return the body as it will be in a time [s], or as it was: a body that turns back."""
+        if time == 0.0:
+            return self
+        back = math.copysign(1.0, time)
+        turning = replace(self, angular_velocity=back * self.angular_velocity)
+        motion = turning.motion(np.zeros(3), np.array([abs(time)]))
+        return replace(
+            self,
+            position=self.position + time * self.linear_velocity,
+            quaternion_xyzw=pin.Quaternion(motion.rotations[0]).coeffs(),
+            angular_velocity=back * motion.twists[0, 3:],
+        )
+
     def seen_from(self, origin: Array, velocity: Array) -> TargetBody:
         """Return the body in an inertial frame of the same axes that is elsewhere and moves.
 

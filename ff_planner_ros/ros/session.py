@@ -16,7 +16,7 @@ from ff_planner_ros.bag.decoding import NANOSECONDS
 from ff_planner_ros.bag.writer import unique_directory
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.robot.model import read_urdf
-from ff_planner_ros.ros.inputs.input_topics import OBSTACLES, heard_with
+from ff_planner_ros.ros.inputs.input_topics import OBSTACLES, TARGET_BODY, heard_with
 from ff_planner_ros.ros.inputs.listener import Listener
 from ff_planner_ros.ros.inputs.scene_input import SceneInput
 from ff_planner_ros.ros.inputs.state_input import Snapshot, StateInput
@@ -124,7 +124,8 @@ class Session:
                 topic.name,
                 keep[topic.name],
                 qos_profile(getattr(qos, topic.name)),
-                serialised=topic is OBSTACLES,  # read when it is asked for: it may be large
+                serialised=topic
+                in (OBSTACLES, TARGET_BODY),  # read when it is asked for: it may be large
             )
         listener.start()
 

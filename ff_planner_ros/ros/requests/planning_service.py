@@ -276,9 +276,11 @@ class PlanningService:
         finally:
             self.solve_times.append(time.perf_counter() - begun)
 
+        body = asked.task.problem.target_body
+
         def write() -> tuple[PlanTrajectory.Response, JointTrajectory]:
             elapsed, frame = time.perf_counter() - begun, parameters.inertial_frame
-            written = response_from_plan(plan, job.plan_id, asked.start_ns, frame, elapsed)
+            written = response_from_plan(plan, job.plan_id, asked.start_ns, frame, elapsed, body)
             takes_torques = parameters.controller.effort_interface
             return written, controller_message(written.joint_trajectory, takes_torques)
 
@@ -297,6 +299,7 @@ class PlanningService:
             asked.task.end_behaviour,
             asked.task.problem.obstacles,
             parameters,
+            body,
         )
         asked_by = asked.asked_by or door
         job.seal()
