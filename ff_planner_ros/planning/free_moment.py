@@ -98,7 +98,8 @@ def moments(
 
     Raises:
         InvalidInput: The start violates what the plan must keep.
-        NoPlanFound: At no moment is the goal within reach, or the search was ended.
+        NoPlanFound: At no moment is the goal within reach.
+        OutOfTime: By the watch.
     """
     begun = _begun(problem, settings)
     found, shortest = list[Moment](), problem.durations.minimum
@@ -155,7 +156,7 @@ def _in_family(
         for (fixed, way), guesses in zip(ways, starts, strict=True):
             for guess in islice(guesses, 1):
                 effort.starts += 1
-                moment = improved(problem, fixed, way, guess, settings, watch, effort)
+                moment = _improved(problem, fixed, way, guess, settings, watch, effort)
                 if moment is not None:
                     yield moment
                     promising += moment.violation <= _PROMISING
@@ -177,7 +178,7 @@ def _guesses(fixed: PlanningProblem, way: PathFamily, first_guess: Array | None)
     yield from way.first_guesses(fixed.obstacles, points, damping)
 
 
-def improved(
+def _improved(
     problem: PlanningProblem,
     fixed: PlanningProblem,
     family: PathFamily,
