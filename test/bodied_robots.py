@@ -11,8 +11,11 @@ import coal
 import numpy as np
 import pinocchio as pin
 from robots import LEMUR_URDF, random_urdf
+from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.arrays import Array
+from ff_planner_ros.planning.problem import Sphere, attached_spheres
+from ff_planner_ros.planning.target_body import AttachedSphere, TargetBody
 from ff_planner_ros.robot.bodies import Body, Geometry
 from ff_planner_ros.robot.model import Robot, load_robot, robot_from_urdf_text
 
@@ -111,3 +114,22 @@ def moving_pairs(robot: Robot) -> list[tuple[int, int]]:
 
 def _words(vector: Array) -> str:
     return " ".join(str(float(number)) for number in vector)
+
+
+def tumbling_spheres(rng: np.random.Generator, around: Array, count: int) -> tuple[Sphere, ...]:
+    """Spheres that are fixed to a body which drifts and tumbles, about a metre from a place."""
+    moments = rng.uniform(1.0, 2.0, 3)
+    body = TargetBody(
+        position=around + 0.3 * rng.normal(size=3),
+        quaternion_xyzw=Rotation.random(random_state=rng).as_quat(),
+        inertia=np.diag(np.clip(moments, None, 0.9 * (moments.sum() - moments))),
+        grasp_position=[0.0, 0.0, 9.0],
+        grasp_quaternion_xyzw=[0.0, 0.0, 0.0, 1.0],
+        linear_velocity=0.05 * rng.normal(size=3),
+        angular_velocity=0.3 * rng.normal(size=3),
+        obstacles=tuple(
+            AttachedSphere(f"part_{number}", rng.normal(size=3), rng.uniform(0.05, 0.15))
+            for number in range(count)
+        ),
+    )
+    return tuple(attached_spheres(body))

@@ -46,6 +46,7 @@ from ff_planner_ros.ros.requests.reading import Knowledge, ReadRequest, read_req
 from ff_planner_ros.runs.offline_bag import record_answer
 from ff_planner_ros.runs.recorded_run import recorded_run
 from ff_planner_ros.runs.replay import Verdict, replay
+from ff_planner_ros.runs.report_of_bag import report_of_bag
 from ff_planner_ros.simulation.verification import verify
 
 FRAME = "inertial"
@@ -433,5 +434,13 @@ def test_an_offline_bag_of_a_capture_is_the_same_task_again(
     assert (scene.obstacles[0].center == rock.center).all()
     (motion,) = recovered.motions.values()
     assert verify(recovered.robot, motion, scene).passed
+    # And so is what a report draws.
+    (reported,) = report_of_bag(tmp_path / "bag", 1).requests
+    drawn = reported.plan
+    assert drawn is not None
+    assert drawn.obstacles is not None
+    assert [one.id for one in drawn.obstacles] == [one.id for one in asked_for.obstacles]
+    assert drawn.obstacles[-1].moves
+    assert drawn.goal.position == pytest.approx(problem.target.position, abs=1e-12)
     if not ahead:
         assert replay(recorded).verdict is Verdict.IDENTICAL

@@ -419,3 +419,43 @@ def test_after_the_capture_the_arm_goes_on_with_the_body(kind: str) -> None:
     assert np.linalg.norm(straight - motion.ee_positions[-1]) > 5e-4
     found = verify(drawn.robot, motion, scene_of(drawn))
     assert found.passed
+
+
+SCENARIOS = Path(__file__).parents[1] / "config" / "scenarios"
+
+
+def test_what_the_tool_grasps_may_touch_it_from_near_the_goal_on_as_the_body_moves_on() -> None:
+    given = load_scenario(SCENARIOS / "lemur_tumbling.yaml")
+    body = body_of(given)
+    grasp = Rotation.from_quat(body.grasp_quaternion_xyzw.copy())
+    fixture = AttachedSphere("fixture", body.grasp_position + grasp.apply([0, 0, 0.2]), 0.08)
+    asked = capturing(replace(body, obstacles=(*body.obstacles, fixture)), given)
+    holding: dict[str, Any] = {"end_behaviour": EndBehaviour.HOLD_END_EFFECTOR, "tail": 2.0}
+    with pytest.raises(NoPlanFound, match="name link_7/fixture in allowed_at_goal"):
+        perform(PlanningTask(asked, SETTINGS, **holding))
+    asked = replace(asked, allowed_at_goal=("link_7/fixture",), contact_distance=0.25)
+    motion = perform(PlanningTask(asked, SETTINGS, **holding)).trajectory
+    assert verify(asked.robot, motion, scene_of(asked)).passed
+    # It does touch, in the tail, too, where the goal is elsewhere than at the capture.
+    found = verify(asked.robot, motion, replace(scene_of(asked), allowed_at_goal=()))
+    (contact,) = found.contacts
+    assert contact.pair == "link_7/fixture"
+    assert asked.duration - 4.0 < contact.first_time < asked.duration
+    assert np.linalg.norm(asked.target.position - motion.ee_positions[-1]) > 0.02
+
+
+def test_a_body_that_leaves_the_table_is_refused_by_its_own_field() -> None:
+    given = load_scenario(SCENARIOS / "planar_capture.yaml")
+    flat = TargetBody(
+        position=given.target.position,
+        quaternion_xyzw=[0.0, 0.0, 0.0, 1.0],
+        inertia=np.diag([1.0, 1.2, 1.5]),
+        grasp_position=np.zeros(3),
+        grasp_quaternion_xyzw=given.target.quaternion_xyzw,
+        angular_velocity=[0.0, 0.0, 0.05],
+    )
+    capturing(flat.after(-given.duration), given)
+    rolling = replace(flat, angular_velocity=[0.05, 0.0, 0.0])
+    with pytest.raises(InvalidInput) as refused:
+        capturing(rolling.after(-given.duration), given)
+    assert refused.value.field == "target_body.angular_velocity"

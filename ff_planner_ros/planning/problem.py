@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ff_planner_ros.arrays import Array, finite_number, finite_vector
-from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.errors import InvalidInput, Status, fields_named
 from ff_planner_ros.planning.target import (
     Orientation,
     Target,
@@ -49,6 +49,15 @@ MIN_POINTS, MAX_POINTS = 5, 10_000
 # What a tool closes on is within its reach: so near its goal the end effector may touch, where the
 # problem does not say it [m].
 CONTACT_DISTANCE = 0.1
+
+
+# Where the target of a capture comes from.
+_OF_BODY = {
+    "target.position": "target_body.grasp.position",
+    "target.quaternion_xyzw": "target_body.grasp.quaternion_xyzw",
+    "target.linear_velocity": "target_body.linear_velocity",
+    "target.angular_velocity": "target_body.angular_velocity",
+}
 
 
 def _zeros() -> Array:
@@ -237,7 +246,8 @@ class PlanningProblem:
         finite_vector("joints.position", self.start.joint_positions, self.robot.joints)
         if self.robot.base is Base.PLANAR:
             object.__setattr__(self, "start", on_the_table(self.start))
-            target = target_on_the_table(self.robot, self.start, self.target)
+            with fields_named({} if self.target_body is None else _OF_BODY):
+                target = target_on_the_table(self.robot, self.start, self.target)
             object.__setattr__(self, "target", target)
         require_enough_joints(self.robot, self.target)
         distance = finite_number("contact_distance", self.contact_distance, above=0.0)
