@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from ff_planner_ros.planning.metrics import Metrics as Metrics
     from ff_planner_ros.planning.plan import Plan as Plan
     from ff_planner_ros.planning.plan import Trajectory as Trajectory
+    from ff_planner_ros.planning.problem import DurationRange as DurationRange
     from ff_planner_ros.planning.problem import Limits as Limits
     from ff_planner_ros.planning.problem import Objective as Objective
     from ff_planner_ros.planning.problem import PlanningProblem as PlanningProblem
@@ -44,6 +45,7 @@ _MODULES = {
     "planning.task": ("PlanningTask", "perform"),
     "planning.problem": (
         *("PlanningProblem", "Target", "Sphere", "Objective", "Limits"),
+        "DurationRange",
         "capturing",
     ),
     "planning.target_body": ("TargetBody", "AttachedSphere"),

@@ -185,6 +185,8 @@ def scenario(tmp_path: Path) -> Any:
         if place[:1] == ("target_body",):
             del changed["target"]
             changed["target_body"] = json.loads(json.dumps(body))
+        if place[:1] == ("duration",):
+            changed["duration"] = {"min": 9.0, "max": 10.0}
         block = changed
         for name in place:
             block = block[name] if isinstance(name, int) else block.setdefault(name, {})

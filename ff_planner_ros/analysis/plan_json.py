@@ -21,9 +21,10 @@ from ff_planner_ros.planning.problem import (
     Sphere,
     Target,
     attached_spheres,
+    lasting,
 )
 from ff_planner_ros.planning.scenario import target_body_of
-from ff_planner_ros.planning.scenario_writer import described_body
+from ff_planner_ros.planning.scenario_writer import described_body, weights_of
 from ff_planner_ros.planning.scene import Scene
 from ff_planner_ros.planning.sound_samples import require_sound_samples
 from ff_planner_ros.planning.target_body import TargetBody
@@ -55,7 +56,7 @@ class PlanDocument:
 
 def plan_dictionary(plan: Plan, task: PlanningTask, solve_time: float) -> dict[str, Any]:
     """Return a plan, its robot and its problem: SI units, radians, a row per point."""
-    motion, problem = plan.trajectory, task.problem
+    motion, problem = plan.trajectory, lasting(task.problem, plan.duration)
     return {
         "status": Status.SOLVED.name.lower(),
         "message": plan.solver.stop_reason,
@@ -69,7 +70,7 @@ def plan_dictionary(plan: Plan, task: PlanningTask, solve_time: float) -> dict[s
         },
         "target": _target(problem.target),
         "duration": problem.duration,
-        "objective": asdict(problem.objective),
+        "objective": weights_of(problem.objective),
         "obstacles": [
             {"id": sphere.id, "center": sphere.center.tolist(), "radius": sphere.radius}
             | ({"velocity": sphere.velocity.tolist()} if sphere.velocity.any() else {})
@@ -231,7 +232,7 @@ def _asked_for(
     attached = () if body is None else tuple(attached_spheres(body))
     try:
         return (
-            None if objective is None else astuple(Objective(**objective)),
+            None if objective is None else astuple(Objective(**objective))[:2],
             None if obstacles is None else (*map(_sphere, obstacles), *attached),
         )
     except (TypeError, LookupError):

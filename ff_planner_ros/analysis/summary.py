@@ -29,6 +29,11 @@ def plan_rows(plan: Plan, task: PlanningTask, solve_time: float) -> list[tuple[s
     told["peak_joint_torques"] += f", {plan.joint_names[np.argmax(metrics.peak_joint_torques)]}"
     return [
         ("status", Status.SOLVED.name.lower()),
+        *(
+            []
+            if task.problem.duration_range is None or plan.duration is None
+            else [("duration", f"{plan.duration:.3f} s, chosen")]
+        ),
         ("limits kept", _limits(task.problem.limits)),
         *((METRIC_BY_NAME[name].label, text) for name, text in told.items()),
         *([("parametrisation", plan.family)] if plan.family else []),

@@ -24,6 +24,8 @@ from ff_planner_ros.bench.beliefs import BELIEFS, BeliefResult, belief_results
 from ff_planner_ros.bench.captures import HEADER as CAPTURES_HEADER
 from ff_planner_ros.bench.captures import capture_attempts, capture_rows
 from ff_planner_ros.bench.families import HEADER, family_attempts, side_by_side
+from ff_planner_ros.bench.free_moments import HEADER as FREE_HEADER
+from ff_planner_ros.bench.free_moments import free_attempts, free_rows
 from ff_planner_ros.bench.geometries import HEADER as GEOMETRIES_HEADER
 from ff_planner_ros.bench.geometries import (
     crowded_problems,
@@ -61,6 +63,8 @@ _FAMILIES = 40
 _GEOMETRIES = 60
 # Bodies of each class that are captured, and the plans executed.
 _CAPTURES = 100
+# Of which the planner chooses the duration, in each range; a sweep over durations follows.
+_FREE = 20
 
 
 def run_on_one_core(quick: bool, scenarios: int | None, json_file: Path | None) -> int:
@@ -92,6 +96,7 @@ def main(quick: bool, scenarios: int, json_file: str) -> None:
     figures["geometries"] = print_geometries(min(scenarios, _GEOMETRIES), settings)
     figures["crowds"] = print_crowds(settings, quick=quick)
     figures["captures"] = print_captures(min(scenarios, _CAPTURES), settings)
+    figures["free moments"] = print_free_moments(min(scenarios, _FREE), settings, quick=quick)
     figures["steadiness"] = print_steadiness(1 if quick else len(BEST_KNOWN), settings)
     figures["executions"] = print_executions(1 if quick else min(scenarios, _EXECUTED), settings)
     if json_file:
@@ -269,6 +274,18 @@ def print_captures(count: int, settings: PlannerSettings) -> list[dict[str, Any]
     for each in tried:
         if each.status is not Status.SOLVED:
             print(f"missed: {each.kind} {each.number}: {each.status.name}: {each.message}")
+    return _figures(tried)
+
+
+def print_free_moments(
+    count: int, settings: PlannerSettings, *, quick: bool
+) -> list[dict[str, Any]]:
+    """Plan the fastest captures, and return the figures."""
+    tried = list(free_attempts(count, settings, sweep=not quick))
+    print_table("Fastest captures", FREE_HEADER, list(free_rows(tried)))
+    for each in tried:
+        if each.status is not Status.SOLVED:
+            print(f"missed: {each.shortest} {each.number}: {each.status.name}: {each.message}")
     return _figures(tried)
 
 

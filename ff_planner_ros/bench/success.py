@@ -14,7 +14,7 @@ from ff_planner_ros.errors import FfPlannerError, NoPlanFound, Status
 from ff_planner_ros.planning.check import measure
 from ff_planner_ros.planning.plan import Plan
 from ff_planner_ros.planning.planner import plan
-from ff_planner_ros.planning.problem import PlanningProblem
+from ff_planner_ros.planning.problem import PlanningProblem, lasting
 from ff_planner_ros.planning.settings import PlannerSettings
 from ff_planner_ros.planning.task import PlanningTask, perform
 from ff_planner_ros.planning.watch import Watch
@@ -54,7 +54,8 @@ class Stopwatch:
             made = plan(problem, settings, watch, guess)
         finally:
             self.seconds = time.perf_counter() - begun
-        return replace(made, metrics=measure(problem, made.trajectory, settings))
+        fixed = lasting(problem, made.duration)
+        return replace(made, metrics=measure(fixed, made.trajectory, settings))
 
 
 def attempts(kind: str, count: int, settings: PlannerSettings) -> Iterator[Attempt]:

@@ -203,7 +203,7 @@ def _how_to_plan() -> ArgumentParser:
         "--objective",
         metavar="{length,attitude,L,THETA}",
         help="instead of the scenario's weights: one of the two names, or a pair such as 1,10: "
-        "weights of joint path length and chaser attitude",
+        "weights of joint path length and chaser attitude, and of the duration if there is a third",
     )
     options.add_argument(
         "--method",

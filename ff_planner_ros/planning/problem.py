@@ -26,6 +26,7 @@ from ff_planner_ros.shown import quoted
 __all__ = [
     "MAX_POINTS",
     "MIN_POINTS",
+    "DurationRange",
     "Limits",
     "Objective",
     "Orientation",
@@ -37,6 +38,7 @@ __all__ = [
     "attached_spheres",
     "capturing",
     "carried_spheres",
+    "lasting",
     "with_attached_spheres",
 ]
 
@@ -120,27 +122,33 @@ class Sphere:
 
 @dataclass(frozen=True)
 class Objective:
-    """Weights of Eq. (44), joint path length, and Eq. (45), chaser attitude.
+    """Weights of Eq. (44), joint path length, of Eq. (45), chaser attitude, and of the duration.
 
     Raises:
-        InvalidInput: Not finite, negative, or both zero.
+        InvalidInput: Not finite, negative, or all zero.
     """
 
     joint_path_length: float
     chaser_attitude: float
+    duration: float = 0.0  # [rad/s]; of no effect where the duration is given
 
     def __post_init__(self) -> None:
-        """Check both weights."""
-        for name in ("joint_path_length", "chaser_attitude"):
+        """Check the weights."""
+        for name in ("joint_path_length", "chaser_attitude", "duration"):
             weight = finite_number(f"objective.{name}", getattr(self, name))
             if weight < 0.0:
                 raise InvalidInput(
                     Status.OUT_OF_RANGE, f"objective.{name}", weight, "it must not be negative"
                 )
-        if self.joint_path_length == self.chaser_attitude == 0.0:
+        if self.joint_path_length == self.chaser_attitude == self.duration == 0.0:
             raise InvalidInput(
                 Status.OUT_OF_RANGE, "objective", "all zero", "one weight must be positive"
             )
+
+    @property
+    def only_duration(self) -> bool:
+        """Whether the shortest plan is asked for, whatever else it is."""
+        return self.joint_path_length == self.chaser_attitude == 0.0
 
 
 @dataclass(frozen=True)
@@ -166,13 +174,41 @@ class Limits:
 
 
 @dataclass(frozen=True, eq=False)
+class DurationRange:
+    """Durations of which the planner chooses one.
+
+    Raises:
+        InvalidInput: Not positive, or in the wrong order.
+    """
+
+    minimum: float  # greater than zero [s]
+    maximum: float  # [s]
+    # Of the target's place by the duration: it rests where it is told, but a frame that moves sees
+    # it elsewhere if the duration is another; shape (3,) [m/s]
+    target_velocity: Array = field(default_factory=_zeros)
+
+    def __post_init__(self) -> None:
+        """Check every value."""
+        for name, above in (("minimum", 0.0), ("maximum", None)):
+            told = f"duration.{name[:3]}"
+            checked = finite_number(told, getattr(self, name), above=above)
+            object.__setattr__(self, name, checked)
+        if self.maximum < self.minimum:
+            allowed = f"it must be at least duration.min, {self.minimum:g} s"
+            raise InvalidInput(Status.OUT_OF_RANGE, "duration.max", self.maximum, allowed)
+        checked_velocity = finite_vector("target_velocity", self.target_velocity, 3)
+        object.__setattr__(self, "target_velocity", checked_velocity)
+
+
+@dataclass(frozen=True, eq=False)
 class PlanningProblem:
     """What is asked of the planner: a motion from a start state to a target.
 
     Raises:
-        InvalidInput: A duration or contact distance that is not positive, a number of points out of
-            range, a contact that is none of the robot's, or a state whose number of joints is not
-            the robot's or that leaves the plane of a planar base.
+        InvalidInput: A duration or contact distance that is not positive, a duration out of its
+            range, a number of points out of range, a contact that is none of the robot's, or a
+            state whose number of joints is not the robot's or that leaves the plane of a planar
+            base.
     """
 
     robot: Robot
@@ -190,10 +226,16 @@ class PlanningProblem:
     contact_distance: float = CONTACT_DISTANCE  # greater than zero [m]
     # Whose grasp the target is, and to which some of the obstacles are fixed; None: to none
     target_body: TargetBody | None = None
+    # Of which the planner chooses a duration; None: the duration is given
+    duration_range: DurationRange | None = None
 
     def __post_init__(self) -> None:
         """Check what the parts cannot check by themselves."""
         object.__setattr__(self, "duration", finite_number("duration", self.duration, above=0.0))
+        window = self.duration_range
+        if window is not None and not window.minimum <= self.duration <= window.maximum:
+            allowed = f"it must be from {window.minimum:g} s to {window.maximum:g} s"
+            raise InvalidInput(Status.OUT_OF_RANGE, "duration", self.duration, allowed)
         if not MIN_POINTS <= self.points <= MAX_POINTS:
             raise InvalidInput(
                 Status.OUT_OF_RANGE,
@@ -214,6 +256,11 @@ class PlanningProblem:
         object.__setattr__(self, "allowed_at_goal", tuple(sorted(set(self.allowed_at_goal))))
         if self.allowed_at_goal:
             self._require_known_contacts()
+
+    @property
+    def durations(self) -> DurationRange:
+        """Those to choose from: one where the duration is given."""
+        return self.duration_range or DurationRange(self.duration, self.duration)
 
     def _require_known_contacts(self) -> None:
         """Refuse an allowed contact of what there is not."""
@@ -248,6 +295,25 @@ def capturing(body: TargetBody, problem: PlanningProblem) -> PlanningProblem:
         obstacles=with_attached_spheres(others, body),
         target_body=body,
     )
+
+
+def lasting(problem: PlanningProblem, duration: float | None) -> PlanningProblem:
+    """Return a problem whose duration is chosen; one whose duration is given stays what it is.
+
+    Args:
+        duration: The one that is chosen [s]. None: not known, that of the problem.
+    """
+    window, body = problem.duration_range, problem.target_body
+    if window is None:
+        return problem
+    chosen = problem.duration if duration is None else duration
+    if body is not None:
+        target = body.target(chosen)
+    else:
+        target, way = problem.target, (chosen - problem.duration) * window.target_velocity
+        if way.any():
+            target = replace(target, position=target.position + way)
+    return replace(problem, duration=chosen, target=target, duration_range=None)
 
 
 def carried_spheres(spheres: tuple[Sphere, ...], time: float) -> tuple[Sphere, ...]:

@@ -16,6 +16,7 @@ from ff_planner_ros.planning.controller_rules import Controller
 from ff_planner_ros.planning.joint_motion import JointMotion
 from ff_planner_ros.planning.problem import (
     CONTACT_DISTANCE,
+    DurationRange,
     Limits,
     Objective,
     Orientation,
@@ -156,7 +157,7 @@ def _problem(
         allowed = "either it or target_body must be given"
         raise InvalidInput(Status.OUT_OF_RANGE, "target", found, allowed)
     robot = _robot(scenario["robot"], directory)
-    duration = finite_number("duration", number("duration", scenario["duration"]), above=0.0)
+    duration, window = _duration(scenario["duration"])
     body = target_body_of(scenario["target_body"]) if "target_body" in scenario else None
     target = _target(scenario["target"]) if body is None else body.target(duration)
     # Before the start: an arm that cannot meet the target may well be unable to rest, too.
@@ -168,6 +169,7 @@ def _problem(
         start=start,
         target=target,
         duration=duration,
+        duration_range=window,
         points=integer("points", scenario.get("points", points)),
         obstacles=obstacles if body is None else with_attached_spheres(obstacles, body),
         objective=_objective(scenario["objective"]),
@@ -186,6 +188,16 @@ def _problem(
         ),
         target_body=body,
     )
+
+
+def _duration(value: object) -> tuple[float, DurationRange | None]:
+    """Return the duration and, where the planner is to choose one, its range, else None."""
+    if not isinstance(value, dict):
+        return finite_number("duration", number("duration", value), above=0.0), None
+    entry = mapping("duration", value, required=("min", "max"))
+    shortest, longest = (number(f"duration.{name}", entry[name]) for name in ("min", "max"))
+    window = DurationRange(shortest, longest)
+    return window.maximum, window
 
 
 def _limits(value: object, defaults: Limits) -> Limits:
@@ -375,7 +387,8 @@ def _obstacles(value: object) -> tuple[Sphere, ...]:
 
 
 def _objective(value: object) -> Objective:
-    entry = mapping("objective", value, required=("joint_path_length", "chaser_attitude"))
+    required = ("joint_path_length", "chaser_attitude")
+    entry = mapping("objective", value, required, optional=("duration",))
     return Objective(**{key: number(f"objective.{key}", entry[key]) for key in entry})
 
 

@@ -11,7 +11,7 @@ import yaml
 
 from ff_planner_ros.arrays import normalising_to
 from ff_planner_ros.errors import InvalidInput, Status
-from ff_planner_ros.planning.problem import Orientation, PlanningProblem, Target
+from ff_planner_ros.planning.problem import Objective, Orientation, PlanningProblem, Target
 from ff_planner_ros.planning.scenario import Defaults, load_task
 from ff_planner_ros.planning.target_body import TargetBody
 from ff_planner_ros.planning.task import PlanningTask
@@ -65,7 +65,7 @@ def _problem(problem: PlanningProblem) -> dict[str, Any]:
         }
         | ({} if accelerations is None else {"acceleration": accelerations.tolist()}),
         **_goal(problem),
-        "duration": float(problem.duration),
+        "duration": _duration(problem),
         "points": int(problem.points),
         "obstacles": [
             {"id": str(sphere.id), "center": sphere.center.tolist(), "radius": sphere.radius}
@@ -73,7 +73,7 @@ def _problem(problem: PlanningProblem) -> dict[str, Any]:
             for sphere in problem.obstacles
             if sphere.body is None
         ],
-        "objective": {name: float(weight) for name, weight in asdict(problem.objective).items()},
+        "objective": weights_of(problem.objective),
         "limits": {
             "position": "from_urdf",
             "velocity": "from_urdf" if limits.joint_velocities else "none",
@@ -89,6 +89,19 @@ def _problem(problem: PlanningProblem) -> dict[str, Any]:
             else {}
         ),
     }
+
+
+def weights_of(objective: Objective) -> dict[str, float]:
+    """Return an objective as a scenario has it."""
+    weights = {name: float(weight) for name, weight in asdict(objective).items()}
+    return {name: weight for name, weight in weights.items() if weight or name != "duration"}
+
+
+def _duration(problem: PlanningProblem) -> float | dict[str, float]:
+    window = problem.duration_range
+    if window is None:
+        return float(problem.duration)
+    return {"min": window.minimum, "max": window.maximum}
 
 
 def _goal(problem: PlanningProblem) -> dict[str, Any]:

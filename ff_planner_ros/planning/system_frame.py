@@ -43,7 +43,7 @@ class SystemFrame:
 
     def problem(self, problem: PlanningProblem) -> PlanningProblem:
         """Return a problem of the user's frame, whose first point is at time zero, in this one."""
-        target, end = problem.target, problem.duration
+        target, end, window = problem.target, problem.duration, problem.duration_range
         seen = replace(
             problem,
             start=self.start,
@@ -64,6 +64,9 @@ class SystemFrame:
                 )
                 for sphere in problem.obstacles
             ),
+            duration_range=None
+            if window is None
+            else replace(window, target_velocity=self._velocity_here(window.target_velocity)),
         )
         body = problem.target_body
         if body is None:

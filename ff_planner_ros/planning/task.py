@@ -19,7 +19,14 @@ from ff_planner_ros.planning.forward import carried_forward
 from ff_planner_ros.planning.joint_motion import JointMotion
 from ff_planner_ros.planning.plan import Plan
 from ff_planner_ros.planning.planner import NOBODY, plan
-from ff_planner_ros.planning.problem import Orientation, Parametrisation, PlanningProblem, Sphere
+from ff_planner_ros.planning.problem import (
+    Objective,
+    Orientation,
+    Parametrisation,
+    PlanningProblem,
+    Sphere,
+    lasting,
+)
 from ff_planner_ros.planning.settings import PlannerSettings
 from ff_planner_ros.planning.system_frame import system_frame
 from ff_planner_ros.planning.tail import EndBehaviour, with_tail
@@ -127,11 +134,16 @@ def _is_absent(value: Any, name: str) -> bool:
         return not value.velocity.any()
     if name == "parametrisation":
         return getattr(value, name) is Parametrisation.AUTO
+    if name == "duration" and isinstance(value, Objective):
+        return value.duration == 0.0
     if name == "orientation":
         return getattr(value, name) is Orientation.FIXED
     if name in ("allowed_at_goal", "contact_distance"):
         return not value.allowed_at_goal
-    newer = ("joint_accelerations", "free_axis_in_ee", "target_body", "body", "place_in_body")
+    newer = (
+        *("joint_accelerations", "free_axis_in_ee", "target_body", "body", "place_in_body"),
+        "duration_range",
+    )
     return name in newer and getattr(value, name) is None
 
 
@@ -180,6 +192,7 @@ def _performed(task: PlanningTask, problem: PlanningProblem, watch: Watch, metho
     """Return the plan for a problem in the frame of the plan, judged."""
     settings = task.settings
     to_goal = method(problem, settings, watch, task.first_guess)
+    problem = lasting(problem, to_goal.duration)
     found = tuple(failures(problem, to_goal, settings))
     if found:
         raise _refused(to_goal, found, is_planner=method is plan)
