@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.planning.target_body import TargetBody
+from ff_planner_ros.simulation.engine import mujoco
 from ff_planner_ros.simulation.execution import Execution
 
 # In one step of the engine's RK4 the body turns no further [rad]; it takes so many steps at least.
@@ -66,8 +67,6 @@ def capture(body: TargetBody, time: float, execution: Execution) -> Capture:
 
 def moved_in_engine(body: TargetBody, time: float) -> tuple[Array, Rotation, Array]:
     """Return where the engine moves a body in a time [s]: centre of mass, attitude and twist."""
-    import mujoco  # where it is missing, `engine` says what to do
-
     # MuJoCo refuses moments that are far from its own units; only their ratios matter.
     moments, axes = np.linalg.eigh(body.inertia / np.trace(body.inertia))
     axes[:, 0] *= np.linalg.det(axes)

@@ -12,7 +12,6 @@ from itertools import pairwise
 from typing import Any
 
 import coal
-import mujoco
 import numpy as np
 import pinocchio as pin
 
@@ -21,7 +20,7 @@ from ff_planner_ros.planning.clearance import centers_at
 from ff_planner_ros.planning.scene import Scene
 from ff_planner_ros.robot.bodies import Body
 from ff_planner_ros.robot.model import Robot
-from ff_planner_ros.simulation.engine import compiled, specification
+from ff_planner_ros.simulation.engine import compiled, mujoco, specification
 
 # So often it is looked between two states of an execution. From one to the next nothing turns by
 # more than 0.01 rad: from look to look a corner 3 m away moves 1.5 mm.

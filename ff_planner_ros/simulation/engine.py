@@ -21,7 +21,7 @@ from ff_planner_ros.robot.model import Base, Robot
 from ff_planner_ros.robot.state import SystemState
 
 try:
-    import mujoco
+    import mujoco as mujoco  # others have it from here: what its absence means is told once
 except ModuleNotFoundError:
     raise FfPlannerError(
         Status.UNSUPPORTED,
