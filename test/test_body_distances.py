@@ -20,15 +20,15 @@ from robots import random_state
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.core import compiled
 from ff_planner_ros.core.chain import chain_of
-from ff_planner_ros.planning.bodies import (
+from ff_planner_ros.planning.bodies import placed_bodies
+from ff_planner_ros.planning.body_certificate import centers_in_base
+from ff_planner_ros.planning.body_distances import (
     distance_from,
     pair_distances,
     pair_gradients,
-    placed_bodies,
     sphere_distances,
     sphere_gradients,
 )
-from ff_planner_ros.planning.body_certificate import centers_in_base
 from ff_planner_ros.planning.clearance import attached_to_bodies, centers_at, sphere_arrays
 from ff_planner_ros.planning.compiled_bodies import compiled_bodies
 from ff_planner_ros.robot.bodies import Body

@@ -16,17 +16,13 @@ from ff_planner_ros.arrays import Array
 from ff_planner_ros.core import compiled
 from ff_planner_ros.core.chain import chain_of
 from ff_planner_ros.planning import search_certificate
-from ff_planner_ros.planning.bodies import (
-    Kind,
-    kinds_and_sizes,
-    pair_distances,
-    placed_bodies,
-)
+from ff_planner_ros.planning.bodies import Kind, kinds_and_sizes, placed_bodies
 from ff_planner_ros.planning.body_certificate import (
     EXACT_PART,
     least_pair_distance,
     least_sphere_distance,
 )
+from ff_planner_ros.planning.body_distances import pair_distances
 from ff_planner_ros.planning.body_reaches import base_reaches, body_reaches, pair_reaches
 from ff_planner_ros.planning.certificate import CERTIFICATE_GAP
 from ff_planner_ros.planning.compiled_bodies import compiled_bodies

@@ -18,11 +18,10 @@ import pinocchio as pin
 from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.arrays import Array, Indices
-from ff_planner_ros.planning.bodies import (
-    Placed,
+from ff_planner_ros.planning.bodies import Placed, placed_bodies
+from ff_planner_ros.planning.body_distances import (
     pair_bounds,
     pair_distances,
-    placed_bodies,
     sphere_bounds,
     sphere_distances,
 )

@@ -10,17 +10,17 @@ import pinocchio as pin
 
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.planning.allowed_contact import before_contact, split_pairs, split_spheres
-from ff_planner_ros.planning.bodies import (
+from ff_planner_ros.planning.bodies import placed_bodies
+from ff_planner_ros.planning.body_certificate import centers_in_base
+from ff_planner_ros.planning.body_distances import (
     distance_from,
     pair_bounds,
     pair_distances,
     pair_gradients,
-    placed_bodies,
     sphere_bounds,
     sphere_distances,
     sphere_gradients,
 )
-from ff_planner_ros.planning.body_certificate import centers_in_base
 from ff_planner_ros.planning.clearance import centers_at
 from ff_planner_ros.planning.problem import Orientation, PlanningProblem
 

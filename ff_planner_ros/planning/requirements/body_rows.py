@@ -15,14 +15,14 @@ from ff_planner_ros.arrays import Array, Indices
 from ff_planner_ros.core import compiled
 from ff_planner_ros.core.chain import chain_of
 from ff_planner_ros.planning.allowed_contact import before_contact, split_pairs, split_spheres
-from ff_planner_ros.planning.bodies import (
+from ff_planner_ros.planning.bodies import placed_bodies
+from ff_planner_ros.planning.body_certificate import centers_in_base
+from ff_planner_ros.planning.body_distances import (
     pair_distances,
     pair_gradients,
-    placed_bodies,
     sphere_distances,
     sphere_gradients,
 )
-from ff_planner_ros.planning.body_certificate import centers_in_base
 from ff_planner_ros.planning.clearance import attached_to_bodies, centers_at, sphere_arrays
 from ff_planner_ros.planning.compiled_bodies import compiled_bodies
 from ff_planner_ros.planning.path_family import Motion, Sensitivity
