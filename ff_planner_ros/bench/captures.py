@@ -10,10 +10,11 @@ import numpy as np
 from ff_planner_ros.bench import tumbling
 from ff_planner_ros.bench.success import Stopwatch
 from ff_planner_ros.errors import FfPlannerError, Status
+from ff_planner_ros.planning.plan import Plan
+from ff_planner_ros.planning.problem import PlanningProblem
 from ff_planner_ros.planning.scene import scene_of
 from ff_planner_ros.planning.settings import PlannerSettings
 from ff_planner_ros.planning.task import PlanningTask, perform
-from ff_planner_ros.simulation.verification import verify
 
 HEADER = (
     *("class", "problems", "solved", "median [s]", "95 % [s]", "apart in MuJoCo [mm]"),
@@ -30,7 +31,7 @@ class CaptureAttempt:
     status: Status
     message: str  # cause of a miss; empty if solved
     seconds: float  # that the planner took
-    # Of end effector and grasp at the capture, as executed; None for a miss
+    # Of end effector and grasp at the capture, as executed; None for a miss, and without MuJoCo
     position_error: float | None  # [m]
     orientation_error: float | None  # [rad]
     linear_speed: float | None  # [m/s]
@@ -47,13 +48,20 @@ def capture_attempts(count: int, settings: PlannerSettings) -> Iterator[CaptureA
                 missed = (error.status, str(error), stopwatch.seconds, None, None, None)
                 yield CaptureAttempt(kind, number, *missed)
                 continue
-            found = verify(problem.robot, plan.trajectory, scene_of(problem)).capture
-            errors = (
-                (None, None, None)
-                if found is None
-                else (found.position_error, found.orientation_error, found.linear_speed)
-            )
+            errors = _errors(problem, plan)
             yield CaptureAttempt(kind, number, Status.SOLVED, "", stopwatch.seconds, *errors)
+
+
+def _errors(problem: PlanningProblem, plan: Plan) -> tuple[float | None, ...]:
+    """Return position [m], orientation [rad] and speed [m/s] of the capture as executed."""
+    try:
+        from ff_planner_ros.simulation.verification import verify
+    except FfPlannerError:  # MuJoCo is not installed: the rest of the table needs none
+        return None, None, None
+    found = verify(problem.robot, plan.trajectory, scene_of(problem)).capture
+    if found is None:
+        return None, None, None
+    return found.position_error, found.orientation_error, found.linear_speed
 
 
 def capture_rows(tried: Sequence[CaptureAttempt]) -> Iterator[tuple[str, ...]]:
@@ -62,16 +70,19 @@ def capture_rows(tried: Sequence[CaptureAttempt]) -> Iterator[tuple[str, ...]]:
         group = [each for each in tried if each.kind == kind]
         solved = [each for each in group if each.status is Status.SOLVED]
         seconds = [each.seconds for each in group]
-        apart = [each.position_error or 0.0 for each in solved]
-        turned = [each.orientation_error or 0.0 for each in solved]
-        moving = [each.linear_speed or 0.0 for each in solved]
         yield (
             kind,
             f"{len(group)}",
             f"{len(solved) / len(group):.1%}",
             f"{np.median(seconds):.3f}",
             f"{np.quantile(seconds, 0.95):.3f}",
-            f"{1e3 * max(apart, default=0.0):.4f}",
-            f"{np.rad2deg(max(turned, default=0.0)):.4f}",
-            f"{1e3 * max(moving, default=0.0):.4f}",
+            _worst([each.position_error for each in solved], 1e3),
+            _worst([each.orientation_error for each in solved], np.rad2deg(1.0)),
+            _worst([each.linear_speed for each in solved], 1e3),
         )
+
+
+def _worst(errors: Sequence[float | None], unit: float) -> str:
+    """Return the largest of the errors that are known, in its unit."""
+    known = [error for error in errors if error is not None]
+    return f"{unit * max(known):.4f}" if known else "-"
