@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import re
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 
@@ -40,6 +41,23 @@ def with_solids(urdf: str, solids: dict[str, str]) -> str:
             flags=re.DOTALL,
         )
     return urdf
+
+
+def pinocchio_geometry(robot: Robot, spheres: Sequence[Sphere]) -> pin.GeometryModel:
+    """Return bodies, then spheres, and all pairs that must not touch: bodies', then spheres'."""
+    model = pin.GeometryModel()
+    for k, body in enumerate(robot.bodies):
+        model.addGeometryObject(
+            pin.GeometryObject(f"b{k}", body.joint, body.placement_in_joint, body.solid)
+        )
+    for k, sphere in enumerate(spheres):
+        ball, place = coal.Sphere(sphere.radius), pin.SE3(np.eye(3), sphere.center)
+        model.addGeometryObject(pin.GeometryObject(f"s{k}", 0, place, ball))
+    count = len(robot.bodies)
+    with_spheres = [(a, count + b) for a in range(count) for b in range(len(spheres))]
+    for pair in (*robot.pairs, *with_spheres):
+        model.addCollisionPair(pin.CollisionPair(*pair))
+    return model
 
 
 @cache

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ff_planner_ros.bench import tumbling
-from ff_planner_ros.bench.success import Stopwatch
+from ff_planner_ros.bench.success import Stopwatch, solved_and_times
 from ff_planner_ros.errors import FfPlannerError, Status
 from ff_planner_ros.planning.plan import Plan
 from ff_planner_ros.planning.problem import PlanningProblem
@@ -69,13 +69,11 @@ def capture_rows(tried: Sequence[CaptureAttempt]) -> Iterator[tuple[str, ...]]:
     for kind in dict.fromkeys(each.kind for each in tried):
         group = [each for each in tried if each.kind == kind]
         solved = [each for each in group if each.status is Status.SOLVED]
-        seconds = [each.seconds for each in group]
         yield (
             kind,
-            f"{len(group)}",
-            f"{len(solved) / len(group):.1%}",
-            f"{np.median(seconds):.3f}",
-            f"{np.quantile(seconds, 0.95):.3f}",
+            *solved_and_times(
+                [each.status is Status.SOLVED for each in group], [each.seconds for each in group]
+            ),
             _worst([each.position_error for each in solved], 1e3),
             _worst([each.orientation_error for each in solved], np.rad2deg(1.0)),
             _worst([each.linear_speed for each in solved], 1e3),

@@ -9,10 +9,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from ff_planner_ros.bench import tumbling
-from ff_planner_ros.bench.success import Stopwatch
+from ff_planner_ros.bench.success import Stopwatch, solved_and_times
 from ff_planner_ros.errors import FfPlannerError, NoPlanFound, Status
 from ff_planner_ros.planning.problem import DurationRange, Objective, PlanningProblem, lasting
 from ff_planner_ros.planning.settings import PlannerSettings
@@ -77,13 +75,11 @@ def free_rows(tried: Sequence[FreeAttempt]) -> Iterator[tuple[str, ...]]:
     for name in dict.fromkeys(each.shortest for each in tried):
         group = [each for each in tried if each.shortest == name]
         solved = [each for each in group if each.status is Status.SOLVED]
-        seconds = [each.seconds for each in group]
         yield (
             name,
-            f"{len(group)}",
-            f"{len(solved) / len(group):.1%}",
-            f"{np.median(seconds):.3f}",
-            f"{np.quantile(seconds, 0.95):.3f}",
+            *solved_and_times(
+                [each.status is Status.SOLVED for each in group], [each.seconds for each in group]
+            ),
             f"{max((each.of_witness or 0.0 for each in solved), default=0.0):.3f}",
             f"{max((each.of_sweep or 0.0 for each in solved), default=0.0):.3f}",
         )

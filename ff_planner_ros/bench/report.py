@@ -38,7 +38,7 @@ from ff_planner_ros.bench.robots import ROBOTS
 from ff_planner_ros.bench.scaling import Growth, with_joints, with_points, with_spheres
 from ff_planner_ros.bench.scenarios import KINDS
 from ff_planner_ros.bench.starts import StartAttempt, joins, null_space_starts
-from ff_planner_ros.bench.success import Attempt, attempts
+from ff_planner_ros.bench.success import Attempt, attempts, solved_and_times
 from ff_planner_ros.errors import Status
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.problem import Parametrisation, PlanningProblem
@@ -360,16 +360,13 @@ def _joined(group: Sequence[StartAttempt]) -> Iterator[str]:
 
 
 def _summary(group: Sequence[Attempt]) -> Iterator[str]:
-    yield f"{len(group)}"
     if not group:
-        yield from "-----"
+        yield from "0-----"
         return
-    seconds = np.array([a.seconds for a in group])
-    solved = [a for a in group if a.solved]
-    yield f"{len(solved) / len(group):.1%}"
-    for value in (np.median(seconds), np.quantile(seconds, 0.95), seconds.max()):
-        yield f"{value:.3f}"
-    yield f"{max((a.starts for a in solved), default=0)}"
+    seconds = [a.seconds for a in group]
+    yield from solved_and_times([a.solved for a in group], seconds)
+    yield f"{max(seconds):.3f}"
+    yield f"{max((a.starts for a in group if a.solved), default=0)}"
 
 
 if __name__ == "__main__":

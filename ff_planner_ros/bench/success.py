@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import statistics
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+
+import numpy as np
 
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.bench.robots import ROBOTS
@@ -90,3 +92,13 @@ def timed_plans(
             continue
         seconds.append(stopwatch.seconds)
     return plans, statistics.median(seconds[warm_up:])
+
+
+def solved_and_times(solved: Sequence[bool], seconds: Sequence[float]) -> tuple[str, ...]:
+    """Return cells of a table: problems, part that is solved, median and 95 % of the times [s]."""
+    return (
+        f"{len(solved)}",
+        f"{sum(solved) / len(solved):.1%}",
+        f"{np.median(seconds):.3f}",
+        f"{np.quantile(seconds, 0.95):.3f}",
+    )
