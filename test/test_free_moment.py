@@ -315,14 +315,15 @@ def test_a_search_that_is_ended_after_a_plan_was_made_says_its_duration(
         def report(self, progress: Progress) -> None:
             self.checked |= progress.phase == CHECKING
 
-    problem = free(resting, 5.0, 20.0, Objective(1.0, 0.0, 0.1))
+    papers = replace(resting, parametrisation=Parametrisation.END_EFFECTOR_POLYNOMIAL)
+    problem = free(papers, 3.0, 15.0, Objective(1.0, 0.0, 0.05))
     with pytest.raises(NoPlanFound, match="the time is over") as refused:
         perform(PlanningTask(problem, QUICK), Impatient())
     assert refused.value.status is Status.OUT_OF_TIME
     made = refused.value.attempt
     assert isinstance(made, Plan)
     assert made.duration is not None
-    assert 5.0 <= made.duration <= 20.0
+    assert 3.0 <= made.duration <= 15.0
     assert f"a plan of {made.duration:.4g} s was found" in refused.value.constraint
     # What it advises helps.
     fixed = lasting(problem, made.duration)

@@ -85,6 +85,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Run]:
             relative = client.received["predicted_relative_pose"]
             client.wait_until(lambda: len(relative) > 3, "a relative pose")
             client.wait_until(lambda: client.received["predicted_target_path"], "a path")
+            request.plan_only = True
             shortest, longest = window(problem)
             request.duration, request.duration_max = shortest, longest
             request.weight_joint_path_length, request.weight_duration = 1.0, 0.1
