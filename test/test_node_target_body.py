@@ -88,7 +88,6 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Run]:
             request.plan_only = True
             shortest, longest = window(problem)
             request.duration, request.duration_max = shortest, longest
-            request.weight_joint_path_length, request.weight_duration = 1.0, 0.1
             request.time_budget = 0.01
             hurried = answered(SEEN_BEFORE, Status.OUT_OF_TIME)
             request.time_budget = 0.0
@@ -131,6 +130,7 @@ def test_the_end_effector_meets_the_grasp_that_was_seen_before_the_plan(run: Run
     shortest, longest = window(run.problem)
     assert run.captured.duration == run.problem.duration
     assert shortest <= run.free.duration <= longest
+    assert run.free.duration != run.captured.duration
     for answer in (run.captured, run.free):
         require_met(run, answer, body)
     assert run.hurried.status.code == Status.OUT_OF_TIME
