@@ -39,7 +39,7 @@ from ff_planner_ros.planning.scenario import Defaults, load_task
 from ff_planner_ros.planning.scenario_writer import write_scenario
 from ff_planner_ros.planning.system_frame import in_own_frame
 from ff_planner_ros.planning.task import PlanningTask, perform
-from ff_planner_ros.planning.watch import Watch
+from ff_planner_ros.planning.watch import CHECKING, Progress, Watch
 
 SETTINGS = load_parameters().planner
 # What takes long is tried with fewer first guesses, here and there.
@@ -300,6 +300,35 @@ def test_the_search_for_a_moment_ends_when_its_time_is_over(resting: PlanningPro
         perform(PlanningTask(free(resting, 5.0, 20.0), SETTINGS), Impatient())
     assert refused.value.status is Status.OUT_OF_TIME
     assert not isinstance(NOBODY, Impatient)
+
+
+def test_a_search_that_is_ended_after_a_plan_was_made_says_its_duration(
+    resting: PlanningProblem,
+) -> None:
+    class Impatient(Watch):
+        checked = False
+
+        def require_time(self) -> None:
+            if self.checked:
+                raise OutOfTime("the time is over")
+
+        def report(self, progress: Progress) -> None:
+            self.checked |= progress.phase == CHECKING
+
+    papers = replace(resting, parametrisation=Parametrisation.END_EFFECTOR_POLYNOMIAL)
+    problem = free(papers, 3.0, 15.0, Objective(1.0, 0.0, 0.05))
+    with pytest.raises(NoPlanFound, match="the time is over") as refused:
+        perform(PlanningTask(problem, QUICK), Impatient())
+    assert refused.value.status is Status.OUT_OF_TIME
+    made = refused.value.attempt
+    assert isinstance(made, Plan)
+    assert made.duration is not None
+    assert 3.0 <= made.duration <= 15.0
+    assert f"a plan of {made.duration:.4g} s was found" in refused.value.constraint
+    # What it advises helps.
+    fixed = lasting(problem, made.duration)
+    require_sound(fixed, made, QUICK)
+    require_sound(fixed, perform(PlanningTask(fixed, QUICK)), QUICK)
 
 
 def test_a_scenario_holds_a_range_and_a_weight_and_the_answer_says_what_was_chosen(

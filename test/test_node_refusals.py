@@ -252,7 +252,7 @@ CASES = {
     "a million points": Case(Status.OUT_OF_RANGE, ("points",), _set("points", 1_000_000)),
     "nothing to minimise": Case(
         Status.OUT_OF_RANGE,
-        ("weight_joint_path_length and weight_chaser_attitude", "zero"),
+        ("weight_joint_path_length, weight_chaser_attitude and weight_duration", "zero"),
         _set("weight_joint_path_length", 0.0),
     ),
     "a negative weight": Case(

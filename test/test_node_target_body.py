@@ -33,6 +33,7 @@ from ff_planner_ros.bag.robot_plans import robot_plans
 from ff_planner_ros.bench import tumbling
 from ff_planner_ros.errors import Status
 from ff_planner_ros.planning.problem import PlanningProblem
+from ff_planner_ros.planning.target_body import TargetBody as FreeBody
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.ros.messages.to_messages import target_body_message
 from ff_planner_ros.runs.recorded_run import recorded_run
@@ -48,6 +49,8 @@ class Run:
     problem: PlanningProblem
     captured: PlanTrajectory.Response
     stale: PlanTrajectory.Response
+    free: PlanTrajectory.Response  # with a range of durations
+    hurried: PlanTrajectory.Response  # likewise, with too little time
     stamps: set[int]  # of the bodies that were published [ns]
     bag: Path
     received: dict[str, list[Any]] = field(default_factory=dict)
@@ -82,8 +85,20 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Run]:
             relative = client.received["predicted_relative_pose"]
             client.wait_until(lambda: len(relative) > 3, "a relative pose")
             client.wait_until(lambda: client.received["predicted_target_path"], "a path")
+            request.plan_only = True
+            shortest, longest = window(problem)
+            request.duration, request.duration_max = shortest, longest
+            request.time_budget = 0.01
+            hurried = answered(SEEN_BEFORE, Status.OUT_OF_TIME)
+            request.time_budget = 0.0
+            free = answered(SEEN_BEFORE, Status.SOLVED)
         planner.stop(signal.SIGTERM)
-        yield Run(problem, captured, stale, stamps, planner.bag, client.received)
+        yield Run(problem, captured, stale, free, hurried, stamps, planner.bag, client.received)
+
+
+def window(problem: PlanningProblem) -> tuple[float, float]:
+    """The range of durations that the planner chooses from [s]."""
+    return 0.9 * problem.duration, 1.4 * problem.duration
 
 
 def _arguments(urdf: Path, robot: Robot) -> Iterator[str]:
@@ -111,7 +126,21 @@ def test_a_body_that_was_seen_an_hour_ago_is_refused(run: Run) -> None:
 
 
 def test_the_end_effector_meets_the_grasp_that_was_seen_before_the_plan(run: Run) -> None:
-    answer, body = run.captured, body_of(run.problem)
+    body = body_of(run.problem)
+    shortest, longest = window(run.problem)
+    assert run.captured.duration == run.problem.duration
+    assert shortest <= run.free.duration <= longest
+    assert run.free.duration != run.captured.duration
+    for answer in (run.captured, run.free):
+        require_met(run, answer, body)
+    assert run.hurried.status.code == Status.OUT_OF_TIME
+
+
+def require_met(run: Run, answer: PlanTrajectory.Response, body: FreeBody) -> None:
+    """The arm meets the grasp when the duration is over that the answer tells."""
+    start_ns = nanoseconds(answer.joint_trajectory.header.stamp)
+    lasts = nanoseconds(answer.end_effector_path.poses[-1].header.stamp) - start_ns
+    assert lasts / NANOSECONDS == pytest.approx(answer.duration, abs=1e-8)
     seen_ns = nanoseconds(answer.target_body_stamp)
     assert seen_ns in run.stamps
     end_ns = nanoseconds(answer.end_effector_path.poses[-1].header.stamp)
@@ -145,8 +174,9 @@ def test_the_bag_holds_it_all(run: Run) -> None:
     with open_bag(run.bag) as bag:
         requests = recorded_run(bag).requests
     told = {one.name: one for one in requests}
-    for response in (run.captured, run.stale):
+    for response in (run.captured, run.stale, run.free):
         assert replay(told[response.plan_id]).verdict is Verdict.IDENTICAL
+    assert replay(told[run.hurried.plan_id]).verdict is Verdict.WITHOUT_CLOCK
 
 
 def test_mujoco_sees_the_recorded_capture_come_true(run: Run) -> None:

@@ -19,6 +19,8 @@ from test_tumbling import body_of, moved
 
 from ff_planner_ros.analysis.relative_motion import relative_motion
 from ff_planner_ros.bag.decoding import NANOSECONDS
+from ff_planner_ros.bag.export import export_npz
+from ff_planner_ros.bag.plans import read_plans
 from ff_planner_ros.bag.reader import open_bag
 from ff_planner_ros.bag.robot_plans import robot_plans
 from ff_planner_ros.bench import tumbling
@@ -26,7 +28,14 @@ from ff_planner_ros.demo.executive import captured
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.plan import Plan
-from ff_planner_ros.planning.problem import PlanningProblem, Sphere
+from ff_planner_ros.planning.problem import (
+    DurationRange,
+    Objective,
+    PlanningProblem,
+    Sphere,
+    capturing,
+)
+from ff_planner_ros.planning.tail import EndBehaviour
 from ff_planner_ros.planning.task import PlanningTask, perform
 from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.ros.inputs.input_topics import TARGET_BODY
@@ -444,3 +453,83 @@ def test_an_offline_bag_of_a_capture_is_the_same_task_again(
     assert drawn.goal.position == pytest.approx(problem.target.position, abs=1e-12)
     if not ahead:
         assert replay(recorded).verdict is Verdict.IDENTICAL
+
+
+@pytest.fixture(scope="module")
+def free(problem: PlanningProblem) -> PlanningTask:
+    """A capture whose moment is the planner's choice, with a tail behind it."""
+    shortest, longest = 0.9 * problem.duration, 1.2 * problem.duration
+    asked_for = replace(
+        capturing(body_of(problem), replace(problem, duration=longest)),
+        duration_range=DurationRange(shortest, longest),
+        objective=Objective(1.0, 0.0, 0.02),
+    )
+    settings = replace(SETTINGS, starts=1)
+    return PlanningTask(asked_for, settings, end_behaviour=EndBehaviour.HOLD_END_EFFECTOR, tail=1.0)
+
+
+def test_a_bag_tells_when_a_capture_is_whose_moment_the_planner_chose(
+    free: PlanningTask, tmp_path: Path
+) -> None:
+    made = perform(free)
+    assert made.duration is not None
+    assert made.trajectory.time[-1] > made.duration + 0.9
+    record_answer(tmp_path / "bag", free, made, 0.5)
+    with open_bag(tmp_path / "bag") as bag:
+        (recorded,) = recorded_run(bag).requests
+    assert recorded.read_request().task.digest == free.digest
+    assert replay(recorded).verdict is Verdict.IDENTICAL
+    assert recorded.response is not None
+    assert recorded.response.duration == made.duration
+
+    body = body_of(free.problem)
+    (center,), (attitude,), _ = moved(body, np.array([made.duration]))
+    place = center + attitude.apply(body.grasp_position.copy())
+    (scene,) = robot_plans(tmp_path / "bag").scenes.values()
+    assert scene.capture_time == made.duration
+    (reported,) = report_of_bag(tmp_path / "bag", 1).requests
+    assert reported.weights == (1.0, 0.0, 0.02)
+    window = free.problem.durations
+    assert window.minimum < made.duration < window.maximum
+    assert (reported.duration, reported.durations) == (
+        made.duration,
+        (window.minimum, window.maximum),
+    )
+    assert reported.plan is not None
+    assert reported.plan.goal.position == pytest.approx(place, abs=1e-9)
+
+    (plan,) = read_plans(tmp_path / "bag")
+    row, columns = plan.row(), plan.columns()
+    assert row["capture"] is True
+    assert [row[name] for name in ("duration_s", "duration_max_s", "planned_duration_s")] == [
+        *(window.minimum, window.maximum, made.duration)
+    ]
+    assert row["weight_duration_rad_per_s"] == 0.02
+    centers, attitudes, rates = moved(body, made.trajectory.time)
+    for number, axis in enumerate("xyz"):
+        told = columns[f"target_body_{axis}_m"], columns[f"target_body_velocity_{axis}_m_per_s"]
+        assert told[0] == pytest.approx(centers[:, number], abs=1e-8)
+        assert told[1] == pytest.approx(np.full(len(centers), body.linear_velocity[number]))
+        turning = columns[f"target_body_angular_velocity_{axis}_rad_per_s"]
+        assert turning == pytest.approx(rates[:, number], abs=1e-8)
+    turns = np.column_stack([columns[f"target_body_q{axis}"] for axis in "xyzw"])
+    assert (Rotation.from_quat(turns) * attitudes.inv()).magnitude().max() < 1e-8
+    export_npz(tmp_path / "bag", tmp_path / "plans.npz")
+    with np.load(tmp_path / "plans.npz") as arrays:
+        assert (arrays["bag/target_body/quaternions_xyzw"] == turns).all()
+
+
+def test_a_range_of_a_target_that_moves_with_the_frame_is_no_request(
+    problem: PlanningProblem, plan: Plan, tmp_path: Path
+) -> None:
+    window = DurationRange(1.0, 2.0 * problem.duration, np.array([0.0, 1.0, 0.0]))
+    task = PlanningTask(replace(problem, duration_range=window), SETTINGS)
+    with pytest.raises(InvalidInput, match="target_velocity"):
+        record_answer(tmp_path / "bag", task, plan, 0.5)
+
+
+def test_the_end_of_the_longest_duration_is_before_2038(problem: PlanningProblem) -> None:
+    request = request_message(problem, FRAME)
+    request.capture, request.duration_max = False, 2.0**31
+    refusal = refused(problem, request)
+    assert (refusal.status, refusal.field) == (Status.OUT_OF_RANGE, "duration_max")

@@ -45,8 +45,8 @@ class PlanDocument:
     robot: Robot
     plan: Plan
     solve_time: float  # wall clock [s]
-    # Of joint path length and chaser attitude; None: the dictionary does not tell
-    weights: tuple[float, float] | None
+    # Of joint path length, chaser attitude and duration; None: the dictionary does not tell
+    weights: tuple[float, ...] | None
     # What was planned around; None: the dictionary does not tell
     obstacles: tuple[Sphere, ...] | None
     # Where the end effector was to come; None: the dictionary does not tell
@@ -172,7 +172,7 @@ def planned_motion(answer: object) -> tuple[Robot, Trajectory]:
     return robot, Trajectory(**{name: _numbers(name, rows) for name, rows in samples.items()})
 
 
-def plan_document(answer: object) -> PlanDocument:
+def plan_document(answer: Any) -> PlanDocument:
     """Read a plan's dictionary; objective, obstacles and target may be missing.
 
     Raises:
@@ -205,6 +205,7 @@ def plan_document(answer: object) -> PlanDocument:
         orientation_reading=str(_entry(answer, "orientation_reading")),
         metrics=Metrics(peak_joint_torques=tuple(peaks.tolist()), **values),
         solver=SolverReport(**told),
+        duration=_number("duration", answer["duration"]) if "duration" in answer else None,
     )
     solve_time = _number("solver.solve_time", _entry(solver, "solve_time", "solver."))
     body = captured_body(answer)
@@ -226,13 +227,13 @@ def captured_body(answer: Any) -> TargetBody | None:
 
 def _asked_for(
     answer: Any, body: TargetBody | None
-) -> tuple[tuple[float, float] | None, tuple[Sphere, ...] | None]:
+) -> tuple[tuple[float, ...] | None, tuple[Sphere, ...] | None]:
     """Return what was minimised and what was avoided; older dictionaries tell neither."""
     objective, obstacles = answer.get("objective"), answer.get("obstacles")
     attached = () if body is None else tuple(attached_spheres(body))
     try:
         return (
-            None if objective is None else astuple(Objective(**objective))[:2],
+            None if objective is None else astuple(Objective(**objective)),
             None if obstacles is None else (*map(_sphere, obstacles), *attached),
         )
     except (TypeError, LookupError):

@@ -42,10 +42,11 @@ class AskedScene:
 
 @dataclass(frozen=True)
 class Stamps:
-    """The stamps of what a plan was made from, as its response says [ns]; zero: not known."""
+    """The times of a plan, as its response says; zero: not known."""
 
-    obstacles_ns: int
-    target_body_ns: int
+    obstacles_ns: int  # when they were seen [ns]
+    target_body_ns: int  # when it was seen [ns]
+    duration: float = 0.0  # to the capture [s]
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,7 +80,8 @@ def stamps_of(response: Any) -> Stamps:
     """Return the times in a response; those of earlier versions tell fewer."""
     names = ("obstacles_stamp", "target_body_stamp")
     times = (getattr(response, name, None) for name in names)
-    return Stamps(*(0 if time is None else nanoseconds(time) for time in times))
+    obstacles_ns, body_ns = (0 if time is None else nanoseconds(time) for time in times)
+    return Stamps(obstacles_ns, body_ns, getattr(response, "duration", 0.0))
 
 
 def scene_at_start(
@@ -108,7 +110,9 @@ def scene_at_start(
         obstacles = with_attached_spheres(spheres, body)
     except InvalidInput:
         return None
-    return replace(told.scene, obstacles=obstacles, target_body=body)
+    # Answers of earlier versions do not tell: their duration was given.
+    captured = stamps.duration or told.scene.capture_time
+    return replace(told.scene, obstacles=obstacles, target_body=body, capture_time=captured)
 
 
 def received_scenes(bag: Bag) -> Received:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TypeAlias
 
 from ff_planner_ros.arrays import Array
@@ -45,6 +45,7 @@ class _Asked:
     watch: Watch
     plan: Planner
     effort: Effort
+    made: list[Plan] = field(default_factory=list)  # until now, of any duration
 
     def at(
         self, duration: float, family: Parametrisation, guess: Array | None, starts: int
@@ -52,22 +53,38 @@ class _Asked:
         """Return the plan of one duration [s], or why there is none.
 
         Raises:
-            NoPlanFound: The time for the search is over.
+            NoPlanFound: The time for the search is over; with the best plan that was made before.
         """
         fixed = replace(lasting(self.problem, duration), parametrisation=family)
         try:
             found = self.plan(fixed, replace(self.settings, starts=starts), self.watch, guess)
         except NoPlanFound as refused:
             if refused.status is Status.OUT_OF_TIME:
-                raise
+                raise (self._unfinished(duration, refused) if self.made else refused) from None
             return refused
         self.effort.add(found.solver)
+        self.made.append(found)
         return found
 
     def worth(self, plan: Plan) -> float:
         """Return what a plan is worth, less is better [rad]."""
         objective = self.problem.objective
         return weighted_sum(objective, plan.metrics) + objective.duration * duration_of(plan)
+
+    def _unfinished(self, duration: float, refused: NoPlanFound) -> NoPlanFound:
+        """Return the error of a search that was ended after it had made plans.
+
+        None of them is the answer: the clock would decide which.
+        """
+        best = min(self.made, key=self.worth)
+        message = (
+            f"a plan of {duration_of(best):.4g} s was found, but the search for a better moment "
+            "was not finished: ask for this duration, or give it more time. At "
+            f"{duration:.4g} s, {refused.constraint}"
+        )
+        return NoPlanFound(
+            Status.OUT_OF_TIME, message, replace(best, solver=self.effort.report(best.solver))
+        )
 
 
 def duration_of(plan: Plan) -> float:

@@ -194,7 +194,7 @@ class DurationRange:
             checked = finite_number(told, getattr(self, name), above=above)
             object.__setattr__(self, name, checked)
         if self.maximum < self.minimum:
-            allowed = f"it must be at least duration.min, {self.minimum:g} s"
+            allowed = f"it must not be less than the shortest, {self.minimum:g} s"
             raise InvalidInput(Status.OUT_OF_RANGE, "duration.max", self.maximum, allowed)
         checked_velocity = finite_vector("target_velocity", self.target_velocity, 3)
         object.__setattr__(self, "target_velocity", checked_velocity)

@@ -166,6 +166,13 @@ class Session:
         except InvalidInput as error:
             if error.status is not Status.NO_OBSTACLES:
                 obstacles, obstacles_refusal = 0, str(error)
+        target_age, target_refusal = None, ""
+        try:
+            seen = self._scenes.target_body(None, clock.nanoseconds, _ANY_AGE, now.state_max_lead)
+            target_age = (clock.nanoseconds - seen.stamp_ns) / NANOSECONDS
+        except InvalidInput as error:
+            if error.status is not Status.NO_TARGET_BODY:
+                target_age, target_refusal = 0.0, str(error)
         health = NodeHealth(
             state_age=state_age,
             state_max_age=now.state_max_age,
@@ -173,6 +180,9 @@ class Session:
             obstacles=obstacles,
             obstacles_age=obstacles_age,
             obstacles_refusal=obstacles_refusal,
+            target_age=target_age,
+            target_max_age=now.target_max_age,
+            target_refusal=target_refusal,
             last=self._service.last,
             solve_times=tuple(self._service.solve_times),
             solver_is_warm=self._worker.is_warm,

@@ -130,11 +130,11 @@ def require_recordable(task: PlanningTask) -> None:
         InvalidInput: It has something that requests have no field for.
     """
     target, captured = task.problem.target, task.problem.target_body is not None
+    window = task.problem.duration_range
     for field, given in (
         ("running", task.running is not None),
         ("first_guess", task.first_guess is not None),
-        ("duration", task.problem.duration_range is not None),
-        ("objective.duration", task.problem.objective.duration != 0.0),
+        ("duration_range.target_velocity", window is not None and window.target_velocity.any()),
         ("target.linear_acceleration", not captured and target.linear_acceleration.any()),
         ("target.angular_acceleration", not captured and target.angular_acceleration.any()),
         ("start_after", task.ahead * NANOSECONDS % 1.0 != 0.0),

@@ -158,10 +158,16 @@ def reported_request(
     """Return what a request and its response tell, without what is drawn of it."""
     found = ReportedRequest(plan_id="", door=door, message="no answer is in the bag")
     if request is not None:
-        weights = (request.weight_joint_path_length, request.weight_chaser_attitude)
-        found = replace(found, weights=weights, duration=request.duration)
+        path, attitude = request.weight_joint_path_length, request.weight_chaser_attitude
+        found = replace(found, weights=(path, attitude, request.weight_duration))
+        if request.duration_max:
+            found = replace(found, durations=(request.duration, request.duration_max))
+        else:
+            found = replace(found, duration=request.duration)
     if response is None:
         return found
+    if found.durations is not None and response.status.code == Status.SOLVED:
+        found = replace(found, duration=response.duration)
     found = replace(
         found,
         plan_id=response.plan_id,
@@ -234,7 +240,8 @@ def _plan(
         elif body_message is not None and response is not None:
             body = target_body_from_message(body_message, body_message.header.frame_id)
             body = body.after(_since(response.target_body_stamp, response))
-            goal = body.target(request.duration)
+            # Answers of earlier versions do not tell: their duration was given.
+            goal = body.target(response.duration or request.duration)
     obstacles = None
     if scene is not None:
         obstacles = spheres_from_message(scene, scene.header.frame_id)

@@ -30,7 +30,9 @@ def _texts(field: str, value: object) -> list[str]:
 _OF_REQUEST: Mapping[str, tuple[str, Callable[[str, object], object]]] = {
     "objective.joint_path_length": ("weight_joint_path_length", number),
     "objective.chaser_attitude": ("weight_chaser_attitude", number),
+    "objective.duration": ("weight_duration", number),
     "duration": ("duration", number),
+    "duration.max": ("duration_max", number),
     "points": ("points", integer),
     "limits.chaser_attitude": ("limit_chaser_attitude", number),
     "end_behaviour": ("end_behaviour", text),

@@ -20,6 +20,7 @@ from ff_planner_ros.planning.metrics import Metrics
 from ff_planner_ros.planning.plan import Plan, SolverReport
 from ff_planner_ros.planning.problem import (
     CONTACT_DISTANCE,
+    DurationRange,
     Objective,
     Orientation,
     PlanningProblem,
@@ -86,19 +87,25 @@ def problem_from_request(
         "target.free_axis": "free_axis",
         "objective.joint_path_length": "weight_joint_path_length",
         "objective.chaser_attitude": "weight_chaser_attitude",
-        "objective": "weight_joint_path_length and weight_chaser_attitude",
+        "objective.duration": "weight_duration",
+        "objective": "weight_joint_path_length, weight_chaser_attitude and weight_duration",
+        "duration.min": "duration",
+        "duration.max": "duration_max",
     }
     with fields_named(named_as):
+        duration, window = _duration(request)
         return PlanningProblem(
             robot=robot,
             start=start,
-            target=_target(request) if body is None else _grasp(request, body),
-            duration=request.duration,
+            target=_target(request) if body is None else _grasp(request, body, duration),
+            duration=duration,
+            duration_range=window,
             points=request.points or parameters.points,
             obstacles=obstacles if body is None else with_attached_spheres(obstacles, body),
             objective=Objective(
                 joint_path_length=request.weight_joint_path_length,
                 chaser_attitude=request.weight_chaser_attitude,
+                duration=getattr(request, "weight_duration", 0.0),
             ),
             limits=parameters.limits.limits(asked_attitude),
             parametrisation=parametrisation_of(getattr(request, "parametrisation", "") or "auto"),
@@ -122,13 +129,24 @@ def _target(request: PlanTrajectory.Request) -> Target:
     )
 
 
-def _grasp(request: PlanTrajectory.Request, body: TargetBody) -> Target:
-    """Return the grasp of a body at capture."""
+def _duration(request: PlanTrajectory.Request) -> tuple[float, DurationRange | None]:
+    """Return the duration and, where the planner is to choose one, its range, else None."""
+    shortest = finite_number("duration", request.duration, above=0.0)
+    # A message decoded from a bag of an earlier version has no such field.
+    longest = getattr(request, "duration_max", 0.0)
+    if longest == 0.0:
+        return shortest, None
+    window = DurationRange(shortest, longest)
+    return window.maximum, window
+
+
+def _grasp(request: PlanTrajectory.Request, body: TargetBody, duration: float) -> Target:
+    """Return the grasp of a body after a duration [s]."""
     orientation, axis = _orientation(request)
     if orientation is not Orientation.FIXED or axis.any():
         allowed = "a capture has the grasp's orientation: it must be fixed or empty"
         raise InvalidInput(Status.UNSUPPORTED, "orientation", request.orientation, allowed)
-    return body.target(finite_number("duration", request.duration, above=0.0))
+    return body.target(duration)
 
 
 def _orientation(request: PlanTrajectory.Request) -> tuple[Orientation, Array]:
@@ -235,6 +253,7 @@ def plan_from_response(response: PlanTrajectory.Response) -> Plan:
         family=getattr(response, "parametrisation", ""),
         metrics=metrics_from_message(response.metrics),
         solver=solver_report_from_message(response.solver),
+        duration=getattr(response, "duration", 0.0) or None,
     )
 
 

@@ -37,16 +37,18 @@ from ff_planner_ros.robot.state import SystemState
 def request_message(problem: PlanningProblem, inertial_frame: str) -> PlanTrajectory.Request:
     """Write a problem as a request for the latest published state, obstacles and target body."""
     target, angle = problem.target, problem.limits.chaser_attitude
-    axis = target.free_axis_in_ee
+    axis, window = target.free_axis_in_ee, problem.duration_range
     return PlanTrajectory.Request(
         target_pose=PoseStamped(
             header=Header(frame_id=inertial_frame),
             pose=pose_message(target.position.tolist(), target.quaternion_xyzw.tolist()),
         ),
         target_twist=_twist(target.linear_velocity.tolist(), target.angular_velocity.tolist()),
-        duration=problem.duration,
+        duration=problem.duration if window is None else window.minimum,
+        duration_max=0.0 if window is None else window.maximum,
         weight_joint_path_length=problem.objective.joint_path_length,
         weight_chaser_attitude=problem.objective.chaser_attitude,
+        weight_duration=problem.objective.duration,
         points=problem.points,
         limit_chaser_attitude=angle if math.isfinite(angle) else 0.0,
         parametrisation=problem.parametrisation.value,
@@ -179,6 +181,7 @@ def response_from_plan(
         xi=plan.xi.tolist(),
         orientation_reading=plan.orientation_reading,
         parametrisation=plan.family,
+        duration=plan.duration or 0.0,
         metrics=PlanMetrics(**asdict(plan.metrics)),
         solver=SolverReport(solve_time=solve_time, **asdict(plan.solver)),
     )
@@ -200,6 +203,7 @@ def response_from_error(
     status = PlanStatus(code=int(error.status), message=str(error))
     response = PlanTrajectory.Response(status=status, plan_id=plan_id)
     if isinstance(error, NoPlanFound) and isinstance(error.attempt, Plan):
+        response.duration = error.attempt.duration or 0.0
         response.metrics = PlanMetrics(**asdict(error.attempt.metrics))
         response.solver = SolverReport(solve_time=solve_time, **asdict(error.attempt.solver))
     return response

@@ -136,7 +136,8 @@ def read_request(request: PlanTrajectory.Request, knowledge: Knowledge) -> ReadR
         )
         tail = 0.0 if end_behaviour is EndBehaviour.AS_PLANNED else parameters.tail_duration
         if start_ns / NANOSECONDS + tail + problem.duration > MAX_MESSAGE_SECONDS:
-            field, allowed = "duration", "the plan must end before 2038"
+            field = "duration" if problem.duration_range is None else "duration_max"
+            allowed = "the plan must end before 2038"
             raise InvalidInput(Status.OUT_OF_RANGE, field, problem.duration, allowed)
         running = motion_until_start(knowledge, measured, start_ns)
         if knowledge.published is not None and running is not None:
