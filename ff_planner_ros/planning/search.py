@@ -226,6 +226,9 @@ class Search:
                 for name, margin in program.margins.items()
             }
             broken = frozenset(name for name, slack in slacks.items() if slack < 0.0)
+            if broken and broken <= program.waiting:
+                # If that turns out to be impossible, this path says best what stands in the way.
+                self._on_all_points.append(solution)
             self._keep(broken)
             program = program.corrected(solution.at_x.motion, motion).keeping(broken)
             program = replace(program, margins=margins)
