@@ -28,8 +28,8 @@ from ff_planner_ros.robot.model import Robot
 # A torque that is further from its limit than this part of it cannot reach it in one step of the
 # solver.
 _OF_INTEREST = 0.4
-# Where torques are below this part of their limits at every fourth step of a motion, nobody need look
-# closer: they are no higher than that twice between them.
+# Where torques are below this part of their limits at every fourth step of a motion, they do not
+# become twice as high between these steps.
 _FAR, _GLIMPSE = 0.5, 4
 # Between 50 points torques rise above those at the points by less, in parts of their limits.
 _MARGIN = 1e-3
