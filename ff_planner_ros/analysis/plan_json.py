@@ -24,7 +24,7 @@ from ff_planner_ros.planning.problem import (
     lasting,
 )
 from ff_planner_ros.planning.scenario import target_body_of
-from ff_planner_ros.planning.scenario_writer import described_body, weights_of
+from ff_planner_ros.planning.scenario_writer import accelerations_of, described_body, weights_of
 from ff_planner_ros.planning.scene import Scene
 from ff_planner_ros.planning.sound_samples import require_sound_samples
 from ff_planner_ros.planning.target_body import TargetBody
@@ -83,6 +83,7 @@ def plan_dictionary(plan: Plan, task: PlanningTask, solve_time: float) -> dict[s
             "position": "from_urdf",
             "velocity": "from_urdf" if problem.limits.joint_velocities else "none",
             "chaser_attitude": _finite(problem.limits.chaser_attitude) or "none",
+            **accelerations_of(problem.limits),
         },
         "joint_names": list(plan.joint_names),
         **{item.name: getattr(motion, item.name).tolist() for item in fields(motion)},

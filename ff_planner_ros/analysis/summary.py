@@ -48,6 +48,8 @@ def _limits(limits: Limits) -> str:
     kept = ["joint positions"]
     if limits.joint_velocities:
         kept.append("joint velocities")
+    if limits.joint_accelerations is not None:
+        kept.append("joint accelerations")
     if np.isfinite(limits.chaser_attitude):
         kept.append(f"chaser attitude {np.rad2deg(limits.chaser_attitude):.2f} deg")
     return ", ".join(kept)

@@ -195,7 +195,9 @@ def _improved(
     unit = _STRIDE * (window.maximum - window.minimum) / radius
     along = np.append(guess, fixed.duration / unit)
     program = path_program(replace(fixed, objective=path), family, settings)
-    for points, damping, optimality, progress, iterations in _LEVELS:
+    levels = list(_LEVELS)
+    while levels:
+        points, damping, optimality, progress, iterations = levels[0]
         free = FreeProgram(
             problem, replace(program, points=points, damping=damping), asked.duration, unit
         )
@@ -214,6 +216,9 @@ def _improved(
         if not solution.at_x.is_defined:
             return None
         along = solution.x
+        broken = free.at(free.duration(along)).broken(solution.at_x)
+        program = program.keeping(broken)
+        levels = levels if broken else levels[1:]
     return Moment(
         _chosen(window, free.duration(along)),
         Parametrisation(family.name),

@@ -156,14 +156,16 @@ class Limits:
     """What to keep beside the joints' position limits, which are always kept.
 
     Raises:
-        InvalidInput: An angle that is not positive.
+        InvalidInput: An angle or an acceleration that is not positive.
     """
 
     joint_velocities: bool = False  # whether to keep the velocity limits of the URDF
     chaser_attitude: float = math.inf  # largest Euler angle, Eq. (45) [rad]; infinite: any
+    # Largest joint accelerations either way, one for each joint or one for all [rad/s2]; None: any
+    joint_accelerations: tuple[float, ...] | None = None
 
     def __post_init__(self) -> None:
-        """Check the angle."""
+        """Check every value."""
         if not self.chaser_attitude > 0.0:
             raise InvalidInput(
                 Status.OUT_OF_RANGE,
@@ -171,6 +173,26 @@ class Limits:
                 self.chaser_attitude,
                 "it must be greater than 0 rad, or none",
             )
+        if self.joint_accelerations is not None:
+            checked = tuple(
+                finite_number(f"limits.acceleration[{index}]", limit, above=0.0)
+                for index, limit in enumerate(self.joint_accelerations)
+            )
+            object.__setattr__(self, "joint_accelerations", checked)
+
+    def of_joints(self, count: int) -> Limits:
+        """Return the limits of a robot with so many joints, one acceleration for each.
+
+        Raises:
+            InvalidInput: There are accelerations for another number of joints.
+        """
+        limits = self.joint_accelerations
+        if limits is None:
+            return self
+        if len(limits) == 1:
+            limits *= count
+        finite_vector("limits.acceleration", limits, count)
+        return replace(self, joint_accelerations=limits)
 
 
 @dataclass(frozen=True, eq=False)
@@ -207,8 +229,8 @@ class PlanningProblem:
     Raises:
         InvalidInput: A duration or contact distance that is not positive, a duration out of its
             range, a number of points out of range, a contact that is none of the robot's, or a
-            state whose number of joints is not the robot's or that leaves the plane of a planar
-            base.
+            state or limits whose number of joints is not the robot's, or a state that leaves the
+            plane of a planar base.
     """
 
     robot: Robot
@@ -244,6 +266,7 @@ class PlanningProblem:
                 f"it must be from {MIN_POINTS} to {MAX_POINTS}",
             )
         finite_vector("joints.position", self.start.joint_positions, self.robot.joints)
+        object.__setattr__(self, "limits", self.limits.of_joints(self.robot.joints))
         if self.robot.base is Base.PLANAR:
             object.__setattr__(self, "start", on_the_table(self.start))
             with fields_named({} if self.target_body is None else _OF_BODY):

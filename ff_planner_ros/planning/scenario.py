@@ -201,7 +201,7 @@ def _duration(value: object) -> tuple[float, DurationRange | None]:
 
 
 def _limits(value: object, defaults: Limits) -> Limits:
-    names = ("position", "velocity", "chaser_attitude")
+    names = ("position", "velocity", "acceleration", "chaser_attitude")
     limits = mapping("limits", value, (), optional=names)
     position_limits = limits.get("position", "from_urdf")
     if position_limits != "from_urdf":
@@ -213,7 +213,19 @@ def _limits(value: object, defaults: Limits) -> Limits:
     if "chaser_attitude" in limits:
         asked = limits["chaser_attitude"]
         attitude = math.inf if asked == "none" else number("limits.chaser_attitude", asked)
-    return Limits(joint_velocities=velocities, chaser_attitude=attitude)
+    accelerations = defaults.joint_accelerations
+    if "acceleration" in limits:
+        accelerations = _accelerations("limits.acceleration", limits["acceleration"])
+    return Limits(velocities, attitude, accelerations)
+
+
+def _accelerations(field: str, value: object) -> tuple[float, ...] | None:
+    """Return one limit for each joint, or one for all [rad/s2]; None: any acceleration."""
+    if value == "none":
+        return None
+    if isinstance(value, list):
+        return tuple(numbers(field, value).tolist())
+    return (finite_number(field, number(field, value), above=0.0),)
 
 
 def from_urdf(field: str, source: object) -> bool:

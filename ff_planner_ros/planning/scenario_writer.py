@@ -11,7 +11,13 @@ import yaml
 
 from ff_planner_ros.arrays import normalising_to
 from ff_planner_ros.errors import InvalidInput, Status
-from ff_planner_ros.planning.problem import Objective, Orientation, PlanningProblem, Target
+from ff_planner_ros.planning.problem import (
+    Limits,
+    Objective,
+    Orientation,
+    PlanningProblem,
+    Target,
+)
 from ff_planner_ros.planning.scenario import Defaults, load_task
 from ff_planner_ros.planning.target_body import TargetBody
 from ff_planner_ros.planning.task import PlanningTask
@@ -78,6 +84,7 @@ def _problem(problem: PlanningProblem) -> dict[str, Any]:
             "position": "from_urdf",
             "velocity": "from_urdf" if limits.joint_velocities else "none",
             "chaser_attitude": float(angle) if math.isfinite(angle) else "none",
+            **accelerations_of(limits),
         },
         "parametrisation": problem.parametrisation.value,
         **(
@@ -89,6 +96,12 @@ def _problem(problem: PlanningProblem) -> dict[str, Any]:
             else {}
         ),
     }
+
+
+def accelerations_of(limits: Limits) -> dict[str, list[float]]:
+    """Return the limits of the joint accelerations as a scenario has them; nothing: none."""
+    accelerations = limits.joint_accelerations
+    return {} if accelerations is None else {"acceleration": list(accelerations)}
 
 
 def weights_of(objective: Objective) -> dict[str, float]:

@@ -176,14 +176,14 @@ class Search:
 
     def _rough_paths(self) -> Iterator[PathSolution]:
         """Yield paths on few points that deserve to be solved on more points."""
-        grid, starts = self._grids[0], self._settings.starts
-        problem, level = self._program.problem, grid.level
+        level, starts = self._grids[0].level, self._settings.starts
+        problem = self._program.problem
         given = [] if self._first_guess is None else [self._first_guess]
         guesses = self._program.family.first_guesses(problem.obstacles, level.points, level.damping)
         postponed: list[PathSolution] = []
         for guess in islice(chain(given, guesses), starts):
             self._starts += 1
-            rough = self._solve(grid, guess)
+            rough = self._solve(self._grids[0], guess)
             if _is_promising(rough, problem.robot.geometry):
                 yield rough
                 continue
@@ -221,11 +221,17 @@ class Search:
             # Beside what is missing, half the margin that the search began with.
             margins = {
                 name: margin + (self._program.margins[name] / 2 - slacks[name])
-                if slacks[name] < 0.0
+                if slacks[name] < 0.0 and name not in program.waiting
                 else margin
                 for name, margin in program.margins.items()
             }
-            program = replace(program.corrected(solution.at_x.motion, motion), margins=margins)
+            broken = frozenset(name for name, slack in slacks.items() if slack < 0.0)
+            if broken and broken <= program.waiting:
+                # If that turns out to be impossible, this path says best what stands in the way.
+                self._on_all_points.append(solution)
+            self._keep(broken)
+            program = program.corrected(solution.at_x.motion, motion).keeping(broken)
+            program = replace(program, margins=margins)
             if is_sound:  # a better aim is all that is missing, and no reason to optimise again
                 aimed = program.linearise(solution.x)
                 if aimed.violation <= FEASIBILITY_TOLERANCE:
@@ -233,6 +239,11 @@ class Search:
                     continue
             solution = self._solve_again(replace(grid, program=program), solution.x)
         return solution, None
+
+    def _keep(self, broken: frozenset[str]) -> None:
+        """Keep what a path has broken on all grids from now on."""
+        self._program = self._program.keeping(broken)
+        self._grids = [replace(grid, program=grid.program.keeping(broken)) for grid in self._grids]
 
     def _is_at_goal(self, motion: FollowedMotion) -> bool:
         problem, settings = self._program.problem, self._settings

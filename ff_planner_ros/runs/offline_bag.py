@@ -138,6 +138,7 @@ def require_recordable(task: PlanningTask) -> None:
         ("target.linear_acceleration", not captured and target.linear_acceleration.any()),
         ("target.angular_acceleration", not captured and target.angular_acceleration.any()),
         ("start_after", task.ahead * NANOSECONDS % 1.0 != 0.0),
+        ("limits.acceleration", task.problem.limits.joint_accelerations is not None),
     ):
         if given:
             allowed = "a request to the node cannot ask for it: leave out --bag"

@@ -6,6 +6,7 @@ from ff_planner_ros.planning.requirements.body_clearance import BodyClearance, S
 from ff_planner_ros.planning.requirements.chaser_attitude import ChaserAttitude
 from ff_planner_ros.planning.requirements.clearance import Clearance
 from ff_planner_ros.planning.requirements.goal import Goal
+from ff_planner_ros.planning.requirements.joint_accelerations import JointAccelerations
 from ff_planner_ros.planning.requirements.joint_positions import JointPositions
 from ff_planner_ros.planning.requirements.joint_rates import JointRates
 from ff_planner_ros.planning.requirements.momentum import Momentum
@@ -21,6 +22,7 @@ REQUIREMENTS: tuple[Requirement, ...] = (
     SelfClearance(),
     JointPositions(),
     JointRates(),
+    JointAccelerations(),
     ChaserAttitude(),
     SingularValues(),
     Torques(),  # after the singularity, near which torques are a symptom
