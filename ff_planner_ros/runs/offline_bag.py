@@ -134,6 +134,7 @@ def require_recordable(task: PlanningTask) -> None:
         ("running", task.running is not None),
         ("first_guess", task.first_guess is not None),
         ("duration", task.problem.duration_range is not None),
+        ("approach", task.problem.approach is not None),
         ("objective.duration", task.problem.objective.duration != 0.0),
         ("target.linear_acceleration", not captured and target.linear_acceleration.any()),
         ("target.angular_acceleration", not captured and target.angular_acceleration.any()),
