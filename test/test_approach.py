@@ -17,6 +17,7 @@ from test_any_frame import FRAMES
 from test_tumbling import moved
 
 from ff_planner_ros.analysis.plan_json import plan_dictionary
+from ff_planner_ros.analysis.surroundings import drawn_corridor
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.errors import InvalidInput, NoPlanFound, Status
 from ff_planner_ros.parameters import load_parameters
@@ -41,6 +42,8 @@ from ff_planner_ros.planning.scenario import Defaults, load_scenario, load_task
 from ff_planner_ros.planning.scenario_writer import write_scenario
 from ff_planner_ros.planning.system_frame import in_own_frame
 from ff_planner_ros.planning.task import PlanningTask, perform
+from ff_planner_ros.ros.messages.to_messages import request_message
+from ff_planner_ros.runs.offline_bag import require_recordable
 
 SETTINGS = load_parameters().planner
 TUMBLING = load_scenario(LEMUR_SCENARIO.with_name("lemur_tumbling.yaml"))
@@ -69,8 +72,11 @@ def seen_from_grasp(problem: PlanningProblem, plan: Plan) -> tuple[Array, Array]
     points = arm_points(problem.robot, found.q)[:, -1]
     body, target = problem.target_body, problem.target
     if body is None:
-        attitude = Rotation.from_quat(target.quaternion_xyzw.copy())
-        return found.time, attitude.inv().apply(points - target.position)
+        later = found.time - problem.duration
+        turned = Rotation.from_rotvec(np.outer(later, target.angular_velocity))
+        attitudes = turned * Rotation.from_quat(target.quaternion_xyzw.copy())
+        grasp_points = target.position + np.outer(later, target.linear_velocity)
+        return found.time, attitudes.inv().apply(points - grasp_points)
     centers, attitudes, _ = moved(body, found.time)
     in_body = attitudes.inv().apply(points - centers)
     grasp = Rotation.from_quat(body.grasp_quaternion_xyzw.copy())
@@ -180,6 +186,23 @@ def test_the_end_effector_comes_along_the_corridor_between_the_points_too(
     plain = replace(scene, parametrisation=Parametrisation(family), points=points)
     problem = with_approach(plain, direction)
     require_kept(problem, perform(PlanningTask(problem, SETTINGS)))
+
+
+def test_the_corridor_goes_on_with_a_target_that_drifts_and_turns() -> None:
+    moving = replace(
+        RESTING.target,
+        linear_velocity=np.array([0.01, -0.005, 0.0]),
+        angular_velocity=np.array([0.02, 0.0, -0.03]),
+    )
+    table = load_scenario(LEMUR_SCENARIO.with_name("planar_capture.yaml"))
+    heading = Rotation.from_quat(table.target.quaternion_xyzw.copy()).inv()
+    assert table.target.linear_velocity.any()
+    for scene, direction in (
+        (replace(RESTING, target=moving), SIDEWAYS),
+        (table, heading.apply([-1.0, -1.0, 0.0])),
+    ):
+        problem = with_approach(scene, direction, 0.1)
+        require_kept(problem, perform(PlanningTask(problem, SETTINGS)))
 
 
 @pytest.mark.parametrize("scene", [TUMBLING, RESTING], ids=["tumbling", "resting"])
@@ -341,3 +364,24 @@ def test_where_no_path_comes_along_the_corridor_the_refusal_says_so() -> None:
     with pytest.raises(NoPlanFound, match="corridor of the approach") as refused:
         perform(PlanningTask(problem, replace(SETTINGS, starts=1)))
     assert "a larger approach.cone" in str(refused.value)
+
+
+def test_what_is_drawn_is_the_boundary_of_the_corridor() -> None:
+    approach = Approach(FORWARD - 0.4 * SIDEWAYS, 0.2, 0.3)
+    drawn = drawn_corridor(approach, RESTING.target)
+    points = np.column_stack([drawn.x, drawn.y, drawn.z])
+    points = points[np.isfinite(points).all(axis=1)]
+    attitude = Rotation.from_quat(RESTING.target.quaternion_xyzw.copy())
+    places = attitude.inv().apply(points - RESTING.target.position)
+    before = -places @ approach.direction
+    assert degrees_off(approach, places) == pytest.approx(math.degrees(0.3), abs=1e-6)
+    assert before.min() == pytest.approx(0.0, abs=1e-12)
+    assert before.max() == pytest.approx(0.2 * math.cos(0.3))
+
+
+def test_no_request_to_the_node_leaves_the_approach_out() -> None:
+    problem = with_approach(RESTING, FORWARD)
+    with pytest.raises(InvalidInput, match=r"^approach is given: a request"):
+        request_message(problem, "inertial")
+    with pytest.raises(InvalidInput, match="leave out --bag"):
+        require_recordable(PlanningTask(problem, SETTINGS))

@@ -1,8 +1,4 @@
-"""The end effector comes to the grasp along the corridor of the approach, between the points too.
-
-The grasp is where it is at each moment: that of a target body, or a target that goes on with the
-velocity that it has at the goal; one that rests stays where it is, in every inertial frame.
-"""
+"""The end effector comes to the grasp along its corridor, between the points too."""
 
 from __future__ import annotations
 
@@ -12,13 +8,13 @@ from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
-from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.errors import Failure, InvalidInput, Status
 from ff_planner_ros.planning.approach import Approach
 from ff_planner_ros.planning.clearance import arm_points, arm_points_with_derivatives
 from ff_planner_ros.planning.followed import FollowedMotion
+from ff_planner_ros.planning.grasp_seen import GraspSeen
 from ff_planner_ros.planning.metrics import Metrics
 from ff_planner_ros.planning.path_family import Motion, Sensitivity
 from ff_planner_ros.planning.problem import PlanningProblem
@@ -50,7 +46,9 @@ class ApproachCorridor(Requirement):
         """Refuse a start near the grasp and beside the corridor."""
         if problem.approach is None:
             return
-        places = _Grasp(problem, np.zeros(1)).sees(arm_points(problem.robot, q_start[None])[:, -1])
+        places = GraspSeen(problem, np.zeros(1)).sees(
+            arm_points(problem.robot, q_start[None])[:, -1]
+        )
         if problem.approach.margins(places).values[0] < -LIMIT_TOLERANCE:
             raise InvalidInput(
                 Status.START_OUTSIDE_LIMITS,
@@ -72,7 +70,7 @@ class ApproachCorridor(Requirement):
         if approach is None:
             return None
         times = np.linspace(0.0, problem.duration, len(motion.q))
-        grasp = _Grasp(problem, np.concatenate([times[1:], (times[:-1] + times[1:]) / 2]))
+        grasp = GraspSeen(problem, np.concatenate([times[1:], (times[:-1] + times[1:]) / 2]))
         points, derivatives = arm_points_with_derivatives(
             problem.robot,
             np.concatenate([motion.q[1:], motion.q_half_way]),
@@ -134,45 +132,6 @@ class ApproachCorridor(Requirement):
         )
 
 
-class _Grasp:
-    """The grasp's frame at some times, and what is seen from it."""
-
-    def __init__(self, problem: PlanningProblem, times: Array) -> None:
-        body, target = problem.target_body, problem.target
-        # On a table the height does not count.
-        self._counts = np.isin(range(3), problem.robot.base.rows).astype(np.float64)
-        if body is not None:
-            motion = body.grasp(times)
-            self._positions, self._rotations = motion.positions, motion.rotations
-            self._twists = motion.twists
-            return
-        later = times - problem.duration
-        turned = Rotation.from_rotvec(np.outer(later, target.angular_velocity))
-        at_goal = pin.Quaternion(target.quaternion_xyzw).toRotationMatrix()
-        self._positions = target.position + np.outer(later, target.linear_velocity)
-        self._rotations = turned.as_matrix() @ at_goal
-        twist = np.concatenate([target.linear_velocity, target.angular_velocity])
-        self._twists = np.broadcast_to(twist, (len(times), 6))
-
-    def _here(self, vectors: Array) -> Array:
-        seen: Array = np.einsum("pji,pj->pi", self._rotations, self._counts * vectors)
-        return seen
-
-    def sees(self, points: Array) -> Array:
-        """Return where points are, one at each time. Shape (times, 3) [m]."""
-        return self._here(points - self._positions)
-
-    def sees_moving(self, points: Array, velocities: Array) -> Array:
-        """Return how fast points move, one at each time. Shape (times, 3) [m/s]."""
-        carried = np.cross(self._twists[:, 3:], points - self._positions)
-        return self._here(velocities - self._twists[:, :3] - carried)
-
-    def in_inertial(self, gradients: Array) -> Array:
-        """Return gradients by places as those by points of the inertial frame. (times, 3)."""
-        turned: Array = self._counts * np.einsum("pij,pj->pi", self._rotations, gradients)
-        return turned
-
-
 class _Least(NamedTuple):
     """Where the margin is least along a motion."""
 
@@ -196,7 +155,7 @@ def _least(
         q: Shape (times, 7 + joints).
         v: Tangent velocities. Shape (times, 6 + joints).
     """
-    grasp = _Grasp(problem, times)
+    grasp = GraspSeen(problem, times)
     points, velocities = _end_effector(problem.robot, q, v)
     places, rates = grasp.sees(points), grasp.sees_moving(points, velocities)
     steps, way = np.diff(times)[:, None], np.diff(places, axis=0)
