@@ -25,6 +25,7 @@ from ff_planner_ros.planning.approach import CONE, RADIUS_AT_GRASP, Approach
 from ff_planner_ros.planning.check import failures
 from ff_planner_ros.planning.clearance import arm_points
 from ff_planner_ros.planning.end_effector_polynomial import end_effector_paths
+from ff_planner_ros.planning.grasp_seen import GraspSeen
 from ff_planner_ros.planning.joint_spline import joint_splines
 from ff_planner_ros.planning.path_family import PathFamily
 from ff_planner_ros.planning.plan import Plan
@@ -137,6 +138,24 @@ def test_gradients_of_margins_agree_with_differences() -> None:
         slope = (sides[1].values - sides[0].values) / (2 * step)
         assert smooth.sum() > 290
         assert (found.gradients @ axis)[smooth] == pytest.approx(slope[smooth], abs=1e-6)
+
+
+@pytest.mark.parametrize("scene", [TUMBLING, RESTING], ids=["tumbling", "resting"])
+def test_the_grasp_sees_points_move_as_their_places_change(scene: PlanningProblem) -> None:
+    turning = replace(scene.target, angular_velocity=np.array([0.2, -0.1, 0.3]))
+    problem = replace(scene, target=turning)
+    rng = np.random.default_rng(4)
+    point, velocity = rng.normal(size=(2, 3))
+    times, step = np.linspace(1.0, 9.0, 7), 1e-4
+
+    def place(later: float) -> Array:
+        points = point + np.outer(times + later, velocity)
+        return GraspSeen(problem, times + later).sees(points)
+
+    seen = GraspSeen(problem, times).sees_moving(
+        point + np.outer(times, velocity), np.tile(velocity, (7, 1))
+    )
+    assert seen == pytest.approx((place(step) - place(-step)) / (2 * step), abs=1e-7)
 
 
 @pytest.mark.parametrize("name", list(FAMILIES))
