@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from ff_planner_ros.errors import InvalidInput as InvalidInput
     from ff_planner_ros.errors import NoPlanFound as NoPlanFound
     from ff_planner_ros.parameters import load_parameters as load_parameters
+    from ff_planner_ros.planning.approach import Approach as Approach
     from ff_planner_ros.planning.metrics import Metrics as Metrics
     from ff_planner_ros.planning.plan import Plan as Plan
     from ff_planner_ros.planning.plan import Trajectory as Trajectory
@@ -48,6 +49,7 @@ _MODULES = {
         "DurationRange",
         "capturing",
     ),
+    "planning.approach": ("Approach",),
     "planning.target_body": ("TargetBody", "AttachedSphere"),
     "robot.model": ("Robot", "load_robot"),
     "robot.bodies": ("Geometry",),

@@ -24,7 +24,12 @@ from ff_planner_ros.planning.problem import (
     lasting,
 )
 from ff_planner_ros.planning.scenario import target_body_of
-from ff_planner_ros.planning.scenario_writer import accelerations_of, described_body, weights_of
+from ff_planner_ros.planning.scenario_writer import (
+    accelerations_of,
+    described_approach,
+    described_body,
+    weights_of,
+)
 from ff_planner_ros.planning.scene import Scene
 from ff_planner_ros.planning.sound_samples import require_sound_samples
 from ff_planner_ros.planning.target_body import TargetBody
@@ -78,6 +83,7 @@ def plan_dictionary(plan: Plan, task: PlanningTask, solve_time: float) -> dict[s
             if sphere.body is None
         ],
         **_allowed(problem),
+        **described_approach(problem.approach),
         **({} if (body := problem.target_body) is None else _body_rows(body, motion.time)),
         "limits": {
             "position": "from_urdf",

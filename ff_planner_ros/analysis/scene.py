@@ -24,6 +24,7 @@ from ff_planner_ros.analysis.solids import RobotSurface, robot_surface, surface_
 from ff_planner_ros.analysis.surroundings import (
     axes_of,
     axis_lines,
+    drawn_corridor,
     drawn_goal,
     drawn_obstacles,
     near_arm,
@@ -55,6 +56,8 @@ def save_scene(
 ) -> None:
     """Write the scene of `scene_figure` as one HTML file that needs nothing else."""
     figure = scene_figure(problem.robot, problem.obstacles, problem.target, motions, shown)
+    if problem.approach is not None:
+        figure.add_trace(drawn_corridor(problem.approach, problem.target))
     save_page(figure, ", ".join(method.label for method in motions), path)
 
 

@@ -8,10 +8,13 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+import pinocchio as pin
 
 from ff_planner_ros.arrays import Array, finite_number, finite_vector
 from ff_planner_ros.errors import InvalidInput, Status, fields_named
+from ff_planner_ros.planning.approach import Approach
 from ff_planner_ros.planning.target import (
+    SHORTEST_FREE_AXIS,
     Orientation,
     Target,
     require_enough_joints,
@@ -19,13 +22,14 @@ from ff_planner_ros.planning.target import (
 )
 from ff_planner_ros.planning.target_body import TargetBody
 from ff_planner_ros.robot.model import Base, Robot
-from ff_planner_ros.robot.plane import on_the_table
+from ff_planner_ros.robot.plane import MAX_TILT, on_the_table
 from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.shown import quoted
 
 __all__ = [
     "MAX_POINTS",
     "MIN_POINTS",
+    "Approach",
     "DurationRange",
     "Limits",
     "Objective",
@@ -228,9 +232,9 @@ class PlanningProblem:
 
     Raises:
         InvalidInput: A duration or contact distance that is not positive, a duration out of its
-            range, a number of points out of range, a contact that is none of the robot's, or a
-            state or limits whose number of joints is not the robot's, or a state that leaves the
-            plane of a planar base.
+            range, a number of points out of range, a contact that is none of the robot's, an
+            approach in a direction that the target leaves open, a state or limits whose number of
+            joints is not the robot's, or a state that leaves the plane of a planar base.
     """
 
     robot: Robot
@@ -250,6 +254,7 @@ class PlanningProblem:
     target_body: TargetBody | None = None
     # Of which the planner chooses a duration; None: the duration is given
     duration_range: DurationRange | None = None
+    approach: Approach | None = None  # of the last stretch to the target; None: any way
 
     def __post_init__(self) -> None:
         """Check what the parts cannot check by themselves."""
@@ -279,11 +284,30 @@ class PlanningProblem:
         object.__setattr__(self, "allowed_at_goal", tuple(sorted(set(self.allowed_at_goal))))
         if self.allowed_at_goal:
             self._require_known_contacts()
+        if self.approach is not None:
+            self._require_approachable(self.approach)
 
     @property
     def durations(self) -> DurationRange:
         """Those to choose from: one where the duration is given."""
         return self.duration_range or DurationRange(self.duration, self.duration)
+
+    def _require_approachable(self, approach: Approach) -> None:
+        """Refuse a direction that the target does not say, or that leaves the plane."""
+        target, direction, allowed = self.target, approach.direction, ""
+        to_inertial = pin.Quaternion(target.quaternion_xyzw).toRotationMatrix()
+        if target.orientation is Orientation.FREE:
+            allowed = "with orientation free the grasp has no axes to tell a direction in"
+        elif target.free_axis_in_ee is not None:
+            aside = np.cross(direction, target.free_axis_in_ee)
+            if float(np.linalg.norm(aside)) > SHORTEST_FREE_AXIS:
+                allowed = "with orientation about_axis it must be along free_axis"
+        elif self.robot.base is Base.PLANAR and abs(float(to_inertial[2] @ direction)) > MAX_TILT:
+            allowed = "with robot.base planar it must lie in the plane of the table"
+        if allowed:
+            raise InvalidInput(
+                Status.UNSUPPORTED, "approach.direction", direction.tolist(), allowed
+            )
 
     def _require_known_contacts(self) -> None:
         """Refuse an allowed contact of what there is not."""

@@ -12,6 +12,7 @@ import pinocchio as pin
 
 from ff_planner_ros.arrays import Array, finite_number, finite_vector
 from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.planning.approach import CONE, Approach
 from ff_planner_ros.planning.controller_rules import Controller
 from ff_planner_ros.planning.joint_motion import JointMotion
 from ff_planner_ros.planning.problem import (
@@ -58,7 +59,7 @@ _ROBOT_MAY_HAVE = ("base", "held_joints", "geometry", "srdf")
 _REQUIRED = ("robot", "chaser", "joints", "duration", "obstacles", "objective")
 _OF_PROBLEM = (
     *("target", "target_body", "points", "limits", "parametrisation"),
-    *("allowed_at_goal", "contact_distance"),
+    *("allowed_at_goal", "contact_distance", "approach"),
 )
 _OF_TASK = (
     *("start_after", "running", "end_behaviour", "tail_duration", "controller", "planner"),
@@ -187,6 +188,7 @@ def _problem(
             "contact_distance", scenario.get("contact_distance", CONTACT_DISTANCE)
         ),
         target_body=body,
+        approach=_approach(scenario["approach"]) if "approach" in scenario else None,
     )
 
 
@@ -198,6 +200,15 @@ def _duration(value: object) -> tuple[float, DurationRange | None]:
     shortest, longest = (number(f"duration.{name}", entry[name]) for name in ("min", "max"))
     window = DurationRange(shortest, longest)
     return window.maximum, window
+
+
+def _approach(value: object) -> Approach:
+    entry = mapping("approach", value, ("direction", "distance"), optional=("cone",))
+    return Approach(
+        numbers("approach.direction", entry["direction"]),
+        number("approach.distance", entry["distance"]),
+        number("approach.cone", entry.get("cone", CONE)),
+    )
 
 
 def _limits(value: object, defaults: Limits) -> Limits:

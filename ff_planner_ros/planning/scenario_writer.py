@@ -11,6 +11,7 @@ import yaml
 
 from ff_planner_ros.arrays import normalising_to
 from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.planning.approach import Approach
 from ff_planner_ros.planning.problem import (
     Limits,
     Objective,
@@ -95,6 +96,7 @@ def _problem(problem: PlanningProblem) -> dict[str, Any]:
             if problem.allowed_at_goal
             else {}
         ),
+        **described_approach(problem.approach),
     }
 
 
@@ -108,6 +110,18 @@ def weights_of(objective: Objective) -> dict[str, float]:
     """Return an objective as a scenario has it."""
     weights = {name: float(weight) for name, weight in asdict(objective).items()}
     return {name: weight for name, weight in weights.items() if weight or name != "duration"}
+
+
+def described_approach(approach: Approach | None) -> dict[str, Any]:
+    """Return an approach as a scenario has it; nothing where there is none."""
+    if approach is None:
+        return {}
+    told = {
+        "direction": approach.direction.tolist(),
+        "distance": approach.distance,
+        "cone": approach.cone,
+    }
+    return {"approach": told}
 
 
 def _duration(problem: PlanningProblem) -> float | dict[str, float]:

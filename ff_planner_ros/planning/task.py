@@ -142,7 +142,7 @@ def _is_absent(value: Any, name: str) -> bool:
         return not value.allowed_at_goal
     newer = (
         *("joint_accelerations", "free_axis_in_ee", "target_body", "body", "place_in_body"),
-        "duration_range",
+        *("duration_range", "approach"),
     )
     return name in newer and getattr(value, name) is None
 

@@ -134,6 +134,7 @@ def require_recordable(task: PlanningTask) -> None:
     for field, given in (
         ("running", task.running is not None),
         ("first_guess", task.first_guess is not None),
+        ("approach", task.problem.approach is not None),
         ("duration_range.target_velocity", window is not None and window.target_velocity.any()),
         ("target.linear_acceleration", not captured and target.linear_acceleration.any()),
         ("target.angular_acceleration", not captured and target.angular_acceleration.any()),

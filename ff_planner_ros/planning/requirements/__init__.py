@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from ff_planner_ros.planning.requirements.approach import ApproachCorridor
 from ff_planner_ros.planning.requirements.body_clearance import BodyClearance, SelfClearance
 from ff_planner_ros.planning.requirements.chaser_attitude import ChaserAttitude
 from ff_planner_ros.planning.requirements.clearance import Clearance
@@ -20,6 +21,7 @@ REQUIREMENTS: tuple[Requirement, ...] = (
     Clearance(),
     BodyClearance(),
     SelfClearance(),
+    ApproachCorridor(),
     JointPositions(),
     JointRates(),
     JointAccelerations(),

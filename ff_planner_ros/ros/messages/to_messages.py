@@ -28,14 +28,21 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from ff_planner_ros.arrays import Array, normalising_to
 from ff_planner_ros.bag.decoding import NANOSECONDS
-from ff_planner_ros.errors import FfPlannerError, NoPlanFound, Status
+from ff_planner_ros.errors import FfPlannerError, InvalidInput, NoPlanFound, Status
 from ff_planner_ros.planning.plan import Plan
 from ff_planner_ros.planning.problem import PlanningProblem, Sphere, TargetBody
 from ff_planner_ros.robot.state import SystemState
 
 
 def request_message(problem: PlanningProblem, inertial_frame: str) -> PlanTrajectory.Request:
-    """Write a problem as a request for the latest published state, obstacles and target body."""
+    """Write a problem as a request for the latest published state, obstacles and target body.
+
+    Raises:
+        InvalidInput: It asks for an approach, which requests have no field for.
+    """
+    if problem.approach is not None:
+        allowed = "a request to the node cannot ask for it"
+        raise InvalidInput(Status.UNSUPPORTED, "approach", "given", allowed)
     target, angle = problem.target, problem.limits.chaser_attitude
     axis, window = target.free_axis_in_ee, problem.duration_range
     return PlanTrajectory.Request(
