@@ -77,7 +77,7 @@ def _out_of_reach_but_for_a_bound(request: PlanTrajectory.Request) -> None:
 
 def _in_a_hurry(request: PlanTrajectory.Request) -> None:
     request.obstacles.spheres = []
-    request.duration = 1.0
+    request.duration = 0.4
 
 
 CASES = {

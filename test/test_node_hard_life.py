@@ -124,7 +124,7 @@ SPOILS: tuple[Spoil, ...] = (
     *(_number("start_state.twist.linear", axis) for axis in "xyz"),
     *(_number("obstacles.spheres.0.center", axis) for axis in "xyz"),
     _number("obstacles.spheres.0", "radius", 1),
-    _number("obstacles.spheres.0.twist.linear", "x", 1),
+    _number("obstacles.spheres.0.twist.linear", "x"),
     *(
         _number("", name, 1)
         for name in (

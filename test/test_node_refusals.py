@@ -405,6 +405,7 @@ def test_a_refusal_is_empty_but_for_its_cause_its_sources_and_the_worth_of_the_b
             setattr(empty, told, getattr(answer, told))
         if answer is attempted:
             empty.metrics, empty.solver = answer.metrics, answer.solver
+            empty.duration = answer.duration
         assert answer == empty, name
         assert answer.plan_id, name
 
