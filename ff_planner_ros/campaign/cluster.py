@@ -24,6 +24,7 @@ from ff_planner_ros.errors import FfPlannerError, InvalidInput, Status
 _MOST_AT_ONCE = 8
 # Packets that wait at the scheduler for each worker, so that none is ever idle.
 _WAITING = 2
+_DASHBOARD = 8787  # the port that users of Dask look for; only this machine sees it
 # How often a packet may be on a worker when that dies, before Dask gives it up.
 _DEATHS = 3
 _CONNECT, _RECONNECT, _PAUSE = 10.0, 600.0, 2.0  # [s] first, after a loss, and between attempts
@@ -39,7 +40,7 @@ def local_cluster(workers: int | None, dashboard: bool) -> Iterator[str]:
             n_workers=workers,
             threads_per_worker=1,
             processes=True,
-            dashboard_address=":8787" if dashboard else None,
+            dashboard_address=f"127.0.0.1:{_DASHBOARD if dashboard else 0}",
             **quiet,
         ) as cluster,
     ):
@@ -62,6 +63,7 @@ def outcomes(
     Raises:
         InvalidInput: No scheduler answers, or a worker has other software.
     """
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what matters is told below
     again: deque[list[Case]] = deque()
     client = _connected(address, _CONNECT)
     try:
@@ -126,7 +128,7 @@ def _on_client(
             packet = again.popleft() if again else list(islice(jobs, size))
             if not packet:
                 break
-            future = client.submit(run_cases, packet, expected, pure=False)
+            future = client.submit(_on_worker, packet, expected, pure=False)
             running[future] = packet
             completed.add(future)
         if not running:
@@ -134,9 +136,9 @@ def _on_client(
         future = next(completed)
         packet = running.pop(future)
         if future.status == "finished":
-            result = future.result()
+            worker, result = future.result()
             if isinstance(result, str):
-                raise _other_software("(one that came later)", result)
+                raise _other_software(worker, result)
             yield result
         elif future.status == "error":
             error = future.exception()
@@ -147,3 +149,8 @@ def _on_client(
             again.extend([case] for case in packet if len(packet) > 1)
         else:  # cancelled or lost: the scheduler is not what it was
             again.append(packet)
+
+
+def _on_worker(packet: list[Case], expected: dict[str, str]) -> tuple[str, list[Outcome] | str]:
+    """Run on a worker: return its address, and what it did or why it must not."""
+    return distributed.get_worker().address, run_cases(packet, expected)

@@ -79,7 +79,11 @@ class Writer:
     """Adds rows to the tables of a directory; the only one that does at a time."""
 
     def __init__(self, directory: Path, schema: pyarrow.Schema) -> None:
-        """Read which cases are there, and remove what was not finished."""
+        """Read which cases are there, and remove what was not finished.
+
+        Raises:
+            InvalidInput: A file is damaged, or has columns of other kinds.
+        """
         self._directory, self._schema = directory, schema
         self._rows: list[dict[str, Any]] = []
         self._points: list[dict[str, Any]] = []
@@ -87,6 +91,7 @@ class Writer:
             for unfinished in (directory / name).glob(f"*{_UNFINISHED}"):
                 unfinished.unlink()
         parts = part_files(directory)
+        _require_same_kinds([*map(_schema, parts), schema], directory)
         # Trajectories are written before the rows that make their cases count as done.
         of_plans = {path.name for path in parts}
         for path in (directory / TRAJECTORIES).glob("*.parquet"):
@@ -200,13 +205,37 @@ def _column(parts: Sequence[Path], name: str) -> Iterator[Any]:
         yield from _read(path, [name]).column(name).to_pylist()
 
 
+def _require_same_kinds(schemas: list[pyarrow.Schema], directory: Path) -> None:
+    try:
+        pyarrow.unify_schemas(schemas)
+    except pyarrow.ArrowException as error:
+        reason = str(error).partition("\n")[0]
+        allowed = f"a key is now varied by values of another kind ({reason}): choose another one"
+        raise InvalidInput(Status.UNSUPPORTED, "--out", directory, allowed) from None
+
+
+def _schema(path: Path) -> pyarrow.Schema:
+    return _opened(path).schema_arrow
+
+
 def _read(path: Path, columns: list[str] | None = None) -> pyarrow.Table:
     try:
-        return pyarrow.parquet.ParquetFile(path).read(columns)
+        return _opened(path).read(columns)
     except (pyarrow.ArrowException, OSError) as error:
-        reason = str(error).partition("\n")[0]
-        allowed = f"it is damaged ({reason}): without it, its cases are planned again"
-        raise InvalidInput(Status.OUT_OF_RANGE, "file", path, allowed) from None
+        raise _damaged(path, error) from None
+
+
+def _opened(path: Path) -> pyarrow.parquet.ParquetFile:
+    try:
+        return pyarrow.parquet.ParquetFile(path)
+    except (pyarrow.ArrowException, OSError) as error:
+        raise _damaged(path, error) from None
+
+
+def _damaged(path: Path, error: Exception) -> InvalidInput:
+    reason = str(error).partition("\n")[0]
+    allowed = f"it is damaged ({reason}): without it, its cases are planned again"
+    return InvalidInput(Status.OUT_OF_RANGE, "file", path, allowed)
 
 
 def require_campaign(directory: Path, expected: Mapping[str, str], file: str) -> None:
