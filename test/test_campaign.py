@@ -29,6 +29,7 @@ from ff_planner_ros.campaign.table import (
 )
 from ff_planner_ros.campaign.work import run_case
 from ff_planner_ros.cli import main
+from ff_planner_ros.commands import campaigns
 from ff_planner_ros.errors import InvalidInput
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.scenario import Defaults, load_task
@@ -283,12 +284,17 @@ def test_a_directory_of_another_version_or_another_thing_or_another_campaign_is_
         (["study.yaml"], "--out is missing"),
         (["study.yaml", "more", "--out", "x"], "argument is more"),
         (["study.yaml", "--out", "x", "--workers", "0"], "--workers is 0: it must be from 1"),
+        (["study.yaml", "--out", "x", "--dashboard"], "--dashboard is asked for: it needs bokeh"),
         (["report", "none"], "there is no campaign"),
         (["none.yaml", "--out", "x"], "none.yaml: it cannot be read"),
     ],
 )
 def test_what_the_command_lacks_is_named(
-    arguments: list[str], said: str, capsys: pytest.CaptureFixture[str]
+    arguments: list[str],
+    said: str,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
+    monkeypatch.setattr(campaigns, "find_spec", lambda _name: None)  # as where there is no bokeh
     assert main(["campaign", *arguments]) == 2
     assert said in capsys.readouterr().err

@@ -265,6 +265,18 @@ def test_a_worker_of_another_version_plans_nothing_and_says_what_differs(
         ({"methods": [{"name": "a", "method": "magic"}]}, r"methods\[0\].method is magic"),
         ({"methods": [{"name": "a"}, {"name": "a"}]}, r"methods\[1\].name is a: .* unique"),
         ({"methods": [{"name": "a", "set": {"target.colour": 1}}]}, "target.colour is unknown"),
+        ({"variations": {"grid": {"robot.urdf": ["x.urdf"]}}}, "'robot.urdf': a robot of another"),
+        (
+            {
+                "methods": [{"name": "a", "set": {"duration": 3.0}}],
+                "variations": {"grid": {"duration": [2.0]}},
+            },
+            "duration is varied twice",
+        ),
+        (
+            {"variations": {"grid": {"points": list(range(9999)), "duration": [1.0] * 9999}}},
+            "199960002 cases: a campaign has 10000000 cases at most",
+        ),
         ({"keep": {"trajectories": "some"}}, "keep.trajectories is 'some'"),
     ],
     ids=lambda value: value if isinstance(value, str) else "",

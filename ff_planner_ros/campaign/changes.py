@@ -19,6 +19,8 @@ SET, TIMES, PLUS = "set", "times", "plus"
 UNIFORM, NORMAL, CHOICE = "uniform", "normal", "choice"
 
 _IN_URDF = re.compile(r"urdf\.(?P<link>.+)\.(?P<part>mass|inertia(\.i(xx|xy|xz|yy|yz|zz))?)")
+# What a scenario reads from files: workers have none.
+_FILES = ("robot.urdf", "robot.srdf")
 _STEP = re.compile(r"([^.\[\]]+)|\[(\d+)\]")
 _PATH = re.compile(r"[^.\[\]]+(\.[^.\[\]]+|\[\d+\])*")
 
@@ -84,6 +86,9 @@ def require_key(field: str, key: object) -> str:
         InvalidInput: It may not.
     """
     if isinstance(key, str):
+        if key.startswith(_FILES):
+            allowed = "a robot of another file is another scenario: name it under scenarios"
+            raise InvalidInput(Status.UNSUPPORTED, field, quoted(key), allowed)
         if key.startswith("urdf.") and not _IN_URDF.fullmatch(key):
             allowed = "of a URDF, urdf.LINK.mass, urdf.LINK.inertia or urdf.LINK.inertia.ixx"
             raise InvalidInput(Status.OUT_OF_RANGE, field, quoted(key), allowed)

@@ -32,21 +32,35 @@ _CONNECT, _RECONNECT, _PAUSE = 10.0, 600.0, 2.0  # [s] first, after a loss, and 
 
 @contextmanager
 def local_cluster(workers: int | None, dashboard: bool) -> Iterator[str]:
-    """Yield the address of a scheduler with a process a core, or as many as asked for."""
-    quiet: dict[str, Any] = {"silence_logs": logging.CRITICAL}
+    """Yield the address of a scheduler with a process a core, or as many as asked for.
+
+    Raises:
+        FfPlannerError: Its processes do not start.
+    """
     with (
         dask.config.set({"distributed.scheduler.allowed-failures": _DEATHS}),
-        distributed.LocalCluster(
-            n_workers=workers,
-            threads_per_worker=1,
-            processes=True,
-            dashboard_address=f"127.0.0.1:{_DASHBOARD if dashboard else 0}",
-            **quiet,
-        ) as cluster,
+        _started(workers, dashboard) as cluster,
     ):
         if dashboard:
             print(f"dashboard: {cluster.dashboard_link}", file=sys.stderr)
         yield cluster.scheduler_address
+
+
+def _started(workers: int | None, dashboard: bool) -> distributed.LocalCluster:
+    """Return a cluster whose workers run: where one dies on the way, it is tried again."""
+    quiet: dict[str, Any] = {"silence_logs": logging.CRITICAL}
+    for _ in range(_DEATHS):
+        try:
+            return distributed.LocalCluster(
+                n_workers=workers,
+                threads_per_worker=1,
+                processes=True,
+                dashboard_address=f"127.0.0.1:{_DASHBOARD if dashboard else 0}",
+                **quiet,
+            )
+        except (RuntimeError, OSError) as error:
+            reason = str(error)
+    raise FfPlannerError(Status.UNSUPPORTED, f"the workers on this machine do not start: {reason}")
 
 
 def outcomes(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -107,12 +108,19 @@ def load_study(path: Path) -> Study:
         sources += of_requests
     if not sources:
         raise InvalidInput(Status.OUT_OF_RANGE, "scenarios", "empty", "there is nothing to plan")
+    grid, random = _grid(variations.get("grid", {})), _random(variations.get("random"))
+    methods = _methods(study.get("methods", [{"name": OPTIMAL}]))
+    _require_one_change_a_key(grid, random, methods)
+    points = math.prod(map(len, grid))
+    if (count := len(sources) * points * random.count * len(methods)) > _MOST:
+        allowed = f"a campaign has {_MOST} cases at most"
+        raise InvalidInput(Status.OUT_OF_RANGE, "variations", f"{count} cases", allowed)
     return Study(
         sources=tuple(sources),
         defaults=defaults,
-        grid=_grid(variations.get("grid", {})),
-        random=_random(variations.get("random")),
-        methods=_methods(study.get("methods", [{"name": OPTIMAL}])),
+        grid=grid,
+        random=random,
+        methods=methods,
         trajectories=boolean("keep.trajectories", keep.get("trajectories", False)),
         parameters=parameters,
         notes=notes,
@@ -223,6 +231,18 @@ def _methods(value: object) -> tuple[MethodOfStudy, ...]:
         )
         methods[name] = MethodOfStudy(name, method, changes)
     return tuple(methods.values())
+
+
+def _require_one_change_a_key(
+    grid: tuple[tuple[Change, ...], ...], random: Randomly, methods: tuple[MethodOfStudy, ...]
+) -> None:
+    """Refuse a key that is varied twice, or that a method sets, too: only the last would count."""
+    varied = [axis[0].key for axis in grid] + [value[0] for value in random.values]
+    for method in methods:
+        for key in (*varied, *(change.key for change in method.changes)):
+            if [*varied, *(change.key for change in method.changes)].count(key) > 1:
+                allowed = "it must be in one of grid, random and what a method sets"
+                raise InvalidInput(Status.OUT_OF_RANGE, key, "varied twice", allowed)
 
 
 def _by_key(field: str, value: object) -> Iterator[tuple[str, Any]]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from importlib.util import find_spec
 from pathlib import Path
 
 from ff_planner_ros.commands.planning import NO_PLAN, SOLVED, print_notes
@@ -31,6 +32,9 @@ def run_campaign(options: argparse.Namespace) -> int:
 
 def _run(options: argparse.Namespace) -> int:
     _require_packages()
+    if options.dashboard and find_spec("bokeh") is None:
+        allowed = "it needs bokeh: pip install bokeh"
+        raise InvalidInput(Status.UNSUPPORTED, "--dashboard", "asked for", allowed)
     from ff_planner_ros.campaign import table
     from ff_planner_ros.campaign.run import run_campaign as run
     from ff_planner_ros.campaign.study import load_study
