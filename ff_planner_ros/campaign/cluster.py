@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import sys
+import threading
 import time
 from collections import deque
 from collections.abc import Generator, Iterator
@@ -27,6 +28,7 @@ _WAITING = 2
 _DASHBOARD = 8787  # the port that users of Dask look for; only this machine sees it
 # How often a packet may be on a worker when that dies, before Dask gives it up.
 _DEATHS = 3
+_LOOK_AFTER = 5.0  # [s] between two looks at whether workers of this machine are missing
 _CONNECT, _RECONNECT, _PAUSE = 10.0, 600.0, 2.0  # [s] first, after a loss, and between attempts
 
 
@@ -43,7 +45,26 @@ def local_cluster(workers: int | None, dashboard: bool) -> Iterator[str]:
     ):
         if dashboard:
             print(f"dashboard: {cluster.dashboard_link}", file=sys.stderr)
-        yield cluster.scheduler_address
+        with _kept_complete(cluster, len(cluster.worker_spec)):
+            yield cluster.scheduler_address
+
+
+@contextmanager
+def _kept_complete(cluster: distributed.LocalCluster, workers: int) -> Iterator[None]:
+    """Start workers anew that died while they started: Dask itself gives these up."""
+    ended = threading.Event()
+
+    def keep() -> None:
+        while not ended.wait(_LOOK_AFTER):
+            cluster.scale(workers)
+
+    keeper = threading.Thread(target=keep, daemon=True)
+    keeper.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        keeper.join()
 
 
 def _started(workers: int | None, dashboard: bool) -> distributed.LocalCluster:
