@@ -53,6 +53,19 @@ class BuildCore(build_ext):
         with compiled_side_by_side():
             super().build_extensions()
 
+    def build_extension(self, ext: Extension) -> None:
+        """Build, or take what the tree has in place if it is newer than all that it is made of."""
+        in_place = Path(self.get_ext_filename(self.get_ext_fullname(ext.name)))
+        changed = max(
+            Path(file).stat().st_mtime for file in (*ext.sources, *ext.depends, "setup.py")
+        )
+        if self.sanitize or not in_place.is_file() or in_place.stat().st_mtime < changed:
+            super().build_extension(ext)
+            return
+        built = Path(self.get_ext_fullpath(ext.name))
+        built.parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy2(in_place, built)
+
 
 def compiled_side_by_side() -> AbstractContextManager[Any]:
     """Let the compiler work on a file a processor, where pybind11 helps with that."""

@@ -16,7 +16,7 @@ import sys
 import threading
 from collections.abc import Callable
 from contextlib import closing
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -92,6 +92,9 @@ def _fly(options: argparse.Namespace, check: Callable[[], None]) -> dict[str, An
     print(f"predicted  end effector at {_words(flown.predicted)}")
     print(f"reached    end effector at {_words(flown.reached)}")
     print(f"off by     {flown.error.position * 1e3:.2f} mm, {_deg(flown.error.angle)}")
+    if flown.capture is not None:
+        apart, turned = flown.capture.position_error, flown.capture.orientation_error
+        print(f"grasp      {apart * 1e3:.2f} mm, {_deg(turned)} from the end effector")
     print(f"chaser     {flown.worst.position * 1e3:.2f} mm, {_deg(flown.worst.angle)} at worst")
     return _report(answer, flown)
 
@@ -132,6 +135,7 @@ def _report(answer: PlanTrajectory.Result, flown: FlownPlan) -> dict[str, Any]:
         "reached": _numbers(flown.reached),
         "error": flown.error._asdict(),
         "worst_chaser_error": flown.worst._asdict(),
+        "capture": None if flown.capture is None else asdict(flown.capture),
     }
 
 

@@ -12,19 +12,24 @@ if TYPE_CHECKING:
     from ff_planner_ros.errors import InvalidInput as InvalidInput
     from ff_planner_ros.errors import NoPlanFound as NoPlanFound
     from ff_planner_ros.parameters import load_parameters as load_parameters
+    from ff_planner_ros.planning.approach import Approach as Approach
     from ff_planner_ros.planning.metrics import Metrics as Metrics
     from ff_planner_ros.planning.plan import Plan as Plan
     from ff_planner_ros.planning.plan import Trajectory as Trajectory
+    from ff_planner_ros.planning.problem import DurationRange as DurationRange
     from ff_planner_ros.planning.problem import Limits as Limits
     from ff_planner_ros.planning.problem import Objective as Objective
     from ff_planner_ros.planning.problem import PlanningProblem as PlanningProblem
     from ff_planner_ros.planning.problem import Sphere as Sphere
     from ff_planner_ros.planning.problem import Target as Target
+    from ff_planner_ros.planning.problem import capturing as capturing
     from ff_planner_ros.planning.scenario import Defaults as Defaults
     from ff_planner_ros.planning.scenario import load_scenario as load_scenario
     from ff_planner_ros.planning.scenario import load_task as load_task
     from ff_planner_ros.planning.settings import PlannerSettings as PlannerSettings
     from ff_planner_ros.planning.tail import EndBehaviour as EndBehaviour
+    from ff_planner_ros.planning.target_body import AttachedSphere as AttachedSphere
+    from ff_planner_ros.planning.target_body import TargetBody as TargetBody
     from ff_planner_ros.planning.task import PlanningTask as PlanningTask
     from ff_planner_ros.planning.task import perform as perform
     from ff_planner_ros.robot.bodies import Geometry as Geometry
@@ -39,7 +44,13 @@ _MODULES = {
     "planning.scenario": ("load_scenario", "load_task", "Defaults"),
     "parameters": ("load_parameters",),
     "planning.task": ("PlanningTask", "perform"),
-    "planning.problem": ("PlanningProblem", "Target", "Sphere", "Objective", "Limits"),
+    "planning.problem": (
+        *("PlanningProblem", "Target", "Sphere", "Objective", "Limits"),
+        "DurationRange",
+        "capturing",
+    ),
+    "planning.approach": ("Approach",),
+    "planning.target_body": ("TargetBody", "AttachedSphere"),
     "robot.model": ("Robot", "load_robot"),
     "robot.bodies": ("Geometry",),
     "robot.state": ("SystemState",),

@@ -41,7 +41,7 @@ from ff_planner_ros.baselines.straight_line import straight_line
 from ff_planner_ros.planning.plan import Plan
 from ff_planner_ros.planning.planner import plan
 from ff_planner_ros.planning.preconditions import require_plannable
-from ff_planner_ros.planning.problem import Parametrisation, PlanningProblem
+from ff_planner_ros.planning.problem import Parametrisation, PlanningProblem, lasting
 from ff_planner_ros.planning.settings import PlannerSettings
 from ff_planner_ros.planning.system_frame import in_own_frame
 from ff_planner_ros.planning.task import Method as Solver
@@ -68,7 +68,8 @@ def compare(
     """Plan with every method, print the tables, draw, and tell whether any method made a motion.
 
     Args:
-        problem: Its objective does not matter: every method sets its own.
+        problem: Its objective does not matter: every method sets its own. Of a range of durations
+            all take the longest.
         output: Directory for the pictures, made if it is not there.
         of_the_paper: Whether the problem is the paper's, whose ratios are then compared.
 
@@ -76,6 +77,7 @@ def compare(
         InvalidInput: The start violates what every plan must keep.
         NoPlanFound: The goal is out of reach.
     """
+    problem = lasting(problem, problem.durations.maximum)
     require_plannable(in_own_frame(problem), settings)
     output.mkdir(parents=True, exist_ok=True)
     answers = {}

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from enum import IntEnum
 
@@ -22,6 +23,9 @@ class Status(IntEnum):
     START_OUTSIDE_LIMITS = 105
     START_SINGULAR = 106
     STATE_UNPAIRED = 107
+    NO_TARGET_BODY = 108
+    TARGET_STALE = 109
+    TARGET_IN_FUTURE = 110
 
     NOT_FINITE = 200
     WRONG_SIZE = 201
@@ -139,3 +143,13 @@ class BagError(FfPlannerError):
     def __init__(self, message: str) -> None:
         """A bag error is never the planner's answer to a request: its status is internal."""
         super().__init__(Status.INTERNAL_ERROR, shortened(message, LONGEST_MESSAGE))
+
+
+@contextmanager
+def fields_named(named_as: Mapping[str, str]) -> Iterator[None]:
+    """Make errors name other fields: a message's, say, instead of the planning objects' ones."""
+    try:
+        yield
+    except InvalidInput as error:
+        field = named_as.get(error.field, error.field)
+        raise InvalidInput(error.status, field, error.value, error.allowed) from None

@@ -232,6 +232,7 @@ class QosParameters:
     odometry: SubscriptionQos
     joint_states: SubscriptionQos
     obstacles: SubscriptionQos
+    target_body: SubscriptionQos
     joint_trajectory: PublisherQos
     predicted_chaser_path: PublisherQos
     predicted_chaser_pose: PublisherQos
@@ -428,7 +429,18 @@ class NodeParameters:
         "An older chaser state is refused", 0.0, 3600.0, "s", STRICT_IF_LOW
     )
     state_max_lead: float = tunable(
-        "A chaser state stamped further ahead of now is refused", 0.0, 3600.0, "s", STRICT_IF_LOW
+        "A chaser state, or a target body, stamped further ahead of now is refused",
+        0.0,
+        3600.0,
+        "s",
+        STRICT_IF_LOW,
+    )
+    target_max_age: float = tunable(
+        "An older target body is refused; a younger one is carried forward",
+        0.0,
+        3600.0,
+        "s",
+        STRICT_IF_LOW,
     )
 
     def __post_init__(self) -> None:

@@ -7,6 +7,7 @@ import numpy as np
 from ff_planner_ros.planning.plan import Trajectory
 from ff_planner_ros.planning.scene import Scene
 from ff_planner_ros.robot.model import Robot
+from ff_planner_ros.simulation.capture import ALLOWED_AT_CAPTURE, Capture, is_soft
 from ff_planner_ros.simulation.engine import ENGINE
 from ff_planner_ros.simulation.model_errors import model_errors
 from ff_planner_ros.simulation.verification import (
@@ -45,8 +46,19 @@ def print_verdict(
             ("allowed", *_cells(ALLOWED, 4), f"{MOMENTUM_TOLERANCE:.1e}"),
         ],
     )
+    if found.capture is not None:
+        print_table(
+            f"{name}, the target a second free body: end effector and grasp at capture",
+            ("", "apart [mm]", "[deg]", "moving apart [mm/s]", "[deg/s]"),
+            [
+                ("relative", *_relative(found.capture)),
+                ("allowed", *_relative(ALLOWED_AT_CAPTURE)),
+            ],
+        )
     if robot.bodies:
         _print_contacts(found, unknown=scene is None)
+    else:
+        print("contacts: not looked for, the robot is planned with lines")
     print(f"verdict: {_verdict(found)}")
     if sensitivity:
         print_table(
@@ -55,6 +67,16 @@ def print_verdict(
             [(row.cause, *_cells(row.deviation, 2)) for row in model_errors(robot, trajectory)],
         )
     return found.passed
+
+
+def _relative(found: Capture) -> list[str]:
+    numbers = (
+        1e3 * found.position_error,
+        np.rad2deg(found.orientation_error),
+        1e3 * found.linear_speed,
+        np.rad2deg(found.angular_speed),
+    )
+    return [f"{number:.4f}" for number in numbers]
 
 
 def _print_contacts(found: Verification, unknown: bool) -> None:
@@ -75,6 +97,8 @@ def _print_contacts(found: Verification, unknown: bool) -> None:
 def _verdict(found: Verification) -> str:
     if not found.momentum_drift <= MOMENTUM_TOLERANCE:
         return "failed: the momentum changes, the motion is too fast to be integrated"
+    if found.capture is not None and not is_soft(found.capture):
+        return "failed: the end effector does not meet the grasp of the target body"
     if not found.came_true:
         return "failed: the system does not do what the plan says"
     if found.contacts:

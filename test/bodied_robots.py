@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import re
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 
@@ -11,8 +12,11 @@ import coal
 import numpy as np
 import pinocchio as pin
 from robots import LEMUR_URDF, random_urdf
+from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.arrays import Array
+from ff_planner_ros.planning.problem import Sphere, attached_spheres
+from ff_planner_ros.planning.target_body import AttachedSphere, TargetBody
 from ff_planner_ros.robot.bodies import Body, Geometry
 from ff_planner_ros.robot.model import Robot, load_robot, robot_from_urdf_text
 
@@ -37,6 +41,23 @@ def with_solids(urdf: str, solids: dict[str, str]) -> str:
             flags=re.DOTALL,
         )
     return urdf
+
+
+def pinocchio_geometry(robot: Robot, spheres: Sequence[Sphere]) -> pin.GeometryModel:
+    """Return bodies, then spheres, and all pairs that must not touch: bodies', then spheres'."""
+    model = pin.GeometryModel()
+    for k, body in enumerate(robot.bodies):
+        model.addGeometryObject(
+            pin.GeometryObject(f"b{k}", body.joint, body.placement_in_joint, body.solid)
+        )
+    for k, sphere in enumerate(spheres):
+        ball, place = coal.Sphere(sphere.radius), pin.SE3(np.eye(3), sphere.center)
+        model.addGeometryObject(pin.GeometryObject(f"s{k}", 0, place, ball))
+    count = len(robot.bodies)
+    with_spheres = [(a, count + b) for a in range(count) for b in range(len(spheres))]
+    for pair in (*robot.pairs, *with_spheres):
+        model.addCollisionPair(pin.CollisionPair(*pair))
+    return model
 
 
 @cache
@@ -79,7 +100,7 @@ def _some_as_hulls(bodies: tuple[Body, ...], rng: np.random.Generator) -> list[B
             center = body.placement_in_joint.actInv(body.center_in_joint)
             for direction in directions:
                 points.append(center + body.radius * direction)
-            hull = coal.Convex.convexHull(points, False, "Qt")
+            hull = coal.Convex.convexHull(points, True, "Qt")
             body = replace(body, solid=hull)
         found.append(body)
     return found
@@ -111,3 +132,22 @@ def moving_pairs(robot: Robot) -> list[tuple[int, int]]:
 
 def _words(vector: Array) -> str:
     return " ".join(str(float(number)) for number in vector)
+
+
+def tumbling_spheres(rng: np.random.Generator, around: Array, count: int) -> tuple[Sphere, ...]:
+    """Spheres that are fixed to a body which drifts and tumbles, about a metre from a place."""
+    moments = rng.uniform(1.0, 2.0, 3)
+    body = TargetBody(
+        position=around + 0.3 * rng.normal(size=3),
+        quaternion_xyzw=Rotation.random(random_state=rng).as_quat(),
+        inertia=np.diag(np.clip(moments, None, 0.9 * (moments.sum() - moments))),
+        grasp_position=[0.0, 0.0, 9.0],
+        grasp_quaternion_xyzw=[0.0, 0.0, 0.0, 1.0],
+        linear_velocity=0.05 * rng.normal(size=3),
+        angular_velocity=0.3 * rng.normal(size=3),
+        obstacles=tuple(
+            AttachedSphere(f"part_{number}", rng.normal(size=3), rng.uniform(0.05, 0.15))
+            for number in range(count)
+        ),
+    )
+    return tuple(attached_spheres(body))

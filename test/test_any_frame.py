@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from ff_planner_ros.analysis.tracking import planned_poses
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.bench.robots import bench_robot
-from ff_planner_ros.errors import InvalidInput, NoPlanFound
+from ff_planner_ros.errors import NoPlanFound
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.clearance import arm_points
 from ff_planner_ros.planning.joint_motion import joint_motion
@@ -29,7 +29,6 @@ from ff_planner_ros.robot.ee_at_rest import joint_rates_with_ee_at_rest
 from ff_planner_ros.robot.model import Robot, robot_from_urdf_text
 from ff_planner_ros.robot.momentum import total_momentum
 from ff_planner_ros.robot.state import SystemState
-from ff_planner_ros.runs.offline_bag import require_recordable
 from ff_planner_ros.simulation.verification import verify
 
 # What is tested here does not depend on how long the least attitude is looked for.
@@ -322,12 +321,3 @@ def spin(robot: Robot, state: SystemState) -> Array:
     q, v = configuration(robot, state)
     data = robot.model.createData()
     return np.array(pin.computeCentroidalMomentum(robot.model, data, q, v).angular)
-
-
-def test_a_bag_of_a_request_cannot_hold_a_moving_sphere(lemur_capture: PlanningProblem) -> None:
-    """Requests to the node cannot ask for one: written without its velocity it would be another."""
-    require_recordable(PlanningTask(lemur_capture, SETTINGS))
-    moving = replace(lemur_capture.obstacles[0], velocity=[0.0, 0.1, 0.0])
-    problem = replace(lemur_capture, obstacles=(moving,))
-    with pytest.raises(InvalidInput, match=rf"obstacles\[{moving.id}\]\.velocity .*--bag"):
-        require_recordable(PlanningTask(problem, SETTINGS))

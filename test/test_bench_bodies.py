@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-import coal
 import numpy as np
 import pinocchio as pin
 import pytest
+from bodied_robots import pinocchio_geometry
 
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.bench import bodies
@@ -32,18 +32,7 @@ def drawn(request: pytest.FixtureRequest, times: Callable[[int, int], int]) -> B
 def least_distances(problem: PlanningProblem, way: Array) -> tuple[float, float]:
     """Of bodies from each other, and from the spheres, along a way."""
     robot, spheres = problem.robot, problem.obstacles
-    model = pin.GeometryModel()
-    for k, body in enumerate(robot.bodies):
-        model.addGeometryObject(
-            pin.GeometryObject(f"b{k}", body.joint, body.placement_in_joint, body.solid)
-        )
-    for k, sphere in enumerate(spheres):
-        ball, place = coal.Sphere(sphere.radius), pin.SE3(np.eye(3), sphere.center)
-        model.addGeometryObject(pin.GeometryObject(f"s{k}", 0, place, ball))
-    count = len(robot.bodies)
-    with_spheres = [(a, count + b) for a in range(count) for b in range(len(spheres))]
-    for pair in (*robot.pairs, *with_spheres):
-        model.addCollisionPair(pin.CollisionPair(*pair))
+    model = pinocchio_geometry(robot, spheres)
     data, geometry = robot.model.createData(), model.createData()
     own = outer = np.inf
     for q in way:

@@ -42,6 +42,10 @@ def test_the_quick_benchmark_prints_its_tables_and_writes_its_figures(tmp_path, 
     assert {row["kind"] for row in figures["scenarios"]} == {"ordinary", "cluttered"}
     solved = [row["kind"] for row in figures["families"] if row["status"] == "SOLVED"]
     assert {"ordinary", "cluttered", "planar", "singular starts"} <= set(solved)
+    solved = [row["kind"] for row in figures["captures"] if row["status"] == "SOLVED"]
+    assert set(solved) == {"tumbling", "fast tumbling"}
+    assert {row["status"] for row in figures["free moments"]} == {"SOLVED"}
+    assert max(row["of_witness"] for row in figures["free moments"]) < 1.02
     assert {row["belief"] for row in figures["executions"]} == set(BELIEFS)
     assert all(
         row["shortest"] >= row["steadiest"] >= 0.9 * row["best_known"]

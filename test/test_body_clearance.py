@@ -10,7 +10,13 @@ import coal
 import numpy as np
 import pinocchio as pin
 import pytest
-from bodied_robots import body_placements, coal_distance, lemur_with_bodies, random_robot
+from bodied_robots import (
+    body_placements,
+    coal_distance,
+    lemur_with_bodies,
+    random_robot,
+    tumbling_spheres,
+)
 from dense_motion import truth
 from robots import LEMUR_SCENARIO, random_state
 
@@ -32,10 +38,16 @@ from ff_planner_ros.planning.joint_spline import joint_splines
 from ff_planner_ros.planning.plan import Plan
 from ff_planner_ros.planning.planner import plan
 from ff_planner_ros.planning.preconditions import require_plannable
-from ff_planner_ros.planning.problem import Parametrisation, PlanningProblem, Sphere
+from ff_planner_ros.planning.problem import (
+    Parametrisation,
+    PlanningProblem,
+    Sphere,
+    attached_spheres,
+)
 from ff_planner_ros.planning.scenario import load_scenario
 from ff_planner_ros.planning.scenario_writer import write_scenario
 from ff_planner_ros.planning.spline_guesses import spline_guesses
+from ff_planner_ros.planning.target_body import AttachedSphere, TargetBody
 from ff_planner_ros.planning.task import PlanningTask
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import Robot
@@ -66,7 +78,7 @@ def dense_least(
         centers = centers_of(robot, places)
         for sphere in spheres:
             ball = coal.Sphere(sphere.radius)
-            there = pin.SE3(np.eye(3), sphere.center + time * sphere.velocity)
+            there = pin.SE3(np.eye(3), sphere.center + sphere.way(float(time)))
             apart = np.linalg.norm(centers - there.translation, axis=1) - sphere.radius
             for number, body in enumerate(robot.bodies):
                 if apart[number] - body.radius < of_spheres:
@@ -168,6 +180,48 @@ def test_the_certificate_is_below_what_is_found_between_the_points_and_hardly_so
             assert least.found >= dense - 3e-3, f"seed {seed}: {least}, Coal {dense}"
 
 
+@pytest.mark.parametrize("seed", range(5, 13))
+def test_the_certificate_holds_where_spheres_are_fixed_to_a_body_that_tumbles(seed: int) -> None:
+    robot, rng = random_robot(seed), np.random.default_rng(seed)
+    motion = random_motion(robot, seed, points=(4, 40)[seed % 2])
+    spheres = tumbling_spheres(rng, motion.q[len(motion.q) // 2, :3], 4)
+    every = np.arange(len(robot.bodies) * len(spheres))
+    least = least_sphere_distance(robot, motion, spheres, every, len(motion.time) - 1)
+    finer = followed(robot, motion.q[0], motion.v[0], motion.joints, multiple=8)
+    dense, _ = dense_least(replace(robot, pairs=()), finer.q, finer.time, spheres)
+    exact = max(CERTIFICATE_GAP, EXACT_PART * least.found)
+    assert least.certified <= least.found <= least.certified + exact
+    assert least.certified <= dense + 2e-5, f"seed {seed}: {least}, Coal {dense}"
+    if dense > -0.05:
+        assert least.found >= dense - 3e-3, f"seed {seed}: {least}, Coal {dense}"
+
+
+def test_a_sphere_that_swings_by_a_resting_robot_is_not_overlooked() -> None:
+    """It comes by between the configurations that are looked at first."""
+    robot = random_robot(5)
+    rest = np.zeros((4, robot.joints))
+    q = configuration(robot, random_state(robot, np.random.default_rng(5)))[0]
+    joints = JointMotion(np.linspace(0.0, 4.0, 4), rest + q[7:], rest, rest)
+    motion = followed(robot, q, np.zeros(robot.model.nv), joints)
+    body = TargetBody(
+        position=q[:3] + np.array([3.0, 0.0, 0.0]),
+        quaternion_xyzw=[0.0, 0.0, 0.0, 1.0],
+        inertia=np.eye(3),
+        grasp_position=[0.0, 0.0, 9.0],
+        grasp_quaternion_xyzw=[0.0, 0.0, 0.0, 1.0],
+        angular_velocity=[0.0, 0.0, 20.0],
+        obstacles=(AttachedSphere("boom", [0.0, 2.5, 0.0], 0.1),),
+    )
+    spheres = tuple(attached_spheres(body))
+    every = np.arange(len(robot.bodies))
+    least = least_sphere_distance(robot, motion, spheres, every, len(motion.time) - 1)
+    times = np.linspace(0.0, 4.0, 2000)
+    still = replace(robot, pairs=())
+    dense, _ = dense_least(still, np.tile(q, (len(times), 1)), times, spheres)
+    assert least.certified <= dense
+    assert least.found == pytest.approx(dense, abs=0.01)
+
+
 def leaning(angle: float) -> PlanningProblem:
     """The capture from a start whose upper arm is turned down to the chaser."""
     problem = capture()
@@ -178,8 +232,18 @@ def leaning(angle: float) -> PlanningProblem:
     )
 
 
-def test_a_start_in_contact_with_itself_is_refused_and_the_way_out_is_right() -> None:
+# The upper arm through a panel: out of it is where the depth grows at first.
+DEEP = (1.5, -2.0, 2.5, 2.1, 2.6, 2.8, 1.8)
+
+
+@pytest.mark.parametrize("joints", [None, DEEP])
+def test_a_start_in_contact_with_itself_is_refused_and_the_way_out_is_right(
+    joints: tuple[float, ...] | None,
+) -> None:
     problem = replace(leaning(np.deg2rad(-80.0)), obstacles=())
+    if joints is not None:
+        start = replace(problem.start, joint_positions=np.array(joints))
+        problem = replace(problem, start=start)
     with pytest.raises(InvalidInput, match=r"m deep.*turned by") as refused:
         require_plannable(problem, SETTINGS)
     assert refused.value.status is Status.START_IN_COLLISION

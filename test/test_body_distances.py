@@ -8,22 +8,29 @@ import coal
 import numpy as np
 import pinocchio as pin
 import pytest
-from bodied_robots import body_placements, coal_distance, moving_pairs, random_robot
+from bodied_robots import (
+    body_placements,
+    coal_distance,
+    moving_pairs,
+    random_robot,
+    tumbling_spheres,
+)
 from robots import random_state
 
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.core import compiled
 from ff_planner_ros.core.chain import chain_of
-from ff_planner_ros.planning.bodies import (
+from ff_planner_ros.planning.bodies import placed_bodies
+from ff_planner_ros.planning.body_certificate import centers_in_base
+from ff_planner_ros.planning.body_distances import (
     distance_from,
     pair_distances,
     pair_gradients,
-    placed_bodies,
     sphere_distances,
     sphere_gradients,
 )
-from ff_planner_ros.planning.body_certificate import centers_in_base
-from ff_planner_ros.planning.requirements.body_rows import _compiled_bodies
+from ff_planner_ros.planning.clearance import attached_to_bodies, centers_at, sphere_arrays
+from ff_planner_ros.planning.compiled_bodies import compiled_bodies
 from ff_planner_ros.robot.bodies import Body
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import Robot
@@ -243,7 +250,7 @@ def test_the_core_finds_the_same_distances_and_derivatives(seed: int) -> None:
     centers, radius = spheres_around(robot, q[:1], 9, rng)
     velocities, times = rng.normal(scale=0.05, size=(9, 3)), np.linspace(0.0, 3.0, 12)
     sensitivity = rng.normal(size=(12, robot.model.nv, 5))
-    core, chain, interest = _compiled_bodies(robot), chain_of(robot), 0.3
+    core, chain, interest = compiled_bodies(robot), chain_of(robot), 0.3
     placed = placed_bodies(robot, q[:, 7:])
     rows = every_row(12, len(robot.pairs))
     truth = pair_distances(robot, placed, rows)
@@ -279,3 +286,35 @@ def test_a_distance_does_not_depend_on_what_was_measured_before() -> None:
     again = pair_distances(robot, placed, tuple(row[order] for row in rows))
     for one, other in zip(once, again, strict=True):
         np.testing.assert_array_equal(one[order], other)
+
+
+@pytest.mark.parametrize("seed", SEEDS[:2])
+def test_the_core_knows_where_spheres_are_that_are_fixed_to_a_tumbling_body(seed: int) -> None:
+    robot, rng = random_robot(seed), np.random.default_rng(seed)
+    q, times = configurations(robot, 12, seed), np.linspace(0.0, 3.0, 12)
+    q[:, :3] = q[:1, :3]
+    spheres = tumbling_spheres(rng, q[0, :3], 9)
+    sensitivity = rng.normal(size=(12, robot.model.nv, 5))
+    rows = every_row(12, len(robot.bodies), 9)
+    placed, (centers, velocities, radius) = placed_bodies(robot, q[:, 7:]), sphere_arrays(spheres)
+    seen = centers_in_base(q, centers_at(times, spheres))
+    truth = sphere_distances(robot, placed, seen, radius, rows)
+    gradients = sphere_gradients(robot, placed, truth, rows)
+    require_rows(
+        compiled.sphere_rows(
+            chain_of(robot),
+            compiled_bodies(robot),
+            q,
+            sensitivity,
+            times,
+            centers,
+            velocities,
+            radius,
+            0.6,
+            attached_to_bodies(spheres, 3.0),
+        ),
+        truth.distance,
+        dense_rows(gradients, sensitivity, rows[0]),
+        0.6,
+        f"seed {seed}",
+    )

@@ -124,22 +124,11 @@ def test_both_objectives_are_planned_and_each_is_best_at_its_own(
         assert 0.1 < max(metrics.peak_joint_torques) / 2332.0 < 0.5
 
 
-def test_a_hurried_capture_is_refused_for_the_torque_that_it_needs(
+def test_a_capture_in_too_much_haste_is_refused_for_the_torque_that_it_needs(
     capture: PlanningProblem, settings: PlannerSettings
 ) -> None:
-    hurried = replace(capture, duration=12.0, limits=Limits())
-    message = r"joint joint_3 needs -?\d+ N m, \d+ N m more than its effort limit of 2332 N m"
+    hurried = replace(capture, duration=6.0, limits=Limits())
+    message = r"joint joint_\d needs \S+ N m, \S+ N m more than its effort limit of 2332 N m"
     with pytest.raises(NoPlanFound, match=message) as refusal:
         plan(hurried, replace(settings, starts=2))
     assert refusal.value.status is Status.TORQUE_TOO_HIGH
-
-
-def test_where_the_first_path_needs_too_much_torque_another_is_found(
-    capture: PlanningProblem, settings: PlannerSettings
-) -> None:
-    hurried = replace(capture, duration=15.0, limits=Limits())
-    with pytest.raises(NoPlanFound, match="more than its effort limit"):
-        plan(hurried, replace(settings, starts=1))
-    answer = plan(hurried, settings)
-    assert answer.solver.starts > 1
-    assert max(answer.metrics.peak_joint_torques) < 2332.0

@@ -291,9 +291,12 @@ def test_robot_asks_for_the_tip_where_it_cannot_know_it(tmp_path, capsys):
     forked = tmp_path / "forked.urdf"
     camera = (
         '<link name="camera"/><joint name="camera_mount" type="fixed">'
-        '<parent link="chaser"/><child link="camera"/></joint></robot>'
+        '<parent link="{}"/><child link="camera"/></joint></robot>'
     )
-    forked.write_text(LEMUR.read_text().replace("</robot>", camera))
+    forked.write_text(LEMUR.read_text().replace("</robot>", camera.format("chaser")))
+    assert main(["robot", str(forked)]) == 0, "what is fixed to the chaser is no tip"
+    assert "end_effector (the end effector)" in capsys.readouterr().out
+    forked.write_text(LEMUR.read_text().replace("</robot>", camera.format("link_7")))
     assert main(["robot", str(forked)]) == 2
     assert "camera" in capsys.readouterr().err
     assert main(["robot", str(forked), "--tip-link", "end_effector"]) == 0

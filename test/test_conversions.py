@@ -18,7 +18,13 @@ from ff_planner_ros.errors import InvalidInput, NoPlanFound, Status
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.metrics import Metrics
 from ff_planner_ros.planning.plan import Plan, SolverReport, Trajectory
-from ff_planner_ros.planning.problem import Orientation, Parametrisation, PlanningProblem
+from ff_planner_ros.planning.problem import (
+    DurationRange,
+    Objective,
+    Orientation,
+    Parametrisation,
+    PlanningProblem,
+)
 from ff_planner_ros.ros.messages.from_messages import (
     plan_from_response,
     problem_from_request,
@@ -214,6 +220,57 @@ def test_state_obstacles_and_request_come_back_out_of_their_messages(
     assert (back.duration, back.points) == (problem.duration, problem.points)
     assert back.objective == problem.objective
     assert back.limits.joint_velocities
+
+
+def test_a_range_of_durations_and_its_weight_come_back_out_of_a_request(
+    lemur_capture: PlanningProblem,
+) -> None:
+    window, weights = DurationRange(6.5, 15.25), Objective(0.0, 0.0, 0.3)
+    asked = replace(lemur_capture, duration=15.25, duration_range=window, objective=weights)
+    request = request_message(asked, FRAME)
+    assert (request.duration, request.duration_max, request.weight_duration) == (6.5, 15.25, 0.3)
+    back = problem_from_request(request, asked.robot, asked.start, (), load_parameters())
+    assert back.duration_range is not None
+    assert (back.duration_range.minimum, back.duration_range.maximum) == (6.5, 15.25)
+    assert (back.duration, back.objective) == (asked.duration, asked.objective)
+    given = request_message(lemur_capture, FRAME)
+    assert (given.duration, given.duration_max, given.weight_duration) == (10.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("changes", "field"),
+    [
+        ({"duration": 0.0}, "duration"),
+        ({"duration": np.inf}, "duration"),
+        ({"duration_max": 9.9}, "duration_max"),
+        ({"duration_max": -1.0}, "duration_max"),
+        ({"duration_max": np.inf}, "duration_max"),
+        ({"duration_max": np.nan}, "duration_max"),
+        ({"weight_duration": -0.1}, "weight_duration"),
+        ({"weight_duration": np.nan}, "weight_duration"),
+    ],
+)
+def test_an_impossible_range_in_a_request_is_refused_by_name(
+    lemur_capture: PlanningProblem, changes: dict[str, float], field: str
+) -> None:
+    request = request_message(lemur_capture, FRAME)
+    request.duration_max = 20.0
+    for name, value in changes.items():
+        setattr(request, name, value)
+    with pytest.raises(InvalidInput) as refused:
+        problem_from_request(
+            request, lemur_capture.robot, lemur_capture.start, (), load_parameters()
+        )
+    assert refused.value.field == field
+
+
+def test_a_response_tells_the_duration_of_the_plan_without_its_tail(plan: Plan) -> None:
+    chosen = replace(plan, duration=7.25)
+    response = response_from_plan(chosen, "run.1", STAMP_NS, FRAME, 0.5)
+    assert response.duration == plan_from_response(response).duration == 7.25
+    # And of a search that was ended, that of the best plan until then.
+    ended = NoPlanFound(Status.OUT_OF_TIME, "too soon", chosen)
+    assert response_from_error(ended, "run.2", 0.5).duration == 7.25
 
 
 def test_joints_are_put_in_the_robots_order(lemur_capture: PlanningProblem) -> None:

@@ -206,23 +206,45 @@ def test_an_output_directory_that_cannot_be_made_is_bad_input() -> None:
     assert len(ended.stderr.splitlines()) == 1
 
 
-def test_a_capture_on_a_table_is_flown_and_seen_from_above(
-    tmp_path: Path, times: Callable[[int, int], int]
-) -> None:
-    if not times(0, 1):
-        pytest.skip("two flights in real time: at night")
+def flown(directory: Path, *arguments: str) -> list[str]:
+    """Fly another scene from the command line, and return what it prints."""
     ended = subprocess.run(
-        [sys.executable, "-m", "ff_planner_ros.cli", "demo", "--testbed", "planar"],
-        cwd=tmp_path,
+        [sys.executable, "-m", "ff_planner_ros.cli", "demo", *arguments],
+        cwd=directory,
         capture_output=True,
         text=True,
         timeout=3 * DEADLINE,
         check=False,
     )
     assert ended.returncode == 0, ended.stderr
-    flown = rows(ended.stdout.splitlines(), "min(")
-    assert len(flown) == 2
-    for _, _, _, _, _, off, turned in flown:
+    return ended.stdout.splitlines()
+
+
+def test_a_body_that_tumbles_is_captured_in_real_time(
+    tmp_path: Path, times: Callable[[int, int], int]
+) -> None:
+    if not times(0, 1):
+        pytest.skip("two flights in real time: at night")
+    lines = flown(tmp_path, "--scene", "tumbling")
+    captured = [row for row in rows(lines, "min(") if len(row) == 5]
+    assert len(captured) == 2
+    for row in captured:
+        apart_mm, turned_deg, moving_mm_s, turning_deg_s = (float(cell) for cell in row[1:])
+        assert max(apart_mm, moving_mm_s) < 1.0
+        assert max(turned_deg, turning_deg_s) < 0.05
+    (picture,) = tmp_path.glob("demo_output/*/relative_motion.png")
+    assert picture.read_bytes().startswith(PNG)
+
+
+def test_a_capture_on_a_table_is_flown_and_seen_from_above(
+    tmp_path: Path, times: Callable[[int, int], int]
+) -> None:
+    if not times(0, 1):
+        pytest.skip("two flights in real time: at night")
+    lines = flown(tmp_path, "--testbed", "planar")
+    flights = rows(lines, "min(")
+    assert len(flights) == 2
+    for _, _, _, _, _, off, turned in flights:
         assert float(off) < 1.0
         assert float(turned) < 0.05
     (picture,) = tmp_path.glob("demo_output/*/from_above.png")

@@ -15,8 +15,8 @@ from ff_planner_ros.ros.recorder.recorder import RecorderHealth
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 PARTS = (
-    *("chaser state", "obstacles", "last request", "solver", "solve time", "other planners"),
-    *("recorder", "tracking"),
+    *("chaser state", "obstacles", "target body", "last request", "solver", "solve time"),
+    *("other planners", "recorder", "tracking"),
 )
 
 
@@ -28,6 +28,9 @@ WELL = NodeHealth(
     obstacles=3,
     obstacles_age=61.25,
     obstacles_refusal="",
+    target_age=4.5,
+    target_max_age=60.0,
+    target_refusal="",
     last=LastRequest("run.7", Status.SOLVED, "converged"),
     solve_times=(0.5, 0.25, 1.5),
     solver_is_warm=True,
@@ -69,6 +72,10 @@ def test_a_node_that_is_well_says_so_in_every_part() -> None:
         ("obstacles", {"obstacles": 0}, OK, "0 spheres, 61.2 s old"),
         ("obstacles", {"obstacles": 1}, OK, "1 sphere, 61.2 s old"),
         ("obstacles", {"obstacles_refusal": "radius is 0"}, ERROR, "around: radius is 0"),
+        ("target body", {"target_age": None}, OK, "none received: only a request that brings one"),
+        ("target body", {"target_age": 60.0}, OK, "the newest is 60.0 s old"),
+        ("target body", {"target_age": 60.1}, WARN, "is 60.1 s old, allowed are 60 s"),
+        ("target body", {"target_refusal": "frame is map"}, WARN, "be captured: frame is map"),
         ("last request", {"last": None}, OK, "no request yet"),
         (
             "last request",

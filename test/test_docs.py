@@ -179,9 +179,15 @@ def scenario(tmp_path: Path) -> Any:
     """Loads the capture with one key more, and returns what is allowed in its place."""
     content = yaml.safe_load(text_of(CAPTURE))
     content["robot"]["urdf"] = str((CAPTURE.parent / content["robot"]["urdf"]).resolve())
+    body = yaml.safe_load(text_of(CAPTURE.with_name("lemur_tumbling.yaml")))["target_body"]
 
     def allowed(*place: Any) -> set[str]:
         changed = json.loads(json.dumps(content))
+        if place[:1] == ("target_body",):
+            del changed["target"]
+            changed["target_body"] = json.loads(json.dumps(body))
+        if place[:1] == ("duration",):
+            changed["duration"] = {"min": 9.0, "max": 10.0}
         block = changed
         for name in place:
             block = block[name] if isinstance(name, int) else block.setdefault(name, {})

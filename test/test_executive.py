@@ -143,7 +143,11 @@ def _world(
 
 
 @pytest.mark.parametrize(
-    "refusal", [Status.NO_STATE, Status.NO_OBSTACLES, Status.STATE_TOO_OLD, Status.STATE_UNPAIRED]
+    "refusal",
+    [
+        *(Status.NO_STATE, Status.NO_OBSTACLES, Status.STATE_TOO_OLD, Status.STATE_UNPAIRED),
+        *(Status.NO_TARGET_BODY, Status.TARGET_STALE),
+    ],
 )
 def test_it_asks_again_while_the_system_starts(refusal: Status) -> None:
     with _world(refusal, refusal, Status.SOLVED) as world:

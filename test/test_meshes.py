@@ -101,7 +101,12 @@ def body_notes(robot: Robot) -> tuple[str, ...]:
 
 
 @pytest.mark.parametrize(
-    "name", ["meshes/box.stl", "file://{here}/meshes/box.stl", "package://arm/meshes/box.stl"]
+    "name",
+    [
+        "meshes/box.stl",
+        *("file://{here}/meshes/box.stl", "file://localhost{here}/meshes/box.stl"),
+        *("package://arm/meshes/box.stl", "package://beside/box.stl"),
+    ],
 )
 def test_a_mesh_is_found_from_the_urdf(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -110,8 +115,9 @@ def test_a_mesh_is_found_from_the_urdf(
     here = tmp_path / "arm" / "urdf"
     (tmp_path / "arm" / "meshes").mkdir(parents=True)
     (here / "meshes").mkdir(parents=True)
-    for directory in (here, here.parent):
-        (directory / "meshes" / "box.stl").write_bytes(stl(BOX))
+    (tmp_path / "beside").mkdir()
+    for directory in (here / "meshes", here.parent / "meshes", tmp_path / "beside"):
+        (directory / "box.stl").write_bytes(stl(BOX))
     assert (
         body_of(loaded(here, f'<mesh filename="{name.format(here=here)}"/>')).solid.num_points == 8
     )
@@ -261,6 +267,28 @@ def test_a_mesh_in_millimetres_may_be_as_long_as_a_station(tmp_path: Path) -> No
     (tmp_path / "boom.stl").write_bytes(stl(BOX * [2e5, 1.0, 1e3]))
     robot = loaded(tmp_path, '<mesh filename="boom.stl" scale="0.001 0.1 0.001"/>')
     assert body_of(robot).solid.computeVolume() == pytest.approx(40.0 * 0.04 * 0.6, rel=1e-6)
+
+
+@pytest.mark.parametrize(("unit", "metres"), [("0.001", 1e-3), ("0.0254", 0.0254), ("1", 1.0)])
+def test_a_collada_file_says_what_its_lengths_are_in(
+    unit: str, metres: float, tmp_path: Path
+) -> None:
+    up = f'<asset><unit name="one" meter="{unit}"/>'.encode()
+    (tmp_path / "box.dae").write_bytes(dae(BOX / metres).replace(b"<asset>", up))
+    robot = loaded(tmp_path, '<mesh filename="box.dae"/>')
+    points = np.unique(np.round(body_of(robot).solid.points(), 6), axis=0)
+    np.testing.assert_allclose(points, np.unique(CORNERS, axis=0), atol=2e-6)
+    assert any("its lengths are in" in note for note in robot.notes) == (metres != 1.0)
+    again = robot_from_urdf_text(robot.drawn_urdf, *ENDS)
+    np.testing.assert_array_equal(body_of(again).solid.points(), body_of(robot).solid.points())
+
+
+@pytest.mark.parametrize("unit", ["inch", "0", "-1", "nan"])
+def test_a_collada_file_of_an_impossible_unit_is_refused(unit: str, tmp_path: Path) -> None:
+    said = f'<asset><unit meter="{unit}"/>'.encode()
+    (tmp_path / "box.dae").write_bytes(dae(BOX).replace(b"<asset>", said))
+    with pytest.raises(InvalidInput, match=r"box\.dae: its <unit> is no number of metres"):
+        loaded(tmp_path, '<mesh filename="box.dae"/>')
 
 
 def test_a_file_on_many_links_is_read_once(tmp_path: Path) -> None:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import coal
 import numpy as np
 import pinocchio as pin
 import pytest
+from bodied_robots import pinocchio_geometry
 from drawn_plans import drawn_plan
 
 from ff_planner_ros.analysis.nearest import nearest
@@ -24,20 +24,7 @@ ARM = bench_robot("arm6", Geometry.SHAPES)
 
 def by_pinocchio(robot: Robot, motion: Trajectory, spheres: tuple[Sphere, ...]) -> float:
     """The least distance of all pairs at all points, by Pinocchio's own model of geometry."""
-    model = pin.GeometryModel()
-    for k, body in enumerate(robot.bodies):
-        model.addGeometryObject(
-            pin.GeometryObject(f"b{k}", body.joint, body.placement_in_joint, body.solid)
-        )
-    for k, sphere in enumerate(spheres):
-        ball, place = coal.Sphere(sphere.radius), pin.SE3(np.eye(3), sphere.center)
-        model.addGeometryObject(pin.GeometryObject(f"s{k}", 0, place, ball))
-    count = len(robot.bodies)
-    for a, b in (
-        *robot.pairs,
-        *((a, count + b) for a in range(count) for b in range(len(spheres))),
-    ):
-        model.addCollisionPair(pin.CollisionPair(a, b))
+    model, count = pinocchio_geometry(robot, spheres), len(robot.bodies)
     data, geometry, least = robot.model.createData(), model.createData(), np.inf
     for time, q in zip(motion.time, from_trajectory(robot, motion)[0], strict=True):
         for k, sphere in enumerate(spheres):

@@ -71,11 +71,15 @@ def test_namespace_remapping_and_parameters_file_reach_planner_and_recorder(
             client.wait_until(lambda: client.received["joint_trajectory"], "the trajectory")
         assert planner.stop(signal.SIGTERM) == 0
     assert f"[servicer.planner]: ready; recording to {planner.bag}" in planner.log
+    assert "self-clearance no pairs, " in planner.log, "with lines"
     with AnyReader([planner.bag]) as reader:
         counts = {connection.topic: connection.msgcount for connection in reader.connections}
     assert set(counts) == {
         "/servicer/chaser_state",
         "/vision/spheres",
+        "/servicer/target_body",
+        "/servicer/predicted_target_path",
+        "/servicer/predicted_relative_pose",
         "/servicer/joint_trajectory",
         "/servicer/published_plan",
         "/servicer/predicted_chaser_path",

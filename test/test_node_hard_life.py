@@ -129,8 +129,10 @@ SPOILS: tuple[Spoil, ...] = (
         _number("", name, 1)
         for name in (
             "duration",
+            "duration_max",
             "weight_joint_path_length",
             "weight_chaser_attitude",
+            "weight_duration",
             "time_budget",
         )
     ),

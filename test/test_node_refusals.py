@@ -15,6 +15,7 @@ from ff_planner_msgs.srv import PlanTrajectory
 from quick_capture import resting_capture
 from ros_processes import (
     EVENT_TOPIC,
+    FRAME,
     REQUEST_RECEIVED,
     RESPONSE_SENT,
     Scene,
@@ -33,7 +34,8 @@ NAN = float("nan")
 # What an answer was made from is told, refusals included.
 SOURCES = (
     *("taken_up", "state_stamp", "state_source", "joint_states_stamp"),
-    *("obstacles_stamp", "obstacles_source", "following", "task_digest", "geometry"),
+    *("obstacles_stamp", "obstacles_source", "following", "task_digest"),
+    *("target_body_stamp", "target_body_source", "geometry"),
 )
 ARGUMENTS = (
     *("-p", "state_max_age:=60.0", "-p", "planning_allowance:=60.0"),
@@ -71,6 +73,20 @@ def _age(seconds: float) -> Callable[[PlanTrajectory.Request], None]:
 
     def spoil(request: PlanTrajectory.Request) -> None:
         request.start_state.header.stamp.sec = round(time.time() - seconds)
+
+    return spoil
+
+
+def _of_a_body(sec: int) -> Callable[[PlanTrajectory.Request], None]:
+    """Return what asks for the capture of a body without inertia, stamped so [s]; zero: now."""
+
+    def spoil(request: PlanTrajectory.Request) -> None:
+        request.capture = request.use_target_body = True
+        request.target_body.header.frame_id = FRAME
+        request.target_body.header.stamp.sec = sec
+        if sec:
+            inertia = request.target_body.inertia
+            inertia.ixx = inertia.iyy = inertia.izz = 1.0
 
     return spoil
 
@@ -202,10 +218,22 @@ CASES = {
         ("obstacles.spheres[0].center", "nan"),
         _set("obstacles.spheres.0.center.x", NAN),
     ),
-    "a moving obstacle": Case(
+    "an obstacle that turns": Case(
         Status.UNSUPPORTED,
-        ("obstacles.spheres[0].twist", "must be zero"),
-        _set("obstacles.spheres.0.twist.linear.x", 0.01),
+        ("obstacles.spheres[0].twist.angular", "must be zero"),
+        _set("obstacles.spheres.0.twist.angular.x", 0.01),
+    ),
+    "a capture of nothing": Case(
+        Status.NO_TARGET_BODY, ("target_body is missing", "publish it"), _set("capture", True)
+    ),
+    "a stale target body": Case(
+        Status.TARGET_STALE, ("target_body.header.stamp", "target_max_age"), _of_a_body(1)
+    ),
+    "a target body of tomorrow": Case(
+        Status.TARGET_IN_FUTURE, ("target_body.header.stamp", "ahead of now"), _of_a_body(2**31 - 1)
+    ),
+    "a target body without inertia": Case(
+        Status.OUT_OF_RANGE, ("target_body.inertia", "must be positive"), _of_a_body(0)
     ),
     "an obstacle's twist that is not a number": Case(
         Status.NOT_FINITE,
@@ -224,7 +252,7 @@ CASES = {
     "a million points": Case(Status.OUT_OF_RANGE, ("points",), _set("points", 1_000_000)),
     "nothing to minimise": Case(
         Status.OUT_OF_RANGE,
-        ("weight_joint_path_length and weight_chaser_attitude", "zero"),
+        ("weight_joint_path_length, weight_chaser_attitude and weight_duration", "zero"),
         _set("weight_joint_path_length", 0.0),
     ),
     "a negative weight": Case(
@@ -429,9 +457,9 @@ def test_every_refusal_is_in_the_bag_with_its_request(run: Run) -> None:
             name
         )
         assert (bytes(event.info.client_gid), event.info.sequence_number) in asked, name
-    moving = answered[run.refusals["a moving obstacle"].plan_id].info
+    moving = answered[run.refusals["an obstacle that turns"].plan_id].info
     request = asked[bytes(moving.client_gid), moving.sequence_number]
-    assert request.obstacles.spheres[0].twist.linear.x == 0.01
+    assert request.obstacles.spheres[0].twist.angular.x == 0.01
 
 
 def test_the_node_ends_with_exit_code_zero_on_sigterm(run: Run) -> None:

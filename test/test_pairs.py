@@ -147,9 +147,42 @@ def test_with_an_srdf_its_pairs_and_neighbours_may_touch_and_no_others() -> None
     assert again.drawn_urdf == robot.drawn_urdf
 
 
+ALL_OF_LINK_4 = '<disable_default_collisions link="link_4"/>'
+EN_AND_DISABLED = (
+    '<enable_collisions link1="bus" link2="link_2"/>'
+    '<disable_collisions link1="link_2" link2="bus"/>'
+)
+
+
+@pytest.mark.parametrize(
+    ("elements", "less", "more"),
+    [
+        (ALL_OF_LINK_4, {("bus", "link_4"), ("link_1", "link_4"), ("link_2", "link_4")}, set()),
+        (
+            f'{ALL_OF_LINK_4}<enable_collisions link1="link_4" link2="bus"/>',
+            {("link_1", "link_4"), ("link_2", "link_4")},
+            set(),
+        ),
+        ('<enable_collisions link1="bus" link2="link_1"/>', set(), {("bus", "link_1")}),
+        (EN_AND_DISABLED, {("bus", "link_2")}, set()),
+    ],
+)
+def test_an_srdf_lets_a_link_touch_all_but_some_as_moveit_does(
+    elements: str, less: set[tuple[str, str]], more: set[tuple[str, str]]
+) -> None:
+    """A pair by name comes before a link's default, and to disable before to enable."""
+    empty = robot_from_urdf_text(wrist(), *ENDS, srdf="<robot/>")
+    robot = robot_from_urdf_text(wrist(), *ENDS, srdf=f"<robot>{elements}</robot>")
+    assert links_of(robot) == links_of(empty) - unordered(less) | unordered(more)
+    again = robot_from_urdf_text(robot.drawn_urdf, *ENDS)
+    assert (again.pairs, again.drawn_urdf) == (robot.pairs, robot.drawn_urdf)
+
+
 @pytest.mark.parametrize(
     ("srdf", "words"),
     [
+        ('<robot><enable_collisions link1="a" link2="bus"/></robot>', "enable_collisions link is"),
+        ('<robot><disable_default_collisions link="a"/></robot>', "default_collisions link is a"),
         (disabling(("bus", "hand")), "robot.srdf disable_collisions link is hand: it must be one"),
         (disabling(("bus", "")), "robot.srdf disable_collisions link is missing"),
         (disabling(("a", "b"), ("c", "bus")), "at fault in 3 places"),

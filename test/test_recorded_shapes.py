@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shutil
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +16,7 @@ from ff_planner_ros.analysis.plan_json import planned_motion
 from ff_planner_ros.bag.robot_plans import attached_robot
 from ff_planner_ros.errors import InvalidInput
 from ff_planner_ros.parameters import RobotParameters, load_parameters
+from ff_planner_ros.planning.plan import Trajectory
 from ff_planner_ros.planning.problem import Objective, Orientation, PlanningProblem, Target
 from ff_planner_ros.planning.scenario import Defaults, load_task
 from ff_planner_ros.planning.scenario_writer import write_scenario
@@ -106,11 +107,14 @@ def test_a_bag_or_an_answer_of_an_earlier_version_means_lines(directory: Path) -
     document = yaml.safe_dump({"/**": {"ros__parameters": {"robot": links}}})
     attached = {"robot.urdf": robot.drawn_urdf.encode(), "parameters.yaml": document.encode()}
     assert attached_robot(Path("bag"), attached).geometry is Geometry.LINES
-    answer = {"status": "solved", "robot": {"urdf": robot.drawn_urdf} | links}
-    for told, wanted in (({}, "lines"), ({"geometry": "shapes"}, "joint_names is missing")):
-        with pytest.raises(InvalidInput) as refusal:
-            planned_motion(answer | told)
-        assert "joint_names is missing" in str(refusal.value), wanted
+    samples = {item.name: list[float]() for item in fields(Trajectory)}
+    answer = {"status": "solved", "joint_names": list(robot.joint_names), **samples}
+    answer["robot"] = {"urdf": robot.urdf} | links
+    assert planned_motion(answer)[0].geometry is Geometry.LINES
+    # None of theirs has a <collision>: this one was written by someone else.
+    answer["robot"] = {"urdf": robot.drawn_urdf} | links
+    assert planned_motion(answer)[0].geometry is Geometry.SHAPES
+    assert planned_motion(answer | {"geometry": "lines"})[0].geometry is Geometry.LINES
     with pytest.raises(InvalidInput, match="geometry is 'skin': it must be shapes, lines"):
         planned_motion(answer | {"geometry": "skin"})
 

@@ -128,7 +128,19 @@ def test_euler_angles_turn_about_x_then_y_then_z_of_the_inertial_frame(directory
 
 
 def test_limits_may_be_left_out(directory: Path) -> None:
-    assert load_scenario(saved(directory, "limits")).points == 40
+    found = load_scenario(saved(directory, "limits"))
+    assert found.points == 40
+    assert found.limits.joint_accelerations is None
+
+
+@pytest.mark.parametrize(
+    ("value", "limits"), [("none", None), (0.2, (0.2,) * 7), ([0.1], (0.1,) * 7)]
+)
+def test_joint_accelerations_are_limited_where_the_file_says_so(
+    directory: Path, value: object, limits: tuple[float, ...] | None
+) -> None:
+    found = load_scenario(saved(directory, "limits.acceleration", value)).limits
+    assert found.joint_accelerations == limits
 
 
 def test_a_robot_may_lie_in_a_package(directory: Path) -> None:
@@ -246,6 +258,10 @@ def test_an_unknown_key_is_named(directory: Path, name: str) -> None:
         ("limits.position", "none", "limits.position is none: it must be from_urdf"),
         ("limits.velocity", "fast", "limits.velocity is fast: it must be from_urdf or none"),
         ("limits.velocity", True, "limits.velocity is True: it must be from_urdf or none"),
+        ("limits.acceleration", "slow", "limits.acceleration is 'slow': it must be a number"),
+        ("limits.acceleration", 0, "limits.acceleration is 0.0: it must be greater than 0"),
+        ("limits.acceleration", [0.1, 0.2], "limits.acceleration is (0.1, 0.2): it must have 7"),
+        ("limits.acceleration", [0.1] * 6 + [-1.0], "limits.acceleration[6] is -1.0: it must be"),
     ],
 )
 def test_a_value_that_cannot_be_planned_with_is_refused_by_its_dotted_name(

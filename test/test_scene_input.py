@@ -98,7 +98,7 @@ def test_a_requests_own_obstacles_go_before_those_heard_of_and_are_not_kept(
         ("id", Status.OUT_OF_RANGE, "obstacles.spheres[2].id"),
         ("radius", Status.OUT_OF_RANGE, "obstacles.spheres[1].radius"),
         ("center", Status.NOT_FINITE, "obstacles.spheres[1].center"),
-        ("moving", Status.UNSUPPORTED, "obstacles.spheres[1].twist"),
+        ("turning", Status.UNSUPPORTED, "obstacles.spheres[1].twist.angular"),
     ],
 )
 def test_a_bad_scene_is_told_and_hides_the_good_one_until_the_next_good_one(
@@ -115,7 +115,7 @@ def test_a_bad_scene_is_told_and_hides_the_good_one_until_the_next_good_one(
     elif spoil == "center":
         bad.spheres[1].center.y = float("nan")
     else:
-        bad.spheres[1].twist.linear.x = 0.1
+        bad.spheres[1].twist.angular.x = 0.1
     if where == "topic":
         scene_input.keep(bad)
         refusal = _refusal(scene_input)

@@ -222,6 +222,18 @@ def test_without_mujoco_the_message_says_how_to_get_it(tmp_path: Path) -> None:
     assert "Traceback" not in done.stderr
 
 
+@pytest.mark.parametrize("module", ["engine", "capture", "contacts", "verification"])
+def test_without_mujoco_every_module_says_it_as_an_error_of_ours(module: str) -> None:
+    code = (
+        "import sys; sys.modules['mujoco'] = None\n"
+        "from ff_planner_ros.errors import FfPlannerError\n"
+        f"try: import ff_planner_ros.simulation.{module}\n"
+        "except FfPlannerError as error: print(error)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert "needs MuJoCo: pip install 'ff_planner_ros[simulation]'" in done.stdout, done.stderr
+
+
 @pytest.mark.parametrize("link", ["root", "bus", "antenna", "link_1", "tool"])
 def test_a_link_called_world_is_a_link_like_others(rng: np.random.Generator, link: str) -> None:
     """MuJoCo calls the inertial frame so: what hangs on such a link would be several robots."""

@@ -12,14 +12,16 @@ import numpy as np
 import pytest
 import rclpy
 from builtin_interfaces.msg import Duration
-from ff_planner_msgs.msg import ChaserState, ObstacleSphereArray
+from ff_planner_msgs.msg import ChaserState, ObstacleSphereArray, TargetBody
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from ros_processes import DEADLINE, FRAME, private_domain
 from scipy.spatial.transform import Rotation
+from test_tumbling import body_of, moved
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from ff_planner_ros.bag.decoding import NANOSECONDS, nanoseconds
+from ff_planner_ros.bench import tumbling
 from ff_planner_ros.demo.testbed import (
     CONTROLLER_TOPIC,
     STATE_QOS,
@@ -29,10 +31,14 @@ from ff_planner_ros.demo.testbed import (
     with_sensor_noise,
 )
 from ff_planner_ros.errors import InvalidInput, Status
-from ff_planner_ros.planning.problem import PlanningProblem
+from ff_planner_ros.planning.problem import PlanningProblem, Sphere
 from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.ros.background import spin_in_background
-from ff_planner_ros.ros.messages.from_messages import spheres_from_message, state_from_message
+from ff_planner_ros.ros.messages.from_messages import (
+    spheres_from_message,
+    state_from_message,
+    target_body_from_message,
+)
 from ff_planner_ros.ros.messages.to_messages import time_message
 from ff_planner_ros.simulation.free_floating import carried_back
 
@@ -139,9 +145,13 @@ class Watcher:
 
     def __init__(self) -> None:
         self.node = rclpy.create_node("watcher")
+        self._changed = threading.Condition()
         self.states: list[ChaserState] = []
         self.obstacles: list[ObstacleSphereArray] = []
-        self._changed = threading.Condition()
+        self.bodies: list[TargetBody] = []
+        self.node.create_subscription(
+            TargetBody, "target_body", self._keeper(self.bodies), STATE_QOS
+        )
         late = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         self.node.create_subscription(
             ChaserState, "chaser_state", self._keeper(self.states), STATE_QOS
@@ -167,7 +177,7 @@ class Watcher:
         self.wait_until(lambda: self.states and stamp(self.states[-1]) >= stamp_ns)
 
 
-def stamp(message: ChaserState) -> int:
+def stamp(message: ChaserState | ObstacleSphereArray | TargetBody) -> int:
     return nanoseconds(message.header.stamp)
 
 
@@ -202,6 +212,34 @@ def test_the_scene_is_there_for_whoever_comes_late(lemur_capture: PlanningProble
     for found, sphere in zip(spheres, lemur_capture.obstacles, strict=True):
         assert (found.id, found.radius) == (sphere.id, sphere.radius)
         assert np.array_equal(found.center, sphere.center)
+
+
+def test_target_body_and_obstacles_come_through_their_places_at_its_epoch() -> None:
+    drawn = tumbling.problem("tumbling", 0)
+    rock = Sphere("rock", np.array([9.0, 0.0, 0.0]), 0.1, np.array([0.5, 0.0, 0.0]))
+    with running_testbed(replace(drawn, obstacles=(rock, *drawn.obstacles)), epoch=0.7) as (
+        watcher,
+        epoch_ns,
+    ):
+        watcher.wait_until(lambda: watcher.bodies and stamp(watcher.bodies[-1]) > epoch_ns)
+        watcher.wait_until(lambda: watcher.obstacles)
+    first, last = watcher.bodies[0], watcher.bodies[-1]
+    seen = target_body_from_message(last, FRAME)
+    since = (stamp(last) - epoch_ns) / NANOSECONDS
+    (center,), (attitude,), (rate,) = moved(body_of(drawn), np.array([since]))
+    np.testing.assert_allclose(seen.position, center, atol=1e-9)
+    turn = Rotation.from_quat(seen.quaternion_xyzw.copy()) * attitude.inv()
+    assert turn.magnitude() < 1e-9
+    np.testing.assert_allclose(seen.angular_velocity, rate, atol=1e-10)
+    # Before the epoch, too: what is seen first becomes the body as it is there.
+    ahead = (epoch_ns - stamp(first)) / NANOSECONDS
+    (center,), _, _ = moved(target_body_from_message(first, FRAME), np.array([abs(ahead)]))
+    if ahead > 0.0:
+        np.testing.assert_allclose(center, body_of(drawn).position, atol=1e-9)
+    # Obstacles of its own; what is fixed to the body is told with it.
+    (sphere,) = spheres_from_message(watcher.obstacles[0], FRAME)
+    lead = (epoch_ns - stamp(watcher.obstacles[0])) / NANOSECONDS
+    np.testing.assert_allclose(sphere.center, [9.0 - 0.5 * lead, 0.0, 0.0], atol=1e-9)
 
 
 def test_it_comes_through_the_start_state_at_its_epoch(lemur_capture: PlanningProblem) -> None:

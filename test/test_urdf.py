@@ -365,3 +365,23 @@ def seen(robot: Robot, q: Array) -> tuple[Array, Array, float]:
     tip = pin.updateFramePlacement(robot.model, data, robot.tip_frame_id)
     center = pin.centerOfMass(robot.model, data, q)
     return tip.homogeneous.copy(), center.copy(), pin.computeTotalMass(robot.model)
+
+
+def test_a_panel_that_is_fixed_to_the_chaser_is_no_end_effector() -> None:
+    panel = (
+        '<link name="panel"/><joint name="hinge" type="fixed">'
+        '<parent link="chaser"/><child link="panel"/></joint></robot>'
+    )
+    with_panel = LEMUR.replace("</robot>", panel)
+    assert checked_urdf(with_panel).tip_link == "end_effector"
+    moving = with_panel.replace('name="hinge" type="fixed"', 'name="hinge" type="floating"')
+    with pytest.raises(InvalidInput, match=r"tip_link is not given: it must be one of end_e"):
+        checked_urdf(moving)
+
+
+def test_a_joint_without_an_axis_is_written_as_it_is_read_again() -> None:
+    """The text is part of what a plan depends on: it must not change with every reading."""
+    text = LEMUR.replace('<axis xyz="0 0 1"/>', "", 1)
+    checked = checked_urdf(text).xml
+    assert checked_urdf(checked).xml == checked
+    assert robot_from_urdf_text(text, geometry=Geometry.LINES).joint_axes[0].tolist() == [1, 0, 0]

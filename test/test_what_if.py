@@ -13,9 +13,9 @@ from ff_planner_ros.cli import main
 from ff_planner_ros.errors import InvalidInput, NoPlanFound, Status
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.plan import Plan
-from ff_planner_ros.planning.problem import Objective, PlanningProblem
+from ff_planner_ros.planning.problem import Limits, Objective, PlanningProblem
 from ff_planner_ros.planning.task import PlanningTask, perform
-from ff_planner_ros.runs.offline_bag import record_answer
+from ff_planner_ros.runs.offline_bag import record_answer, require_recordable
 from ff_planner_ros.runs.what_if import allowed_keys, parsed
 
 SETTINGS = load_parameters().planner
@@ -49,6 +49,14 @@ def test_the_answer_is_that_of_the_changed_problem(
     assert f"{clearances[0]:.2f} > {clearances[1]:.2f}" in row
 
 
+def test_no_bag_is_written_of_limits_that_a_request_cannot_hold(
+    lemur_capture: PlanningProblem,
+) -> None:
+    limited = replace(lemur_capture, limits=Limits(joint_accelerations=(0.2,)))
+    with pytest.raises(InvalidInput, match=r"limits\.acceleration is given"):
+        require_recordable(PlanningTask(limited, SETTINGS))
+
+
 def test_limits_and_duration_are_changed_in_every_request(
     bag: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -69,6 +77,8 @@ def test_limits_and_duration_are_changed_in_every_request(
         ("planner.starts=2.5", ("planner.starts is 2.5", "whole number")),
         ("points=many", ("points is 'many'", "whole number")),
         ("duration=long", ("duration is 'long'", "number")),
+        ("allowed_at_goal=link_7/c1", ("allowed_at_goal is 'link_7/c1'", "a list")),
+        ("allowed_at_goal=[1]", ("allowed_at_goal[0] is 1",)),
         ("tail_duration=yes", ("tail_duration is True", "number", "[s]")),
     ],
 )
@@ -77,6 +87,17 @@ def test_what_cannot_be_changed_so_is_refused_by_name(setting: str, words: tuple
         parsed(setting)
     for word in words:
         assert word in str(refusal.value)
+
+
+def test_what_may_touch_at_the_goal_is_changed(
+    bag: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """With lines nothing may: that is how it is seen to arrive, without a search."""
+    changes = ("allowed_at_goal=[link_7/c1]", "contact_distance=0.2")
+    assert [parsed(change).value for change in changes] == [["link_7/c1"], 0.2]
+    for change in (changes[0], "contact_distance=-1"):
+        assert main(["replay", str(bag), "--with", change]) == 0
+        assert "SOLVED > OUT_OF_RANGE" in capsys.readouterr().out
 
 
 def test_a_word_that_is_none_is_refused_before_anything_is_planned(
@@ -114,8 +135,8 @@ def test_the_report_lays_the_changed_plan_over_the_recorded_one(
     page = Page(file.read_text(encoding="utf-8"))
     changed = perform(PlanningTask(replace(lemur_capture, duration=15.0, points=30), SETTINGS))
     assert [page.row(f"bag, {name}")[3:7] for name in ("recorded", "changed")] == [
-        ["0 SOLVED", "1, 0", "10", "50"],
-        ["0 SOLVED", "1, 0", "15", "30"],
+        ["0 SOLVED", "1, 0, 0", "10", "50"],
+        ["0 SOLVED", "1, 0, 0", "15", "30"],
     ]
     for method, plan in (("recorded", lemur_plan), ("changed", changed)):
         joints = page.curves("plan-0-joints", method)

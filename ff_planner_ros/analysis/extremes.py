@@ -9,13 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ff_planner_ros.arrays import Array
-from ff_planner_ros.planning.bodies import (
-    placed_bodies,
-    radii,
-    sphere_bounds,
-    sphere_distances,
-)
+from ff_planner_ros.planning.bodies import placed_bodies, radii
 from ff_planner_ros.planning.body_certificate import centers_in_base
+from ff_planner_ros.planning.body_distances import sphere_bounds, sphere_distances
 from ff_planner_ros.planning.clearance import arm_points, centers_at, clearances, segments
 from ff_planner_ros.planning.joint_motion import joint_motion
 from ff_planner_ros.planning.plan import Trajectory

@@ -24,6 +24,7 @@ from ff_planner_ros.analysis.panels import (
     joint_torques,
     panels,
 )
+from ff_planner_ros.analysis.relative_motion import relative_motion
 from ff_planner_ros.analysis.scene import save_scene
 from ff_planner_ros.planning.plan import Plan, Trajectory
 from ff_planner_ros.planning.problem import PlanningProblem
@@ -65,6 +66,9 @@ def save_figures(
     }
     if problem.robot.base is Base.PLANAR:
         figures["from_above"] = view_from_above(problem, motions)
+    if problem.target_body is not None:
+        seen = relative_motion(problem.target_body)
+        figures["relative_motion"] = two_column_figure(seen, motions)
     for name, figure in figures.items():
         figure.savefig(directory / f"{name}.png", dpi=_DOTS_PER_INCH)
         # Without a date in it: the same plans give the same file.

@@ -27,7 +27,7 @@ def view_from_above(problem: PlanningProblem, motions: Mapping[Method, Trajector
     figure = Figure(figsize=(8.0, 6.4), layout="constrained")
     axes = figure.add_subplot()
     for sphere in problem.obstacles:
-        way = problem.duration * sphere.velocity
+        way = sphere.way(problem.duration)
         axes.add_patch(Circle(tuple(sphere.center[:2]), sphere.radius, color=_OBSTACLE))
         if way.any():
             end = sphere.center + way

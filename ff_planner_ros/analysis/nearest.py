@@ -10,6 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 from ff_planner_ros.arrays import Array
+from ff_planner_ros.planning.clearance import centers_at
 from ff_planner_ros.planning.motion import from_trajectory
 from ff_planner_ros.planning.plan import Trajectory
 from ff_planner_ros.planning.problem import Sphere
@@ -38,10 +39,10 @@ def nearest(robot: Robot, motion: Trajectory, obstacles: Sequence[Sphere]) -> Ne
     q, _ = from_trajectory(robot, motion)
     times = motion.time - motion.time[0]
     data, placed, balls = robot.model.createData(), [], []
-    for time, q_i in zip(times.tolist(), q, strict=True):
+    for centers, q_i in zip(centers_at(times, obstacles), q, strict=True):
         pin.forwardKinematics(robot.model, data, q_i)
         places = [data.oMi[body.joint] * body.placement_in_joint for body in robot.bodies]
-        places += [pin.SE3(np.eye(3), one.center + time * one.velocity) for one in obstacles]
+        places += [pin.SE3(np.eye(3), center) for center in centers]
         placed.append(places)
         balls.append(
             [data.oMi[body.joint].act(body.center_in_joint) for body in robot.bodies]
@@ -58,8 +59,8 @@ def nearest(robot: Robot, motion: Trajectory, obstacles: Sequence[Sphere]) -> Ne
         [body.radius for body in robot.bodies] + [sphere.radius for sphere in obstacles]
     )
     first, second = np.array(pairs).T
-    centers = np.array(balls)
-    apart = np.linalg.norm(centers[:, first] - centers[:, second], axis=-1)
+    around = np.array(balls)
+    apart = np.linalg.norm(around[:, first] - around[:, second], axis=-1)
     bounds = apart - radii[first] - radii[second]
     found: Nearest | None = None
     # The promising first: most need not be measured then.

@@ -6,6 +6,9 @@ import math
 from dataclasses import MISSING, asdict, astuple, dataclass, fields
 from typing import Any
 
+import numpy as np
+from scipy.spatial.transform import Rotation
+
 from ff_planner_ros.arrays import Array, finite_number, finite_vector, frozen
 from ff_planner_ros.errors import FfPlannerError, InvalidInput, NoPlanFound, Status
 from ff_planner_ros.planning.metrics import Metrics
@@ -17,15 +20,27 @@ from ff_planner_ros.planning.problem import (
     PlanningProblem,
     Sphere,
     Target,
+    attached_spheres,
+    lasting,
+)
+from ff_planner_ros.planning.scenario import target_body_of
+from ff_planner_ros.planning.scenario_writer import (
+    accelerations_of,
+    described_approach,
+    described_body,
+    weights_of,
 )
 from ff_planner_ros.planning.scene import Scene
 from ff_planner_ros.planning.sound_samples import require_sound_samples
+from ff_planner_ros.planning.target_body import TargetBody
 from ff_planner_ros.planning.task import PlanningTask
 from ff_planner_ros.robot.bodies import Geometry
 from ff_planner_ros.robot.model import Base, Robot, robot_from_urdf_text
 from ff_planner_ros.shown import quoted
 
 _ROBOT = ("urdf", "base_link", "tip_link")
+# Of a target body at each point.
+_ROWS = ("positions", "quaternions_xyzw", "linear_velocities", "angular_velocities")
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,17 +50,18 @@ class PlanDocument:
     robot: Robot
     plan: Plan
     solve_time: float  # wall clock [s]
-    # Of joint path length and chaser attitude; None: the dictionary does not tell
-    weights: tuple[float, float] | None
+    # Of joint path length, chaser attitude and duration; None: the dictionary does not tell
+    weights: tuple[float, ...] | None
     # What was planned around; None: the dictionary does not tell
     obstacles: tuple[Sphere, ...] | None
     # Where the end effector was to come; None: the dictionary does not tell
     goal: Target | None
+    target_body: TargetBody | None  # that was to be captured; None: none
 
 
 def plan_dictionary(plan: Plan, task: PlanningTask, solve_time: float) -> dict[str, Any]:
     """Return a plan, its robot and its problem: SI units, radians, a row per point."""
-    motion, problem = plan.trajectory, task.problem
+    motion, problem = plan.trajectory, lasting(task.problem, plan.duration)
     return {
         "status": Status.SOLVED.name.lower(),
         "message": plan.solver.stop_reason,
@@ -59,17 +75,21 @@ def plan_dictionary(plan: Plan, task: PlanningTask, solve_time: float) -> dict[s
         },
         "target": _target(problem.target),
         "duration": problem.duration,
-        "objective": asdict(problem.objective),
+        "objective": weights_of(problem.objective),
         "obstacles": [
             {"id": sphere.id, "center": sphere.center.tolist(), "radius": sphere.radius}
             | ({"velocity": sphere.velocity.tolist()} if sphere.velocity.any() else {})
             for sphere in problem.obstacles
+            if sphere.body is None
         ],
         **_allowed(problem),
+        **described_approach(problem.approach),
+        **({} if (body := problem.target_body) is None else _body_rows(body, motion.time)),
         "limits": {
             "position": "from_urdf",
             "velocity": "from_urdf" if problem.limits.joint_velocities else "none",
             "chaser_attitude": _finite(problem.limits.chaser_attitude) or "none",
+            **accelerations_of(problem.limits),
         },
         "joint_names": list(plan.joint_names),
         **{item.name: getattr(motion, item.name).tolist() for item in fields(motion)},
@@ -109,14 +129,22 @@ def planned_scene(answer: object) -> Scene | None:
     Raises:
         InvalidInput: That is something else.
     """
-    obstacles, goal = _asked_for(answer)[1], _goal(answer)
+    body = captured_body(answer)
+    obstacles, goal = _asked_for(answer, body)[1], _goal(answer)
     if obstacles is None or goal is None or not isinstance(answer, dict):
         return None
     allowed = answer.get("allowed_at_goal", [])
     if not isinstance(allowed, list) or not all(isinstance(one, str) for one in allowed):
         raise InvalidInput(Status.WRONG_SIZE, "allowed_at_goal", "something else", "a list of text")
     distance = _number("contact_distance", answer.get("contact_distance", CONTACT_DISTANCE))
-    return Scene(obstacles, tuple(allowed), distance, goal.position)
+    return Scene(
+        obstacles,
+        tuple(allowed),
+        distance,
+        goal.position,
+        target_body=body,
+        capture_time=None if body is None else _number("duration", _entry(answer, "duration")),
+    )
 
 
 def planned_motion(answer: object) -> tuple[Robot, Trajectory]:
@@ -135,12 +163,13 @@ def planned_motion(answer: object) -> tuple[Robot, Trajectory]:
     if base not in tuple(Base):
         allowed = f"it must be {', '.join(Base)}"
         raise InvalidInput(Status.OUT_OF_RANGE, "robot.base", quoted(base), allowed)
-    # Earlier versions kept lines clear, and said nothing of it.
-    geometry = answer.get("geometry", Geometry.LINES) if isinstance(answer, dict) else None
-    if geometry not in tuple(Geometry):
-        allowed = f"it must be {', '.join(Geometry)}"
-        raise InvalidInput(Status.OUT_OF_RANGE, "geometry", quoted(geometry), allowed)
-    kept_clear = Geometry(geometry)
+    kept_clear = None  # what the URDF has: none of earlier versions' answers has a <collision>
+    if isinstance(answer, dict) and "geometry" in answer:
+        geometry = answer["geometry"]
+        if geometry not in tuple(Geometry):
+            allowed = f"it must be {', '.join(Geometry)}"
+            raise InvalidInput(Status.OUT_OF_RANGE, "geometry", quoted(geometry), allowed)
+        kept_clear = Geometry(geometry)
     robot = robot_from_urdf_text(urdf, base_link, tip_link, Base(base), geometry=kept_clear)
     names = _entry(answer, "joint_names")
     if names != list(robot.joint_names):
@@ -150,7 +179,7 @@ def planned_motion(answer: object) -> tuple[Robot, Trajectory]:
     return robot, Trajectory(**{name: _numbers(name, rows) for name, rows in samples.items()})
 
 
-def plan_document(answer: object) -> PlanDocument:
+def plan_document(answer: Any) -> PlanDocument:
     """Read a plan's dictionary; objective, obstacles and target may be missing.
 
     Raises:
@@ -183,18 +212,36 @@ def plan_document(answer: object) -> PlanDocument:
         orientation_reading=str(_entry(answer, "orientation_reading")),
         metrics=Metrics(peak_joint_torques=tuple(peaks.tolist()), **values),
         solver=SolverReport(**told),
+        duration=_number("duration", answer["duration"]) if "duration" in answer else None,
     )
     solve_time = _number("solver.solve_time", _entry(solver, "solve_time", "solver."))
-    return PlanDocument(robot, plan, solve_time, *_asked_for(answer), _goal(answer))
+    body = captured_body(answer)
+    weights, obstacles = _asked_for(answer, body)
+    return PlanDocument(robot, plan, solve_time, weights, obstacles, _goal(answer), body)
 
 
-def _asked_for(answer: Any) -> tuple[tuple[float, float] | None, tuple[Sphere, ...] | None]:
+def captured_body(answer: Any) -> TargetBody | None:
+    """Return the target body of a plan's dictionary; None: it has none.
+
+    Raises:
+        InvalidInput: It is something else.
+    """
+    told = answer.get("target_body")
+    if not isinstance(told, dict):
+        return None if told is None else target_body_of(told)
+    return target_body_of({name: value for name, value in told.items() if name not in _ROWS})
+
+
+def _asked_for(
+    answer: Any, body: TargetBody | None
+) -> tuple[tuple[float, ...] | None, tuple[Sphere, ...] | None]:
     """Return what was minimised and what was avoided; older dictionaries tell neither."""
     objective, obstacles = answer.get("objective"), answer.get("obstacles")
+    attached = () if body is None else tuple(attached_spheres(body))
     try:
         return (
             None if objective is None else astuple(Objective(**objective)),
-            None if obstacles is None else tuple(_sphere(sphere) for sphere in obstacles),
+            None if obstacles is None else (*map(_sphere, obstacles), *attached),
         )
     except (TypeError, LookupError):
         allowed = "`ff-planner plan --json` writes them"
@@ -207,6 +254,15 @@ def _sphere(sphere: Any) -> Sphere:
     if not isinstance(sphere["id"], str):
         raise InvalidInput(Status.WRONG_SIZE, "obstacles", sphere["id"], "an id must be text")
     return Sphere(**sphere)
+
+
+def _body_rows(body: TargetBody, times: Array) -> dict[str, Any]:
+    """Return a target body as a scenario has it, and where it is at each point."""
+    motion = body.motion(np.zeros(3), times)
+    quaternions = Rotation.from_matrix(motion.rotations).as_quat()
+    rows = (motion.positions, quaternions, motion.twists[:, :3], motion.twists[:, 3:])
+    told = {name: values.tolist() for name, values in zip(_ROWS, rows, strict=True)}
+    return {"target_body": described_body(body) | told}
 
 
 def _target(target: Target) -> dict[str, Any]:

@@ -19,11 +19,12 @@ from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.analysis.methods import Method
 from ff_planner_ros.analysis.nearest import Nearest, nearest
-from ff_planner_ros.analysis.scene_layout import add_controls, lay_out
+from ff_planner_ros.analysis.scene_layout import add_controls, lay_out, save_page
 from ff_planner_ros.analysis.solids import RobotSurface, robot_surface, surface_at
 from ff_planner_ros.analysis.surroundings import (
     axes_of,
     axis_lines,
+    drawn_corridor,
     drawn_goal,
     drawn_obstacles,
     near_arm,
@@ -45,11 +46,6 @@ _SNAPSHOTS = 5
 # Length of drawn axes beside the arm's.
 _AXIS_LENGTH = 0.1
 _NEAREST = "#d40000"
-_PAGE = (
-    '<!doctype html><html><head><meta charset="utf-8"><title>{title}</title>'
-    '<meta name="viewport" content="width=device-width">'
-    "<style>body {{margin: 0}}</style></head><body>{element}</body></html>\n"
-)
 
 
 def save_scene(
@@ -59,19 +55,10 @@ def save_scene(
     path: Path,
 ) -> None:
     """Write the scene of `scene_figure` as one HTML file that needs nothing else."""
-    # The name of the scene's element is fixed: the same motions give the same file.
-    target = problem.target
-    element = scene_figure(problem.robot, problem.obstacles, target, motions, shown).to_html(
-        full_html=False,
-        include_plotlyjs=True,
-        auto_play=False,
-        default_height="100vh",
-        div_id="scene",
-        config={"displaylogo": False},
-    )
-    path.write_text(
-        _PAGE.format(title=", ".join(m.label for m in motions), element=element), "utf-8"
-    )
+    figure = scene_figure(problem.robot, problem.obstacles, problem.target, motions, shown)
+    if problem.approach is not None:
+        figure.add_trace(drawn_corridor(problem.approach, problem.target))
+    save_page(figure, ", ".join(method.label for method in motions), path)
 
 
 def scene_figure(
@@ -102,8 +89,8 @@ def scene_figure(
     figure = go.Figure(
         [*drawn_obstacles(near, len(obstacles)), *drawn_goal(goal, drawn[0].axis_length)]
     )
-    passing = [sphere for sphere in near if sphere.velocity.any()]
-    moving = [number for number, sphere in enumerate(near) if sphere.velocity.any()]
+    passing = [sphere for sphere in near if sphere.moves]
+    moving = [number for number, sphere in enumerate(near) if sphere.moves]
     for motion in drawn:
         bodies = list(_bodies(motion, 0))
         moving += range(len(figure.data), len(figure.data) + len(bodies))

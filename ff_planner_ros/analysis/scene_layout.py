@@ -1,12 +1,35 @@
-"""Axes, camera and controls of the scene."""
+"""Axes, camera and controls of the scene, and its page."""
 
 from __future__ import annotations
+
+import html
+from pathlib import Path
 
 import numpy as np
 import plotly.graph_objects as go
 
 _FRAME_DURATION = 100  # [ms] on the screen
 _CAMERA = {"eye": {"x": -0.9, "y": -1.75, "z": 0.8}, "center": {"x": 0.0, "y": 0.0, "z": -0.12}}
+
+_PAGE = (
+    '<!doctype html><html><head><meta charset="utf-8"><title>{title}</title>'
+    '<meta name="viewport" content="width=device-width">'
+    "<style>body {{margin: 0}}</style></head><body>{element}</body></html>\n"
+)
+
+
+def save_page(figure: go.Figure, title: str, path: Path) -> None:
+    """Write a figure as one HTML file that needs nothing else."""
+    # The name of the scene's element is fixed: the same figure gives the same file.
+    element = figure.to_html(
+        full_html=False,
+        include_plotlyjs=True,
+        auto_play=False,
+        default_height="100vh",
+        div_id="scene",
+        config={"displaylogo": False},
+    )
+    path.write_text(_PAGE.format(title=html.escape(title), element=element), "utf-8")
 
 
 def lay_out(figure: go.Figure) -> None:

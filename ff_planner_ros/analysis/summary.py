@@ -29,6 +29,11 @@ def plan_rows(plan: Plan, task: PlanningTask, solve_time: float) -> list[tuple[s
     told["peak_joint_torques"] += f", {plan.joint_names[np.argmax(metrics.peak_joint_torques)]}"
     return [
         ("status", Status.SOLVED.name.lower()),
+        *(
+            []
+            if task.problem.duration_range is None or plan.duration is None
+            else [("duration", f"{plan.duration:.3f} s, chosen")]
+        ),
         ("limits kept", _limits(task.problem.limits)),
         *((METRIC_BY_NAME[name].label, text) for name, text in told.items()),
         *([("parametrisation", plan.family)] if plan.family else []),
@@ -43,6 +48,8 @@ def _limits(limits: Limits) -> str:
     kept = ["joint positions"]
     if limits.joint_velocities:
         kept.append("joint velocities")
+    if limits.joint_accelerations is not None:
+        kept.append("joint accelerations")
     if np.isfinite(limits.chaser_attitude):
         kept.append(f"chaser attitude {np.rad2deg(limits.chaser_attitude):.2f} deg")
     return ", ".join(kept)

@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.analysis.solids import sphere
 from ff_planner_ros.arrays import Array
+from ff_planner_ros.planning.approach import RADIUS_AT_GRASP, Approach
 from ff_planner_ros.planning.clearance import centers_at
 from ff_planner_ros.planning.problem import Orientation, Sphere, Target
 
@@ -19,6 +20,8 @@ from ff_planner_ros.planning.problem import Orientation, Sphere, Target
 # at all but for the nearest: a browser stands still under thousands.
 _FEW_OBSTACLES, _MERIDIANS, _COARSE_MERIDIANS, _MOST_OBSTACLES = 20, 24, 8, 100
 _OBSTACLE, _GOAL = "#c0392b", "#000000"
+# Lines along the corridor of an approach.
+_CORRIDOR_SIDES = 12
 # Of the axes x, y and z.
 _AXIS_COLOURS = ("#e41a1c", "#4daf4a", "#377eb8")
 # In lengths of the arm: what is further off than this from it would make it small in the picture.
@@ -62,7 +65,7 @@ def drawn_obstacles(drawn: Sequence[Sphere], count: int) -> list[go.Mesh3d]:
 def sphere_at(one: Sphere, time: float, drawn: int) -> dict[str, NDArray[np.floating]]:
     """Return the points of a sphere's surface at a time [s], one of so many that are drawn."""
     corners, _ = sphere(_meridians(drawn))
-    return xyz(one.center + time * one.velocity + one.radius * corners)
+    return xyz(one.center + one.way(time) + one.radius * corners)
 
 
 def drawn_goal(goal: Target, axis_length: float) -> Iterator[go.Scatter3d]:
@@ -79,6 +82,29 @@ def drawn_goal(goal: Target, axis_length: float) -> Iterator[go.Scatter3d]:
         axes = 1.5 * axis_length * axes_of(goal.quaternion_xyzw)
         drawn = axis_lines(goal.position, axes, "goal's axes")
         yield drawn.update(name="goal", legendgroup="goal", showlegend=False, line_width=3)
+
+
+def drawn_corridor(approach: Approach, goal: Target) -> go.Scatter3d:
+    """Draw the corridor of the last stretch to a goal, where it is at the goal."""
+    to_inertial = Rotation.from_quat(goal.quaternion_xyzw)
+    # Two axes across the direction; any two will do.
+    across = np.linalg.svd(approach.direction[None])[2][1:]
+    turns = np.linspace(0.0, 2 * np.pi, _CORRIDOR_SIDES + 1)
+    ring = np.column_stack([np.cos(turns), np.sin(turns)]) @ across
+    narrow = RADIUS_AT_GRASP * ring
+    # To where the cone leaves the distance, nearly.
+    length = approach.distance * np.cos(approach.cone)
+    wide = (RADIUS_AT_GRASP + length * np.tan(approach.cone)) * ring - length * approach.direction
+    gap = np.full((1, 3), np.nan)
+    sides = [row for pair in zip(narrow, wide, strict=True) for row in (*pair, gap[0])]
+    lines = np.vstack([narrow, gap, wide, gap, sides])
+    return go.Scatter3d(
+        **xyz(goal.position + to_inertial.apply(lines)),
+        mode="lines",
+        line={"color": _GOAL, "width": 2},
+        name="approach",
+        hovertemplate="corridor of the approach<extra></extra>",
+    )
 
 
 def axis_lines(origin: Array, axes: Array, what: str) -> go.Scatter3d:

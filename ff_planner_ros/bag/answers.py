@@ -21,15 +21,18 @@ _ASKED = {
     **{f"target_velocity_{axis}_m_per_s": f"target_twist.linear.{axis}" for axis in "xyz"},
     **{f"target_angular_velocity_{a}_rad_per_s": f"target_twist.angular.{a}" for a in "xyz"},
     "duration_s": "duration",
+    "duration_max_s": "duration_max",
     "weight_joint_path_length": "weight_joint_path_length",
     "weight_chaser_attitude": "weight_chaser_attitude",
+    "weight_duration_rad_per_s": "weight_duration",
     "asked_points": "points",
     "time_budget_s": "time_budget",
     "limit_chaser_attitude_rad": "limit_chaser_attitude",
     "end_behaviour": "end_behaviour",
+    "capture": "capture",
 }
-# Zero stands for the node's parameter: nothing was asked.
-_ZERO_IS_NONE = ("asked_points", "time_budget_s", "limit_chaser_attitude_rad")
+# Zero stands for the node's parameter, or for a duration that is given: nothing was asked.
+_ZERO_IS_NONE = ("asked_points", "time_budget_s", "limit_chaser_attitude_rad", "duration_max_s")
 _SOLVER = {
     "solve_time_s": "solve_time",
     "starts": "starts",
@@ -68,6 +71,7 @@ def answer_row(plan: RecordedPlan) -> dict[str, Cell]:
         **{column: asked.get(column) for column in _ASKED},
         **{column: plan.solver.get(column) for column in _SOLVER},
         "points": None if plan.trajectory is None else len(plan.trajectory.time),
+        "planned_duration_s": plan.duration,
     }
     for metric in METRICS:
         value = plan.metrics.get(metric.name)

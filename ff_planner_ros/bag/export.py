@@ -51,6 +51,7 @@ def export_npz(bag: Path, file: Path) -> Sequence[str]:
     for name, plan in _named(plans):
         for item in fields(plan.trajectory):  # type: ignore[arg-type]
             arrays[f"{name}/{item.name}"] = getattr(plan.trajectory, item.name)
+        arrays |= {f"{name}/target_body/{part}": rows for part, rows in plan.target_body.items()}
         arrays[f"{name}/joint_names"] = np.array(plan.joint_names)
         arrays[f"{name}/start_ns"] = np.array(plan.start_ns)
         arrays |= {f"{name}/metrics/{key}": np.array(value) for key, value in plan.metrics.items()}

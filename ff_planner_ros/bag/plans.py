@@ -30,6 +30,12 @@ _COLUMNS: Mapping[str, tuple[str, tuple[str, ...], str]] = {
     "ee_linear_velocities": ("ee_velocity_", _AXES, "_m_per_s"),
     "ee_angular_velocities": ("ee_angular_velocity_", _AXES, "_rad_per_s"),
 }
+_TARGET_BODY_COLUMNS: Mapping[str, tuple[str, tuple[str, ...], str]] = {
+    "positions": ("target_body_", _AXES, "_m"),
+    "quaternions_xyzw": ("target_body_", _QUATERNION, ""),
+    "linear_velocities": ("target_body_velocity_", _AXES, "_m_per_s"),
+    "angular_velocities": ("target_body_angular_velocity_", _AXES, "_rad_per_s"),
+}
 _JOINT_COLUMNS = {
     "joint_positions": "position_rad",
     "joint_velocities": "velocity_rad_per_s",
@@ -57,6 +63,11 @@ class RecordedPlan:
     asked: Mapping[str, Cell] = field(default_factory=dict)  # empty: the bag lacks the request
     asked_ns: int = 0  # when the node received the request, by its clock; zero: not known
     solver: Mapping[str, Cell] = field(default_factory=dict)
+    # To the goal, given or chosen [s]; None: no plan, or of an earlier version
+    duration: float | None = None
+    # Of the body that is captured, in the inertial frame, a row per point: `positions`,
+    # `quaternions_xyzw`, `linear_velocities`, `angular_velocities`; empty: none is
+    target_body: Mapping[str, Array] = field(default_factory=dict)
 
     def row(self) -> dict[str, Cell]:
         """Return the answer as a row of a table, with units in the names of its columns.
@@ -68,7 +79,7 @@ class RecordedPlan:
     def columns(self) -> dict[str, Array]:
         """Return the plan as columns of equal length with units in their names; pandas takes them.
 
-        Without a plan they are empty.
+        Without a plan they are empty. A plan that captures a body has columns of the body, too.
         """
         motion = self.trajectory
         if motion is None:
@@ -80,6 +91,10 @@ class RecordedPlan:
         for part, (before, names, unit) in _COLUMNS.items():
             for number, name in enumerate(names):
                 columns[f"{before}{name}{unit}"] = getattr(motion, part)[:, number]
+        for part, rows in self.target_body.items():
+            before, names, unit = _TARGET_BODY_COLUMNS[part]
+            for number, name in enumerate(names):
+                columns[f"{before}{name}{unit}"] = rows[:, number]
         return columns
 
 
@@ -173,6 +188,8 @@ def _recorded_plan(message: Message, response: Any) -> RecordedPlan:
         trajectory=trajectory_in(response) if is_solved else None,
         metrics=_metrics(response.metrics) if is_solved or response.solver.rollouts else {},
         solver=solver_in(response),
+        duration=(getattr(response, "duration", 0.0) or None) if is_solved else None,
+        target_body=_target_body(response) if is_solved else {},
     )
 
 
@@ -205,6 +222,18 @@ def trajectory_in(response: Any) -> Trajectory:
         ee_linear_velocities=ee_twists[:, :3],
         ee_angular_velocities=ee_twists[:, 3:],
     )
+
+
+def _target_body(response: Any) -> dict[str, Array]:
+    """Return the predicted motion of the body that is captured; empty: none is."""
+    # Answers of earlier versions capture none.
+    if not hasattr(response, "predicted_target_path") or not response.predicted_target_path.poses:
+        return {}
+    points = len(response.joint_trajectory.points)
+    poses = _poses(response.predicted_target_path, points)
+    twists = _twists(response.predicted_target_twists, points)
+    rows = (poses[:, :3], poses[:, 3:], twists[:, :3], twists[:, 3:])
+    return dict(zip(_TARGET_BODY_COLUMNS, rows, strict=True))
 
 
 def _poses(path: Any, points: int) -> Array:

@@ -7,11 +7,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ff_planner_ros.bag.decoding import nanoseconds
 from ff_planner_ros.bag.exchanges import exchanges
 from ff_planner_ros.bag.plans import RecordedPlan, recorded_plan
 from ff_planner_ros.bag.reader import Message, open_bag
-from ff_planner_ros.bag.scenes import asked_scene, received_obstacles, with_received
+from ff_planner_ros.bag.scenes import (
+    Stamps,
+    asked_scene,
+    received_scenes,
+    scene_at_start,
+    stamps_of,
+)
 from ff_planner_ros.errors import BagError, InvalidInput
 from ff_planner_ros.parameters import RobotParameters
 from ff_planner_ros.planning.plan import Trajectory
@@ -42,7 +47,7 @@ def robot_plans(bag: Path) -> RobotPlans:
     """
     with open_bag(bag) as opened:
         found = exchanges(opened, asked_scene, _answer)
-        received = received_obstacles(opened)
+        received = received_scenes(opened)
         attachments, notes = opened.attachments, opened.notes
     answers = [one.response[0] for one in found if one.response is not None]
     motions = {one.plan_id: one.trajectory for one in answers if one.trajectory is not None}
@@ -56,8 +61,8 @@ def robot_plans(bag: Path) -> RobotPlans:
             moved, wanted = ", ".join(one.joint_names), ", ".join(robot.joint_names)
             raise BagError(f"bag {bag}: {one.plan_id} moves {moved}, but its robot has {wanted}")
     told = {
-        exchange.response[0].plan_id: with_received(
-            exchange.request, exchange.response[1], received
+        exchange.response[0].plan_id: scene_at_start(
+            exchange.request, exchange.response[1], exchange.response[0].start_ns, received
         )
         for exchange in found
         if exchange.response is not None
@@ -67,10 +72,9 @@ def robot_plans(bag: Path) -> RobotPlans:
     return RobotPlans(robot, motions, metrics, scenes, notes)
 
 
-def _answer(message: Message, response: Any) -> tuple[RecordedPlan, int]:
-    """Return an answer, and the stamp of the scene that it was made for [ns]."""
-    stamp = getattr(response, "obstacles_stamp", None)
-    return recorded_plan(message, response), 0 if stamp is None else nanoseconds(stamp)
+def _answer(message: Message, response: Any) -> tuple[RecordedPlan, Stamps]:
+    """Return an answer, and the times of what it was made from."""
+    return recorded_plan(message, response), stamps_of(response)
 
 
 def attached_robot(bag: Path, attachments: Mapping[str, bytes]) -> Robot:

@@ -2,75 +2,153 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from ff_planner_ros.arrays import Array
-from ff_planner_ros.bag.decoding import nanoseconds
+from ff_planner_ros.bag.decoding import NANOSECONDS, nanoseconds
 from ff_planner_ros.bag.reader import Bag
+from ff_planner_ros.bag.target_bodies import target_body_in
 from ff_planner_ros.errors import InvalidInput
-from ff_planner_ros.planning.problem import CONTACT_DISTANCE, Sphere
+from ff_planner_ros.planning.problem import (
+    CONTACT_DISTANCE,
+    Sphere,
+    TargetBody,
+    carried_spheres,
+    with_attached_spheres,
+)
 from ff_planner_ros.planning.scene import Scene
 
 _OBSTACLES = "ff_planner_msgs/msg/ObstacleSphereArray"
+_TARGET_BODY = "ff_planner_msgs/msg/TargetBody"
 
-# Obstacles are at rest in every bag; None: what a message holds cannot be read as such.
-Spheres = tuple[Sphere, ...] | None
+Spheres = tuple[Sphere, ...]
+
+# What the bag does not hold, or what cannot be read, is None.
 
 
-def asked_scene(request: Any) -> tuple[Scene, bool]:
-    """Return the scene of a request, and whether the request brings the obstacles itself."""
+@dataclass(frozen=True, eq=False)
+class AskedScene:
+    """What a request says of the scene of its plan."""
+
+    scene: Scene  # without obstacles and target body
+    obstacles: Spheres | None  # its own, at their stamp
+    captures: bool  # whether the target is a body
+    body: TargetBody | None  # its own, at its stamp
+
+
+@dataclass(frozen=True)
+class Stamps:
+    """The times of a plan, as its response says; zero: not known."""
+
+    obstacles_ns: int  # when they were seen [ns]
+    target_body_ns: int  # when it was seen [ns]
+    duration: float = 0.0  # to the capture [s]
+
+
+@dataclass(frozen=True, eq=False)
+class Received:
+    """Obstacles and target bodies that were received, by their stamps [ns]."""
+
+    obstacles: Mapping[int, Spheres | None]
+    bodies: Mapping[int, TargetBody | None]
+
+
+def asked_scene(request: Any) -> AskedScene:
+    """Return what a request says of the scene."""
     brings = bool(getattr(request, "use_obstacles", False))
     spheres = spheres_in(getattr(request, "obstacles", None)) if brings else None
     allowed: Sequence[str] = getattr(request, "allowed_at_goal", ())
-    scene = Scene(
-        obstacles=spheres or (),
-        allowed_at_goal=tuple(map(str, allowed)),
-        contact_distance=getattr(request, "contact_distance", 0.0) or CONTACT_DISTANCE,
-        target=_target(request),
+    captures = bool(getattr(request, "capture", False))
+    return AskedScene(
+        scene=Scene(
+            allowed_at_goal=tuple(map(str, allowed)),
+            contact_distance=getattr(request, "contact_distance", 0.0) or CONTACT_DISTANCE,
+            target=None if captures else _target(request),
+            capture_time=getattr(request, "duration", None) if captures else None,
+        ),
+        obstacles=spheres,
+        captures=captures,
+        body=_body_in(request.target_body) if captures and request.use_target_body else None,
     )
-    return scene, spheres is not None
 
 
-def with_received(
-    asked: tuple[Scene, bool] | None, stamp_ns: int, received: dict[int, Spheres]
+def stamps_of(response: Any) -> Stamps:
+    """Return the times in a response; those of earlier versions tell fewer."""
+    names = ("obstacles_stamp", "target_body_stamp")
+    times = (getattr(response, name, None) for name in names)
+    obstacles_ns, body_ns = (0 if time is None else nanoseconds(time) for time in times)
+    return Stamps(obstacles_ns, body_ns, getattr(response, "duration", 0.0))
+
+
+def scene_at_start(
+    asked: AskedScene | None, stamps: Stamps, start_ns: int, received: Received
 ) -> Scene | None:
-    """Return a plan's scene; None: its obstacles are not known.
+    """Return a plan's scene at its first point; None: the bag does not tell all of it.
 
     Args:
-        asked: Of `asked_scene`; None: the bag lacks the request.
-        stamp_ns: Of the obstacles that the plan was made for [ns].
-        received: Of `received_obstacles`.
+        asked: None: the bag lacks the request.
+        start_ns: Of the plan [ns].
     """
-    scene, complete = asked or (Scene(), False)
-    if complete:
-        return scene
-    spheres = received.get(stamp_ns)
-    return None if spheres is None else replace(scene, obstacles=spheres)
+    told = asked or AskedScene(Scene(), None, captures=False, body=None)
+    spheres = told.obstacles
+    if spheres is None:
+        spheres = received.obstacles.get(stamps.obstacles_ns)
+    if spheres is None:
+        return None
+    spheres = carried_spheres(spheres, (start_ns - stamps.obstacles_ns) / NANOSECONDS)
+    if not told.captures:
+        return replace(told.scene, obstacles=spheres)
+    body = told.body or received.bodies.get(stamps.target_body_ns)
+    if body is None:
+        return None
+    try:
+        body = body.after((start_ns - stamps.target_body_ns) / NANOSECONDS)
+        obstacles = with_attached_spheres(spheres, body)
+    except InvalidInput:
+        return None
+    # Answers of earlier versions do not tell: their duration was given.
+    captured = stamps.duration or told.scene.capture_time
+    return replace(told.scene, obstacles=obstacles, target_body=body, capture_time=captured)
 
 
-def received_obstacles(bag: Bag) -> dict[int, Spheres]:
-    """Return the obstacles that were received, by their stamp [ns].
+def received_scenes(bag: Bag) -> Received:
+    """Return the obstacles and target bodies that were received.
 
     Raises:
         BagError: The disk fails.
     """
-    received: dict[int, Spheres] = {}
-    for message, scene in bag.decoded(_OBSTACLES):
+    obstacles: dict[int, Spheres | None] = {}
+    bodies: dict[int, TargetBody | None] = {}
+    for message, scene in bag.decoded(_OBSTACLES, _TARGET_BODY):
         try:
-            received[nanoseconds(scene.header.stamp)] = spheres_in(scene)
+            stamp_ns = nanoseconds(scene.header.stamp)
+            if message.type_name == _OBSTACLES:
+                obstacles[stamp_ns] = spheres_in(scene)
+            else:
+                bodies[stamp_ns] = _body_in(scene)
         except AttributeError as error:
-            bag.note(f"obstacles on {message.topic} cannot be understood: {error}")
-    return received
+            bag.note(f"what is around, on {message.topic}, cannot be understood: {error}")
+    return Received(obstacles, bodies)
 
 
-def spheres_in(scene: Any) -> Spheres:
-    """Return the obstacles in a message."""
+def spheres_in(scene: Any) -> Spheres | None:
+    """Return the obstacles in a message, at its stamp."""
     try:
-        return tuple(Sphere(one.id, _vector(one.center), one.radius) for one in scene.spheres)
+        return tuple(
+            Sphere(one.id, _vector(one.center), one.radius, _vector(one.twist.linear))
+            for one in scene.spheres
+        )
+    except (AttributeError, InvalidInput):
+        return None
+
+
+def _body_in(message: Any) -> TargetBody | None:
+    try:
+        return target_body_in(message)
     except (AttributeError, InvalidInput):
         return None
 

@@ -21,7 +21,11 @@ import numpy as np
 
 from ff_planner_ros.bench.attitude import BEST_KNOWN, Steadiness, steadiness
 from ff_planner_ros.bench.beliefs import BELIEFS, BeliefResult, belief_results
+from ff_planner_ros.bench.captures import HEADER as CAPTURES_HEADER
+from ff_planner_ros.bench.captures import capture_attempts, capture_rows
 from ff_planner_ros.bench.families import HEADER, family_attempts, side_by_side
+from ff_planner_ros.bench.free_moments import HEADER as FREE_HEADER
+from ff_planner_ros.bench.free_moments import free_attempts, free_rows
 from ff_planner_ros.bench.geometries import HEADER as GEOMETRIES_HEADER
 from ff_planner_ros.bench.geometries import (
     crowded_problems,
@@ -34,7 +38,7 @@ from ff_planner_ros.bench.robots import ROBOTS
 from ff_planner_ros.bench.scaling import Growth, with_joints, with_points, with_spheres
 from ff_planner_ros.bench.scenarios import KINDS
 from ff_planner_ros.bench.starts import StartAttempt, joins, null_space_starts
-from ff_planner_ros.bench.success import Attempt, attempts
+from ff_planner_ros.bench.success import Attempt, attempts, solved_and_times
 from ff_planner_ros.errors import Status
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.problem import Parametrisation, PlanningProblem
@@ -57,6 +61,10 @@ _ROUNDS = (1, 3)
 _FAMILIES = 40
 # Problems that are planned with lines and with shapes.
 _GEOMETRIES = 60
+# Bodies of each class that are captured, and the plans executed.
+_CAPTURES = 100
+# Of which the planner chooses the duration, in each range; a sweep over durations follows.
+_FREE = 20
 
 
 def run_on_one_core(quick: bool, scenarios: int | None, json_file: Path | None) -> int:
@@ -87,6 +95,8 @@ def main(quick: bool, scenarios: int, json_file: str) -> None:
     figures["families"] = print_families(min(scenarios, _FAMILIES), settings)
     figures["geometries"] = print_geometries(min(scenarios, _GEOMETRIES), settings)
     figures["crowds"] = print_crowds(settings, quick=quick)
+    figures["captures"] = print_captures(min(scenarios, _CAPTURES), settings)
+    figures["free moments"] = print_free_moments(min(scenarios, _FREE), settings, quick=quick)
     figures["steadiness"] = print_steadiness(1 if quick else len(BEST_KNOWN), settings)
     figures["executions"] = print_executions(1 if quick else min(scenarios, _EXECUTED), settings)
     if json_file:
@@ -257,6 +267,28 @@ def print_crowds(settings: PlannerSettings, *, quick: bool) -> list[dict[str, An
     return _figures(found)
 
 
+def print_captures(count: int, settings: PlannerSettings) -> list[dict[str, Any]]:
+    """Capture bodies that tumble, and return the figures."""
+    tried = list(capture_attempts(count, settings))
+    print_table("Captures of bodies that tumble", CAPTURES_HEADER, list(capture_rows(tried)))
+    for each in tried:
+        if each.status is not Status.SOLVED:
+            print(f"missed: {each.kind} {each.number}: {each.status.name}: {each.message}")
+    return _figures(tried)
+
+
+def print_free_moments(
+    count: int, settings: PlannerSettings, *, quick: bool
+) -> list[dict[str, Any]]:
+    """Plan the fastest captures, and return the figures."""
+    tried = list(free_attempts(count, settings, sweep=not quick))
+    print_table("Fastest captures", FREE_HEADER, list(free_rows(tried)))
+    for each in tried:
+        if each.status is not Status.SOLVED:
+            print(f"missed: {each.shortest} {each.number}: {each.status.name}: {each.message}")
+    return _figures(tried)
+
+
 def print_steadiness(count: int, settings: PlannerSettings) -> list[dict[str, Any]]:
     """Compare plans of least attitude with the best that are known, and return the figures."""
     done = [each for rounds in _ROUNDS for each in steadiness(count, rounds, settings)]
@@ -328,16 +360,13 @@ def _joined(group: Sequence[StartAttempt]) -> Iterator[str]:
 
 
 def _summary(group: Sequence[Attempt]) -> Iterator[str]:
-    yield f"{len(group)}"
     if not group:
-        yield from "-----"
+        yield from "0-----"
         return
-    seconds = np.array([a.seconds for a in group])
-    solved = [a for a in group if a.solved]
-    yield f"{len(solved) / len(group):.1%}"
-    for value in (np.median(seconds), np.quantile(seconds, 0.95), seconds.max()):
-        yield f"{value:.3f}"
-    yield f"{max((a.starts for a in solved), default=0)}"
+    seconds = [a.seconds for a in group]
+    yield from solved_and_times([a.solved for a in group], seconds)
+    yield f"{max(seconds):.3f}"
+    yield f"{max((a.starts for a in group if a.solved), default=0)}"
 
 
 if __name__ == "__main__":

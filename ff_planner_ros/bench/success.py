@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import statistics
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+
+import numpy as np
 
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.bench.robots import ROBOTS
@@ -14,7 +16,7 @@ from ff_planner_ros.errors import FfPlannerError, NoPlanFound, Status
 from ff_planner_ros.planning.check import measure
 from ff_planner_ros.planning.plan import Plan
 from ff_planner_ros.planning.planner import plan
-from ff_planner_ros.planning.problem import PlanningProblem
+from ff_planner_ros.planning.problem import PlanningProblem, lasting
 from ff_planner_ros.planning.settings import PlannerSettings
 from ff_planner_ros.planning.task import PlanningTask, perform
 from ff_planner_ros.planning.watch import Watch
@@ -54,7 +56,8 @@ class Stopwatch:
             made = plan(problem, settings, watch, guess)
         finally:
             self.seconds = time.perf_counter() - begun
-        return replace(made, metrics=measure(problem, made.trajectory, settings))
+        fixed = lasting(problem, made.duration)
+        return replace(made, metrics=measure(fixed, made.trajectory, settings))
 
 
 def attempts(kind: str, count: int, settings: PlannerSettings) -> Iterator[Attempt]:
@@ -89,3 +92,13 @@ def timed_plans(
             continue
         seconds.append(stopwatch.seconds)
     return plans, statistics.median(seconds[warm_up:])
+
+
+def solved_and_times(solved: Sequence[bool], seconds: Sequence[float]) -> tuple[str, ...]:
+    """Return cells of a table: problems, part that is solved, median and 95 % of the times [s]."""
+    return (
+        f"{len(solved)}",
+        f"{sum(solved) / len(solved):.1%}",
+        f"{np.median(seconds):.3f}",
+        f"{np.quantile(seconds, 0.95):.3f}",
+    )

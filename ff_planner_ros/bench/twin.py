@@ -11,7 +11,7 @@ from ff_planner_ros.arrays import Array
 from ff_planner_ros.bench.paths import STRAIGHT
 from ff_planner_ros.planning.end_effector_polynomial import end_effector_paths
 from ff_planner_ros.planning.polynomial import COMPONENTS, FREE_TERMS
-from ff_planner_ros.planning.problem import PlanningProblem
+from ff_planner_ros.planning.problem import PlanningProblem, capturing
 from ff_planner_ros.robot.rotation import euler_from_rotation
 
 _SAMPLES = np.linspace(0.0, 1.0, 50)
@@ -27,7 +27,7 @@ def seen_from(problem: PlanningProblem, frame: pin.SE3) -> PlanningProblem:
         quaternion: Array = (pin.Quaternion(rotation) * pin.Quaternion(quaternion_xyzw)).coeffs()
         return quaternion
 
-    return replace(
+    seen = replace(
         problem,
         start=replace(
             start,
@@ -51,6 +51,17 @@ def seen_from(problem: PlanningProblem, frame: pin.SE3) -> PlanningProblem:
             for s in problem.obstacles
         ),
     )
+    body = problem.target_body
+    if body is None:
+        return seen
+    moved = replace(
+        body,
+        position=frame.act(body.position),
+        quaternion_xyzw=turned(body.quaternion_xyzw),
+        linear_velocity=rotation @ body.linear_velocity,
+        angular_velocity=rotation @ body.angular_velocity,
+    )
+    return capturing(moved, seen)
 
 
 def same_path(

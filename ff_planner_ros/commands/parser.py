@@ -73,11 +73,12 @@ def command_parser() -> ArgumentParser:
 
     demo = add("demo", planning.show_demo, "plan the paper's capture over ROS, show the result")
     demo.add_argument(
-        "--testbed",
-        choices=("lemur", "bodies", "planar"),
+        *("--testbed", "--scene"),
+        choices=("lemur", "bodies", "planar", "tumbling"),
         default="lemur",
         help="lemur: the paper's capture in space (default); bodies: the same with the whole robot "
-        "kept clear, panels and all; planar: one on an air-bearing table",
+        "kept clear, panels and all; planar: one on an air-bearing table; tumbling: of a body "
+        "that tumbles",
     )
     demo.add_argument("--output", type=Path, default="demo_output", metavar="DIR")
 
@@ -181,12 +182,15 @@ def command_parser() -> ArgumentParser:
     robot = add("robot", planning.show_robot, "show what the planner makes of a URDF")
     robot.add_argument("urdf", type=Path, metavar="URDF")
     robot.add_argument("--base-link", metavar="LINK", help="default: the root")
-    robot.add_argument("--tip-link", metavar="LINK", help="default: the only link without children")
+    tip_help = "default: the only link that moves and carries no other"
+    robot.add_argument("--tip-link", metavar="LINK", help=tip_help)
     robot.add_argument(
         "--geometry",
         choices=[one.value for one in Geometry],
         help="default: shapes where the arm has any <collision>",
     )
+    draw_help = "draw it, bodies and lines, as a page for a browser"
+    robot.add_argument("--draw", type=Path, metavar="FILE.html", help=draw_help)
     robot.add_argument(
         "--srdf",
         type=Path,
@@ -222,7 +226,7 @@ def _how_to_plan() -> ArgumentParser:
         "--objective",
         metavar="{length,attitude,L,THETA}",
         help="instead of the scenario's weights: one of the two names, or a pair such as 1,10: "
-        "weights of joint path length and chaser attitude",
+        "weights of joint path length and chaser attitude, and of the duration if there is a third",
     )
     options.add_argument(
         "--method",

@@ -29,7 +29,7 @@ from ff_planner_ros.errors import FfPlannerError, InvalidInput, Status
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.plan import Plan, Trajectory
 from ff_planner_ros.planning.planner import plan
-from ff_planner_ros.planning.problem import Objective, Parametrisation
+from ff_planner_ros.planning.problem import Objective, Parametrisation, lasting
 from ff_planner_ros.planning.scenario import Defaults, load_scenario, load_task
 from ff_planner_ros.planning.scene import Scene, scene_of
 from ff_planner_ros.planning.task import Method, PlanningTask, perform, without_search
@@ -135,11 +135,12 @@ def _weights(text: str) -> Objective:
     if text in OBJECTIVES:
         return OBJECTIVES[text]
     try:
-        length, attitude = map(float, text.split(","))
-    except ValueError:
-        allowed = f"it must be one of {', '.join(OBJECTIVES)}, or two weights such as 1,10"
+        length, attitude, *duration = map(float, text.split(","))
+        return Objective(length, attitude, *duration)
+    except (ValueError, TypeError):
+        names = ", ".join(OBJECTIVES)
+        allowed = f"it must be one of {names}, or two weights such as 1,10 and that of the duration"
         raise InvalidInput(Status.UNSUPPORTED, "--objective", text, allowed) from None
-    return Objective(length, attitude)
 
 
 def _method(name: str) -> Method:
@@ -169,7 +170,8 @@ def _motions(
     if source.suffix in (".yaml", ".yml"):
         task, watch = _task(source, options)
         planned = perform(task, watch, _method(options.method))
-        yield source.name, task.problem.robot, planned.trajectory, scene_of(task.problem)
+        problem = lasting(task.problem, planned.duration)
+        yield source.name, problem.robot, planned.trajectory, scene_of(problem)
     elif source.suffix == ".json":
         yield source.name, *_motion_in_json(source)
     elif source.is_dir() or source.suffix == ".mcap":
@@ -227,6 +229,11 @@ def show_robot(options: argparse.Namespace) -> int:
     )
     print_notes(robot.notes)
     print_table(robot_rows(robot))
+    if options.draw is not None:
+        from ff_planner_ros.analysis.robot_view import save_robot
+
+        save_robot(robot, options.draw)
+        print(f"\n{options.draw}  {options.draw.stat().st_size / 1e6:.1f} MB")
     if options.srdf is not None:
         _write_srdf(options.srdf, robot)
     return SOLVED

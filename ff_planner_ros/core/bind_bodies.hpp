@@ -1,7 +1,8 @@
 // Python's way to the distances of bodies.
 #pragma once
-#include "arrays.hpp"
+#include "bind_clearance.hpp"
 #include "bodies.hpp"
+#include "body_certificate.hpp"
 
 namespace ff {
 
@@ -73,23 +74,78 @@ inline py::tuple rows_of_pairs(const Chain& chain, const Bodies& of, const Array
 
 inline py::tuple rows_of_spheres(const Chain& chain, const Bodies& of, const Array& q,
                                  const Array& dq, const Array& times, const Array& centers,
-                                 const Array& velocities, const Array& radii, double interest) {
+                                 const Array& velocities, const Array& radii, double interest,
+                                 const std::vector<Attached>& fixed) {
   const py::ssize_t n = chain.joints();
   const double* of_q = checked(q, "q", {kAny, 7 + n});
   const double* of_dq = checked(dq, "q_sensitivity", {q.shape(0), 6 + n, kAny});
   const double* time = checked(times, "times", {q.shape(0)});
-  const double* center = checked(centers, "centers", {kAny, 3});
-  const double* velocity = checked(velocities, "velocities", {centers.shape(0), 3});
-  const double* radius = checked(radii, "radii", {centers.shape(0)});
+  const std::vector<Sphere> spheres = moving_spheres(centers, velocities, radii, fixed);
   require_carried(chain, of);
   if (q.shape(0) == 0) throw std::invalid_argument("q has no configuration");
-  std::vector<Sphere> spheres;
-  for (py::ssize_t i = 0; i < centers.shape(0); ++i)
-    spheres.push_back({vector3(center + 3 * i), vector3(velocity + 3 * i), radius[i]});
   const py::ssize_t columns = dq.shape(2);
   return written(sphere_rows(chain, of, of_q, of_dq, time, static_cast<int>(q.shape(0)),
                              static_cast<int>(columns), spheres, checked(interest, "interest")),
                  columns);
+}
+
+// What a certificate of bodies is asked of.
+struct Asked {
+  Asked(const Chain& chain, const Bodies& of, const Array& q, const Array& cubics,
+        const Array& ways, py::ssize_t columns, const Array& times, const Numbers& chosen,
+        py::ssize_t numbers, int last, double gap, double part)
+      : motion(read(chain, q, cubics, times)),
+        ways(sums_of({checked(ways, "ways", {q.shape(0) - 1, columns}), q.shape(0) - 1, columns})),
+        chosen(chosen.data(), chosen.data() + chosen.size()) {
+    require_carried(chain, of);
+    for (const int number : this->chosen)
+      if (number < 0 || number >= numbers)
+        throw std::invalid_argument("number " + std::to_string(number) + " is chosen of " +
+                                    std::to_string(numbers));
+    if (last < 0 || last >= q.shape(0)) throw std::invalid_argument("last is no point");
+    if (!(checked(gap, "gap") > 0)) throw std::invalid_argument("gap must be positive");
+    if (!(checked(part, "part") >= 0 && part < 1))
+      throw std::invalid_argument("part must be at least 0 and below 1");
+  }
+
+  CubicMotion motion;
+  RowMajor ways;
+  std::vector<int> chosen;
+
+ private:
+  static CubicMotion read(const Chain& chain, const Array& q, const Array& cubics,
+                          const Array& times) {
+    const py::ssize_t n = chain.joints(), points = q.shape(0), three = 3;
+    const double* of_q = checked(q, "q", {kAny, 7 + n});
+    if (points < 2) throw std::invalid_argument("q must hold two configurations or more");
+    std::vector<Configuration> at;
+    for (py::ssize_t i = 0; i < points; ++i)
+      at.push_back(Configuration::read(of_q + i * (7 + n), static_cast<int>(n)));
+    const double* of_cubics = checked(cubics, "cubics", {points - 1, three, 6 + n});
+    return {chain, at, {of_cubics, 3 * (points - 1), 6 + n}, {checked(times, "times", {points}), points}};
+  }
+};
+
+inline double certified_pairs(const Chain& chain, const Bodies& of, const Array& q,
+                              const Array& cubics, const Array& ways, const Array& times,
+                              const Numbers& chosen, int last, double gap, double part) {
+  const auto pairs = static_cast<py::ssize_t>(of.pairs.size());
+  const Asked asked(chain, of, q, cubics, ways, pairs, times, chosen, pairs, last, gap, part);
+  BodiesOnTheWay bodies(asked.motion, of);
+  return Halving(PairsOnTheWay{bodies, asked.ways}, gap, part).least(asked.chosen, last);
+}
+
+inline double certified_spheres(const Chain& chain, const Bodies& of, const Array& q,
+                                const Array& cubics, const Array& ways, const Array& times,
+                                const Array& centers, const Array& velocities, const Array& radii,
+                                const Numbers& chosen, int last, double gap, double part,
+                                const std::vector<Attached>& fixed) {
+  const std::vector<Sphere> spheres = moving_spheres(centers, velocities, radii, fixed);
+  const auto count = static_cast<py::ssize_t>(of.bodies.size());
+  const Asked asked(chain, of, q, cubics, ways, count, times, chosen,
+                    count * static_cast<py::ssize_t>(spheres.size()), last, gap, part);
+  BodiesOnTheWay bodies(asked.motion, of);
+  return Halving(SpheresOnTheWay{bodies, asked.ways, spheres}, gap, part).least(asked.chosen, last);
 }
 
 inline void bind_bodies(py::module_& m) {
@@ -101,7 +157,14 @@ inline void bind_bodies(py::module_& m) {
         py::arg("q_sensitivity"), py::arg("interest"));
   m.def("sphere_rows", &rows_of_spheres, py::arg("chain"), py::arg("bodies"), py::arg("q"),
         py::arg("q_sensitivity"), py::arg("times"), py::arg("centers"), py::arg("velocities"),
-        py::arg("radii"), py::arg("interest"));
+        py::arg("radii"), py::arg("interest"), py::arg("attached") = std::vector<Attached>());
+  m.def("certified_pair_distance", &certified_pairs, py::arg("chain"), py::arg("bodies"),
+        py::arg("q"), py::arg("cubics"), py::arg("ways"), py::arg("times"), py::arg("chosen"),
+        py::arg("last"), py::arg("gap"), py::arg("part"));
+  m.def("certified_sphere_distance", &certified_spheres, py::arg("chain"), py::arg("bodies"),
+        py::arg("q"), py::arg("cubics"), py::arg("ways"), py::arg("times"), py::arg("centers"),
+        py::arg("velocities"), py::arg("radii"), py::arg("chosen"), py::arg("last"),
+        py::arg("gap"), py::arg("part"), py::arg("attached") = std::vector<Attached>());
 }
 
 }  // namespace ff

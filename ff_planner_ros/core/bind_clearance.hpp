@@ -1,5 +1,7 @@
 // Python's way to the arm's points and to its distances from spheres.
 #pragma once
+#include <pybind11/stl.h>
+
 #include "arrays.hpp"
 #include "clearance.hpp"
 
@@ -23,25 +25,71 @@ inline py::tuple arm_points_with_derivatives(const Chain& chain, const Array& q,
   return py::make_tuple(result(points, "points"), result(derivatives, "derivatives"));
 }
 
+// A body and the spheres that are fixed to it.
+struct Attached {
+  std::shared_ptr<const TumblingBody> body;
+  double fastest_turn;  // that it never exceeds [rad/s]
+  std::vector<int> spheres;
+  std::vector<Vector3> places;
+};
+
+inline Attached attached(const std::vector<int>& spheres, const Array& places,
+                         const Array& position, const Array& velocity, const Array& begins,
+                         const Array& series, double fastest_turn) {
+  const py::ssize_t count = static_cast<py::ssize_t>(spheres.size()), xyz = 3, xyzw = 4;
+  const double* place = checked(places, "places", {count, xyz});
+  const double* begin = checked(begins, "begins", {kAny});
+  const py::ssize_t pieces = begins.shape(0);
+  const double* terms = checked(series, "series", {pieces, kAny, xyzw});
+  const py::ssize_t orders = series.shape(1);
+  if (pieces < 1 || orders < 1) throw std::invalid_argument("series must not be empty");
+  auto body = std::make_shared<TumblingBody>();
+  body->position = vector3(checked(position, "position", {xyz}));
+  body->velocity = vector3(checked(velocity, "velocity", {xyz}));
+  body->begins.assign(begin, begin + pieces);
+  for (py::ssize_t i = 0; i < pieces; ++i)
+    body->series.push_back(
+        Eigen::Map<const TumblingBody::Series>(terms + i * orders * 4, orders, 4));
+  std::vector<Vector3> all;
+  for (py::ssize_t i = 0; i < count; ++i) all.push_back(vector3(place + 3 * i));
+  return {body, checked(fastest_turn, "fastest_turn"), spheres, all};
+}
+
+inline std::vector<Sphere> moving_spheres(const Array& centers, const Array& velocities,
+                                          const Array& radii, const std::vector<Attached>& fixed) {
+  const double* center = checked(centers, "centers", {kAny, 3});
+  const py::ssize_t count = centers.shape(0);
+  const double* velocity = checked(velocities, "velocities", {count, 3});
+  const double* radius = checked(radii, "radii", {count});
+  std::vector<Sphere> all;
+  for (py::ssize_t i = 0; i < count; ++i) {
+    const Vector3 moving = vector3(velocity + 3 * i);
+    all.push_back({vector3(center + 3 * i), moving, radius[i], moving.norm(), nullptr, moving});
+  }
+  for (const Attached& of : fixed)
+    for (size_t k = 0; k < of.spheres.size(); ++k) {
+      Sphere& sphere = all.at(of.spheres[k]);
+      sphere.body = of.body;
+      sphere.place = of.places[k];
+      sphere.highest_speed = of.body->velocity.norm() + of.fastest_turn * of.places[k].norm();
+    }
+  return all;
+}
+
 // Returns distances of interest, their derivatives and their names.
 inline py::tuple clearances(const Chain& chain, const Array& q, const Array& dq, const Array& times,
                             const Array& centers, const Array& velocities, const Array& radii,
-                            double interest, bool quarter_way) {
+                            double interest, bool quarter_way,
+                            const std::vector<Attached>& fixed) {
   const py::ssize_t n = chain.joints();
   const double* of_q = checked(q, "q", {kAny, 7 + n});
   const py::ssize_t count = q.shape(0);
   const double* of_dq = checked(dq, "q_sensitivity", {count, 6 + n, kAny});
   const py::ssize_t columns = dq.shape(2);
-  const double* center = checked(centers, "centers", {kAny, 3});
-  const py::ssize_t spheres = centers.shape(0);
-  const double* velocity = checked(velocities, "velocities", {spheres, 3});
-  const double* radius = checked(radii, "radii", {spheres});
+  const std::vector<Sphere> all = moving_spheres(centers, velocities, radii, fixed);
   if (count < 2 || count % 2) throw std::invalid_argument("q must hold 2, 4, ... configurations");
   ArmMotion arm(chain, of_q, of_dq, static_cast<int>(count), static_cast<int>(columns));
   if (quarter_way) arm.add_quarter_way();
-  std::vector<Sphere> all;
-  for (py::ssize_t i = 0; i < spheres; ++i)
-    all.push_back({vector3(center + 3 * i), vector3(velocity + 3 * i), radius[i]});
   const ClearanceRows rows =
       clearance_rows(arm, checked(times, "times", {static_cast<py::ssize_t>(arm.points.size())}),
                      all, checked(interest, "interest"));
@@ -54,11 +102,14 @@ inline py::tuple clearances(const Chain& chain, const Array& q, const Array& dq,
 }
 
 inline void bind_clearance(py::module_& m) {
+  py::class_<Attached>(m, "Attached")
+      .def(py::init(&attached), py::arg("spheres"), py::arg("places"), py::arg("position"),
+           py::arg("velocity"), py::arg("begins"), py::arg("series"), py::arg("fastest_turn"));
   m.def("arm_points_with_derivatives", &arm_points_with_derivatives, py::arg("chain"), py::arg("q"),
         py::arg("q_sensitivity"));
   m.def("clearances", &clearances, py::arg("chain"), py::arg("q"), py::arg("q_sensitivity"),
         py::arg("times"), py::arg("centers"), py::arg("velocities"), py::arg("radii"),
-        py::arg("interest"), py::arg("quarter_way"));
+        py::arg("interest"), py::arg("quarter_way"), py::arg("attached") = std::vector<Attached>());
 }
 
 }  // namespace ff

@@ -1,6 +1,6 @@
 // Python's way to the objective and to the certificate of a search.
 #pragma once
-#include "arrays.hpp"
+#include "bind_clearance.hpp"
 #include "certificate.hpp"
 #include "joint_path.hpp"
 
@@ -24,28 +24,21 @@ inline py::tuple joint_path(const Array& v, const Array& dv, double step, double
 
 inline double certified(const Chain& chain, const Array& q, const Array& cubics, const Array& ways,
                         const Array& times, const Array& centers, const Array& velocities,
-                        const Array& radii, double gap) {
+                        const Array& radii, double gap, const std::vector<Attached>& fixed) {
   const py::ssize_t n = chain.joints(), three = 3;
   const double* of_q = checked(q, "q", {kAny, 7 + n});
   const py::ssize_t points = q.shape(0), intervals = points - 1;
   if (points < 2) throw std::invalid_argument("q must hold two configurations or more");
   const double* of_cubics = checked(cubics, "cubics", {intervals, three, 6 + n});
-  const double* center = checked(centers, "centers", {kAny, 3});
-  const py::ssize_t spheres = centers.shape(0);
-  const double* velocity = checked(velocities, "velocities", {spheres, 3});
-  const double* radius = checked(radii, "radii", {spheres});
+  const std::vector<Sphere> all = moving_spheres(centers, velocities, radii, fixed);
   if (!(checked(gap, "gap") > 0)) throw std::invalid_argument("gap must be positive");
   std::vector<Configuration> at;
   for (py::ssize_t i = 0; i < points; ++i)
     at.push_back(Configuration::read(of_q + i * (7 + n), static_cast<int>(n)));
-  std::vector<Sphere> all;
-  for (py::ssize_t i = 0; i < spheres; ++i)
-    all.push_back({vector3(center + 3 * i), vector3(velocity + 3 * i), radius[i]});
   return certified_clearance(
       {chain, at, Eigen::Map<const RowMajor>(of_cubics, 3 * intervals, 6 + n),
-       Eigen::Map<const Eigen::VectorXd>(checked(ways, "ways", {intervals}), intervals),
        Eigen::Map<const Eigen::VectorXd>(checked(times, "times", {points}), points)},
-      all, gap);
+      Eigen::Map<const Eigen::VectorXd>(checked(ways, "ways", {intervals}), intervals), all, gap);
 }
 
 inline void bind_search(py::module_& m) {
@@ -53,7 +46,7 @@ inline void bind_search(py::module_& m) {
         py::arg("smoothing"));
   m.def("certified_clearance", &certified, py::arg("chain"), py::arg("q"), py::arg("cubics"),
         py::arg("ways"), py::arg("times"), py::arg("centers"), py::arg("velocities"),
-        py::arg("radii"), py::arg("gap"));
+        py::arg("radii"), py::arg("gap"), py::arg("attached") = std::vector<Attached>());
 }
 
 }  // namespace ff

@@ -72,6 +72,7 @@ inline BodyRows pair_rows(const Chain& chain, const Bodies& of, const double* q,
                           int count, int columns, double interest) {
   BodyRows rows;
   const int joints = chain.joints(), pairs = static_cast<int>(of.pairs.size());
+  std::vector<Simplex> known(of.pairs.size());
   for (int i = 0; i < count; ++i) {
     const PlacedBodies placed(chain, of, Configuration::read(q + i * (7 + joints), joints).joints);
     const Eigen::Map<const RowMajor> by_x(dq + static_cast<long>(i) * (6 + joints) * columns,
@@ -81,7 +82,8 @@ inline BodyRows pair_rows(const Chain& chain, const Bodies& of, const double* q,
       const Body &first = of.bodies[a], &second = of.bodies[b];
       const double around = first.radius + second.radius + interest;
       if ((placed.centers[a] - placed.centers[b]).squaredNorm() >= around * around) continue;
-      const Gap found = gap(first.solid, placed.solids[a], second.solid, placed.solids[b]);
+      const Gap found = gap(first.solid, placed.solids[a], second.solid, placed.solids[b],
+                            known[number], interest);
       const long long name = static_cast<long long>(i) * pairs + number;
       if (!found.is_known) rows.unknown.push_back(name);
       if (!found.is_known || !(found.distance < interest)) continue;
@@ -110,22 +112,26 @@ inline BodyRows sphere_rows(const Chain& chain, const Bodies& of, const double* 
       ways[body].extend(at[i].position + at[i].attitude * placed[i].centers[body]);
   }
   std::vector<std::vector<int>> near(bodies);
-  const auto [first, last] = std::minmax_element(times, times + count);
-  for (int body = 0; body < bodies; ++body)
-    for (size_t sphere = 0; sphere < spheres.size(); ++sphere) {
-      const Vector3 begin = spheres[sphere].center_at(*first), end = spheres[sphere].center_at(*last);
-      const Eigen::AlignedBox3d way(begin.cwiseMin(end), begin.cwiseMax(end));
-      if (ways[body].exteriorDistance(way) < of.bodies[body].radius + spheres[sphere].radius + interest)
+  std::vector<bool> is_near(spheres.size(), false);  // any of the bodies
+  for (size_t sphere = 0; sphere < spheres.size(); ++sphere) {
+    const Eigen::AlignedBox3d way = spheres[sphere].way(times, count);
+    for (int body = 0; body < bodies; ++body)
+      if (ways[body].exteriorDistance(way) < of.bodies[body].radius + spheres[sphere].radius + interest) {
         near[body].push_back(static_cast<int>(sphere));
-    }
+        is_near[sphere] = true;
+      }
+  }
+  std::vector<Vector3> centers(spheres.size());
   for (int i = 0; i < count; ++i) {
     const Matrix3 to_base = at[i].attitude.toRotationMatrix().transpose();
     const Eigen::Map<const RowMajor> by_x(dq + static_cast<long>(i) * (6 + joints) * columns,
                                           6 + joints, columns);
+    for (size_t sphere = 0; sphere < spheres.size(); ++sphere)
+      if (is_near[sphere]) centers[sphere] = to_base * (spheres[sphere].center_at(times[i]) - at[i].position);
     for (int body = 0; body < bodies; ++body)
       for (const int sphere : near[body]) {
         const Body& solid = of.bodies[body];
-        const Vector3 center = to_base * (spheres[sphere].center_at(times[i]) - at[i].position);
+        const Vector3& center = centers[sphere];
         const double around = solid.radius + spheres[sphere].radius + interest;
         if ((placed[i].centers[body] - center).squaredNorm() >= around * around) continue;
         const Gap found = gap(solid.solid, placed[i].solids[body], center);

@@ -9,13 +9,15 @@ namespace ff {
 inline double nearest(const ArmPoints& points, const std::vector<int>& starts,
                       const std::vector<Sphere>& spheres, double time) {
   double least = std::numeric_limits<double>::infinity();
-  for (const Sphere& sphere : spheres)
+  for (const Sphere& sphere : spheres) {
+    const Vector3 center = sphere.center_at(time);
     for (const int k : starts) {
-      const Vector3 to_center = sphere.center_at(time) - points.col(k);
+      const Vector3 to_center = center - points.col(k);
       const Vector3 along = points.col(k + 1) - points.col(k);
       const double fraction = std::clamp(to_center.dot(along) / along.squaredNorm(), 0.0, 1.0);
       least = std::min(least, (to_center - fraction * along).norm() - sphere.radius);
     }
+  }
   return least;
 }
 
@@ -24,7 +26,6 @@ struct CubicMotion {
   const Chain& chain;
   std::vector<Configuration> q;       // at the points
   Eigen::Map<const RowMajor> cubics;  // of s, s^2, s^3 to the next point, three rows each
-  Eigen::Map<const Eigen::VectorXd> ways;  // that no point of the arm exceeds to the next point [m]
   Eigen::Map<const Eigen::VectorXd> times;
 
   // At a part s of the way from a point to the next.
@@ -37,13 +38,15 @@ struct CubicMotion {
 
 // In a piece of the motion the clearance is at least the mean of both ends' less half the ways of
 // arm and sphere. Pieces whose bound is too low to tell are halved, until it is within `gap`.
-inline double certified_clearance(const CubicMotion& motion, const std::vector<Sphere>& spheres,
-                                  double gap) {
+// `ways`: that no point of the arm exceeds to the next point [m].
+inline double certified_clearance(const CubicMotion& motion,
+                                  const Eigen::Map<const Eigen::VectorXd>& ways,
+                                  const std::vector<Sphere>& spheres, double gap) {
   struct Piece {
     int point;
     double begin, end, at_begin, at_end;
   };
-  const int intervals = static_cast<int>(motion.ways.size());
+  const int intervals = static_cast<int>(ways.size());
   const std::vector<int> starts = segments(Arm(motion.chain, motion.q[0]).points);
   // The least distance from each sphere, and from all of them at each point.
   const double infinite = std::numeric_limits<double>::infinity();
@@ -59,7 +62,7 @@ inline double certified_clearance(const CubicMotion& motion, const std::vector<S
   double lowest = *std::min_element(at_points.begin(), at_points.end()), certified = lowest;
   const auto way = [&](int point, const Sphere& sphere) {
     const double seconds = motion.times[point + 1] - motion.times[point];
-    return motion.ways[point] + seconds * sphere.velocity.norm();
+    return ways[point] + seconds * sphere.highest_speed;
   };
   // What no step can bring nearer than the nearest point need not be looked at again.
   std::vector<Sphere> reachable;

@@ -6,18 +6,12 @@
 #include <vector>
 
 #include "arm.hpp"
+#include "sphere.hpp"
 
 namespace ff {
 
 // Joint origins nearer than this are the same point; drawings are not more exact [m].
 constexpr double kSamePoint = 1e-6;
-
-struct Sphere {
-  Vector3 center, velocity;  // the centre when the plan begins
-  double radius;
-
-  Vector3 center_at(double time) const { return center + time * velocity; }
-};
 
 // Where the arm is at some times, with derivatives made of it where they are asked for.
 class ArmMotion {
@@ -93,11 +87,9 @@ inline std::vector<int> near_box(const std::vector<ArmPoints>& points, const dou
   Eigen::AlignedBox3d box;
   for (const ArmPoints& arm : points)
     for (int k = 0; k < arm.cols(); ++k) box.extend(arm.col(k));
-  const auto [first, last] = std::minmax_element(times, times + points.size());
   std::vector<int> near;
   for (size_t sphere = 0; sphere < spheres.size(); ++sphere) {
-    const Vector3 begin = spheres[sphere].center_at(*first), end = spheres[sphere].center_at(*last);
-    const Eigen::AlignedBox3d way(begin.cwiseMin(end), begin.cwiseMax(end));
+    const Eigen::AlignedBox3d way = spheres[sphere].way(times, points.size());
     if (box.exteriorDistance(way) <= spheres[sphere].radius + distance)
       near.push_back(static_cast<int>(sphere));
   }
@@ -116,12 +108,14 @@ inline ClearanceRows clearance_rows(ArmMotion& arm, const double* times,
   ClearanceRows rows;
   const std::vector<int> near = near_box(arm.points, times, spheres, interest);
   const std::vector<int> starts = segments(arm.points[0]);
+  std::vector<Vector3> centers(spheres.size());
   for (size_t i = 0; i < arm.points.size() && !near.empty(); ++i) {
     RowMajor derivatives;
+    for (const int sphere : near) centers[sphere] = spheres[sphere].center_at(times[i]);
     for (size_t segment = 0; segment < starts.size(); ++segment)
       for (const int sphere : near) {
         const int k = starts[segment];
-        const Vector3 center = spheres[sphere].center_at(times[i]);
+        const Vector3& center = centers[sphere];
         const Vector3 start = arm.points[i].col(k), along = arm.points[i].col(k + 1) - start;
         const double fraction =
             std::clamp((center - start).dot(along) / along.squaredNorm(), 0.0, 1.0);

@@ -75,6 +75,20 @@ def arm_points_with_derivatives(
 ) -> tuple[Array, Array]:
     """Return what the function of this name in `planning.clearance` does."""
 
+class Attached:
+    """A body that turns freely, and the spheres that are fixed to it."""
+
+    def __init__(
+        self,
+        spheres: Sequence[int],  # which they are
+        places: Array,  # in the body; shape (spheres, 3) [m]
+        position: Array,  # of the centre of mass when the plan begins; shape (3,) [m]
+        velocity: Array,  # shape (3,) [m/s]
+        begins: Array,  # of the series; shape (series,) [s]
+        series: Array,  # of the quaternion (x, y, z, w); shape (series, orders, 4)
+        fastest_turn: float,  # [rad/s]
+    ) -> None: ...
+
 def clearances(
     chain: Chain,
     q: Array,
@@ -85,6 +99,7 @@ def clearances(
     radii: Array,
     interest: float,
     quarter_way: bool,
+    attached: Sequence[Attached] = (),
 ) -> tuple[Array, Array, Indices]:
     """Return what `planning.clearance.clearance_rows` does.
 
@@ -122,6 +137,7 @@ def certified_clearance(
     velocities: Array,
     radii: Array,
     gap: float,
+    attached: Sequence[Attached] = (),
 ) -> float:
     """Return what `planning.certificate.certified_clearance` does.
 
@@ -229,5 +245,48 @@ def sphere_rows(
     velocities: Array,
     radii: Array,
     interest: float,
+    attached: Sequence[Attached] = (),
 ) -> tuple[Array, Array, Indices, Indices]:
     """Return likewise those of bodies from spheres; names: configuration, body, then sphere."""
+
+def certified_pair_distance(
+    chain: Chain,
+    bodies: Bodies,
+    q: Array,
+    cubics: Array,
+    ways: Array,
+    times: Array,
+    chosen: Indices,
+    last: int,
+    gap: float,
+    part: float,
+) -> float:
+    """Return what `planning.body_certificate.least_pair_distance` certifies.
+
+    Args:
+        cubics: Of `cubics_between`. Shape (points - 1, 3, 6 + joints).
+        ways: Of pairs against each other. Shape (points - 1, pairs) [m].
+        gap: How far it may be below the truth [m], or
+        part: by which part of it.
+
+    Returns:
+        Minus infinity where two are in each other of which GJK knows nothing.
+    """
+
+def certified_sphere_distance(
+    chain: Chain,
+    bodies: Bodies,
+    q: Array,
+    cubics: Array,
+    ways: Array,
+    times: Array,
+    centers: Array,
+    velocities: Array,
+    radii: Array,
+    chosen: Indices,
+    last: int,
+    gap: float,
+    part: float,
+    attached: Sequence[Attached] = (),
+) -> float:
+    """Return likewise what `least_sphere_distance` certifies; ways: shape (points - 1, bodies)."""

@@ -1,6 +1,7 @@
 // Convex solids: how far a point is from one, and how far two are apart (GJK).
 #pragma once
 #include <algorithm>
+#include <limits>
 #include <vector>
 
 #include "spatial.hpp"
@@ -79,12 +80,17 @@ Gap beyond_corner(const Eigen::Matrix<double, N, 1>& point, const Eigen::Matrix<
 class Simplex {
  public:
   int size = 0;
-  Vector3 difference[4], on_first[4];  // of the vertices, and of the first solid's points
+  Vector3 difference[4];               // of points of both solids
+  Vector3 on_first[4], on_second[4];   // these points, each in the frame of its solid
   double weight[4];
 
-  void add(const Vector3& a, const Vector3& b) {
-    difference[size] = a - b;
-    on_first[size++] = a;
+  void add(const Vector3& a, const Vector3& b, const Pose& first, const Pose& second) {
+    on_first[size] = a, on_second[size] = b;
+    difference[size++] = first * a - second * b;
+  }
+  // The same points of solids that have moved.
+  void move(const Pose& first, const Pose& second) {
+    for (int i = 0; i < size; ++i) difference[i] = first * on_first[i] - second * on_second[i];
   }
   Vector3 closest() const { return weighted(difference); }
   Vector3 on_first_solid() const { return weighted(on_first); }
@@ -133,10 +139,14 @@ class Simplex {
   }
 
   void take(const Part& part) {
-    Vector3 d[3], a[3];
-    for (int i = 0; i < part.size; ++i) d[i] = difference[part.vertex[i]], a[i] = on_first[part.vertex[i]];
+    Vector3 d[3], a[3], b[3];
+    for (int i = 0; i < part.size; ++i) {
+      const int from = part.vertex[i];
+      d[i] = difference[from], a[i] = on_first[from], b[i] = on_second[from];
+    }
     size = part.size;
-    for (int i = 0; i < size; ++i) difference[i] = d[i], on_first[i] = a[i], weight[i] = part.weight[i];
+    for (int i = 0; i < size; ++i)
+      difference[i] = d[i], on_first[i] = a[i], on_second[i] = b[i], weight[i] = part.weight[i];
   }
 
   Part point(int i) const {
@@ -181,35 +191,41 @@ class Simplex {
   }
 };
 
-// Gilbert, Johnson and Keerthi: the nearest points of two solids.
-inline Gap gap(const Solid& first, const Pose& at, const Solid& second, const Pose& there) {
+// Gilbert, Johnson and Keerthi: the nearest points of two solids. `known` is where the search begins
+// and ends: empty, or that of the same solids elsewhere. Solids that are surely further apart than
+// `enough` need not be measured: the distance is a lower bound then, and greater.
+inline Gap gap(const Solid& first, const Pose& at, const Solid& second, const Pose& there,
+               Simplex& known, double enough = std::numeric_limits<double>::infinity()) {
   constexpr int kMost = 100;
   constexpr double kExact = 1e-10;  // of the distance [m]
+  const double radii = first.radius() + second.radius();
   const auto support = [&](Simplex& simplex, const Vector3& direction) {
-    simplex.add(at.position + at.rotation * first.support(at.rotation.transpose() * direction),
-                there.position +
-                    there.rotation * second.support(there.rotation.transpose() * -direction));
+    simplex.add(first.support(at.rotation.transpose() * direction),
+                second.support(there.rotation.transpose() * -direction), at, there);
   };
-  Simplex simplex, best;
-  support(simplex, there.position - at.position);
-  simplex.reduce();
-  Vector3 v = simplex.closest();
-  best = simplex;
+  if (known.size == 0)
+    support(known, there.position - at.position);
+  else
+    known.move(at, there);
+  known.reduce();
+  Vector3 v = known.closest();
+  double length = v.norm();
+  Simplex simplex = known;
   for (int i = 0; i < kMost; ++i) {
-    const double length = v.norm();
     if (!(length > kTouching)) return {0, {}, {}, false};
     support(simplex, -v);
-    const Vector3& w = simplex.difference[simplex.size - 1];
-    if (v.squaredNorm() - v.dot(w) <= kExact * length) break;
+    const double least = v.dot(simplex.difference[simplex.size - 1]) / length;
+    if (least - radii > enough) return {least - radii, at * known.on_first_solid(), -v / length};
+    if (length - least <= kExact) break;
     if (!simplex.reduce()) return {0, {}, {}, false};
     const Vector3 closer = simplex.closest();
-    if (!(closer.squaredNorm() < v.squaredNorm())) break;
+    if (!(closer.squaredNorm() < length * length)) break;
     v = closer;
-    best = simplex;
+    length = v.norm();
+    known = simplex;
   }
-  const double length = v.norm();
   if (!(length > kTouching)) return {0, {}, {}, false};
-  return {length - first.radius() - second.radius(), best.on_first_solid(), -v / length};
+  return {length - radii, at * known.on_first_solid(), -v / length};
 }
 
 // How far a point is from a solid; the normal leads out of it.
@@ -242,7 +258,8 @@ inline Gap gap(const Solid& solid, const Pose& at, const Vector3& point) {
     }
     default: {
       static const Solid origin{Solid::kRound, Vector3::Zero(), {}};
-      Gap found = gap(solid, at, origin, {point, Matrix3::Identity()});
+      Simplex nothing;
+      Gap found = gap(solid, at, origin, {point, Matrix3::Identity()}, nothing);
       found.point = point;
       return found;
     }

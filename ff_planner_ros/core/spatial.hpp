@@ -94,6 +94,7 @@ struct Pose {
   Pose operator*(const Pose& inner) const {
     return {position + rotation * inner.position, rotation * inner.rotation};
   }
+  Vector3 operator*(const Vector3& point) const { return position + rotation * point; }
   // X: turns motions of the outer frame into those of the inner one.
   Matrix6 motion_to_inner() const {
     Matrix6 action = Matrix6::Zero();

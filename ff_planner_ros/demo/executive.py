@@ -5,14 +5,14 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
 import rclpy
 from ff_planner_msgs.action import PlanTrajectory
-from ff_planner_msgs.msg import ChaserState, PublishedPlan
+from ff_planner_msgs.msg import ChaserState, PublishedPlan, TargetBody
 from ff_planner_msgs.srv import PublishPlan
 from rclpy.action import ActionClient
 from rclpy.executors import SingleThreadedExecutor
@@ -25,12 +25,17 @@ from ff_planner_ros.bag.decoding import NANOSECONDS, nanoseconds
 from ff_planner_ros.demo.testbed import CONTROLLER_TOPIC
 from ff_planner_ros.errors import FfPlannerError, Status
 from ff_planner_ros.planning.plan import Plan
+from ff_planner_ros.planning.target_body import TargetBody as FreeBody
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.ros.background import ask, spin_in_background
 from ff_planner_ros.ros.joining import joining_ros
-from ff_planner_ros.ros.messages.from_messages import plan_from_response, state_from_message
+from ff_planner_ros.ros.messages.from_messages import (
+    plan_from_response,
+    state_from_message,
+    target_body_from_message,
+)
 from ff_planner_ros.ros.outputs.prediction import (
     FramePose,
     TrackingError,
@@ -39,12 +44,16 @@ from ff_planner_ros.ros.outputs.prediction import (
     tracking_error,
 )
 from ff_planner_ros.ros.qos import LATCHED_QOS, STATE_QOS
+from ff_planner_ros.simulation.capture import Capture
 
 NAME = "mission_executive"  # of the node, and of who asks
 
 # Refusals that pass by themselves while the system starts: worth another try at the next state.
 _NOT_YET = frozenset(
-    {Status.NO_STATE, Status.NO_OBSTACLES, Status.STATE_TOO_OLD, Status.STATE_UNPAIRED}
+    {
+        *(Status.NO_STATE, Status.STATE_TOO_OLD, Status.STATE_UNPAIRED),
+        *(Status.NO_OBSTACLES, Status.NO_TARGET_BODY, Status.TARGET_STALE),
+    }
 )
 _CHECK_INTERVAL = 0.2  # [s] between looks at the caller's check while waiting
 _ASK_AGAIN = 0.5  # [s] after a refusal: every request is logged and recorded
@@ -59,6 +68,8 @@ class FlownPlan:
     error: TrackingError  # between the two
     # Largest differences of the chaser from its prediction on the way
     worst: TrackingError
+    # Of the end effector from the grasp of the body, both as measured; None: nothing was captured
+    capture: Capture | None = None
 
 
 class MissionExecutive:
@@ -83,6 +94,8 @@ class MissionExecutive:
             rclpy.init(args=list(ros_arguments), signal_handler_options=SignalHandlerOptions.NO)
             self._node = rclpy.create_node(NAME)
         self._node.create_subscription(ChaserState, "chaser_state", self._keep, STATE_QOS)
+        self._bodies: list[TargetBody] = []
+        self._node.create_subscription(TargetBody, "target_body", self._bodies.append, STATE_QOS)
         self._node.create_subscription(
             PublishedPlan, "published_plan", self._keep_plan, LATCHED_QOS
         )
@@ -146,6 +159,7 @@ class MissionExecutive:
             self._wait(self._new_plan, deadline, f"{result.plan_id} on published_plan")
             self._new_plan.clear()
         self._states.clear()
+        self._bodies.clear()
         self._controller.publish(self._published[result.plan_id].joint_trajectory)
 
     def watch(self, result: PlanTrajectory.Result, duration: float, robot: Robot) -> FlownPlan:
@@ -176,7 +190,14 @@ class MissionExecutive:
             raise FfPlannerError(
                 Status.NO_STATE, f"no chaser state was measured while {result.plan_id} ran"
             )
-        return _flown_plan(plan_from_response(result), start_ns, measured, robot)
+        flown = _flown_plan(plan_from_response(result), start_ns, measured, robot)
+        last_ns, last = measured[-1]
+        seen = [one for one in self._bodies if nanoseconds(one.header.stamp) <= last_ns]
+        if not (result.predicted_target_path.poses and seen):
+            return flown
+        body = target_body_from_message(seen[-1], frame)
+        since = (last_ns - nanoseconds(seen[-1].header.stamp)) / NANOSECONDS
+        return replace(flown, capture=captured(robot, last, body.after(since)))
 
     def _keep(self, message: ChaserState) -> None:
         self._states.append(message)
@@ -237,6 +258,26 @@ def _flown_plan(
     reached = end_effector(robot, last)
     worst = TrackingError(max(positions), max(angles))
     return FlownPlan(predicted, reached, difference(predicted, reached), worst)
+
+
+def captured(robot: Robot, state: SystemState, body: FreeBody) -> Capture:
+    """Return how the end effector is to the grasp of a body, and moves to it, at one moment."""
+    data = robot.model.createData()
+    pin.forwardKinematics(robot.model, data, *configuration(robot, state))
+    pose = pin.updateFramePlacement(robot.model, data, robot.tip_frame_id)
+    axes = pin.LOCAL_WORLD_ALIGNED
+    twist = pin.getFrameVelocity(robot.model, data, robot.tip_frame_id, axes).vector
+    grasp = body.grasp(np.zeros(1))
+    way, seen = pose.translation - grasp.positions[0], grasp.twists[0]
+    turn = Rotation.from_matrix(pose.rotation @ grasp.rotations[0].T)
+    # Of the body's point where the end effector is.
+    there = seen[:3] + np.cross(seen[3:], way)
+    return Capture(
+        position_error=float(np.linalg.norm(way)),
+        orientation_error=float(turn.magnitude()),
+        linear_speed=float(np.linalg.norm(twist[:3] - there)),
+        angular_speed=float(np.linalg.norm(twist[3:] - seen[3:])),
+    )
 
 
 def end_effector(robot: Robot, state: SystemState) -> FramePose:

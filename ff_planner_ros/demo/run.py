@@ -56,6 +56,9 @@ TESTBEDS: Mapping[str, Testbed] = {
     "planar": Testbed(
         "A capture on an air-bearing table", "planar_capture.yaml", "planar_testbed.yaml"
     ),
+    "tumbling": Testbed(
+        "The capture of a body that tumbles", "lemur_tumbling.yaml", "planner.yaml"
+    ),
 }
 
 
@@ -136,6 +139,16 @@ def _demonstrate(
             for which in ("predicted", "reached")
         ],
     )
+    if problem.target_body is not None:
+        print_table(
+            "End effector at the capture, as the grasp sees it",
+            ("objective", "apart [mm]", "[deg]", "moving apart [mm/s]", "[deg/s]"),
+            [
+                (method.name, *_relative(report["capture"]))
+                for method, report in flown.items()
+                if report["capture"] is not None
+            ],
+        )
     print(f"\nbag      {_shown(bag)}", flush=True)
     if stop.is_set():
         raise KeyboardInterrupt
@@ -236,6 +249,15 @@ def _figures(name: str, metrics: Mapping[str, Any], report: Mapping[str, Any]) -
         f"{report['solve_time']:.2f}",
         f"{report['error']['position'] * 1e3:.3f}",
         f"{math.degrees(report['error']['angle']):.4f}",
+    )
+
+
+def _relative(capture: Mapping[str, float]) -> tuple[str, ...]:
+    return (
+        f"{capture['position_error'] * 1e3:.3f}",
+        f"{math.degrees(capture['orientation_error']):.4f}",
+        f"{capture['linear_speed'] * 1e3:.3f}",
+        f"{math.degrees(capture['angular_speed']):.4f}",
     )
 
 

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
-from ff_planner_msgs.msg import ChaserState, ObstacleSphereArray
+from ff_planner_msgs.msg import ChaserState, ObstacleSphereArray, TargetBody
 from rclpy.node import Node
 from scipy.spatial.transform import Rotation
 from trajectory_msgs.msg import JointTrajectory
@@ -16,16 +17,23 @@ from ff_planner_ros.arrays import Array
 from ff_planner_ros.bag.decoding import NANOSECONDS, nanoseconds
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.joint_motion import JointMotion
-from ff_planner_ros.planning.problem import PlanningProblem
+from ff_planner_ros.planning.problem import PlanningProblem, carried_spheres
 from ff_planner_ros.planning.scenario import SCENARIO_FRAME
+from ff_planner_ros.planning.target_body import TargetBody as FreeBody
 from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.ros.messages.from_messages import joint_order
-from ff_planner_ros.ros.messages.to_messages import obstacles_message, state_message
+from ff_planner_ros.ros.messages.to_messages import (
+    obstacles_message,
+    state_message,
+    target_body_message,
+)
 from ff_planner_ros.ros.qos import LATCHED_QOS, STATE_QOS
 from ff_planner_ros.simulation.free_floating import FreeFloatingSystem, carried_back
 
 # Where an arm's trajectory controller listens.
 CONTROLLER_TOPIC = "arm_controller/joint_trajectory"
+# A camera on the chaser sees the target body so often [Hz].
+_BODY_RATE = 10.0
 
 
 @dataclass(frozen=True)
@@ -42,7 +50,10 @@ class Imperfections:
 
 
 class SimulatedTestbed:
-    """A scenario in real time: obstacles, and a chaser that drifts and follows trajectories."""
+    """A scenario in real time: obstacles, a chaser that drifts and follows trajectories, a target.
+
+    The target body, if there is one, moves freely: the arm does not close on it.
+    """
 
     def __init__(
         self,
@@ -52,7 +63,7 @@ class SimulatedTestbed:
         state_rate: float,
         imperfections: Imperfections,
     ) -> None:
-        """Publish the obstacles once and the state from a timer on, and listen for trajectories.
+        """Publish the obstacles once, the state and the body now and then; hear trajectories.
 
         Args:
             node: Its clock is the testbed's, simulated time included.
@@ -73,9 +84,14 @@ class SimulatedTestbed:
 
         obstacles = node.create_publisher(ObstacleSphereArray, "obstacles", LATCHED_QOS)
         stamp_ns = self._clock.now().nanoseconds
-        obstacles.publish(obstacles_message(scenario.obstacles, stamp_ns, SCENARIO_FRAME))
+        free = tuple(sphere for sphere in scenario.obstacles if sphere.body is None)
+        there = carried_spheres(free, self._seconds(stamp_ns))
+        obstacles.publish(obstacles_message(there, stamp_ns, SCENARIO_FRAME))
         self._states = node.create_publisher(ChaserState, "chaser_state", STATE_QOS)
         node.create_timer(1.0 / state_rate, self._publish_state)
+        self._bodies = node.create_publisher(TargetBody, "target_body", STATE_QOS)
+        if scenario.target_body is not None:
+            node.create_timer(1.0 / _BODY_RATE, partial(self._publish_body, scenario.target_body))
         node.create_subscription(JointTrajectory, CONTROLLER_TOPIC, self._follow, 10)
 
     def _seconds(self, time_ns: int) -> float:
@@ -95,6 +111,12 @@ class SimulatedTestbed:
         due_ns = now_ns - round(self._imperfections.state_delay * NANOSECONDS)
         while self._waiting and nanoseconds(self._waiting[0].header.stamp) <= due_ns:
             self._states.publish(self._waiting.popleft())
+
+    def _publish_body(self, body: FreeBody) -> None:
+        """Publish where a body is that nothing acts on; `body` is as it is at the epoch."""
+        now_ns = self._clock.now().nanoseconds
+        there = body.after(self._seconds(now_ns))
+        self._bodies.publish(target_body_message(there, now_ns, SCENARIO_FRAME))
 
     def _follow(self, message: JointTrajectory) -> None:
         try:

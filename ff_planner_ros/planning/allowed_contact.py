@@ -1,7 +1,8 @@
 """Which bodies may touch what, and when: a tool closes on what it grasps.
 
 A pair that a task allows to touch may do so in the last part of the way alone: from when on the
-end effector stays within the problem's contact distance from its goal, and in the tail.
+end effector stays within the problem's contact distance from its goal, and in the tail. The goal is
+where the target is at arrival; of a target body it is the grasp, where it is at each moment.
 """
 
 from __future__ import annotations
@@ -35,17 +36,20 @@ def split_spheres(problem: PlanningProblem) -> tuple[Indices, Indices]:
     return _split(may)
 
 
-def before_contact(problem: PlanningProblem, q: Array, within: float = 1.0) -> int:
+def before_contact(problem: PlanningProblem, times: Array, q: Array, within: float = 1.0) -> int:
     """Return the last configuration of a motion at which the allowed pairs, too, must be apart.
 
     Args:
-        q: In the order of time. Shape (times, 7 + joints).
+        times: From the plan's first point on, ascending. Shape (times,) [s].
+        q: Shape (times, 7 + joints).
         within: Part of the contact distance that counts.
 
     Returns:
         Its number; -1: none is.
     """
-    to_goal = np.linalg.norm(arm_points(problem.robot, q)[:, -1] - problem.target.position, axis=1)
+    body = problem.target_body
+    goal = problem.target.position if body is None else body.grasp(times).positions
+    to_goal = np.linalg.norm(arm_points(problem.robot, q)[:, -1] - goal, axis=1)
     outside = np.flatnonzero(to_goal > within * problem.contact_distance)
     return int(outside[-1]) if outside.size else -1
 

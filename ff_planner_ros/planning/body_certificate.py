@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -17,17 +18,14 @@ import pinocchio as pin
 from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.arrays import Array, Indices
-from ff_planner_ros.planning.bodies import (
-    Placed,
-    base_reaches,
-    body_reaches,
+from ff_planner_ros.planning.bodies import Placed, placed_bodies
+from ff_planner_ros.planning.body_distances import (
     pair_bounds,
     pair_distances,
-    pair_reaches,
-    placed_bodies,
     sphere_bounds,
     sphere_distances,
 )
+from ff_planner_ros.planning.body_reaches import base_reaches, body_reaches, pair_reaches
 from ff_planner_ros.planning.certificate import CERTIFICATE_GAP, cubics_between
 from ff_planner_ros.planning.clearance import centers_at
 from ff_planner_ros.planning.followed import FollowedMotion
@@ -66,7 +64,8 @@ class _Kind:
     # Lower bounds at steps for all pairs, (steps, pairs); distances of pairs, each at its own step
     bounds: Callable[[Array], Array]
     distances: Callable[[Array, Indices], Array]
-    ways: Array  # of a pair against each other, from the first point on; shape (points, pairs) [m]
+    # How far pairs have moved against each other at most, each at its own step
+    ways: Callable[[Array, Indices], Array]
 
 
 def least_pair_distance(
@@ -79,20 +78,20 @@ def least_pair_distance(
     """
     if not len(chosen) or last < 0:
         return NOTHING
-    cubics = cubics_between(robot, motion.q, motion.v, np.diff(motion.time))
-
-    def placed(steps: Array) -> Placed:
-        return placed_bodies(robot, _between(robot, motion.q, cubics, steps)[:, 7:])
 
     def bounds(steps: Array) -> Array:
-        return pair_bounds(robot, placed(steps))
+        return pair_bounds(robot, _seen_at(robot, motion, steps).placed)
 
     def distances(steps: Array, which: Indices) -> Array:
-        different, configurations = np.unique(steps, return_inverse=True)
-        return pair_distances(robot, placed(different), (configurations, which)).distance
+        at = _seen_at(robot, motion, steps)
+        return pair_distances(robot, at.placed, (at.rows, which)).distance
 
-    kind = _Kind(bounds, distances, _ways(_joint_rates(cubics) @ pair_reaches(robot)))
-    return _least(kind, chosen, last, motion.time, part)
+    sums = _sums(pair_ways(robot, motion))
+
+    def ways(steps: Array, which: Indices) -> Array:
+        return _reached(sums, steps, which)
+
+    return _least(_Kind(bounds, distances, ways), chosen, last, motion.time, part)
 
 
 def least_sphere_distance(
@@ -111,33 +110,79 @@ def least_sphere_distance(
     """
     if not len(chosen) or last < 0:
         return NOTHING
-    steps_in_time = np.diff(motion.time)
-    cubics = cubics_between(robot, motion.q, motion.v, steps_in_time)
     radius = np.array([sphere.radius for sphere in spheres])
 
-    def seen(steps: Array) -> tuple[Placed, Array]:
-        q = _between(robot, motion.q, cubics, steps)
-        times = np.interp(steps, np.arange(len(motion.time)), motion.time)
-        return placed_bodies(robot, q[:, 7:]), centers_in_base(q, centers_at(times, spheres))
+    speeds = np.array([sphere.highest_speed for sphere in spheres])
+    of_bodies = _sums(body_ways(robot, motion))
 
     def bounds(steps: Array) -> Array:
-        return sphere_bounds(robot, *seen(steps), radius).reshape(len(steps), -1)
+        at = _seen_at(robot, motion, steps)
+        centers = centers_in_base(at.q, centers_at(at.times, spheres))
+        return sphere_bounds(robot, at.placed, centers, radius).reshape(len(steps), -1)
 
     def distances(steps: Array, which: Indices) -> Array:
-        different, configurations = np.unique(steps, return_inverse=True)
-        rows = configurations, *np.divmod(which, len(spheres))
-        return sphere_distances(robot, *seen(different), radius, rows).distance
+        at = _seen_at(robot, motion, steps)
+        bodies, sphere = np.divmod(which, len(spheres))
+        few, column = np.unique(sphere, return_inverse=True)
+        centers = centers_in_base(at.q, centers_at(at.times, [spheres[k] for k in few]))
+        rows = at.rows, bodies, column
+        return sphere_distances(robot, at.placed, centers, radius[few], rows).distance
 
+    def ways(steps: Array, which: Indices) -> Array:
+        bodies, sphere = np.divmod(which, len(spheres))
+        moved: Array = _reached(of_bodies, steps, bodies) + _times(motion, steps) * speeds[sphere]
+        return moved
+
+    return _least(_Kind(bounds, distances, ways), chosen, last, motion.time, part)
+
+
+@lru_cache(maxsize=4)
+def cubics_of(robot: Robot, motion: FollowedMotion) -> Array:
+    """Return the cubics between the points of a motion; see `cubics_between`."""
+    return cubics_between(robot, motion.q, motion.v, np.diff(motion.time))
+
+
+def pair_ways(robot: Robot, motion: FollowedMotion) -> Array:
+    """Return how far pairs move against each other at most. Shape (points - 1, pairs) [m]."""
+    rates = np.array([1.0, 2.0, 3.0]) @ np.abs(cubics_of(robot, motion)[:, :, 6:])
+    return np.asarray(rates @ pair_reaches(robot), np.float64)
+
+
+def body_ways(robot: Robot, motion: FollowedMotion) -> Array:
+    """Return how far bodies move at most from point to point. Shape (points - 1, bodies) [m]."""
+    cubics = cubics_of(robot, motion)
     rates = np.array([1.0, 2.0, 3.0]) @ np.abs(cubics)
     # The base's linear rate belongs to an axis that turns on the way, by at most `way`.
     way = np.linalg.norm(np.abs(cubics[:, :, :3]).sum(axis=1), axis=1)
     moving, turning = (np.linalg.norm(part, axis=1) for part in np.split(rates[:, :6], 2, axis=1))
     of_base = moving[:, None] + turning[:, None] * (base_reaches(robot) + way[:, None] / 2)
-    of_bodies = of_base + rates[:, 6:] @ body_reaches(robot)
-    speeds = np.array([np.linalg.norm(sphere.velocity) for sphere in spheres])
-    together = of_bodies[:, :, None] + (steps_in_time[:, None] * speeds)[:, None]
-    kind = _Kind(bounds, distances, _ways(together.reshape(len(together), -1)))
-    return _least(kind, chosen, last, motion.time, part)
+    return np.asarray(of_base + rates[:, 6:] @ body_reaches(robot), np.float64)
+
+
+class _Seen(NamedTuple):
+    """Where the robot is at some steps, each once."""
+
+    q: Array  # shape (configurations, 7 + joints)
+    times: Array  # shape (configurations,) [s]
+    placed: Placed
+    rows: Indices  # the configuration of each step
+
+
+def _seen_at(robot: Robot, motion: FollowedMotion, steps: Array) -> _Seen:
+    """Return where the robot is at steps, points or parts of the way between two."""
+    different, rows = np.unique(steps, return_inverse=True)
+    if not (different % 1.0).any():
+        placed, which = _placed_at_points(robot, motion), different.astype(np.intp)
+        return _Seen(
+            motion.q[which], motion.time[which], Placed(*(each[which] for each in placed)), rows
+        )
+    q = _between(robot, motion.q, cubics_of(robot, motion), different)
+    return _Seen(q, _times(motion, different), placed_bodies(robot, q[:, 7:]), rows)
+
+
+@lru_cache(maxsize=4)
+def _placed_at_points(robot: Robot, motion: FollowedMotion) -> Placed:
+    return placed_bodies(robot, motion.q[:, 7:])
 
 
 def centers_in_base(q: Array, centers: Array) -> Array:
@@ -154,7 +199,7 @@ def _least(kind: _Kind, chosen: Indices, last: int, time: Array, part: float) ->
     first_look = bounds.argmin(axis=0)
     candidate = int(bounds.min(axis=0).argmin())
     met = kind.distances(steps[first_look[[candidate]]], chosen[[candidate]])[0]
-    ways = np.diff(kind.ways[steps.astype(np.intp)][:, chosen], axis=0)
+    ways = np.diff(kind.ways(steps[:, None], chosen[None]), axis=0)
     lowest = (bounds[:-1] + bounds[1:] - ways) / 2
     within = np.flatnonzero(lowest.min(axis=0, initial=np.inf) <= met)
     which = np.repeat(chosen[within], len(steps))
@@ -168,7 +213,7 @@ def _least(kind: _Kind, chosen: Indices, last: int, time: Array, part: float) ->
     at_begin, at_end = table[:, :-1].ravel(), table[:, 1:].ravel()
     certified = found
     while True:
-        way = _way(kind.ways, end, pair_of) - _way(kind.ways, begin, pair_of)
+        way = kind.ways(end, pair_of) - kind.ways(begin, pair_of)
         bound = (at_begin + at_end - way) / 2
         open_ = bound < found - max(CERTIFICATE_GAP, part * found)
         certified = min(certified, float(bound[~open_].min(initial=np.inf)))
@@ -188,17 +233,21 @@ def _least(kind: _Kind, chosen: Indices, last: int, time: Array, part: float) ->
         at_end = np.concatenate([at_middle, at_end[open_]])
 
 
-def _ways(between: Array) -> Array:
+def _sums(ways: Array) -> Array:
     """Return the ways up to each point of those between two points."""
-    return np.vstack([np.zeros(between.shape[1]), between.cumsum(axis=0)])
+    return np.vstack([np.zeros(ways.shape[1]), ways.cumsum(axis=0)])
 
 
-def _way(ways: Array, steps: Array, pair: Indices) -> Array:
-    """Return the ways up to steps, points or parts of the way between two."""
-    whole = np.minimum(steps.astype(np.intp), len(ways) - 2)
-    before, after = ways[whole, pair], ways[whole + 1, pair]
+def _reached(sums: Array, steps: Array, column: Indices) -> Array:
+    """Return the sums up to steps, points or parts of the way between two."""
+    whole = np.minimum(steps.astype(np.intp), len(sums) - 2)
+    before, after = sums[whole, column], sums[whole + 1, column]
     reached: Array = before + (steps - whole) * (after - before)
     return reached
+
+
+def _times(motion: FollowedMotion, steps: Array) -> Array:
+    return np.interp(steps, np.arange(len(motion.time)), motion.time)
 
 
 def _between(robot: Robot, q: Array, cubics: Array, steps: Array) -> Array:
@@ -213,9 +262,3 @@ def _between(robot: Robot, q: Array, cubics: Array, steps: Array) -> Array:
         begin = q[whole[rows]]
         at_points[rows] = [pin.integrate(robot.model, *at) for at in zip(begin, moved, strict=True)]
     return at_points
-
-
-def _joint_rates(cubics: Array) -> Array:
-    """Return bounds of the joints' turns between points. Shape (points - 1, joints)."""
-    rates: Array = np.array([1.0, 2.0, 3.0]) @ np.abs(cubics[:, :, 6:])
-    return rates

@@ -44,7 +44,7 @@ def certified_clearance(
     by_sphere = clearances(positions, times, starts, spheres).distance.min(axis=1)
     at_points = by_sphere.min(axis=1)
     cubics = cubics_between(robot, q, v, steps)
-    speeds = np.array([np.linalg.norm(sphere.velocity) for sphere in spheres])
+    speeds = np.array([sphere.highest_speed for sphere in spheres])
     # Of arm and sphere together, from each point to the next. Shape (points - 1, spheres).
     ways = way_bounds(positions[0], q[0], cubics)[:, None] + steps[:, None] * speeds
     index, begin, end = np.arange(len(cubics)), np.zeros(len(cubics)), np.ones(len(cubics))

@@ -68,6 +68,12 @@ def centers_at(times: Array, spheres: Sequence[Sphere]) -> Array:
     """Return where the spheres' centres are. Shape (points, spheres, 3) [m]."""
     centers, velocities, _ = sphere_arrays(spheres)
     moved: Array = centers + times[:, None, None] * velocities
+    bodies = {id(sphere.body): sphere.body for sphere in spheres if sphere.body is not None}
+    for body in bodies.values():
+        attached = [k for k, sphere in enumerate(spheres) if sphere.body is body]
+        moved[:, attached] = body.places(
+            np.array([spheres[k].place_in_body for k in attached], np.float64), times
+        )
     return moved
 
 
@@ -145,7 +151,29 @@ def clearance_rows(
         radii=radii,
         interest=interest,
         quarter_way=quarter_way,
+        attached=attached_to_bodies(spheres, float(times.max())),
     )
+
+
+def attached_to_bodies(spheres: Sequence[Sphere], until: float) -> list[compiled.Attached]:
+    """Return for the core which spheres are fixed to bodies, whose motion is known so far [s]."""
+    found = []
+    for body in {id(sphere.body): sphere.body for sphere in spheres if sphere.body}.values():
+        fixed = [k for k, sphere in enumerate(spheres) if sphere.body is body]
+        begins, series = body.attitude_series(until)
+        places = np.array([spheres[k].place_in_body for k in fixed], np.float64)
+        found.append(
+            compiled.Attached(
+                fixed,
+                places,
+                body.position,
+                body.linear_velocity,
+                begins,
+                series,
+                body.fastest_turn,
+            )
+        )
+    return found
 
 
 def penalty(distance: Array, gain: float, exponent: float) -> float:

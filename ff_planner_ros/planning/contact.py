@@ -10,17 +10,17 @@ import pinocchio as pin
 
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.planning.allowed_contact import before_contact, split_pairs, split_spheres
-from ff_planner_ros.planning.bodies import (
+from ff_planner_ros.planning.bodies import placed_bodies
+from ff_planner_ros.planning.body_certificate import centers_in_base
+from ff_planner_ros.planning.body_distances import (
     distance_from,
     pair_bounds,
     pair_distances,
     pair_gradients,
-    placed_bodies,
     sphere_bounds,
     sphere_distances,
     sphere_gradients,
 )
-from ff_planner_ros.planning.body_certificate import centers_in_base
 from ff_planner_ros.planning.clearance import centers_at
 from ff_planner_ros.planning.problem import Orientation, PlanningProblem
 
@@ -44,7 +44,7 @@ def deepest_contact(problem: PlanningProblem, q: Array, time: float = 0.0) -> Co
     if not bodies:
         return None
     placed, found = placed_bodies(robot, q[None, 7:]), list[Contact]()
-    free = is_near_goal(problem, q)
+    free = is_near_goal(problem, q, time)
     near = pair_bounds(robot, placed) <= 0.0
     near[0, split_pairs(problem)[1]] &= not free
     rows = np.nonzero(near)
@@ -76,9 +76,12 @@ def way_out(problem: PlanningProblem, q: Array, contact: Contact) -> str:
     """
     robot = problem.robot
     for turn in _TURNS:
-        for joint in np.argsort(-np.abs(contact.by_joints), kind="stable").tolist():
+        # First the way that the distance grows; deep inside, the other may be the shorter one.
+        ways = [math.copysign(turn, slope) for slope in contact.by_joints]
+        order = np.argsort(-np.abs(contact.by_joints), kind="stable").tolist()
+        for joint, way in [(j, sign * ways[j]) for sign in (1.0, -1.0) for j in order]:
             aside = q.copy()
-            aside[7 + joint] += math.copysign(turn, contact.by_joints[joint])
+            aside[7 + joint] += way
             lower, upper = robot.lower_position_limits[joint], robot.upper_position_limits[joint]
             if not (contact.by_joints[joint] and lower <= aside[7 + joint] <= upper):
                 continue
@@ -104,16 +107,16 @@ def tool_contact(problem: PlanningProblem) -> Contact | None:
             continue
         place = last_joint * body.placement_in_joint
         for index, sphere in enumerate(problem.obstacles):
-            center = sphere.center + problem.duration * sphere.velocity
+            center = sphere.center + sphere.way(problem.duration)
             distance = distance_from(body, place.actInv(center)) - sphere.radius
             if distance <= 0.0 and number * len(problem.obstacles) + index not in allowed:
                 found.append(Contact(distance, body.name, sphere.id, True, np.zeros(robot.joints)))
     return min(found, key=lambda contact: contact.distance, default=None)
 
 
-def is_near_goal(problem: PlanningProblem, q: Array) -> bool:
+def is_near_goal(problem: PlanningProblem, q: Array, time: float) -> bool:
     """Tell whether a configuration may belong to the part of the way where contact is allowed."""
-    return bool(problem.allowed_at_goal) and before_contact(problem, q[None]) < 0
+    return bool(problem.allowed_at_goal) and before_contact(problem, np.array([time]), q[None]) < 0
 
 
 def _spheres(problem: PlanningProblem, q: Array, time: float) -> tuple[Array, Array]:

@@ -49,7 +49,7 @@ def detours(
     sphere, depth = spheres[int(deepest[2])], -clear.distance[deepest]
     radius = sphere.radius
     # The end effector's way as the sphere sees it.
-    aside = np.cross(out, positions[-1, -1] - positions[0, -1] - duration * sphere.velocity)
+    aside = np.cross(out, positions[-1, -1] - positions[0, -1] - sphere.way(duration))
     aside /= max(float(np.linalg.norm(aside)), 1e-9)
     s = np.linspace(0.0, 1.0, 2 * len(positions) - 1)[2 * deepest[0]]
     bump = max(64.0 * s**3 * (1.0 - s) ** 3, _LEAST_BUMP)

@@ -82,6 +82,15 @@ class EndEffectorPaths:
         """Return the motions to a target near this one; the coefficients keep their meaning."""
         return replace(self, polynomial=self.polynomial.towards(_end(target)))
 
+    def lasting(self, problem: PlanningProblem) -> EndEffectorPaths:
+        """Return the motions of this problem with another duration, the angles read as here."""
+        duration, null_space = problem.duration, self.null_space
+        if null_space is not None:
+            seconds = null_space.seconds * duration / self.polynomial.duration
+            null_space = replace(null_space, seconds=seconds)
+        polynomial = self.polynomial.lasting(duration, _end(problem.target))
+        return replace(self, polynomial=polynomial, null_space=null_space)
+
     def motion(self, x: Array, points: int, damping: float = 0.0) -> Motion:
         """Integrate the motion of one path; x: coefficients of the free terms, flattened."""
         nothing, no_rates = np.empty(0), np.zeros(self.robot.joints)

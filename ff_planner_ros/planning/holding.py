@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pinocchio as pin
+from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.planning.path_family import singular_refusal
@@ -33,7 +34,8 @@ def holding_in_part(
     data = robot.model.createData()
 
     def velocity(seconds: float, q: Array, spare: Array) -> Array:
-        held = _held_rates(robot, data, target, q, momentum, spare)
+        twist = _twist_held(problem, seconds)
+        held = _held_rates(robot, data, target, q, momentum, twist, spare)
         if held is None:
             raise singular_refusal(problem.duration + seconds, problem.duration + time[-1])
         return np.concatenate([base_twist(robot, data, q, momentum, held), held])
@@ -65,15 +67,51 @@ def holding_in_part(
     return np.array(q), np.array(v), np.array(dv)
 
 
+def poses_held(problem: PlanningProblem, seconds: Array) -> tuple[Array, Array]:
+    """Return where the end effector shall be after the goal: with the target body, if there is one.
+
+    Else it goes on with the target's twist.
+
+    Args:
+        seconds: Since the goal. Shape (times,) [s].
+
+    Returns:
+        Positions, shape (times, 3) [m], and quaternions (x, y, z, w), shape (times, 4).
+    """
+    target, body = problem.target, problem.target_body
+    if body is not None:
+        grasp = body.grasp(problem.duration + seconds)
+        return grasp.positions, Rotation.from_matrix(grasp.rotations).as_quat()
+    positions = target.position + np.outer(seconds, target.linear_velocity)
+    turns = Rotation.from_rotvec(np.outer(seconds, target.angular_velocity))
+    return positions, (turns * Rotation.from_quat(target.quaternion_xyzw)).as_quat()
+
+
+def _twist_held(problem: PlanningProblem, seconds: float) -> Array:
+    """Return the end effector's twist so long [s] after the goal. Shape (6,)."""
+    target, body = problem.target, problem.target_body
+    if body is None:
+        return np.concatenate([target.linear_velocity, target.angular_velocity])
+    there: Array = body.grasp(np.array([problem.duration + seconds])).twists[0]
+    return there
+
+
 def _held_rates(
-    robot: Robot, data: pin.Data, target: Target, q: Array, momentum: Array, spare: Array
+    robot: Robot,
+    data: pin.Data,
+    target: Target,
+    q: Array,
+    momentum: Array,
+    twist: Array,
+    spare: Array,
 ) -> Array | None:
-    """Return the rates next to `spare` that give what the target says of the twist [rad/s].
+    """Return the rates next to `spare` that give what the target says of a twist [rad/s].
 
     None: the arm is in a dynamic singularity.
 
     Args:
         momentum: Total P and L about the inertial origin. Shape (6,).
+        twist: Of the end effector, inertial axes. Shape (6,).
         spare: Joint rates. Shape (joints,).
     """
     rows = robot.base.rows
@@ -83,8 +121,7 @@ def _held_rates(
     pin.computeJointJacobians(robot.model, data, q)
     pin.updateFramePlacement(robot.model, data, robot.tip_frame_id)
     jacobian = pin.getFrameJacobian(robot.model, data, robot.tip_frame_id, pin.LOCAL_WORLD_ALIGNED)
-    wanted = np.concatenate([target.linear_velocity, target.angular_velocity])
-    slack = conditions @ (wanted - jacobian @ drifting)[rows]
+    slack = conditions @ (twist - jacobian @ drifting)[rows]
     try:
         rates: Array = spare + of_rates.T @ np.linalg.solve(of_rates @ of_rates.T, slack)
     except np.linalg.LinAlgError:

@@ -12,7 +12,7 @@ from scipy.interpolate import BPoly
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.planning.plan import Trajectory
 
-# Extremes are found to this [rad, rad/s]: far below what any limit is measured to.
+# Extremes are found to this [rad, rad/s, rad/s2]: far below what any limit is measured to.
 _EXACT = 1e-9
 # Of the largest coefficient of a polynomial: what the halving of pieces may lose.
 _ROUNDING = 1e-12
@@ -42,7 +42,7 @@ class JointMotion:
         """Return the lowest and highest value of each joint between first and last point, and when.
 
         Args:
-            order: 0 for positions, 1 for rates.
+            order: 0 for positions, 1 for rates, 2 for accelerations.
 
         Returns:
             Values, exact to `_EXACT` or to rounding, and their times: each of shape (2, joints).

@@ -27,6 +27,7 @@ from ff_planner_ros.planning.spline_basis import FIXED, SplineBasis
 from ff_planner_ros.planning.spline_guesses import spline_guesses
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import Robot
+from ff_planner_ros.robot.state import SystemState
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -79,6 +80,12 @@ class JointSplines:
         """Return the motions to a target near this one; the control points stay what they are."""
         return replace(self, problem=replace(self.problem, target=target))
 
+    def lasting(self, problem: PlanningProblem) -> JointSplines:
+        """Return the motions of this problem with another duration."""
+        basis = replace(self.basis, duration=problem.duration)
+        fixed = _fixed(basis, problem.start)
+        return replace(self, problem=problem, basis=basis, fixed=fixed)
+
     def control_points(self, x: Array) -> Array:
         """Return all control points of a spline. Shape (control points, joints) [rad]."""
         return np.concatenate([self.fixed, x.reshape(self.robot.joints, -1).T])
@@ -118,21 +125,25 @@ def joint_splines(problem: PlanningProblem, settings: PlannerSettings) -> JointS
 
     Where the start's joint accelerations are not known, the joints begin without.
     """
-    robot, start = problem.robot, problem.start
-    q, v = configuration(robot, start)
+    robot = problem.robot
+    q, v = configuration(robot, problem.start)
+    basis = SplineBasis(problem.duration, settings.joint_spline_spans)
+    return JointSplines(problem, basis, q, start_of(robot, q, v), _fixed(basis, problem.start))
+
+
+def _fixed(basis: SplineBasis, start: SystemState) -> Array:
+    """Return the control points that a start fixes. Shape (3, joints) [rad]."""
     accelerated = start.joint_accelerations
     if accelerated is None:
-        accelerated = np.zeros(robot.joints)
-    basis = SplineBasis(problem.duration, settings.joint_spline_spans)
-    fixed = basis.start(start.joint_positions, start.joint_velocities, accelerated)
-    return JointSplines(problem, basis, q, start_of(robot, q, v), fixed)
+        accelerated = np.zeros(len(start.joint_positions))
+    return basis.start(start.joint_positions, start.joint_velocities, accelerated)
 
 
 @lru_cache(maxsize=32)
 def _rows(basis: SplineBasis, points: int) -> tuple[Array, Array, Array]:
     """Return what control points contribute to angles, rates and accelerations at half steps."""
-    s = np.linspace(0.0, 1.0, 2 * points - 1)
-    return basis.rows(s), basis.rows(s, 1), basis.rows(s, 2)
+    half_steps = 2 * points - 1
+    return basis.on_grid(half_steps), basis.on_grid(half_steps, 1), basis.on_grid(half_steps, 2)
 
 
 @lru_cache(maxsize=32)

@@ -67,9 +67,11 @@ def terms(
 
 
 def with_tie_break(objective: Objective, settings: PlannerSettings) -> Objective:
-    """Return the objective to solve: never the attitude alone."""
+    """Return the objective to solve where the duration is given: never the attitude alone."""
     if objective.joint_path_length > 0.0:
         return objective
+    if objective.only_duration:  # which is decided
+        return replace(objective, joint_path_length=1.0)
     tie_break = settings.joint_path_tie_break * objective.chaser_attitude
     return replace(objective, joint_path_length=tie_break)
 

@@ -12,7 +12,7 @@ from typing import Protocol
 
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.errors import NoPlanFound, Status
-from ff_planner_ros.planning.problem import Sphere, Target
+from ff_planner_ros.planning.problem import PlanningProblem, Sphere, Target
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,6 +91,9 @@ class PathFamily(Protocol):
 
     def towards(self, target: Target) -> PathFamily:
         """Return the motions to a target near this one; x keeps its meaning."""
+
+    def lasting(self, problem: PlanningProblem) -> PathFamily:
+        """Return the motions of the problem with another duration; x keeps its meaning."""
 
     def decision_variables(self, x: Array) -> Array:
         """Return what the plan reports of a path: for the paper's family xi, Eq. (42)."""

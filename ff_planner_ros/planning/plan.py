@@ -64,6 +64,7 @@ class Plan:
     family: str = ""  # name of the path family; empty where the motion is no path of a family
     # Decision variables, a first guess for another plan; shape (variables,), empty without a family
     coefficients: Array = field(default_factory=lambda: np.empty(0))
+    duration: float | None = None  # from the first point to the goal [s]; None: as was asked for
 
     def __post_init__(self) -> None:
         """Make the decision variables read-only."""

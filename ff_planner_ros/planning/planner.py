@@ -10,6 +10,7 @@ import numpy as np
 from ff_planner_ros.arrays import Array, finite_vector
 from ff_planner_ros.errors import NoPlanFound, OutOfTime, Status
 from ff_planner_ros.planning.attitude_search import AttitudeSearch
+from ff_planner_ros.planning.best_moment import plan_at_best_moment
 from ff_planner_ros.planning.check import (
     failures,
     measure,
@@ -24,7 +25,7 @@ from ff_planner_ros.planning.objectives import weighted_sum
 from ff_planner_ros.planning.path_family import PathFamily, singular_refusal
 from ff_planner_ros.planning.plan import Plan, SolverReport
 from ff_planner_ros.planning.preconditions import require_plannable
-from ff_planner_ros.planning.problem import Objective, Parametrisation, PlanningProblem
+from ff_planner_ros.planning.problem import Objective, Parametrisation, PlanningProblem, lasting
 from ff_planner_ros.planning.program import path_program
 from ff_planner_ros.planning.search import FoundPath
 from ff_planner_ros.planning.settings import PlannerSettings
@@ -56,6 +57,8 @@ def plan(
     Where the chaser's attitude has a weight, the search begins at the plan of least joint path and
     never answers one that is worse. Where there is no such plan, it searches for any.
 
+    Where a range of durations is given, it chooses one of them (`best_moment`).
+
     Where the parametrisation is left to the planner, the paper's paths come first, if they apply,
     and joint splines if there is no plan among those.
 
@@ -73,6 +76,18 @@ def plan(
         NoPlanFound: The goal is out of reach, the search found no feasible path or was ended, or
             the check refused the path that it found.
     """
+    window = problem.duration_range
+    if window is not None and window.minimum == window.maximum:
+        problem, window = lasting(problem, window.minimum), None
+    if window is not None:
+        return plan_at_best_moment(problem, settings, watch, first_guess, _plan_in_time)
+    return _plan_in_time(problem, settings, watch, first_guess)
+
+
+def _plan_in_time(
+    problem: PlanningProblem, settings: PlannerSettings, watch: Watch, first_guess: Array | None
+) -> Plan:
+    """Return a plan whose duration is given; `plan` says the rest."""
     require_plannable(problem, settings)
     groups = path_families(problem, settings)
     if first_guess is not None and all(len(first_guess) != ways[0].variables for ways in groups):
@@ -218,4 +233,5 @@ def plan_of_motion(
         orientation_reading="",
         metrics=measure(problem, trajectory, settings),
         solver=solver,
+        duration=problem.duration,
     )

@@ -116,11 +116,15 @@ class EndEffectorPolynomial:
 
     def towards(self, end: EndEffectorMotion) -> EndEffectorPolynomial:
         """Return the paths to another end near this one, the angles read in the same way."""
+        return self.lasting(self.duration, end)
+
+    def lasting(self, duration: float, end: EndEffectorMotion) -> EndEffectorPolynomial:
+        """Return the paths of another duration to an end near this one; they begin as these do."""
         ends = self.components(np.zeros((COMPONENTS, FREE_TERMS)), np.array([0.0, 1.0]))
         value, rate, acceleration = _components(end, self.rotation_outer, self.rotation_inner)
         value[3:] = _nearest(value[3:], ends[0][1, 3:])
         conditions = [tuple(of_ends[0] for of_ends in ends), (value, rate, acceleration)]
-        return replace(self, quintic=_quintic(conditions, self.duration))
+        return replace(self, duration=duration, quintic=_quintic(conditions, duration))
 
     def decision_variables(self, coefficients: Array) -> Array:
         """Return the paper's xi: a6, a7, a8 of each component, Eq. (42). Shape (18,)."""

@@ -48,7 +48,7 @@ def _require_reachable_goal(problem: PlanningProblem, q_start: Array, momentum: 
             f"{contact.first.split('#')[0]}/{contact.second} in allowed_at_goal if it is grasped",
         )
     for sphere in () if robot.bodies else problem.obstacles:
-        center = sphere.center + problem.duration * sphere.velocity
+        center = sphere.center + sphere.way(problem.duration)
         depth = sphere.radius - float(np.linalg.norm(target - center))
         if depth >= 0.0:
             raise NoPlanFound(

@@ -4,26 +4,33 @@ from __future__ import annotations
 
 import enum
 import math
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
+import pinocchio as pin
 
 from ff_planner_ros.arrays import Array, finite_number, finite_vector
-from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.errors import InvalidInput, Status, fields_named
+from ff_planner_ros.planning.approach import Approach
 from ff_planner_ros.planning.target import (
+    SHORTEST_FREE_AXIS,
     Orientation,
     Target,
     require_enough_joints,
     target_on_the_table,
 )
+from ff_planner_ros.planning.target_body import TargetBody
 from ff_planner_ros.robot.model import Base, Robot
-from ff_planner_ros.robot.plane import on_the_table
+from ff_planner_ros.robot.plane import MAX_TILT, on_the_table
 from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.shown import quoted
 
 __all__ = [
     "MAX_POINTS",
     "MIN_POINTS",
+    "Approach",
+    "DurationRange",
     "Limits",
     "Objective",
     "Orientation",
@@ -31,6 +38,12 @@ __all__ = [
     "PlanningProblem",
     "Sphere",
     "Target",
+    "TargetBody",
+    "attached_spheres",
+    "capturing",
+    "carried_spheres",
+    "lasting",
+    "with_attached_spheres",
 ]
 
 # Five points hold a plan's start, end and middle; above ten thousand the answer no longer
@@ -40,6 +53,15 @@ MIN_POINTS, MAX_POINTS = 5, 10_000
 # What a tool closes on is within its reach: so near its goal the end effector may touch, where the
 # problem does not say it [m].
 CONTACT_DISTANCE = 0.1
+
+
+# Where the target of a capture comes from.
+_OF_BODY = {
+    "target.position": "target_body.grasp.position",
+    "target.quaternion_xyzw": "target_body.grasp.quaternion_xyzw",
+    "target.linear_velocity": "target_body.linear_velocity",
+    "target.angular_velocity": "target_body.angular_velocity",
+}
 
 
 def _zeros() -> Array:
@@ -56,7 +78,9 @@ class Parametrisation(enum.StrEnum):
 
 @dataclass(frozen=True, eq=False)
 class Sphere:
-    """An obstacle, at rest or in uniform motion: a sphere that the arm's centre lines stay out of.
+    """An obstacle: a sphere that the arm's centre lines stay out of.
+
+    It rests, moves uniformly, or is fixed to a target body and moves with it.
 
     Raises:
         InvalidInput: Wrong size, not finite, or a radius that is not positive.
@@ -65,7 +89,10 @@ class Sphere:
     id: str  # name in messages
     center: Array  # at the plan's first point, in the inertial frame; shape (3,) [m]
     radius: float  # greater than zero [m]
-    velocity: Array = field(default_factory=_zeros)  # constant, likewise; shape (3,) [m/s]
+    # At the plan's first point, and from then on unless it is fixed to a body; shape (3,) [m/s]
+    velocity: Array = field(default_factory=_zeros)
+    body: TargetBody | None = None  # that it is fixed to; None: to none
+    place_in_body: Array | None = None  # of its centre then; shape (3,) [m]
 
     def __post_init__(self) -> None:
         """Check every value and replace it by a read-only copy."""
@@ -75,30 +102,57 @@ class Sphere:
             object.__setattr__(self, part, checked)
         object.__setattr__(self, "radius", finite_number(f"{name}.radius", self.radius, above=0.0))
 
+    @property
+    def moves(self) -> bool:
+        """Whether it is elsewhere later."""
+        return self.body is not None or bool(self.velocity.any())
+
+    @property
+    def highest_speed(self) -> float:
+        """A speed of its centre that it never exceeds [m/s]."""
+        if self.body is None or self.place_in_body is None:
+            return float(np.linalg.norm(self.velocity))
+        drift = float(np.linalg.norm(self.body.linear_velocity))
+        return drift + self.body.fastest_turn * float(np.linalg.norm(self.place_in_body))
+
+    def way(self, time: float) -> Array:
+        """Return how far its centre has come since the plan's first point. Shape (3,) [m]."""
+        if self.body is None or self.place_in_body is None:
+            uniform: Array = time * self.velocity
+            return uniform
+        there = self.body.places(self.place_in_body[None], np.array([time]))
+        return np.asarray(there[0, 0] - self.center, np.float64)
+
 
 @dataclass(frozen=True)
 class Objective:
-    """Weights of Eq. (44), joint path length, and Eq. (45), chaser attitude.
+    """Weights of Eq. (44), joint path length, of Eq. (45), chaser attitude, and of the duration.
 
     Raises:
-        InvalidInput: Not finite, negative, or both zero.
+        InvalidInput: Not finite, negative, or all zero.
     """
 
     joint_path_length: float
     chaser_attitude: float
+    duration: float = 0.0  # [rad/s]; of no effect where the duration is given
 
     def __post_init__(self) -> None:
-        """Check both weights."""
-        for name in ("joint_path_length", "chaser_attitude"):
+        """Check the weights."""
+        for name in ("joint_path_length", "chaser_attitude", "duration"):
             weight = finite_number(f"objective.{name}", getattr(self, name))
             if weight < 0.0:
                 raise InvalidInput(
                     Status.OUT_OF_RANGE, f"objective.{name}", weight, "it must not be negative"
                 )
-        if self.joint_path_length == self.chaser_attitude == 0.0:
+        if self.joint_path_length == self.chaser_attitude == self.duration == 0.0:
             raise InvalidInput(
                 Status.OUT_OF_RANGE, "objective", "all zero", "one weight must be positive"
             )
+
+    @property
+    def only_duration(self) -> bool:
+        """Whether the shortest plan is asked for, whatever else it is."""
+        return self.joint_path_length == self.chaser_attitude == 0.0
 
 
 @dataclass(frozen=True)
@@ -106,14 +160,16 @@ class Limits:
     """What to keep beside the joints' position limits, which are always kept.
 
     Raises:
-        InvalidInput: An angle that is not positive.
+        InvalidInput: An angle or an acceleration that is not positive.
     """
 
     joint_velocities: bool = False  # whether to keep the velocity limits of the URDF
     chaser_attitude: float = math.inf  # largest Euler angle, Eq. (45) [rad]; infinite: any
+    # Largest joint accelerations either way, one for each joint or one for all [rad/s2]; None: any
+    joint_accelerations: tuple[float, ...] | None = None
 
     def __post_init__(self) -> None:
-        """Check the angle."""
+        """Check every value."""
         if not self.chaser_attitude > 0.0:
             raise InvalidInput(
                 Status.OUT_OF_RANGE,
@@ -121,6 +177,53 @@ class Limits:
                 self.chaser_attitude,
                 "it must be greater than 0 rad, or none",
             )
+        if self.joint_accelerations is not None:
+            checked = tuple(
+                finite_number(f"limits.acceleration[{index}]", limit, above=0.0)
+                for index, limit in enumerate(self.joint_accelerations)
+            )
+            object.__setattr__(self, "joint_accelerations", checked)
+
+    def of_joints(self, count: int) -> Limits:
+        """Return the limits of a robot with so many joints, one acceleration for each.
+
+        Raises:
+            InvalidInput: There are accelerations for another number of joints.
+        """
+        limits = self.joint_accelerations
+        if limits is None:
+            return self
+        if len(limits) == 1:
+            limits *= count
+        finite_vector("limits.acceleration", limits, count)
+        return replace(self, joint_accelerations=limits)
+
+
+@dataclass(frozen=True, eq=False)
+class DurationRange:
+    """Durations of which the planner chooses one.
+
+    Raises:
+        InvalidInput: Not positive, or in the wrong order.
+    """
+
+    minimum: float  # greater than zero [s]
+    maximum: float  # [s]
+    # Of the target's place by the duration: it rests where it is told, but a frame that moves sees
+    # it elsewhere if the duration is another; shape (3,) [m/s]
+    target_velocity: Array = field(default_factory=_zeros)
+
+    def __post_init__(self) -> None:
+        """Check every value."""
+        for name, above in (("minimum", 0.0), ("maximum", None)):
+            told = f"duration.{name[:3]}"
+            checked = finite_number(told, getattr(self, name), above=above)
+            object.__setattr__(self, name, checked)
+        if self.maximum < self.minimum:
+            allowed = f"it must not be less than the shortest, {self.minimum:g} s"
+            raise InvalidInput(Status.OUT_OF_RANGE, "duration.max", self.maximum, allowed)
+        checked_velocity = finite_vector("target_velocity", self.target_velocity, 3)
+        object.__setattr__(self, "target_velocity", checked_velocity)
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,14 +231,15 @@ class PlanningProblem:
     """What is asked of the planner: a motion from a start state to a target.
 
     Raises:
-        InvalidInput: A duration or contact distance that is not positive, a number of points out of
-            range, a contact that is none of the robot's, or a state whose number of joints is not
-            the robot's or that leaves the plane of a planar base.
+        InvalidInput: A duration or contact distance that is not positive, a duration out of its
+            range, a number of points out of range, a contact that is none of the robot's, an
+            approach in a direction that the target leaves open, a state or limits whose number of
+            joints is not the robot's, or a state that leaves the plane of a planar base.
     """
 
     robot: Robot
     start: SystemState  # state at the first point of the plan
-    target: Target  # end effector at the last point of the plan
+    target: Target  # end effector at the last point of the plan; by `capturing` that of a body
     duration: float  # time between the two, greater than zero [s]
     points: int  # number of points of the plan, n_p in the paper
     obstacles: tuple[Sphere, ...]
@@ -146,10 +250,19 @@ class PlanningProblem:
     # stays within the contact distance from its target, and in the tail
     allowed_at_goal: tuple[str, ...] = ()
     contact_distance: float = CONTACT_DISTANCE  # greater than zero [m]
+    # Whose grasp the target is, and to which some of the obstacles are fixed; None: to none
+    target_body: TargetBody | None = None
+    # Of which the planner chooses a duration; None: the duration is given
+    duration_range: DurationRange | None = None
+    approach: Approach | None = None  # of the last stretch to the target; None: any way
 
     def __post_init__(self) -> None:
         """Check what the parts cannot check by themselves."""
         object.__setattr__(self, "duration", finite_number("duration", self.duration, above=0.0))
+        window = self.duration_range
+        if window is not None and not window.minimum <= self.duration <= window.maximum:
+            allowed = f"it must be from {window.minimum:g} s to {window.maximum:g} s"
+            raise InvalidInput(Status.OUT_OF_RANGE, "duration", self.duration, allowed)
         if not MIN_POINTS <= self.points <= MAX_POINTS:
             raise InvalidInput(
                 Status.OUT_OF_RANGE,
@@ -158,9 +271,11 @@ class PlanningProblem:
                 f"it must be from {MIN_POINTS} to {MAX_POINTS}",
             )
         finite_vector("joints.position", self.start.joint_positions, self.robot.joints)
+        object.__setattr__(self, "limits", self.limits.of_joints(self.robot.joints))
         if self.robot.base is Base.PLANAR:
             object.__setattr__(self, "start", on_the_table(self.start))
-            target = target_on_the_table(self.robot, self.start, self.target)
+            with fields_named({} if self.target_body is None else _OF_BODY):
+                target = target_on_the_table(self.robot, self.start, self.target)
             object.__setattr__(self, "target", target)
         require_enough_joints(self.robot, self.target)
         distance = finite_number("contact_distance", self.contact_distance, above=0.0)
@@ -169,6 +284,30 @@ class PlanningProblem:
         object.__setattr__(self, "allowed_at_goal", tuple(sorted(set(self.allowed_at_goal))))
         if self.allowed_at_goal:
             self._require_known_contacts()
+        if self.approach is not None:
+            self._require_approachable(self.approach)
+
+    @property
+    def durations(self) -> DurationRange:
+        """Those to choose from: one where the duration is given."""
+        return self.duration_range or DurationRange(self.duration, self.duration)
+
+    def _require_approachable(self, approach: Approach) -> None:
+        """Refuse a direction that the target does not say, or that leaves the plane."""
+        target, direction, allowed = self.target, approach.direction, ""
+        to_inertial = pin.Quaternion(target.quaternion_xyzw).toRotationMatrix()
+        if target.orientation is Orientation.FREE:
+            allowed = "with orientation free the grasp has no axes to tell a direction in"
+        elif target.free_axis_in_ee is not None:
+            aside = np.cross(direction, target.free_axis_in_ee)
+            if float(np.linalg.norm(aside)) > SHORTEST_FREE_AXIS:
+                allowed = "with orientation about_axis it must be along free_axis"
+        elif self.robot.base is Base.PLANAR and abs(float(to_inertial[2] @ direction)) > MAX_TILT:
+            allowed = "with robot.base planar it must lie in the plane of the table"
+        if allowed:
+            raise InvalidInput(
+                Status.UNSUPPORTED, "approach.direction", direction.tolist(), allowed
+            )
 
     def _require_known_contacts(self) -> None:
         """Refuse an allowed contact of what there is not."""
@@ -186,3 +325,68 @@ class PlanningProblem:
                     else "with robot.geometry lines nothing but the arm's lines is kept clear"
                 )
                 raise InvalidInput(Status.OUT_OF_RANGE, "allowed_at_goal", quoted(name), allowed)
+
+
+def capturing(body: TargetBody, problem: PlanningProblem) -> PlanningProblem:
+    """Return a problem whose goal is the grasp of a body, with what is fixed to it in the way.
+
+    Goal and attached obstacles of another body, that the problem may have had, are left out.
+
+    Raises:
+        InvalidInput: What is fixed to it has the name of an obstacle, or it turns too far.
+    """
+    others = tuple(sphere for sphere in problem.obstacles if sphere.body is None)
+    return replace(
+        problem,
+        target=body.target(problem.duration),
+        obstacles=with_attached_spheres(others, body),
+        target_body=body,
+    )
+
+
+def lasting(problem: PlanningProblem, duration: float | None) -> PlanningProblem:
+    """Return a problem whose duration is chosen; one whose duration is given stays what it is.
+
+    Args:
+        duration: The one that is chosen [s]. None: not known, that of the problem.
+    """
+    window, body = problem.duration_range, problem.target_body
+    if window is None:
+        return problem
+    chosen = problem.duration if duration is None else duration
+    if body is not None:
+        target = body.target(chosen)
+    else:
+        target, way = problem.target, (chosen - problem.duration) * window.target_velocity
+        if way.any():
+            target = replace(target, position=target.position + way)
+    return replace(problem, duration=chosen, target=target, duration_range=None)
+
+
+def carried_spheres(spheres: tuple[Sphere, ...], time: float) -> tuple[Sphere, ...]:
+    """Return spheres that rest or move uniformly as they will be in a time [s]."""
+    if not any(sphere.moves for sphere in spheres):
+        return spheres
+    return tuple(replace(one, center=one.center + one.way(time)) for one in spheres)
+
+
+def with_attached_spheres(obstacles: Sequence[Sphere], body: TargetBody) -> tuple[Sphere, ...]:
+    """Return obstacles, and what is fixed to a body behind them.
+
+    Raises:
+        InvalidInput: One of these has the name of an obstacle.
+    """
+    names, attached = {sphere.id for sphere in obstacles}, tuple(attached_spheres(body))
+    for index, sphere in enumerate(attached):
+        if sphere.id in names:
+            field, allowed = f"target_body.obstacles[{index}].id", "an obstacle has it, too"
+            raise InvalidInput(Status.OUT_OF_RANGE, field, sphere.id, allowed)
+    return (*obstacles, *attached)
+
+
+def attached_spheres(body: TargetBody) -> Iterator[Sphere]:
+    """Yield what is fixed to a body as obstacles of a problem."""
+    for sphere in body.obstacles:
+        motion = body.motion(sphere.center, np.zeros(1))
+        center, velocity = motion.positions[0], motion.twists[0, :3]
+        yield Sphere(sphere.id, center, sphere.radius, velocity, body, sphere.center)

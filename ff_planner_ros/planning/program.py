@@ -100,6 +100,8 @@ class PathProgram:
     correction: Correction | None = None
     aim: Target | None = None  # of the family, beside the problem's target; None: that itself
     smoothing: float = 0.0  # weight of evenly run joints, beside that of the joint path
+    # Names of the requirements that it keeps only when a path has broken them: none has yet
+    waiting: frozenset[str] = frozenset()
 
     def linearise(self, x: Array) -> PathLinearisation:
         """Return objective and constraints of a path with their derivatives."""
@@ -119,7 +121,9 @@ class PathProgram:
             peaks.append(term.peaks)
             peaks_jacobian.append(term.peaks_jacobian)
         rows = [
-            required.rows(self.problem, driven, sensitivity, self.margins[required.name])
+            None
+            if required.name in self.waiting
+            else required.rows(self.problem, driven, sensitivity, self.margins[required.name])
             for required in REQUIREMENTS
         ]
         kept = [found for found in rows if found is not None]
@@ -160,6 +164,21 @@ class PathProgram:
         """Return what is left of each requirement along a motion; negative: it is violated."""
         return {required.name: required.slack(self.problem, motion) for required in REQUIREMENTS}
 
+    def broken(self, at_x: PathLinearisation) -> frozenset[str]:
+        """Return which of the requirements that still wait a path breaks."""
+        if not self.waiting:
+            return self.waiting
+        motion = self.followed(at_x)
+        return frozenset(
+            required.name
+            for required in REQUIREMENTS
+            if required.name in self.waiting and required.slack(self.problem, motion) < 0.0
+        )
+
+    def keeping(self, broken: frozenset[str]) -> PathProgram:
+        """Return the program that keeps what a path has broken, too."""
+        return replace(self, waiting=self.waiting - broken)
+
 
 def path_program(
     problem: PlanningProblem, family: PathFamily, settings: PlannerSettings
@@ -170,7 +189,15 @@ def path_program(
     # A path of the end effector is run as its polynomials say; a spline may be run in any way.
     smoothing = settings.joint_spline_smoothing if isinstance(family, JointSplines) else 0.0
     points = _grid_points(problem)
-    return PathProgram(problem, family, objective, margins, points, smoothing=smoothing)
+    return PathProgram(
+        problem,
+        family,
+        objective,
+        margins,
+        points,
+        smoothing=smoothing,
+        waiting=frozenset(required.name for required in REQUIREMENTS if required.is_on_demand),
+    )
 
 
 def _grid_points(problem: PlanningProblem) -> int:

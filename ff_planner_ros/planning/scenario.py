@@ -12,10 +12,12 @@ import pinocchio as pin
 
 from ff_planner_ros.arrays import Array, finite_number, finite_vector
 from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.planning.approach import CONE, Approach
 from ff_planner_ros.planning.controller_rules import Controller
 from ff_planner_ros.planning.joint_motion import JointMotion
 from ff_planner_ros.planning.problem import (
     CONTACT_DISTANCE,
+    DurationRange,
     Limits,
     Objective,
     Orientation,
@@ -23,10 +25,12 @@ from ff_planner_ros.planning.problem import (
     PlanningProblem,
     Sphere,
     Target,
+    with_attached_spheres,
 )
 from ff_planner_ros.planning.settings import PlannerSettings
 from ff_planner_ros.planning.tail import EndBehaviour
 from ff_planner_ros.planning.target import require_enough_joints
+from ff_planner_ros.planning.target_body import AttachedSphere, TargetBody
 from ff_planner_ros.planning.task import PlanningTask
 from ff_planner_ros.planning.yaml_file import (
     boolean,
@@ -52,8 +56,11 @@ SCENARIO_FRAME = "inertial"
 _NO_LIMITS = Limits()
 
 _ROBOT_MAY_HAVE = ("base", "held_joints", "geometry", "srdf")
-_REQUIRED = ("robot", "chaser", "joints", "target", "duration", "obstacles", "objective")
-_OF_PROBLEM = ("points", "limits", "parametrisation", "allowed_at_goal", "contact_distance")
+_REQUIRED = ("robot", "chaser", "joints", "duration", "obstacles", "objective")
+_OF_PROBLEM = (
+    *("target", "target_body", "points", "limits", "parametrisation"),
+    *("allowed_at_goal", "contact_distance", "approach"),
+)
 _OF_TASK = (
     *("start_after", "running", "end_behaviour", "tail_duration", "controller", "planner"),
     "first_guess",
@@ -146,17 +153,26 @@ def _problem(
 ) -> PlanningProblem:
     if points is None and "points" not in scenario:
         raise InvalidInput(Status.OUT_OF_RANGE, "points", "missing", "it must be given")
+    if ("target" in scenario) == ("target_body" in scenario):
+        found = "given beside target_body" if "target" in scenario else "missing"
+        allowed = "either it or target_body must be given"
+        raise InvalidInput(Status.OUT_OF_RANGE, "target", found, allowed)
     robot = _robot(scenario["robot"], directory)
-    target = _target(scenario["target"])
+    duration, window = _duration(scenario["duration"])
+    body = target_body_of(scenario["target_body"]) if "target_body" in scenario else None
+    target = _target(scenario["target"]) if body is None else body.target(duration)
     # Before the start: an arm that cannot meet the target may well be unable to rest, too.
     require_enough_joints(robot, target)
+    start = _start(robot, scenario["chaser"], scenario["joints"])
+    obstacles = _obstacles(scenario["obstacles"])
     return PlanningProblem(
         robot=robot,
-        start=_start(robot, scenario["chaser"], scenario["joints"]),
+        start=start,
         target=target,
-        duration=number("duration", scenario["duration"]),
+        duration=duration,
+        duration_range=window,
         points=integer("points", scenario.get("points", points)),
-        obstacles=_obstacles(scenario["obstacles"]),
+        obstacles=obstacles if body is None else with_attached_spheres(obstacles, body),
         objective=_objective(scenario["objective"]),
         limits=_limits(scenario.get("limits", {}), limits),
         parametrisation=parametrisation_of(
@@ -171,11 +187,32 @@ def _problem(
         contact_distance=number(
             "contact_distance", scenario.get("contact_distance", CONTACT_DISTANCE)
         ),
+        target_body=body,
+        approach=_approach(scenario["approach"]) if "approach" in scenario else None,
+    )
+
+
+def _duration(value: object) -> tuple[float, DurationRange | None]:
+    """Return the duration and, where the planner is to choose one, its range, else None."""
+    if not isinstance(value, dict):
+        return finite_number("duration", number("duration", value), above=0.0), None
+    entry = mapping("duration", value, required=("min", "max"))
+    shortest, longest = (number(f"duration.{name}", entry[name]) for name in ("min", "max"))
+    window = DurationRange(shortest, longest)
+    return window.maximum, window
+
+
+def _approach(value: object) -> Approach:
+    entry = mapping("approach", value, ("direction", "distance"), optional=("cone",))
+    return Approach(
+        numbers("approach.direction", entry["direction"]),
+        number("approach.distance", entry["distance"]),
+        number("approach.cone", entry.get("cone", CONE)),
     )
 
 
 def _limits(value: object, defaults: Limits) -> Limits:
-    names = ("position", "velocity", "chaser_attitude")
+    names = ("position", "velocity", "acceleration", "chaser_attitude")
     limits = mapping("limits", value, (), optional=names)
     position_limits = limits.get("position", "from_urdf")
     if position_limits != "from_urdf":
@@ -187,7 +224,19 @@ def _limits(value: object, defaults: Limits) -> Limits:
     if "chaser_attitude" in limits:
         asked = limits["chaser_attitude"]
         attitude = math.inf if asked == "none" else number("limits.chaser_attitude", asked)
-    return Limits(joint_velocities=velocities, chaser_attitude=attitude)
+    accelerations = defaults.joint_accelerations
+    if "acceleration" in limits:
+        accelerations = _accelerations("limits.acceleration", limits["acceleration"])
+    return Limits(velocities, attitude, accelerations)
+
+
+def _accelerations(field: str, value: object) -> tuple[float, ...] | None:
+    """Return one limit for each joint, or one for all [rad/s2]; None: any acceleration."""
+    if value == "none":
+        return None
+    if isinstance(value, list):
+        return tuple(numbers(field, value).tolist())
+    return (finite_number(field, number(field, value), above=0.0),)
 
 
 def from_urdf(field: str, source: object) -> bool:
@@ -304,6 +353,45 @@ def _quaternion(euler_xyz_deg: Array) -> Array:
     return quaternion
 
 
+def target_body_of(value: object) -> TargetBody:
+    """Return what a mapping describes.
+
+    Raises:
+        InvalidInput: It describes no body.
+    """
+    told = "target_body"
+    moving = ("linear_velocity", "angular_velocity")
+    entry = mapping(
+        told,
+        value,
+        required=("position", "quaternion_xyzw", "inertia", "grasp"),
+        optional=(*moving, "obstacles"),
+    )
+    grasp = mapping(f"{told}.grasp", entry["grasp"], required=("position", "quaternion_xyzw"))
+    vectors: dict[str, Any] = {
+        name: numbers(f"{told}.{name}", entry[name])
+        for name in ("position", "quaternion_xyzw", *moving)
+        if name in entry
+    }
+    vectors |= {f"grasp_{name}": numbers(f"{told}.grasp.{name}", grasp[name]) for name in grasp}
+    spheres = []
+    for index, item in enumerate(sequence(f"{told}.obstacles", entry.get("obstacles", []))):
+        field = f"{told}.obstacles[{index}]"
+        sphere = mapping(field, item, required=("id", "center", "radius"))
+        name = text(f"{field}.id", sphere["id"])
+        center = numbers(f"{field}.center", sphere["center"])
+        spheres.append(AttachedSphere(name, center, number(f"{field}.radius", sphere["radius"])))
+    inertia = _inertia(f"{told}.inertia", entry["inertia"])
+    return TargetBody(**vectors, inertia=inertia, obstacles=tuple(spheres))
+
+
+def _inertia(field: str, value: object) -> Array:
+    names = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+    entry = mapping(field, value, required=names)
+    xx, xy, xz, yy, yz, zz = (number(f"{field}.{name}", entry[name]) for name in names)
+    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+
+
 def _obstacles(value: object) -> tuple[Sphere, ...]:
     spheres: dict[str, Sphere] = {}
     for index, item in enumerate(sequence("obstacles", value)):
@@ -322,7 +410,8 @@ def _obstacles(value: object) -> tuple[Sphere, ...]:
 
 
 def _objective(value: object) -> Objective:
-    entry = mapping("objective", value, required=("joint_path_length", "chaser_attitude"))
+    required = ("joint_path_length", "chaser_attitude")
+    entry = mapping("objective", value, required, optional=("duration",))
     return Objective(**{key: number(f"objective.{key}", entry[key]) for key in entry})
 
 

@@ -11,8 +11,16 @@ import yaml
 
 from ff_planner_ros.arrays import normalising_to
 from ff_planner_ros.errors import InvalidInput, Status
-from ff_planner_ros.planning.problem import Orientation, PlanningProblem, Target
+from ff_planner_ros.planning.approach import Approach
+from ff_planner_ros.planning.problem import (
+    Limits,
+    Objective,
+    Orientation,
+    PlanningProblem,
+    Target,
+)
 from ff_planner_ros.planning.scenario import Defaults, load_task
+from ff_planner_ros.planning.target_body import TargetBody
 from ff_planner_ros.planning.task import PlanningTask
 from ff_planner_ros.robot.bodies import Geometry
 from ff_planner_ros.robot.model import Base
@@ -63,23 +71,21 @@ def _problem(problem: PlanningProblem) -> dict[str, Any]:
             "velocity": start.joint_velocities.tolist(),
         }
         | ({} if accelerations is None else {"acceleration": accelerations.tolist()}),
-        "target": {
-            item.name: getattr(problem.target, item.name).tolist() for item in fields(Target)[:6]
-        }
-        | {"quaternion_xyzw": normalising_to(problem.target.quaternion_xyzw).tolist()}
-        | _orientation(problem.target),
-        "duration": float(problem.duration),
+        **_goal(problem),
+        "duration": _duration(problem),
         "points": int(problem.points),
         "obstacles": [
             {"id": str(sphere.id), "center": sphere.center.tolist(), "radius": sphere.radius}
             | ({"velocity": sphere.velocity.tolist()} if sphere.velocity.any() else {})
             for sphere in problem.obstacles
+            if sphere.body is None
         ],
-        "objective": {name: float(weight) for name, weight in asdict(problem.objective).items()},
+        "objective": weights_of(problem.objective),
         "limits": {
             "position": "from_urdf",
             "velocity": "from_urdf" if limits.joint_velocities else "none",
             "chaser_attitude": float(angle) if math.isfinite(angle) else "none",
+            **accelerations_of(limits),
         },
         "parametrisation": problem.parametrisation.value,
         **(
@@ -90,6 +96,67 @@ def _problem(problem: PlanningProblem) -> dict[str, Any]:
             if problem.allowed_at_goal
             else {}
         ),
+        **described_approach(problem.approach),
+    }
+
+
+def accelerations_of(limits: Limits) -> dict[str, list[float]]:
+    """Return the limits of the joint accelerations as a scenario has them; nothing: none."""
+    accelerations = limits.joint_accelerations
+    return {} if accelerations is None else {"acceleration": list(accelerations)}
+
+
+def weights_of(objective: Objective) -> dict[str, float]:
+    """Return an objective as a scenario has it."""
+    weights = {name: float(weight) for name, weight in asdict(objective).items()}
+    return {name: weight for name, weight in weights.items() if weight or name != "duration"}
+
+
+def described_approach(approach: Approach | None) -> dict[str, Any]:
+    """Return an approach as a scenario has it; nothing where there is none."""
+    if approach is None:
+        return {}
+    told = {
+        "direction": approach.direction.tolist(),
+        "distance": approach.distance,
+        "cone": approach.cone,
+    }
+    return {"approach": told}
+
+
+def _duration(problem: PlanningProblem) -> float | dict[str, float]:
+    window = problem.duration_range
+    if window is None:
+        return float(problem.duration)
+    return {"min": window.minimum, "max": window.maximum}
+
+
+def _goal(problem: PlanningProblem) -> dict[str, Any]:
+    target, body = problem.target, problem.target_body
+    if body is not None:
+        return {"target_body": described_body(body)}
+    vectors = {item.name: getattr(target, item.name).tolist() for item in fields(Target)[:6]}
+    vectors["quaternion_xyzw"] = normalising_to(target.quaternion_xyzw).tolist()
+    return {"target": vectors | _orientation(target)}
+
+
+def described_body(body: TargetBody) -> dict[str, Any]:
+    """Return a target body as a scenario has it."""
+    xx, xy, xz, _, yy, yz, _, _, zz = body.inertia.ravel().tolist()
+    return {
+        "position": body.position.tolist(),
+        "quaternion_xyzw": normalising_to(body.quaternion_xyzw).tolist(),
+        "linear_velocity": body.linear_velocity.tolist(),
+        "angular_velocity": body.angular_velocity.tolist(),
+        "inertia": {"ixx": xx, "ixy": xy, "ixz": xz, "iyy": yy, "iyz": yz, "izz": zz},
+        "grasp": {
+            "position": body.grasp_position.tolist(),
+            "quaternion_xyzw": normalising_to(body.grasp_quaternion_xyzw).tolist(),
+        },
+        "obstacles": [
+            {"id": str(sphere.id), "center": sphere.center.tolist(), "radius": sphere.radius}
+            for sphere in body.obstacles
+        ],
     }
 
 

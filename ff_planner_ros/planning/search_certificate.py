@@ -1,4 +1,4 @@
-"""The certificate while a search goes on: `certified_clearance` by the compiled core."""
+"""Certificates while a search goes on: those of the check by the compiled core."""
 
 from __future__ import annotations
 
@@ -6,11 +6,20 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ff_planner_ros.arrays import Array
+from ff_planner_ros.arrays import Array, Indices
 from ff_planner_ros.core import compiled
 from ff_planner_ros.core.chain import chain_of
+from ff_planner_ros.planning.body_certificate import (
+    body_ways,
+    cubics_of,
+    least_pair_distance,
+    least_sphere_distance,
+    pair_ways,
+)
 from ff_planner_ros.planning.certificate import CERTIFICATE_GAP, cubics_between, way_bounds
-from ff_planner_ros.planning.clearance import arm_points, sphere_arrays
+from ff_planner_ros.planning.clearance import arm_points, attached_to_bodies, sphere_arrays
+from ff_planner_ros.planning.compiled_bodies import compiled_bodies
+from ff_planner_ros.planning.followed import FollowedMotion
 from ff_planner_ros.planning.problem import Sphere
 from ff_planner_ros.robot.model import Robot
 
@@ -30,4 +39,58 @@ def search_certificate(
         times,
         *sphere_arrays(spheres),
         CERTIFICATE_GAP,
+        attached_to_bodies(spheres, float(times[-1])),
     )
+
+
+def search_pair_distance(
+    robot: Robot, motion: FollowedMotion, chosen: Indices, last: int, part: float
+) -> float:
+    """Return what is certified by `least_pair_distance`, or as good a bound."""
+    if not len(chosen) or last < 0:
+        return np.inf
+    found = compiled.certified_pair_distance(
+        chain_of(robot),
+        compiled_bodies(robot),
+        motion.q,
+        cubics_of(robot, motion),
+        pair_ways(robot, motion),
+        motion.time,
+        chosen,
+        last,
+        CERTIFICATE_GAP,
+        part,
+    )
+    if np.isfinite(found):
+        return found
+    return least_pair_distance(robot, motion, chosen, last, part).certified
+
+
+def search_sphere_distance(
+    robot: Robot,
+    motion: FollowedMotion,
+    spheres: Sequence[Sphere],
+    chosen: Indices,
+    last: int,
+    part: float,
+) -> float:
+    """Return what is certified by `least_sphere_distance`, or as good a bound."""
+    if not len(chosen) or last < 0:
+        return np.inf
+    found = compiled.certified_sphere_distance(
+        chain_of(robot),
+        compiled_bodies(robot),
+        motion.q,
+        cubics_of(robot, motion),
+        body_ways(robot, motion),
+        motion.time,
+        *sphere_arrays(spheres),
+        chosen,
+        last,
+        CERTIFICATE_GAP,
+        part,
+        attached_to_bodies(spheres, float(motion.time[-1])),
+    )
+    if np.isfinite(found):
+        return found
+    return least_sphere_distance(robot, motion, spheres, chosen, last, part).certified

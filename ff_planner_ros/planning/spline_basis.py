@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 from scipy.interpolate import BSpline
@@ -32,13 +32,17 @@ class SplineBasis:
 
         Shape (times, control points) [1/s^order].
         """
-        spline = BSpline(self._knots, np.eye(self.count), DEGREE)
+        spline = BSpline(self.knots, np.eye(self.count), DEGREE)
         rows: Array = spline(s, nu=order) / self.duration**order
         return rows
 
+    def on_grid(self, points: int, order: int = 0) -> Array:
+        """Return `rows` at equal steps from start to end, always the same array of numbers."""
+        return np.asarray(_on_grid(self.spans, points, order) / self.duration**order, np.float64)
+
     def start(self, positions: Array, rates: Array, accelerations: Array) -> Array:
         """Return the control points that a start fixes. Shape (3, joints)."""
-        at_start = np.array([self.rows(np.zeros(1), order)[0, :FIXED] for order in range(3)])
+        at_start = np.array([self.on_grid(1, order)[0, :FIXED] for order in range(3)])
         fixed: Array = np.linalg.solve(at_start, np.array([positions, rates, accelerations]))
         return fixed
 
@@ -49,11 +53,7 @@ class SplineBasis:
         their range, and they are four times nearer to it than those on whole spans. Shape
         (points, control points) [1/s^order].
         """
-        finer = SplineBasis(self.duration, 2 * self.spans)
-        knots = finer._knots
-        # Both splines are the same function, and so they agree at the Greville abscissae.
-        at = np.array([knots[k + 1 : k + 1 + DEGREE].mean() for k in range(finer.count)])
-        points = np.linalg.solve(finer.rows(at), self.rows(at))
+        knots, points = _finer(self.spans)
         for lower in range(order):
             degree = DEGREE - lower
             inner = knots[lower : len(knots) - lower]
@@ -62,6 +62,23 @@ class SplineBasis:
         return np.asarray(points, np.float64)
 
     @cached_property
-    def _knots(self) -> Array:
+    def knots(self) -> Array:
+        """Knots of a duration of 1 s, those at the ends six times. Shape (control points + 6,)."""
         ends = np.zeros(DEGREE), np.ones(DEGREE)
         return np.concatenate([ends[0], np.linspace(0.0, 1.0, self.spans + 1), ends[1]])
+
+
+@lru_cache(maxsize=64)
+def _on_grid(spans: int, points: int, order: int) -> Array:
+    """Return `SplineBasis.on_grid` of a duration of 1 s."""
+    return SplineBasis(1.0, spans).rows(np.linspace(0.0, 1.0, points), order)
+
+
+@lru_cache(maxsize=8)
+def _finer(spans: int) -> tuple[Array, Array]:
+    """Return the knots of splines on half spans, and their control points for each of the whole."""
+    basis, finer = SplineBasis(1.0, spans), SplineBasis(1.0, 2 * spans)
+    knots = finer.knots
+    # Both splines are the same function, and so they agree at the Greville abscissae.
+    at = np.array([knots[k + 1 : k + 1 + DEGREE].mean() for k in range(finer.count)])
+    return knots, np.asarray(np.linalg.solve(finer.rows(at), basis.rows(at)), np.float64)

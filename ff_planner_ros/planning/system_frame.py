@@ -22,7 +22,7 @@ from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.planning.plan import Plan
-from ff_planner_ros.planning.problem import PlanningProblem
+from ff_planner_ros.planning.problem import PlanningProblem, capturing
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.state import SystemState
@@ -43,8 +43,8 @@ class SystemFrame:
 
     def problem(self, problem: PlanningProblem) -> PlanningProblem:
         """Return a problem of the user's frame, whose first point is at time zero, in this one."""
-        target, end = problem.target, problem.duration
-        return replace(
+        target, end, window = problem.target, problem.duration, problem.duration_range
+        seen = replace(
             problem,
             start=self.start,
             target=replace(
@@ -64,7 +64,21 @@ class SystemFrame:
                 )
                 for sphere in problem.obstacles
             ),
+            duration_range=None
+            if window is None
+            else replace(window, target_velocity=self._velocity_here(window.target_velocity)),
         )
+        body = problem.target_body
+        if body is None:
+            return seen
+        moved = replace(
+            body,
+            position=self._place_here(body.position, 0.0),
+            quaternion_xyzw=self._attitude_here(body.quaternion_xyzw),
+            linear_velocity=self._velocity_here(body.linear_velocity),
+            angular_velocity=self._vector_here(body.angular_velocity, _OTHER),
+        )
+        return capturing(moved, seen)
 
     def state_seen_by_user(self, state: SystemState, time: float) -> SystemState:
         """Return a state of this frame at a time [s] in the user's."""

@@ -8,14 +8,13 @@ from enum import StrEnum
 
 import numpy as np
 import pinocchio as pin
-from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.arrays import Array, finite_number
 from ff_planner_ros.core.velocity_map import Velocity, velocity
 from ff_planner_ros.errors import Failure, InvalidInput, NoPlanFound, Status
 from ff_planner_ros.planning.check import failures, measure
 from ff_planner_ros.planning.forward import driven
-from ff_planner_ros.planning.holding import holding_in_part
+from ff_planner_ros.planning.holding import holding_in_part, poses_held
 from ff_planner_ros.planning.joint_motion import JointMotion
 from ff_planner_ros.planning.motion import from_trajectory, to_trajectory
 from ff_planner_ros.planning.path_family import singular_refusal
@@ -51,8 +50,8 @@ def with_tail(
     """Return a plan continued beyond its goal, and checked as a whole.
 
     - `as_planned`: the plan itself. Its joints still move at its last point.
-    - `hold_end_effector`: the end effector stays at its goal, or goes on with the target's twist,
-      while the chaser moves on. The joints still move at the last point.
+    - `hold_end_effector`: the end effector stays at its goal, or goes on with the target's twist or
+      the target body's grasp, while the chaser moves on. The joints still move at the last point.
     - `stop_joints`: joint rates fall to zero, their accelerations go on from the plan's and end at
       zero. The end effector leaves its goal with the chaser.
 
@@ -79,7 +78,8 @@ def with_tail(
     momentum = total_momentum(robot, robot.model.createData(), q[0], v[0])
     if end_behaviour is EndBehaviour.HOLD_END_EFFECTOR:
         try:
-            hold = holding_in_part if plan.family == Parametrisation.JOINT_SPLINE else _holding
+            in_part = problem.target_body or plan.family == Parametrisation.JOINT_SPLINE
+            hold = holding_in_part if in_part else _holding
             tail = hold(problem, q[-1], v[-1, 6:], momentum, finer)
         except NoPlanFound as singular:
             raise _refusal(name, singular.status, str(singular), plan) from None
@@ -177,16 +177,14 @@ def _joined(motion: Trajectory, after: Trajectory) -> Trajectory:
 def _lost_hold(
     problem: PlanningProblem, whole: Trajectory, settings: PlannerSettings
 ) -> Iterator[Failure]:
-    """Yield where the end effector is not with the target, whose twist stays what it is.
+    """Yield where the end effector is not with the target, whose twist stays, or with its body.
 
     It is looked at where it comes, and at the points where it should come.
     """
     samples, target = Samples(problem, settings, whole), problem.target
     told, comes = slice(samples.goal, None), slice(samples.followed.pieces * samples.goal, None)
     time = np.append(whole.time[told], samples.followed.time[comes]) - problem.duration
-    positions = target.position + np.outer(time, target.linear_velocity)
-    turns = Rotation.from_rotvec(np.outer(time, target.angular_velocity))
-    rotations = (turns * Rotation.from_quat(target.quaternion_xyzw)).as_quat()
+    positions, rotations = poses_held(problem, time)
     q = np.append(samples.q[told], samples.followed.q[comes], axis=0)
     misses = [
         miss(problem.robot, at, replace(target, position=position, quaternion_xyzw=rotation))

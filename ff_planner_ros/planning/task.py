@@ -19,7 +19,14 @@ from ff_planner_ros.planning.forward import carried_forward
 from ff_planner_ros.planning.joint_motion import JointMotion
 from ff_planner_ros.planning.plan import Plan
 from ff_planner_ros.planning.planner import NOBODY, plan
-from ff_planner_ros.planning.problem import Orientation, Parametrisation, PlanningProblem, Sphere
+from ff_planner_ros.planning.problem import (
+    Objective,
+    Orientation,
+    Parametrisation,
+    PlanningProblem,
+    Sphere,
+    lasting,
+)
 from ff_planner_ros.planning.settings import PlannerSettings
 from ff_planner_ros.planning.system_frame import system_frame
 from ff_planner_ros.planning.tail import EndBehaviour, with_tail
@@ -118,16 +125,26 @@ def _parts_of_robot(robot: Robot) -> list[Any]:
 
 
 def _is_absent(value: Any, name: str) -> bool:
-    """Tell whether a field that older versions did not have says what they took for granted."""
+    """Tell whether a field follows from others, or says what older versions took for granted."""
+    if isinstance(value, Sphere) and value.body is not None:
+        return name not in ("id", "radius")
+    if name == "target" and isinstance(value, PlanningProblem):
+        return value.target_body is not None
     if name == "velocity" and isinstance(value, Sphere):
         return not value.velocity.any()
     if name == "parametrisation":
         return getattr(value, name) is Parametrisation.AUTO
+    if name == "duration" and isinstance(value, Objective):
+        return value.duration == 0.0
     if name == "orientation":
         return getattr(value, name) is Orientation.FIXED
     if name in ("allowed_at_goal", "contact_distance"):
         return not value.allowed_at_goal
-    return name in ("joint_accelerations", "free_axis_in_ee") and getattr(value, name) is None
+    newer = (
+        *("joint_accelerations", "free_axis_in_ee", "target_body", "body", "place_in_body"),
+        *("duration_range", "approach"),
+    )
+    return name in newer and getattr(value, name) is None
 
 
 def without_search(solve: Callable[[PlanningProblem, PlannerSettings], Plan]) -> Method:
@@ -175,6 +192,7 @@ def _performed(task: PlanningTask, problem: PlanningProblem, watch: Watch, metho
     """Return the plan for a problem in the frame of the plan, judged."""
     settings = task.settings
     to_goal = method(problem, settings, watch, task.first_guess)
+    problem = lasting(problem, to_goal.duration)
     found = tuple(failures(problem, to_goal, settings))
     if found:
         raise _refused(to_goal, found, is_planner=method is plan)

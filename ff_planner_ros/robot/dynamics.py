@@ -35,6 +35,39 @@ def joint_torques(robot: Robot, q: Array, v: Array, joint_accelerations: Array) 
     return torques
 
 
+def joint_torques_by_x(
+    robot: Robot,
+    q: Array,
+    v: Array,
+    joint_accelerations: Array,
+    q_by_x: Array,
+    v_by_x: Array,
+    joint_accelerations_by_x: Array,
+) -> Array:
+    """Return the exact derivatives of `joint_torques` by what q, v and the accelerations depend on.
+
+    dQ = dQ/dq dq + dQ/dv dv + M d(dv/dt), and the base's part of the last is such that nothing
+    pushes the base: the first six rows of dQ are zero.
+
+    Args:
+        q_by_x: In the tangent space. Shape (points, 6 + joints, variables).
+        v_by_x: Shape (points, 6 + joints, variables).
+        joint_accelerations_by_x: Shape (points, joints, variables).
+
+    Returns:
+        Shape (points, joints, variables).
+    """
+    model, data, rows = robot.model, robot.model.createData(), robot.base.rows
+    acceleration = accelerations(robot, q, v, joint_accelerations)
+    by_x = np.empty_like(joint_accelerations_by_x)
+    for i, sample in enumerate(zip(q, v, acceleration, strict=True)):
+        of_q, of_v, mass = pin.computeRNEADerivatives(model, data, *sample)
+        forces = of_q @ q_by_x[i] + of_v @ v_by_x[i] + mass[:, 6:] @ joint_accelerations_by_x[i]
+        of_base = np.linalg.solve(mass[np.ix_(rows, rows)], -forces[rows])
+        by_x[i] = forces[6:] + mass[6:, rows] @ of_base
+    return by_x
+
+
 def accelerations(robot: Robot, q: Array, v: Array, joint_accelerations: Array) -> Array:
     """Return dv/dt of samples while nothing pushes the base. Shape (points, 6 + joints).
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import base64
 import binascii
+import math
+import re
 import stat
 from pathlib import Path
 from urllib.parse import unquote
@@ -23,6 +25,8 @@ _SUFFIXES = (".stl", ".obj", ".dae")
 # How a recorded URDF carries a hull: x, y, z of each vertex, before `scale`, little-endian.
 _EMBEDDED = "data:application/x-float32-points;base64,"
 _FILE_SCHEME = "file://"
+# What a .dae counts its lengths in [m]; it stands before the meshes.
+_COLLADA_UNIT, _ASSET_LENGTH = re.compile(rb"""<unit\b[^>]*?\bmeter\s*=\s*["']([^"']*)"""), 100_000
 _LINES_NEED_NONE = "with robot.geometry lines no mesh is read"
 
 
@@ -67,7 +71,10 @@ class Meshes:
             self._bytes += _size(path)
             if self._bytes > MAX_FILES:
                 raise NoSolid(f"all files together have more than {MAX_FILES} bytes")
-            self._of_files[path] = _vertices(path)
+            unit = _unit(path)
+            if unit != 1.0:
+                self.notes.append(f"mesh {shortened(path.name)}: its lengths are in {unit:g} m")
+            self._of_files[path] = _vertices(path, unit)
         return self._of_files[path]
 
 
@@ -102,13 +109,17 @@ def _path(name: str, directory: Path | None) -> Path:
         raise NoSolid(f"it must be a file that ends in {', '.join(_SUFFIXES)}")
     if name.startswith(PACKAGE_SCHEME):
         package, _, inside = name.removeprefix(PACKAGE_SCHEME).partition("/")
-        above = [parent for parent in (directory, *directory.parents) if parent.name == package]
+        above = [
+            parent / package
+            for parent in (directory, *directory.parents)
+            if package.strip(".")  # neither nothing nor a way up
+        ]
         for share in filter(None, (package_directory(package), *above)):
             if (share / inside).is_file():
                 return (share / inside).resolve()
         raise NoSolid(f"no package {package!r} with this file is found; {_LINES_NEED_NONE}")
     if name.startswith(_FILE_SCHEME):
-        name = unquote(name.removeprefix(_FILE_SCHEME))
+        name = unquote(name.removeprefix(_FILE_SCHEME).removeprefix("localhost"))
     elif "://" in name:
         raise NoSolid(f"it must be a path, {_FILE_SCHEME} or {PACKAGE_SCHEME}")
     return (directory / name).resolve()
@@ -130,10 +141,26 @@ def _size(path: Path) -> int:
     return status.st_size
 
 
-def _vertices(path: Path) -> Array:
+def _unit(path: Path) -> float:
+    """Return what a file's lengths are in [m]. Coal passes over what Collada says of it."""
+    if path.suffix.lower() != ".dae":
+        return 1.0
+    with path.open("rb") as file:
+        said = _COLLADA_UNIT.search(file.read(_ASSET_LENGTH))
+    try:
+        unit = float(said[1]) if said else 1.0
+    except ValueError:
+        unit = math.nan
+    if not 1.0 / LARGEST_SIZE <= unit <= LARGEST_SIZE:
+        raise NoSolid("its <unit> is no number of metres that a mesh can be in")
+    return unit
+
+
+def _vertices(path: Path, unit: float) -> Array:
     try:
         found = coal.MeshLoader(coal.BV_AABB).load(str(path), np.ones(3))
-        return np.array(found.vertices(), float).astype(np.float32).astype(float)
+        # As a recorded URDF carries them.
+        return (unit * np.array(found.vertices(), float)).astype(np.float32).astype(float)
     except Exception as error:  # whatever Coal and Assimp throw
         raise NoSolid(f"it cannot be read: {_reason(error)}") from None
 

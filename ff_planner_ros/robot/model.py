@@ -141,7 +141,8 @@ def robot_from_urdf_text(
         text: The URDF's XML, with a chain from base to tip of joints that turn. All others are
             held.
         base_link: Link that carries the arm; it is the root or fixed to it. None: the root.
-        tip_link: Link whose frame is the end effector. None: the only link that carries no other.
+        tip_link: Link whose frame is the end effector. None: the only link that moves and
+            carries no other.
         held_at: Where joints are held that the URDF lets move [rad], or [m] where they slide.
         geometry: None: shapes where the arm has any `<collision>`, else lines.
         srdf: SRDF of links that may touch beside neighbours. None: those of a recorded URDF, or

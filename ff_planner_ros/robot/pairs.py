@@ -12,10 +12,9 @@ import pinocchio as pin
 
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.robot.bodies import Body
-from ff_planner_ros.robot.srdf import ADJACENT, ALWAYS, NEVER, MayTouch
+from ff_planner_ros.robot.srdf import ADJACENT, ALWAYS, NEVER, Links, MayTouch
 from ff_planner_ros.robot.urdf_tree import link_of
 
-Links: TypeAlias = frozenset[str]  # two of them
 Pairs: TypeAlias = tuple[tuple[int, int], ...]  # of bodies, by index
 
 # Links that touch in so many random postures do so because of how they are drawn; MoveIt's

@@ -1,17 +1,23 @@
-"""Links that may touch, as an SRDF says it: `<disable_collisions link1="" link2="" reason=""/>`."""
+"""Links that may touch, as an SRDF says it: `<disable_collisions link1="" link2="" reason=""/>`.
+
+MoveIt has two more elements: `<disable_default_collisions link=""/>` for a link that may touch any
+other, and `<enable_collisions link1="" link2=""/>` for a pair that may not touch all the same.
+"""
 
 from __future__ import annotations
 
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Collection, Iterable
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 from xml.etree.ElementTree import Element, SubElement
 
 from ff_planner_ros.robot.urdf_faults import Faults, listed
-from ff_planner_ros.robot.urdf_xml import DISABLE, read_disabled
+from ff_planner_ros.robot.urdf_xml import DISABLE, DISABLE_ALL, ENABLE, read_collisions
 
 # The words of MoveIt's assistant.
 ADJACENT, ALWAYS, NEVER = "Adjacent", "Always", "Never"
+
+Links: TypeAlias = frozenset[str]  # two of them
 
 
 class MayTouch(NamedTuple):
@@ -22,15 +28,17 @@ class MayTouch(NamedTuple):
     reason: str
 
     @property
-    def links(self) -> frozenset[str]:
+    def links(self) -> Links:
         """The two, in no order."""
         return frozenset((self.link1, self.link2))
 
 
 def read_srdf(
     text: str, links: Collection[str], faults: Faults, field: str = "robot.srdf"
-) -> list[MayTouch]:
-    """Return the pairs that an SRDF, or a recorded URDF, disables.
+) -> tuple[list[MayTouch], set[Links]]:
+    """Return the pairs that an SRDF, or a recorded URDF, disables, and those that it enables.
+
+    As in MoveIt, a pair that is disabled by name is so even if it is enabled, too.
 
     Args:
         links: Of the robot; others are faults.
@@ -38,21 +46,35 @@ def read_srdf(
     Raises:
         InvalidInput: It is no XML, or too large.
     """
-    found = []
-    for element in read_disabled(text, field):
-        pair = MayTouch(*(element.get(name, "") for name in ("link1", "link2", "reason")))
-        for name in pair[:2]:
+    disabled, enabled, of_any = list[MayTouch](), set[Links](), list[str]()
+    for element in read_collisions(text, field):
+        keys = ("link",) if element.tag == DISABLE_ALL else ("link1", "link2")
+        names = [element.get(key, "") for key in keys]
+        for name in names:
             if name not in links:
                 allowed = f"it must be one of the URDF's links: {listed(links)}"
-                faults.add(field, "", f"{DISABLE} link", name or "missing", allowed)
-        found.append(pair)
-    return found
+                faults.add(field, "", f"{element.tag} link", name or "missing", allowed)
+        if element.tag == DISABLE:
+            disabled.append(MayTouch(names[0], names[1], element.get("reason", "")))
+        elif element.tag == ENABLE:
+            enabled.add(frozenset(names))
+        else:
+            of_any += names
+    disabled += [
+        MayTouch(link, other, DISABLE_ALL)
+        for link in of_any
+        for other in links
+        if frozenset((link, other)) not in enabled
+    ]
+    return disabled, enabled
 
 
-def write_pairs(robot: Element, pairs: Iterable[MayTouch]) -> None:
-    """Append pairs to a `<robot>`."""
+def write_pairs(robot: Element, pairs: Iterable[MayTouch], apart: Iterable[Links] = ()) -> None:
+    """Append pairs to a `<robot>`, and neighbours that are kept apart."""
     for pair in pairs:
         SubElement(robot, DISABLE, pair._asdict())
+    for first, second in sorted(map(sorted, apart)):
+        SubElement(robot, ENABLE, link1=first, link2=second)
 
 
 def srdf_text(name: str, pairs: Iterable[MayTouch]) -> str:

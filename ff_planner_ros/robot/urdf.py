@@ -51,7 +51,7 @@ def checked_urdf(
 
     Args:
         base_link: None: the root.
-        tip_link: None: the only link that carries no other.
+        tip_link: None: the only link that moves and carries no other.
         held_at: Where joints are held [rad] or [m], those of the arm among them.
 
     Raises:
@@ -91,8 +91,12 @@ def _name(joint: Element) -> str:
 
 def _only_leaf(tree: Tree, faults: Faults) -> str | None:
     leaves = tree.leaves
-    if len(leaves) == 1:
-        return leaves[0]
+    # What is fixed to the chaser, a panel say, is no end effector.
+    moved = [
+        leaf for leaf in leaves if any(j.get("type") != "fixed" for j in tree.upwards(leaf))
+    ] or leaves
+    if len(moved) == 1:
+        return moved[0]
     allowed = f"it must be one of {listed(leaves)}" if leaves else "no link carries no other"
     faults.add("robot.tip_link", "", "", "not given", allowed)
     return None
@@ -194,7 +198,7 @@ def _check_arm_joint(name: str, joint: Element, faults: Faults) -> None:
         _check_limits(name, joint, faults)
     axis = joint.find("axis")
     if axis is None:
-        SubElement(joint, "axis", xyz="1 0 0")  # what the format takes for granted
+        SubElement(joint, "axis", xyz="1.0 0.0 0.0")  # what the format takes for granted
     elif axis.get("xyz") is None:
         faults.add("joint", name, "axis xyz", "missing", "it must be three finite numbers")
     elif faults.vectors("joint", name, "axis", axis) and _length(axis) < SHORTEST_AXIS:

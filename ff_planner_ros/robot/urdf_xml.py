@@ -25,9 +25,11 @@ _GEOMETRY: dict[str, Any] = {"box": {}, "capsule": {}, "cylinder": {}, "mesh": {
 _SHAPES: dict[str, Any] = {
     "link": {name: {"origin": {}, "geometry": _GEOMETRY} for name in ("visual", "collision")}
 }
-# What a recorded URDF says of links that may touch, as an SRDF does.
-DISABLE = "disable_collisions"
-_DISABLED: dict[str, Any] = {DISABLE: {}}
+# What a recorded URDF says of links that may touch, as an SRDF does: pairs that may, those of one
+# link with any other, and pairs that may not all the same.
+DISABLE, DISABLE_ALL = "disable_collisions", "disable_default_collisions"
+ENABLE = "enable_collisions"
+_COLLISIONS: dict[str, Any] = {DISABLE: {}, DISABLE_ALL: {}, ENABLE: {}}
 _MOST_DISABLED = 100_000  # a humanoid's SRDF has two thousand
 _SEVERAL, _MOST_OF_THEM = tuple(_SHAPES["link"]), 10_000
 _ATTRIBUTES = {
@@ -51,6 +53,8 @@ _ATTRIBUTES = {
     "mesh": ("filename", "scale"),
     "sphere": ("radius",),
     DISABLE: ("link1", "link2", "reason"),
+    DISABLE_ALL: ("link",),
+    ENABLE: ("link1", "link2"),
 }
 
 
@@ -69,15 +73,15 @@ def read_shapes(text: str) -> Element:
     return _read(text, _SHAPES)
 
 
-def read_disabled(text: str, field: str) -> list[Element]:
-    """Return the pairs of links that may touch, from an SRDF or a recorded URDF.
+def read_collisions(text: str, field: str) -> list[Element]:
+    """Return what an SRDF, or a recorded URDF, says of links that may touch.
 
     Raises:
         InvalidInput: As for `read_elements`; it is of the field.
     """
     try:
         _require_short(text)
-        return list(_read(text, _DISABLED, _MOST_DISABLED))
+        return list(_read(text, _COLLISIONS, _MOST_DISABLED))
     except InvalidInput as error:
         raise InvalidInput(error.status, field, error.value, error.allowed) from None
 
@@ -130,7 +134,7 @@ class _Reader:
             return
         if parent is self.robot and len(parent) == self._most:
             most = f"{MAX_LINKS} links and as many joints"
-            most = f"{self._most} {DISABLE}" if tag == DISABLE else most
+            most = f"{self._most} {DISABLE}" if tag in _COLLISIONS else most
             _refuse("too large", f"it must have at most {most}")
         kept = {key: attributes[key] for key in _ATTRIBUTES[tag] if key in attributes}
         self._enter(SubElement(parent, tag, kept), parts)

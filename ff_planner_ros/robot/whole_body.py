@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ElementTree
+from collections.abc import Collection
 from pathlib import Path
 from typing import NamedTuple
 from xml.etree.ElementTree import Element
@@ -14,7 +15,7 @@ from ff_planner_ros.robot.bodies import Body, Geometry, bodies_of
 from ff_planner_ros.robot.meshes import Meshes
 from ff_planner_ros.robot.pairs import Pairs, always_touching, neighbours, pairs_of
 from ff_planner_ros.robot.shapes import with_shapes
-from ff_planner_ros.robot.srdf import ALWAYS, MayTouch, read_srdf, write_pairs
+from ff_planner_ros.robot.srdf import ALWAYS, Links, MayTouch, read_srdf, write_pairs
 from ff_planner_ros.robot.urdf_faults import Faults, listed
 from ff_planner_ros.robot.urdf_xml import read_shapes
 
@@ -63,13 +64,17 @@ def whole_body(
     meshes, robot = Meshes(directory), ElementTree.fromstring(checked)
     bodies = bodies_of(solids, model, meshes, faults)
     links = [str(link.get("name")) for link in robot.findall("link")]
-    told = read_srdf(text, links, faults, "robot.urdf")
-    told += [] if srdf is None else read_srdf(srdf, links, faults)
+    told, enabled = read_srdf(text, links, faults, "robot.urdf")
+    if srdf is not None:
+        more, also_enabled = read_srdf(srdf, links, faults)
+        told, enabled = told + more, enabled | also_enabled
     faults.refuse_if_any()
     may_touch = neighbours(robot, bodies)
+    apart = (enabled & {pair.links for pair in may_touch}) - {pair.links for pair in told}
+    may_touch = [pair for pair in may_touch if pair.links not in apart]
     known = {pair.links for pair in (*may_touch, *told)}
     may_touch += told
-    if srdf is None and not told:
+    if srdf is None and not told and not apart:
         may_touch += always_touching(model, bodies, known)
     may_touch = _that_count(may_touch, joints)
     notes = [*meshes.notes, *_notes(model, bodies, may_touch if srdf is None else [])]
@@ -78,7 +83,7 @@ def whole_body(
         bodies=bodies,
         pairs=pairs_of(bodies, {pair.links for pair in may_touch}),
         may_touch=tuple(may_touch),
-        drawn_urdf=_handed_on(drawn, solids, may_touch),
+        drawn_urdf=_handed_on(drawn, solids, may_touch, apart),
         notes=tuple(notes),
     )
 
@@ -118,11 +123,13 @@ def _notes(model: pin.Model, bodies: tuple[Body, ...], may_touch: list[MayTouch]
     return found
 
 
-def _handed_on(drawn: str, solids: Element, may_touch: list[MayTouch]) -> str:
+def _handed_on(
+    drawn: str, solids: Element, may_touch: list[MayTouch], apart: Collection[Links]
+) -> str:
     """Return a drawn URDF with its solids, and the links that may touch."""
     robot = ElementTree.fromstring(drawn)
     given = {link.get("name"): link.findall("collision") for link in solids.findall("link")}
     for link in robot.findall("link"):
         link.extend(given[link.get("name")])
-    write_pairs(robot, may_touch)
+    write_pairs(robot, may_touch, apart)
     return ElementTree.tostring(robot, encoding="unicode")

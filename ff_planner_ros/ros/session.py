@@ -16,7 +16,7 @@ from ff_planner_ros.bag.decoding import NANOSECONDS
 from ff_planner_ros.bag.writer import unique_directory
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.robot.model import read_urdf
-from ff_planner_ros.ros.inputs.input_topics import OBSTACLES, heard_with
+from ff_planner_ros.ros.inputs.input_topics import OBSTACLES, TARGET_BODY, heard_with
 from ff_planner_ros.ros.inputs.listener import Listener
 from ff_planner_ros.ros.inputs.scene_input import SceneInput
 from ff_planner_ros.ros.inputs.state_input import Snapshot, StateInput
@@ -124,7 +124,8 @@ class Session:
                 topic.name,
                 keep[topic.name],
                 qos_profile(getattr(qos, topic.name)),
-                serialised=topic is OBSTACLES,  # read when it is asked for: it may be large
+                serialised=topic
+                in (OBSTACLES, TARGET_BODY),  # read when it is asked for: it may be large
             )
         listener.start()
 
@@ -165,6 +166,13 @@ class Session:
         except InvalidInput as error:
             if error.status is not Status.NO_OBSTACLES:
                 obstacles, obstacles_refusal = 0, str(error)
+        target_age, target_refusal = None, ""
+        try:
+            seen = self._scenes.target_body(None, clock.nanoseconds, _ANY_AGE, now.state_max_lead)
+            target_age = (clock.nanoseconds - seen.stamp_ns) / NANOSECONDS
+        except InvalidInput as error:
+            if error.status is not Status.NO_TARGET_BODY:
+                target_age, target_refusal = 0.0, str(error)
         health = NodeHealth(
             state_age=state_age,
             state_max_age=now.state_max_age,
@@ -172,6 +180,9 @@ class Session:
             obstacles=obstacles,
             obstacles_age=obstacles_age,
             obstacles_refusal=obstacles_refusal,
+            target_age=target_age,
+            target_max_age=now.target_max_age,
+            target_refusal=target_refusal,
             last=self._service.last,
             solve_times=tuple(self._service.solve_times),
             solver_is_warm=self._worker.is_warm,

@@ -20,6 +20,7 @@ from ff_planner_ros.ros.messages.from_messages import plan_from_response
 # that is tolerated, a hundredth of what the check of a plan allows.
 _RAD, _RAD_S, _RAD_S2, _METRE, _METRE_S, _TORQUE = 1e-5, 1e-5, 2e-5, 1e-5, 1e-5, 5e-5
 _XI = 1e-5  # coefficients of a polynomial [m/s^6 and so on]
+_SECOND = 1e-5  # of a duration that the planner chose; one that is given stays the same
 _ANY = math.inf  # describes the search, not the plan
 
 
@@ -32,7 +33,7 @@ class Quantity:
 
 
 QUANTITIES = {
-    "time": Quantity("s", 0.0),
+    "time": Quantity("s", _SECOND),
     "joint_positions": Quantity("rad", _RAD),
     "joint_velocities": Quantity("rad/s", _RAD_S),
     "joint_accelerations": Quantity("rad/s2", _RAD_S2),

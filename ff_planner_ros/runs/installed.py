@@ -27,6 +27,8 @@ _MOTION = (
     "predicted_chaser_twists",
     "end_effector_path",
     "end_effector_twists",
+    "predicted_target_path",
+    "predicted_target_twists",
 )
 _NUMBERS = ("positions", "velocities", "accelerations", "effort")  # of a point
 PlanExchange: TypeAlias = Exchange[PlanTrajectory.Request, PlanTrajectory.Response]

@@ -47,6 +47,7 @@ def _stamps(exchange: PlanExchange, parameters: NodeParameters) -> dict[str, int
         topic.name: nanoseconds(getattr(response, topic.stamp))
         for topic in heard_with(parameters.state_source)
         if not getattr(request, topic.brought_by)
+        and (not topic.wanted_by or getattr(request, topic.wanted_by))
     }
     # The recorder may have an input that the node did not have yet.
     said = response.status.message

@@ -30,6 +30,7 @@ from ff_planner_ros.ros.messages.to_messages import (
     response_from_error,
     response_from_plan,
     state_message,
+    target_body_message,
     time_message,
 )
 from ff_planner_ros.ros.qos import EVENT_QOS, LATCHED_QOS, STATE_QOS
@@ -67,24 +68,30 @@ def record_answer(
     state = state_message(problem.start, names, now, SCENARIO_FRAME)
     exact = normalising_to(problem.start.quaternion_chaser_to_inertial_xyzw)
     state.pose = pose_message(problem.start.position_chaser_in_inertial.tolist(), exact.tolist())
-    obstacles = obstacles_message(problem.obstacles, now, SCENARIO_FRAME)
+    start_ns = now + round(task.ahead * NANOSECONDS)
+    # As they are at the plan's first point, and so is the target body.
+    obstacles = obstacles_message(problem.obstacles, start_ns, SCENARIO_FRAME)
     request = request_message(problem, SCENARIO_FRAME)
     exact = normalising_to(problem.target.quaternion_xyzw)
     request.target_pose.pose = pose_message(problem.target.position.tolist(), exact.tolist())
     request.use_start_state, request.start_state = True, state
     request.use_obstacles, request.obstacles = True, obstacles
-    start_ns = now + round(task.ahead * NANOSECONDS)
+    body = problem.target_body
+    if body is not None:
+        request.use_target_body = True
+        request.target_body = target_body_message(body, start_ns, SCENARIO_FRAME)
     request.start_time = time_message(start_ns)
     plan_id = directory.name
     if isinstance(answer, Plan):
-        response = response_from_plan(answer, plan_id, start_ns, SCENARIO_FRAME, solve_time)
+        response = response_from_plan(answer, plan_id, start_ns, SCENARIO_FRAME, solve_time, body)
     else:
         response = response_from_error(answer, plan_id, solve_time)
     Provenance(
         taken_up_ns=now,
         state_stamp_ns=now,
         state_source="start_state",
-        obstacles_stamp_ns=now,
+        obstacles_stamp_ns=start_ns,
+        target_body_stamp_ns=0 if body is None else start_ns,
         task_digest=task.digest,
         geometry=problem.robot.geometry.value,
     ).tell(response)
@@ -105,11 +112,15 @@ def record_answer(
         bag.add_record(PROVENANCE, provenance(method=method))
         put("/chaser_state", STATE_QOS, state)
         put("/obstacles", LATCHED_QOS, obstacles)
+        if body is not None:
+            put("/target_body", LATCHED_QOS, request.target_body)
         events = _events(request, response, now)
         put("/plan_trajectory/_service_event", EVENT_QOS, *events)
         if isinstance(answer, Plan):
             put("/joint_trajectory", LATCHED_QOS, response.joint_trajectory)
             put("/predicted_chaser_path", LATCHED_QOS, response.predicted_chaser_path)
+            if body is not None:
+                put("/predicted_target_path", LATCHED_QOS, response.predicted_target_path)
 
 
 def require_recordable(task: PlanningTask) -> None:
@@ -118,17 +129,17 @@ def require_recordable(task: PlanningTask) -> None:
     Raises:
         InvalidInput: It has something that requests have no field for.
     """
-    target = task.problem.target
+    target, captured = task.problem.target, task.problem.target_body is not None
+    window = task.problem.duration_range
     for field, given in (
         ("running", task.running is not None),
         ("first_guess", task.first_guess is not None),
-        ("target.linear_acceleration", target.linear_acceleration.any()),
-        ("target.angular_acceleration", target.angular_acceleration.any()),
+        ("approach", task.problem.approach is not None),
+        ("duration_range.target_velocity", window is not None and window.target_velocity.any()),
+        ("target.linear_acceleration", not captured and target.linear_acceleration.any()),
+        ("target.angular_acceleration", not captured and target.angular_acceleration.any()),
         ("start_after", task.ahead * NANOSECONDS % 1.0 != 0.0),
-        *(
-            (f"obstacles[{sphere.id}].velocity", sphere.velocity.any())
-            for sphere in task.problem.obstacles
-        ),
+        ("limits.acceleration", task.problem.limits.joint_accelerations is not None),
     ):
         if given:
             allowed = "a request to the node cannot ask for it: leave out --bag"
@@ -156,7 +167,8 @@ def _used(task: PlanningTask) -> dict[str, Any]:
         "start_max_lead": max(task.ahead, 600.0),
         "following_tolerance": 0.0,
         "state_max_age": 0.5,
-        "state_max_lead": 0.0,
+        "state_max_lead": task.ahead,
+        "target_max_age": 0.0,
         "end_behaviour": task.end_behaviour.value,
         "tail_duration": task.tail or 1.0,
         "limits": {

@@ -137,7 +137,8 @@ def answer_again(recorded: RecordedRequest) -> tuple[PlanTrajectory.Response, fl
             plan = perform(asked.task)
         finally:
             took = time.perf_counter() - begun
-        answer = response_from_plan(plan, recorded.name, asked.start_ns, frame, took)
+        body = asked.task.problem.target_body
+        answer = response_from_plan(plan, recorded.name, asked.start_ns, frame, took, body)
     except BagError:
         raise
     except FfPlannerError as error:

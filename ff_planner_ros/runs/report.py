@@ -56,8 +56,10 @@ class ReportedRequest:
     start_ns: int | None = None  # time of the plan's first point
     code: int | None = None  # of the status; None: unanswered
     message: str = ""  # of the status
-    weights: tuple[float, float] | None = None  # of joint path length and chaser attitude
-    duration: float | None = None  # requested [s]
+    weights: tuple[float, ...] | None = None  # of joint path length, chaser attitude and duration
+    duration: float | None = None  # to the goal, given or chosen [s]
+    # Of which the planner was to choose, the shortest and the longest [s]; None: it is given
+    durations: tuple[float, float] | None = None
     points: int | None = None  # of the plan
     metrics: Metrics | None = None  # of the plan, or of the best attempt
     solver: SolverReport | None = None  # of the plan, or of the best attempt
@@ -110,7 +112,7 @@ def report_of_answer(file: Path) -> Report:
         code=Status.SOLVED,
         message=found.plan.solver.stop_reason,
         weights=found.weights,
-        duration=float(motion.time[-1]),
+        duration=found.plan.duration or float(motion.time[-1]),
         points=len(motion.time),
         metrics=found.plan.metrics,
         solver=found.plan.solver,

@@ -7,7 +7,9 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from builtin_interfaces.msg import Time
 from ff_planner_msgs.msg import ObstacleSphereArray
+from ff_planner_msgs.msg import TargetBody as TargetBodyMessage
 from ff_planner_msgs.srv import PlanTrajectory
 
 from ff_planner_ros.analysis.methods import PLANNED
@@ -18,15 +20,22 @@ from ff_planner_ros.bag.reader import Bag, Message, open_bag
 from ff_planner_ros.bag.robot_plans import attached_robot
 from ff_planner_ros.errors import BagError, FfPlannerError, InvalidInput, Status
 from ff_planner_ros.parameters import NodeParameters
-from ff_planner_ros.planning.problem import Orientation, Target
+from ff_planner_ros.planning.problem import (
+    Orientation,
+    Target,
+    TargetBody,
+    carried_spheres,
+    with_attached_spheres,
+)
 from ff_planner_ros.planning.sound_samples import require_sound_samples
 from ff_planner_ros.robot.model import Robot
-from ff_planner_ros.ros.inputs.input_topics import OBSTACLES
+from ff_planner_ros.ros.inputs.input_topics import OBSTACLES, TARGET_BODY, InputTopic
 from ff_planner_ros.ros.messages.from_messages import (
     metrics_from_message,
     plan_from_response,
     solver_report_from_message,
     spheres_from_message,
+    target_body_from_message,
     xyz,
     xyzw,
 )
@@ -99,14 +108,16 @@ def _plans(
     plans: dict[int, ReportedPlan] = {}
     windows: dict[int, Window] = {}
     waiting: dict[int, ReportedPlan] = {}
-    scenes, unpublished = _scenes(bag, found, drawn), never_published(bag, found)
+    scenes, unpublished = _heard(bag, found, drawn, OBSTACLES), never_published(bag, found)
+    bodies = _heard(bag, found, drawn, TARGET_BODY)
     executed = [one for one in found if one.response and one.response.plan_id not in unpublished]
     for k in drawn:
         try:
-            scene = None
-            if k in scenes:
-                scene = as_installed(bag.decode(scenes[k]), OBSTACLES.message_type)
-            plans[k] = _plan(found[k], robot, scene)
+            scene, body = (
+                as_installed(bag.decode(heard_of[k]), topic.message_type) if k in heard_of else None
+                for heard_of, topic in ((scenes, OBSTACLES), (bodies, TARGET_BODY))
+            )
+            plans[k] = _plan(found[k], robot, scene, body)
             if found[k] in executed:
                 windows[k] = _window(executed, executed.index(found[k]))
             else:
@@ -147,10 +158,16 @@ def reported_request(
     """Return what a request and its response tell, without what is drawn of it."""
     found = ReportedRequest(plan_id="", door=door, message="no answer is in the bag")
     if request is not None:
-        weights = (request.weight_joint_path_length, request.weight_chaser_attitude)
-        found = replace(found, weights=weights, duration=request.duration)
+        path, attitude = request.weight_joint_path_length, request.weight_chaser_attitude
+        found = replace(found, weights=(path, attitude, request.weight_duration))
+        if request.duration_max:
+            found = replace(found, durations=(request.duration, request.duration_max))
+        else:
+            found = replace(found, duration=request.duration)
     if response is None:
         return found
+    if found.durations is not None and response.status.code == Status.SOLVED:
+        found = replace(found, duration=response.duration)
     found = replace(
         found,
         plan_id=response.plan_id,
@@ -170,32 +187,42 @@ def reported_request(
     return found
 
 
-def _scenes(bag: Bag, found: Sequence[PlanExchange], drawn: Sequence[int]) -> dict[int, Message]:
-    """Return the received obstacles for the plans whose requests bring none."""
+def _heard(
+    bag: Bag, found: Sequence[PlanExchange], drawn: Sequence[int], topic: InputTopic
+) -> dict[int, Message]:
+    """Return what was received on a topic, for the plans whose requests do not bring it."""
     scenes: dict[int, Message] = {}
     asked = {
-        k: found[k] for k in drawn if not getattr(found[k].request, OBSTACLES.brought_by, False)
+        k: found[k]
+        for k in drawn
+        if not getattr(found[k].request, topic.brought_by, False)
+        and (not topic.wanted_by or getattr(found[k].request, topic.wanted_by, False))
     }
     for namespace in dict.fromkeys(one.namespace for one in asked.values()):
         here = {k: one for k, one in asked.items() if one.namespace == namespace}
         try:
-            topics = {OBSTACLES.name: input_topic(bag, OBSTACLES.name, namespace)}
+            topics = {topic.name: input_topic(bag, topic.name, namespace)}
         except BagError:
             continue  # the plan says that its obstacles are not known
-        moments = [_moment(exchange) for exchange in here.values()]
+        moments = [_moment(exchange, topic) for exchange in here.values()]
         for k, what in zip(here, heard(bag, topics, moments), strict=True):
-            for message in what.get(OBSTACLES.name, ()):
+            for message in what.get(topic.name, ()):
                 scenes[k] = message
     return scenes
 
 
-def _moment(exchange: PlanExchange) -> Moment:
-    stamp_ns = nanoseconds(exchange.response.obstacles_stamp) if exchange.response else 0
-    stamps_ns = {OBSTACLES.name: stamp_ns} if stamp_ns else {}
-    return Moment(exchange.logged_ns, stamps_ns, (OBSTACLES.name,))
+def _moment(exchange: PlanExchange, topic: InputTopic) -> Moment:
+    stamp_ns = nanoseconds(getattr(exchange.response, topic.stamp)) if exchange.response else 0
+    stamps_ns = {topic.name: stamp_ns} if stamp_ns else {}
+    return Moment(exchange.logged_ns, stamps_ns, (topic.name,))
 
 
-def _plan(exchange: PlanExchange, robot: Robot, scene: ObstacleSphereArray | None) -> ReportedPlan:
+def _plan(
+    exchange: PlanExchange,
+    robot: Robot,
+    scene: ObstacleSphereArray | None,
+    body_message: TargetBodyMessage | None,
+) -> ReportedPlan:
     """Return a plan with its scene."""
     plan = plan_from_response(exchange.response or PlanTrajectory.Response())
     if plan.joint_names != robot.joint_names:
@@ -203,12 +230,34 @@ def _plan(exchange: PlanExchange, robot: Robot, scene: ObstacleSphereArray | Non
         allowed = f"the robot of the bag has {wanted}"
         raise InvalidInput(Status.UNKNOWN_JOINT, "joint_trajectory.joint_names", names, allowed)
     require_sound_samples(robot, plan.trajectory)
-    goal = end_of(plan.trajectory)
-    if exchange.request is not None:
-        goal = _goal(exchange.request)
-        scene = exchange.request.obstacles if exchange.request.use_obstacles else scene
-    obstacles = None if scene is None else spheres_from_message(scene, scene.header.frame_id)
+    goal, request, response = end_of(plan.trajectory), exchange.request, exchange.response
+    body: TargetBody | None = None
+    if request is not None:
+        scene = request.obstacles if request.use_obstacles else scene
+        body_message = request.target_body if request.use_target_body else body_message
+        if not request.capture:
+            goal = _goal(request)
+        elif body_message is not None and response is not None:
+            body = target_body_from_message(body_message, body_message.header.frame_id)
+            body = body.after(_since(response.target_body_stamp, response))
+            # Answers of earlier versions do not tell: their duration was given.
+            goal = body.target(response.duration or request.duration)
+    obstacles = None
+    if scene is not None:
+        obstacles = spheres_from_message(scene, scene.header.frame_id)
+        stamp = response.obstacles_stamp if response is not None else scene.header.stamp
+        obstacles = carried_spheres(obstacles, _since(stamp, response))
+        if body is not None:
+            obstacles = with_attached_spheres(obstacles, body)
     return reported_plan(robot, {PLANNED: plan.trajectory}, goal, obstacles)
+
+
+def _since(stamp: Time, response: PlanTrajectory.Response | None) -> float:
+    """Return the time from a stamp to the start of the plan in a response [s]."""
+    if response is None:
+        return 0.0
+    start_ns = nanoseconds(response.joint_trajectory.header.stamp)
+    return (start_ns - nanoseconds(stamp)) / NANOSECONDS
 
 
 def _goal(request: PlanTrajectory.Request) -> Target:

@@ -11,7 +11,7 @@ from ff_planner_msgs.srv import PlanTrajectory
 from ff_planner_ros.analysis.methods import CHANGED, RECORDED
 from ff_planner_ros.errors import FfPlannerError, Status
 from ff_planner_ros.planning.plan import Trajectory
-from ff_planner_ros.planning.problem import PlanningProblem
+from ff_planner_ros.planning.problem import PlanningProblem, lasting
 from ff_planner_ros.planning.sound_samples import require_sound_samples
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.ros.messages.from_messages import plan_from_response
@@ -83,9 +83,10 @@ def _motion(robot: Robot, response: PlanTrajectory.Response) -> Trajectory:
 def _problems(one: Answered) -> Iterator[PlanningProblem]:
     """Yield what was planned, of the requests that can be read; both have one goal and scene."""
     refused: FfPlannerError | None = None
-    for request in (one.changed, one.recorded):
+    for request, answer in ((one.changed, one.answer), (one.recorded, one.recorded.response)):
         try:
-            yield request.read_request().task.problem
+            problem = request.read_request().task.problem
+            yield lasting(problem, None if answer is None else answer.duration or None)
         except FfPlannerError as error:
             refused = error
     if refused is not None:

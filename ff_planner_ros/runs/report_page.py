@@ -18,7 +18,7 @@ from ff_planner_ros.runs.report_plots import solve_time_plot
 
 _NOTHING = "-"
 _COLUMNS = (
-    *("plan id", "door", "asked [UTC]", "status", "weights L, Θ", "duration [s]", "points"),
+    *("plan id", "door", "asked [UTC]", "status", "weights L, Θ, T", "duration [s]", "points"),
     *("joint path [rad]", "attitude [deg]", "clearance [mm]", "solve time [s]", "iterations"),
 )
 _TIMING_COLUMNS = (
@@ -74,8 +74,9 @@ def _cells(number: int, request: ReportedRequest) -> Iterator[Element | str]:
     yield _NOTHING if request.asked_ns is None else clock_time(request.asked_ns, with_date=False)
     kind = "solved" if request.code == Status.SOLVED else "refused"
     yield element("span", _status(request), {"class": kind})
-    yield _NOTHING if request.weights is None else "{:g}, {:g}".format(*request.weights)
-    yield _NOTHING if request.duration is None else f"{request.duration:g}"
+    weights = None if request.weights is None else ", ".join(map("{:g}".format, request.weights))
+    yield weights or _NOTHING
+    yield _duration(request)
     yield _NOTHING if request.points is None else str(request.points)
     metrics, solver = request.metrics, request.solver
     # Without a plan these are the values of the best attempt, and marked.
@@ -87,6 +88,14 @@ def _cells(number: int, request: ReportedRequest) -> Iterator[Element | str]:
             yield METRIC_BY_NAME[name].shown(getattr(metrics, name)) + of_attempt
     yield _NOTHING if request.solve_time is None else f"{request.solve_time:.3f}"
     yield _NOTHING if solver is None else str(solver.iterations)
+
+
+def _duration(request: ReportedRequest) -> str:
+    given = _NOTHING if request.duration is None else f"{request.duration:g}"
+    if request.durations is None:
+        return given
+    window = "{:g} to {:g}".format(*request.durations)
+    return window if request.duration is None else f"{request.duration:.3f} of {window}"
 
 
 def _status(request: ReportedRequest) -> str:

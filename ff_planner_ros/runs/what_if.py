@@ -14,22 +14,31 @@ from ff_planner_msgs.srv import PlanTrajectory
 from ff_planner_ros.bag.reader import open_bag
 from ff_planner_ros.errors import BagError, InvalidInput, Status
 from ff_planner_ros.parameters import DECLARATIONS, checked, replaced
-from ff_planner_ros.planning.yaml_file import integer, number, text, yaml_document
+from ff_planner_ros.planning.yaml_file import integer, number, sequence, text, yaml_document
 from ff_planner_ros.runs.recorded_run import RecordedRequest, recorded_run
 from ff_planner_ros.runs.replay import answer_again, one_by_one, status_name
 from ff_planner_ros.runs.report_of_changes import Answered, report_of_changes
 from ff_planner_ros.runs.report_page import save_page
 from ff_planner_ros.text_table import print_table
 
+
+def _texts(field: str, value: object) -> list[str]:
+    return [text(f"{field}[{index}]", one) for index, one in enumerate(sequence(field, value))]
+
+
 # Of a request, by the name that a scenario file has for it: field, and what reads a value.
 _OF_REQUEST: Mapping[str, tuple[str, Callable[[str, object], object]]] = {
     "objective.joint_path_length": ("weight_joint_path_length", number),
     "objective.chaser_attitude": ("weight_chaser_attitude", number),
+    "objective.duration": ("weight_duration", number),
     "duration": ("duration", number),
+    "duration.max": ("duration_max", number),
     "points": ("points", integer),
     "limits.chaser_attitude": ("limit_chaser_attitude", number),
     "end_behaviour": ("end_behaviour", text),
     "parametrisation": ("parametrisation", text),
+    "allowed_at_goal": ("allowed_at_goal", _texts),
+    "contact_distance": ("contact_distance", number),
 }
 # Of the node's parameters: those that planning depends on. The others say where messages go, or
 # what a request is given that leaves open what `_OF_REQUEST` changes in every request.

@@ -12,15 +12,15 @@ from itertools import pairwise
 from typing import Any
 
 import coal
-import mujoco
 import numpy as np
 import pinocchio as pin
 
 from ff_planner_ros.arrays import Array
+from ff_planner_ros.planning.clearance import centers_at
 from ff_planner_ros.planning.scene import Scene
 from ff_planner_ros.robot.bodies import Body
 from ff_planner_ros.robot.model import Robot
-from ff_planner_ros.simulation.engine import compiled, specification
+from ff_planner_ros.simulation.engine import compiled, mujoco, specification
 
 # So often it is looked between two states of an execution. From one to the next nothing turns by
 # more than 0.01 rad: from look to look a corner 3 m away moves 1.5 mm.
@@ -67,8 +67,6 @@ class Touch:
         self.pairs = len(pairs)
         self._model = compiled(spec)
         self._data = mujoco.MjData(self._model)
-        self._centers = np.array([one.center for one in obstacles]).reshape(-1, 3)
-        self._velocities = np.array([one.velocity for one in obstacles]).reshape(-1, 3)
         told = [one.name for one in robot.bodies] + [one.id for one in obstacles]
         links = [one.link for one in robot.bodies] + [one.id for one in obstacles]
         order = {self._model.geom(geom).id: n for n, geom in enumerate([*bodies, *spheres])}
@@ -84,13 +82,14 @@ class Touch:
             q: MuJoCo's configuration.
             time: From the start of the plan [s].
         """
-        return {pair: max(depths) for pair, depths in self._seen(q, time)[0].items()}
+        (centers,) = centers_at(np.array([time]), self._scene.obstacles)
+        return {pair: max(depths) for pair, depths in self._seen(q, centers)[0].items()}
 
-    def _seen(self, q: Array, time: float) -> tuple[dict[str, list[float]], set[str]]:
+    def _seen(self, q: Array, centers: Array) -> tuple[dict[str, list[float]], set[str]]:
         """Return the depths of each pair that touches, and which of these may near the goal."""
         data = self._data
         data.qpos[:] = q
-        data.mocap_pos[:] = self._centers + time * self._velocities
+        data.mocap_pos[:] = centers
         mujoco.mj_kinematics(self._model, data)
         mujoco.mj_collision(self._model, data)
         found: dict[str, list[float]] = {}
@@ -114,16 +113,17 @@ class Touch:
         """
         found: list[tuple[float, str, float, bool]] = []
         outside = -np.inf  # when the end effector was last away from the goal
-        for q, time in self._looks(states, times):
-            depths, allowed = self._seen(q, time)
-            found += [(time, pair, max(deep), pair in allowed) for pair, deep in depths.items()]
-            target = self._scene.target
-            if (
-                target is None
-                or np.linalg.norm(self._tip.xpos - target - time * self._scene.drift)
-                > self._scene.contact_distance
-            ):
-                outside = time
+        for configurations, moments in _looks(states, times, self._model.nq):
+            centers = centers_at(moments, self._scene.obstacles)
+            targets = self._scene.targets(moments)
+            for look, time in enumerate(moments.tolist()):
+                depths, allowed = self._seen(configurations[look], centers[look])
+                found += [(time, pair, max(deep), pair in allowed) for pair, deep in depths.items()]
+                if (
+                    targets is None
+                    or np.linalg.norm(self._tip.xpos - targets[look]) > self._scene.contact_distance
+                ):
+                    outside = time
         told: dict[str, Contact] = {}
         for time, pair, depth, may in found:
             if may and time > outside:
@@ -133,17 +133,19 @@ class Touch:
                 told[pair] = Contact(pair, before.first_time, time, depth)
         return tuple(told.values())
 
-    def _looks(self, states: Sequence[Array], times: Array) -> Iterator[tuple[Array, float]]:
-        """Yield configurations on the chords between states; off the arc by a few micrometres."""
-        shares = np.arange(LOOKS) / LOOKS
-        size = self._model.nq
-        for (first, second), (begin, end) in zip(
-            pairwise(states), pairwise(times.tolist()), strict=False
-        ):
-            for share in shares:
-                q = (1.0 - share) * first[:size] + share * second[:size]
-                yield q, float((1.0 - share) * begin + share * end)
-        yield states[-1][:size], float(times[len(states) - 1])
+
+def _looks(states: Sequence[Array], times: Array, size: int) -> Iterator[tuple[Array, Array]]:
+    """Yield configurations and their times: on each chord between states, and the last state.
+
+    They are off the arc by a few micrometres.
+    """
+    shares = np.arange(LOOKS) / LOOKS
+    for (first, second), (begin, end) in zip(
+        pairwise(states), pairwise(times.tolist()), strict=False
+    ):
+        chord = np.outer(1.0 - shares, first[:size]) + np.outer(shares, second[:size])
+        yield chord, (1.0 - shares) * begin + shares * end
+    yield states[-1][None, :size], times[len(states) - 1 : len(states)]
 
 
 def _add_geom(spec: mujoco.MjSpec, link: str, name: str, robot: Robot, body: Body) -> None:

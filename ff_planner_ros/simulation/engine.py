@@ -21,7 +21,7 @@ from ff_planner_ros.robot.model import Base, Robot
 from ff_planner_ros.robot.state import SystemState
 
 try:
-    import mujoco
+    import mujoco as mujoco  # others have it from here: what its absence means is told once
 except ModuleNotFoundError:
     raise FfPlannerError(
         Status.UNSUPPORTED,
@@ -48,6 +48,7 @@ class Observation(NamedTuple):
     ee_position: Array  # shape (3,) [m]
     ee_quaternion_xyzw: Array  # shape (4,)
     momentum: Array  # P [kg m/s] and L about the inertial origin [kg m2/s]; shape (6,)
+    ee_twist: Array  # linear, then angular; inertial axes; shape (6,) [m/s, rad/s]
 
 
 class Engine:
@@ -137,12 +138,16 @@ class Engine:
         mujoco.mj_subtreeVel(self.model, data)
         linear = self.model.body_subtreemass[0] * data.subtree_linvel[0]
         angular = data.subtree_angmom[0] + np.cross(data.subtree_com[0], linear)
+        twist = np.empty(6)  # the angular velocity first
+        kind = mujoco.mjtObj.mjOBJ_XBODY
+        mujoco.mj_objectVelocity(self.model, data, kind, self._tip.id, twist, 0)
         return Observation(
             chaser_position=self._chaser_position(),
             chaser_quaternion_xyzw=_rotation(self._base).as_quat(),
             ee_position=self._tip.xpos.copy(),
             ee_quaternion_xyzw=_rotation(self._tip).as_quat(),
             momentum=np.concatenate([linear, angular]),
+            ee_twist=np.roll(twist, 3),
         )
 
     def joints(self, state: Array) -> tuple[Array, Array]:

@@ -29,6 +29,7 @@ class Execution:
     ee_positions: Array  # shape (points, 3) [m]
     ee_quaternions_xyzw: Array  # shape (points, 4)
     momentum: Array  # P [kg m/s] and L about the inertial origin [kg m2/s]; shape (points, 6)
+    ee_twists: Array  # linear, then angular; shape (points, 6) [m/s, rad/s]
 
     def __post_init__(self) -> None:
         """Replace every array by a read-only copy."""

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from ff_planner_ros.planning.requirements.approach import ApproachCorridor
 from ff_planner_ros.planning.requirements.body_clearance import BodyClearance, SelfClearance
 from ff_planner_ros.planning.requirements.chaser_attitude import ChaserAttitude
 from ff_planner_ros.planning.requirements.clearance import Clearance
 from ff_planner_ros.planning.requirements.goal import Goal
+from ff_planner_ros.planning.requirements.joint_accelerations import JointAccelerations
 from ff_planner_ros.planning.requirements.joint_positions import JointPositions
 from ff_planner_ros.planning.requirements.joint_rates import JointRates
 from ff_planner_ros.planning.requirements.momentum import Momentum
@@ -19,8 +21,10 @@ REQUIREMENTS: tuple[Requirement, ...] = (
     Clearance(),
     BodyClearance(),
     SelfClearance(),
+    ApproachCorridor(),
     JointPositions(),
     JointRates(),
+    JointAccelerations(),
     ChaserAttitude(),
     SingularValues(),
     Torques(),  # after the singularity, near which torques are a symptom

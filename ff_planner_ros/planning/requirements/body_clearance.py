@@ -8,11 +8,12 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from functools import lru_cache
 
-from ff_planner_ros.arrays import Array
+import numpy as np
+
+from ff_planner_ros.arrays import Array, Indices
 from ff_planner_ros.errors import Failure, InvalidInput, Status
 from ff_planner_ros.planning.allowed_contact import before_contact, split_pairs, split_spheres
 from ff_planner_ros.planning.body_certificate import (
-    EXACT_PART,
     NOTHING,
     Least,
     least_pair_distance,
@@ -26,6 +27,10 @@ from ff_planner_ros.planning.path_family import Motion, Sensitivity
 from ff_planner_ros.planning.problem import PlanningProblem
 from ff_planner_ros.planning.requirements.body_rows import pair_rows, sphere_rows
 from ff_planner_ros.planning.requirements.requirement import Requirement, Rows, Samples
+from ff_planner_ros.planning.search_certificate import (
+    search_pair_distance,
+    search_sphere_distance,
+)
 from ff_planner_ros.planning.settings import PlannerSettings
 
 # The search asks only whether anything is left of a clearance.
@@ -75,7 +80,13 @@ class BodyClearance(Requirement):
 
     def slack(self, problem: PlanningProblem, motion: FollowedMotion) -> float:
         """Return the certified clearance [m]."""
-        return _from_spheres(problem, motion, _SLACK_PART).certified
+        robot, spheres = problem.robot, problem.obstacles
+        if not (robot.bodies and spheres):
+            return np.inf
+        return min(
+            search_sphere_distance(robot, motion, spheres, chosen, last, _SLACK_PART)
+            for chosen, last in _until(problem, motion, *split_spheres(problem))
+        )
 
     def metrics(self, samples: Samples) -> Mapping[str, float | str]:
         """Return the certified clearance, and of what it is and when."""
@@ -118,7 +129,12 @@ class SelfClearance(Requirement):
 
     def slack(self, problem: PlanningProblem, motion: FollowedMotion) -> float:
         """Return the certified clearance [m]."""
-        return _of_pairs(problem, motion, _SLACK_PART).certified
+        if not problem.robot.pairs:
+            return np.inf
+        return min(
+            search_pair_distance(problem.robot, motion, chosen, last, _SLACK_PART)
+            for chosen, last in _until(problem, motion, *split_pairs(problem))
+        )
 
     def metrics(self, samples: Samples) -> Mapping[str, float | str]:
         """Return the certified clearance of the bodies from each other, of which two and when."""
@@ -140,34 +156,38 @@ class SelfClearance(Requirement):
 
 
 @lru_cache(maxsize=4)
-def _from_spheres(
-    problem: PlanningProblem, motion: FollowedMotion, part: float = EXACT_PART
-) -> Least:
+def _from_spheres(problem: PlanningProblem, motion: FollowedMotion) -> Least:
     """Return the least distance of any body from any sphere where they must not touch."""
     robot, spheres = problem.robot, problem.obstacles
     if not (robot.bodies and spheres):
         return NOTHING
-    apart, may_touch = split_spheres(problem)
-    end = len(motion.time) - 1
-    until = before_contact(problem, motion.q) if len(may_touch) else -1
     return lesser(
-        least_sphere_distance(robot, motion, spheres, apart, end, part),
-        least_sphere_distance(robot, motion, spheres, may_touch, until, part),
+        *(
+            least_sphere_distance(robot, motion, spheres, chosen, last)
+            for chosen, last in _until(problem, motion, *split_spheres(problem))
+        )
     )
 
 
 @lru_cache(maxsize=4)
-def _of_pairs(problem: PlanningProblem, motion: FollowedMotion, part: float = EXACT_PART) -> Least:
+def _of_pairs(problem: PlanningProblem, motion: FollowedMotion) -> Least:
     """Return the least distance of any pair of bodies that must not touch."""
     if not problem.robot.pairs:
         return NOTHING
-    apart, may_touch = split_pairs(problem)
-    end = len(motion.time) - 1
-    until = before_contact(problem, motion.q) if len(may_touch) else -1
     return lesser(
-        least_pair_distance(problem.robot, motion, apart, end, part),
-        least_pair_distance(problem.robot, motion, may_touch, until, part),
+        *(
+            least_pair_distance(problem.robot, motion, chosen, last)
+            for chosen, last in _until(problem, motion, *split_pairs(problem))
+        )
     )
+
+
+def _until(
+    problem: PlanningProblem, motion: FollowedMotion, apart: Indices, may_touch: Indices
+) -> tuple[tuple[Indices, int], tuple[Indices, int]]:
+    """Return what must not touch, each with the last point until which that holds."""
+    until = before_contact(problem, motion.time, motion.q) if len(may_touch) else -1
+    return (apart, len(motion.time) - 1), (may_touch, until)
 
 
 def _body_and_sphere(problem: PlanningProblem, least: Least) -> tuple[str, ...]:

@@ -15,24 +15,20 @@ from ff_planner_ros.arrays import Array, Indices
 from ff_planner_ros.core import compiled
 from ff_planner_ros.core.chain import chain_of
 from ff_planner_ros.planning.allowed_contact import before_contact, split_pairs, split_spheres
-from ff_planner_ros.planning.bodies import (
-    Kind,
-    carriers,
-    kinds_and_sizes,
+from ff_planner_ros.planning.bodies import placed_bodies
+from ff_planner_ros.planning.body_certificate import centers_in_base
+from ff_planner_ros.planning.body_distances import (
     pair_distances,
     pair_gradients,
-    placed_bodies,
-    radii,
     sphere_distances,
     sphere_gradients,
 )
-from ff_planner_ros.planning.body_certificate import centers_in_base
-from ff_planner_ros.planning.clearance import centers_at
+from ff_planner_ros.planning.clearance import attached_to_bodies, centers_at, sphere_arrays
+from ff_planner_ros.planning.compiled_bodies import compiled_bodies
 from ff_planner_ros.planning.path_family import Motion, Sensitivity
 from ff_planner_ros.planning.problem import PlanningProblem
 from ff_planner_ros.planning.requirements.requirement import Rows
 from ff_planner_ros.robot.configuration import configuration
-from ff_planner_ros.robot.model import Robot
 
 # On fewer points than this a body may jump over a corner of another: see `_LookedAt`.
 FEW_POINTS = 40
@@ -59,7 +55,7 @@ def pair_rows(
     """Return the distances of pairs of bodies that are of interest, less the margin."""
     robot, at = problem.robot, _looked_at(problem, motion, sensitivity)
     distances, jacobian, names, deep = compiled.pair_rows(
-        chain_of(robot), _compiled_bodies(robot), at.q, at.sensitivity, OF_INTEREST
+        chain_of(robot), compiled_bodies(robot), at.q, at.sensitivity, OF_INTEREST
     )
     shape = len(at.q), len(robot.pairs)
     if deep.size:  # Coal knows how deep they are in each other
@@ -87,7 +83,7 @@ def sphere_rows(
     centers, velocities, radius = _spheres(problem)
     distances, jacobian, names, deep = compiled.sphere_rows(
         chain_of(robot),
-        _compiled_bodies(robot),
+        compiled_bodies(robot),
         at.q,
         at.sensitivity,
         at.times,
@@ -95,6 +91,7 @@ def sphere_rows(
         velocities=velocities,
         radii=radius,
         interest=OF_INTEREST,
+        attached=attached_to_bodies(problem.obstacles, float(at.times[-1])),
     )
     shape = len(at.q), len(robot.bodies), len(problem.obstacles)
     if deep.size:
@@ -147,54 +144,37 @@ def _room_of_spheres(problem: PlanningProblem) -> Array:
 @lru_cache(maxsize=4)
 def _spheres(problem: PlanningProblem) -> tuple[Array, Array, Array]:
     """Return centres at the first point, velocities and radii of the spheres."""
-    spheres = problem.obstacles
-    return (
-        np.array([sphere.center for sphere in spheres]),
-        np.array([sphere.velocity for sphere in spheres]),
-        np.array([sphere.radius for sphere in spheres]),
-    )
-
-
-@lru_cache(maxsize=8)
-def _compiled_bodies(robot: Robot) -> compiled.Bodies:
-    kinds, sizes = kinds_and_sizes(robot)
-    vertices = [
-        np.asarray(body.solid.points()) if kind == Kind.HULL else np.empty((0, 3))
-        for body, kind in zip(robot.bodies, kinds, strict=True)
-    ]
-    return compiled.Bodies(
-        carriers=carriers(robot),
-        rotations=np.array([body.placement_in_joint.rotation for body in robot.bodies]),
-        positions=np.array([body.placement_in_joint.translation for body in robot.bodies]),
-        centers=np.array([body.center_in_joint for body in robot.bodies]),
-        radii=radii(robot),
-        kinds=kinds,
-        sizes=sizes,
-        vertices=np.concatenate(vertices),
-        vertex_counts=np.array([len(points) for points in vertices]),
-        pairs=np.array(robot.pairs, np.intp).reshape(-1, 2),
-    )
+    return sphere_arrays(problem.obstacles)
 
 
 @lru_cache(maxsize=2)
 def _looked_at(problem: PlanningProblem, motion: Motion, sensitivity: Sensitivity) -> _LookedAt:
     """Return where bodies are looked at: once for both kinds of rows."""
-    times = np.linspace(0.0, problem.duration, len(motion.q))
-    times = np.concatenate([times[1:], (times[:-1] + times[1:]) / 2])
-    q = np.concatenate([motion.q[1:], motion.q_half_way])
-    by_x = np.concatenate([sensitivity.q[1:], sensitivity.q_half_way])
+    at_points = np.linspace(0.0, problem.duration, len(motion.q))
+    times = _in_order(at_points[1:], (at_points[:-1] + at_points[1:]) / 2)
+    q = _in_order(motion.q[1:], motion.q_half_way)
+    by_x = _in_order(sensitivity.q[1:], sensitivity.q_half_way)
     if len(motion.q) < FEW_POINTS:
         # Quaternions of one sign: what lies between two is between their entries.
-        order = np.argsort(times)
-        along = q[order, 3:7]
-        turns_over = np.sum(along[:-1] * along[1:], axis=1) < 0.0
-        q[order[1:], 3:7] *= np.where(turns_over, -1.0, 1.0).cumprod()[:, None]
-        q, by_x, times = (np.concatenate([at, quarter_way(at)]) for at in (q, by_x, times))
+        turns_over = np.sum(q[:-1, 3:7] * q[1:, 3:7], axis=1) < 0.0
+        q[1:, 3:7] *= np.where(turns_over, -1.0, 1.0).cumprod()[:, None]
+        order = np.argsort(np.concatenate([times, quarter_way(_out_of_order(times))]))
+        q, by_x, times = (
+            np.concatenate([at, quarter_way(_out_of_order(at))])[order] for at in (q, by_x, times)
+        )
         q[:, 3:7] /= np.linalg.norm(q[:, 3:7], axis=1)[:, None]
-    order = np.argsort(times)
-    q, by_x, times = q[order], by_x[order], times[order]
-    until = before_contact(problem, q, _WITHIN) + 1 if problem.allowed_at_goal else len(q)
+    until = before_contact(problem, times, q, _WITHIN) + 1 if problem.allowed_at_goal else len(q)
     return _LookedAt(times, q, by_x, until)
+
+
+def _in_order(at_points: Array, half_way: Array) -> Array:
+    """Return values at all points but the first, each behind that half-way to it."""
+    return np.stack([half_way, at_points], axis=1).reshape(-1, *at_points.shape[1:])
+
+
+def _out_of_order(values: Array) -> Array:
+    """Return values at points, then those half-way; see `_in_order`."""
+    return np.concatenate([values[1::2], values[::2]])
 
 
 def quarter_way(values: Array) -> Array:

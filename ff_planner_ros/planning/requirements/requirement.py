@@ -102,6 +102,8 @@ class Requirement:
     """Requires nothing. Each requirement overrides what it needs."""
 
     name: ClassVar[str]
+    # The search keeps it only when a path has broken it: most problems are far from it
+    is_on_demand: ClassVar[bool] = False
 
     def refuse_start(
         self, problem: PlanningProblem, q_start: Array, settings: PlannerSettings

@@ -8,18 +8,38 @@ import numpy as np
 
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.errors import Failure, InvalidInput, Status
+from ff_planner_ros.planning.followed import FollowedMotion
 from ff_planner_ros.planning.metrics import Metrics
+from ff_planner_ros.planning.path_family import Motion, Sensitivity
 from ff_planner_ros.planning.problem import PlanningProblem
-from ff_planner_ros.planning.requirements.requirement import LIMIT_TOLERANCE, Requirement, Samples
+from ff_planner_ros.planning.requirements.accelerations import accelerations_at_points
+from ff_planner_ros.planning.requirements.requirement import (
+    LIMIT_TOLERANCE,
+    Requirement,
+    Rows,
+    Samples,
+    within,
+)
 from ff_planner_ros.planning.settings import PlannerSettings
 from ff_planner_ros.robot.configuration import configuration
-from ff_planner_ros.robot.dynamics import joint_torques
+from ff_planner_ros.robot.dynamics import joint_torques, joint_torques_by_x
+from ff_planner_ros.robot.model import Robot
+
+# A torque that is further from its limit than this part of it cannot reach it in one step of the
+# solver.
+_OF_INTEREST = 0.4
+# Where torques are below this part of their limits at every fourth step of a motion, they do not
+# become twice as high between these steps.
+_FAR, _GLIMPSE = 0.5, 4
+# Between 50 points torques rise above those at the points by less, in parts of their limits.
+_MARGIN = 1e-3
 
 
 class Torques(Requirement):
     """The torques stay within the effort limits."""
 
     name = "torques"
+    is_on_demand = True
 
     def refuse_start(
         self, problem: PlanningProblem, q_start: Array, settings: PlannerSettings
@@ -41,9 +61,47 @@ class Torques(Requirement):
                 f"its effort limit is {robot.effort_limits[joint]:g} N m either way",
             )
 
+    def margin(self, problem: PlanningProblem, settings: PlannerSettings) -> float:
+        """Return how far from the limits the search stays, in parts of them."""
+        return _MARGIN
+
+    def rows(
+        self, problem: PlanningProblem, motion: Motion, sensitivity: Sensitivity, margin: float
+    ) -> Rows | None:
+        """Return the distances of interest to the limits at the points, in parts of them."""
+        robot, step = problem.robot, problem.duration / (len(motion.q) - 1)
+        accelerated = accelerations_at_points(motion.q[:, 7:], motion.v[:, 6:], step)
+        parts = joint_torques(robot, motion.q, motion.v, accelerated) / robot.effort_limits
+        limits = 1.0 - np.clip(1.0 - np.abs(parts[0]), 0.0, margin)
+        parts = parts[1:]
+        (near,) = np.nonzero((np.abs(parts) > limits - _OF_INTEREST).any(axis=1))
+        if not near.size:
+            return None
+        points = near + 1
+        of_q, of_v = sensitivity.q, sensitivity.v
+        of_rates = accelerations_at_points(of_q[:, 6:], of_v[:, 6:], step)
+        by_x = np.zeros((*parts.shape, len(motion.x)))
+        by_x[near] = joint_torques_by_x(
+            robot,
+            *(rows[points] for rows in (motion.q, motion.v, accelerated, of_q, of_v, of_rates)),
+        )
+        by_x /= robot.effort_limits[:, None]
+        return within(parts, by_x, -limits, limits, _OF_INTEREST)
+
+    def slack(self, problem: PlanningProblem, motion: FollowedMotion) -> float:
+        """Return how far the torques stay from their limits, in parts of them."""
+        robot, limits = problem.robot, problem.robot.effort_limits
+        few = motion.time[::_GLIMPSE]
+        _, _, accelerations = motion.joints.at(few)
+        glimpse = joint_torques(robot, motion.q[::_GLIMPSE], motion.v[::_GLIMPSE], accelerations)
+        if (np.abs(glimpse) <= _FAR * limits).all():
+            return 1.0 - _FAR
+        torques, _ = _peaks(robot, motion)
+        return float((1.0 + (LIMIT_TOLERANCE - np.abs(torques)) / limits).min())
+
     def metrics(self, samples: Samples) -> Mapping[str, tuple[float, ...]]:
         """Return the largest torque of each joint."""
-        torques, _ = _peaks(samples)
+        torques, _ = _peaks(samples.problem.robot, samples.followed)
         return {"peak_joint_torques": tuple(np.abs(torques).tolist())}
 
     def failures(self, samples: Samples, metrics: Metrics) -> Iterator[Failure]:
@@ -51,7 +109,7 @@ class Torques(Requirement):
         robot, limits = samples.problem.robot, samples.problem.robot.effort_limits
         if (np.array(metrics.peak_joint_torques) <= limits + LIMIT_TOLERANCE).all():
             return
-        torques, times = _peaks(samples)
+        torques, times = _peaks(robot, samples.followed)
         excess = np.abs(torques) - limits
         joint = excess.argmax()
         yield Failure(
@@ -63,13 +121,12 @@ class Torques(Requirement):
         )
 
 
-def _peaks(samples: Samples) -> tuple[Array, Array]:
+def _peaks(robot: Robot, motion: FollowedMotion) -> tuple[Array, Array]:
     """Return each joint's largest torque, its sign kept, and when. Each of shape (joints,).
 
     They are those of parabolas through three steps of the motion, within 5e-4 of the truth. None
     goes over a point, where the torques have a kink; but where steps end at points alone.
     """
-    motion, robot = samples.followed, samples.problem.robot
     _, _, accelerations = motion.joints.at(motion.time)
     torques = joint_torques(robot, motion.q, motion.v, accelerations)
     before, there, after = torques[:-2], torques[1:-1], torques[2:]

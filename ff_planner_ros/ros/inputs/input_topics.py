@@ -6,7 +6,7 @@ import struct
 from dataclasses import dataclass
 from typing import Any
 
-from ff_planner_msgs.msg import ChaserState, ObstacleSphereArray
+from ff_planner_msgs.msg import ChaserState, ObstacleSphereArray, TargetBody
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import JointState
 
@@ -25,6 +25,7 @@ class InputTopic:
     state_source: str
     brought_by: str  # field of a request that says that the request brings this input itself
     stamp: str  # field of a response, with the stamp of the message that the plan is made from
+    wanted_by: str = ""  # field of a request that says that the input counts; empty: always
 
 
 # A second of a topic at 1 kHz: no message should travel that much longer than another.
@@ -37,8 +38,13 @@ JOINT_STATES = InputTopic(
     "joint_states", JointState, MEMORY, "odometry", _START, "joint_states_stamp"
 )
 OBSTACLES = InputTopic("obstacles", ObstacleSphereArray, 1, "", _SCENE, "obstacles_stamp")
+TARGET_BODY = InputTopic(
+    "target_body", TargetBody, 1, "", "use_target_body", "target_body_stamp", "capture"
+)
 
-INPUT_TOPICS = {topic.name: topic for topic in (CHASER_STATE, ODOMETRY, JOINT_STATES, OBSTACLES)}
+INPUT_TOPICS = {
+    topic.name: topic for topic in (CHASER_STATE, ODOMETRY, JOINT_STATES, OBSTACLES, TARGET_BODY)
+}
 # The planner's own topics whose types are those of inputs.
 OUTPUTS_OF_THESE_TYPES = ("planned_joint_states",)
 

@@ -1,53 +1,164 @@
-"""The obstacles to plan around, from their topic or from a request."""
+"""What is around: obstacles and the target body, from their topics or from a request."""
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 from ff_planner_msgs.msg import ObstacleSphereArray
+from ff_planner_msgs.msg import TargetBody as TargetBodyMessage
 from rclpy.serialization import deserialize_message
 
 from ff_planner_ros.bag.decoding import nanoseconds
 from ff_planner_ros.errors import InvalidInput, Status
-from ff_planner_ros.planning.problem import Sphere
-from ff_planner_ros.ros.inputs.input_topics import OBSTACLES, header_stamp
-from ff_planner_ros.ros.messages.from_messages import spheres_from_message, time_in_ns
+from ff_planner_ros.planning.problem import Sphere, TargetBody
+from ff_planner_ros.ros.inputs.input_topics import (
+    OBSTACLES,
+    TARGET_BODY,
+    InputTopic,
+    header_stamp,
+)
+from ff_planner_ros.ros.inputs.state_input import require_current
+from ff_planner_ros.ros.messages.from_messages import (
+    spheres_from_message,
+    target_body_from_message,
+    time_in_ns,
+)
+
+_OF_TARGETS = Status.TARGET_STALE, Status.TARGET_IN_FUTURE, "target_max_age"
+
+Seen = TypeVar("Seen")
 
 
 @dataclass(frozen=True)
 class Scene:
     """The obstacles, and where they come from."""
 
-    spheres: tuple[Sphere, ...]
+    spheres: tuple[Sphere, ...]  # at the stamp
     stamp_ns: int  # when they were seen [ns]; zero: not known
     source: str  # of the message; may be empty
 
 
+@dataclass(frozen=True, eq=False)
+class SeenBody:
+    """The target body, and where it comes from."""
+
+    body: TargetBody  # at the stamp
+    stamp_ns: int  # when it was seen [ns]
+    source: str  # of the message; may be empty
+
+
 class SceneInput:
-    """The newest obstacles received; may be used from several threads."""
+    """The newest obstacles and the newest target body; may be used from several threads."""
 
     def __init__(self, inertial_frame: str, now_ns: Callable[[], int] = time.time_ns) -> None:
         """Start without messages; `now_ns` is read to find stamps that are ahead of it [ns]."""
-        self._inertial_frame, self._now_ns = inertial_frame, now_ns
-        self._lock = threading.Lock()
-        # Not read here: thousands of spheres ten times a second would slow down the node.
-        # Kept when the clock jumps back, too: a scene is often published only once.
-        self._kept: ObstacleSphereArray | bytes | None = None
-        self._stamp_ns = 0  # of what is kept
-        self._read: tuple[ObstacleSphereArray | bytes, Scene] | None = None
+        self._inertial_frame = inertial_frame
+        self._obstacles = _Newest(OBSTACLES, self._scene, now_ns)
+        self._target = _Newest(TARGET_BODY, self._seen_body, now_ns)
 
     def callbacks(self) -> dict[str, Callable[[Any], None]]:
         """Return what takes the next message of a topic, by the topic's name."""
-        return {OBSTACLES.name: self.keep}
+        return {OBSTACLES.name: self.keep, TARGET_BODY.name: self._target.keep}
 
     def keep(self, message: ObstacleSphereArray | bytes) -> None:
+        """Take the next obstacles, as they are or serialised: the newest count, valid or not."""
+        self._obstacles.keep(message)
+
+    def scene(self, own: ObstacleSphereArray | None = None) -> Scene:
+        """Return the obstacles: those that a request brings (`own`), or else those of the topic.
+
+        Raises:
+            InvalidInput: There are none, or they cannot be used.
+        """
+        scene = self._scene(own) if own is not None else self._obstacles.read()
+        if scene is None:
+            raise InvalidInput(
+                Status.NO_OBSTACLES,
+                "obstacles",
+                "missing",
+                "none were received yet; publish an empty array if the scene is free, "
+                "or give the request its obstacles",
+            )
+        return scene
+
+    def moving_scene(self, own: ObstacleSphereArray | None, now_ns: int, max_lead: float) -> Scene:
+        """Return what `scene` does; spheres that move have a stamp, not too far ahead of now.
+
+        Raises:
+            InvalidInput: As by `scene`, or they have not.
+        """
+        scene = self.scene(own)
+        if not any(sphere.moves for sphere in scene.spheres):
+            return scene
+        field, stamp_ns = "obstacles.header.stamp", scene.stamp_ns
+        if not stamp_ns and own is not None:
+            stamp_ns = now_ns
+        if not stamp_ns:
+            allowed = "it must say when the spheres that move were there"
+            raise InvalidInput(Status.OUT_OF_RANGE, field, 0, allowed)
+        # However long ago: they move uniformly.
+        require_current(field, stamp_ns, now_ns, math.inf, max_lead)
+        return Scene(scene.spheres, stamp_ns, scene.source)
+
+    def target_body(
+        self, own: TargetBodyMessage | None, now_ns: int, max_age: float, max_lead: float
+    ) -> SeenBody:
+        """Return the target body: that which a request brings (`own`), or else the topic's.
+
+        Without a stamp, `own` is as if it had been seen now.
+
+        Raises:
+            InvalidInput: There is none, or it cannot be used, or its stamp is too old, or too far
+                ahead of now.
+        """
+        seen = self._target.read() if own is None else self._seen_body(own, now_ns)
+        if seen is None:
+            raise InvalidInput(
+                Status.NO_TARGET_BODY,
+                TARGET_BODY.name,
+                "missing",
+                "none was received yet; publish it, or give the request its target_body",
+            )
+        field = f"{TARGET_BODY.name}.header.stamp"
+        require_current(field, seen.stamp_ns, now_ns, max_age, max_lead, _OF_TARGETS)
+        return seen
+
+    def _scene(self, message: ObstacleSphereArray) -> Scene:
+        stamp_ns = time_in_ns("obstacles.header.stamp", message.header.stamp)
+        spheres = spheres_from_message(message, self._inertial_frame)
+        return Scene(spheres, stamp_ns, message.source)
+
+    def _seen_body(self, message: TargetBodyMessage, otherwise_ns: int = 0) -> SeenBody:
+        stamp_ns = time_in_ns("target_body.header.stamp", message.header.stamp) or otherwise_ns
+        body = target_body_from_message(message, self._inertial_frame)
+        return SeenBody(body, stamp_ns, message.source)
+
+
+class _Newest(Generic[Seen]):
+    """The newest message of a topic, read when it is asked for.
+
+    Not before: thousands of spheres ten times a second would slow down the node. It is kept when
+    the clock jumps back, too: a scene is often published only once.
+    """
+
+    def __init__(
+        self, topic: InputTopic, read: Callable[[Any], Seen], now_ns: Callable[[], int]
+    ) -> None:
+        self._type, self._read, self._now_ns = topic.message_type, read, now_ns
+        self._lock = threading.Lock()
+        self._kept: Any = None
+        self._stamp_ns = 0  # of what is kept
+        self._last_read: tuple[Any, Seen] | None = None
+
+    def keep(self, message: Any) -> None:
         """Take the next message, as it is or serialised: the newest counts, valid or not.
 
-        A message with an older stamp than that of the scene comes late, and is left out. Without
+        A message with an older stamp than that of what is kept comes late, and is left out. Without
         a stamp, or with one that is ahead of now, no message is older than another.
         """
         if isinstance(message, bytes):
@@ -58,31 +169,18 @@ class SceneInput:
             if not 0 < stamp_ns < self._stamp_ns <= self._now_ns():
                 self._kept, self._stamp_ns = message, stamp_ns
 
-    def scene(self, own: ObstacleSphereArray | None = None) -> Scene:
-        """Return the obstacles: those that a request brings (`own`), or else those of the topic.
+    def read(self) -> Seen | None:
+        """Return what the newest message holds; None: there is none.
 
         Raises:
-            InvalidInput: There are none, or they cannot be used.
+            InvalidInput: It cannot be used.
         """
-        if own is not None:
-            return self._scene(own)
-        kept, read = self._kept, self._read
+        kept, read = self._kept, self._last_read
         if kept is None:
-            raise InvalidInput(
-                Status.NO_OBSTACLES,
-                "obstacles",
-                "missing",
-                "none were received yet; publish an empty array if the scene is free, "
-                "or give the request its obstacles",
-            )
+            return None
         if read is not None and read[0] is kept:
             return read[1]
         serialised = isinstance(kept, bytes)
-        scene = self._scene(deserialize_message(kept, ObstacleSphereArray) if serialised else kept)
-        self._read = kept, scene
-        return scene
-
-    def _scene(self, message: ObstacleSphereArray) -> Scene:
-        stamp_ns = time_in_ns("obstacles.header.stamp", message.header.stamp)
-        spheres = spheres_from_message(message, self._inertial_frame)
-        return Scene(spheres, stamp_ns, message.source)
+        seen = self._read(deserialize_message(kept, self._type) if serialised else kept)
+        self._last_read = kept, seen
+        return seen

@@ -40,6 +40,7 @@ from ff_planner_ros.ros.messages.from_odometry import (
 
 # A time this little beyond a limit is within it [s].
 _ROUNDING = 1e-6
+_OF_STATES = Status.STATE_TOO_OLD, Status.STATE_IN_FUTURE, "state_max_age"
 
 Part = TypeVar("Part")
 Chaser = TypeVar("Chaser")
@@ -122,24 +123,32 @@ class StateInput:
 
 
 def require_current(
-    field: str, stamp_ns: int, now_ns: int, max_age: float, max_lead: float
+    field: str,
+    stamp_ns: int,
+    now_ns: int,
+    max_age: float,
+    max_lead: float,
+    told: tuple[Status, Status, str] = _OF_STATES,
 ) -> None:
     """Refuse a stamp that is older than max_age or further ahead of now than max_lead [s].
+
+    Args:
+        told: The status of either, and the parameter that max_age is of.
 
     Raises:
         InvalidInput: It is.
     """
-    age = (now_ns - stamp_ns) / NANOSECONDS
+    age, (old, early, parameter) = (now_ns - stamp_ns) / NANOSECONDS, told
     if age > max_age + _ROUNDING:
         raise InvalidInput(
-            Status.STATE_TOO_OLD,
+            old,
             field,
             f"{age:.3f} s old",
-            f"it must be at most {max_age:g} s old (parameter state_max_age)",
+            f"it must be at most {max_age:g} s old (parameter {parameter})",
         )
     if -age > max_lead + _ROUNDING:
         raise InvalidInput(
-            Status.STATE_IN_FUTURE,
+            early,
             field,
             f"{-age:.3f} s ahead of now",
             f"it must be at most {max_lead:g} s ahead (parameter state_max_lead); "

@@ -4,27 +4,30 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import MISSING, fields
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ff_planner_ros.arrays import Array, finite_vector
+from ff_planner_ros.arrays import Array, finite_number, finite_vector
 from ff_planner_ros.bag.decoding import NANOSECONDS, nanoseconds
 from ff_planner_ros.bag.plans import trajectory_in
-from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.bag.target_bodies import NAMED_AS, target_body_in
+from ff_planner_ros.errors import InvalidInput, Status, fields_named
 from ff_planner_ros.parameters import NodeParameters
 from ff_planner_ros.planning.metrics import Metrics
 from ff_planner_ros.planning.plan import Plan, SolverReport
 from ff_planner_ros.planning.problem import (
     CONTACT_DISTANCE,
+    DurationRange,
     Objective,
     Orientation,
     PlanningProblem,
     Sphere,
     Target,
+    TargetBody,
+    with_attached_spheres,
 )
 from ff_planner_ros.planning.scenario import orientation_of, parametrisation_of
 from ff_planner_ros.robot.model import Robot
@@ -34,6 +37,7 @@ if TYPE_CHECKING:  # what is read may also be a message decoded where ROS is not
     from builtin_interfaces.msg import Time
     from ff_planner_msgs.msg import ChaserState, ObstacleSphere, ObstacleSphereArray, PlanMetrics
     from ff_planner_msgs.msg import SolverReport as SolverReportMessage
+    from ff_planner_msgs.msg import TargetBody as TargetBodyMessage
     from ff_planner_msgs.srv import PlanTrajectory
     from geometry_msgs.msg import Point, Quaternion, Vector3
 
@@ -49,14 +53,20 @@ def problem_from_request(
     start: SystemState,
     obstacles: tuple[Sphere, ...],
     parameters: NodeParameters,
+    body: TargetBody | None = None,
 ) -> PlanningProblem:
     """Build the problem of a request; its start state and obstacles are not looked at.
+
+    Args:
+        obstacles: At the plan's first point.
+        body: That is captured, then; None: the goal is the request's target pose.
 
     Raises:
         InvalidInput: A field of the request cannot be used; the error names it.
     """
-    target_frame = request.target_pose.header.frame_id
-    require_frame("target_pose.header.frame_id", target_frame, parameters.inertial_frame)
+    if body is None:
+        target_frame = request.target_pose.header.frame_id
+        require_frame("target_pose.header.frame_id", target_frame, parameters.inertial_frame)
     asked_attitude = request.limit_chaser_attitude
     most = parameters.limits.chaser_attitude or math.inf
     if not 0.0 <= asked_attitude <= most:
@@ -68,7 +78,7 @@ def problem_from_request(
             f"it must be greater than 0 rad{upper}; 0 stands for the parameter "
             "limits.chaser_attitude, which no request exceeds",
         )
-    named_as = {
+    named_as = NAMED_AS | {
         "target.position": "target_pose.pose.position",
         "target.quaternion_xyzw": "target_pose.pose.orientation",
         "target.linear_velocity": "target_twist.linear",
@@ -77,36 +87,73 @@ def problem_from_request(
         "target.free_axis": "free_axis",
         "objective.joint_path_length": "weight_joint_path_length",
         "objective.chaser_attitude": "weight_chaser_attitude",
-        "objective": "weight_joint_path_length and weight_chaser_attitude",
+        "objective.duration": "weight_duration",
+        "objective": "weight_joint_path_length, weight_chaser_attitude and weight_duration",
+        "duration.min": "duration",
+        "duration.max": "duration_max",
     }
-    # A message decoded from a bag of an earlier version has no such fields.
-    orientation = orientation_of("orientation", getattr(request, "orientation", "") or "fixed")
-    axis = xyz(request.free_axis) if hasattr(request, "free_axis") else np.zeros(3)
-    given = orientation is Orientation.ABOUT_AXIS or axis.any()
-    with _fields_named(named_as):
+    with fields_named(named_as):
+        duration, window = _duration(request)
         return PlanningProblem(
             robot=robot,
             start=start,
-            target=Target(
-                position=xyz(request.target_pose.pose.position),
-                quaternion_xyzw=xyzw(request.target_pose.pose.orientation),
-                linear_velocity=xyz(request.target_twist.linear),
-                angular_velocity=xyz(request.target_twist.angular),
-                orientation=orientation,
-                free_axis_in_ee=axis if given else None,
-            ),
-            duration=request.duration,
+            target=_target(request) if body is None else _grasp(request, body, duration),
+            duration=duration,
+            duration_range=window,
             points=request.points or parameters.points,
-            obstacles=obstacles,
+            obstacles=obstacles if body is None else with_attached_spheres(obstacles, body),
             objective=Objective(
                 joint_path_length=request.weight_joint_path_length,
                 chaser_attitude=request.weight_chaser_attitude,
+                duration=getattr(request, "weight_duration", 0.0),
             ),
             limits=parameters.limits.limits(asked_attitude),
             parametrisation=parametrisation_of(getattr(request, "parametrisation", "") or "auto"),
             allowed_at_goal=tuple(getattr(request, "allowed_at_goal", ())),
             contact_distance=getattr(request, "contact_distance", 0.0) or CONTACT_DISTANCE,
+            target_body=body,
         )
+
+
+def _target(request: PlanTrajectory.Request) -> Target:
+    """Return the target pose and twist of a request."""
+    orientation, axis = _orientation(request)
+    given = orientation is Orientation.ABOUT_AXIS or axis.any()
+    return Target(
+        position=xyz(request.target_pose.pose.position),
+        quaternion_xyzw=xyzw(request.target_pose.pose.orientation),
+        linear_velocity=xyz(request.target_twist.linear),
+        angular_velocity=xyz(request.target_twist.angular),
+        orientation=orientation,
+        free_axis_in_ee=axis if given else None,
+    )
+
+
+def _duration(request: PlanTrajectory.Request) -> tuple[float, DurationRange | None]:
+    """Return the duration and, where the planner is to choose one, its range, else None."""
+    shortest = finite_number("duration", request.duration, above=0.0)
+    # A message decoded from a bag of an earlier version has no such field.
+    longest = getattr(request, "duration_max", 0.0)
+    if longest == 0.0:
+        return shortest, None
+    window = DurationRange(shortest, longest)
+    return window.maximum, window
+
+
+def _grasp(request: PlanTrajectory.Request, body: TargetBody, duration: float) -> Target:
+    """Return the grasp of a body after a duration [s]."""
+    orientation, axis = _orientation(request)
+    if orientation is not Orientation.FIXED or axis.any():
+        allowed = "a capture has the grasp's orientation: it must be fixed or empty"
+        raise InvalidInput(Status.UNSUPPORTED, "orientation", request.orientation, allowed)
+    return body.target(duration)
+
+
+def _orientation(request: PlanTrajectory.Request) -> tuple[Orientation, Array]:
+    # A message decoded from a bag of an earlier version has no such fields.
+    orientation = orientation_of("orientation", getattr(request, "orientation", "") or "fixed")
+    axis = xyz(request.free_axis) if hasattr(request, "free_axis") else np.zeros(3)
+    return orientation, axis
 
 
 def time_in_ns(field: str, time: Time) -> int:
@@ -152,7 +199,7 @@ def state_from_message(
     if len(given := getattr(message, "joint_accelerations", ())):
         field = f"{source}.joint_accelerations"
         accelerations = finite_vector(field, list(given), robot.joints)[order]
-    with _fields_named(named_as):
+    with fields_named(named_as):
         return SystemState(
             position_chaser_in_inertial=xyz(message.pose.position),
             quaternion_chaser_to_inertial_xyzw=xyzw(message.pose.orientation),
@@ -164,11 +211,21 @@ def state_from_message(
         )
 
 
-def spheres_from_message(message: ObstacleSphereArray, inertial_frame: str) -> tuple[Sphere, ...]:
-    """Read the scene, which must be given in the inertial frame.
+def target_body_from_message(message: TargetBodyMessage, inertial_frame: str) -> TargetBody:
+    """Read a target body at its stamp, of topic or field `target_body`.
 
     Raises:
-        InvalidInput: A field of the message cannot be used, two spheres share an id, or one moves.
+        InvalidInput: A field of the message cannot be used; the error names it.
+    """
+    require_frame("target_body.header.frame_id", message.header.frame_id, inertial_frame)
+    return target_body_in(message)
+
+
+def spheres_from_message(message: ObstacleSphereArray, inertial_frame: str) -> tuple[Sphere, ...]:
+    """Read the scene at its stamp, which must be given in the inertial frame.
+
+    Raises:
+        InvalidInput: A field of the message cannot be used, two spheres share an id, or one turns.
     """
     require_frame("obstacles.header.frame_id", message.header.frame_id, inertial_frame)
     first: dict[str, int] = {}
@@ -196,6 +253,7 @@ def plan_from_response(response: PlanTrajectory.Response) -> Plan:
         family=getattr(response, "parametrisation", ""),
         metrics=metrics_from_message(response.metrics),
         solver=solver_report_from_message(response.solver),
+        duration=getattr(response, "duration", 0.0) or None,
     )
 
 
@@ -213,16 +271,6 @@ def metrics_from_message(message: PlanMetrics) -> Metrics:
 def solver_report_from_message(message: SolverReportMessage) -> SolverReport:
     """Read how the search went."""
     return SolverReport(**{one.name: getattr(message, one.name) for one in fields(SolverReport)})
-
-
-@contextmanager
-def _fields_named(named_as: Mapping[str, str]) -> Iterator[None]:
-    """Make errors name the message's fields instead of the planning objects' ones."""
-    try:
-        yield
-    except InvalidInput as error:
-        field = named_as.get(error.field, error.field)
-        raise InvalidInput(error.status, field, error.value, error.allowed) from None
 
 
 def require_frame(field: str, frame_id: str, allowed: str) -> None:
@@ -271,17 +319,24 @@ def _listed(names: list[str]) -> str:
 
 
 def _sphere(field: str, message: ObstacleSphere) -> Sphere:
-    twist = [*xyz(message.twist.linear).tolist(), *xyz(message.twist.angular).tolist()]
-    if finite_vector(f"{field}.twist", twist, 6).any():
+    turning = finite_vector(f"{field}.twist.angular", xyz(message.twist.angular), 3)
+    if turning.any():
         raise InvalidInput(
             Status.UNSUPPORTED,
-            f"{field}.twist",
-            twist,
-            "it must be zero, obstacles cannot move yet",
+            f"{field}.twist.angular",
+            turning.tolist(),
+            "it must be zero: nothing says what the sphere goes round; a body that turns, with all "
+            "that is fixed to it, is a target_body",
         )
+    parts = {"center": "center", "radius": "radius", "velocity": "twist.linear"}
     name = f"obstacles[{message.id}]"
-    with _fields_named({f"{name}.{part}": f"{field}.{part}" for part in ("center", "radius")}):
-        return Sphere(id=message.id, center=xyz(message.center), radius=message.radius)
+    with fields_named({f"{name}.{part}": f"{field}.{told}" for part, told in parts.items()}):
+        return Sphere(
+            id=message.id,
+            center=xyz(message.center),
+            radius=message.radius,
+            velocity=xyz(message.twist.linear),
+        )
 
 
 def xyz(message: Point | Vector3) -> Array:

@@ -18,38 +18,50 @@ from ff_planner_msgs.msg import (
     PlanStatus,
     SolverReport,
 )
+from ff_planner_msgs.msg import TargetBody as TargetBodyMessage
 from ff_planner_msgs.srv import PlanTrajectory
-from geometry_msgs.msg import Point, Pose, PoseStamped, Quaternion, Twist, Vector3
+from geometry_msgs.msg import Inertia, Point, Pose, PoseStamped, Quaternion, Twist, Vector3
 from nav_msgs.msg import Path
+from scipy.spatial.transform import Rotation
 from std_msgs.msg import Header
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from ff_planner_ros.arrays import Array
+from ff_planner_ros.arrays import Array, normalising_to
 from ff_planner_ros.bag.decoding import NANOSECONDS
-from ff_planner_ros.errors import FfPlannerError, NoPlanFound, Status
+from ff_planner_ros.errors import FfPlannerError, InvalidInput, NoPlanFound, Status
 from ff_planner_ros.planning.plan import Plan
-from ff_planner_ros.planning.problem import PlanningProblem, Sphere
+from ff_planner_ros.planning.problem import PlanningProblem, Sphere, TargetBody
 from ff_planner_ros.robot.state import SystemState
 
 
 def request_message(problem: PlanningProblem, inertial_frame: str) -> PlanTrajectory.Request:
-    """Write a problem as a request that starts from the latest published state and obstacles."""
+    """Write a problem as a request for the latest published state, obstacles and target body.
+
+    Raises:
+        InvalidInput: It asks for an approach, which requests have no field for.
+    """
+    if problem.approach is not None:
+        allowed = "a request to the node cannot ask for it"
+        raise InvalidInput(Status.UNSUPPORTED, "approach", "given", allowed)
     target, angle = problem.target, problem.limits.chaser_attitude
-    axis = target.free_axis_in_ee
+    axis, window = target.free_axis_in_ee, problem.duration_range
     return PlanTrajectory.Request(
         target_pose=PoseStamped(
             header=Header(frame_id=inertial_frame),
             pose=pose_message(target.position.tolist(), target.quaternion_xyzw.tolist()),
         ),
         target_twist=_twist(target.linear_velocity.tolist(), target.angular_velocity.tolist()),
-        duration=problem.duration,
+        duration=problem.duration if window is None else window.minimum,
+        duration_max=0.0 if window is None else window.maximum,
         weight_joint_path_length=problem.objective.joint_path_length,
         weight_chaser_attitude=problem.objective.chaser_attitude,
+        weight_duration=problem.objective.duration,
         points=problem.points,
         limit_chaser_attitude=angle if math.isfinite(angle) else 0.0,
         parametrisation=problem.parametrisation.value,
         allowed_at_goal=list(problem.allowed_at_goal),
         contact_distance=problem.contact_distance,
+        capture=problem.target_body is not None,
         orientation=target.orientation.value,
         free_axis=_vector(axis.tolist() if axis is not None else [0.0] * 3),
     )
@@ -90,20 +102,51 @@ def state_message(
 def obstacles_message(
     spheres: Sequence[Sphere], stamp_ns: int, inertial_frame: str
 ) -> ObstacleSphereArray:
-    """Write a scene of a time [ns] as a message."""
+    """Write a scene of a time [ns] as a message, without what is fixed to a target body."""
     return ObstacleSphereArray(
         header=Header(stamp=time_message(stamp_ns), frame_id=inertial_frame),
         spheres=[
-            ObstacleSphere(id=s.id, center=point_message(s.center.tolist()), radius=s.radius)
+            ObstacleSphere(
+                id=s.id,
+                center=point_message(s.center.tolist()),
+                radius=s.radius,
+                twist=_twist(s.velocity.tolist(), [0.0] * 3),
+            )
             for s in spheres
+            if s.body is None
+        ],
+    )
+
+
+def target_body_message(body: TargetBody, stamp_ns: int, inertial_frame: str) -> TargetBodyMessage:
+    """Write a target body of a time [ns] as a message, without loss."""
+    (xx, xy, xz), (_, yy, yz), (_, _, zz) = body.inertia.tolist()
+    return TargetBodyMessage(
+        header=Header(stamp=time_message(stamp_ns), frame_id=inertial_frame),
+        pose=_exact_pose(body.position, body.quaternion_xyzw),
+        twist=_twist(body.linear_velocity.tolist(), body.angular_velocity.tolist()),
+        inertia=Inertia(ixx=xx, ixy=xy, ixz=xz, iyy=yy, iyz=yz, izz=zz),
+        grasp=_exact_pose(body.grasp_position, body.grasp_quaternion_xyzw),
+        obstacles=[
+            ObstacleSphere(id=s.id, center=point_message(s.center.tolist()), radius=s.radius)
+            for s in body.obstacles
         ],
     )
 
 
 def response_from_plan(
-    plan: Plan, plan_id: str, start_ns: int, inertial_frame: str, solve_time: float
+    plan: Plan,
+    plan_id: str,
+    start_ns: int,
+    inertial_frame: str,
+    solve_time: float,
+    body: TargetBody | None = None,
 ) -> PlanTrajectory.Response:
-    """Build the response with a plan that starts at start_ns [ns] and took solve_time [s]."""
+    """Build the response with a plan that starts at start_ns [ns] and took solve_time [s].
+
+    Args:
+        body: That it captures, at its first point; None: none.
+    """
     motion = plan.trajectory
     offsets_ns = np.rint(motion.time * NANOSECONDS).astype(np.int64).tolist()
     headers = [
@@ -130,7 +173,7 @@ def response_from_plan(
             )
         ],
     )
-    return PlanTrajectory.Response(
+    response = PlanTrajectory.Response(
         status=PlanStatus(code=int(Status.SOLVED), message=plan.solver.stop_reason),
         plan_id=plan_id,
         joint_trajectory=joint_trajectory,
@@ -145,9 +188,16 @@ def response_from_plan(
         xi=plan.xi.tolist(),
         orientation_reading=plan.orientation_reading,
         parametrisation=plan.family,
+        duration=plan.duration or 0.0,
         metrics=PlanMetrics(**asdict(plan.metrics)),
         solver=SolverReport(solve_time=solve_time, **asdict(plan.solver)),
     )
+    if body is not None:
+        there = body.motion(np.zeros(3), motion.time)
+        turns = Rotation.from_matrix(there.rotations).as_quat()
+        response.predicted_target_path = _path(headers, there.positions, turns)
+        response.predicted_target_twists = _twists(*np.hsplit(there.twists, 2))
+    return response
 
 
 def response_from_error(
@@ -160,6 +210,7 @@ def response_from_error(
     status = PlanStatus(code=int(error.status), message=str(error))
     response = PlanTrajectory.Response(status=status, plan_id=plan_id)
     if isinstance(error, NoPlanFound) and isinstance(error.attempt, Plan):
+        response.duration = error.attempt.duration or 0.0
         response.metrics = PlanMetrics(**asdict(error.attempt.metrics))
         response.solver = SolverReport(solve_time=solve_time, **asdict(error.attempt.solver))
     return response
@@ -174,6 +225,10 @@ def pose_message(position: Sequence[float], quaternion_xyzw: Sequence[float]) ->
     """Return a position, shape (3,) [m], and a quaternion, shape (4,), as a message's pose."""
     x, y, z, w = quaternion_xyzw
     return Pose(position=point_message(position), orientation=Quaternion(x=x, y=y, z=z, w=w))
+
+
+def _exact_pose(position: Array, quaternion_xyzw: Array) -> Pose:
+    return pose_message(position.tolist(), normalising_to(quaternion_xyzw).tolist())
 
 
 def point_message(position: Sequence[float]) -> Point:

@@ -41,6 +41,9 @@ class NodeHealth:
     obstacles: int | None  # spheres in the scene; None if none was received
     obstacles_age: float  # of the scene [s]
     obstacles_refusal: str  # why the scene cannot be used; empty if it can
+    target_age: float | None  # of the newest target body [s]; None without any
+    target_max_age: float  # an older one cannot be captured [s]
+    target_refusal: str  # why the newest one cannot be used; empty if it can
     last: LastRequest | None  # None before the first request
     solve_times: Sequence[float]  # of the last answers [s]
     solver_is_warm: bool  # whether a plan can begin at once
@@ -56,6 +59,7 @@ def diagnostics(health: NodeHealth, node: str, stamp: Time) -> DiagnosticArray:
     parts = {
         "chaser state": _state(health),
         "obstacles": _obstacles(health),
+        "target body": _target_body(health),
         "last request": _last(health),
         "solver": _solver(health),
         "solve time": _solve_time(health),
@@ -103,6 +107,19 @@ def _obstacles(health: NodeHealth) -> _Part:
         return ERROR, f"cannot be planned around: {health.obstacles_refusal}", values
     spheres = f"{health.obstacles} sphere{'' if health.obstacles == 1 else 's'}"
     return OK, f"{spheres}, {health.obstacles_age:.1f} s old", values
+
+
+def _target_body(health: NodeHealth) -> _Part:
+    age, limit = health.target_age, health.target_max_age
+    if age is None:
+        return OK, "none received: only a request that brings one can capture it", {}
+    values = {"age [s]": f"{age:.1f}", "allowed age [s]": f"{limit:g}"}
+    if health.target_refusal:
+        return WARN, f"cannot be captured: {health.target_refusal}", values
+    if age > limit:
+        message = f"the newest is {age:.1f} s old, allowed are {limit:g} s: has its publisher died?"
+        return WARN, message, values
+    return OK, f"the newest is {age:.1f} s old", values
 
 
 def _last(health: NodeHealth) -> _Part:

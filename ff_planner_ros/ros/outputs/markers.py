@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -15,7 +15,7 @@ from ff_planner_ros.arrays import Array
 from ff_planner_ros.planning.clearance import arm_points
 from ff_planner_ros.planning.motion import from_trajectory
 from ff_planner_ros.planning.plan import Plan
-from ff_planner_ros.planning.problem import Sphere
+from ff_planner_ros.planning.problem import Sphere, TargetBody
 from ff_planner_ros.robot.box import uniform_box
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.ros.messages.to_messages import point_message, pose_message
@@ -27,6 +27,7 @@ _ARM_WIDTH, _PATH_WIDTH = 0.04, 0.015  # [m] seen well beside a chaser of one me
 # Okabe and Ito's colours, which colour-blind readers tell apart: red, green, blue, opacity.
 _OBSTACLE = (0.84, 0.37, 0.0, 0.5)
 _EE_PATH = (0.0, 0.45, 0.70, 1.0)
+_TARGET, _GRASP_PATH, _WAY = (0.94, 0.89, 0.26), (0.94, 0.89, 0.26, 1.0), _OBSTACLE
 _CHASER_PATH = (0.0, 0.62, 0.45, 1.0)
 _ARM, _CHASER = _EE_PATH[:3], _CHASER_PATH[:3]
 _BODIES, _NEAREST = (0.80, 0.47, 0.65), (0.84, 0.0, 0.0, 1.0)
@@ -34,16 +35,26 @@ _TEXT_HEIGHT = 0.08  # [m]
 
 
 def plan_markers(
-    robot: Robot, plan: Plan, obstacles: Sequence[Sphere], inertial_frame: str
+    robot: Robot,
+    plan: Plan,
+    obstacles: Sequence[Sphere],
+    inertial_frame: str,
+    body: TargetBody | None = None,
 ) -> MarkerArray:
     """Draw a plan and the obstacles that it was planned around, in the inertial frame.
 
     The first marker deletes all that were drawn before. Namespaces: `obstacles`,
     `end_effector_path`, `chaser_path`, `arm` and `chaser`; ids count from 0 in each, in the order
     of the spheres and of time. A robot with shapes has `bodies`, too, instead of the chaser's box
-    if the chaser has one of them; and `nearest`, a line and words where they come nearest.
+    if the chaser has one of them; and `nearest`, a line and words where they come nearest. An
+    obstacle that moves is drawn where it is at the first point, and its way is `obstacle_path`. Of
+    a body that is captured there are `grasp_path`, and in `target_body` the spheres that are fixed
+    to it, at the times of the arm.
+
+    Args:
+        body: That is captured, at the plan's first point; None: none.
     """
-    motion = plan.trajectory
+    motion, end = plan.trajectory, float(plan.trajectory.time[-1])
     shown = np.linspace(0, len(motion.time) - 1, SNAPSHOTS).round().astype(int)
     opacities = np.linspace(_FAINT, _SOLID, SNAPSHOTS).tolist()
     q, _ = from_trajectory(robot, motion)
@@ -60,7 +71,14 @@ def plan_markers(
         *(
             _solid("obstacles", Marker.SPHERE, s.center.tolist(), [2 * s.radius] * 3, _OBSTACLE)
             for s in obstacles
+            if s.body is None
         ),
+        *(
+            _line("obstacle_path", np.array([s.center, s.center + s.way(end)]), _PATH_WIDTH, _WAY)
+            for s in obstacles
+            if s.body is None and s.moves
+        ),
+        *(_target_body(body, motion.time, shown, opacities) if body is not None else ()),
         _line("end_effector_path", motion.ee_positions, _PATH_WIDTH, _EE_PATH),
         _line("chaser_path", motion.chaser_positions, _PATH_WIDTH, _CHASER_PATH),
         *(
@@ -84,6 +102,18 @@ def plan_markers(
         marker.header = Header(frame_id=inertial_frame)
         marker.id = ids[marker.ns] = ids.get(marker.ns, -1) + 1
     return MarkerArray(markers=markers)
+
+
+def _target_body(
+    body: TargetBody, times: Array, shown: Array, opacities: Sequence[float]
+) -> Iterator[Marker]:
+    """Draw the way of a body's grasp, and what is fixed to it at some of the times."""
+    yield _line("grasp_path", body.grasp(times).positions, _PATH_WIDTH, _GRASP_PATH)
+    centers = np.array([sphere.center for sphere in body.obstacles]).reshape(-1, 3)
+    for places, opacity in zip(body.places(centers, times[shown]), opacities, strict=True):
+        for sphere, place in zip(body.obstacles, places.tolist(), strict=True):
+            colour, edges = (*_TARGET, opacity), [2 * sphere.radius] * 3
+            yield _solid("target_body", Marker.SPHERE, place, edges, colour)
 
 
 def _solid(

@@ -23,7 +23,7 @@ from visualization_msgs.msg import MarkerArray
 from ff_planner_ros.bag.decoding import nanoseconds
 from ff_planner_ros.parameters import NodeParameters
 from ff_planner_ros.planning.plan import Plan, Trajectory
-from ff_planner_ros.planning.problem import Sphere
+from ff_planner_ros.planning.problem import Sphere, TargetBody
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.ros.inputs.state_input import Snapshot
 from ff_planner_ros.ros.messages.to_messages import time_message
@@ -40,6 +40,7 @@ class PublishedPlan:
     plan_id: str
     trajectory: Trajectory
     start_ns: int
+    target_body: TargetBody | None = None  # that it captures, at its first point; None: none
 
 
 class PlanOutput:
@@ -63,6 +64,13 @@ class PlanOutput:
                 (PoseStamped, "predicted_chaser_pose"),
             )
         )
+        # What is told of a target body is told as the same of the chaser is.
+        self._target_path = self._publisher(
+            Path, "predicted_target_path", qos_profile(qos.predicted_chaser_path)
+        )
+        self._relative_pose = self._publisher(
+            PoseStamped, "predicted_relative_pose", qos_profile(qos.predicted_chaser_pose)
+        )
         # Who hears the trajectory can also hear whose it is.
         self._published_plan = self._publisher(
             PublishedPlanMessage, "published_plan", qos_profile(qos.joint_trajectory)
@@ -85,6 +93,7 @@ class PlanOutput:
         for_controller: JointTrajectory,
         asked_by: str,
         end_behaviour: str,
+        body: TargetBody | None = None,
     ) -> None:
         """Publish what controllers and executives wait for."""
         self._trajectory.publish(for_controller)
@@ -99,12 +108,16 @@ class PlanOutput:
             )
         )
         self._path.publish(response.predicted_chaser_path)
+        if body is not None:
+            self._target_path.publish(response.predicted_target_path)
         start_ns = nanoseconds(for_controller.header.stamp)
-        self.published = PublishedPlan(response.plan_id, plan.trajectory, start_ns)
+        self.published = PublishedPlan(response.plan_id, plan.trajectory, start_ns, body)
 
-    def show(self, plan: Plan, obstacles: tuple[Sphere, ...]) -> None:
+    def show(
+        self, plan: Plan, obstacles: tuple[Sphere, ...], body: TargetBody | None = None
+    ) -> None:
         """Publish what screens show."""
-        self._markers.publish(plan_markers(self._robot, plan, obstacles, self._frame))
+        self._markers.publish(plan_markers(self._robot, plan, obstacles, self._frame, body))
         self._preview = self._played(preview_joint_states(plan, self._rates.preview))
 
     def stream(self, measured: Snapshot | None) -> None:
@@ -117,6 +130,12 @@ class PlanOutput:
         pose = prediction.predicted_chaser_pose(motion, start_ns, now_ns, self._frame)
         if pose is not None:
             self._pose.publish(pose)
+        if running.target_body is not None:
+            relative = prediction.predicted_relative_pose(
+                motion, start_ns, now_ns, running.target_body
+            )
+            if relative is not None:
+                self._relative_pose.publish(relative)
         if measured is None:
             return
         error = prediction.tracking_error(motion, start_ns, measured.state, measured.stamp_ns)

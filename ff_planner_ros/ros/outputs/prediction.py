@@ -13,8 +13,12 @@ from ff_planner_ros.analysis.tracking import planned_poses
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.bag.decoding import NANOSECONDS
 from ff_planner_ros.planning.plan import Trajectory
+from ff_planner_ros.planning.target_body import TargetBody
 from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.ros.messages.to_messages import pose_message, time_message
+
+# The frame_id of poses that are told in the target body's grasp.
+GRASP_FRAME = "target_grasp"
 
 
 class FramePose(NamedTuple):
@@ -55,6 +59,29 @@ def predicted_chaser_pose(
     return PoseStamped(
         header=Header(stamp=time_message(time_ns), frame_id=inertial_frame),
         pose=pose_message(pose.position.tolist(), pose.rotation.as_quat().tolist()),
+    )
+
+
+def predicted_relative_pose(
+    trajectory: Trajectory, start_ns: int, time_ns: int, body: TargetBody
+) -> PoseStamped | None:
+    """Return where the end effector is to the grasp at time_ns [ns], its stamp; None: no plan then.
+
+    Its frame is the grasp: at the capture the position is zero and the quaternion that of no turn.
+
+    Args:
+        body: At the plan's first point.
+    """
+    time = (time_ns - start_ns) / NANOSECONDS
+    ee = predicted_pose(trajectory, "ee", time)
+    if ee is None:
+        return None
+    grasp = body.grasp(np.array([time]))
+    attitude = Rotation.from_matrix(grasp.rotations[0]).inv()
+    way = attitude.apply(ee.position - grasp.positions[0])
+    return PoseStamped(
+        header=Header(stamp=time_message(time_ns), frame_id=GRASP_FRAME),
+        pose=pose_message(way.tolist(), (attitude * ee.rotation).as_quat().tolist()),
     )
 
 

@@ -125,6 +125,8 @@ def _topics(node: Node, parameters: NodeParameters) -> list[RecordedTopic]:
         ("published_plan", PublishedPlan, qos_profile(qos.joint_trajectory)),
         ("predicted_chaser_path", PathMsg, qos_profile(qos.predicted_chaser_path)),
         ("predicted_chaser_pose", PoseStamped, qos_profile(qos.predicted_chaser_pose)),
+        ("predicted_target_path", PathMsg, qos_profile(qos.predicted_chaser_path)),
+        ("predicted_relative_pose", PoseStamped, qos_profile(qos.predicted_chaser_pose)),
         ("tracking_error", TrackingError, STREAM_QOS),
         ("markers", MarkerArray, LATCHED_QOS),
         ("planned_joint_states", JointState, STREAM_QOS),

@@ -276,9 +276,11 @@ class PlanningService:
         finally:
             self.solve_times.append(time.perf_counter() - begun)
 
+        body = asked.task.problem.target_body
+
         def write() -> tuple[PlanTrajectory.Response, JointTrajectory]:
             elapsed, frame = time.perf_counter() - begun, parameters.inertial_frame
-            written = response_from_plan(plan, job.plan_id, asked.start_ns, frame, elapsed)
+            written = response_from_plan(plan, job.plan_id, asked.start_ns, frame, elapsed, body)
             takes_torques = parameters.controller.effort_interface
             return written, controller_message(written.joint_trajectory, takes_torques)
 
@@ -297,6 +299,7 @@ class PlanningService:
             asked.task.end_behaviour,
             asked.task.problem.obstacles,
             parameters,
+            body,
         )
         asked_by = asked.asked_by or door
         job.seal()
@@ -318,12 +321,12 @@ class PlanningService:
 
     def _log_solved(self, response: PlanTrajectory.Response, what: str, asked_by: str) -> None:
         metrics, solver = response.metrics, response.solver
+        near = ", ".join(f"{label} {words}" for label, words in _clearances(response).items())
         self._logger.info(
             f"{response.plan_id}: SOLVED: joint path {metrics.joint_path_length:.4f} rad, "
             f"largest attitude {math.degrees(metrics.max_chaser_euler):.2f} deg, "
-            f"clearance {metrics.min_clearance * 1e3:.1f} mm, "
-            f"self-clearance {metrics.min_self_clearance * 1e3:.1f} mm, "
-            f"{solver.iterations} iterations, {solver.solve_time:.2f} s; {what} by {asked_by}"
+            f"{near}, {solver.iterations} iterations, {solver.solve_time:.2f} s; "
+            f"{what} by {asked_by}"
         )
 
 

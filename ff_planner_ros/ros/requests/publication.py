@@ -106,9 +106,13 @@ class Publication:
         with self._lock:
             self._require_open()
             behaviour = made.end_behaviour
-            self._output.publish(made.plan, response, for_controller, asked_by, behaviour)
+            self._output.publish(
+                made.plan, response, for_controller, asked_by, behaviour, made.target_body
+            )
         executor: Any = self._node.executor
-        executor.create_task(partial(self._output.show, made.plan, made.obstacles))
+        executor.create_task(
+            partial(self._output.show, made.plan, made.obstacles, made.target_body)
+        )
 
     def _serve(
         self, request: PublishPlan.Request, response: PublishPlan.Response
@@ -138,7 +142,9 @@ class Publication:
             require_same_start(made, request, knowledge)
         # Thousands of points take a second, in which others may publish or forget.
         frame = made.parameters.inertial_frame
-        response = response_from_plan(made.plan, made.plan_id, made.start_ns, frame, 0.0)
+        response = response_from_plan(
+            made.plan, made.plan_id, made.start_ns, frame, 0.0, made.target_body
+        )
         takes_torques = knowledge.parameters.controller.effort_interface
         for_controller = controller_message(response.joint_trajectory, takes_torques)
         with self._lock:

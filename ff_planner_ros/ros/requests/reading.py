@@ -9,13 +9,15 @@ from ff_planner_msgs.srv import PlanTrajectory, PublishPlan
 
 from ff_planner_ros.arrays import finite_number
 from ff_planner_ros.bag.decoding import NANOSECONDS, nanoseconds
-from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.bag.target_bodies import NAMED_AS
+from ff_planner_ros.errors import InvalidInput, Status, fields_named
 from ff_planner_ros.parameters import NodeParameters
 from ff_planner_ros.planning.joint_motion import JointMotion, joint_motion
+from ff_planner_ros.planning.problem import TargetBody, carried_spheres
 from ff_planner_ros.planning.tail import EndBehaviour
 from ff_planner_ros.planning.task import PlanningTask
 from ff_planner_ros.robot.model import Robot
-from ff_planner_ros.ros.inputs.scene_input import SceneInput
+from ff_planner_ros.ros.inputs.scene_input import SceneInput, SeenBody
 from ff_planner_ros.ros.inputs.state_input import Snapshot, StateInput, require_current
 from ff_planner_ros.ros.messages.from_messages import (
     MAX_MESSAGE_SECONDS,
@@ -37,7 +39,7 @@ class Knowledge:
     robot: Robot
     parameters: NodeParameters  # for what the request leaves open
     states: StateInput  # for the state that the request does not bring
-    scenes: SceneInput  # for the obstacles that the request does not bring
+    scenes: SceneInput  # for obstacles and target body that the request does not bring
     published: PublishedPlan | None  # the last plan, which the arm may be following
     now_ns: int  # [ns]
 
@@ -52,6 +54,8 @@ class Provenance:
     joint_states_stamp_ns: int = 0  # of the joint states with odometry; zero: none [ns]
     obstacles_stamp_ns: int = 0  # [ns]
     obstacles_source: str = ""  # as their message says
+    target_body_stamp_ns: int = 0  # zero: none is captured [ns]
+    target_body_source: str = ""  # as its message says
     following: str = ""  # id of the plan that the joints follow until the start; empty: none
     task_digest: str = ""  # empty: there is no task
     geometry: str = ""  # what of the robot is kept clear; empty: the request was not read
@@ -112,16 +116,28 @@ def read_request(request: PlanTrajectory.Request, knowledge: Knowledge) -> ReadR
         if not nanoseconds(request.start_time):  # checked by `_start_time`
             start_ns = max(start_ns, measured.stamp_ns)
         _require_after_state(start_ns, measured.stamp_ns)
-        scene = knowledge.scenes.scene(request.obstacles if request.use_obstacles else None)
+        own = request.obstacles if request.use_obstacles else None
+        scene = knowledge.scenes.moving_scene(own, knowledge.now_ns, parameters.state_max_lead)
         provenance = replace(
             provenance, obstacles_stamp_ns=scene.stamp_ns, obstacles_source=scene.source
         )
+        seen = _seen_body(request, knowledge) if request.capture else None
+        if seen is not None:
+            provenance = replace(
+                provenance, target_body_stamp_ns=seen.stamp_ns, target_body_source=seen.source
+            )
         problem = problem_from_request(
-            request, knowledge.robot, measured.state, scene.spheres, parameters
+            request,
+            knowledge.robot,
+            measured.state,
+            carried_spheres(scene.spheres, (start_ns - scene.stamp_ns) / NANOSECONDS),
+            parameters,
+            None if seen is None else _carried(seen, start_ns),
         )
         tail = 0.0 if end_behaviour is EndBehaviour.AS_PLANNED else parameters.tail_duration
         if start_ns / NANOSECONDS + tail + problem.duration > MAX_MESSAGE_SECONDS:
-            field, allowed = "duration", "the plan must end before 2038"
+            field = "duration" if problem.duration_range is None else "duration_max"
+            allowed = "the plan must end before 2038"
             raise InvalidInput(Status.OUT_OF_RANGE, field, problem.duration, allowed)
         running = motion_until_start(knowledge, measured, start_ns)
         if knowledge.published is not None and running is not None:
@@ -181,6 +197,20 @@ def motion_until_start(
     if published is None or published.start_ns == start_ns:
         return None
     return _running(published, measured, knowledge.parameters.following_tolerance)
+
+
+def _seen_body(request: PlanTrajectory.Request, knowledge: Knowledge) -> SeenBody:
+    """Return the target body that a request brings, or else the latest one."""
+    parameters = knowledge.parameters
+    limits = (knowledge.now_ns, parameters.target_max_age, parameters.state_max_lead)
+    own = request.target_body if request.use_target_body else None
+    return knowledge.scenes.target_body(own, *limits)
+
+
+def _carried(seen: SeenBody, start_ns: int) -> TargetBody:
+    """Return a target body at a time [ns]: nothing acts on it until then."""
+    with fields_named(NAMED_AS):
+        return seen.body.after((start_ns - seen.stamp_ns) / NANOSECONDS)
 
 
 def _require_after_state(start_ns: int, stamp_ns: int) -> None:

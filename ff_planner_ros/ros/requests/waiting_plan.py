@@ -15,7 +15,7 @@ from ff_planner_ros.errors import NoPlanFound, Status
 from ff_planner_ros.parameters import NodeParameters
 from ff_planner_ros.planning.forward import carried_forward
 from ff_planner_ros.planning.plan import Plan, Trajectory
-from ff_planner_ros.planning.problem import Sphere
+from ff_planner_ros.planning.problem import Sphere, TargetBody
 from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.ros.parameters import stricter_since
 from ff_planner_ros.ros.requests.reading import Knowledge, measured_state, motion_until_start
@@ -32,8 +32,9 @@ class MadePlan:
     plan: Plan
     start_ns: int  # time of its first point [ns]
     end_behaviour: str
-    obstacles: tuple[Sphere, ...]  # that it avoids
+    obstacles: tuple[Sphere, ...]  # that it avoids, at its first point
     parameters: NodeParameters  # that it was checked by
+    target_body: TargetBody | None = None  # that it captures, at its first point; None: none
 
 
 def require_same_rules(made: MadePlan, parameters: NodeParameters) -> None:

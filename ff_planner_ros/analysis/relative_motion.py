@@ -1,0 +1,46 @@
+"""How the end effector comes to the grasp of a target body, as the body sees it."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from ff_planner_ros.analysis.panels import Quantity
+from ff_planner_ros.arrays import Array
+from ff_planner_ros.planning.plan import Trajectory
+from ff_planner_ros.planning.target_body import TargetBody
+
+
+def relative_motion(body: TargetBody) -> tuple[Quantity, Quantity]:
+    """Return place and velocity of the end effector in the grasp's frame, which moves.
+
+    Args:
+        body: At the plans' first point.
+    """
+
+    def place(motion: Trajectory) -> Array:
+        return _seen(body, motion)[0]
+
+    def velocity(motion: Trajectory) -> Array:
+        return _seen(body, motion)[1]
+
+    axes = ("x", "y", "z")
+    return (
+        Quantity("Place, as the grasp sees it", tuple(f"${axis}$ [m]" for axis in axes), place),
+        Quantity(
+            "Velocity, as the grasp sees it",
+            tuple(f"$v_{axis}$ [m/s]" for axis in axes),
+            velocity,
+        ),
+    )
+
+
+def _seen(body: TargetBody, motion: Trajectory) -> tuple[Array, Array]:
+    """Return places and velocities in the grasp's axes, each of shape (points, 3)."""
+    grasp = body.grasp(motion.time)
+    way = motion.ee_positions - grasp.positions
+    linear, turning = np.hsplit(grasp.twists, 2)
+    # Against the body's point where the end effector is.
+    speed = motion.ee_linear_velocities - linear - np.cross(turning, way)
+    to_grasp = Rotation.from_matrix(grasp.rotations).inv()
+    return np.asarray(to_grasp.apply(way)), np.asarray(to_grasp.apply(speed))

@@ -1,0 +1,55 @@
+// Spheres that rest, move uniformly, or are fixed to a body that turns freely.
+#pragma once
+#include <algorithm>
+#include <memory>
+#include <vector>
+
+#include "spatial.hpp"
+
+namespace ff {
+
+// A body that nothing acts on: its quaternion (x, y, z, w) by Taylor series, one after the other.
+struct TumblingBody {
+  using Series = Eigen::Matrix<double, Eigen::Dynamic, 4, Eigen::RowMajor>;  // a row an order
+
+  Vector3 position, velocity;  // of its centre of mass; the position when the plan begins
+  std::vector<double> begins;  // of each series [s]
+  std::vector<Series> series;
+
+  // Of a point in the body's axes, from its centre of mass.
+  Vector3 place(const Vector3& point, double time) const {
+    const auto next = std::upper_bound(begins.begin() + 1, begins.end(), time);
+    const auto number = next - begins.begin() - 1;
+    const Series& terms = series[number];
+    Eigen::Matrix<double, 1, 4> q = terms.row(terms.rows() - 1);
+    for (auto k = terms.rows() - 2; k >= 0; --k) q = q * (time - begins[number]) + terms.row(k);
+    const Vector3 axis = q.head<3>().transpose();
+    const Vector3 across = axis.cross(point);
+    return position + time * velocity + point +
+           2 / q.squaredNorm() * (q[3] * across + axis.cross(across));
+  }
+};
+
+struct Sphere {
+  Vector3 center, velocity;  // when the plan begins; from then on, unless it is fixed to a body
+  double radius;
+  double highest_speed;                      // that its centre never exceeds [m/s]
+  std::shared_ptr<const TumblingBody> body;  // none: it moves uniformly
+  Vector3 place;                             // in that body
+
+  Vector3 center_at(double time) const {
+    return body ? body->place(place, time) : center + time * velocity;
+  }
+
+  // The box around its centre at all of some times.
+  Eigen::AlignedBox3d way(const double* times, size_t count) const {
+    const auto [first, last] = std::minmax_element(times, times + count);
+    const Vector3 begin = center_at(*first), end = center_at(*last);
+    Eigen::AlignedBox3d box(begin.cwiseMin(end), begin.cwiseMax(end));
+    if (body)  // it may have swung by meanwhile
+      for (size_t i = 0; i < count; ++i) box.extend(center_at(times[i]));
+    return box;
+  }
+};
+
+}  // namespace ff

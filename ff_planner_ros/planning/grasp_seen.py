@@ -1,0 +1,54 @@
+"""What the grasp of a problem sees, where it is at each moment.
+
+It is that of a target body, or a target that goes on with the velocity and the turn rate that it
+has at the goal: one that rests stays where it is, in every inertial frame.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+from scipy.spatial.transform import Rotation
+
+from ff_planner_ros.arrays import Array
+from ff_planner_ros.planning.problem import PlanningProblem
+
+
+class GraspSeen:
+    """Points in the grasp's frame, one at each of some times."""
+
+    def __init__(self, problem: PlanningProblem, times: Array) -> None:
+        """Work out where the grasp is at times from the plan's first point on, (times,) [s]."""
+        body, target = problem.target_body, problem.target
+        # On a table the height does not count.
+        self._counts = np.isin(range(3), problem.robot.base.rows).astype(np.float64)
+        if body is not None:
+            motion = body.grasp(times)
+            self._positions, self._rotations = motion.positions, motion.rotations
+            self._twists = motion.twists
+            return
+        later = times - problem.duration
+        turned = Rotation.from_rotvec(np.outer(later, target.angular_velocity))
+        at_goal = pin.Quaternion(target.quaternion_xyzw).toRotationMatrix()
+        self._positions = target.position + np.outer(later, target.linear_velocity)
+        self._rotations = turned.as_matrix() @ at_goal
+        twist = np.concatenate([target.linear_velocity, target.angular_velocity])
+        self._twists = np.broadcast_to(twist, (len(times), 6))
+
+    def _here(self, vectors: Array) -> Array:
+        seen: Array = np.einsum("pji,pj->pi", self._rotations, self._counts * vectors)
+        return seen
+
+    def sees(self, points: Array) -> Array:
+        """Return where points are, one at each time. Shape (times, 3) [m]."""
+        return self._here(points - self._positions)
+
+    def sees_moving(self, points: Array, velocities: Array) -> Array:
+        """Return how fast points move, one at each time. Shape (times, 3) [m/s]."""
+        carried = np.cross(self._twists[:, 3:], points - self._positions)
+        return self._here(velocities - self._twists[:, :3] - carried)
+
+    def in_inertial(self, gradients: Array) -> Array:
+        """Return gradients by places as those by points of the inertial frame. (times, 3)."""
+        turned: Array = self._counts * np.einsum("pij,pj->pi", self._rotations, gradients)
+        return turned

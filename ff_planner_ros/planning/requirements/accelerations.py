@@ -1,0 +1,28 @@
+"""Joint accelerations at the points of a path, as the search sees them.
+
+The search has derivatives of positions and rates. The quintic through both at a point and at its
+neighbours says the acceleration there, exactly for quintics and to the fourth order of the step for
+other motions. It is a sum of positions and rates, and so its derivative is the same sum.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ff_planner_ros.arrays import Array
+
+
+def accelerations_at_points(positions: Array, rates: Array, step: float) -> Array:
+    """Return the second derivatives of positions, or of their derivatives by something.
+
+    Args:
+        positions: At three points or more. Shape (points, ...).
+        rates: Their derivatives by time. Shape (points, ...).
+        step: Time from point to point [s].
+    """
+    way, rate = positions / step**2, rates / step
+    inside = 2 * (way[2:] - 2 * way[1:-1] + way[:-2]) - (rate[2:] - rate[:-2]) / 2
+    of_way, of_rate = np.array([-11.5, 8.0, 3.5]), np.array([6.0, 8.0, 1.0])
+    first = np.tensordot(of_way, way[:3], 1) - np.tensordot(of_rate, rate[:3], 1)
+    last = np.tensordot(of_way, way[:-4:-1], 1) + np.tensordot(of_rate, rate[:-4:-1], 1)
+    return np.concatenate([first[None], inside, last[None]])

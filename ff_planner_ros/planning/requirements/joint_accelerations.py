@@ -1,0 +1,111 @@
+"""The joints accelerate within limits, where the problem sets any: a URDF has none."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from ff_planner_ros.arrays import Array
+from ff_planner_ros.errors import Failure, InvalidInput, Status
+from ff_planner_ros.planning.followed import FollowedMotion
+from ff_planner_ros.planning.joint_motion import JointMotion
+from ff_planner_ros.planning.metrics import Metrics
+from ff_planner_ros.planning.path_family import Motion, Sensitivity
+from ff_planner_ros.planning.problem import PlanningProblem
+from ff_planner_ros.planning.requirements.accelerations import accelerations_at_points
+from ff_planner_ros.planning.requirements.requirement import (
+    ALLOWED_EXCESS,
+    LIMIT_TOLERANCE,
+    Requirement,
+    Rows,
+    Samples,
+    within,
+)
+from ff_planner_ros.planning.settings import PlannerSettings
+
+# An acceleration that is further from its limit than this part of it cannot reach it in one step of
+# the solver.
+_OF_INTEREST = 0.4
+# Between 50 points accelerations rise above those at the points by less, in parts of their limits.
+_MARGIN = 1e-3
+
+
+class JointAccelerations(Requirement):
+    """The joints stay within the acceleration limits of the problem, between the points too."""
+
+    name = "joint_accelerations"
+
+    def refuse_start(
+        self, problem: PlanningProblem, q_start: Array, settings: PlannerSettings
+    ) -> None:
+        """Refuse a start that accelerates a joint too much."""
+        limits, accelerations = _limits(problem), problem.start.joint_accelerations
+        if limits is None or accelerations is None:
+            return
+        joint = int((np.abs(accelerations) / limits).argmax())
+        if np.abs(accelerations[joint]) > (1.0 + ALLOWED_EXCESS) * limits[joint]:
+            raise InvalidInput(
+                Status.START_OUTSIDE_LIMITS,
+                f"joints.acceleration[{problem.robot.joint_names[joint]}]",
+                f"{accelerations[joint]:.6f} rad/s2",
+                f"it must be at most {limits[joint]:.6f} rad/s2 either way, limits.acceleration",
+            )
+
+    def margin(self, problem: PlanningProblem, settings: PlannerSettings) -> float:
+        """Return how far from the limits the search stays, in parts of them."""
+        return _MARGIN
+
+    def rows(
+        self, problem: PlanningProblem, motion: Motion, sensitivity: Sensitivity, margin: float
+    ) -> Rows | None:
+        """Return the distances of interest to the limits at the points, in parts of them."""
+        limits = _limits(problem)
+        if limits is None:
+            return None
+        step = problem.duration / (len(motion.q) - 1)
+        parts = accelerations_at_points(motion.q[:, 7:], motion.v[:, 6:], step) / limits
+        of_q, of_v = sensitivity.q[:, 6:], sensitivity.v[:, 6:]
+        by_x = accelerations_at_points(of_q, of_v, step) / limits[:, None]
+        most = 1.0 - np.clip(1.0 - np.abs(parts[0]), 0.0, margin)
+        return within(parts[1:], by_x[1:], -most, most, _OF_INTEREST)
+
+    def slack(self, problem: PlanningProblem, motion: FollowedMotion) -> float:
+        """Return how far the accelerations stay from their limits, in parts of them."""
+        limits = _limits(problem)
+        if limits is None:
+            return np.inf
+        distances, _ = _distances(limits, motion.joints)
+        return float(((distances + LIMIT_TOLERANCE) / limits).min())
+
+    def failures(self, samples: Samples, metrics: Metrics) -> Iterator[Failure]:
+        """Yield the joint whose acceleration exceeds its limit by most."""
+        limits = _limits(samples.problem)
+        if limits is None:
+            return
+        distances, times = _distances(limits, samples.followed.joints)
+        parts = (distances + LIMIT_TOLERANCE) / limits
+        if parts.min() >= -ALLOWED_EXCESS:
+            return
+        side, joint = np.unravel_index(parts.argmin(), parts.shape)
+        excess = -distances[side, joint]
+        acceleration = (limits[joint] + excess) * (1.0 if side else -1.0)
+        yield Failure(
+            Status.LIMIT_VIOLATED,
+            f"joint {samples.problem.robot.joint_names[joint]} accelerates by "
+            f"{acceleration:.4g} rad/s2, {excess:.3g} rad/s2 more than its limit of "
+            f"{limits[joint]:.4g} rad/s2, at {samples.at(times[side, joint])}",
+            ("a longer duration", "a larger limits.acceleration", "more planner.starts"),
+        )
+
+
+def _limits(problem: PlanningProblem) -> Array | None:
+    """Return the largest acceleration of each joint [rad/s2]; None: any."""
+    limits = problem.limits.joint_accelerations
+    return None if limits is None else np.array(limits)
+
+
+def _distances(limits: Array, joints: JointMotion) -> tuple[Array, Array]:
+    """Return how near each joint comes to its limit either way, and when, of shape (2, joints)."""
+    (lowest, highest), times = joints.extremes(order=2)
+    return np.array([limits + lowest, limits - highest]), times

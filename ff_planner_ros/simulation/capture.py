@@ -1,0 +1,91 @@
+"""The target body in the engine: how the end effector is to its grasp when it captures the body.
+
+The body is a second free body that nothing acts on. Until it is captured it touches nothing, so it
+is moved in a model of its own; the robot's stays as it is.
+"""
+
+from __future__ import annotations
+
+from dataclasses import astuple, dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from ff_planner_ros.arrays import Array
+from ff_planner_ros.planning.target_body import TargetBody
+from ff_planner_ros.simulation.engine import mujoco
+from ff_planner_ros.simulation.execution import Execution
+
+# In one step of the engine's RK4 the body turns no further [rad]; it takes so many steps at least.
+_STEP_TURN, _LEAST_STEPS = 0.005, 100
+
+
+@dataclass(frozen=True)
+class Capture:
+    """How the end effector is to the grasp, and moves to it, when the plan captures the body."""
+
+    position_error: float  # [m]
+    orientation_error: float  # [rad]
+    linear_speed: float  # of the end effector as the grasp sees it [m/s]
+    angular_speed: float  # [rad/s]
+
+
+# As much as the planner's check allows a plan to miss its target, and so much in a second.
+ALLOWED_AT_CAPTURE = Capture(1e-3, np.deg2rad(0.05), 1e-3, np.deg2rad(0.05))
+
+
+def is_soft(found: Capture) -> bool:
+    """Tell whether a capture is within what is allowed."""
+    pairs = zip(astuple(found), astuple(ALLOWED_AT_CAPTURE), strict=True)
+    return all(value <= allowed for value, allowed in pairs)
+
+
+def capture(body: TargetBody, time: float, execution: Execution) -> Capture:
+    """Return how an execution captures a body, both in one inertial frame.
+
+    Args:
+        time: Of the capture, from the plan's first point on; one of the execution's [s].
+    """
+    at = int(np.abs(execution.time - time).argmin())
+    if not np.isfinite(execution.ee_positions[at]).all():
+        return Capture(np.nan, np.nan, np.nan, np.nan)
+    position, attitude, twist = moved_in_engine(body, float(execution.time[at]))
+    grasp_attitude = attitude * Rotation.from_quat(body.grasp_quaternion_xyzw.copy())
+    lever = attitude.apply(body.grasp_position.copy())
+    way = execution.ee_positions[at] - (position + lever)
+    turn = Rotation.from_quat(execution.ee_quaternions_xyzw[at].copy()) * grasp_attitude.inv()
+    linear, angular = np.split(execution.ee_twists[at], 2)
+    # Of the body's point where the end effector is.
+    there = twist[:3] + np.cross(twist[3:], lever + way)
+    return Capture(
+        position_error=float(np.linalg.norm(way)),
+        orientation_error=float(turn.magnitude()),
+        linear_speed=float(np.linalg.norm(linear - there)),
+        angular_speed=float(np.linalg.norm(angular - twist[3:])),
+    )
+
+
+def moved_in_engine(body: TargetBody, time: float) -> tuple[Array, Rotation, Array]:
+    """Return where the engine moves a body in a time [s]: centre of mass, attitude and twist."""
+    # MuJoCo refuses moments that are far from its own units; only their ratios matter.
+    moments, axes = np.linalg.eigh(body.inertia / np.trace(body.inertia))
+    axes[:, 0] *= np.linalg.det(axes)
+    to_body = Rotation.from_matrix(axes)
+    spec = mujoco.MjSpec()
+    free = spec.worldbody.add_body(mass=1.0, inertia=moments, explicitinertial=True)
+    free.add_freejoint()
+    model = spec.compile()
+    model.opt.gravity = 0.0
+    model.opt.integrator = mujoco.mjtIntegrator.mjINT_RK4
+    steps = max(_LEAST_STEPS, int(np.ceil(body.fastest_turn * time / _STEP_TURN)))
+    model.opt.timestep = time / steps
+    data = mujoco.MjData(model)
+    # Beside its centre of mass, whose motion is no question: far away digits would be lost. The
+    # axes are the main ones of its inertia.
+    main = Rotation.from_quat(body.quaternion_xyzw.copy()) * to_body
+    data.qpos[3:] = np.roll(main.as_quat(), 1)
+    data.qvel[3:] = main.as_matrix().T @ body.angular_velocity
+    mujoco.mj_step(model, data, steps)
+    main = Rotation.from_quat(np.roll(data.qpos[3:], -1))
+    twist = np.concatenate([body.linear_velocity, main.apply(data.qvel[3:])])
+    return body.position + time * body.linear_velocity, main * to_body.inv(), twist

@@ -1,0 +1,181 @@
+"""The search's certificate of bodies against the check's, and how far joints move bodies."""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from bodied_robots import body_placements, random_robot
+from test_body_clearance import random_motion
+from test_body_distances import all_pairs, configurations, every_row, spheres_around
+
+from ff_planner_ros.arrays import Array
+from ff_planner_ros.core import compiled
+from ff_planner_ros.core.chain import chain_of
+from ff_planner_ros.planning import search_certificate
+from ff_planner_ros.planning.bodies import Kind, kinds_and_sizes, placed_bodies
+from ff_planner_ros.planning.body_certificate import (
+    EXACT_PART,
+    least_pair_distance,
+    least_sphere_distance,
+)
+from ff_planner_ros.planning.body_distances import pair_distances
+from ff_planner_ros.planning.body_reaches import base_reaches, body_reaches, pair_reaches
+from ff_planner_ros.planning.certificate import CERTIFICATE_GAP
+from ff_planner_ros.planning.compiled_bodies import compiled_bodies
+from ff_planner_ros.planning.problem import Sphere
+from ff_planner_ros.robot.model import Robot
+
+
+def refuse(*_: object, **__: object) -> float:
+    raise AssertionError("the core did not know")
+
+
+def require_near(certified: float, least: float, part: float, where: str) -> None:
+    """Hold a certificate against what another one found, each known to its gap alone."""
+    lowest = least - max(CERTIFICATE_GAP, part * least)
+    assert lowest - CERTIFICATE_GAP <= certified <= least + CERTIFICATE_GAP, where
+
+
+@pytest.mark.parametrize("part", [EXACT_PART, 0.5])
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_the_search_certifies_what_the_check_does(
+    seed: int, part: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Both are below the truth by so much at most; where two are deep in each other, as deep."""
+    robot, rng = random_robot(seed), np.random.default_rng(seed)
+    motion = random_motion(robot, seed, points=(4, 30)[seed % 2])
+    last = len(motion.time) - 1 - seed
+    (centers,), radii = spheres_around(robot, motion.q[:1], 4, rng)
+    spheres = [
+        Sphere(str(k), place + k * rng.normal(scale=0.3, size=3), radius, rng.normal(0.0, 0.05, 3))
+        for k, (place, radius) in enumerate(zip(centers, radii, strict=True))
+    ]
+    touching = 0
+    for count, least, found in (
+        (len(robot.pairs), least_pair_distance, search_certificate.search_pair_distance),
+        (
+            len(robot.bodies) * len(spheres),
+            lambda *asked: least_sphere_distance(*asked[:2], spheres, *asked[2:]),
+            lambda *asked: search_certificate.search_sphere_distance(
+                *asked[:2], spheres, *asked[2:]
+            ),
+        ),
+    ):
+        each = np.array([least(robot, motion, np.array([k]), last).found for k in range(count)])
+        apart = np.flatnonzero(each > 0.01)
+        assert len(apart) > 3
+        touching += count - len(apart)
+        with monkeypatch.context() as alone:
+            alone.setattr(search_certificate, "least_pair_distance", refuse)
+            alone.setattr(search_certificate, "least_sphere_distance", refuse)
+            certified = found(robot, motion, apart, last, part)
+        require_near(certified, each[apart].min(), part, f"seed {seed}")
+        of_all = found(robot, motion, np.arange(count), last, part)
+        require_near(of_all, each.min(), part, f"seed {seed}")
+        assert found(robot, motion, apart[:0], last, part) == np.inf
+        assert found(robot, motion, apart, -1, part) == np.inf
+    assert touching > 0
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_no_joint_moves_two_bodies_against_each_other_faster_than_is_said(seed: int) -> None:
+    robot, step = all_pairs(seed), 1e-4
+    angles, rows = configurations(robot, 10, seed)[:, 7:], every_row(10, len(robot.pairs))
+    here = pair_distances(robot, placed_bodies(robot, angles), rows).distance
+    reaches, fast = pair_reaches(robot), []
+    for joint in range(robot.joints):
+        turned = angles + step * np.eye(robot.joints)[joint]
+        there = pair_distances(robot, placed_bodies(robot, turned), rows).distance
+        rate, most = np.abs(there - here) / step, reaches[joint, rows[1]]
+        apart = (here > 1e-3) & (there > 1e-3)
+        assert (rate[apart] <= most[apart] + 1e-3).all(), f"seed {seed}, joint {joint}"
+        fast.append((rate / np.maximum(most, 1e-3))[apart].max())
+    assert max(fast) > 0.7, "the bound is hardly more than what happens"
+
+
+def points_of(robot: Robot, body: int) -> Array:
+    """Points of a solid in its own frame, the farthest from any axis among them."""
+    kinds, sizes = kinds_and_sizes(robot)
+    size, solid = sizes[body], robot.bodies[body].solid
+    if kinds[body] == Kind.HULL:
+        return np.asarray(solid.points())
+    directions = np.random.default_rng(0).normal(size=(4000, 3))
+    if kinds[body] == Kind.BOX:
+        return np.sign(directions) * size
+    ends = np.outer(np.sign(directions[:, 2]), [0.0, 0.0, size[1]])
+    if kinds[body] == Kind.CYLINDER:
+        directions[:, 2] = 0.0
+    return ends + size[0] * directions / np.linalg.norm(directions, axis=1)[:, None]
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_no_point_of_a_body_comes_further_from_joints_and_base_than_is_said(seed: int) -> None:
+    robot = random_robot(seed)
+    data = robot.model.createData()
+    for q in configurations(robot, 20, seed):
+        placements = body_placements(robot, q)
+        pin.forwardKinematics(robot.model, data, q)
+        for number, body in enumerate(robot.bodies):
+            points = points_of(robot, number) @ placements[number].rotation.T
+            points = points + placements[number].translation
+            assert (
+                np.linalg.norm(points - q[:3], axis=1).max() <= base_reaches(robot)[number] + 1e-9
+            )
+            for joint in range(body.joint - 1):
+                at = data.oMi[2 + joint]
+                lever = np.cross(points - at.translation, at.rotation @ robot.joint_axes[joint])
+                farthest = np.linalg.norm(lever, axis=1).max()
+                assert farthest <= body_reaches(robot)[joint, number] + 1e-9
+                if joint == body.joint - 2:  # a cylinder is taken for a prism
+                    assert farthest > 0.97 * body_reaches(robot)[joint, number]
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"q": np.zeros((1, 13))}, "q must hold two configurations or more"),
+        ({"cubics": np.zeros((1, 2, 12))}, "cubics has the shape (1, 2, 12, ), not (1, 3, 12, )"),
+        ({"ways": np.zeros((1, 2))}, "ways has the shape (1, 2, ), not"),
+        ({"times": np.full(2, np.nan)}, "times is not finite"),
+        ({"chosen": np.array([-1])}, "number -1 is chosen"),
+        ({"chosen": np.array([10**6])}, "number 1000000 is chosen"),
+        ({"last": 2}, "last is no point"),
+        ({"gap": 0.0}, "gap must be positive"),
+        ({"part": 1.0}, "part must be at least 0 and below 1"),
+    ],
+)
+def test_a_certificate_of_wrong_sizes_or_of_nan_is_refused_by_name(
+    change: dict[str, Any], said: str
+) -> None:
+    robot = random_robot(1)
+    q = np.zeros((2, 13))
+    q[:, 6] = 1.0
+    of_both = {
+        "chain": chain_of(robot),
+        "bodies": compiled_bodies(robot),
+        "q": q,
+        "cubics": np.zeros((1, 3, 12)),
+        "times": np.arange(2.0),
+        "chosen": np.arange(1),
+        "last": 1,
+        "gap": 1e-3,
+        "part": 0.0,
+    }
+    of_pairs = of_both | {"ways": np.zeros((1, len(robot.pairs)))}
+    of_spheres = of_both | {
+        "ways": np.zeros((1, len(robot.bodies))),
+        "centers": np.full((1, 3), 9.0),
+        "velocities": np.zeros((1, 3)),
+        "radii": np.ones(1),
+    }
+    for ask, arguments in (
+        (compiled.certified_pair_distance, of_pairs),
+        (compiled.certified_sphere_distance, of_spheres),
+    ):
+        assert ask(**arguments) < 20.0  # type: ignore[arg-type]
+        with pytest.raises(ValueError, match=re.escape(said)):
+            ask(**(arguments | change))  # type: ignore[arg-type]

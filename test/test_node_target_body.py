@@ -1,0 +1,187 @@
+"""A target body on its topic: the node captures it, tells how, and its bag holds it all."""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from ff_planner_msgs.msg import TargetBody
+from ff_planner_msgs.srv import PlanTrajectory
+from geometry_msgs.msg import PoseStamped
+from nav_msgs.msg import Path as PathMsg
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from ros_processes import (
+    FRAME,
+    Client,
+    Scene,
+    connected_client,
+    private_domain,
+    read_bag,
+    running_planner,
+)
+from scipy.spatial.transform import Rotation
+from test_tumbling import body_of, moved
+
+from ff_planner_ros.bag.decoding import NANOSECONDS, nanoseconds
+from ff_planner_ros.bag.reader import open_bag
+from ff_planner_ros.bag.robot_plans import robot_plans
+from ff_planner_ros.bench import tumbling
+from ff_planner_ros.errors import Status
+from ff_planner_ros.planning.problem import PlanningProblem
+from ff_planner_ros.planning.target_body import TargetBody as FreeBody
+from ff_planner_ros.robot.model import Robot
+from ff_planner_ros.ros.messages.to_messages import target_body_message
+from ff_planner_ros.runs.recorded_run import recorded_run
+from ff_planner_ros.runs.replay import Verdict, replay
+from ff_planner_ros.simulation.verification import verify
+
+# The state is measured when the node is asked; so long before [s] the body was seen.
+SEEN_BEFORE = 1.5
+
+
+@dataclass
+class Run:
+    problem: PlanningProblem
+    captured: PlanTrajectory.Response
+    stale: PlanTrajectory.Response
+    free: PlanTrajectory.Response  # with a range of durations
+    hurried: PlanTrajectory.Response  # likewise, with too little time
+    stamps: set[int]  # of the bodies that were published [ns]
+    bag: Path
+    received: dict[str, list[Any]] = field(default_factory=dict)
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Run]:
+    directory, problem = tmp_path_factory.mktemp("target"), tumbling.problem("tumbling", 0)
+    urdf = directory / "robot.urdf"
+    urdf.write_text(problem.robot.drawn_urdf)
+    arguments = [word for value in _arguments(urdf, problem.robot) for word in ("-p", value)]
+    with private_domain(), running_planner(directory, *arguments) as planner:
+        with connected_client() as client:
+            targets = _listens(client)
+            client.wait_for_planner()
+            request = Scene(problem).request()
+            request.use_obstacles, request.obstacles = True, Scene(problem).obstacles()
+            request.use_start_state, request.start_state = True, Scene(problem).state(0)
+            stamps = set[int]()
+
+            def answered(age: float, status: Status) -> PlanTrajectory.Response:
+                def arrived(response: PlanTrajectory.Response) -> bool:
+                    stamp_ns = client.now_ns() - round(age * NANOSECONDS)
+                    stamps.add(stamp_ns)
+                    targets.publish(target_body_message(body_of(problem), stamp_ns, FRAME))
+                    return bool(response.status.code == status)
+
+                return client.plan_until(request, arrived)
+
+            stale = answered(3600.0, Status.TARGET_STALE)
+            captured = answered(SEEN_BEFORE, Status.SOLVED)
+            relative = client.received["predicted_relative_pose"]
+            client.wait_until(lambda: len(relative) > 3, "a relative pose")
+            client.wait_until(lambda: client.received["predicted_target_path"], "a path")
+            request.plan_only = True
+            shortest, longest = window(problem)
+            request.duration, request.duration_max = shortest, longest
+            request.time_budget = 0.01
+            hurried = answered(SEEN_BEFORE, Status.OUT_OF_TIME)
+            request.time_budget = 0.0
+            free = answered(SEEN_BEFORE, Status.SOLVED)
+        planner.stop(signal.SIGTERM)
+        yield Run(problem, captured, stale, free, hurried, stamps, planner.bag, client.received)
+
+
+def window(problem: PlanningProblem) -> tuple[float, float]:
+    """The range of durations that the planner chooses from [s]."""
+    return 0.9 * problem.duration, 1.4 * problem.duration
+
+
+def _arguments(urdf: Path, robot: Robot) -> Iterator[str]:
+    yield f"robot.urdf:={urdf}"
+    yield f"robot.base_link:={robot.base_link}"
+    yield f"robot.tip_link:={robot.tip_link}"
+    yield from ("planning_allowance:=5.0", "target_max_age:=300.0", "time_budget:=300.0")
+    yield "planner.starts:=4"
+
+
+def _listens(client: Client) -> Any:
+    latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    for kind, topic, qos in (
+        (PathMsg, "predicted_target_path", latched),
+        (PoseStamped, "predicted_relative_pose", QoSProfile(depth=100)),
+    ):
+        client.received[topic] = []
+        client.node.create_subscription(kind, topic, client._keeper(topic), qos)
+    return client.node.create_publisher(TargetBody, "target_body", 10)
+
+
+def test_a_body_that_was_seen_an_hour_ago_is_refused(run: Run) -> None:
+    assert run.stale.status.code == Status.TARGET_STALE
+    assert "target_body.header.stamp" in run.stale.status.message
+
+
+def test_the_end_effector_meets_the_grasp_that_was_seen_before_the_plan(run: Run) -> None:
+    body = body_of(run.problem)
+    shortest, longest = window(run.problem)
+    assert run.captured.duration == run.problem.duration
+    assert shortest <= run.free.duration <= longest
+    assert run.free.duration != run.captured.duration
+    for answer in (run.captured, run.free):
+        require_met(run, answer, body)
+    assert run.hurried.status.code == Status.OUT_OF_TIME
+
+
+def require_met(run: Run, answer: PlanTrajectory.Response, body: FreeBody) -> None:
+    """The arm meets the grasp when the duration is over that the answer tells."""
+    start_ns = nanoseconds(answer.joint_trajectory.header.stamp)
+    lasts = nanoseconds(answer.end_effector_path.poses[-1].header.stamp) - start_ns
+    assert lasts / NANOSECONDS == pytest.approx(answer.duration, abs=1e-8)
+    seen_ns = nanoseconds(answer.target_body_stamp)
+    assert seen_ns in run.stamps
+    end_ns = nanoseconds(answer.end_effector_path.poses[-1].header.stamp)
+    since = (end_ns - seen_ns) / NANOSECONDS
+
+    (center,), (attitude,), (rate,) = moved(body, np.array([since]))
+    lever = attitude.apply(body.grasp_position.copy())
+    pose = answer.end_effector_path.poses[-1].pose
+    place, turn = pose.position, pose.orientation
+    assert [place.x, place.y, place.z] == pytest.approx(center + lever, abs=1e-5)
+    grasp = attitude * Rotation.from_quat(body.grasp_quaternion_xyzw.copy())
+    found = Rotation.from_quat([turn.x, turn.y, turn.z, turn.w])
+    assert (found * grasp.inv()).magnitude() < 1e-5
+    linear = answer.end_effector_twists[-1].linear
+    expected = body.linear_velocity + np.cross(rate, lever)
+    assert [linear.x, linear.y, linear.z] == pytest.approx(expected, abs=1e-5)
+
+
+def test_the_path_of_the_body_goes_out_and_the_pose_relative_to_its_grasp(run: Run) -> None:
+    assert run.received["predicted_target_path"][-1] == run.captured.predicted_target_path
+    poses = run.received["predicted_relative_pose"]
+    assert {pose.header.frame_id for pose in poses} == {"target_grasp"}
+    start = run.captured.end_effector_path.poses[0].header.stamp
+    assert all(nanoseconds(pose.header.stamp) >= nanoseconds(start) for pose in poses)
+
+
+def test_the_bag_holds_it_all(run: Run) -> None:
+    topics = read_bag(run.bag)
+    for topic in ("/target_body", "/predicted_target_path", "/predicted_relative_pose"):
+        assert topics[topic], topic
+    with open_bag(run.bag) as bag:
+        requests = recorded_run(bag).requests
+    told = {one.name: one for one in requests}
+    for response in (run.captured, run.stale, run.free):
+        assert replay(told[response.plan_id]).verdict is Verdict.IDENTICAL
+    assert replay(told[run.hurried.plan_id]).verdict is Verdict.WITHOUT_CLOCK
+
+
+def test_mujoco_sees_the_recorded_capture_come_true(run: Run) -> None:
+    recorded = robot_plans(run.bag)
+    scene = recorded.scenes[run.captured.plan_id]
+    found = verify(recorded.robot, recorded.motions[run.captured.plan_id], scene)
+    assert found.passed
+    assert found.capture is not None
