@@ -68,9 +68,11 @@ SHORT_TEST := bag_golden cli dynamics golden_replay node package planner polynom
 	velocity_map verification
 
 # What the package does where no ROS is installed: the commands that a user would try first, on an
-# installation of the base package alone. Then `verify` must say what it lacks, and run with it.
+# installation of the base package alone. `verify` and `campaign` must say what they lack, and
+# `verify` run with it.
 WITHOUT_ROS := $(CURDIR)/.venv_without_ros
 CAPTURE := $(CURDIR)/config/scenarios/lemur_capture.yaml
+STUDY := $(CURDIR)/config/studies/lemur_masses.yaml
 
 without-ros:
 	rm -rf $(WITHOUT_ROS)
@@ -88,6 +90,8 @@ without-ros:
 	ff-planner bench --quick --scenarios 1; \
 	python $(CURDIR)/examples/plan_in_python.py; \
 	said=$$(ff-planner verify answer.json 2>&1) && exit 1; grep 'ff_planner_ros\[simulation\]' <<< "$$said"; \
+	said=$$(ff-planner campaign $(STUDY) --out tables 2>&1) && exit 1; \
+	grep 'ff_planner_ros\[campaign\]' <<< "$$said"; \
 	python -m pip install --disable-pip-version-check --quiet --constraint $(CURDIR)/constraints.txt \
 		'ff_planner_ros[simulation]'; \
 	ff-planner verify answer.json

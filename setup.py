@@ -119,6 +119,7 @@ ROS = [
     "ros-jazzy-rclpy[fastrtps]>=7.1,<7.2",
 ]
 SIMULATION = ["mujoco-core>=4,<5"]  # without it, everything runs but `ff-planner verify`
+CAMPAIGN = ["distributed>=2026.8,<2027", "pyarrow>=26,<27"]  # likewise, but `ff-planner campaign`
 
 setup(
     name=NAME,
@@ -164,11 +165,13 @@ setup(
     extras_require={
         "ros": ROS,
         "simulation": SIMULATION,
+        "campaign": CAMPAIGN,
         # 131 MB that only tests read: the URDFs, as found, of arms and robots that others made.
         "robots": ["example-robot-data>=6,<7"],
         "test": [
             *ROS,
             *SIMULATION,
+            *CAMPAIGN,
             "colcon-defaults>=0.2,<0.3",
             "colcon-ros>=0.5,<0.6",
             "cyclonedds>=11,<12",

@@ -29,7 +29,8 @@ CAPTURE = SOURCE_TREE / "config" / "scenarios" / "lemur_capture.yaml"
 GOLDEN_BAG = SOURCE_TREE / "test" / "golden_bags" / "offline_solved"
 # Of these, words are checked and nothing is run: they take long, need ROS or change the machine.
 ONLY_PARSED = re.compile(
-    r"make |ros2 |pip |.*ff-planner (node|bench|demo|compare)|.*--sensitivity|.*_(te|ex)"
+    r"make |ros2 |pip |dask |.*ff-planner (node|bench|campaign|demo|compare)"
+    r"|.*--sensitivity|.*_(te|ex)"
 )
 # What the reader makes first: by another page, by hand, or by `make demo`.
 MADE_BY_THE_READER = {"my_planner.yaml"}

@@ -42,6 +42,7 @@ FLOORS = (
     {"ros.planner_node"},
     {"ros.node"},
     {"runs"},
+    {"campaign"},
     {"demo"},
     {"commands"},
     {"cli"},
@@ -50,11 +51,14 @@ FLOOR_OF = {room: floor for floor, rooms in enumerate(FLOORS) for room in rooms}
 SHARED_FLOOR, HIGHEST_FLOOR_WITHOUT_ROS = 0, FLOOR_OF["bench"]
 # They talk to ROS; the other rooms run where no ROS is installed.
 ROOMS_WITH_ROS = ("ros", "runs", "demo")
+# But these modules of runs do not: they make pages, of campaigns, too.
+WITHOUT_ROS = {"ff_planner_ros.runs.report_file", "ff_planner_ros.runs.report_html"}
 ROS_IN_BAG = "rosidl_parser"  # reads the definitions that a bag carries
 ROOM_WITH_CLOCKS = "bench"
 # Import name to name for pip, where the two differ.
 PIP_NAMES = {
     "coal": "pin",  # which is built on it and brings it
+    "dask": "distributed",  # which is built on it and brings it
     "mcap_ros2": "mcap-ros2-support",
     "mujoco": "mujoco-core",
     "pinocchio": "pin",
@@ -167,12 +171,13 @@ def test_rooms_below_bag_know_nothing_of_ros_mcap_or_clocks():
 def test_without_ros_everything_loads_but_what_talks_to_it():
     violations = []
     for module, path in PATH_OF.items():
-        if room_of(module).split(".")[0] in ROOMS_WITH_ROS:
+        if room_of(module).split(".")[0] in ROOMS_WITH_ROS and module not in WITHOUT_ROS:
             continue
         names = imports_when_loaded(TREES[path])
         foreign = ros_packages({name.split(".")[0] for name in names}) - {"ff_planner_ros"}
         foreign -= {ROS_IN_BAG} if room_of(module) == "bag" else set()
         talking = {m for m in own_modules(names) if room_of(m).split(".")[0] in ROOMS_WITH_ROS}
+        talking -= WITHOUT_ROS | {"ff_planner_ros.runs"}  # the latter is an empty room
         violations += [f"{module} imports {name}" for name in foreign | talking]
     assert violations == []
 
@@ -182,6 +187,20 @@ def test_only_the_simulation_imports_the_engine_that_need_not_be_installed():
         room_of(module_name(path)) for path in MODULES if "mujoco" in top_level_imports([path])
     }
     assert importing == {"simulation"}
+
+
+def test_only_campaigns_import_the_cluster_that_need_not_be_installed():
+    optional = {"dask", "distributed", "pyarrow"}
+    importing = {
+        room_of(module_name(path)) for path in MODULES if optional & top_level_imports([path])
+    }
+    assert importing == {"campaign", "commands"}
+    at_once = {
+        room_of(module_name(path))
+        for path in MODULES
+        if optional & {name.split(".")[0] for name in imports_when_loaded(TREES[path])}
+    }
+    assert at_once == {"campaign"}
 
 
 def test_both_packages_have_the_version_that_the_changelog_describes():
@@ -214,7 +233,7 @@ def test_setup_py_declares_exactly_the_python_packages_that_are_imported():
     declared = {
         re.match(r"[\w-]+", line)[0]
         for line in required
-        if "extra ==" not in line or re.search(r"extra == .(simulation|ros)\b", line)
+        if "extra ==" not in line or re.search(r"extra == .(campaign|simulation|ros)\b", line)
     }
     foreign = top_level_imports(MODULES) - sys.stdlib_module_names - {"ff_planner_ros"}
     imported = {PIP_NAMES.get(name, name) for name in foreign - ros_packages(foreign)}

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from ff_planner_ros.commands import bags, planning
+from ff_planner_ros.commands import bags, campaigns, planning
 from ff_planner_ros.planning.problem import Parametrisation
 from ff_planner_ros.robot.bodies import Geometry
 
@@ -41,6 +41,29 @@ def command_parser() -> ArgumentParser:
         "--scenarios", type=int, metavar="N", help="of each class (default: 200; quick: 4)"
     )
     bench.add_argument("--json", type=Path, metavar="FILE", help="write all figures")
+
+    campaign = add(
+        "campaign",
+        campaigns.run_campaign,
+        "plan the thousands of cases of a study, on one machine or a Dask cluster",
+        usage="%(prog)s [-h] STUDY.yaml --out DIR [--scheduler ADDRESS] [--workers N]\n"
+        "       %(prog)s [-h] report DIR [--output FILE.html]",
+        description="Plan every case of a study that the directory has no row of yet, into tables "
+        "in Parquet; or tell of them on one page.",
+        epilog="Exit code: 0 every case has its row, solved or refused; 2 bad input; 3 stopped, or "
+        "some cases have none.",
+    )
+    campaign.add_argument("study", type=Path, metavar="STUDY.yaml|report", help="docs/campaigns.md")
+    campaign.add_argument("directory", type=Path, nargs="?", metavar="DIR", help="of a campaign")
+    campaign.add_argument("--out", type=Path, metavar="DIR", help="new, or one to go on with")
+    scheduler_help = "of a Dask cluster, tcp://HOST:8786 (default: a cluster of this machine)"
+    campaign.add_argument("--scheduler", metavar="ADDRESS", help=scheduler_help)
+    workers_help = "processes (default: one a core); with --scheduler: begin when so many are there"
+    campaign.add_argument("--workers", type=int, metavar="N", help=workers_help)
+    dashboard_help = "offer Dask's, at port 8787 of this machine (needs bokeh)"
+    campaign.add_argument("--dashboard", action="store_true", help=dashboard_help)
+    page_help = "of the report (default: DIR/report.html)"
+    campaign.add_argument("--output", type=Path, metavar="FILE.html", help=page_help)
 
     summary = "let every method plan a scenario: tables, figures, 3-D view"
     compare = add("compare", planning.compare_methods, summary, parents=[scenario])

@@ -1,30 +1,21 @@
-"""A report as one HTML file that needs nothing else: neither server nor network.
-
-What comes from a bag is put in by the standard library's element tree, which escapes it, and the
-page forbids itself to load anything and to run any script but its own two.
-"""
+"""The page of a report: tables of requests, timing, and a part for each plan."""
 
 from __future__ import annotations
 
-import base64
-import hashlib
 from collections.abc import Iterator, Sequence
-from importlib.resources import files
 from pathlib import Path
-from xml.etree.ElementTree import Element, tostring
-
-from plotly.offline import get_plotlyjs
+from xml.etree.ElementTree import Element
 
 from ff_planner_ros.bag.decoding import NANOSECONDS
 from ff_planner_ros.bag.progress_bar import progress_bar
 from ff_planner_ros.errors import Status
 from ff_planner_ros.planning.metrics import METRIC_BY_NAME
 from ff_planner_ros.runs.report import Report, ReportedRequest, clock_time
+from ff_planner_ros.runs.report_file import save_file
 from ff_planner_ros.runs.report_html import bullets, element, pairs, plot, row, table
 from ff_planner_ros.runs.report_plan import plan_part
 from ff_planner_ros.runs.report_plots import solve_time_plot
 
-_SCRIPTS = ("report_plots.js", "report_clock.js")
 _NOTHING = "-"
 _COLUMNS = (
     *("plan id", "door", "asked [UTC]", "status", "weights L, Θ, T", "duration [s]", "points"),
@@ -41,40 +32,8 @@ def save_page(report: Report, file: Path) -> None:
     Raises:
         OSError: It cannot be written.
     """
-    page = "<!doctype html>\n" + tostring(_page(report), encoding="unicode", method="html") + "\n"
-    # Half a surrogate, which JSON can bring in, is nothing that a file can hold.
-    file.write_bytes(page.encode("utf-8", errors="replace"))
-
-
-def _page(report: Report) -> Element:
-    library, style = get_plotlyjs(), _resource("report.css")
-    script = "".join(map(_resource, _SCRIPTS))
-    allowed = " ".join(map(_hash, (library, script)))
-    policy = (
-        f"default-src 'none'; script-src {allowed}; style-src 'unsafe-inline'; "
-        "img-src data: blob:; base-uri 'none'; form-action 'none'"
-    )
-    head = element(
-        "head",
-        element("meta", charset="utf-8"),
-        element("meta", {"http-equiv": "Content-Security-Policy", "content": policy}),
-        element("meta", name="viewport", content="width=device-width"),
-        element("title", f"{report.title}: report of ff-planner"),
-        element("style", style),
-        element("script", library),
-    )
     figures: list[Element] = []
-    body = element("body", *_sections(report, figures), *figures, element("script", script))
-    return element("html", head, body, lang="en")
-
-
-def _resource(name: str) -> str:
-    return files(__package__).joinpath(name).read_text(encoding="utf-8")
-
-
-def _hash(script: str) -> str:
-    digest = hashlib.sha256(script.encode("utf-8")).digest()
-    return f"'sha256-{base64.b64encode(digest).decode()}'"
+    save_file(report.title, _sections(report, figures), figures, file)
 
 
 def _sections(report: Report, figures: list[Element]) -> Iterator[Element]:

@@ -1,0 +1,1 @@
+"""Thousands of plans: a study becomes cases, a Dask cluster plans them, Parquet keeps them."""

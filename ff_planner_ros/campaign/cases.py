@@ -1,0 +1,157 @@
+"""The cases of a study: every source, at every point of the grid, by every draw and method."""
+
+from __future__ import annotations
+
+import hashlib
+import itertools
+import json
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+from ff_planner_ros.campaign.changes import Change, Draw, changed
+from ff_planner_ros.campaign.sources import Source, content, task_of
+from ff_planner_ros.campaign.study import MethodOfStudy, Study, random_changes
+from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.planning.scenario import Defaults
+
+_DIGITS = 16  # of an id
+# Of so many draws one can be planned, or the study is refused: the mistake is hardly chance.
+_DRAWS_TRIED = 10
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """One plan to be made, with all that a worker needs for it."""
+
+    number: int  # in the study
+    source: Source
+    defaults: Defaults
+    changes: tuple[Change, ...]
+    method: MethodOfStudy
+    trajectory: bool  # whether it is kept
+
+    @property
+    def id(self) -> str:
+        """A hash of source, changes and method: equal cases have equal ids, in every study."""
+        method = self.method
+        described = [
+            self.source.key,
+            repr(self.defaults),
+            [change.described() for change in self.changes],
+            [method.name, method.method, [change.described() for change in method.changes]],
+        ]
+        text = json.dumps(described, sort_keys=True, default=str)
+        return hashlib.sha256(text.encode(errors="surrogatepass")).hexdigest()[:_DIGITS]
+
+    def scenario(self) -> tuple[dict[str, Any], str, dict[str, Any]]:
+        """Return scenario and URDF of the case, and the values that it varies, by key.
+
+        Raises:
+            InvalidInput: It changes something that is not there.
+        """
+        document, urdf = content(self.source, self.defaults)
+        document, urdf, values = changed(document, urdf, self.changes)
+        document, urdf, _ = changed(document, urdf, self.method.changes)
+        return document, urdf, values
+
+
+def cases(study: Study) -> Iterator[Case]:
+    """Yield every case once, always in the same order."""
+    seen: set[str] = set()
+    number = 0
+    for source in study.sources:
+        for point in itertools.product(*study.grid):
+            for draw in range(study.random.count):
+                changes = (*point, *random_changes(study.random, draw))
+                for method in study.methods:
+                    case = Case(number, source, study.defaults, changes, method, study.trajectories)
+                    number += 1
+                    if case.id not in seen:
+                        seen.add(case.id)
+                        yield case
+
+
+def require_sound(study: Study) -> None:
+    """Refuse a study whose first cases name what does not exist, or cannot be read.
+
+    A value that is refused later is a row of the table, as every refusal is.
+
+    Raises:
+        InvalidInput: It does.
+    """
+    # Problems that are drawn all have the same keys: one of a kind and robot is enough.
+    first = {
+        getattr(s, "digest", (getattr(s, "kind", ""), getattr(s, "robot", ""))): s
+        for s in study.sources
+    }
+    for source in first.values():
+        for method in study.methods:
+            point = tuple(axis[0] for axis in study.grid)
+            _require_task(Case(0, source, study.defaults, point, method, False))
+            if study.random.values:
+                _require_a_draw(study, source, point, method)
+
+
+def _require_a_draw(
+    study: Study, source: Source, point: tuple[Change, ...], method: MethodOfStudy
+) -> None:
+    for draw in range(_DRAWS_TRIED):
+        changes = (*point, *random_changes(study.random, draw))
+        try:
+            _require_task(Case(0, source, study.defaults, changes, method, False))
+        except InvalidInput as error:
+            refused = error
+        else:
+            return
+    raise refused
+
+
+def _require_task(case: Case) -> None:
+    try:
+        document, urdf, _ = case.scenario()
+        task_of(document, urdf, case.defaults)
+    except InvalidInput as error:
+        field = f"{case.source.name}, varied: {error.field}"
+        raise InvalidInput(error.status, field, error.value, error.allowed) from None
+
+
+def kinds_of_values(study: Study) -> dict[str, str]:
+    """Return what the values of each varied key are: `number`, `numbers` or `text`."""
+    explicit: dict[str, set[str]] = {}
+    for axis in study.grid:
+        explicit[axis[0].key] = {kind_of(c.value) for c in axis if c.how == "set"}
+    for change in random_changes(study.random, 0):
+        drawn = change.value
+        if isinstance(drawn, Draw) and drawn.distribution == "choice" and change.how == "set":
+            explicit[change.key] = {kind_of(one) for one in drawn.parameters}
+        else:
+            explicit[change.key] = set()
+    for case in itertools.islice(cases(study), 1):
+        for key, value in case.scenario()[2].items():
+            explicit[key] = explicit[key] or {kind_of(value)}
+    return {key: kinds.pop() if len(kinds) == 1 else "text" for key, kinds in explicit.items()}
+
+
+def kind_of(value: Any) -> str:
+    """Return what one value is: `number`, `numbers` or `text`."""
+    if isinstance(value, bool):
+        return "text"
+    if isinstance(value, int | float):
+        return "number"
+    if isinstance(value, list) and all(kind_of(one) == "number" for one in value):
+        return "numbers"
+    return "text"
+
+
+def require_unique_names(study: Study) -> None:
+    """Refuse sources of one name, whose rows nobody could tell apart.
+
+    Raises:
+        InvalidInput: Two have the same name.
+    """
+    (name, count), *_ = Counter(source.name for source in study.sources).most_common(1)
+    if count > 1:
+        allowed = "each scenario must have a name of its own"
+        raise InvalidInput(Status.OUT_OF_RANGE, "scenarios", name, allowed)

@@ -1,0 +1,198 @@
+"""What a case changes: a value of a scenario, or a mass or an inertia of its URDF."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Sequence
+from copy import deepcopy
+from dataclasses import asdict, dataclass
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+
+from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.shown import quoted
+
+SET, TIMES, PLUS = "set", "times", "plus"
+UNIFORM, NORMAL, CHOICE = "uniform", "normal", "choice"
+
+_IN_URDF = re.compile(r"urdf\.(?P<link>.+)\.(?P<part>mass|inertia(\.i(xx|xy|xz|yy|yz|zz))?)")
+# What a scenario reads from files: workers have none.
+_FILES = ("robot.urdf", "robot.srdf")
+_STEP = re.compile(r"([^.\[\]]+)|\[(\d+)\]")
+_PATH = re.compile(r"[^.\[\]]+(\.[^.\[\]]+|\[\d+\])*")
+
+
+@dataclass(frozen=True)
+class Draw:
+    """A value that is drawn at random, always the same."""
+
+    distribution: str  # `uniform`, `normal` or `choice`
+    # Lower and upper bound, mean and standard deviation, or what to choose from
+    parameters: tuple[Any, ...]
+    seed: int
+    number: int  # of the draw
+
+    def value(self, key: str, size: int | None) -> Any:
+        """Return the value: the same for a key, whatever else is varied.
+
+        Args:
+            key: Of what is varied.
+            size: Entries of a vector, each drawn by itself; None: one number.
+        """
+        rng = np.random.default_rng([*key.encode(), self.seed, self.number])
+        if self.distribution == CHOICE:
+            return self.parameters[int(rng.integers(len(self.parameters)))]
+        draw: Any = rng.uniform if self.distribution == UNIFORM else rng.normal
+        return np.asarray(draw(*self.parameters, size)).tolist()
+
+
+@dataclass(frozen=True)
+class Change:
+    """One value of a scenario that a case changes."""
+
+    key: str  # `target.position[0]`, `obstacles.c1.radius`, `planner.starts`, `urdf.LINK.mass`
+    how: str  # `set`; or the value that is there `times` another, or `plus` another
+    value: Any  # as in YAML, or a `Draw`
+
+    def described(self) -> dict[str, Any]:
+        """Return what tells it from every other change."""
+        return asdict(self)
+
+
+def changed(
+    document: dict[str, Any], urdf: str, changes: Sequence[Change]
+) -> tuple[dict[str, Any], str, dict[str, Any]]:
+    """Return a scenario and its URDF with changes, and the values that came of these, by key.
+
+    Raises:
+        InvalidInput: A change of something that is not there.
+    """
+    document, values = deepcopy(document), {}
+    for change in changes:
+        if in_urdf := _IN_URDF.fullmatch(change.key):
+            urdf, values[change.key] = _changed_urdf(urdf, in_urdf, change)
+        else:
+            values[change.key] = _change_document(document, change)
+    return document, urdf, values
+
+
+def require_key(field: str, key: object) -> str:
+    """Return a key if it may be one of a scenario or of a URDF.
+
+    Raises:
+        InvalidInput: It may not.
+    """
+    if isinstance(key, str):
+        if key.startswith(_FILES):
+            allowed = "a robot of another file is another scenario: name it under scenarios"
+            raise InvalidInput(Status.UNSUPPORTED, field, quoted(key), allowed)
+        if key.startswith("urdf.") and not _IN_URDF.fullmatch(key):
+            allowed = "of a URDF, urdf.LINK.mass, urdf.LINK.inertia or urdf.LINK.inertia.ixx"
+            raise InvalidInput(Status.OUT_OF_RANGE, field, quoted(key), allowed)
+        if key.startswith("urdf.") or _PATH.fullmatch(key):
+            return key
+    allowed = "it must be a key such as target.position[0] or planner.starts"
+    raise InvalidInput(Status.OUT_OF_RANGE, field, quoted(key), allowed)
+
+
+def is_inertia(key: str) -> bool:
+    """Tell whether a key means the whole inertia of a link, which factors alone change."""
+    found = _IN_URDF.fullmatch(key)
+    return found is not None and found["part"] == "inertia"
+
+
+def _change_document(document: dict[str, Any], change: Change) -> Any:
+    """Put a value in its place, and return it."""
+    steps: list[str | int] = [name or int(index) for name, index in _STEP.findall(change.key)]
+    block: Any = document
+    for step in steps[:-1]:
+        block = _below(block, step, change)
+    last = steps[-1]
+    if isinstance(block, list):
+        last = _index(block, last, change)
+        present = block[last]
+    elif isinstance(block, dict) and isinstance(last, str):
+        present = block.get(last)
+    else:
+        raise _not_there(change)
+    block[last] = _new_value(present, change)
+    return block[last]
+
+
+def _below(block: Any, step: str | int, change: Change) -> Any:
+    if isinstance(block, list):
+        return block[_index(block, step, change)]
+    if isinstance(block, dict) and isinstance(step, str):
+        return block.setdefault(step, {})  # a block of which the scenario says nothing
+    raise _not_there(change)
+
+
+def _index(entries: list[Any], step: str | int, change: Change) -> int:
+    """Return the place of an entry: by its number, or by its `id`."""
+    if isinstance(step, int):
+        if step < len(entries):
+            return step
+        raise _not_there(change)
+    for place, entry in enumerate(entries):
+        if isinstance(entry, dict) and entry.get("id") == step:
+            return place
+    raise _not_there(change)
+
+
+def _not_there(change: Change) -> InvalidInput:
+    allowed = "the scenario has no such value"
+    return InvalidInput(Status.OUT_OF_RANGE, change.key, "unknown", allowed)
+
+
+def _new_value(present: Any, change: Change) -> Any:
+    if change.how != SET and not _is_numeric(present):
+        allowed = f"`{change.how}` needs a number, or a list of numbers, in the scenario"
+        raise InvalidInput(Status.OUT_OF_RANGE, change.key, quoted(present), allowed)
+    given = change.value
+    if isinstance(given, Draw):
+        given = given.value(change.key, len(present) if isinstance(present, list) else None)
+    if change.how == SET:
+        return given
+    if not _is_numeric(given) or (
+        isinstance(given, list) and not (isinstance(present, list) and len(given) == len(present))
+    ):
+        allowed = "it must be a number, or a list of as many numbers as there are"
+        raise InvalidInput(Status.WRONG_SIZE, change.key, quoted(given), allowed)
+    new = np.multiply(present, given) if change.how == TIMES else np.add(present, given)
+    return new.tolist()
+
+
+def _is_numeric(value: Any) -> bool:
+    entries = value if isinstance(value, list) else [value]
+    return all(isinstance(one, int | float) and not isinstance(one, bool) for one in entries)
+
+
+def _changed_urdf(urdf: str, place: re.Match[str], change: Change) -> tuple[str, Any]:
+    """Change a mass or an inertia, and return the text and what the value is now."""
+    tree = ElementTree.fromstring(urdf)
+    links = {link.get("name"): link.find("inertial") for link in tree.iter("link")}
+    inertial = links.get(place["link"])
+    if inertial is None:
+        having = ", ".join(str(name) for name, found in links.items() if found is not None)
+        allowed = f"links with a mass are {having}"
+        raise InvalidInput(Status.OUT_OF_RANGE, change.key, "unknown", allowed)
+    what, _, component = place["part"].partition(".")
+    element = inertial.find(what)
+    if element is None:
+        raise _not_there(change)
+    if what == "mass" or component:
+        name = component or "value"
+        new = _new_value(float(element.get(name, "0")), change)
+        element.set(name, json.dumps(new))
+        return ElementTree.tostring(tree, encoding="unicode"), new
+    # One factor for the whole tensor: factors of its own for each element make no body.
+    if change.how != TIMES:
+        allowed = "an inertia as a whole can be changed by `times` alone"
+        raise InvalidInput(Status.UNSUPPORTED, change.key, change.how, allowed)
+    factor = _new_value(1.0, change)
+    for name, value in element.attrib.items():
+        element.set(name, repr(float(value) * factor))
+    return ElementTree.tostring(tree, encoding="unicode"), factor

@@ -1,0 +1,191 @@
+"""Cases on the workers of a Dask cluster: a few at a time for each, and again where one died."""
+
+from __future__ import annotations
+
+import logging
+import sys
+import threading
+import time
+from collections import deque
+from collections.abc import Generator, Iterator
+from contextlib import contextmanager, suppress
+from itertools import islice
+from typing import Any
+
+import dask
+import distributed
+
+from ff_planner_ros.campaign.cases import Case
+from ff_planner_ros.campaign.environment import difference, environment
+from ff_planner_ros.campaign.work import Outcome, run_cases
+from ff_planner_ros.errors import FfPlannerError, InvalidInput, Status
+
+# Cases that are sent at once, at most: what a scheduler costs for each falls, and so does how
+# often results come.
+_MOST_AT_ONCE = 8
+# Packets that wait at the scheduler for each worker, so that none is ever idle.
+_WAITING = 2
+_DASHBOARD = 8787  # the port that users of Dask look for; only this machine sees it
+# How often a packet may be on a worker when that dies, before Dask gives it up.
+_DEATHS = 3
+_LOOK_AFTER = 5.0  # [s] between two looks at whether workers of this machine are missing
+_CONNECT, _RECONNECT, _PAUSE = 10.0, 600.0, 2.0  # [s] first, after a loss, and between attempts
+
+
+@contextmanager
+def local_cluster(workers: int | None, dashboard: bool) -> Iterator[str]:
+    """Yield the address of a scheduler with a process a core, or as many as asked for.
+
+    Raises:
+        FfPlannerError: Its processes do not start.
+    """
+    with (
+        dask.config.set({"distributed.scheduler.allowed-failures": _DEATHS}),
+        _started(workers, dashboard) as cluster,
+    ):
+        if dashboard:
+            print(f"dashboard: {cluster.dashboard_link}", file=sys.stderr)
+        with _kept_complete(cluster, len(cluster.worker_spec)):
+            yield cluster.scheduler_address
+
+
+@contextmanager
+def _kept_complete(cluster: distributed.LocalCluster, workers: int) -> Iterator[None]:
+    """Start workers anew that died while they started: Dask itself gives these up."""
+    ended = threading.Event()
+
+    def keep() -> None:
+        while not ended.wait(_LOOK_AFTER):
+            cluster.scale(workers)
+
+    keeper = threading.Thread(target=keep, daemon=True)
+    keeper.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        keeper.join()
+
+
+def _started(workers: int | None, dashboard: bool) -> distributed.LocalCluster:
+    """Return a cluster whose workers run: where one dies on the way, it is tried again."""
+    quiet: dict[str, Any] = {"silence_logs": logging.CRITICAL}
+    for _ in range(_DEATHS):
+        try:
+            return distributed.LocalCluster(
+                n_workers=workers,
+                threads_per_worker=1,
+                processes=True,
+                dashboard_address=f"127.0.0.1:{_DASHBOARD if dashboard else 0}",
+                **quiet,
+            )
+        except (RuntimeError, OSError) as error:
+            reason = str(error)
+    raise FfPlannerError(Status.UNSUPPORTED, f"the workers on this machine do not start: {reason}")
+
+
+def outcomes(
+    address: str, jobs: Iterator[Case], total: int, workers: int = 1
+) -> Iterator[list[Outcome] | Case]:
+    """Yield what becomes of cases as it comes; a case itself where every worker died on it.
+
+    Args:
+        address: Of the scheduler. One that goes away is waited for.
+        jobs: Taken one by one, as workers become free.
+        total: How many they are.
+        workers: That must be there before the first case is sent.
+
+    Raises:
+        InvalidInput: No scheduler answers, or a worker has other software.
+    """
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what matters is told below
+    again: deque[list[Case]] = deque()
+    client = _connected(address, _CONNECT)
+    try:
+        _require_same_software(client, workers)
+        while True:
+            lost = yield from _on_client(client, jobs, total, again)
+            if not lost:
+                return
+            print(f"ff-planner: note: the scheduler {address} went away", file=sys.stderr)
+            _close(client)
+            client = _connected(address, _RECONNECT)
+    finally:
+        _close(client)
+
+
+def _connected(address: str, patience: float) -> distributed.Client:
+    until = time.monotonic() + patience
+    while True:
+        try:
+            return distributed.Client(
+                address, timeout=_CONNECT, set_as_default=False, direct_to_workers=False
+            )
+        except (OSError, ValueError, TypeError) as error:
+            if not isinstance(error, OSError) or time.monotonic() >= until:
+                allowed = f"no scheduler answers there within {patience:g} s"
+                raise InvalidInput(Status.OUT_OF_RANGE, "--scheduler", address, allowed) from None
+        time.sleep(_PAUSE)
+
+
+def _close(client: distributed.Client) -> None:
+    with suppress(Exception):  # what has gone away already is closed enough
+        client.close(timeout=_PAUSE)
+
+
+def _require_same_software(client: distributed.Client, workers: int) -> None:
+    if len(client.scheduler_info(n_workers=-1)["workers"]) < workers:
+        print(f"ff-planner: note: waiting for {workers} workers", file=sys.stderr)
+        client.wait_for_workers(workers)
+    for worker, found in client.run(difference, environment(), on_error="return").items():
+        if isinstance(found, ImportError | AttributeError):
+            found = f"it has no ff_planner_ros that can do campaigns ({found})"
+        if found:
+            raise _other_software(worker, str(found))
+
+
+def _other_software(worker: str, differs: str) -> InvalidInput:
+    allowed = f"its plans could be others: {differs}"
+    return InvalidInput(Status.UNSUPPORTED, "worker", worker, allowed)
+
+
+def _on_client(
+    client: distributed.Client, jobs: Iterator[Case], total: int, again: deque[list[Case]]
+) -> Generator[list[Outcome] | Case, None, bool]:
+    """Yield outcomes until all are there or the scheduler is lost; return whether it is."""
+    expected = environment()
+    running: dict[distributed.Future[Any], list[Case]] = {}
+    completed = distributed.as_completed(loop=client.loop, raise_errors=False)
+    while True:
+        cores = max(1, sum(client.nthreads().values())) if client.status == "running" else 1
+        size = max(1, min(_MOST_AT_ONCE, total // (4 * cores)))
+        while len(running) < _WAITING * cores + 1 and client.status == "running":
+            packet = again.popleft() if again else list(islice(jobs, size))
+            if not packet:
+                break
+            future = client.submit(_on_worker, packet, expected, pure=False)
+            running[future] = packet
+            completed.add(future)
+        if not running:
+            return client.status != "running"
+        future = next(completed)
+        packet = running.pop(future)
+        if future.status == "finished":
+            worker, result = future.result()
+            if isinstance(result, str):
+                raise _other_software(worker, result)
+            yield result
+        elif future.status == "error":
+            error = future.exception()
+            if not isinstance(error, distributed.KilledWorker):
+                raise FfPlannerError(Status.INTERNAL_ERROR, f"a worker cannot plan: {error}")
+            if len(packet) == 1:
+                yield packet[0]
+            again.extend([case] for case in packet if len(packet) > 1)
+        else:  # cancelled or lost: the scheduler is not what it was
+            again.append(packet)
+
+
+def _on_worker(packet: list[Case], expected: dict[str, str]) -> tuple[str, list[Outcome] | str]:
+    """Run on a worker: return its address, and what it did or why it must not."""
+    return distributed.get_worker().address, run_cases(packet, expected)

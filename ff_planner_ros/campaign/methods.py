@@ -1,0 +1,32 @@
+"""The methods that a study may compare: ours, and the baselines."""
+
+from __future__ import annotations
+
+from functools import partial
+
+from ff_planner_ros.baselines.artificial_potential_field import artificial_potential_field
+from ff_planner_ros.baselines.beliefs import fixed_base, zero_momentum
+from ff_planner_ros.baselines.potential_field import load_parameters
+from ff_planner_ros.baselines.straight_line import straight_line
+from ff_planner_ros.planning.planner import plan
+from ff_planner_ros.planning.problem import PlanningProblem
+from ff_planner_ros.planning.task import Method, in_frame_of_user, without_search
+from ff_planner_ros.share import share_directory
+
+OPTIMAL, STRAIGHT, APF = "optimal", "straight", "apf"
+FIXED_BASE, ZERO_MOMENTUM = "fixed_base", "zero_momentum"
+METHODS = (OPTIMAL, STRAIGHT, APF, FIXED_BASE, ZERO_MOMENTUM)
+
+
+def method_of(name: str, problem: PlanningProblem) -> Method:
+    """Return a method for one problem, by its name in `METHODS`."""
+    if name == STRAIGHT:
+        return without_search(straight_line)
+    if name == APF:
+        field = load_parameters(share_directory() / "config" / "baselines.yaml")
+        return without_search(partial(artificial_potential_field, parameters=field))
+    if name == FIXED_BASE:
+        return in_frame_of_user(fixed_base, problem)
+    if name == ZERO_MOMENTUM:
+        return in_frame_of_user(zero_momentum, problem)
+    return plan

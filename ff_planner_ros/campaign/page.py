@@ -1,0 +1,186 @@
+"""The report of a campaign: tables and figures on one page."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+from xml.etree.ElementTree import Element
+
+import numpy as np
+
+from ff_planner_ros.campaign.again import command_again
+from ff_planner_ros.campaign.page_plots import rate_plot, time_plot, varied_plot
+from ff_planner_ros.campaign.run import VERSIONS
+from ff_planner_ros.campaign.statistics import Group, Rate, Row, grouped, worst
+from ff_planner_ros.campaign.table import digest_of, read_plans
+from ff_planner_ros.errors import FfPlannerError
+from ff_planner_ros.planning.metrics import METRIC_BY_NAME
+from ff_planner_ros.runs.report_file import save_file
+from ff_planner_ros.runs.report_html import bullets, element, pairs, plot, row, table
+
+_NOTHING = "-"
+# Rows of a table of sources: more of them are counted together, and those with the most refusals
+# are shown. Rows of each kind among the worst. Columns of what was varied that are drawn.
+_MOST_SOURCES, _MOST_WORST, _MOST_VARIED = 40, 5, 20
+_COLUMNS = (
+    *("plans", "solved", "rate", "95 % interval"),
+    *("time, median [s]", "95 % within [s]", "joint path, median [rad]", "attitude, median [deg]"),
+    "least clearance [mm]",
+)
+
+
+def save_campaign_page(directory: Path, file: Path | None = None) -> Path:
+    """Write the report of a campaign's directory, and return the path of the page.
+
+    Raises:
+        InvalidInput: There is no campaign, or a file of it is damaged.
+        OSError: The page cannot be written.
+    """
+    plans = read_plans(directory)
+    rows = plans.sort_by("number").to_pylist()
+    file = directory / "report.html" if file is None else file
+    figures: list[Element] = []
+    title = directory.resolve().name
+    sections = _sections(title, directory, rows, digest_of(plans), figures)
+    save_file(title, sections, figures, file)
+    return file
+
+
+def _sections(
+    title: str, directory: Path, rows: Sequence[Row], digest: str, figures: list[Element]
+) -> Iterator[Element]:
+    methods = grouped(rows, "method")
+    yield element("h1", f"Campaign: {title}")
+    yield pairs(_facts(directory, rows, methods, digest))
+    if any(row["status"] == "internal_error" for row in rows):
+        words = (
+            "Some cases ended with an internal error, a defect of the planner: please report it."
+        )
+        yield bullets([words], "notes")
+    yield element("h2", "Success")
+    words = (
+        "Times are of one plan on one core, whether solved or refused; all else of solved plans."
+    )
+    yield element("p", words)
+    yield _table("method", methods)
+    caption = "Share of cases that are solved, by method, with Wilson's 95 % confidence interval."
+    yield plot("rates", rate_plot(methods), caption, figures)
+    yield from _by_source(rows)
+    yield from _refusals(methods)
+    yield element("h2", "Times")
+    caption = "Share of all cases that are answered, solved or refused, within a time."
+    yield plot("times", time_plot(methods), caption, figures)
+    yield from _varied(rows, methods, figures)
+    yield from _worst(directory, methods)
+
+
+def _facts(
+    directory: Path, rows: Sequence[Row], methods: Sequence[Group], digest: str
+) -> Iterator[tuple[str, str]]:
+    solved = Rate(sum(bool(row["solved"]) for row in rows), len(rows))
+    yield "directory", str(directory)
+    yield "plans", f"{len(rows)}: {solved.count} solved, {len(rows) - solved.count} refused"
+    yield "methods", ", ".join(one.name for one in methods)
+    yield "scenarios", str(len({row["source"] for row in rows}))
+    yield "results", f"{digest}, a hash of every number but the times"
+    times = [row["solve_time"] for row in rows if row["solve_time"] is not None]
+    yield "planned for", f"{sum(times) / 3600:.2f} hours of one core"
+    try:
+        versions = json.loads((directory / VERSIONS).read_text(encoding="utf-8"))
+        yield "made by", ", ".join(f"{name} {version}" for name, version in versions.items())
+    except (OSError, ValueError, AttributeError):
+        yield "made by", "not known"
+
+
+def _table(what: str, groups: Sequence[Group]) -> Element:
+    return table((what, *_COLUMNS), [row(_cells(group)) for group in groups])
+
+
+def _cells(group: Group) -> Iterator[str]:
+    low, high = group.solved.interval
+    yield group.name
+    yield str(group.solved.total)
+    yield str(group.solved.count)
+    yield f"{group.solved.share:.1%}"
+    yield f"{low:.1%} to {high:.1%}"
+    times = group.values("solve_time", solved_only=False)
+    for share in (0.5, 0.95):
+        yield f"{np.quantile(times, share):.3f}" if len(times) else _NOTHING
+    for name, figure in (
+        ("joint_path_length", np.median),
+        ("max_chaser_euler", np.median),
+        ("min_clearance", np.min),
+    ):
+        values = group.values(name)
+        yield METRIC_BY_NAME[name].shown(float(figure(values))) if len(values) else _NOTHING
+
+
+def _by_source(rows: Sequence[Row]) -> Iterator[Element]:
+    groups = grouped(rows, "source", "method")
+    if len({row["source"] for row in rows}) < 2:
+        return
+    yield element("h2", "Scenarios")
+    if len(groups) > _MOST_SOURCES:
+        words = f"Of {len(groups)} scenarios with a method each, those with the most refusals."
+        yield element("p", words)
+        groups.sort(key=lambda one: one.solved.count - one.solved.total)
+    yield _table("scenario, method", groups[:_MOST_SOURCES])
+
+
+def _refusals(methods: Sequence[Group]) -> Iterator[Element]:
+    causes = sorted({cause for group in methods for cause in group.causes})
+    if not causes:
+        return
+    yield element("h2", "Causes of refusal")
+    cells = ([group.name, *(str(group.causes[c]) for c in causes)] for group in methods)
+    yield table(("method", *causes), [row(one) for one in cells])
+
+
+def _varied(
+    rows: Sequence[Row], methods: Sequence[Group], figures: list[Element]
+) -> Iterator[Element]:
+    columns = [name for name in rows[0] if name.startswith("change.")]
+    numeric = [n for n in columns if any(isinstance(one[n], int | float) for one in rows)]
+    if not numeric:
+        return
+    yield element("h2", "What was varied")
+    for place, column in enumerate(numeric[:_MOST_VARIED]):
+        name = column.removeprefix("change.")
+        caption = f"Share of cases that are solved by {name}; bars are 95 % confidence intervals."
+        yield plot(f"varied-{place}", varied_plot(name, column, methods), caption, figures)
+
+
+def _worst(directory: Path, methods: Sequence[Group]) -> Iterator[Element]:
+    yield element("h2", "Worst cases")
+    words = "Each command plans its case again; the scenario files are beside the tables."
+    yield element("p", words)
+    rows: list[Element] = []
+    for group in methods:
+        for why, case in worst(group.rows, _MOST_WORST):
+            rows.append(row(_worst_cells(directory, why, case)))
+            if not case["solved"]:
+                reason = element("td", case["message"], colspan="6")
+                rows.append(element("tr", reason, {"class": "reason"}))
+    columns = ("why", "method", "scenario", "varied", "time [s]", "command")
+    yield table(columns, rows)
+
+
+def _worst_cells(directory: Path, why: str, case: Row) -> Iterator[Element | str]:
+    yield why
+    yield case["method"]
+    yield case["source"]
+    values: dict[str, Any] = json.loads(case["changes"])
+    yield ", ".join(f"{key} {_short(value)}" for key, value in values.items()) or _NOTHING
+    yield _NOTHING if case["solve_time"] is None else f"{case['solve_time']:.3f}"
+    try:
+        yield element("code", command_again(case, directory))
+    except FfPlannerError as error:
+        yield str(error)
+
+
+def _short(value: Any) -> str:
+    if isinstance(value, list):
+        return f"[{', '.join(map(_short, value))}]"
+    return f"{value:.4g}" if isinstance(value, float) else str(value)

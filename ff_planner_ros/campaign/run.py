@@ -1,0 +1,139 @@
+"""A campaign from its study to its tables: what is there stays, what is missing is planned."""
+
+from __future__ import annotations
+
+import shutil
+import signal
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ff_planner_ros.campaign.cases import (
+    Case,
+    cases,
+    kinds_of_values,
+    require_sound,
+    require_unique_names,
+)
+from ff_planner_ros.campaign.cluster import local_cluster, outcomes
+from ff_planner_ros.campaign.environment import environment
+from ff_planner_ros.campaign.progress import progress
+from ff_planner_ros.campaign.sources import Written, write
+from ff_planner_ros.campaign.study import Study
+from ff_planner_ros.campaign.table import Writer, locked, plan_schema, require_campaign
+from ff_planner_ros.campaign.work import Outcome
+
+VERSIONS, PARAMETERS = "versions.json", "parameters.yaml"
+# Rows are written when there are so many, or after so long [s]: what a crash can cost.
+_MOST_ROWS, _LONGEST = 1000, 20.0
+
+
+@dataclass(frozen=True)
+class Done:
+    """What a campaign came to."""
+
+    cases: int  # of the study
+    rows: int  # of them that are in the table
+    other_rows: int  # in the table that the study does not ask for
+    given_up: tuple[str, ...]  # ids of cases on which one worker after the other died
+    stopped: bool  # by the user
+
+
+def run_campaign(
+    study: Study,
+    directory: Path,
+    scheduler: str | None = None,
+    workers: int | None = None,
+    dashboard: bool = False,
+) -> Done:
+    """Plan every case that has no row in the directory yet.
+
+    Args:
+        study: See `load_study`.
+        directory: New, empty, or of the same study, which is then gone on with.
+        scheduler: Address of one that runs; None: a cluster of this machine alone.
+        workers: Of this cluster; with a scheduler, those that must be there to begin.
+        dashboard: Whether Dask's is offered, of a cluster of this machine.
+
+    Raises:
+        InvalidInput: The study names what does not exist; the directory is of something else; no
+            scheduler answers; a worker has other software.
+        OSError: A table cannot be written; what was written before is kept.
+    """
+    require_unique_names(study)
+    require_sound(study)
+    require_campaign(directory, environment(), VERSIONS)
+    with locked(directory):
+        _keep_sources(study, directory)
+        writer = Writer(directory, plan_schema(kinds_of_values(study)))
+        wanted = [case.id for case in cases(study)]
+        missing = len(set(wanted) - writer.done)
+        given_up: list[str] = []
+        stopped = False
+        if missing:
+            jobs = (case for case in cases(study) if case.id not in writer.done)
+            local = local_cluster(workers, dashboard) if scheduler is None else None
+            with _stop_as_asked(), local or nullcontext(scheduler) as address:
+                try:
+                    results = outcomes(str(address), jobs, missing, workers or 1)
+                    given_up = _write_down(results, writer, missing)
+                except KeyboardInterrupt:
+                    stopped = True
+        rows = len(set(wanted) & writer.done)
+    return Done(len(wanted), rows, len(writer.done) - rows, tuple(given_up), stopped)
+
+
+def _keep_sources(study: Study, directory: Path) -> None:
+    """Keep all that is needed to plan a case again, apart from what is drawn from seeds."""
+    for source in study.sources:
+        if isinstance(source, Written):
+            place = scenario_directory(directory, source.name)
+            place.mkdir(parents=True, exist_ok=True)
+            write(source.document, source.urdf, place)
+    if study.parameters is not None:
+        shutil.copyfile(study.parameters, directory / PARAMETERS)
+
+
+def scenario_directory(directory: Path, source: str) -> Path:
+    """Return where a campaign keeps a scenario, by the name of its source."""
+    return directory / "scenarios" / source
+
+
+def _write_down(results: Iterator[list[Outcome] | Case], writer: Writer, missing: int) -> list[str]:
+    """Write rows as they come, and return the ids of cases that were given up."""
+    given_up = []
+    written = time.monotonic()
+    try:
+        with progress(missing) as advance:
+            for result in results:
+                if isinstance(result, Case):
+                    given_up.append(result.id)
+                    continue
+                advance(writer.add(result))
+                if writer.waiting >= _MOST_ROWS or time.monotonic() >= written + _LONGEST:
+                    writer.flush()
+                    written = time.monotonic()
+    finally:
+        writer.flush()
+    return given_up
+
+
+@contextmanager
+def _stop_as_asked() -> Iterator[None]:
+    """Let a request to end the process do what Ctrl-C does: stop, and keep what is there."""
+
+    def stop(*_: Any) -> None:
+        raise KeyboardInterrupt
+
+    try:
+        before = signal.signal(signal.SIGTERM, stop)
+    except ValueError:  # not in the main thread
+        yield
+        return
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)

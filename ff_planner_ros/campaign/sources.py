@@ -1,0 +1,187 @@
+"""What a study varies: scenario files, those in a bag, and problems that are drawn from seeds."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, TypeAlias
+
+import yaml
+
+from ff_planner_ros.bench import bodies, scenarios
+from ff_planner_ros.bench.robots import bench_robot
+from ff_planner_ros.errors import FfPlannerError, InvalidInput, Status
+from ff_planner_ros.planning.scenario import Defaults, load_task
+from ff_planner_ros.planning.scenario_writer import write_scenario
+from ff_planner_ros.planning.task import PlanningTask
+from ff_planner_ros.planning.yaml_file import read_yaml
+from ff_planner_ros.robot.bodies import Geometry
+
+BODIES = "bodies"
+KINDS = (*scenarios.KINDS, BODIES)
+
+# How a scenario and its URDF are called in a directory of their own.
+SCENARIO, URDF = "scenario.yaml", "scenario.urdf"
+
+
+@dataclass(frozen=True, eq=False)
+class Written:
+    """A scenario file with all that it names: nothing of it is read from a disk any more."""
+
+    name: str
+    document: dict[str, Any]  # its robot's URDF is `URDF`
+    urdf: str
+    digest: str  # of the task
+
+    @property
+    def key(self) -> str:
+        """What tells its cases from those of every other source."""
+        return f"{self.name} {self.digest}"
+
+
+@dataclass(frozen=True)
+class Generated:
+    """A problem of the benchmark, drawn where it is planned; it is known to have a plan."""
+
+    kind: str  # of `KINDS`
+    robot: str  # as `bench_robot` knows it
+    number: int  # its seed
+    turned: bool  # whether its inertial frame is; see `bench.scenarios`
+
+    @property
+    def name(self) -> str:
+        """Kind, robot and number."""
+        return f"{self.kind}/{self.robot}/{self.number}" + ("/turned" if self.turned else "")
+
+    @property
+    def key(self) -> str:
+        """What tells its cases from those of every other source."""
+        return self.name
+
+
+Source: TypeAlias = Written | Generated
+
+
+def generated_by_name(name: str) -> Generated:
+    """Return the drawn problem of a name.
+
+    Raises:
+        InvalidInput: It is none's name.
+    """
+    kind, robot, number, turned = (*name.split("/"), "", "", "", "")[:4]
+    if kind not in KINDS or not number.isdecimal() or turned not in ("", "turned"):
+        allowed = "what the campaign kept of its scenarios is not there any more"
+        raise InvalidInput(Status.OUT_OF_RANGE, "scenario", name, allowed)
+    return Generated(kind, robot, int(number), bool(turned))
+
+
+def content(source: Source, defaults: Defaults) -> tuple[dict[str, Any], str]:
+    """Return the scenario of a source, as in YAML, and its URDF.
+
+    Raises:
+        InvalidInput: The generator does not know the robot.
+    """
+    if isinstance(source, Written):
+        return source.document, source.urdf
+    return _drawn(source, defaults)
+
+
+def written(path: Path, name: str, defaults: Defaults) -> Written:
+    """Return a scenario file as a source.
+
+    Raises:
+        InvalidInput: It cannot be planned, or not without the files that it names.
+    """
+    try:
+        task = load_task(path, defaults)
+    except InvalidInput as error:
+        field = f"{path}: {error.field}"
+        raise InvalidInput(error.status, field, error.value, error.allowed) from None
+    robot, document = task.problem.robot, read_yaml(path)
+    entry = {
+        key: document["robot"][key]
+        for key in ("base", "base_link", "tip_link")
+        if key in document["robot"]
+    }
+    # What is handed on of the URDF says itself which joints are held and which links may touch;
+    # with lines it has no bodies, which then is the default.
+    document["robot"] = {"urdf": URDF, **entry}
+    if robot.geometry is Geometry.SHAPES:
+        document["robot"]["geometry"] = robot.geometry.value
+    digest = task.digest
+    if task_of(document, robot.drawn_urdf, defaults).digest != digest:
+        allowed = "its URDF alone must describe its robot"
+        raise InvalidInput(Status.UNSUPPORTED, f"{path}: robot", "of another kind", allowed)
+    return Written(name, document, robot.drawn_urdf, digest)
+
+
+def task_of(document: dict[str, Any], urdf: str, defaults: Defaults) -> PlanningTask:
+    """Return the task of a scenario, read from a file as every command reads it.
+
+    Raises:
+        InvalidInput: It is refused.
+    """
+    with TemporaryDirectory(prefix="ff_planner_") as directory:
+        return load_task(write(document, urdf, Path(directory)), defaults)
+
+
+def write(document: dict[str, Any], urdf: str, directory: Path) -> Path:
+    """Write a scenario and its URDF to a directory, and return the path of the scenario.
+
+    Raises:
+        OSError: They cannot be written.
+    """
+    (directory / URDF).write_text(urdf, encoding="utf-8", newline="")
+    path = directory / SCENARIO
+    text = yaml.safe_dump(document, default_flow_style=None, sort_keys=False, allow_unicode=True)
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def of_bag(bag: Path, defaults: Defaults) -> tuple[list[Written], tuple[str, ...]]:
+    """Return the requests in a bag as sources, and notes on what is left out. This needs ROS.
+
+    Raises:
+        BagError: It cannot be read, or holds no request.
+        InvalidInput: The URDF in it is refused.
+    """
+    from ff_planner_ros.runs.export_scenarios import export_scenarios
+
+    with TemporaryDirectory(prefix="ff_planner_") as directory:
+        place = Path(directory, "requests")
+        notes = export_scenarios(bag, place)
+        return [written(p, f"{bag.name}/{p.stem}", defaults) for p in _scenarios(place)], notes
+
+
+def _scenarios(directory: Path) -> Iterator[Path]:
+    yield from sorted(directory.glob("*.yaml"))
+
+
+def require_robot(name: str) -> None:
+    """Refuse a robot that the generator does not know.
+
+    Raises:
+        InvalidInput: It does not.
+    """
+    try:
+        bench_robot(name)
+    except (ValueError, FfPlannerError, OSError):
+        allowed = "it must be lemur, canadarm2, off7, or an arm by its joints: arm6, arm7, ..."
+        raise InvalidInput(Status.OUT_OF_RANGE, "generated.robots", name, allowed) from None
+
+
+@cache
+def _drawn(source: Generated, defaults: Defaults) -> tuple[dict[str, Any], str]:
+    """Draw a problem; the cases that vary it share it."""
+    if source.kind == BODIES:
+        problem = bodies.problem(source.robot, source.number).problem
+    else:
+        drawn = scenarios.scenario(source.kind, source.robot, source.number, turned=source.turned)
+        problem = drawn.problem
+    with TemporaryDirectory(prefix="ff_planner_") as directory:
+        path = Path(directory, SCENARIO)
+        write_scenario(PlanningTask(problem, defaults.settings), path)
+        return read_yaml(path), path.with_suffix(".urdf").read_text(encoding="utf-8")

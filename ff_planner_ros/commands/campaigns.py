@@ -1,0 +1,79 @@
+"""The command that plans thousands of cases, and tells of them."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from importlib.util import find_spec
+from pathlib import Path
+
+from ff_planner_ros.commands.planning import NO_PLAN, SOLVED, print_notes
+from ff_planner_ros.errors import FfPlannerError, InvalidInput, Status
+
+REPORT = "report"
+MOST_WORKERS = 10_000  # more than a scheduler of Dask's has been seen to bear
+
+
+def run_campaign(options: argparse.Namespace) -> int:
+    """Plan the cases of a study, or tell of those that are planned."""
+    if options.study == Path(REPORT) and options.directory is not None:
+        return _report(options)
+    if options.directory is not None:
+        allowed = f"`ff-planner campaign {REPORT} DIR` or `ff-planner campaign STUDY.yaml`"
+        raise InvalidInput(Status.UNSUPPORTED, "argument", options.directory, allowed)
+    if options.out is None:
+        allowed = "a campaign needs a directory for its tables"
+        raise InvalidInput(Status.OUT_OF_RANGE, "--out", "missing", allowed)
+    if options.workers is not None and not 1 <= options.workers <= MOST_WORKERS:
+        allowed = f"it must be from 1 to {MOST_WORKERS}"
+        raise InvalidInput(Status.OUT_OF_RANGE, "--workers", options.workers, allowed)
+    return _run(options)
+
+
+def _run(options: argparse.Namespace) -> int:
+    _require_packages()
+    if options.dashboard and find_spec("bokeh") is None:
+        allowed = "it needs bokeh: pip install bokeh"
+        raise InvalidInput(Status.UNSUPPORTED, "--dashboard", "asked for", allowed)
+    from ff_planner_ros.campaign import table
+    from ff_planner_ros.campaign.run import run_campaign as run
+    from ff_planner_ros.campaign.study import load_study
+
+    study = load_study(options.study)
+    print_notes(study.notes)
+    done = run(study, options.out, options.scheduler, options.workers, options.dashboard)
+    print(f"{options.out}: {done.rows} of {done.cases} plans are there")
+    if done.other_rows:
+        print(f"and {done.other_rows} of cases that the study no longer has")
+    if done.rows == done.cases:
+        print(f"results {table.digest_of(table.read_plans(options.out))}")
+        return SOLVED
+    for case in done.given_up:
+        print(f"ff-planner: case {case}: every worker that planned it died", file=sys.stderr)
+    print("ff-planner: the same command plans what is missing", file=sys.stderr)
+    return NO_PLAN
+
+
+def _report(options: argparse.Namespace) -> int:
+    _require_packages()
+    from ff_planner_ros.campaign.page import save_campaign_page
+
+    print(save_campaign_page(options.directory, options.output))
+    return SOLVED
+
+
+def _require_packages() -> None:
+    """Refuse where the extra is not installed.
+
+    Raises:
+        FfPlannerError: It is not.
+    """
+    try:
+        import distributed  # noqa: F401
+        import pyarrow  # noqa: F401
+    except ModuleNotFoundError as error:
+        raise FfPlannerError(
+            Status.UNSUPPORTED,
+            f"a campaign needs {error.name}: pip install 'ff_planner_ros[campaign]', or where this "
+            "package came without pip, pip install distributed pyarrow",
+        ) from None
