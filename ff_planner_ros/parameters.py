@@ -18,6 +18,7 @@ from ff_planner_ros.planning.problem import MAX_POINTS, MIN_POINTS, Limits
 from ff_planner_ros.planning.scenario import Defaults, from_urdf
 from ff_planner_ros.planning.settings import (
     STRICT_IF_LOW,
+    STRICT_IF_LOW_EACH,
     STRICT_IF_LOW_NOT_ZERO,
     PlannerSettings,
     Strictness,
@@ -126,11 +127,21 @@ class LimitParameters:
     """Which limits to keep beside the joint positions'.
 
     Raises:
-        InvalidInput: A word that is not known.
+        InvalidInput: A word that is not known, or an acceleration that is none.
     """
 
     velocity: str = tunable(
         "Joint rates: from_urdf keeps the URDF's limits, none keeps none",
+        strictness=strict_if("from_urdf"),
+    )
+    acceleration: tuple[float, ...] = tunable(
+        "Largest acceleration of each joint either way, or one for all; a request may ask for "
+        "less; [0.0]: any",
+        unit="rad/s2",
+        strictness=STRICT_IF_LOW_EACH,
+    )
+    effort: str = tunable(
+        "Joint torques: from_urdf keeps the URDF's effort limits, none keeps none",
         strictness=strict_if("from_urdf"),
     )
     chaser_attitude: float = tunable(
@@ -141,14 +152,26 @@ class LimitParameters:
     )
 
     def __post_init__(self) -> None:
-        """Check the word."""
-        from_urdf("limits.velocity", self.velocity)
+        """Check what no range of a parameter describes."""
+        self.limits()
 
-    def limits(self, chaser_attitude: float = 0.0) -> Limits:
-        """Return the limits of a problem; a chaser attitude of zero [rad]: the parameter's."""
+    @property
+    def accelerations(self) -> tuple[float, ...] | None:
+        """Limits of the joint accelerations [rad/s2]; None: any."""
+        return self.acceleration if any(self.acceleration) else None
+
+    def limits(self, chaser_attitude: float = 0.0, accelerations: tuple[float, ...] = ()) -> Limits:
+        """Return the limits of a problem.
+
+        Args:
+            chaser_attitude: Zero: the parameter's [rad].
+            accelerations: Empty: the parameter's [rad/s2].
+        """
         return Limits(
             joint_velocities=from_urdf("limits.velocity", self.velocity),
             chaser_attitude=chaser_attitude or self.chaser_attitude or math.inf,
+            joint_accelerations=accelerations or self.accelerations,
+            joint_torques=from_urdf("limits.effort", self.effort),
         )
 
 

@@ -8,6 +8,7 @@ from ff_planner_ros.planning.plan import Trajectory
 from ff_planner_ros.planning.scene import Scene
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.simulation.capture import ALLOWED_AT_CAPTURE, Capture, is_soft
+from ff_planner_ros.simulation.corridor import Corridor
 from ff_planner_ros.simulation.engine import ENGINE
 from ff_planner_ros.simulation.model_errors import model_errors
 from ff_planner_ros.simulation.verification import (
@@ -55,6 +56,8 @@ def print_verdict(
                 ("allowed", *_relative(ALLOWED_AT_CAPTURE)),
             ],
         )
+    if found.corridor is not None:
+        print(f"approach: {_told(found.corridor)}")
     if robot.bodies:
         _print_contacts(found, unknown=scene is None)
     else:
@@ -79,6 +82,15 @@ def _relative(found: Capture) -> list[str]:
     return [f"{number:.4f}" for number in numbers]
 
 
+def _told(found: Corridor) -> str:
+    """Return words for how the end effector came along its corridor, as the true grasp sees it."""
+    where = f"{abs(found.margin) * 1e3:.2f} mm {'inside' if found.margin >= 0.0 else 'beside'}"
+    return (
+        f"in the corridor's reach for good from {found.inside_from:.3f} s on; least margin "
+        f"{where} at {found.time:.3f} s, as the target sees it"
+    )
+
+
 def _print_contacts(found: Verification, unknown: bool) -> None:
     told = ", but the obstacles are not known" if unknown else ""
     if not found.contacts:
@@ -101,6 +113,8 @@ def _verdict(found: Verification) -> str:
         return "failed: the end effector does not meet the grasp of the target body"
     if not found.came_true:
         return "failed: the system does not do what the plan says"
+    if not found.kept_corridor:
+        return "failed: the end effector leaves the corridor of its approach"
     if found.contacts:
         first = found.contacts[0]
         return f"failed: {first.pair} touch at {first.first_time:.3f} s, and must not"

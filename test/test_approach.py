@@ -43,8 +43,6 @@ from ff_planner_ros.planning.scenario import Defaults, load_scenario, load_task
 from ff_planner_ros.planning.scenario_writer import write_scenario
 from ff_planner_ros.planning.system_frame import in_own_frame
 from ff_planner_ros.planning.task import PlanningTask, perform
-from ff_planner_ros.ros.messages.to_messages import request_message
-from ff_planner_ros.runs.offline_bag import require_recordable
 
 SETTINGS = load_parameters().planner
 TUMBLING = load_scenario(LEMUR_SCENARIO.with_name("lemur_tumbling.yaml"))
@@ -396,11 +394,3 @@ def test_what_is_drawn_is_the_boundary_of_the_corridor() -> None:
     assert degrees_off(approach, places) == pytest.approx(math.degrees(0.3), abs=1e-6)
     assert before.min() == pytest.approx(0.0, abs=1e-12)
     assert before.max() == pytest.approx(0.2 * math.cos(0.3))
-
-
-def test_no_request_to_the_node_leaves_the_approach_out() -> None:
-    problem = with_approach(RESTING, FORWARD)
-    with pytest.raises(InvalidInput, match=r"^approach is given: a request"):
-        request_message(problem, "inertial")
-    with pytest.raises(InvalidInput, match="leave out --bag"):
-        require_recordable(PlanningTask(problem, SETTINGS))

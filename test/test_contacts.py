@@ -15,7 +15,7 @@ from ff_planner_ros.bench.touching import touching
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.plan import Trajectory
 from ff_planner_ros.planning.planner import plan
-from ff_planner_ros.planning.problem import PlanningProblem, Sphere
+from ff_planner_ros.planning.problem import PlanningProblem, Sphere, Target
 from ff_planner_ros.planning.scene import Scene
 from ff_planner_ros.robot.bodies import Geometry
 from ff_planner_ros.robot.model import Robot, robot_from_urdf_text
@@ -217,7 +217,7 @@ def test_what_is_grasped_may_be_touched_near_the_goal_and_only_there(
     way = np.linalg.norm(motion.ee_positions - goal, axis=1)
 
     def seen(distance: float, *allowed: str) -> dict[str, Contact]:
-        scene = Scene((grasped,), allowed, distance, goal)
+        scene = Scene((grasped,), allowed, distance, Target(goal, [0.0, 0.0, 0.0, 1.0]))
         found = verify(problem.robot, motion, scene).contacts
         return {one.pair: one for one in found if one.pair.endswith("grasped")}
 

@@ -234,8 +234,10 @@ def test_every_tolerance_margin_and_limit_says_which_way_is_stricter() -> None:
 def _other_values(name: str) -> tuple[Any, Any]:
     """Return a looser and a stricter value than the default."""
     default = default_values()[name]
-    if name == "limits.velocity":
+    if name in ("limits.velocity", "limits.effort"):
         return "none", None
+    if name == "limits.acceleration":
+        return None, [0.4]
     if default is True:  # allow_nonzero_velocity_at_trajectory_end
         return None, False
     if name == "limits.chaser_attitude":
@@ -254,7 +256,8 @@ def test_while_the_node_is_configured_it_is_only_tightened(name: str) -> None:
 
     def set_to(value: Any) -> SetParametersResult:
         (result,) = node.set_parameters([Parameter(name, value=value)])
-        assert value_of(live.current, name) == value or not result.successful
+        now = tuple(value) if isinstance(value, list) else value
+        assert value_of(live.current, name) == now or not result.successful
         return result
 
     live.configured = True
@@ -268,10 +271,35 @@ def test_while_the_node_is_configured_it_is_only_tightened(name: str) -> None:
         assert not result.successful
         assert result.reason.startswith(f"{name} is {str(refused).lower()}: it must be ")
         assert str(than).lower() in result.reason.partition(": ")[2]
-        assert value_of(live.current, name) == than
+        assert value_of(live.current, name) == (tuple(than) if type(than) is list else than)
     live.configured = False
     for value in (looser, stricter, default):
         assert value is None or set_to(value).successful
+
+
+def test_no_joint_is_given_more_acceleration_while_the_node_is_configured() -> None:
+    node = _node(limits__acceleration=[0.5, 0.3])
+    live = LiveParameters(node)
+    live.configured = True
+
+    def is_taken(*limits: float) -> bool:
+        (result,) = node.set_parameters([Parameter("limits.acceleration", value=list(limits))])
+        assert result.successful or "limits may only be tightened" in result.reason
+        return bool(result.successful)
+
+    assert not is_taken(0.6, 0.3)
+    assert not is_taken(0.4, 0.31)
+    assert not is_taken(0.0)
+    assert not is_taken(0.4)
+    assert not is_taken(0.1, 0.1, 0.1)
+    before = live.current
+    assert is_taken(0.5, 0.2)
+    assert stricter_since(before, live.current) == ["limits.acceleration"]
+    assert is_taken(0.2)
+    assert not is_taken(0.2, 0.21)
+    (none,) = node.set_parameters([Parameter("limits.acceleration", value=[-0.1])])
+    assert not none.successful
+    assert "limits.acceleration[0] is -0.1: it must be greater than 0" in none.reason
 
 
 def test_several_changes_at_once_are_refused_if_one_loosens() -> None:

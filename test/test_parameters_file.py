@@ -96,8 +96,12 @@ def test_a_value_is_returned_as_declared() -> None:
 
 
 def test_no_limit_of_the_attitude_is_an_infinite_one() -> None:
-    assert LimitParameters("none", 0.0).limits() == Limits(False, math.inf)
-    assert LimitParameters("from_urdf", 0.2).limits() == Limits(True, 0.2)
+    assert LimitParameters("none", (0.0,), "none", 0.0).limits() == Limits(
+        False, math.inf, None, False
+    )
+    assert LimitParameters("from_urdf", (), "from_urdf", 0.2).limits() == Limits(True, 0.2)
+    each = LimitParameters("from_urdf", (0.5, 0.25), "from_urdf", 0.2).limits()
+    assert each.joint_accelerations == (0.5, 0.25)
 
 
 def test_a_plan_takes_what_the_scenario_does_not_say_from_the_whole_file(
@@ -113,10 +117,13 @@ def test_a_plan_takes_what_the_scenario_does_not_say_from_the_whole_file(
     assert answer["limits"] == {
         "position": "from_urdf",
         "velocity": "from_urdf",
+        "acceleration": "none",
+        "effort": "from_urdf",
         "chaser_attitude": "none",
     }
     assert answer["time"][-1] == 11.5
-    assert "limits kept                joint positions, joint velocities" in capsys.readouterr().out
+    (kept,) = (li for li in capsys.readouterr().out.splitlines() if li.startswith("limits kept"))
+    assert kept.split("  ")[-1].strip() == "joint positions, joint velocities, joint torques"
     assert main(command) == 0
     answer = json.loads(file.read_text())
     assert (answer["limits"]["velocity"], answer["time"][-1]) == ("none", 10.0)

@@ -173,7 +173,7 @@ def test_a_request_may_ask_for_a_smaller_limit_of_the_attitude_than_the_paramete
 ) -> None:
     request = Scene(lemur_capture).request()
     request.limit_chaser_attitude = asked_for
-    limits = LimitParameters("from_urdf", parameter)
+    limits = LimitParameters("from_urdf", (0.0,), "from_urdf", parameter)
     assert asked(lemur_capture, request, limits=limits).task.problem.limits == Limits(True, kept)
 
 
@@ -185,7 +185,7 @@ def test_a_limit_of_the_attitude_that_is_none_or_more_than_the_parameters_is_ref
 ) -> None:
     request = Scene(lemur_capture).request()
     request.limit_chaser_attitude = value
-    limits = LimitParameters("from_urdf", parameter)
+    limits = LimitParameters("from_urdf", (0.0,), "from_urdf", parameter)
     with pytest.raises(InvalidInput, match=rf"limit_chaser_attitude is {value}") as refused:
         asked(lemur_capture, request, limits=limits)
     assert ("at most 0.3 rad" in refused.value.allowed) == (parameter == 0.3)

@@ -130,7 +130,8 @@ def test_the_file_has_a_line_for_each_vector(
     lines = path.read_text().splitlines()
     assert "robot: {urdf: capture.urdf, base_link: chaser, tip_link: end_effector}" in lines
     assert "  linear_velocity: [0.02, 0.0, 0.05]" in lines
-    assert "limits: {position: from_urdf, velocity: none, chaser_attitude: none}" in lines
+    kept = "position: from_urdf, velocity: none, acceleration: none, effort: from_urdf"
+    assert f"limits: {{{kept}, chaser_attitude: none}}" in lines
 
 
 def test_what_a_file_cannot_hold_is_refused(lemur_capture: PlanningProblem, tmp_path: Path) -> None:

@@ -13,9 +13,9 @@ from ff_planner_ros.cli import main
 from ff_planner_ros.errors import InvalidInput, NoPlanFound, Status
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.plan import Plan
-from ff_planner_ros.planning.problem import Limits, Objective, PlanningProblem
+from ff_planner_ros.planning.problem import Objective, PlanningProblem
 from ff_planner_ros.planning.task import PlanningTask, perform
-from ff_planner_ros.runs.offline_bag import record_answer, require_recordable
+from ff_planner_ros.runs.offline_bag import record_answer
 from ff_planner_ros.runs.what_if import allowed_keys, parsed
 
 SETTINGS = load_parameters().planner
@@ -47,14 +47,6 @@ def test_the_answer_is_that_of_the_changed_problem(
     assert "SOLVED > SOLVED" in row
     assert f"{lengths[0]:.4f} > {lengths[1]:.4f}" in row
     assert f"{clearances[0]:.2f} > {clearances[1]:.2f}" in row
-
-
-def test_no_bag_is_written_of_limits_that_a_request_cannot_hold(
-    lemur_capture: PlanningProblem,
-) -> None:
-    limited = replace(lemur_capture, limits=Limits(joint_accelerations=(0.2,)))
-    with pytest.raises(InvalidInput, match=r"limits\.acceleration is given"):
-        require_recordable(PlanningTask(limited, SETTINGS))
 
 
 def test_limits_and_duration_are_changed_in_every_request(

@@ -15,6 +15,7 @@ from ff_planner_ros.planning.metrics import Metrics
 from ff_planner_ros.planning.plan import Plan, SolverReport, Trajectory
 from ff_planner_ros.planning.problem import (
     CONTACT_DISTANCE,
+    Approach,
     Objective,
     Orientation,
     PlanningProblem,
@@ -23,11 +24,11 @@ from ff_planner_ros.planning.problem import (
     attached_spheres,
     lasting,
 )
-from ff_planner_ros.planning.scenario import target_body_of
+from ff_planner_ros.planning.scenario import approach_of, target_body_of
 from ff_planner_ros.planning.scenario_writer import (
-    accelerations_of,
     described_approach,
     described_body,
+    limits_of,
     weights_of,
 )
 from ff_planner_ros.planning.scene import Scene
@@ -39,6 +40,7 @@ from ff_planner_ros.robot.model import Base, Robot, robot_from_urdf_text
 from ff_planner_ros.shown import quoted
 
 _ROBOT = ("urdf", "base_link", "tip_link")
+_MOVING = ("linear_velocity", "angular_velocity")
 # Of a target body at each point.
 _ROWS = ("positions", "quaternions_xyzw", "linear_velocities", "angular_velocities")
 
@@ -57,6 +59,7 @@ class PlanDocument:
     # Where the end effector was to come; None: the dictionary does not tell
     goal: Target | None
     target_body: TargetBody | None  # that was to be captured; None: none
+    approach: Approach | None  # of the last stretch to the goal; None: any way
 
 
 def plan_dictionary(plan: Plan, task: PlanningTask, solve_time: float) -> dict[str, Any]:
@@ -85,12 +88,7 @@ def plan_dictionary(plan: Plan, task: PlanningTask, solve_time: float) -> dict[s
         **_allowed(problem),
         **described_approach(problem.approach),
         **({} if (body := problem.target_body) is None else _body_rows(body, motion.time)),
-        "limits": {
-            "position": "from_urdf",
-            "velocity": "from_urdf" if problem.limits.joint_velocities else "none",
-            "chaser_attitude": _finite(problem.limits.chaser_attitude) or "none",
-            **accelerations_of(problem.limits),
-        },
+        "limits": limits_of(problem.limits),
         "joint_names": list(plan.joint_names),
         **{item.name: getattr(motion, item.name).tolist() for item in fields(motion)},
         "parametrisation": plan.family,
@@ -141,9 +139,10 @@ def planned_scene(answer: object) -> Scene | None:
         obstacles,
         tuple(allowed),
         distance,
-        goal.position,
+        goal if body is None else None,
         target_body=body,
-        capture_time=None if body is None else _number("duration", _entry(answer, "duration")),
+        capture_time=_number("duration", answer["duration"]) if "duration" in answer else None,
+        approach=_approach(answer),
     )
 
 
@@ -217,7 +216,13 @@ def plan_document(answer: Any) -> PlanDocument:
     solve_time = _number("solver.solve_time", _entry(solver, "solve_time", "solver."))
     body = captured_body(answer)
     weights, obstacles = _asked_for(answer, body)
-    return PlanDocument(robot, plan, solve_time, weights, obstacles, _goal(answer), body)
+    goal, approach = _goal(answer), _approach(answer)
+    return PlanDocument(robot, plan, solve_time, weights, obstacles, goal, body, approach)
+
+
+def _approach(answer: Any) -> Approach | None:
+    """Return the corridor of a plan's dictionary; None: it has none."""
+    return approach_of(answer["approach"]) if "approach" in answer else None
 
 
 def captured_body(answer: Any) -> TargetBody | None:
@@ -266,11 +271,14 @@ def _body_rows(body: TargetBody, times: Array) -> dict[str, Any]:
 
 
 def _target(target: Target) -> dict[str, Any]:
-    """Return a target as a scenario has it, at rest."""
+    """Return a target as a scenario has it, without accelerations."""
     told = {
         "position": target.position.tolist(),
         "quaternion_xyzw": target.quaternion_xyzw.tolist(),
     }
+    for name in _MOVING:
+        if (velocity := getattr(target, name)).any():
+            told[name] = velocity.tolist()
     if target.orientation is Orientation.FIXED:
         return told
     free_axis = target.free_axis_in_ee
@@ -293,6 +301,7 @@ def _goal(answer: Any) -> Target | None:
     return Target(
         _numbers("target.position", position),
         _numbers("target.quaternion_xyzw", quaternion),
+        **{name: _numbers(f"target.{name}", target[name]) for name in _MOVING if name in target},
         orientation=Orientation(orientation),
         free_axis_in_ee=None
         if free_axis is None

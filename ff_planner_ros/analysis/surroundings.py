@@ -86,7 +86,23 @@ def drawn_goal(goal: Target, axis_length: float) -> Iterator[go.Scatter3d]:
 
 def drawn_corridor(approach: Approach, goal: Target) -> go.Scatter3d:
     """Draw the corridor of the last stretch to a goal, where it is at the goal."""
-    to_inertial = Rotation.from_quat(goal.quaternion_xyzw)
+    lines = corridor_lines(approach, goal.position, goal.quaternion_xyzw)
+    gaps = np.full((len(lines), 1, 3), np.nan)
+    return go.Scatter3d(
+        **xyz(np.concatenate([lines, gaps], axis=1).reshape(-1, 3)),
+        mode="lines",
+        line={"color": _GOAL, "width": 2},
+        name="approach",
+        hovertemplate="corridor of the approach<extra></extra>",
+    )
+
+
+def corridor_lines(approach: Approach, position: Array, quaternion_xyzw: Array) -> Array:
+    """Return the lines of a corridor's sides and of both its ends, with the grasp at a pose.
+
+    Returns:
+        Both ends of each. Shape (lines, 2, 3) [m].
+    """
     # Two axes across the direction; any two will do.
     across = np.linalg.svd(approach.direction[None])[2][1:]
     turns = np.linspace(0.0, 2 * np.pi, _CORRIDOR_SIDES + 1)
@@ -95,16 +111,10 @@ def drawn_corridor(approach: Approach, goal: Target) -> go.Scatter3d:
     # To where the cone leaves the distance, nearly.
     length = approach.distance * np.cos(approach.cone)
     wide = (RADIUS_AT_GRASP + length * np.tan(approach.cone)) * ring - length * approach.direction
-    gap = np.full((1, 3), np.nan)
-    sides = [row for pair in zip(narrow, wide, strict=True) for row in (*pair, gap[0])]
-    lines = np.vstack([narrow, gap, wide, gap, sides])
-    return go.Scatter3d(
-        **xyz(goal.position + to_inertial.apply(lines)),
-        mode="lines",
-        line={"color": _GOAL, "width": 2},
-        name="approach",
-        hovertemplate="corridor of the approach<extra></extra>",
-    )
+    ends = [np.stack([one[:-1], one[1:]], axis=1) for one in (narrow, wide)]
+    lines = np.concatenate([*ends, np.stack([narrow, wide], axis=1)[:-1]])
+    turned = Rotation.from_quat(quaternion_xyzw).apply(lines.reshape(-1, 3))
+    return np.asarray(position + turned, np.float64).reshape(lines.shape)
 
 
 def axis_lines(origin: Array, axes: Array, what: str) -> go.Scatter3d:

@@ -30,9 +30,16 @@ _ASKED = {
     "limit_chaser_attitude_rad": "limit_chaser_attitude",
     "end_behaviour": "end_behaviour",
     "capture": "capture",
+    **{f"approach_direction_{axis}": f"approach_direction.{axis}" for axis in "xyz"},
+    "approach_distance_m": "approach_distance",
+    "approach_cone_rad": "approach_cone",
 }
-# Zero stands for the node's parameter, or for a duration that is given: nothing was asked.
-_ZERO_IS_NONE = ("asked_points", "time_budget_s", "limit_chaser_attitude_rad", "duration_max_s")
+# Zero stands for the node's parameter, for a duration that is given, or for no corridor: nothing
+# was asked.
+_ZERO_IS_NONE = (
+    *("asked_points", "time_budget_s", "limit_chaser_attitude_rad", "duration_max_s"),
+    *("approach_distance_m", "approach_cone_rad"),
+)
 _SOLVER = {
     "solve_time_s": "solve_time",
     "starts": "starts",

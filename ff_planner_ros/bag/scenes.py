@@ -9,13 +9,17 @@ from typing import Any
 import numpy as np
 
 from ff_planner_ros.arrays import Array
+from ff_planner_ros.bag.approaches import approach_in
 from ff_planner_ros.bag.decoding import NANOSECONDS, nanoseconds
 from ff_planner_ros.bag.reader import Bag
 from ff_planner_ros.bag.target_bodies import target_body_in
 from ff_planner_ros.errors import InvalidInput
 from ff_planner_ros.planning.problem import (
     CONTACT_DISTANCE,
+    Approach,
+    Orientation,
     Sphere,
+    Target,
     TargetBody,
     carried_spheres,
     with_attached_spheres,
@@ -68,7 +72,8 @@ def asked_scene(request: Any) -> AskedScene:
             allowed_at_goal=tuple(map(str, allowed)),
             contact_distance=getattr(request, "contact_distance", 0.0) or CONTACT_DISTANCE,
             target=None if captures else _target(request),
-            capture_time=getattr(request, "duration", None) if captures else None,
+            capture_time=getattr(request, "duration", None),
+            approach=_approach(request),
         ),
         obstacles=spheres,
         captures=captures,
@@ -100,8 +105,10 @@ def scene_at_start(
     if spheres is None:
         return None
     spheres = carried_spheres(spheres, (start_ns - stamps.obstacles_ns) / NANOSECONDS)
+    # Answers of earlier versions do not tell: their duration was given.
+    captured = stamps.duration or told.scene.capture_time
     if not told.captures:
-        return replace(told.scene, obstacles=spheres)
+        return replace(told.scene, obstacles=spheres, capture_time=captured)
     body = told.body or received.bodies.get(stamps.target_body_ns)
     if body is None:
         return None
@@ -110,8 +117,6 @@ def scene_at_start(
         obstacles = with_attached_spheres(spheres, body)
     except InvalidInput:
         return None
-    # Answers of earlier versions do not tell: their duration was given.
-    captured = stamps.duration or told.scene.capture_time
     return replace(told.scene, obstacles=obstacles, target_body=body, capture_time=captured)
 
 
@@ -153,10 +158,27 @@ def _body_in(message: Any) -> TargetBody | None:
         return None
 
 
-def _target(request: Any) -> Array | None:
+def _target(request: Any) -> Target | None:
     try:
-        return _vector(request.target_pose.pose.position)
-    except AttributeError:
+        pose, twist = request.target_pose.pose, request.target_twist
+        turn = pose.orientation
+        return Target(
+            _vector(pose.position),
+            np.array([turn.x, turn.y, turn.z, turn.w]),
+            _vector(twist.linear),
+            _vector(twist.angular),
+            orientation=Orientation.FREE
+            if getattr(request, "orientation", "") == Orientation.FREE
+            else Orientation.FIXED,
+        )
+    except (AttributeError, InvalidInput):
+        return None
+
+
+def _approach(request: Any) -> Approach | None:
+    try:
+        return approach_in(request)
+    except InvalidInput:
         return None
 
 

@@ -2,7 +2,7 @@
 
 A pair that a task allows to touch may do so in the last part of the way alone: from when on the
 end effector stays within the problem's contact distance from its goal, and in the tail. The goal is
-where the target is at arrival; of a target body it is the grasp, where it is at each moment.
+where the grasp is at each moment.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ import numpy as np
 
 from ff_planner_ros.arrays import Array, Indices
 from ff_planner_ros.planning.clearance import arm_points
+from ff_planner_ros.planning.grasp_seen import GraspSeen
 from ff_planner_ros.planning.problem import PlanningProblem
 
 
@@ -47,9 +48,8 @@ def before_contact(problem: PlanningProblem, times: Array, q: Array, within: flo
     Returns:
         Its number; -1: none is.
     """
-    body = problem.target_body
-    goal = problem.target.position if body is None else body.grasp(times).positions
-    to_goal = np.linalg.norm(arm_points(problem.robot, q)[:, -1] - goal, axis=1)
+    points = arm_points(problem.robot, q)[:, -1]
+    to_goal = np.linalg.norm(GraspSeen(problem, times).from_grasp(points), axis=1)
     outside = np.flatnonzero(to_goal > within * problem.contact_distance)
     return int(outside[-1]) if outside.size else -1
 

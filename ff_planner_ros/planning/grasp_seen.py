@@ -39,6 +39,10 @@ class GraspSeen:
         seen: Array = np.einsum("pji,pj->pi", self._rotations, self._counts * vectors)
         return seen
 
+    def from_grasp(self, points: Array) -> Array:
+        """Return the ways from the grasp to points, inertial axes. Shape (times, 3) [m]."""
+        return points - self._positions
+
     def sees(self, points: Array) -> Array:
         """Return where points are, one at each time. Shape (times, 3) [m]."""
         return self._here(points - self._positions)

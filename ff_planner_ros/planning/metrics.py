@@ -11,9 +11,15 @@ import numpy as np
 # On one machine, a plan comes out the same to the last bit. Another processor has other kernels of
 # linear algebra, which round differently. These differences are tolerated between two machines;
 # how they were found stands in `runs/differences.py`.
-_RAD, _RAD_S, _METRE, _TORQUE, _ONE = 1e-5, 1e-5, 1e-5, 5e-5, 1e-5
+_RAD, _RAD_S, _RAD_S2, _METRE, _TORQUE, _ONE = 1e-5, 1e-5, 2e-5, 1e-5, 5e-5, 1e-5
 
-_UNITS = {"mm": 1e3, "deg": 180.0 / np.pi, "deg/s": 180.0 / np.pi}
+_UNITS = {"mm": 1e3} | dict.fromkeys(("deg", "deg/s", "deg/s2"), 180.0 / np.pi)
+# What there is not where a metric is infinite, if not obstacles.
+_WITHOUT = {
+    "min_self_clearance": "no pairs",
+    "min_acceleration_margin": "no limits",
+    "min_torque_margin": "no limits",
+}
 
 
 @dataclass(frozen=True)
@@ -32,8 +38,8 @@ class Metric:
         if np.isnan(value).any():
             return "none"  # not known, as in a bag of an older version
         if np.isinf(value).any():
-            # Nothing else makes a metric infinite.
-            return "no pairs" if self.name == "min_self_clearance" else "no obstacles"
+            # There is nothing that it is the distance from.
+            return _WITHOUT.get(self.name, "no obstacles")
         return format(np.max(value) * _UNITS.get(self.shown_unit, 1.0), self.digits)
 
     def text(self, value: float | Sequence[float]) -> str:
@@ -85,7 +91,17 @@ class Metrics:
     start_velocity_jump: float = _metric("rad/s", "jump of joint rates", _RAD_S, "deg/s", ".2f")
     # Of any body from any other that moves against it, likewise; infinite: no bodies.
     min_self_clearance: float = _metric("m", "self-clearance", _METRE, "mm", ".1f", np.inf)
-    # What these two are of, `body/obstacle` and `body/body`, and when [s]; empty, infinite: none.
+    # To the problem's limits, at any time; infinite: it has none.
+    min_acceleration_margin: float = _metric(
+        "rad/s2", "margin to acceleration limits", _RAD_S2, "deg/s2", ".2f", np.inf
+    )
+    # To the URDF's limits, at any time; infinite: it has none. May be negative where the problem
+    # does not limit torques.
+    min_torque_margin: float = _metric(
+        "N m", "margin to effort limits", _TORQUE, "N m", ".4g", np.inf
+    )
+    # Whose the clearances are, `body/obstacle` and `body/body`, and when [s]; empty, infinite:
+    # nobody's.
     min_clearance_pair: str = ""
     min_clearance_time: float = np.inf
     min_self_clearance_pair: str = ""

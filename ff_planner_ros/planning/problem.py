@@ -167,6 +167,7 @@ class Limits:
     chaser_attitude: float = math.inf  # largest Euler angle, Eq. (45) [rad]; infinite: any
     # Largest joint accelerations either way, one for each joint or one for all [rad/s2]; None: any
     joint_accelerations: tuple[float, ...] | None = None
+    joint_torques: bool = True  # whether to keep the effort limits of the URDF
 
     def __post_init__(self) -> None:
         """Check every value."""

@@ -188,7 +188,7 @@ def _problem(
             "contact_distance", scenario.get("contact_distance", CONTACT_DISTANCE)
         ),
         target_body=body,
-        approach=_approach(scenario["approach"]) if "approach" in scenario else None,
+        approach=approach_of(scenario["approach"]) if "approach" in scenario else None,
     )
 
 
@@ -202,7 +202,12 @@ def _duration(value: object) -> tuple[float, DurationRange | None]:
     return window.maximum, window
 
 
-def _approach(value: object) -> Approach:
+def approach_of(value: object) -> Approach:
+    """Return what a mapping describes.
+
+    Raises:
+        InvalidInput: It describes no approach.
+    """
     entry = mapping("approach", value, ("direction", "distance"), optional=("cone",))
     return Approach(
         numbers("approach.direction", entry["direction"]),
@@ -212,7 +217,7 @@ def _approach(value: object) -> Approach:
 
 
 def _limits(value: object, defaults: Limits) -> Limits:
-    names = ("position", "velocity", "acceleration", "chaser_attitude")
+    names = ("position", "velocity", "acceleration", "effort", "chaser_attitude")
     limits = mapping("limits", value, (), optional=names)
     position_limits = limits.get("position", "from_urdf")
     if position_limits != "from_urdf":
@@ -227,7 +232,10 @@ def _limits(value: object, defaults: Limits) -> Limits:
     accelerations = defaults.joint_accelerations
     if "acceleration" in limits:
         accelerations = _accelerations("limits.acceleration", limits["acceleration"])
-    return Limits(velocities, attitude, accelerations)
+    torques = defaults.joint_torques
+    if "effort" in limits:
+        torques = from_urdf("limits.effort", limits["effort"])
+    return Limits(velocities, attitude, accelerations, torques)
 
 
 def _accelerations(field: str, value: object) -> tuple[float, ...] | None:

@@ -57,8 +57,8 @@ def write_scenario(task: PlanningTask, path: Path) -> None:
 
 
 def _problem(problem: PlanningProblem) -> dict[str, Any]:
-    start, limits = problem.start, problem.limits
-    angle, accelerations = limits.chaser_attitude, start.joint_accelerations
+    start = problem.start
+    accelerations = start.joint_accelerations
     return {
         "chaser": {
             "position": start.position_chaser_in_inertial.tolist(),
@@ -81,12 +81,7 @@ def _problem(problem: PlanningProblem) -> dict[str, Any]:
             if sphere.body is None
         ],
         "objective": weights_of(problem.objective),
-        "limits": {
-            "position": "from_urdf",
-            "velocity": "from_urdf" if limits.joint_velocities else "none",
-            "chaser_attitude": float(angle) if math.isfinite(angle) else "none",
-            **accelerations_of(limits),
-        },
+        "limits": limits_of(problem.limits),
         "parametrisation": problem.parametrisation.value,
         **(
             {
@@ -100,10 +95,16 @@ def _problem(problem: PlanningProblem) -> dict[str, Any]:
     }
 
 
-def accelerations_of(limits: Limits) -> dict[str, list[float]]:
-    """Return the limits of the joint accelerations as a scenario has them; nothing: none."""
-    accelerations = limits.joint_accelerations
-    return {} if accelerations is None else {"acceleration": list(accelerations)}
+def limits_of(limits: Limits) -> dict[str, Any]:
+    """Return limits as a scenario has them."""
+    angle, accelerations = limits.chaser_attitude, limits.joint_accelerations
+    return {
+        "position": "from_urdf",
+        "velocity": "from_urdf" if limits.joint_velocities else "none",
+        "acceleration": "none" if accelerations is None else list(accelerations),
+        "effort": "from_urdf" if limits.joint_torques else "none",
+        "chaser_attitude": float(angle) if math.isfinite(angle) else "none",
+    }
 
 
 def weights_of(objective: Objective) -> dict[str, float]:

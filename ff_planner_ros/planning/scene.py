@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ff_planner_ros.arrays import Array
+from ff_planner_ros.planning.approach import Approach
 from ff_planner_ros.planning.problem import (
     CONTACT_DISTANCE,
     PlanningProblem,
     Sphere,
+    Target,
     attached_spheres,
 )
 from ff_planner_ros.planning.target_body import TargetBody
@@ -26,16 +28,25 @@ class Scene:
     # contact distance of the target
     allowed_at_goal: Sequence[str] = ()
     contact_distance: float = CONTACT_DISTANCE  # [m]
-    target: Array | None = None  # at the plan's first point; shape (3,) [m]; None: not known
-    drift: Array = field(default_factory=lambda: np.zeros(3))  # of the target; shape (3,) [m/s]
+    # As it is at the capture, and goes on uniformly before and after; None: not known, or a body's
+    target: Target | None = None
     target_body: TargetBody | None = None  # whose grasp the target is; None: of none
     capture_time: float | None = None  # from the plan's first point on [s]; None: at its last
+    approach: Approach | None = None  # of the last stretch to the target; None: any way
+
+    def captured_at(self, duration: float) -> Scene:
+        """Return the scene with the time of the capture: a plan's duration [s], if none is told."""
+        told = self.capture_time
+        return replace(self, capture_time=duration if told is None else told)
 
     def targets(self, times: Array) -> Array | None:
         """Return where the target is at some times, shape (times, 3) [m]; None: not known."""
         if self.target_body is not None:
             return self.target_body.grasp(times).positions
-        return None if self.target is None else self.target + np.outer(times, self.drift)
+        if self.target is None:
+            return None
+        later = times - (self.capture_time or 0.0)
+        return self.target.position + np.outer(later, self.target.linear_velocity)
 
     def seen_from(self, origin: Array, velocity: Array) -> Scene:
         """Return the scene in a frame that moves, without turning."""
@@ -45,11 +56,18 @@ class Scene:
             for one in self.obstacles
             if one.body is None
         ]
+        target = self.target
+        if target is not None:
+            way = origin + (self.capture_time or 0.0) * velocity
+            target = replace(
+                target,
+                position=target.position - way,
+                linear_velocity=target.linear_velocity - velocity,
+            )
         return replace(
             self,
             obstacles=(*free, *(() if body is None else attached_spheres(body))),
-            target=None if self.target is None else self.target - origin,
-            drift=self.drift - velocity,
+            target=target,
             target_body=body,
         )
 
@@ -60,7 +78,8 @@ def scene_of(problem: PlanningProblem) -> Scene:
         obstacles=problem.obstacles,
         allowed_at_goal=problem.allowed_at_goal,
         contact_distance=problem.contact_distance,
-        target=problem.target.position,
+        target=problem.target if problem.target_body is None else None,
         target_body=problem.target_body,
         capture_time=problem.duration,
+        approach=problem.approach,
     )

@@ -7,6 +7,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, fields
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from ff_planner_ros.arrays import finite_number
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.yaml_file import integer, number
@@ -15,9 +17,16 @@ from ff_planner_ros.planning.yaml_file import integer, number
 class Strictness(NamedTuple):
     """Which values of a tunable let fewer plans, states or requests pass."""
 
-    of: Callable[[Any], float]  # larger for a stricter value
+    of: Callable[[Any], float | list[float]]  # larger for a stricter value; one for each of several
     as_strict: str  # values at least as strict as {}, in words
     mark: str  # of the parameter in tables
+
+    def is_kept(self, value: Any, now: Any) -> bool:
+        """Tell whether a value is at least as strict as another one, in every part."""
+        parts, parts_now = np.atleast_1d(self.of(value)), np.atleast_1d(self.of(now))
+        fits = len(parts_now) in (1, len(parts)) or len(parts) == 1
+        # Written so that NaN is none.
+        return fits and bool((parts >= parts_now).all())
 
 
 STRICT_IF_LOW = Strictness(lambda value: -value, "at most {}", "<")
@@ -25,6 +34,12 @@ STRICT_IF_HIGH = Strictness(lambda value: value, "at least {}", ">")
 # Zero stands for no limit at all.
 STRICT_IF_LOW_NOT_ZERO = Strictness(
     lambda value: -(value or math.inf), "above 0 and at most {}", "<"
+)
+# Of several, or one for all.
+STRICT_IF_LOW_EACH = Strictness(
+    lambda values: [-(value or math.inf) for value in values or (0.0,)],
+    "above 0 and at most {}",
+    "<",
 )
 
 

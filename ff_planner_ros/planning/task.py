@@ -20,6 +20,7 @@ from ff_planner_ros.planning.joint_motion import JointMotion
 from ff_planner_ros.planning.plan import Plan
 from ff_planner_ros.planning.planner import NOBODY, plan
 from ff_planner_ros.planning.problem import (
+    Limits,
     Objective,
     Orientation,
     Parametrisation,
@@ -136,6 +137,8 @@ def _is_absent(value: Any, name: str) -> bool:
         return getattr(value, name) is Parametrisation.AUTO
     if name == "duration" and isinstance(value, Objective):
         return value.duration == 0.0
+    if name == "joint_torques" and isinstance(value, Limits):
+        return value.joint_torques
     if name == "orientation":
         return getattr(value, name) is Orientation.FIXED
     if name in ("allowed_at_goal", "contact_distance"):

@@ -60,7 +60,7 @@ class LiveParameters:
         """Refuse changes that make no sense; types and ranges of numbers are checked already."""
         try:
             for change in changes:
-                self._require_allowed(change.name, change.value)
+                self._require_allowed(change.name, _value(change))
             changed(self.current, changes)
         except FfPlannerError as error:
             return SetParametersResult(successful=False, reason=str(error))
@@ -84,8 +84,7 @@ class LiveParameters:
             )
         declared = DECLARATIONS.get(name)
         strictness = declared.strictness if declared else None
-        # Written so that NaN is refused.
-        if strictness and not strictness.of(value) >= strictness.of(now):
+        if strictness and not strictness.is_kept(value, now):
             unit = f" [{declared.unit}]" if declared and declared.unit else ""
             allowed = (
                 f"it must be {strictness.as_strict.format(_shown(now))}{unit} while the node is "
@@ -104,7 +103,7 @@ def stricter_since(then: NodeParameters, now: NodeParameters) -> list[str]:
         name
         for name, declared in DECLARATIONS.items()
         if (strictness := declared.strictness)
-        and strictness.of(value_of(now, name)) > strictness.of(value_of(then, name))
+        and not strictness.is_kept(value_of(then, name), value_of(now, name))
     ]
 
 
@@ -195,4 +194,6 @@ def _descriptor(name: str, declaration: Declaration) -> ParameterDescriptor:
 
 def _shown(value: Any) -> str:
     """Return a value as a parameters file has it."""
+    if isinstance(value, tuple):
+        value = list(value)
     return str(value).lower() if isinstance(value, bool) else str(value)

@@ -111,12 +111,12 @@ def _values(response: PlanTrajectory.Response) -> Iterator[tuple[str, Array]]:
     for name in QUANTITIES:
         group, _, field = name.partition(".")
         if field:
-            # Answers of earlier versions lack a clearance of bodies, of which they had none.
-            value = getattr(getattr(response, group), field, math.inf)
-            yield name, np.array(value, dtype=float)
+            yield name, np.array(getattr(getattr(response, group), field), dtype=float)
 
 
 def _difference(name: str, before: Array, now: Array) -> Difference | None:
+    if name.startswith("metrics.") and np.isnan(before).all() and before.size:
+        return None  # an earlier version did not measure it
     if before.shape != now.shape:
         shapes = f"shapes {_shape(before)} before and {_shape(now)} now"
         return Difference(name, math.inf, shapes)

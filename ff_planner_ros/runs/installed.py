@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import array
+import math
 import sys
 from collections.abc import Container, Sequence
 from dataclasses import replace
@@ -10,7 +11,7 @@ from importlib import import_module
 from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
-from ff_planner_msgs.msg import PublishedPlan
+from ff_planner_msgs.msg import PlanMetrics, PublishedPlan
 from ff_planner_msgs.srv import PlanTrajectory
 from rosidl_parser.definition import AbstractNestedType, NamespacedType
 from trajectory_msgs.msg import JointTrajectoryPoint
@@ -124,6 +125,8 @@ def as_installed(decoded: Any, message_class: type[T], without: Container[str] =
                 raise BagError(
                     f"{kind.__name__}.{name} was recorded as another type than is installed here"
                 ) from None
+        elif kind is PlanMetrics and isinstance(getattr(message, name), float):
+            setattr(message, name, math.nan)  # not known, which no default says
     return message
 
 

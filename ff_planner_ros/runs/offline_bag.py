@@ -134,12 +134,10 @@ def require_recordable(task: PlanningTask) -> None:
     for field, given in (
         ("running", task.running is not None),
         ("first_guess", task.first_guess is not None),
-        ("approach", task.problem.approach is not None),
         ("duration_range.target_velocity", window is not None and window.target_velocity.any()),
         ("target.linear_acceleration", not captured and target.linear_acceleration.any()),
         ("target.angular_acceleration", not captured and target.angular_acceleration.any()),
         ("start_after", task.ahead * NANOSECONDS % 1.0 != 0.0),
-        ("limits.acceleration", task.problem.limits.joint_accelerations is not None),
     ):
         if given:
             allowed = "a request to the node cannot ask for it: leave out --bag"
@@ -173,6 +171,8 @@ def _used(task: PlanningTask) -> dict[str, Any]:
         "tail_duration": task.tail or 1.0,
         "limits": {
             "velocity": "from_urdf" if limits.joint_velocities else "none",
+            "acceleration": list(limits.joint_accelerations or (0.0,)),
+            "effort": "from_urdf" if limits.joint_torques else "none",
             "chaser_attitude": float(angle) if math.isfinite(angle) else 0.0,
         },
         "controller": {

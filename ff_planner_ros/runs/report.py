@@ -16,7 +16,7 @@ from ff_planner_ros.bag.decoding import NANOSECONDS
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.metrics import Metrics
 from ff_planner_ros.planning.plan import SolverReport, Trajectory
-from ff_planner_ros.planning.problem import Sphere, Target
+from ff_planner_ros.planning.problem import Approach, Sphere, Target
 from ff_planner_ros.robot.model import Robot
 
 
@@ -28,6 +28,7 @@ class ReportedPlan:
     motions: Mapping[Method, Trajectory]  # as planned; or as recorded, as changed, or both
     goal: Target  # of the end effector
     obstacles: tuple[Sphere, ...] | None  # None: not known
+    approach: Approach | None = None  # of the last stretch to the goal; None: any way
     measured: Trajectory | None = None  # while the plan ran; None: nothing was measured
     deviations: Deviations | None = None  # of the measured motion
     remarks: tuple[str, ...] = ()  # what a reader must know of all this
@@ -118,7 +119,11 @@ def report_of_answer(file: Path) -> Report:
         solver=found.plan.solver,
         solve_time=found.solve_time,
         plan=reported_plan(
-            found.robot, {PLANNED: motion}, found.goal or end_of(motion), found.obstacles
+            found.robot,
+            {PLANNED: motion},
+            found.goal or end_of(motion),
+            found.obstacles,
+            found.approach,
         ),
     )
     facts = (("file", str(file)), *robot_facts(found.robot))
@@ -130,10 +135,11 @@ def reported_plan(
     motions: Mapping[Method, Trajectory],
     goal: Target,
     obstacles: tuple[Sphere, ...] | None,
+    approach: Approach | None = None,
 ) -> ReportedPlan:
     """Return a plan without measured motion; obstacles are None where they are not known."""
     remarks = () if obstacles is not None else ("Which obstacles it avoids is not known.",)
-    return ReportedPlan(robot, motions, goal, obstacles, remarks=remarks)
+    return ReportedPlan(robot, motions, goal, obstacles, approach, remarks=remarks)
 
 
 def end_of(motion: Trajectory) -> Target:

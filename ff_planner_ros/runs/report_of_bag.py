@@ -14,6 +14,7 @@ from ff_planner_msgs.srv import PlanTrajectory
 
 from ff_planner_ros.analysis.methods import PLANNED
 from ff_planner_ros.analysis.tracking import deviations, measured_motion
+from ff_planner_ros.bag.approaches import approach_in
 from ff_planner_ros.bag.decoding import NANOSECONDS, nanoseconds
 from ff_planner_ros.bag.provenance import PROVENANCE
 from ff_planner_ros.bag.reader import Bag, Message, open_bag
@@ -249,7 +250,8 @@ def _plan(
         obstacles = carried_spheres(obstacles, _since(stamp, response))
         if body is not None:
             obstacles = with_attached_spheres(obstacles, body)
-    return reported_plan(robot, {PLANNED: plan.trajectory}, goal, obstacles)
+    approach = None if request is None else approach_in(request)
+    return reported_plan(robot, {PLANNED: plan.trajectory}, goal, obstacles, approach)
 
 
 def _since(stamp: Time, response: PlanTrajectory.Response | None) -> float:

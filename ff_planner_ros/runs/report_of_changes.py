@@ -71,7 +71,7 @@ def _plan(robot: Robot, one: Answered) -> ReportedPlan | None:
     if not motions:
         return None
     problem = next(_problems(one))
-    return reported_plan(robot, motions, problem.target, problem.obstacles)
+    return reported_plan(robot, motions, problem.target, problem.obstacles, problem.approach)
 
 
 def _motion(robot: Robot, response: PlanTrajectory.Response) -> Trajectory:

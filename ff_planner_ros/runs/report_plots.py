@@ -16,6 +16,7 @@ from ff_planner_ros.analysis.panels import (
 )
 from ff_planner_ros.analysis.plots import clearance_plot, joint_plot, panel_plot, two_column_plot
 from ff_planner_ros.analysis.scene import scene_figure
+from ff_planner_ros.analysis.surroundings import drawn_corridor
 from ff_planner_ros.analysis.tracking import Deviations, deviation_panels, in_shown_units
 from ff_planner_ros.planning.plan import Trajectory
 from ff_planner_ros.runs.report import ReportedPlan
@@ -34,6 +35,8 @@ def plan_plots(plan: ReportedPlan) -> Iterator[tuple[str, str, go.Figure]]:
     if plan.measured is not None and plan.deviations is not None:
         motions[MEASURED] = _rows_of(plan.measured, shown_rows(plan.deviations))
     scene = scene_figure(robot, obstacles, plan.goal, motions, motions, controls=False)
+    if plan.approach is not None:
+        scene.add_trace(drawn_corridor(plan.approach, plan.goal))
     words = (
         "Arm, chaser and obstacles (the paper's Fig. 2): drag to turn. The axes of end effector "
         "and goal are x red, y green, z blue; "

@@ -10,11 +10,20 @@ from pathlib import Path
 from typing import Any
 
 from ff_planner_msgs.srv import PlanTrajectory
+from geometry_msgs.msg import Vector3
 
+from ff_planner_ros.arrays import finite_vector
 from ff_planner_ros.bag.reader import open_bag
 from ff_planner_ros.errors import BagError, InvalidInput, Status
 from ff_planner_ros.parameters import DECLARATIONS, checked, replaced
-from ff_planner_ros.planning.yaml_file import integer, number, sequence, text, yaml_document
+from ff_planner_ros.planning.yaml_file import (
+    integer,
+    number,
+    numbers,
+    sequence,
+    text,
+    yaml_document,
+)
 from ff_planner_ros.runs.recorded_run import RecordedRequest, recorded_run
 from ff_planner_ros.runs.replay import answer_again, one_by_one, status_name
 from ff_planner_ros.runs.report_of_changes import Answered, report_of_changes
@@ -26,6 +35,15 @@ def _texts(field: str, value: object) -> list[str]:
     return [text(f"{field}[{index}]", one) for index, one in enumerate(sequence(field, value))]
 
 
+def _accelerations(field: str, value: object) -> list[float]:
+    return list(map(float, numbers(field, value if isinstance(value, list) else [value])))
+
+
+def _direction(field: str, value: object) -> Vector3:
+    x, y, z = finite_vector(field, numbers(field, value), 3).tolist()
+    return Vector3(x=x, y=y, z=z)
+
+
 # Of a request, by the name that a scenario file has for it: field, and what reads a value.
 _OF_REQUEST: Mapping[str, tuple[str, Callable[[str, object], object]]] = {
     "objective.joint_path_length": ("weight_joint_path_length", number),
@@ -35,10 +53,14 @@ _OF_REQUEST: Mapping[str, tuple[str, Callable[[str, object], object]]] = {
     "duration.max": ("duration_max", number),
     "points": ("points", integer),
     "limits.chaser_attitude": ("limit_chaser_attitude", number),
+    "limits.acceleration": ("limit_accelerations", _accelerations),
     "end_behaviour": ("end_behaviour", text),
     "parametrisation": ("parametrisation", text),
     "allowed_at_goal": ("allowed_at_goal", _texts),
     "contact_distance": ("contact_distance", number),
+    "approach.direction": ("approach_direction", _direction),
+    "approach.distance": ("approach_distance", number),
+    "approach.cone": ("approach_cone", number),
 }
 # Of the node's parameters: those that planning depends on. The others say where messages go, or
 # what a request is given that leaves open what `_OF_REQUEST` changes in every request.

@@ -49,7 +49,8 @@ def capture(body: TargetBody, time: float, execution: Execution) -> Capture:
     at = int(np.abs(execution.time - time).argmin())
     if not np.isfinite(execution.ee_positions[at]).all():
         return Capture(np.nan, np.nan, np.nan, np.nan)
-    position, attitude, twist = moved_in_engine(body, float(execution.time[at]))
+    positions, attitudes, twists = moved_in_engine(body, execution.time[at : at + 1])
+    position, attitude, twist = positions[0], attitudes[0], twists[0]
     grasp_attitude = attitude * Rotation.from_quat(body.grasp_quaternion_xyzw.copy())
     lever = attitude.apply(body.grasp_position.copy())
     way = execution.ee_positions[at] - (position + lever)
@@ -65,8 +66,12 @@ def capture(body: TargetBody, time: float, execution: Execution) -> Capture:
     )
 
 
-def moved_in_engine(body: TargetBody, time: float) -> tuple[Array, Rotation, Array]:
-    """Return where the engine moves a body in a time [s]: centre of mass, attitude and twist."""
+def moved_in_engine(body: TargetBody, times: Array) -> tuple[Array, Rotation, Array]:
+    """Return where the engine moves a body: centre of mass, attitude and twist at each time.
+
+    Args:
+        times: From where the body is told, ascending. Shape (times,) [s].
+    """
     # MuJoCo refuses moments that are far from its own units; only their ratios matter.
     moments, axes = np.linalg.eigh(body.inertia / np.trace(body.inertia))
     axes[:, 0] *= np.linalg.det(axes)
@@ -77,15 +82,22 @@ def moved_in_engine(body: TargetBody, time: float) -> tuple[Array, Rotation, Arr
     model = spec.compile()
     model.opt.gravity = 0.0
     model.opt.integrator = mujoco.mjtIntegrator.mjINT_RK4
-    steps = max(_LEAST_STEPS, int(np.ceil(body.fastest_turn * time / _STEP_TURN)))
-    model.opt.timestep = time / steps
+    longest = times[-1] / max(_LEAST_STEPS, np.ceil(body.fastest_turn * times[-1] / _STEP_TURN))
     data = mujoco.MjData(model)
     # Beside its centre of mass, whose motion is no question: far away digits would be lost. The
     # axes are the main ones of its inertia.
     main = Rotation.from_quat(body.quaternion_xyzw.copy()) * to_body
     data.qpos[3:] = np.roll(main.as_quat(), 1)
     data.qvel[3:] = main.as_matrix().T @ body.angular_velocity
-    mujoco.mj_step(model, data, steps)
-    main = Rotation.from_quat(np.roll(data.qpos[3:], -1))
-    twist = np.concatenate([body.linear_velocity, main.apply(data.qvel[3:])])
-    return body.position + time * body.linear_velocity, main * to_body.inv(), twist
+    turns, rates = np.empty((len(times), 4)), np.empty((len(times), 3))
+    for number, way in enumerate(np.diff(times, prepend=0.0)):
+        if way > 0.0:
+            # But for rounding, as many steps as there would be to the last time alone.
+            steps = max(1, round(way / longest + 0.5 - 1e-9))
+            model.opt.timestep = way / steps
+            mujoco.mj_step(model, data, steps)
+        turns[number], rates[number] = np.roll(data.qpos[3:], -1), data.qvel[3:]
+    mains = Rotation.from_quat(turns)
+    linear = np.broadcast_to(body.linear_velocity, rates.shape)
+    positions = body.position + np.outer(times, body.linear_velocity)
+    return positions, mains * to_body.inv(), np.hstack([linear, mains.apply(rates)])

@@ -14,6 +14,7 @@ from ff_planner_ros.planning.sound_samples import require_sound_samples
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.simulation.capture import Capture, capture, is_soft
 from ff_planner_ros.simulation.contacts import Contact, Touch
+from ff_planner_ros.simulation.corridor import Corridor, corridor
 from ff_planner_ros.simulation.engine import Engine
 from ff_planner_ros.simulation.execution import (
     Execution,
@@ -70,6 +71,7 @@ class Verification:
     contacts: tuple[Contact, ...] = ()  # the earliest first
     pairs: int = 0  # that were watched for contacts; 0: the robot is one of lines
     capture: Capture | None = None  # of the target body; None: there is none
+    corridor: Corridor | None = None  # of the approach; None: there is none
 
     @property
     def came_true(self) -> bool:
@@ -81,8 +83,13 @@ class Verification:
 
     @property
     def passed(self) -> bool:
-        """Whether the plan came true, and nothing touched what it must not."""
-        return self.came_true and not self.contacts
+        """Whether the plan came true, on its way too, and nothing touched what it must not."""
+        return self.came_true and self.kept_corridor and not self.contacts
+
+    @property
+    def kept_corridor(self) -> bool:
+        """Whether the end effector came along its corridor, as near as it may be to the plan."""
+        return self.corridor is None or self.corridor.margin >= -POSITION_TOLERANCE
 
 
 def verify(robot: Robot, trajectory: Trajectory, scene: Scene = _EMPTY) -> Verification:
@@ -108,7 +115,7 @@ def verify(robot: Robot, trajectory: Trajectory, scene: Scene = _EMPTY) -> Verif
         if drift <= MOMENTUM_TOLERANCE:
             break
     origin, velocity = engine.center_of_mass(start_state(trajectory))
-    seen = scene.seen_from(origin, velocity)
+    seen = scene.captured_at(float(trajectory.time[-1])).seen_from(origin, velocity)
     contacts, pairs = tuple[Contact, ...](), 0
     if robot.bodies:
         touch = Touch(robot, seen)
@@ -120,15 +127,15 @@ def verify(robot: Robot, trajectory: Trajectory, scene: Scene = _EMPTY) -> Verif
         contacts=contacts,
         pairs=pairs,
         capture=_capture(seen, execution),
+        corridor=corridor(seen, robot.base, engine, states, command.time[::2]),
     )
 
 
 def _capture(scene: Scene, execution: Execution) -> Capture | None:
     """Return how an execution captures the target body of a scene; None: there is none."""
-    if scene.target_body is None:
+    if scene.target_body is None or scene.capture_time is None:
         return None
-    time = execution.time[-1] if scene.capture_time is None else scene.capture_time
-    return capture(scene.target_body, float(time), execution)
+    return capture(scene.target_body, scene.capture_time, execution)
 
 
 def _momentum_drift(

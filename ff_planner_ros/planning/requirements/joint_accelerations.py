@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 
@@ -77,6 +77,14 @@ class JointAccelerations(Requirement):
             return np.inf
         distances, _ = _distances(limits, motion.joints)
         return float(((distances + LIMIT_TOLERANCE) / limits).min())
+
+    def metrics(self, samples: Samples) -> Mapping[str, float]:
+        """Return how near any acceleration comes to its limit."""
+        limits = _limits(samples.problem)
+        if limits is None:
+            return {}
+        distances, _ = _distances(limits, samples.followed.joints)
+        return {"min_acceleration_margin": float(distances.min())}
 
     def failures(self, samples: Samples, metrics: Metrics) -> Iterator[Failure]:
         """Yield the joint whose acceleration exceeds its limit by most."""

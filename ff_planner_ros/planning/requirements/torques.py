@@ -46,7 +46,7 @@ class Torques(Requirement):
     ) -> None:
         """Refuse a start whose accelerations take too much torque."""
         robot, accelerations = problem.robot, problem.start.joint_accelerations
-        if accelerations is None:
+        if accelerations is None or not problem.limits.joint_torques:
             return
         _, v_start = configuration(robot, problem.start)
         (torques,) = joint_torques(robot, q_start[None], v_start[None], accelerations[None])
@@ -69,6 +69,8 @@ class Torques(Requirement):
         self, problem: PlanningProblem, motion: Motion, sensitivity: Sensitivity, margin: float
     ) -> Rows | None:
         """Return the distances of interest to the limits at the points, in parts of them."""
+        if not problem.limits.joint_torques:
+            return None
         robot, step = problem.robot, problem.duration / (len(motion.q) - 1)
         accelerated = accelerations_at_points(motion.q[:, 7:], motion.v[:, 6:], step)
         parts = joint_torques(robot, motion.q, motion.v, accelerated) / robot.effort_limits
@@ -90,6 +92,8 @@ class Torques(Requirement):
 
     def slack(self, problem: PlanningProblem, motion: FollowedMotion) -> float:
         """Return how far the torques stay from their limits, in parts of them."""
+        if not problem.limits.joint_torques:
+            return np.inf
         robot, limits = problem.robot, problem.robot.effort_limits
         few = motion.time[::_GLIMPSE]
         _, _, accelerations = motion.joints.at(few)
@@ -99,14 +103,21 @@ class Torques(Requirement):
         torques, _ = _peaks(robot, motion)
         return float((1.0 + (LIMIT_TOLERANCE - np.abs(torques)) / limits).min())
 
-    def metrics(self, samples: Samples) -> Mapping[str, tuple[float, ...]]:
-        """Return the largest torque of each joint."""
-        torques, _ = _peaks(samples.problem.robot, samples.followed)
-        return {"peak_joint_torques": tuple(np.abs(torques).tolist())}
+    def metrics(self, samples: Samples) -> Mapping[str, float | tuple[float, ...]]:
+        """Return the largest torque of each joint, and how near any comes to its limit."""
+        robot = samples.problem.robot
+        torques, _ = _peaks(robot, samples.followed)
+        peaks = np.abs(torques)
+        return {
+            "peak_joint_torques": tuple(peaks.tolist()),
+            "min_torque_margin": float((robot.effort_limits - peaks).min()),
+        }
 
     def failures(self, samples: Samples, metrics: Metrics) -> Iterator[Failure]:
         """Yield the joint whose torque exceeds its limit by most."""
         robot, limits = samples.problem.robot, samples.problem.robot.effort_limits
+        if not samples.problem.limits.joint_torques:
+            return
         if (np.array(metrics.peak_joint_torques) <= limits + LIMIT_TOLERANCE).all():
             return
         torques, times = _peaks(robot, samples.followed)
@@ -117,7 +128,7 @@ class Torques(Requirement):
             f"joint {robot.joint_names[joint]} needs {torques[joint]:.4g} N m, "
             f"{excess[joint]:.4g} N m more than its effort limit of {limits[joint]:g} N m, "
             f"at {samples.at(times[joint])}",
-            ("a longer duration",),
+            ("a longer duration", "limits.effort none"),
         )
 
 

@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import MISSING, fields
+from dataclasses import MISSING, fields, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ff_planner_ros.arrays import Array, finite_number, finite_vector
+from ff_planner_ros.bag.approaches import APPROACH_NAMED_AS, approach_in
 from ff_planner_ros.bag.decoding import NANOSECONDS, nanoseconds
 from ff_planner_ros.bag.plans import trajectory_in
 from ff_planner_ros.bag.target_bodies import NAMED_AS, target_body_in
@@ -21,6 +22,7 @@ from ff_planner_ros.planning.plan import Plan, SolverReport
 from ff_planner_ros.planning.problem import (
     CONTACT_DISTANCE,
     DurationRange,
+    Limits,
     Objective,
     Orientation,
     PlanningProblem,
@@ -67,17 +69,6 @@ def problem_from_request(
     if body is None:
         target_frame = request.target_pose.header.frame_id
         require_frame("target_pose.header.frame_id", target_frame, parameters.inertial_frame)
-    asked_attitude = request.limit_chaser_attitude
-    most = parameters.limits.chaser_attitude or math.inf
-    if not 0.0 <= asked_attitude <= most:
-        upper = f" and at most {most:g} rad" if math.isfinite(most) else ""
-        raise InvalidInput(
-            Status.OUT_OF_RANGE,
-            "limit_chaser_attitude",
-            asked_attitude,
-            f"it must be greater than 0 rad{upper}; 0 stands for the parameter "
-            "limits.chaser_attitude, which no request exceeds",
-        )
     named_as = NAMED_AS | {
         "target.position": "target_pose.pose.position",
         "target.quaternion_xyzw": "target_pose.pose.orientation",
@@ -91,7 +82,9 @@ def problem_from_request(
         "objective": "weight_joint_path_length, weight_chaser_attitude and weight_duration",
         "duration.min": "duration",
         "duration.max": "duration_max",
+        **APPROACH_NAMED_AS,
     }
+    limits = _limits(request, robot, parameters)
     with fields_named(named_as):
         duration, window = _duration(request)
         return PlanningProblem(
@@ -107,12 +100,45 @@ def problem_from_request(
                 chaser_attitude=request.weight_chaser_attitude,
                 duration=getattr(request, "weight_duration", 0.0),
             ),
-            limits=parameters.limits.limits(asked_attitude),
+            limits=limits,
             parametrisation=parametrisation_of(getattr(request, "parametrisation", "") or "auto"),
             allowed_at_goal=tuple(getattr(request, "allowed_at_goal", ())),
             contact_distance=getattr(request, "contact_distance", 0.0) or CONTACT_DISTANCE,
             target_body=body,
+            approach=approach_in(request),
         )
+
+
+def _limits(request: PlanTrajectory.Request, robot: Robot, parameters: NodeParameters) -> Limits:
+    """Return the limits of a request: those of the parameters, or lower ones that it asks for."""
+    asked_attitude = request.limit_chaser_attitude
+    most = parameters.limits.chaser_attitude or math.inf
+    if not 0.0 <= asked_attitude <= most:
+        upper = f" and at most {most:g} rad" if math.isfinite(most) else ""
+        raise InvalidInput(
+            Status.OUT_OF_RANGE,
+            "limit_chaser_attitude",
+            asked_attitude,
+            f"it must be greater than 0 rad{upper}; 0 stands for the parameter "
+            "limits.chaser_attitude, which no request exceeds",
+        )
+    kept = parameters.limits.limits(asked_attitude).of_joints(robot.joints)
+    # A message decoded from a bag of an earlier version has no such field.
+    field, asked = "limit_accelerations", tuple(getattr(request, "limit_accelerations", ()))
+    if not asked:
+        return kept
+    parts = {f"limits.acceleration[{joint}]": f"{field}[{joint}]" for joint in range(len(asked))}
+    with fields_named({"limits.acceleration": field} | parts):
+        lower = replace(kept, joint_accelerations=asked).of_joints(robot.joints)
+    highest = kept.joint_accelerations or (math.inf,) * robot.joints
+    for joint, limit in enumerate(lower.joint_accelerations or ()):
+        if limit > highest[joint]:
+            allowed = (
+                f"joint {robot.joint_names[joint]} must not be given more than {highest[joint]:g} "
+                "rad/s2, the parameter limits.acceleration, which no request exceeds"
+            )
+            raise InvalidInput(Status.OUT_OF_RANGE, field, list(asked), allowed)
+    return lower
 
 
 def _target(request: PlanTrajectory.Request) -> Target:

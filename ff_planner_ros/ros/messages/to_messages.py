@@ -28,23 +28,17 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from ff_planner_ros.arrays import Array, normalising_to
 from ff_planner_ros.bag.decoding import NANOSECONDS
-from ff_planner_ros.errors import FfPlannerError, InvalidInput, NoPlanFound, Status
+from ff_planner_ros.errors import FfPlannerError, NoPlanFound, Status
 from ff_planner_ros.planning.plan import Plan
 from ff_planner_ros.planning.problem import PlanningProblem, Sphere, TargetBody
 from ff_planner_ros.robot.state import SystemState
 
 
 def request_message(problem: PlanningProblem, inertial_frame: str) -> PlanTrajectory.Request:
-    """Write a problem as a request for the latest published state, obstacles and target body.
-
-    Raises:
-        InvalidInput: It asks for an approach, which requests have no field for.
-    """
-    if problem.approach is not None:
-        allowed = "a request to the node cannot ask for it"
-        raise InvalidInput(Status.UNSUPPORTED, "approach", "given", allowed)
+    """Write a problem as a request for the latest published state, obstacles and target body."""
     target, angle = problem.target, problem.limits.chaser_attitude
     axis, window = target.free_axis_in_ee, problem.duration_range
+    approach = problem.approach
     return PlanTrajectory.Request(
         target_pose=PoseStamped(
             header=Header(frame_id=inertial_frame),
@@ -58,12 +52,16 @@ def request_message(problem: PlanningProblem, inertial_frame: str) -> PlanTrajec
         weight_duration=problem.objective.duration,
         points=problem.points,
         limit_chaser_attitude=angle if math.isfinite(angle) else 0.0,
+        limit_accelerations=list(problem.limits.joint_accelerations or ()),
         parametrisation=problem.parametrisation.value,
         allowed_at_goal=list(problem.allowed_at_goal),
         contact_distance=problem.contact_distance,
         capture=problem.target_body is not None,
         orientation=target.orientation.value,
         free_axis=_vector(axis.tolist() if axis is not None else [0.0] * 3),
+        approach_direction=_vector([0.0] * 3 if approach is None else approach.direction.tolist()),
+        approach_distance=0.0 if approach is None else approach.distance,
+        approach_cone=0.0 if approach is None else approach.cone,
     )
 
 

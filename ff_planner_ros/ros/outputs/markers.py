@@ -11,11 +11,12 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from ff_planner_ros.analysis.nearest import Nearest, nearest
 from ff_planner_ros.analysis.solids import robot_surface, surface_at
+from ff_planner_ros.analysis.surroundings import corridor_lines
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.planning.clearance import arm_points
 from ff_planner_ros.planning.motion import from_trajectory
 from ff_planner_ros.planning.plan import Plan
-from ff_planner_ros.planning.problem import Sphere, TargetBody
+from ff_planner_ros.planning.problem import Approach, Sphere, TargetBody
 from ff_planner_ros.robot.box import uniform_box
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.ros.messages.to_messages import point_message, pose_message
@@ -28,6 +29,7 @@ _ARM_WIDTH, _PATH_WIDTH = 0.04, 0.015  # [m] seen well beside a chaser of one me
 _OBSTACLE = (0.84, 0.37, 0.0, 0.5)
 _EE_PATH = (0.0, 0.45, 0.70, 1.0)
 _TARGET, _GRASP_PATH, _WAY = (0.94, 0.89, 0.26), (0.94, 0.89, 0.26, 1.0), _OBSTACLE
+_CORRIDOR, _CORRIDOR_WIDTH = (0.0, 0.0, 0.0, 0.8), 0.004
 _CHASER_PATH = (0.0, 0.62, 0.45, 1.0)
 _ARM, _CHASER = _EE_PATH[:3], _CHASER_PATH[:3]
 _BODIES, _NEAREST = (0.80, 0.47, 0.65), (0.84, 0.0, 0.0, 1.0)
@@ -40,6 +42,7 @@ def plan_markers(
     obstacles: Sequence[Sphere],
     inertial_frame: str,
     body: TargetBody | None = None,
+    approach: Approach | None = None,
 ) -> MarkerArray:
     """Draw a plan and the obstacles that it was planned around, in the inertial frame.
 
@@ -49,10 +52,12 @@ def plan_markers(
     if the chaser has one of them; and `nearest`, a line and words where they come nearest. An
     obstacle that moves is drawn where it is at the first point, and its way is `obstacle_path`. Of
     a body that is captured there are `grasp_path`, and in `target_body` the spheres that are fixed
-    to it, at the times of the arm.
+    to it, at the times of the arm. The corridor of an approach is `approach`, where it is at the
+    goal.
 
     Args:
         body: That is captured, at the plan's first point; None: none.
+        approach: Of the last stretch to the goal; None: any way.
     """
     motion, end = plan.trajectory, float(plan.trajectory.time[-1])
     shown = np.linspace(0, len(motion.time) - 1, SNAPSHOTS).round().astype(int)
@@ -79,6 +84,7 @@ def plan_markers(
             if s.body is None and s.moves
         ),
         *(_target_body(body, motion.time, shown, opacities) if body is not None else ()),
+        *(() if approach is None else (_corridor(approach, plan),)),
         _line("end_effector_path", motion.ee_positions, _PATH_WIDTH, _EE_PATH),
         _line("chaser_path", motion.chaser_positions, _PATH_WIDTH, _CHASER_PATH),
         *(
@@ -114,6 +120,18 @@ def _target_body(
         for sphere, place in zip(body.obstacles, places.tolist(), strict=True):
             colour, edges = (*_TARGET, opacity), [2 * sphere.radius] * 3
             yield _solid("target_body", Marker.SPHERE, place, edges, colour)
+
+
+def _corridor(approach: Approach, plan: Plan) -> Marker:
+    """Draw the corridor of an approach around where the end effector comes to the goal."""
+    motion = plan.trajectory
+    end = motion.time[-1] if plan.duration is None else plan.duration
+    goal = int(np.abs(motion.time - end).argmin())
+    pose = motion.ee_positions[goal], motion.ee_quaternions_xyzw[goal]
+    lines = corridor_lines(approach, *pose).reshape(-1, 3)
+    marker = _line("approach", lines, _CORRIDOR_WIDTH, _CORRIDOR)
+    marker.type = Marker.LINE_LIST
+    return marker
 
 
 def _solid(

@@ -23,7 +23,7 @@ from visualization_msgs.msg import MarkerArray
 from ff_planner_ros.bag.decoding import nanoseconds
 from ff_planner_ros.parameters import NodeParameters
 from ff_planner_ros.planning.plan import Plan, Trajectory
-from ff_planner_ros.planning.problem import Sphere, TargetBody
+from ff_planner_ros.planning.problem import Approach, Sphere, TargetBody
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.ros.inputs.state_input import Snapshot
 from ff_planner_ros.ros.messages.to_messages import time_message
@@ -114,10 +114,15 @@ class PlanOutput:
         self.published = PublishedPlan(response.plan_id, plan.trajectory, start_ns, body)
 
     def show(
-        self, plan: Plan, obstacles: tuple[Sphere, ...], body: TargetBody | None = None
+        self,
+        plan: Plan,
+        obstacles: tuple[Sphere, ...],
+        body: TargetBody | None = None,
+        approach: Approach | None = None,
     ) -> None:
         """Publish what screens show."""
-        self._markers.publish(plan_markers(self._robot, plan, obstacles, self._frame, body))
+        markers = plan_markers(self._robot, plan, obstacles, self._frame, body, approach)
+        self._markers.publish(markers)
         self._preview = self._played(preview_joint_states(plan, self._rates.preview))
 
     def stream(self, measured: Snapshot | None) -> None:

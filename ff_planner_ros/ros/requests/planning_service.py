@@ -300,6 +300,7 @@ class PlanningService:
             asked.task.problem.obstacles,
             parameters,
             body,
+            asked.task.problem.approach,
         )
         asked_by = asked.asked_by or door
         job.seal()

@@ -111,7 +111,7 @@ class Publication:
             )
         executor: Any = self._node.executor
         executor.create_task(
-            partial(self._output.show, made.plan, made.obstacles, made.target_body)
+            partial(self._output.show, made.plan, made.obstacles, made.target_body, made.approach)
         )
 
     def _serve(

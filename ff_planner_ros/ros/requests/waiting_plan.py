@@ -15,7 +15,7 @@ from ff_planner_ros.errors import NoPlanFound, Status
 from ff_planner_ros.parameters import NodeParameters
 from ff_planner_ros.planning.forward import carried_forward
 from ff_planner_ros.planning.plan import Plan, Trajectory
-from ff_planner_ros.planning.problem import Sphere, TargetBody
+from ff_planner_ros.planning.problem import Approach, Sphere, TargetBody
 from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.ros.parameters import stricter_since
 from ff_planner_ros.ros.requests.reading import Knowledge, measured_state, motion_until_start
@@ -35,6 +35,7 @@ class MadePlan:
     obstacles: tuple[Sphere, ...]  # that it avoids, at its first point
     parameters: NodeParameters  # that it was checked by
     target_body: TargetBody | None = None  # that it captures, at its first point; None: none
+    approach: Approach | None = None  # whose corridor it keeps to; None: none
 
 
 def require_same_rules(made: MadePlan, parameters: NodeParameters) -> None:
