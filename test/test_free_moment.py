@@ -100,8 +100,8 @@ def test_derivatives_by_the_duration_agree_with_differences_of_problems_made_ane
 ) -> None:
     given = scene()
     # A quarter of the way between few points, the derivatives of bodies are those of parabolas; and
-    # of their distances some go over an edge, where there is a kink.
-    points, part = (41, 0.99) if given.robot.geometry is Geometry.SHAPES else (25, 1.0)
+    # GJK knows the normals of their distances to five digits, whatever they depend on.
+    points, exact = (41, 2e-5) if given.robot.geometry is Geometry.SHAPES else (25, 1e-7)
     problem = free(given, 0.2 * given.duration, 2.0 * given.duration, objective)
     duration = 0.4 * given.duration
 
@@ -135,10 +135,7 @@ def test_derivatives_by_the_duration_agree_with_differences_of_problems_made_ane
     def agree(told: Array, values: list[Array], what: str) -> None:
         wanted = slope(values)
         largest = 1.0 + np.abs(wanted).max(initial=0.0)
-        off = np.abs(told - wanted) / largest
-        if off.size:
-            assert np.quantile(off, part) < 1e-7, what
-            assert off.max() < 1e-4, what
+        assert np.abs(told - wanted).max(initial=0.0) < exact * largest, what
 
     agree(found.gradient[-1:], [np.array([side.value]) for side in sides], "objective")
     told = objective.duration * unit
