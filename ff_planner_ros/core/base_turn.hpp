@@ -29,13 +29,51 @@ struct Turning {
 };
 
 // How angles and rates change with the variables: those of the first joint come first, and those of
-// each joint change it alone, and in the same way.
+// each joint change it alone, and in the same way. The duration may be one more: it changes all
+// joints, and how long a step is.
 struct JointRows {
   Eigen::Map<const RowMajor> angles, rates;  // by the variables of one joint, a row a half step
   int joints;
+  RowMajor angles_by_duration, rates_by_duration;  // of all joints; empty: it is given
 
   int each() const { return static_cast<int>(angles.cols()); }
-  int variables() const { return joints * each(); }
+  int variables() const { return joints * each() + has_duration(); }
+  bool has_duration() const { return angles_by_duration.size() > 0; }
+  bool is_duration(int variable) const { return variable == joints * each(); }
+
+  // Of the angles, or of the rates, at a half step by a variable.
+  Joints of_angles(int half_step, int variable) const {
+    return change(angles, angles_by_duration, half_step, variable);
+  }
+  Joints of_rates(int half_step, int variable) const {
+    return change(rates, rates_by_duration, half_step, variable);
+  }
+  // Of what depends on angles, or on rates, as columns say, one a joint.
+  template <typename Columns>
+  Vector3 along_angles(const Columns& columns, int half_step, int variable) const {
+    return along(columns, angles, angles_by_duration, half_step, variable);
+  }
+  template <typename Columns>
+  Vector3 along_rates(const Columns& columns, int half_step, int variable) const {
+    return along(columns, rates, rates_by_duration, half_step, variable);
+  }
+
+ private:
+  using Rows = Eigen::Map<const RowMajor>;
+
+  Joints change(const Rows& of_joint, const RowMajor& by_duration, int half_step,
+                int variable) const {
+    if (is_duration(variable)) return by_duration.row(half_step);
+    Joints changed = Joints::Zero(joints);
+    changed[variable / each()] = of_joint(half_step, variable % each());
+    return changed;
+  }
+  template <typename Columns>
+  Vector3 along(const Columns& columns, const Rows& of_joint, const RowMajor& by_duration,
+                int half_step, int variable) const {
+    if (is_duration(variable)) return columns * by_duration.row(half_step).transpose();
+    return columns.col(variable / each()) * of_joint(half_step, variable % each());
+  }
 };
 
 class BaseTurn {
@@ -88,7 +126,8 @@ struct TurnDerivatives {
   std::vector<Columns6> by_joints;        // of both momenta at fixed velocities, at the points
 
   TurnDerivatives(const BaseTurn& base, const std::vector<SystemMomentum>& at,
-                  const RowMajor& joint_rates, const JointRows& rows, double step) {
+                  const RowMajor& joint_rates, const JointRows& rows, double step,
+                  double duration) {
     const double h = step;
     const int variables = rows.variables();
     turns.push_back(Columns3::Zero(3, variables));
@@ -108,13 +147,21 @@ struct TurnDerivatives {
           return change(at[half_step], by, now.momenta[stage], turn, rows, half_step, x);
         };
         const Vector3 turn = turns.back().col(x);
-        const Vector3 d1 = of_rate(i, by_1, 0, turn), du1 = h / 2 * d1;
+        // A step is a part of the duration: what is of order h^k in it grows by k / T of itself.
+        const bool longer = rows.is_duration(x);
+        const Vector3 d1 = of_rate(i, by_1, 0, turn);
+        Vector3 du1 = h / 2 * d1;
+        if (longer) du1 += u1 / duration;
         const Vector3 d2 = of_rate(i + 1, by_2, 1, to_2(turn, du1));
-        const Vector3 du2 = h / 2 * d2 + h * h / 8 * (v1.cross(d2) - v2.cross(d1));
+        Vector3 du2 = h / 2 * d2 + h * h / 8 * (v1.cross(d2) - v2.cross(d1));
+        if (longer) du2 += (u2 + h * h / 8 * v1.cross(v2)) / duration;
         const Vector3 d3 = of_rate(i + 1, by_3, 2, to_3(turn, du2));
-        const Vector3 d4 = of_rate(i + 2, by_4, 3, to_4(turn, h * d3));
-        const Vector3 of_whole = h / 6 * (d1 + 2 * d2 + 2 * d3 + d4) +
-                                 h * h / 12 * (v1.cross(d4) - v4.cross(d1));
+        Vector3 du3 = h * d3;
+        if (longer) du3 += u3 / duration;
+        const Vector3 d4 = of_rate(i + 2, by_4, 3, to_4(turn, du3));
+        Vector3 of_whole = h / 6 * (d1 + 2 * d2 + 2 * d3 + d4) +
+                           h * h / 12 * (v1.cross(d4) - v4.cross(d1));
+        if (longer) of_whole += (whole + h * h / 12 * v1.cross(v4)) / duration;
         first_rates.col(x) = d1;
         middle.col(x) = to_middle(turn, (du1 + du2) / 2);
         next.col(x) = to_next(turn, of_whole);
@@ -135,10 +182,10 @@ struct TurnDerivatives {
   static Vector3 change(const SystemMomentum& at, const Columns6& by_joints,
                         const Vector3& momentum, const Vector3& turn, const JointRows& rows,
                         int half_step, int variable) {
-    const int joint = variable / rows.each(), k = variable % rows.each();
-    const Vector3 of_angle = by_joints.col(joint).tail<3>(), of_rate = at.coupling.col(joint);
-    return at.to_rate * (momentum.cross(turn) - of_angle * rows.angles(half_step, k) -
-                         of_rate * rows.rates(half_step, k));
+    return at.to_rate *
+           (momentum.cross(turn) -
+            rows.along_angles(by_joints.bottomRows<3>(), half_step, variable) -
+            rows.along_rates(at.coupling, half_step, variable));
   }
 };
 

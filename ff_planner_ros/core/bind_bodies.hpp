@@ -75,7 +75,7 @@ inline py::tuple rows_of_pairs(const Chain& chain, const Bodies& of, const Array
 inline py::tuple rows_of_spheres(const Chain& chain, const Bodies& of, const Array& q,
                                  const Array& dq, const Array& times, const Array& centers,
                                  const Array& velocities, const Array& radii, double interest,
-                                 const std::vector<Attached>& fixed) {
+                                 const std::vector<Attached>& fixed, const Array& times_by_last) {
   const py::ssize_t n = chain.joints();
   const double* of_q = checked(q, "q", {kAny, 7 + n});
   const double* of_dq = checked(dq, "q_sensitivity", {q.shape(0), 6 + n, kAny});
@@ -84,9 +84,11 @@ inline py::tuple rows_of_spheres(const Chain& chain, const Bodies& of, const Arr
   require_carried(chain, of);
   if (q.shape(0) == 0) throw std::invalid_argument("q has no configuration");
   const py::ssize_t columns = dq.shape(2);
-  return written(sphere_rows(chain, of, of_q, of_dq, time, static_cast<int>(q.shape(0)),
-                             static_cast<int>(columns), spheres, checked(interest, "interest")),
-                 columns);
+  return written(
+      sphere_rows(chain, of, of_q, of_dq, time, with_last(times_by_last, {q.shape(0)}, columns),
+                  static_cast<int>(q.shape(0)), static_cast<int>(columns), spheres,
+                  checked(interest, "interest")),
+      columns);
 }
 
 // What a certificate of bodies is asked of.
@@ -157,7 +159,8 @@ inline void bind_bodies(py::module_& m) {
         py::arg("q_sensitivity"), py::arg("interest"));
   m.def("sphere_rows", &rows_of_spheres, py::arg("chain"), py::arg("bodies"), py::arg("q"),
         py::arg("q_sensitivity"), py::arg("times"), py::arg("centers"), py::arg("velocities"),
-        py::arg("radii"), py::arg("interest"), py::arg("attached") = std::vector<Attached>());
+        py::arg("radii"), py::arg("interest"), py::arg("attached") = std::vector<Attached>(),
+        py::arg("times_by_last") = Array(0));
   m.def("certified_pair_distance", &certified_pairs, py::arg("chain"), py::arg("bodies"),
         py::arg("q"), py::arg("cubics"), py::arg("ways"), py::arg("times"), py::arg("chosen"),
         py::arg("last"), py::arg("gap"), py::arg("part"));

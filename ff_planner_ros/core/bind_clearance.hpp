@@ -76,11 +76,19 @@ inline std::vector<Sphere> moving_spheres(const Array& centers, const Array& vel
   return all;
 }
 
+// Derivatives of times by the last variable; null where there are none.
+inline const double* with_last(const Array& times_by_last, const Shape& shape,
+                               py::ssize_t columns) {
+  if (times_by_last.size() == 0) return nullptr;
+  if (columns < 1) throw std::invalid_argument("there is no last variable");
+  return checked(times_by_last, "times_by_last", shape);
+}
+
 // Returns distances of interest, their derivatives and their names.
 inline py::tuple clearances(const Chain& chain, const Array& q, const Array& dq, const Array& times,
                             const Array& centers, const Array& velocities, const Array& radii,
-                            double interest, bool quarter_way,
-                            const std::vector<Attached>& fixed) {
+                            double interest, bool quarter_way, const std::vector<Attached>& fixed,
+                            const Array& times_by_last) {
   const py::ssize_t n = chain.joints();
   const double* of_q = checked(q, "q", {kAny, 7 + n});
   const py::ssize_t count = q.shape(0);
@@ -90,9 +98,10 @@ inline py::tuple clearances(const Chain& chain, const Array& q, const Array& dq,
   if (count < 2 || count % 2) throw std::invalid_argument("q must hold 2, 4, ... configurations");
   ArmMotion arm(chain, of_q, of_dq, static_cast<int>(count), static_cast<int>(columns));
   if (quarter_way) arm.add_quarter_way();
+  const Shape shape{static_cast<py::ssize_t>(arm.points.size())};
   const ClearanceRows rows =
-      clearance_rows(arm, checked(times, "times", {static_cast<py::ssize_t>(arm.points.size())}),
-                     all, checked(interest, "interest"));
+      clearance_rows(arm, checked(times, "times", shape),
+                     with_last(times_by_last, shape, columns), all, checked(interest, "interest"));
   const py::ssize_t found = static_cast<py::ssize_t>(rows.distances.size());
   Array distances(found), jacobian({found, columns});
   std::copy(rows.distances.begin(), rows.distances.end(), distances.mutable_data());
@@ -109,7 +118,8 @@ inline void bind_clearance(py::module_& m) {
         py::arg("q_sensitivity"));
   m.def("clearances", &clearances, py::arg("chain"), py::arg("q"), py::arg("q_sensitivity"),
         py::arg("times"), py::arg("centers"), py::arg("velocities"), py::arg("radii"),
-        py::arg("interest"), py::arg("quarter_way"), py::arg("attached") = std::vector<Attached>());
+        py::arg("interest"), py::arg("quarter_way"), py::arg("attached") = std::vector<Attached>(),
+        py::arg("times_by_last") = Array(0));
 }
 
 }  // namespace ff

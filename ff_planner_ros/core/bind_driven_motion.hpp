@@ -54,23 +54,41 @@ inline DrivenMotion driven_motion(const Chain& chain, const Start& start, const 
                       checked(duration, "duration"));
 }
 
+// by_duration: of angles and rates at half steps, and of the accelerations at the end, a row each.
+// target_by_duration: place, twist and acceleration. Both are empty where the duration is given.
 inline py::tuple sensitivity(const DrivenMotion& motion, const Array& angle_rows,
                              const Array& rate_rows, const Array& acceleration_row,
-                             const Target& target) {
+                             const Target& target, const Array& by_duration,
+                             const Array& target_by_duration) {
   const py::ssize_t points = motion.q.rows(), size = motion.v.cols(), joints = size - 6;
   const py::ssize_t each = acceleration_row.size();
   const Shape shape{2 * points - 1, each};
   const auto rows = [&](const Array& array, const char* name) {
     return Eigen::Map<const RowMajor>(checked(array, name, shape), 2 * points - 1, each);
   };
-  const JointRows of_joints{rows(angle_rows, "angle_rows"), rows(rate_rows, "rate_rows"),
-                            static_cast<int>(joints)};
-  const py::ssize_t variables = joints * each;
+  JointRows of_joints{rows(angle_rows, "angle_rows"),
+                      rows(rate_rows, "rate_rows"),
+                      static_cast<int>(joints),
+                      {},
+                      {}};
+  Joints accelerations_by_duration = Joints::Zero(joints);
+  TargetChange of_target;
+  if (by_duration.size() > 0) {
+    const py::ssize_t half_steps = shape[0], six = 6;
+    const RowMajor all = matrix(by_duration, "by_duration", {2 * half_steps + 1, joints});
+    of_joints.angles_by_duration = all.topRows(half_steps);
+    of_joints.rates_by_duration = all.middleRows(half_steps, half_steps);
+    accelerations_by_duration = all.row(2 * half_steps);
+    const double* moved = checked(target_by_duration, "target_by_duration", {3, six});
+    of_target = {vector6(moved), vector6(moved + six), vector6(moved + 2 * six), 1};
+  }
+  const py::ssize_t variables = of_joints.variables();
   const auto conditions = static_cast<py::ssize_t>(motion.goal_error(target).size());
   Array q({points, size, variables}), v({points, size, variables});
   Array q_half_way({points - 1, size, variables}), acceleration({points, size});
   Array goal_error({conditions, variables});
   motion.sensitivity(of_joints, checked(acceleration_row, "acceleration_row", {each}), target,
+                     accelerations_by_duration, of_target,
                      {q.mutable_data(), v.mutable_data(), q_half_way.mutable_data(),
                       acceleration.mutable_data(), goal_error.mutable_data()});
   return py::make_tuple(result(q, "dq/dx"), result(v, "dv/dx"), result(q_half_way, "dq/dx half-way"),
@@ -97,7 +115,8 @@ inline void bind_driven_motion(py::module_& m) {
              return result(Array(error.size(), error.data()), "goal error");
            })
       .def("sensitivity", &sensitivity, py::arg("angle_rows"), py::arg("rate_rows"),
-           py::arg("acceleration_row"), py::arg("target"));
+           py::arg("acceleration_row"), py::arg("target"), py::arg("by_duration") = Array(0),
+           py::arg("target_by_duration") = Array(0));
 }
 
 }  // namespace ff

@@ -97,9 +97,10 @@ inline BodyRows pair_rows(const Chain& chain, const Bodies& of, const double* q,
   return rows;
 }
 
+// times_by_last: as for `clearance_rows`.
 inline BodyRows sphere_rows(const Chain& chain, const Bodies& of, const double* q, const double* dq,
-                            const double* times, int count, int columns,
-                            const std::vector<Sphere>& spheres, double interest) {
+                            const double* times, const double* times_by_last, int count,
+                            int columns, const std::vector<Sphere>& spheres, double interest) {
   BodyRows rows;
   const int joints = chain.joints(), bodies = static_cast<int>(of.bodies.size());
   std::vector<Configuration> at;
@@ -146,6 +147,9 @@ inline BodyRows sphere_rows(const Chain& chain, const Bodies& of, const double* 
         row -= found.normal.transpose() * by_x.topRows<3>();
         row += by_turn.transpose() * by_x.middleRows<3>(3);
         for (int k = 0; k < solid.carriers; ++k) row -= placed[i].along(found, k) * by_x.row(6 + k);
+        if (times_by_last)
+          row[columns - 1] += times_by_last[i] *
+                              found.normal.dot(to_base * spheres[sphere].velocity_at(times[i]));
       }
   }
   return rows;

@@ -103,7 +103,11 @@ struct ClearanceRows {
 
 // The distances below `interest`. The nearest point of a segment moves with the segment; its
 // sliding along it does not change the distance to first order.
+//
+// times_by_last: how the times change with the last variable, and with them the places of the
+// spheres; null: not at all.
 inline ClearanceRows clearance_rows(ArmMotion& arm, const double* times,
+                                    const double* times_by_last,
                                     const std::vector<Sphere>& spheres, double interest) {
   ClearanceRows rows;
   const std::vector<int> near = near_box(arm.points, times, spheres, interest);
@@ -124,9 +128,12 @@ inline ClearanceRows clearance_rows(ArmMotion& arm, const double* times,
         if (!(distance < interest)) continue;
         if (derivatives.size() == 0) derivatives = arm.derivatives(static_cast<int>(i));
         const Vector3 direction = offset / std::max(to_center, kSamePoint);
-        const Eigen::RowVectorXd gradient =
+        Eigen::RowVectorXd gradient =
             direction.transpose() * ((1 - fraction) * derivatives.middleRows<3>(3 * k) +
                                      fraction * derivatives.middleRows<3>(3 * k + 3));
+        if (times_by_last)
+          gradient[gradient.size() - 1] -=
+              times_by_last[i] * direction.dot(spheres[sphere].velocity_at(times[i]));
         rows.distances.push_back(distance);
         rows.jacobian.insert(rows.jacobian.end(), gradient.data(),
                              gradient.data() + gradient.size());

@@ -43,6 +43,7 @@ def end_effector_motion(
     x: Array,
     points: int,
     damping: float,
+    quintic_by_duration: Array = ...,
 ) -> float | tuple[Array, Array, Array, Array, Array, Array, Array]:
     """Integrate the motion that follows from a polynomial path of the end effector.
 
@@ -55,10 +56,12 @@ def end_effector_motion(
         null_space: Rates and accelerations of `NullSpaceFade`. Shape (2, joints).
         fading: Until they have faded [s].
         x: Coefficients of the free terms, flattened. Shape (18,).
+        quintic_by_duration: Makes the duration one more variable. Shape (6, 6), or empty.
 
     Returns:
         The time of a dynamic singularity [s], or q, v and q half-way; their derivatives, with a
-        column a coefficient; dv/dt. Shapes as in `Motion` and `Sensitivity`.
+        column a coefficient, and the last by the duration if it is a variable; dv/dt. Shapes as in
+        `Motion` and `Sensitivity`.
     """
 
 def end_effector_twist(
@@ -100,6 +103,7 @@ def clearances(
     interest: float,
     quarter_way: bool,
     attached: Sequence[Attached] = (),
+    times_by_last: Array = ...,
 ) -> tuple[Array, Array, Indices]:
     """Return what `planning.clearance.clearance_rows` does.
 
@@ -193,7 +197,13 @@ class DrivenMotion:
         """Return what the motion misses of a goal. Shape (rows,)."""
 
     def sensitivity(
-        self, angle_rows: Array, rate_rows: Array, acceleration_row: Array, target: Target
+        self,
+        angle_rows: Array,
+        rate_rows: Array,
+        acceleration_row: Array,
+        target: Target,
+        by_duration: Array = ...,
+        target_by_duration: Array = ...,
     ) -> tuple[Array, Array, Array, Array, Array]:
         """Return the derivatives of q, v, q half-way and the goal error by x, and dv/dt.
 
@@ -202,6 +212,9 @@ class DrivenMotion:
                 that joint. Shape (half steps, variables of a joint).
             rate_rows: Likewise.
             acceleration_row: Likewise, at the end. Shape (variables of a joint,).
+            by_duration: Where that is one more variable: derivatives by it of the angles of all
+                joints, of their rates, and of the last accelerations; (2 half steps + 1, joints).
+            target_by_duration: Likewise of the target's place, twist and acceleration. (3, 6).
         """
 
 class Bodies:
@@ -246,6 +259,7 @@ def sphere_rows(
     radii: Array,
     interest: float,
     attached: Sequence[Attached] = (),
+    times_by_last: Array = ...,
 ) -> tuple[Array, Array, Indices, Indices]:
     """Return likewise those of bodies from spheres; names: configuration, body, then sphere."""
 

@@ -48,7 +48,8 @@ class DrivenMotion {
 
   // What the motion misses of a goal.
   std::vector<double> goal_error(const Target& target) const {
-    return conditions(target, end_effector(), StateChange()).values;
+    const int n = static_cast<int>(rates_.cols());
+    return conditions(target, end_effector(), StateChange::none(n), TargetChange()).values;
   }
 
   // Derivatives by the variables. Python's arrays, a block of rows a point, take those of q, v and q
@@ -58,15 +59,19 @@ class DrivenMotion {
   };
 
   // acceleration_row: of any joint's acceleration at the end, by the variables of that joint.
+  // accelerations_by_duration, of_target: of all joints there, and of the target, where the duration
+  // is one more variable.
   void sensitivity(const JointRows& rows, const double* acceleration_row, const Target& target,
+                   const Joints& accelerations_by_duration, const TargetChange& of_target,
                    const Sensitivity& to) const {
     const int n = static_cast<int>(rates_.cols()), variables = rows.variables(), size = 6 + n;
     const int points = static_cast<int>(turn_.steps.size()) + 1;
-    const TurnDerivatives of(turn_, momenta_, rates_, rows, step_);
+    const TurnDerivatives of(turn_, momenta_, rates_, rows, step_, duration_);
     for (int i = 0; i < points; ++i) {
       const int block = i * size * variables;
-      write_step(rows, 2 * i, of.turns[i], to.q + block);
-      if (i + 1 < points) write_step(rows, 2 * i + 1, of.half_way[i], to.q_half_way + block);
+      write_step(rows, 2 * i, rotation_at(i), of.turns[i], to.q + block);
+      if (i + 1 < points)
+        write_step(rows, 2 * i + 1, turn_.steps[i].half_way, of.half_way[i], to.q_half_way + block);
       write_change(rows, i, of, to.v + block);
       Eigen::Map<Velocity>(to.acceleration + i * size, size) = acceleration(i, of.by_joints[i]);
     }
@@ -74,10 +79,15 @@ class DrivenMotion {
     const int last = (points - 1) * size * variables;
     const Eigen::Map<const RowMajor> dq(to.q + last, size, variables), dv(to.v + last, size, variables);
     for (int x = 0; x < variables; ++x) {
-      const int joint = x / rows.each(), k = x % rows.each();
-      const StateChange change{dq.col(x).head<6>(), dv.col(x).head<6>(), joint,
-                               dq(6 + joint, x),    dv(6 + joint, x),    acceleration_row[k]};
-      const std::vector<double> changes = conditions(target, tip, change).changes;
+      Joints accelerated = accelerations_by_duration;
+      if (!rows.is_duration(x)) {
+        accelerated = Joints::Zero(n);
+        accelerated[x / rows.each()] = acceleration_row[x % rows.each()];
+      }
+      const StateChange change{dq.col(x).head<6>(), dv.col(x).head<6>(), dq.col(x).tail(n),
+                               dv.col(x).tail(n), accelerated};
+      const TargetChange moved = rows.is_duration(x) ? of_target : TargetChange();
+      const std::vector<double> changes = conditions(target, tip, change, moved).changes;
       for (size_t row = 0; row < changes.size(); ++row)
         to.goal_error[row * variables + x] = changes[row];
     }
@@ -102,8 +112,8 @@ class DrivenMotion {
             start_.planar};
   }
   Conditions conditions(const Target& target, const EndEffectorMotion& tip,
-                        const StateChange& change) const {
-    return end_conditions(target, tip, tip.along(change), duration_, start_.planar);
+                        const StateChange& change, const TargetChange& of_target) const {
+    return end_conditions(target, tip, tip.along(change), of_target, duration_, start_.planar);
   }
 
   const Matrix3& rotation_at(int point) const {
@@ -131,12 +141,16 @@ class DrivenMotion {
   }
 
   // Derivatives of a configuration: the base's step in its own axes, its turn, and the joints.
-  void write_step(const JointRows& rows, int half_step, const Columns3& turns, double* to) const {
+  void write_step(const JointRows& rows, int half_step, const Matrix3& rotation,
+                  const Columns3& turns, double* to) const {
     const SystemMomentum& at = momenta_[half_step];
     for (int x = 0; x < rows.variables(); ++x) {
-      const Vector3 turn = turns.col(x), of_center = at.of_center.col(x / rows.each());
-      const Vector3 way = at.center.cross(turn) - of_center * rows.angles(half_step, x % rows.each());
-      write(rows, x, stack(on_table(way), turn), rows.angles(half_step, x % rows.each()), to);
+      const Vector3 turn = turns.col(x);
+      Vector3 way = at.center.cross(turn) - rows.along_angles(at.of_center, half_step, x);
+      // The centre of mass drifts for longer.
+      if (rows.is_duration(x))
+        way += half_step * step_ / (2 * duration_) * (rotation.transpose() * drift_);
+      write(x, rows.variables(), stack(on_table(way), turn), rows.of_angles(half_step, x), to);
     }
   }
 
@@ -144,24 +158,22 @@ class DrivenMotion {
   void write_change(const JointRows& rows, int point, const TurnDerivatives& of, double* to) const {
     const SystemMomentum& at = momenta_[2 * point];
     const Vector3 drift = drift_at(point);
+    const Columns3 of_momentum = of.by_joints[point].topRows<3>() / mass_;
     for (int x = 0; x < rows.variables(); ++x) {
-      const int joint = x / rows.each(), k = x % rows.each();
       const Vector3 turn = of.turns[point].col(x), rate = of.rates[point].col(x);
-      const Vector3 of_momentum = of.by_joints[point].col(joint).head<3>();
       const Vector3 linear = drift.cross(turn) + at.center.cross(rate) -
-                             of_momentum / mass_ * rows.angles(2 * point, k) -
-                             at.of_center.col(joint) * rows.rates(2 * point, k);
-      write(rows, x, stack(on_table(linear), rate), rows.rates(2 * point, k), to);
+                             rows.along_angles(of_momentum, 2 * point, x) -
+                             rows.along_rates(at.of_center, 2 * point, x);
+      write(x, rows.variables(), stack(on_table(linear), rate), rows.of_rates(2 * point, x), to);
     }
   }
 
-  // Writes the column of a variable, which changes one joint.
-  static void write(const JointRows& rows, int variable, const Vector6& base, double of_joint,
+  // Writes the column of a variable.
+  static void write(int variable, int variables, const Vector6& base, const Joints& joints,
                     double* to) {
-    const int variables = rows.variables(), joint = variable / rows.each();
     for (int row = 0; row < 6; ++row) to[row * variables + variable] = base[row];
-    for (int row = 0; row < rows.joints; ++row)
-      to[(6 + row) * variables + variable] = row == joint ? of_joint : 0;
+    for (int row = 0; row < joints.size(); ++row)
+      to[(6 + row) * variables + variable] = joints[row];
   }
 
   // dv/dt:  d/dt (I omega + A theta') = -omega x R^T L, and likewise for P.

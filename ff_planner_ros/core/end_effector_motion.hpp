@@ -12,11 +12,15 @@ struct SystemState {
   Joints rates, accelerations;
 };
 
-// A change of a state: of the base, in its own axes, and of one joint.
+// A change of a state: of the base, in its own axes, and of the joints.
 struct StateChange {
-  Vector6 base_step = Vector6::Zero(), base_twist = Vector6::Zero();
-  int joint = 0;
-  double angle = 0, rate = 0, acceleration = 0;
+  Vector6 base_step, base_twist;
+  Joints angles, rates, accelerations;
+
+  static StateChange none(int joints) {
+    const Joints still = Joints::Zero(joints);
+    return {Vector6::Zero(), Vector6::Zero(), still, still, still};
+  }
 };
 
 class EndEffectorMotion {
@@ -46,17 +50,16 @@ class EndEffectorMotion {
   }
 
   Change along(const StateChange& by) const {
-    Vector6 W = Vector6::Zero();  // the way that the joint moves a body, seen from the base
+    Vector6 W = Vector6::Zero();  // the way that the joints move a body, seen from the base
     Vector6 dV = by.base_twist, dA = Vector6::Zero(), wrench = Vector6::Zero();
     for (size_t k = 0; k < bodies_.size(); ++k) {
       const Body& at = bodies_[k];
       if (k > 0) {
         const int joint = static_cast<int>(k) - 1;
-        const bool is_it = joint == by.joint;
-        const double of_rate = is_it ? by.rate : 0, of_acceleration = is_it ? by.acceleration : 0;
+        const double of_rate = by.rates[joint], of_acceleration = by.accelerations[joint];
         const double rate = state_.rates[joint], accelerated = state_.accelerations[joint];
         const Vector6 s = posture_.screws.col(joint);
-        if (is_it) W = s * by.angle;
+        W += s * by.angles[joint];
         const Vector6 ds = cross_motion(W, s);
         dV += s * of_rate + ds * rate;
         dA += s * of_acceleration + ds * accelerated + cross_motion(dV, s) * rate +

@@ -1,23 +1,32 @@
 // The motions that follow from polynomial paths of the end effector, with their derivatives by the
 // 18 coefficients: the velocity map at each stage of a Runge-Kutta step, Eqs. (27) and (31).
+//
+// Where the duration T is one more variable, its column goes through the same stages. The times of
+// the stages are fixed parts s of T, where the twist changes as the polynomial says, and the bias as
+// the start's accelerations do; and every step h is a part of T, so that a tangent step of order h^k
+// grows by k / T of itself.
 #pragma once
 #include "polynomial.hpp"
 #include "runge_kutta.hpp"
 
 namespace ff {
 
-using Sensitivity = Along<kParameters>;
-
-// Where the results go: rows of points, each with room for 18 derivatives where it begins with d.
+// Where the results go: rows of points, each with room for the derivatives where it begins with d.
 struct RolloutArrays {
   double *q, *v, *q_half_way;  // (points, 7 + joints), (points, 6 + joints), one row fewer
   double *dq, *dv, *dq_half_way;
   double* acceleration;        // dv/dt itself; (points, 6 + joints)
 };
 
+// The motion's half-step at which it meets a singularity, if it meets none.
+constexpr int kRegular = -1;
+
+// columns: the coefficients, and the duration if it is one more.
+template <int columns>
 class EndEffectorRollout {
  public:
-  static constexpr int kRegular = -1;
+  static constexpr bool kFreeDuration = columns > kParameters;
+  using Sensitivity = Along<columns>;
 
   EndEffectorRollout(const Chain& chain, const Vector6& momentum,
                      const EndEffectorPolynomial& polynomial, const NullSpaceFade& null_space,
@@ -29,7 +38,7 @@ class EndEffectorRollout {
   int run(Configuration q, const RolloutArrays& to) const {
     const int size = 6 + chain_.joints();
     const double h = polynomial_.duration / (points_ - 1);
-    Sensitivity dq = Sensitivity::Zero(size, kParameters);
+    Sensitivity dq = Sensitivity::Zero(size, columns);
     for (int i = 0; i < points_; ++i) {
       const int begin = 2 * i, middle = begin + 1, end = begin + 2;
       VelocityMap first = map(q, begin);
@@ -42,7 +51,8 @@ class EndEffectorRollout {
       const Velocity u2 = h / 2 * v1;
       VelocityMap second = map(q.step(u2), middle);
       if (!second.regular) return middle;
-      const Sensitivity du2 = h / 2 * d1;
+      Sensitivity du2 = h / 2 * d1;
+      stretch(du2, u2);
       const Sensitivity d2 = derivative(second, carried(dq, u2, du2), middle);
 
       const Velocity& v2 = second.v;
@@ -52,13 +62,16 @@ class EndEffectorRollout {
       if (!third.regular) return middle;
       Sensitivity du3 = h / 2 * d2;
       add_bracket_derivative(du3, h * h / 8, v1, d1, v2, d2);
+      stretch(du3, u3);
+      stretch(du3, bracket(h * h / 8, v1, v2));
       const Sensitivity d3 = derivative(third, carried(dq, u3, du3), middle);
 
       const Velocity& v3 = third.v;
       const Velocity u4 = h * v3;
       VelocityMap fourth = map(q.step(u4), end);
       if (!fourth.regular) return end;
-      const Sensitivity du4 = h * d3;
+      Sensitivity du4 = h * d3;
+      stretch(du4, u4);
       const Sensitivity d4 = derivative(fourth, carried(dq, u4, du4), end);
 
       const Velocity& v4 = fourth.v;
@@ -66,6 +79,8 @@ class EndEffectorRollout {
       add_bracket(u, h * h / 12, v1, v4);
       Sensitivity du = h / 6 * (d1 + 2 * d2 + 2 * d3 + d4);
       add_bracket_derivative(du, h * h / 12, v1, d1, v4, d4);
+      stretch(du, u);
+      stretch(du, bracket(h * h / 12, v1, v4));
 
       // The errors of both stages half-way cancel in their mean.
       const Velocity half = (u2 + u3) / 2;
@@ -90,7 +105,23 @@ class EndEffectorRollout {
   // Of a stage's velocity by the coefficients.
   Sensitivity derivative(VelocityMap& at, const Sensitivity& dq, int half_step) const {
     at.prepare_derivative();
-    return at.along(dq, polynomial_.twist_derivative(coefficients_, s(half_step)));
+    const Twists<columns> of_twist =
+        polynomial_.template twist_derivative<columns>(coefficients_, s(half_step));
+    Sensitivity dv = at.along(dq, of_twist);
+    if constexpr (kFreeDuration)
+      dv.col(kParameters) +=
+          at.along_bias(null_space_.by_duration(time(half_step), polynomial_.duration));
+    return dv;
+  }
+
+  // A tangent step, or a part of one, grows with the duration by its part of it.
+  void stretch(Sensitivity& du, const Velocity& u) const {
+    if constexpr (kFreeDuration) du.col(kParameters) += u / polynomial_.duration;
+  }
+  static Velocity bracket(double weight, const Velocity& a, const Velocity& b) {
+    Velocity step = Velocity::Zero(a.size());
+    if constexpr (kFreeDuration) add_bracket(step, weight, a, b);
+    return step;
   }
 
   void write_point(const RolloutArrays& to, int i, const Configuration& q, const Sensitivity& dq,
@@ -107,9 +138,9 @@ class EndEffectorRollout {
         at.along(flow, twist_rate) + at.along_bias(null_space_.rate(time(2 * i)));
   }
 
-  using Rows = Eigen::Matrix<double, Eigen::Dynamic, kParameters, Eigen::RowMajor>;
+  using Rows = Eigen::Matrix<double, Eigen::Dynamic, columns, Eigen::RowMajor>;
   static Eigen::Map<Rows> rows(double* of, int i, Eigen::Index size) {
-    return {of + i * size * kParameters, size, kParameters};
+    return {of + i * size * columns, size, columns};
   }
 
   const Chain& chain_;

@@ -53,6 +53,9 @@ struct EndEffectorPolynomial {
   double duration;         // T
   Matrix6 quintic;         // ascending coefficients in s, a column a component
   Matrix3 rotation_outer;  // A
+  // Of the quintic by the duration, start and goal being where they are then; where it is one more
+  // variable
+  Matrix6 quintic_by_duration = Matrix6::Zero();
 
   // The six components and their derivatives with respect to time.
   Derivatives<Vector6> components(const Coefficients& coefficients, double s) const {
@@ -83,19 +86,31 @@ struct EndEffectorPolynomial {
                  rotation_outer * (W * of.acceleration.tail<3>() + dW * euler_rate));
   }
 
-  // d twist / d coefficients, these flattened.
-  Twists<kParameters> twist_derivative(const Coefficients& coefficients, double s) const {
+  // d twist / d coefficients, these flattened; behind them that by the duration, if asked for. At a
+  // fixed s the components change with the quintic, and their rates are 1 / T of those by s.
+  template <int columns = kParameters>
+  Twists<columns> twist_derivative(const Coefficients& coefficients, double s) const {
     const Derivatives<Vector6> of = components(coefficients, s);
     const Derivatives<FreeTerms> f = free_terms(s);
     const FreeTerms f_rate = f.rate / duration;
     const Vector3 euler = of.value.tail<3>(), euler_rate = of.rate.tail<3>();
     const Matrix3 W = rotation_outer * euler_rate_map(euler);
     const Matrix3 dW = rotation_outer * euler_rate_map_derivative(euler, euler_rate);
-    Twists<kParameters> derivative = Twists<kParameters>::Zero();
+    Twists<columns> derivative = Twists<columns>::Zero();
     for (int k = 0; k < 3; ++k) {
-      derivative.block<1, kFreeTerms>(k, kFreeTerms * k) = f_rate.transpose();
-      derivative.block<3, kFreeTerms>(3, kFreeTerms * (3 + k)) =
+      derivative.template block<1, kFreeTerms>(k, kFreeTerms * k) = f_rate.transpose();
+      derivative.template block<3, kFreeTerms>(3, kFreeTerms * (3 + k)) =
           W.col(k) * f_rate.transpose() + dW.col(k) * f.value.transpose();
+    }
+    if constexpr (columns > kParameters) {
+      Vector6 value = Vector6::Zero(), rate = value;
+      for (int k = 5; k >= 0; --k) {
+        rate = s * rate + value;
+        value = s * value + quintic_by_duration.row(k).transpose();
+      }
+      rate = (rate - of.rate) / duration;
+      derivative.col(kParameters) =
+          stack(rate.head<3>(), W * rate.tail<3>() + dW * value.tail<3>());
     }
     return derivative;
   }
@@ -112,6 +127,12 @@ struct NullSpaceFade {
     const double f = 1 - u3 * (10 - u * (15 - 6 * u));
     const double g = u - u3 * (6 - u * (8 - 3 * u));
     return f * rates + seconds * g * accelerations;
+  }
+  // d z / d T at a fixed part of the duration T, of which `seconds` are a part.
+  Joints by_duration(double time, double duration) const {
+    const double u = std::min(time / seconds, 1.0), u3 = u * u * u;
+    const double g = u - u3 * (6 - u * (8 - 3 * u));
+    return seconds / duration * g * accelerations;
   }
   Joints rate(double time) const {
     const double u = std::min(time / seconds, 1.0), u2 = u * u;

@@ -18,8 +18,7 @@ struct TumblingBody {
 
   // Of a point in the body's axes, from its centre of mass.
   Vector3 place(const Vector3& point, double time) const {
-    const auto next = std::upper_bound(begins.begin() + 1, begins.end(), time);
-    const auto number = next - begins.begin() - 1;
+    const auto number = series_at(time);
     const Series& terms = series[number];
     Eigen::Matrix<double, 1, 4> q = terms.row(terms.rows() - 1);
     for (auto k = terms.rows() - 2; k >= 0; --k) q = q * (time - begins[number]) + terms.row(k);
@@ -27,6 +26,28 @@ struct TumblingBody {
     const Vector3 across = axis.cross(point);
     return position + time * velocity + point +
            2 / q.squaredNorm() * (q[3] * across + axis.cross(across));
+  }
+
+  // Of that point [m/s]: the same with the quaternion's derivative, whose length stays what it is.
+  Vector3 speed(const Vector3& point, double time) const {
+    const auto number = series_at(time);
+    const Series& terms = series[number];
+    const double after = time - begins[number];
+    Eigen::Matrix<double, 1, 4> q = terms.row(terms.rows() - 1), rate = q * 0;
+    for (auto k = terms.rows() - 2; k >= 0; --k) {
+      rate = rate * after + q;
+      q = q * after + terms.row(k);
+    }
+    const Vector3 axis = q.head<3>().transpose(), by = rate.head<3>().transpose();
+    const Vector3 across = axis.cross(point), across_by = by.cross(point);
+    return velocity + 2 / q.squaredNorm() *
+                          (rate[3] * across + q[3] * across_by + by.cross(across) +
+                           axis.cross(across_by));
+  }
+
+ private:
+  std::ptrdiff_t series_at(double time) const {
+    return std::upper_bound(begins.begin() + 1, begins.end(), time) - begins.begin() - 1;
   }
 };
 
@@ -40,6 +61,7 @@ struct Sphere {
   Vector3 center_at(double time) const {
     return body ? body->place(place, time) : center + time * velocity;
   }
+  Vector3 velocity_at(double time) const { return body ? body->speed(place, time) : velocity; }
 
   // The box around its centre at all of some times.
   Eigen::AlignedBox3d way(const double* times, size_t count) const {

@@ -77,6 +77,16 @@ def centers_at(times: Array, spheres: Sequence[Sphere]) -> Array:
     return moved
 
 
+def velocities_at(times: Array, spheres: Sequence[Sphere]) -> Array:
+    """Return how fast the spheres' centres move. Shape (points, spheres, 3) [m/s]."""
+    velocities = np.empty((len(times), len(spheres), 3))
+    for k, sphere in enumerate(spheres):
+        velocities[:, k] = sphere.velocity
+        if sphere.body is not None and sphere.place_in_body is not None:
+            velocities[:, k] = sphere.body.motion(sphere.place_in_body, times).twists[:, :3]
+    return velocities
+
+
 def clearances(
     positions: Array, times: Array, starts: Indices, spheres: Sequence[Sphere]
 ) -> Clearances:
@@ -126,6 +136,7 @@ def clearance_rows(
     spheres: Sequence[Sphere],
     interest: float,
     quarter_way: bool,
+    times_by_last: Array | None = None,
 ) -> tuple[Array, Array, Indices]:
     """Return distances of segments from spheres below `interest` [m], and their derivatives.
 
@@ -136,6 +147,7 @@ def clearance_rows(
         spheres: In the order in which they are named.
         quarter_way: Look at the arm a quarter of the way between points, too, and three quarters:
             by the parabola through both points and the one half-way, but in the first interval.
+        times_by_last: Derivatives of the times by the last variable. None, empty: there are none.
 
     Returns:
         Shapes (rows,), (rows, columns) and (rows,): the last says which point, segment and sphere.
@@ -152,6 +164,7 @@ def clearance_rows(
         interest=interest,
         quarter_way=quarter_way,
         attached=attached_to_bodies(spheres, float(times.max())),
+        times_by_last=times[:0] if times_by_last is None else times_by_last,
     )
 
 

@@ -8,7 +8,7 @@ the decision variables are. Null-space motion of the start fades on the way.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import ClassVar, cast
 
 import numpy as np
@@ -18,7 +18,7 @@ from ff_planner_ros.arrays import Array
 from ff_planner_ros.core import compiled
 from ff_planner_ros.core.chain import chain_of
 from ff_planner_ros.planning.detours import detours, scattered
-from ff_planner_ros.planning.path_family import Motion, Sensitivity
+from ff_planner_ros.planning.path_family import GoalMotion, Motion, Sensitivity
 from ff_planner_ros.planning.polynomial import (
     COMPONENTS,
     DIRECTIONS,
@@ -52,6 +52,9 @@ class EndEffectorPaths:
     momentum: Array  # constant total P and L about the inertial origin; shape (6,)
     polynomial: EndEffectorPolynomial
     null_space: NullSpaceFade | None = None  # what the start has beyond Eq. (31); None: nothing
+    goal_motion: GoalMotion | None = None  # where the duration is one more variable
+    # Of the polynomial's quintic by the duration; empty where that is given
+    quintic_by_duration: Array = field(default_factory=lambda: np.empty(0))
 
     name: ClassVar[str] = "end_effector_polynomial"
     variables: ClassVar[int] = PARAMETERS  # coefficients of six components
@@ -82,14 +85,26 @@ class EndEffectorPaths:
         """Return the motions to a target near this one; the coefficients keep their meaning."""
         return replace(self, polynomial=self.polynomial.towards(_end(target)))
 
-    def lasting(self, problem: PlanningProblem) -> EndEffectorPaths:
+    def lasting(
+        self, problem: PlanningProblem, goal_motion: GoalMotion | None = None
+    ) -> EndEffectorPaths:
         """Return the motions of this problem with another duration, the angles read as here."""
         duration, null_space = problem.duration, self.null_space
         if null_space is not None:
             seconds = null_space.seconds * duration / self.polynomial.duration
             null_space = replace(null_space, seconds=seconds)
         polynomial = self.polynomial.lasting(duration, _end(problem.target))
-        return replace(self, polynomial=polynomial, null_space=null_space)
+        return replace(
+            self,
+            polynomial=polynomial,
+            null_space=null_space,
+            goal_motion=goal_motion,
+            quintic_by_duration=np.empty(0)
+            if goal_motion is None
+            else polynomial.quintic_by_duration(
+                goal_motion.place, goal_motion.twist, goal_motion.acceleration
+            ),
+        )
 
     def motion(self, x: Array, points: int, damping: float = 0.0) -> Motion:
         """Integrate the motion of one path; x: coefficients of the free terms, flattened."""
@@ -107,6 +122,7 @@ class EndEffectorPaths:
             x=x,
             points=points,
             damping=damping,
+            quintic_by_duration=self.quintic_by_duration,
         )
         if isinstance(found, float):
             return Motion(
@@ -123,8 +139,9 @@ class EndEffectorPaths:
                 q=dq,
                 v=dv,
                 q_half_way=dq_half_way,
-                goal_error=np.empty((0, PARAMETERS)),
+                goal_error=np.empty((0, dq.shape[2])),
                 acceleration=acceleration,
+                goal_motion=self.goal_motion,
             ),
         )
 

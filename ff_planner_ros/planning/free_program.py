@@ -1,24 +1,30 @@
 """The optimisation problem with the duration as one more variable.
 
-Everything that moves with the duration, the goal, the obstacles, the momentum's drift and the
-limits on rates, is a function of the path's variables x and of the duration T. The program of
-one duration knows the exact derivatives by x. Those by T are central differences of objective and
-rows as a whole, good to nine digits: whatever a requirement depends on, nothing is forgotten.
+Everything that moves with the duration T, the goal, the obstacles, the momentum's drift and the
+limits on rates, is a function of the path's variables x and of T. Both kinds of derivatives are
+exact. Those by T are at fixed parts s of it, so that a point stays what it is and comes later:
+
+- The path at s depends on T through its ends: the k-th derivative by s is T^k times that by time,
+  and the goal's pose, twist and acceleration change as they do on the goal's own way.
+- Base and joints follow through the same steps of the integration as by x, each step being a part
+  of T; the system's centre of mass drifts for longer; rates by time are 1 / T of those by s.
+- Each requirement adds what depends on T beside the motion: spheres and grasp are elsewhere at s T,
+  and what is made of rates and steps of time changes with the step.
+
+That the plan's grid and the names of its rows stay the same is all that is left out.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ff_planner_ros.arrays import Array
+from ff_planner_ros.planning.path_family import GoalMotion
 from ff_planner_ros.planning.problem import PlanningProblem, lasting
 from ff_planner_ros.planning.program import PathLinearisation, PathProgram
 
-# Of the duration: a difference between durations so far apart is exact to nine digits.
-_STEP = 1e-4
 # Names of the rows that keep the duration within its range; those of requirements are not negative.
 _BOUNDS = np.array([-1, -2])
 
@@ -38,91 +44,54 @@ class FreeProgram:
         return float(np.clip(along[-1] * self.unit, window.minimum, window.maximum))
 
     def at(self, duration: float) -> PathProgram:
-        """Return the program of one duration [s]."""
+        """Return the program of one duration [s], whose last variable is the duration."""
         problem = lasting(self.problem, duration)
-        family = self.program.family.lasting(problem)
+        family = self.program.family.lasting(problem, goal_motion(self.problem, duration))
         return replace(self.program, problem=problem, family=family)
 
     def linearise(self, along: Array) -> PathLinearisation:
         """Return objective and constraints of a path and a duration with their derivatives."""
-        x, duration = along[:-1], self.duration(along)
-        here = self.at(duration).linearise(x)
-        step = _STEP * duration
-        sides = [self.at(duration + side * step).linearise(x) for side in (-1.0, 1.0)]
-        if not (here.is_defined and all(side.is_defined for side in sides)):
-            return replace(here, is_defined=False)
-        return self._with_duration(here, sides, step, float(along[-1]) * self.unit)
+        here = self.at(self.duration(along)).linearise(along[:-1])
+        return self._in_range(here, float(along[-1]) * self.unit) if here.is_defined else here
 
-    def _with_duration(
-        self,
-        here: PathLinearisation,
-        sides: Sequence[PathLinearisation],
-        step: float,
-        duration: float,
-    ) -> PathLinearisation:
-        """Return functions of a path with their derivatives by the duration, too.
+    def _in_range(self, here: PathLinearisation, duration: float) -> PathLinearisation:
+        """Return functions of a path with the duration's weight and its range.
 
         Args:
-            sides: The same path at durations that are a step [s] shorter and longer.
+            here: Derivatives by the duration are per second, last.
             duration: As the variables say it, in its range or not [s].
         """
-        before, after = sides
-        over = self.unit / (2.0 * step)
-        slope = (after.value - before.value) * over
-        bent = (after.value - 2.0 * here.value + before.value) * (self.unit / step) ** 2
-        turned = (after.gradient - before.gradient) * over
-        constraints_by_t = _difference(here, before, after) * (2.0 * over)
+        variables = len(here.gradient)
+        units = np.ones(variables)
+        units[-1] = self.unit
         # The duration is told as a peak, beside those of the attitude: the solver then learns how
         # the constraints are curved, which alone decide where the shortest duration is.
-        peaks, by_x, by_duration = (
-            here.peaks,
-            here.peaks_jacobian,
-            (after.peaks - before.peaks) * over,
-        )
+        peaks, by_x = here.peaks, here.peaks_jacobian * units
         if not peaks.size:
-            peaks, by_x, by_duration = np.zeros(1), np.zeros((1, len(here.gradient))), np.zeros(1)
-        by_duration = by_duration + self.weight * self.unit
+            peaks, by_x = np.zeros(1), np.zeros((1, variables))
+        by_x[:, -1] += self.weight * self.unit
         window = self.problem.durations
         bounds = np.array([duration - window.minimum, window.maximum - duration])
-        by_bounds = np.zeros((2, len(here.gradient) + 1))
+        by_bounds = np.zeros((2, variables))
         by_bounds[:, -1] = self.unit, -self.unit
         return replace(
             here,
-            gradient=np.append(here.gradient, slope),
-            hessian=_convex(np.block([[here.hessian, turned[:, None]], [turned, bent]])),
+            gradient=here.gradient * units,
+            hessian=here.hessian * np.outer(units, units),
             peaks=peaks + self.weight * duration,
-            peaks_jacobian=_widened(by_x, by_duration),
+            peaks_jacobian=by_x,
             constraints=np.concatenate([here.constraints, bounds]),
-            constraints_jacobian=np.concatenate(
-                [_widened(here.constraints_jacobian, constraints_by_t), by_bounds]
-            ),
-            equalities_jacobian=_widened(
-                here.equalities_jacobian, (after.equalities - before.equalities) * over
-            ),
+            constraints_jacobian=np.concatenate([here.constraints_jacobian * units, by_bounds]),
+            equalities_jacobian=here.equalities_jacobian * units,
             names=np.concatenate([here.names, _BOUNDS]),
         )
 
 
-def _difference(
-    here: PathLinearisation, before: PathLinearisation, after: PathLinearisation
-) -> Array:
-    """Return by how much each constraint grows with one step, from the sides that know it.
-
-    A constraint that is of interest here and on no side is at the edge of what is of interest.
-    """
-    total, known = np.zeros(len(here.names)), np.zeros(len(here.names))
-    for side, sign in ((before, -1.0), (after, 1.0)):
-        _, mine, its = np.intersect1d(here.names, side.names, return_indices=True)
-        total[mine] += sign * (side.constraints[its] - here.constraints[mine])
-        known[mine] += 1.0
-    return total / np.maximum(known, 1.0)
-
-
-def _widened(jacobian: Array, column: Array) -> Array:
-    return np.column_stack([jacobian, column])
-
-
-def _convex(hessian: Array) -> Array:
-    values, vectors = np.linalg.eigh(hessian)
-    convex: Array = (vectors * np.maximum(values, 0.0)) @ vectors.T
-    return convex
+def goal_motion(problem: PlanningProblem, duration: float) -> GoalMotion:
+    """Return how the goal of a problem changes with its duration [s]."""
+    body, nothing = problem.target_body, np.zeros(6)
+    if body is None:
+        place = np.append(problem.durations.target_velocity, nothing[3:])
+        return GoalMotion(place, nothing, nothing)
+    grasp = body.grasp(np.array([duration]))
+    return GoalMotion(grasp.twists[0], grasp.accelerations[0], grasp.jerks[0])

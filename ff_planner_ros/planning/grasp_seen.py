@@ -20,6 +20,7 @@ class GraspSeen:
     def __init__(self, problem: PlanningProblem, times: Array) -> None:
         """Work out where the grasp is at times from the plan's first point on, (times,) [s]."""
         body, target = problem.target_body, problem.target
+        self._parts, self._of_body = times / problem.duration, body is not None
         # On a table the height does not count.
         self._counts = np.isin(range(3), problem.robot.base.rows).astype(np.float64)
         if body is not None:
@@ -51,6 +52,23 @@ class GraspSeen:
         """Return how fast points move, one at each time. Shape (times, 3) [m/s]."""
         carried = np.cross(self._twists[:, 3:], points - self._positions)
         return self._here(velocities - self._twists[:, :3] - carried)
+
+    def sees_by_duration(self, points: Array, target_by_duration: Array) -> Array:
+        """Return how places change with the duration, at fixed parts of it. Shape (times, 3).
+
+        The grasp of a body is where it is at that time. A target is at the goal where it is told to
+        be, and before that on its uniform way there.
+
+        Args:
+            target_by_duration: Place of the target by the duration, a twist. Shape (6,).
+        """
+        parts = self._parts[:, None]
+        if self._of_body:
+            by_duration = parts * self._twists
+        else:
+            by_duration = target_by_duration + (parts - 1.0) * self._twists
+        carried = np.cross(by_duration[:, 3:], points - self._positions)
+        return self._here(-by_duration[:, :3] - carried)
 
     def in_inertial(self, gradients: Array) -> Array:
         """Return gradients by places as those by points of the inertial frame. (times, 3)."""

@@ -20,7 +20,7 @@ from ff_planner_ros.core import compiled
 from ff_planner_ros.core.chain import chain_of
 from ff_planner_ros.core.start import start_of
 from ff_planner_ros.planning.end_conditions import compiled_target
-from ff_planner_ros.planning.path_family import JointHull, Motion, Sensitivity
+from ff_planner_ros.planning.path_family import GoalMotion, JointHull, Motion, Sensitivity
 from ff_planner_ros.planning.problem import PlanningProblem, Sphere, Target
 from ff_planner_ros.planning.settings import PlannerSettings
 from ff_planner_ros.planning.spline_basis import FIXED, SplineBasis
@@ -46,6 +46,7 @@ class JointSplines:
     q_start: Array  # configuration at the first point; shape (7 + joints,)
     start: compiled.Start  # what stays of it
     fixed: Array  # control points that the start fixes; shape (3, joints) [rad]
+    goal_motion: GoalMotion | None = None  # where the duration is one more variable
 
     name: ClassVar[str] = "joint_spline"
     reading: ClassVar[str] = ""
@@ -80,11 +81,13 @@ class JointSplines:
         """Return the motions to a target near this one; the control points stay what they are."""
         return replace(self, problem=replace(self.problem, target=target))
 
-    def lasting(self, problem: PlanningProblem) -> JointSplines:
+    def lasting(
+        self, problem: PlanningProblem, goal_motion: GoalMotion | None = None
+    ) -> JointSplines:
         """Return the motions of this problem with another duration."""
         basis = replace(self.basis, duration=problem.duration)
         fixed = _fixed(basis, problem.start)
-        return replace(self, problem=problem, basis=basis, fixed=fixed)
+        return replace(self, problem=problem, basis=basis, fixed=fixed, goal_motion=goal_motion)
 
     def control_points(self, x: Array) -> Array:
         """Return all control points of a spline. Shape (control points, joints) [rad]."""
@@ -110,10 +113,42 @@ class JointSplines:
     def sensitivity(self, motion: Motion, damping: float = 0.0) -> Sensitivity:
         """Differentiate a motion of this family, exact as discretised."""
         rows = _rows_of_free(self.basis, len(motion.q))
-        return Sensitivity(
-            *cast(SplineMotion, motion).compiled.sensitivity(*rows, self._goal),
-            hull=_hulls_by_x(self.basis, self.robot.joints),
-        )
+        compiled_motion = cast(SplineMotion, motion).compiled
+        hull, goal_motion = _hulls_by_x(self.basis, self.robot.joints), self.goal_motion
+        if goal_motion is None:
+            return Sensitivity(*compiled_motion.sensitivity(*rows, self._goal), hull=hull)
+        of_goal = np.array([goal_motion.place, goal_motion.twist, goal_motion.acceleration])
+        by_duration, hulls = self._by_duration(motion.x, len(motion.q))
+        columns = (hull.positions, hull.rates), hulls
+        wide = JointHull(*(np.dstack(both) for both in zip(*columns, strict=True)))
+        found = compiled_motion.sensitivity(*rows, self._goal, by_duration, of_goal)
+        return Sensitivity(*found, hull=wide, goal_motion=goal_motion)
+
+    def _by_duration(self, x: Array, points: int) -> tuple[Array, tuple[Array, Array]]:
+        """Return the derivatives of a spline by the duration T at fixed parts s of it.
+
+        The k-th derivative by time is 1 / T^k of that by s, and the control points that the start
+        fixes change with T: those by s there are T^k times what is given.
+
+        Returns:
+            Those of angles and rates at half steps and of the last accelerations, a row each, and
+            those of both hulls. Shapes (2 half steps + 1, joints), and each (points, joints).
+        """
+        duration, start = self.basis.duration, self.problem.start
+        still = np.zeros(self.robot.joints)
+        accelerated = still if start.joint_accelerations is None else start.joint_accelerations
+        in_parts = replace(self.basis, duration=1.0)
+        moved = in_parts.start(still, start.joint_velocities, 2.0 * duration * accelerated)
+        controls = self.control_points(x)
+
+        def changed(rows: Array, order: int) -> Array:
+            found: Array = rows[:, :FIXED] @ moved - order / duration * (rows @ controls)
+            return found
+
+        angles, rates, accelerations = _rows(self.basis, points)
+        of_joints = [changed(angles, 0), changed(rates, 1), changed(accelerations[-1:], 2)]
+        of_positions, of_rates = _hulls(self.basis)
+        return np.concatenate(of_joints), (changed(of_positions, 0), changed(of_rates, 1))
 
     @cached_property
     def _goal(self) -> compiled.Target:

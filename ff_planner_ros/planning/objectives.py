@@ -50,10 +50,16 @@ def terms(
         smoothing: Weight of evenly run joints, where the joint path's is one; see `joint_path`.
     """
     found = []
-    variables = len(motion.x)
+    variables = sensitivity.variables
     weight, nothing = weights.joint_path_length, np.zeros((variables, variables))
     if weight > 0.0:
-        value, gradient, hessian = joint_path(motion.v, sensitivity.v, step, smoothing)
+        v, by_x, duration = motion.v, sensitivity.v, (len(motion.v) - 1) * step
+        if sensitivity.goal_motion is not None:
+            # Run by parts of the duration, a path is as long, and knows the duration no more.
+            by_x = duration * by_x
+            by_x[..., -1] += v
+            v, step = duration * v, step / duration
+        value, gradient, hessian = joint_path(v, by_x, step, smoothing)
         value = weight * value
         found.append(Term(value, weight * gradient, weight * hessian, nothing[0, :0], nothing[:0]))
     weight = weights.chaser_attitude

@@ -23,6 +23,15 @@ class JointHull:
     rates: Array  # likewise
 
 
+@dataclass(frozen=True, eq=False)
+class GoalMotion:
+    """How a goal changes with the duration: derivatives by it, linear part first, inertial axes."""
+
+    place: Array  # shape (6,) [m/s, rad/s]
+    twist: Array  # shape (6,) [m/s2, rad/s2]
+    acceleration: Array  # shape (6,) [m/s3, rad/s3]
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Motion:
     """A motion at each point, as Pinocchio writes it."""
@@ -39,7 +48,11 @@ class Motion:
 
 @dataclass(frozen=True, eq=False)
 class Sensitivity:
-    """Derivatives of a regular motion with respect to x, exact as discretised."""
+    """Derivatives of a regular motion with respect to x, exact as discretised.
+
+    Where the duration T is one more variable, the last column is by T, at fixed parts s of it: a
+    point is at the time s T, and rates are 1 / T of the derivatives by s.
+    """
 
     q: Array  # in the tangent space at each point; shape (points, 6 + joints, variables)
     v: Array  # shape (points, 6 + joints, variables)
@@ -47,6 +60,16 @@ class Sensitivity:
     goal_error: Array  # shape (rows, variables)
     acceleration: Array  # dv/dt itself at each point; shape (points, 6 + joints)
     hull: JointHull | None = None
+    goal_motion: GoalMotion | None = None  # None: the duration is given
+
+    @property
+    def variables(self) -> int:
+        """Number of columns."""
+        return int(self.q.shape[2])
+
+    def times_by_last(self, times: Array, duration: float) -> Array:
+        """Return how times [s] change with the last variable; empty where they do not."""
+        return times[:0] if self.goal_motion is None else times / duration
 
 
 class PathFamily(Protocol):
@@ -92,8 +115,14 @@ class PathFamily(Protocol):
     def towards(self, target: Target) -> PathFamily:
         """Return the motions to a target near this one; x keeps its meaning."""
 
-    def lasting(self, problem: PlanningProblem) -> PathFamily:
-        """Return the motions of the problem with another duration; x keeps its meaning."""
+    def lasting(
+        self, problem: PlanningProblem, goal_motion: GoalMotion | None = None
+    ) -> PathFamily:
+        """Return the motions of the problem with another duration; x keeps its meaning.
+
+        Args:
+            goal_motion: Makes the duration one more variable of the sensitivities.
+        """
 
     def decision_variables(self, x: Array) -> Array:
         """Return what the plan reports of a path: for the paper's family xi, Eq. (42)."""

@@ -31,6 +31,7 @@ from ff_planner_ros.robot.rotation import (
     euler_from_rotation,
     euler_rate_map,
     euler_rate_map_derivative,
+    euler_rate_map_second_derivative,
     rotation_from_euler,
 )
 
@@ -125,6 +126,47 @@ class EndEffectorPolynomial:
         value[3:] = _nearest(value[3:], ends[0][1, 3:])
         conditions = [tuple(of_ends[0] for of_ends in ends), (value, rate, acceleration)]
         return replace(self, duration=duration, quintic=_quintic(conditions, duration))
+
+    def quintic_by_duration(self, place: Array, twist: Array, acceleration: Array) -> Array:
+        """Return the derivatives of `quintic` by the duration T. Shape (6, 6).
+
+        The quintic in s goes through T^k times the k-th derivatives by time at both ends. Those at
+        the start stay what they are, and those at the end change with the goal. With e the Euler
+        angles, w = A W(e) e' and w' = A (W(e) e'' + (dW/de e') e') are differentiated once more.
+
+        Args:
+            place: Of the goal by the duration, a velocity and a turn rate; all are in inertial
+                axes. Shape (6,).
+            twist: Of the goal's twist by the duration. Shape (6,).
+            acceleration: Of the goal's acceleration by the duration. Shape (6,).
+        """
+        duration = self.duration
+        ends = self.components(np.zeros((COMPONENTS, FREE_TERMS)), np.array([0.0, 1.0]))
+        euler, rate, accelerated = (of_ends[1, 3:] for of_ends in ends)
+        to_rate = np.linalg.inv(self.rotation_outer @ euler_rate_map(euler))
+        inward = np.linalg.inv(euler_rate_map(euler))
+        of_rate = euler_rate_map_derivative(euler, rate)
+        turned = to_rate @ place[3:]
+        faster = to_rate @ twist[3:] - inward @ of_rate @ turned
+        bent = (
+            euler_rate_map_derivative(euler, accelerated) @ turned
+            + euler_rate_map_derivative(euler, faster) @ rate
+            + of_rate @ faster
+            + euler_rate_map_second_derivative(euler, rate) @ turned
+        )
+        changes = (
+            np.concatenate([place[:3], turned]),
+            np.concatenate([twist[:3], faster]),
+            np.concatenate([acceleration[:3], to_rate @ acceleration[3:] - inward @ bent]),
+        )
+        wanted = np.zeros((6, COMPONENTS))
+        for order in range(1, 3):
+            wanted[2 * order : 2 * order + 2] = order * duration ** (order - 1) * ends[order]
+        for order in range(3):
+            wanted[2 * order + 1] += duration**order * changes[order]
+        at_ends = np.array([0.0, 1.0])
+        system = np.concatenate([powers(at_ends, order)[:, :6] for order in range(3)])
+        return np.asarray(np.linalg.solve(system, wanted), np.float64)
 
     def decision_variables(self, coefficients: Array) -> Array:
         """Return the paper's xi: a6, a7, a8 of each component, Eq. (42). Shape (18,)."""

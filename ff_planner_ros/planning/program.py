@@ -111,7 +111,7 @@ class PathProgram:
         sensitivity = self.family.sensitivity(motion, self.damping)
         step, robot = self.problem.duration / (self.points - 1), self.problem.robot
         driven = motion if self.correction is None else self.correction.of(robot.model, motion)
-        variables = len(x)
+        variables = sensitivity.variables
         value, gradient = 0.0, np.zeros(variables)
         hessian = np.zeros((variables, variables))
         peaks, peaks_jacobian = [np.empty(0)], [np.empty((0, variables))]

@@ -63,3 +63,18 @@ def euler_rate_map_derivative(euler: Array, rate: Array) -> Array:
     derivative[..., 0, 2] = -sz * cy * phi_rate - cz * theta_rate
     derivative[..., 1, 2] = cz * cy * phi_rate - sz * theta_rate
     return derivative
+
+
+def euler_rate_map_second_derivative(euler: Array, rate: Array) -> Array:
+    """Return the derivative of (d(W rate)/d euler) rate by euler; the first column is zero."""
+    sy, cy = np.sin(euler[..., 1]), np.cos(euler[..., 1])
+    sz, cz = np.sin(euler[..., 2]), np.cos(euler[..., 2])
+    phi_rate, theta_rate, psi_rate = rate[..., 0], rate[..., 1], rate[..., 2]
+    first, second, third = phi_rate * theta_rate, phi_rate * psi_rate, theta_rate * psi_rate
+    derivative = np.zeros((*euler.shape, 3))
+    derivative[..., 0, 1] = -cz * cy * first + sz * sy * second
+    derivative[..., 1, 1] = -sz * cy * first - cz * sy * second
+    derivative[..., 2, 1] = sy * first
+    derivative[..., 0, 2] = sz * sy * first - cz * cy * second + sz * third
+    derivative[..., 1, 2] = -cz * sy * first - sz * cy * second - cz * third
+    return derivative

@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from ff_planner_ros.arrays import Array
+from ff_planner_ros.planning.path_family import Motion, Sensitivity
 
 
 def accelerations_at_points(positions: Array, rates: Array, step: float) -> Array:
@@ -26,3 +27,13 @@ def accelerations_at_points(positions: Array, rates: Array, step: float) -> Arra
     first = np.tensordot(of_way, way[:3], 1) - np.tensordot(of_rate, rate[:3], 1)
     last = np.tensordot(of_way, way[:-4:-1], 1) + np.tensordot(of_rate, rate[:-4:-1], 1)
     return np.concatenate([first[None], inside, last[None]])
+
+
+def accelerations_by_x(motion: Motion, sensitivity: Sensitivity, step: float) -> Array:
+    """Return the derivatives of joint accelerations. Shape (points, joints, variables)."""
+    by_x = accelerations_at_points(sensitivity.q[:, 6:], sensitivity.v[:, 6:], step)
+    if sensitivity.goal_motion is not None:  # positions count by 1 / T^2 there, rates by 1 / T
+        duration = step * (len(motion.q) - 1)
+        slower = accelerations_at_points(-2.0 * motion.q[:, 7:], -motion.v[:, 6:], step)
+        by_x[..., -1] += slower / duration
+    return by_x

@@ -89,6 +89,9 @@ class ApproachCorridor(Requirement):
         (near,) = np.nonzero(values < OF_INTEREST)
         by_point = grasp.in_inertial(by_place)[near]
         jacobian = np.einsum("ri,rix->rx", by_point, derivatives[near, -1])
+        if sensitivity.goal_motion is not None:
+            seen = grasp.sees_by_duration(points[:, -1], sensitivity.goal_motion.place)
+            jacobian[:, -1] += np.sum(by_place * seen, axis=1)[near]
         names = 2 * near + margins.by_cone[near].astype(np.intp)
         return Rows(values[near], jacobian, names)
 

@@ -23,12 +23,18 @@ from ff_planner_ros.planning.body_distances import (
     sphere_distances,
     sphere_gradients,
 )
-from ff_planner_ros.planning.clearance import attached_to_bodies, centers_at, sphere_arrays
+from ff_planner_ros.planning.clearance import (
+    attached_to_bodies,
+    centers_at,
+    sphere_arrays,
+    velocities_at,
+)
 from ff_planner_ros.planning.compiled_bodies import compiled_bodies
 from ff_planner_ros.planning.path_family import Motion, Sensitivity
 from ff_planner_ros.planning.problem import PlanningProblem
 from ff_planner_ros.planning.requirements.requirement import Rows
 from ff_planner_ros.robot.configuration import configuration
+from ff_planner_ros.robot.kinematics import rotation_base_to_inertial
 
 # On fewer points than this a body may jump over a corner of another: see `_LookedAt`.
 FEW_POINTS = 40
@@ -44,6 +50,7 @@ class _LookedAt(NamedTuple):
     """The configurations of a path at which its bodies are looked at, in the order of time."""
 
     times: Array  # shape (configurations,) [s]
+    times_by_last: Array  # their derivatives by the last variable; empty where they have none
     q: Array  # shape (configurations, 7 + joints)
     sensitivity: Array  # of q in its tangent space; shape (configurations, 6 + joints, variables)
     until: int  # the first configuration at which pairs that are allowed to touch may do so
@@ -92,6 +99,7 @@ def sphere_rows(
         radii=radius,
         interest=OF_INTEREST,
         attached=attached_to_bodies(problem.obstacles, float(at.times[-1])),
+        times_by_last=at.times_by_last,
     )
     shape = len(at.q), len(robot.bodies), len(problem.obstacles)
     if deep.size:
@@ -101,7 +109,12 @@ def sphere_rows(
         found = sphere_distances(robot, placed, seen, radius, rows)
         gradients = sphere_gradients(robot, placed, found, rows)
         distances, names = np.append(distances, found.distance), np.append(names, deep)
-        jacobian = np.vstack([jacobian, _along(gradients, at.sensitivity, rows[0])])
+        deeper = _along(gradients, at.sensitivity, rows[0])
+        if at.times_by_last.size:
+            deeper[:, -1] += at.times_by_last[rows[0]] * _of_moving(
+                problem, gradients, at, rows[0], rows[2]
+            )
+        jacobian = np.vstack([jacobian, deeper])
     configurations, bodies, spheres = np.unravel_index(names, shape)
     margins = np.minimum(margin, _room_of_spheres(problem)[bodies, spheres])
     rows_found = Rows(distances - margins, jacobian, names)
@@ -164,7 +177,8 @@ def _looked_at(problem: PlanningProblem, motion: Motion, sensitivity: Sensitivit
         )
         q[:, 3:7] /= np.linalg.norm(q[:, 3:7], axis=1)[:, None]
     until = before_contact(problem, times, q, _WITHIN) + 1 if problem.allowed_at_goal else len(q)
-    return _LookedAt(times, q, by_x, until)
+    times_by_last = sensitivity.times_by_last(times, problem.duration)
+    return _LookedAt(times, times_by_last, q, by_x, until)
 
 
 def _in_order(at_points: Array, half_way: Array) -> Array:
@@ -189,6 +203,23 @@ def quarter_way(values: Array) -> Array:
     begin, middle, end = at_points[:-1], half_way[1:], at_points[1:]
     first = (3.0 * begin + 6.0 * middle - end) / 8.0
     return np.concatenate([first, (3.0 * end + 6.0 * middle - begin) / 8.0])
+
+
+def _of_moving(
+    problem: PlanningProblem,
+    gradients: Array,
+    at: _LookedAt,
+    configurations: Indices,
+    spheres: Indices,
+) -> Array:
+    """Return how fast distances grow because the spheres move. Shape (rows,) [m/s].
+
+    For the distance it is the same whether a sphere moves or the chaser the other way.
+    """
+    velocities = velocities_at(at.times, problem.obstacles)[configurations, spheres]
+    in_base = np.einsum("rji,rj->ri", rotation_base_to_inertial(at.q[configurations]), velocities)
+    growing: Array = -np.sum(gradients[:, :3] * in_base, axis=1)
+    return growing
 
 
 def _along(gradients: Array, sensitivity: Array, configurations: Indices) -> Array:

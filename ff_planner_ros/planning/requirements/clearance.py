@@ -80,14 +80,16 @@ class Clearance(Requirement):
         times = np.linspace(0.0, problem.duration, len(motion.q))
         times = np.concatenate([times[1:], (times[:-1] + times[1:]) / 2])
         few = len(motion.q) < FEW_POINTS
+        looked_at = np.concatenate([times, quarter_way(times)]) if few else times
         distances, jacobian, names = clearance_rows(
             problem.robot,
             np.concatenate([motion.q[1:], motion.q_half_way]),
             np.concatenate([sensitivity.q[1:], sensitivity.q_half_way]),
-            np.concatenate([times, quarter_way(times)]) if few else times,
+            looked_at,
             problem.obstacles,
             OF_INTEREST,
             quarter_way=few,
+            times_by_last=sensitivity.times_by_last(looked_at, problem.duration),
         )
         return Rows(distances - margin, jacobian, names)
 

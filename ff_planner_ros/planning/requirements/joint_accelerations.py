@@ -13,7 +13,10 @@ from ff_planner_ros.planning.joint_motion import JointMotion
 from ff_planner_ros.planning.metrics import Metrics
 from ff_planner_ros.planning.path_family import Motion, Sensitivity
 from ff_planner_ros.planning.problem import PlanningProblem
-from ff_planner_ros.planning.requirements.accelerations import accelerations_at_points
+from ff_planner_ros.planning.requirements.accelerations import (
+    accelerations_at_points,
+    accelerations_by_x,
+)
 from ff_planner_ros.planning.requirements.requirement import (
     ALLOWED_EXCESS,
     LIMIT_TOLERANCE,
@@ -65,8 +68,7 @@ class JointAccelerations(Requirement):
             return None
         step = problem.duration / (len(motion.q) - 1)
         parts = accelerations_at_points(motion.q[:, 7:], motion.v[:, 6:], step) / limits
-        of_q, of_v = sensitivity.q[:, 6:], sensitivity.v[:, 6:]
-        by_x = accelerations_at_points(of_q, of_v, step) / limits[:, None]
+        by_x = accelerations_by_x(motion, sensitivity, step) / limits[:, None]
         most = 1.0 - np.clip(1.0 - np.abs(parts[0]), 0.0, margin)
         return within(parts[1:], by_x[1:], -most, most, _OF_INTEREST)
 

@@ -12,7 +12,10 @@ from ff_planner_ros.planning.followed import FollowedMotion
 from ff_planner_ros.planning.metrics import Metrics
 from ff_planner_ros.planning.path_family import Motion, Sensitivity
 from ff_planner_ros.planning.problem import PlanningProblem
-from ff_planner_ros.planning.requirements.accelerations import accelerations_at_points
+from ff_planner_ros.planning.requirements.accelerations import (
+    accelerations_at_points,
+    accelerations_by_x,
+)
 from ff_planner_ros.planning.requirements.requirement import (
     LIMIT_TOLERANCE,
     Requirement,
@@ -81,8 +84,8 @@ class Torques(Requirement):
             return None
         points = near + 1
         of_q, of_v = sensitivity.q, sensitivity.v
-        of_rates = accelerations_at_points(of_q[:, 6:], of_v[:, 6:], step)
-        by_x = np.zeros((*parts.shape, len(motion.x)))
+        of_rates = accelerations_by_x(motion, sensitivity, step)
+        by_x = np.zeros((*parts.shape, sensitivity.variables))
         by_x[near] = joint_torques_by_x(
             robot,
             *(rows[points] for rows in (motion.q, motion.v, accelerated, of_q, of_v, of_rates)),

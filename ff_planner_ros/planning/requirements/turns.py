@@ -24,6 +24,7 @@ class Between(NamedTuple):
     joint: Indices  # whose value it is; shape (values,)
     # Of the position at the interval's begin and end, then of the rate. Each of shape (values,)
     weights: Sequence[Array]
+    weights_by_step: Sequence[Array]  # their derivatives by the time between two points
 
 
 def turns(motion: Motion, step: float) -> Between:
@@ -44,7 +45,8 @@ def turns(motion: Motion, step: float) -> Between:
     s = s[root, interval, joint]
     of_end = s**2 * (3 - 2 * s)
     weights = (1 - of_end, of_end, step * s * (1 - s) ** 2, step * s**2 * (s - 1))
-    return Between(interval, joint, weights)
+    by_step = (0.0 * s, 0.0 * s, s * (1 - s) ** 2, s**2 * (s - 1))
+    return Between(interval, joint, weights, by_step)
 
 
 def peak_rates(motion: Motion, step: float) -> Between:
@@ -58,7 +60,8 @@ def peak_rates(motion: Motion, step: float) -> Between:
     s = s[interval, joint]
     of_way = 6 * s * (1 - s) / step
     weights = (-of_way, of_way, (1 - s) * (1 - 3 * s), s * (3 * s - 2))
-    return Between(interval, joint, weights)
+    by_step = (of_way / step, -of_way / step, 0.0 * s, 0.0 * s)
+    return Between(interval, joint, weights, by_step)
 
 
 def beyond(
@@ -73,8 +76,14 @@ def beyond(
     joint, value = between.joint, _weighted(between, motion.q[:, 7:], motion.v[:, 6:])
     margins = np.stack([upper[joint] - value, value - lower[joint]])
     side, row = np.nonzero(margins < np.broadcast_to(interest, lower.shape)[joint])
-    near = Between(between.interval[row], joint[row], tuple(one[row] for one in between.weights))
+    weights, by_step = (
+        tuple(one[row] for one in each) for each in (between.weights, between.weights_by_step)
+    )
+    near = Between(between.interval[row], joint[row], weights, by_step)
     jacobian = _weighted(near, sensitivity.q[:, 6:], sensitivity.v[:, 6:])
+    if sensitivity.goal_motion is not None:
+        of_step = _weighted(near._replace(weights=by_step), motion.q[:, 7:], motion.v[:, 6:])
+        jacobian[:, -1] += of_step / (len(motion.q) - 1)
     # Below zero, where those at the points are above it.
     names = -1 - np.ravel_multi_index(
         (side, between.interval[row], joint[row]), (2, len(motion.q), len(lower))
