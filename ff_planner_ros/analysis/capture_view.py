@@ -38,7 +38,7 @@ def capture_figure(
     Args:
         body: The target, at the plans' first point.
     """
-    figure = Figure(figsize=(7.2, 5.4), layout="constrained")
+    figure = Figure(figsize=(6.9, 5.2), layout="constrained")
     grid = figure.subplots(2, 2, height_ratios=[1.6, 1.0])
     (inertial, seen), (distance, speed) = grid.tolist()
     _draw_view(inertial, "Inertial frame", problem, body, motions, rides=False)

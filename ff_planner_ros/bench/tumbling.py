@@ -111,7 +111,7 @@ def _drawn(robot: Robot, kind: Kind, rng: np.random.Generator) -> PlanningProble
     end = start.joint_positions + rng.uniform(-_TURN, _TURN, robot.joints)
     ahead = _ahead(robot, end)
     grip = _grip(robot, kind, ahead, rng)
-    approach = _approach(ahead, rng) if kind.approach else None
+    approach = _approach(robot, ahead, rng) if kind.approach else None
     if approach is None:
         witness = witness_to_grip(robot, start, end, grip, duration)
     else:
@@ -196,9 +196,12 @@ def _ahead(robot: Robot, joints: Array) -> Array:
     return ahead
 
 
-def _approach(ahead: Array, rng: np.random.Generator) -> Approach:
+def _approach(robot: Robot, ahead: Array, rng: np.random.Generator) -> Approach:
     """Draw a corridor roughly along the arm's end, of the cone that is usual."""
-    return Approach(ahead + _OFF * rng.normal(size=3), float(rng.uniform(_SHORTEST, _LONGEST)))
+    direction = ahead + _OFF * rng.normal(size=3)
+    if robot.base is Base.PLANAR:
+        direction[2] = 0.0
+    return Approach(direction, float(rng.uniform(_SHORTEST, _LONGEST)))
 
 
 def _keeps(robot: Robot, approach: Approach, witness: Witness) -> bool:
