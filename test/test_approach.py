@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -203,6 +204,20 @@ def test_the_end_effector_comes_along_the_corridor_between_the_points_too(
     plain = replace(scene, parametrisation=Parametrisation(family), points=points)
     problem = with_approach(plain, direction)
     require_kept(problem, perform(PlanningTask(problem, SETTINGS)))
+
+
+@pytest.mark.parametrize("scene", [TUMBLING, RESTING], ids=["tumbling", "resting"])
+def test_the_second_first_guess_passes_by_the_open_end_of_the_corridor(
+    scene: PlanningProblem,
+) -> None:
+    problem = in_own_frame(with_approach(scene, SIDEWAYS, 0.2))
+    for duration in (problem.duration, 0.9 * problem.duration):
+        asked = lasting(replace(problem, duration_range=DurationRange(5.0, 20.0)), duration)
+        for paths in (end_effector_paths(asked), end_effector_paths(problem).lasting(asked)):
+            _, guess, *_ = islice(paths.first_guesses((), 13, 0.005), 3)
+            places, _ = paths.polynomial.pose(guess.reshape(6, 3), np.array([0.75]))
+            seen = GraspSeen(asked, np.array([0.75 * duration])).sees(places)
+            assert seen[0] == pytest.approx(-0.24 * SIDEWAYS, abs=1e-9)
 
 
 def test_the_corridor_goes_on_with_a_target_that_drifts_and_turns() -> None:

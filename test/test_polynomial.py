@@ -422,3 +422,27 @@ def test_paths_towards_another_end_keep_their_start_and_meet_it(seed: int) -> No
         assert other.twist(coefficients, ends)[i] == pytest.approx(wanted.twist, abs=1e-9)
         found = other.acceleration(coefficients, ends)[i]
         assert found == pytest.approx(wanted.acceleration, abs=1e-8)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_of_the_paths_through_a_place_it_is_the_nearest_to_the_straight_one(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    paths = end_effector_polynomial(*random_ends("inertial", seed), 10.0)
+    place, s = rng.normal(size=3), rng.uniform(0.3, 0.9)
+    found = paths.through(place, s)
+    positions, _ = paths.pose(found, np.array([s]))
+    assert positions[0] == pytest.approx(place, abs=1e-10)
+    assert not found[3:].any()
+    dense = np.linspace(0.0, 1.0, 2001)
+    straight, _ = paths.pose(STRAIGHT, dense)
+
+    def aside(coefficients: Array) -> float:
+        return float(((paths.pose(coefficients, dense)[0] - straight) ** 2).mean())
+
+    # Changes that leave it there: c0 + c1 s + c2 s^2 = 0.
+    for change in (np.array([-s, 1.0, 0.0]), np.array([-(s**2), 0.0, 1.0])):
+        for component in range(3):
+            other = found.copy()
+            other[component] += 0.05 * rng.choice([-1.0, 1.0]) * change
+            assert paths.pose(other, np.array([s]))[0][0] == pytest.approx(place, abs=1e-10)
+            assert aside(other) > aside(found)

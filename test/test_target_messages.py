@@ -13,10 +13,13 @@ import numpy as np
 import pytest
 from ff_planner_msgs.msg import ObstacleSphereArray, TargetBody
 from ff_planner_msgs.srv import PlanTrajectory
+from matplotlib.patches import Circle
 from rclpy.serialization import serialize_message
 from scipy.spatial.transform import Rotation
 from test_tumbling import body_of, moved
 
+from ff_planner_ros.analysis.capture_view import capture_figure
+from ff_planner_ros.analysis.methods import PLANNED
 from ff_planner_ros.analysis.relative_motion import relative_motion
 from ff_planner_ros.bag.decoding import NANOSECONDS
 from ff_planner_ros.bag.export import export_npz
@@ -378,6 +381,38 @@ def test_what_is_drawn_of_the_relative_motion_ends_at_the_grasp_and_at_rest(
     # Its change is the velocity: a quantity of the axes that turn with the body.
     change = np.gradient(place, motion.time, axis=0, edge_order=2)
     assert np.abs(change - velocity)[2:-2].max() < 0.02 * np.abs(velocity).max()
+
+
+def test_the_capture_is_drawn_where_an_independent_engine_moves_the_body(
+    problem: PlanningProblem, plan: Plan
+) -> None:
+    body, motion = body_of(problem), plan.trajectory
+    figure = capture_figure(problem, body, {PLANNED: motion})
+    inertial, rides, distance, speed = figure.axes
+    centers, attitudes, _ = moved(body, motion.time)
+    grasps = centers + attitudes.apply(np.tile(body.grasp_position, (len(centers), 1)))
+    in_body = attitudes.inv().apply(motion.ee_positions - centers)
+    for axes, tips, grasp in (
+        (inertial, motion.ee_positions, grasps[-1]),
+        (rides, in_body, body.grasp_position),
+    ):
+        plane = ["xyz".index(words[0]) for words in (axes.get_xlabel(), axes.get_ylabel())]
+        (way,) = (line for line in axes.lines if line.get_label() == "end effector, planned")
+        assert np.asarray(way.get_xydata()) == pytest.approx(tips[:, plane], abs=1e-6)
+        (mark,) = (line for line in axes.lines if line.get_label() == "grasp")
+        assert np.asarray(mark.get_xydata())[0] == pytest.approx(grasp[plane], abs=1e-6)
+        circles = [one for one in axes.patches if isinstance(one, Circle) and one.get_fill()]
+        for circle, part in zip(circles, body.obstacles, strict=True):
+            at = (
+                centers[-1] + attitudes[-1].apply(part.center.copy())
+                if axes is inertial
+                else part.center
+            )
+            assert circle.center == pytest.approx(at[plane], abs=1e-6)
+            assert circle.radius == part.radius
+    drawn = np.asarray(distance.lines[0].get_ydata())
+    assert drawn == pytest.approx(np.linalg.norm(motion.ee_positions - grasps, axis=1), abs=1e-6)
+    assert np.asarray(speed.lines[0].get_ydata())[-1] < 1e-5
 
 
 def test_the_executive_tells_how_the_measured_arm_is_to_the_measured_grasp(

@@ -46,6 +46,7 @@ from ff_planner_ros.planning.task import PlanningTask, perform
 from ff_planner_ros.simulation.verification import verify
 
 SETTINGS = load_parameters().planner
+SPEEDS = ("tumbling", "fast tumbling")
 
 
 @pytest.fixture(scope="module", params=[("tumbling", 0), ("fast tumbling", 3)], ids=str)
@@ -327,7 +328,7 @@ def test_what_swings_by_between_first_and_last_point_is_not_overlooked() -> None
         assert bool((distances < 0.2).any()) is expected
 
 
-@pytest.mark.parametrize("kind", tumbling.KINDS)
+@pytest.mark.parametrize("kind", SPEEDS)
 def test_the_core_sees_attached_spheres_where_they_are(kind: str) -> None:
     rng = np.random.default_rng(0)
     drawn = tumbling.problem(kind, 1)
@@ -378,18 +379,51 @@ def test_the_certificate_knows_how_an_attached_sphere_moves_between_points(seed:
     assert certified >= true - 6e-3
 
 
-def test_drawn_bodies_are_what_their_class_promises() -> None:
-    for kind, (slowest, fastest) in tumbling.KINDS.items():
-        for drawn in tumbling.problems(kind, 4):
-            body = body_of(drawn)
-            rate = np.rad2deg(np.linalg.norm(drawn.target.angular_velocity))
-            assert slowest - 1e-6 <= rate <= fastest + 1e-6
-            assert 6 <= len(body.obstacles) <= 14
-            # It precesses: the axis that it turns about wanders.
-            rates = body.motion(np.zeros(3), np.linspace(0.0, 300.0, 100)).twists[:, 3:]
-            across = np.cross(rates, rates[0])
-            assert np.linalg.norm(across, axis=1).max() > 0.02 * np.linalg.norm(rates[0]) ** 2
-            assert drawn.robot.joints in (6, 7)
+@pytest.mark.parametrize("kind", tumbling.KINDS)
+def test_drawn_bodies_are_what_their_class_promises(kind: str) -> None:
+    promised = tumbling.KINDS[kind]
+    for drawn in tumbling.problems(kind, 2):
+        body = body_of(drawn)
+        rates = body.motion(np.zeros(3), np.linspace(0.0, 300.0, 100)).twists[:, 3:]
+        rate = np.rad2deg(np.linalg.norm(drawn.target.angular_velocity))
+        assert promised.rates[0] - 1e-6 <= rate <= promised.rates[1] + 1e-6
+        assert 6 <= len(body.obstacles) <= 14
+        least, most = promised.lever
+        assert least - 1e-9 <= np.linalg.norm(body.grasp_position) <= most + 1e-9
+        assert bool(drawn.robot.bodies) is (kind == "with shapes")
+        passing = [sphere for sphere in drawn.obstacles if sphere.body is None]
+        assert bool(passing) is (kind == "passing spheres")
+        assert all(np.linalg.norm(sphere.velocity) > 0.0 for sphere in passing)
+        assert (drawn.approach is not None) is (kind == "corridor")
+        across = np.cross(rates, rates[0])
+        if kind == "on a table":
+            assert np.abs(rates[:, :2]).max() < 1e-12
+            continue
+        # It precesses: the axis that it turns about wanders.
+        assert np.linalg.norm(across, axis=1).max() > 0.02 * np.linalg.norm(rates[0]) ** 2
+        if kind == "turning over":
+            _, axes = np.linalg.eigh(body.inertia)
+            to_body = Rotation.from_quat(body.quaternion_xyzw.copy()).inv()
+            about = to_body.apply(body.angular_velocity.copy()) @ axes
+            assert abs(about[1]) > 0.9 * np.linalg.norm(about)
+
+
+def test_a_drawn_corridor_can_be_kept() -> None:
+    """What a motion was drawn for is in reach: the planner keeps it, and so does a dense look."""
+    drawn = tumbling.problem("corridor", 0)
+    approach = drawn.approach
+    assert approach is not None
+    motion = perform(PlanningTask(drawn, SETTINGS)).trajectory
+    centers, attitudes, _ = moved(body_of(drawn), motion.time)
+    grasps = attitudes * Rotation.from_quat(body_of(drawn).grasp_quaternion_xyzw.copy())
+    levers = attitudes.apply(np.tile(body_of(drawn).grasp_position, (len(centers), 1)))
+    seen = grasps.inv().apply(motion.ee_positions - centers - levers)
+    near = np.linalg.norm(seen, axis=1) < approach.distance
+    along = -seen[near] @ approach.direction
+    aside = np.linalg.norm(seen[near] + along[:, None] * approach.direction, axis=1)
+    assert near.sum() > 3
+    assert not near[0]
+    assert (aside <= 0.005 + along * np.tan(approach.cone) + 1e-6).all()
 
 
 def test_a_grasp_that_is_carried_into_an_obstacle_is_refused() -> None:
@@ -400,7 +434,7 @@ def test_a_grasp_that_is_carried_into_an_obstacle_is_refused() -> None:
         perform(PlanningTask(replace(drawn, obstacles=(rock, *drawn.obstacles)), SETTINGS))
 
 
-@pytest.mark.parametrize("kind", tumbling.KINDS)
+@pytest.mark.parametrize("kind", SPEEDS)
 def test_after_the_capture_the_arm_goes_on_with_the_body(kind: str) -> None:
     drawn = tumbling.problem(kind, 0)
     task = PlanningTask(drawn, SETTINGS, end_behaviour=EndBehaviour.HOLD_END_EFFECTOR, tail=3.0)

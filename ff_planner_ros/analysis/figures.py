@@ -10,6 +10,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from ff_planner_ros.analysis.capture_view import capture_figure
 from ff_planner_ros.analysis.from_above import view_from_above
 from ff_planner_ros.analysis.methods import PLANNED, Method
 from ff_planner_ros.analysis.panels import (
@@ -27,7 +28,7 @@ from ff_planner_ros.analysis.panels import (
 from ff_planner_ros.analysis.relative_motion import relative_motion
 from ff_planner_ros.analysis.scene import save_scene
 from ff_planner_ros.planning.plan import Plan, Trajectory
-from ff_planner_ros.planning.problem import PlanningProblem
+from ff_planner_ros.planning.problem import PlanningProblem, lasting
 from ff_planner_ros.robot.model import Base
 
 _FORBIDDEN = "0.85"  # light grey, beside which every method's colour stands out
@@ -44,6 +45,7 @@ def draw(problem: PlanningProblem, plan: Plan, directory: Path) -> list[Path]:
     Returns:
         The PNG files and the scene, `scene.html`.
     """
+    problem = lasting(problem, plan.duration)
     motions, scene = {PLANNED: plan.trajectory}, directory / "scene.html"
     pictures = save_figures(problem, motions, directory)
     save_scene(problem, motions, motions, scene)
@@ -69,6 +71,7 @@ def save_figures(
     if problem.target_body is not None:
         seen = relative_motion(problem.target_body)
         figures["relative_motion"] = two_column_figure(seen, motions)
+        figures["capture"] = capture_figure(problem, problem.target_body, motions)
     for name, figure in figures.items():
         figure.savefig(directory / f"{name}.png", dpi=_DOTS_PER_INCH)
         # Without a date in it: the same plans give the same file.

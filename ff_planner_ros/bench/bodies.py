@@ -153,14 +153,22 @@ def own_gap(swept: Swept, below: float) -> float:
     )
 
 
-def sphere_gap(swept: Swept, sphere: Sphere, below: float) -> float:
-    """Return the least distance of bodies from a resting sphere, where it is below a bound [m]."""
+def sphere_gap(swept: Swept, sphere: Sphere, below: float, centers: Array | None = None) -> float:
+    """Return the least distance of bodies from a sphere, where it is below a bound [m].
+
+    Args:
+        centers: Where the sphere is in each configuration, shape (points, 3) [m]; None: it rests.
+    """
     radii = np.array([body.radius for body in swept.robot.bodies])
-    apart = np.linalg.norm(swept.centers - sphere.center, axis=-1)
-    ball, place = coal.Sphere(sphere.radius), coal.Transform3s(np.eye(3), sphere.center)
+    if centers is None:
+        centers = np.tile(sphere.center, (len(swept.way), 1))
+    apart = np.linalg.norm(swept.centers - centers[:, None], axis=-1)
+    ball, places = coal.Sphere(sphere.radius), [coal.Transform3s(np.eye(3), c) for c in centers]
     return min(
         (
-            _distance(swept.robot.bodies[body].solid, swept.places[point][body], ball, place)
+            _distance(
+                swept.robot.bodies[body].solid, swept.places[point][body], ball, places[point]
+            )
             for point, body in np.argwhere(apart - radii - sphere.radius < below)
         ),
         default=np.inf,

@@ -130,7 +130,8 @@ def drawn_problem(
     q, v = configuration(robot, start)
     data = robot.model.createData()
     momentum = total_momentum(robot, data, q, v)
-    way, *_ = driven(robot, q, momentum, witness, np.linspace(0.0, duration, _STEPS + 1))
+    times = np.linspace(0.0, duration, _STEPS + 1)
+    way, *_ = driven(robot, q, momentum, witness, times)
     if _least_at_goal(robot, way[-1], orientation) < _REGULAR:
         return None
     pin.forwardKinematics(robot.model, data, way[-1])
@@ -147,7 +148,7 @@ def drawn_problem(
         ),
         duration=duration,
         points=_POINTS,
-        obstacles=_spheres(robot, way, duration, spheres, rng),
+        obstacles=spheres_beside(robot, way, times, spheres, _SLOW, rng),
         objective=Objective(1.0, 0.0),
         limits=Limits(joint_velocities=True),
     )
@@ -181,17 +182,22 @@ def _least_at_goal(robot: Robot, q: Array, orientation: Orientation) -> float:
     return float(np.linalg.svd(jacobian, compute_uv=False)[-1])
 
 
-def _spheres(
-    robot: Robot, way: Array, duration: float, most: int, rng: np.random.Generator
+def spheres_beside(
+    robot: Robot, way: Array, times: Array, most: int, speed: float, rng: np.random.Generator
 ) -> tuple[Sphere, ...]:
-    """Draw spheres near the arm's way, slowly moving, that stay away from it."""
+    """Draw spheres near the arm's way that move uniformly and stay away from it.
+
+    Args:
+        way: Configurations at the times. Shape (times, 7 + joints).
+        speed: In each direction, about [m/s].
+    """
     points = arm_points(robot, way)
-    starts, times = segments(points), np.linspace(0.0, duration, len(way))
+    starts = segments(points)
     chosen = list[Sphere]()
     for _ in range(_CANDIDATES if most else 0):
         time, link = rng.integers(len(way)), rng.choice(starts)
         along, radius = rng.uniform(), rng.uniform(_SMALLEST, _LARGEST)
-        aside, velocity = rng.normal(size=3), _SLOW * rng.normal(size=3)
+        aside, velocity = rng.normal(size=3), speed * rng.normal(size=3)
         if robot.base is Base.PLANAR:
             aside[2] = velocity[2] = 0.0
         at = (1.0 - along) * points[time, link] + along * points[time, link + 1]

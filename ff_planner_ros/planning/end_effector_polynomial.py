@@ -18,6 +18,7 @@ from ff_planner_ros.arrays import Array
 from ff_planner_ros.core import compiled
 from ff_planner_ros.core.chain import chain_of
 from ff_planner_ros.planning.detours import detours, scattered
+from ff_planner_ros.planning.grasp_seen import GraspSeen
 from ff_planner_ros.planning.path_family import GoalMotion, Motion, Sensitivity
 from ff_planner_ros.planning.polynomial import (
     COMPONENTS,
@@ -34,6 +35,10 @@ from ff_planner_ros.robot.model import Base, Robot
 
 # An end effector's pose takes as many joints at least.
 PAPERS_JOINTS = 6
+
+# Where there is a corridor, a first guess comes to it at this part of the duration, so many times
+# its length before the grasp.
+_ENTERED, _BEFORE = 0.75, 1.2
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -52,6 +57,7 @@ class EndEffectorPaths:
     momentum: Array  # constant total P and L about the inertial origin; shape (6,)
     polynomial: EndEffectorPolynomial
     null_space: NullSpaceFade | None = None  # what the start has beyond Eq. (31); None: nothing
+    entry: Array | None = None  # before the corridor of the approach; shape (3,) [m]; None: none
     goal_motion: GoalMotion | None = None  # where the duration is one more variable
     # Of the polynomial's quintic by the duration; empty where that is given
     quintic_by_duration: Array = field(default_factory=lambda: np.empty(0))
@@ -73,9 +79,14 @@ class EndEffectorPaths:
     def first_guesses(
         self, obstacles: Sequence[Sphere], points: int, damping: float
     ) -> Iterator[Array]:
-        """Yield the straight path, detours around what blocks it, and others without end."""
+        """Yield the straight path, detours around what blocks it, and others without end.
+
+        With a corridor, one that passes by its open end comes second.
+        """
         straight = np.zeros(PARAMETERS)
         yield straight
+        if self.entry is not None:
+            yield self.polynomial.through(self.entry, _ENTERED).ravel()
         motion = self.motion(straight, points, damping)
         if motion.singular_at is None:
             yield from detours(self.robot, motion, self.polynomial.duration, obstacles)
@@ -98,6 +109,7 @@ class EndEffectorPaths:
             self,
             polynomial=polynomial,
             null_space=null_space,
+            entry=_entry(problem),
             goal_motion=goal_motion,
             quintic_by_duration=np.empty(0)
             if goal_motion is None
@@ -165,9 +177,11 @@ def end_effector_families(problem: PlanningProblem) -> list[EndEffectorPaths]:
     Where the end effector has half a turn to make there are two of them, a way round each.
     """
     start = start_motion(problem.robot, problem.start, problem.duration)
-    end = _end(problem.target)
+    end, entry = _end(problem.target), _entry(problem)
     return [
-        EndEffectorPaths(problem.robot, start.q, start.momentum, polynomial, start.null_space)
+        EndEffectorPaths(
+            problem.robot, start.q, start.momentum, polynomial, start.null_space, entry
+        )
         for polynomial in end_effector_polynomials(start.end_effector, end, problem.duration)
     ]
 
@@ -175,6 +189,16 @@ def end_effector_families(problem: PlanningProblem) -> list[EndEffectorPaths]:
 def end_effector_paths(problem: PlanningProblem) -> EndEffectorPaths:
     """Return the first, and nearly always the only one, of `end_effector_families`."""
     return end_effector_families(problem)[0]
+
+
+def _entry(problem: PlanningProblem) -> Array | None:
+    """Return where a first guess comes to the corridor, shape (3,) [m]; None: there is none."""
+    approach = problem.approach
+    if approach is None:
+        return None
+    before = -_BEFORE * approach.distance * approach.direction
+    grasp = GraspSeen(problem, np.array([_ENTERED * problem.duration]))
+    return np.asarray(grasp.is_at(before[None])[0], np.float64)
 
 
 def _end(target: Target) -> EndEffectorMotion:

@@ -70,6 +70,11 @@ class GraspSeen:
         carried = np.cross(by_duration[:, 3:], points - self._positions)
         return self._here(-by_duration[:, :3] - carried)
 
+    def is_at(self, places: Array) -> Array:
+        """Return where places of its frame are, one at each time. Shape (times, 3) [m]."""
+        there: Array = self._positions + np.einsum("pij,pj->pi", self._rotations, places)
+        return there
+
     def in_inertial(self, gradients: Array) -> Array:
         """Return gradients by places as those by points of the inertial frame. (times, 3)."""
         turned: Array = self._counts * np.einsum("pij,pj->pi", self._rotations, gradients)

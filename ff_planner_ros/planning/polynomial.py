@@ -168,6 +168,25 @@ class EndEffectorPolynomial:
         system = np.concatenate([powers(at_ends, order)[:, :6] for order in range(3)])
         return np.asarray(np.linalg.solve(system, wanted), np.float64)
 
+    def through(self, place: Array, s: float) -> Array:
+        """Return the coefficients nearest to the straight path whose end effector is somewhere.
+
+        Nearest over the duration, in mean square. The orientation stays the straight path's.
+
+        Args:
+            place: In the inertial frame. Shape (3,) [m].
+            s: Normalised time when it is there, between 0 and 1.
+
+        Returns:
+            Of the free terms, shape (6, 3).
+        """
+        coefficients, at = np.zeros((COMPONENTS, FREE_TERMS)), np.array([s])
+        straight, _, _ = self.components(coefficients, at)
+        (reached,) = powers(at, 0) @ _FREE_TERM_COEFFICIENTS @ _OWN_WAYS
+        nearest = _OWN_WAYS @ reached / (reached @ reached)
+        coefficients[:3] = np.outer(place - straight[0, :3], nearest)
+        return coefficients
+
     def decision_variables(self, coefficients: Array) -> Array:
         """Return the paper's xi: a6, a7, a8 of each component, Eq. (42). Shape (18,)."""
         in_normalised_time = coefficients @ _FREE_TERM_COEFFICIENTS[6:].T
