@@ -26,12 +26,16 @@ from rclpy.utilities import remove_ros_args
 
 from ff_planner_ros.demo.executive import NAME, FlownPlan, MissionExecutive
 from ff_planner_ros.errors import FfPlannerError, NoPlanFound, Status
-from ff_planner_ros.planning.problem import Objective
+from ff_planner_ros.planning.problem import DurationRange, Objective
 from ff_planner_ros.planning.scenario import SCENARIO_FRAME, load_scenario
 from ff_planner_ros.ros.messages.to_messages import goal_message
 from ff_planner_ros.ros.outputs.prediction import FramePose
 
-OBJECTIVES = {"length": Objective(1.0, 0.0), "attitude": Objective(0.0, 1.0)}
+OBJECTIVES = {
+    "length": Objective(1.0, 0.0),
+    "attitude": Objective(0.0, 1.0),
+    "sooner": Objective(1.0, 0.0, 0.02),  # a second is worth 0.02 rad of joint path
+}
 PATIENCE = 60.0  # [s] for the planner, the testbed and the answer
 
 
@@ -62,12 +66,16 @@ def _fly(options: argparse.Namespace, check: Callable[[], None]) -> dict[str, An
     scenario = load_scenario(options.scenario)
     if options.objective is not None:
         scenario = replace(scenario, objective=OBJECTIVES[options.objective])
+    if options.durations is not None:
+        window = DurationRange(*options.durations)
+        scenario = replace(scenario, duration=window.maximum, duration_range=window)
     with closing(MissionExecutive(check, PATIENCE, sys.argv)) as executive:
         # 1. Ask. The planner carries the chaser forward to the start time and plans from there. It
         #    keeps the plan to itself, so that nobody executes what the mission has not checked.
         goal = goal_message(scenario, SCENARIO_FRAME)
         goal.plan_only, goal.asked_by = True, NAME
         goal.start_time = Time(sec=options.start)
+        goal.time_budget = PATIENCE  # unless the start is before
         print("asking     the planner, as soon as it is there", flush=True)
         answer = executive.plan(goal, _say_how_the_search_goes)
         print(f"plan       {answer.plan_id}: {_worth(answer)}", flush=True)
@@ -87,8 +95,8 @@ def _fly(options: argparse.Namespace, check: Callable[[], None]) -> dict[str, An
         executive.commit(answer)
         print("committed  the controller has it", flush=True)
 
-        # 4. Watch it come true.
-        flown = executive.watch(answer, scenario.duration, scenario.robot)
+        # 4. Watch it come true. Where the planner chose the duration, the answer says which.
+        flown = executive.watch(answer, answer.duration, scenario.robot)
     print(f"predicted  end effector at {_words(flown.predicted)}")
     print(f"reached    end effector at {_words(flown.reached)}")
     print(f"off by     {flown.error.position * 1e3:.2f} mm, {_deg(flown.error.angle)}")
@@ -112,7 +120,8 @@ def _worth(answer: PlanTrajectory.Result) -> str:
     return (
         f"joint path {metrics.joint_path_length:.4f} rad, "
         f"attitude {_deg(metrics.max_chaser_euler)}, "
-        f"clearance {metrics.min_clearance * 1e3:.1f} mm, found in {answer.solver.solve_time:.2f} s"
+        f"clearance {metrics.min_clearance * 1e3:.1f} mm, {answer.duration:.3f} s long, "
+        f"found in {answer.solver.solve_time:.2f} s"
     )
 
 
@@ -131,6 +140,7 @@ def _report(answer: PlanTrajectory.Result, flown: FlownPlan) -> dict[str, Any]:
         "status": int(answer.status.code),
         "plan_id": answer.plan_id,
         "solve_time": answer.solver.solve_time,
+        "duration": answer.duration,
         "predicted": _numbers(flown.predicted),
         "reached": _numbers(flown.reached),
         "error": flown.error._asdict(),
@@ -155,6 +165,13 @@ def _options() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("scenario", type=Path, metavar="SCENARIO")
     parser.add_argument("--objective", choices=OBJECTIVES, help="instead of the scenario's")
+    parser.add_argument(
+        "--durations",
+        type=float,
+        nargs=2,
+        metavar=("MIN", "MAX"),
+        help="of which the planner chooses [s], instead of the scenario's duration",
+    )
     parser.add_argument(
         "--start",
         type=int,

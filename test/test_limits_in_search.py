@@ -309,3 +309,44 @@ def test_the_fastest_capture_is_as_fast_as_torques_allow(canadarm2: PlanningProb
     assert found.duration is not None
     assert window.minimum < found.duration < 14.0
     assert 0.97 * 2332.0 < max(found.metrics.peak_joint_torques) <= 2332.0 + 1e-6
+
+
+def test_torques_are_nobodys_matter_where_effort_limits_are_not_to_be_kept(
+    lemur_capture: PlanningProblem, lemur_plan: Plan
+) -> None:
+    most = np.array(lemur_plan.metrics.peak_joint_torques)
+    robot = replace(lemur_capture.robot, effort_limits=frozen(0.01 * most))
+    kept = replace(lemur_capture, robot=robot)
+    free = replace(kept, limits=Limits(joint_torques=False))
+    with pytest.raises(NoPlanFound, match=r"joint_\d needs .* than its effort limit") as refused:
+        require_sound(kept, lemur_plan, SETTINGS)
+    assert refused.value.status is Status.TORQUE_TOO_HIGH
+    assert "limits.effort none" in refused.value.failures[0].advice
+    found = plan(free, SETTINGS)
+    require_sound(free, found, SETTINGS)
+    assert found.metrics.joint_path_length == lemur_plan.metrics.joint_path_length
+    peaks = np.array(found.metrics.peak_joint_torques)
+    assert found.metrics.min_torque_margin == pytest.approx((0.01 * most - peaks).min())
+    assert found.metrics.min_torque_margin < 0.0
+    tasks = [PlanningTask(one, SETTINGS).digest for one in (kept, free)]
+    assert tasks[0] != tasks[1]
+
+
+def test_effort_limits_are_kept_unless_the_file_says_otherwise(
+    lemur_capture: PlanningProblem, tmp_path: Path
+) -> None:
+    file = tmp_path / "capture.yaml"
+    for kept in (True, False):
+        task = PlanningTask(replace(lemur_capture, limits=Limits(joint_torques=kept)), SETTINGS)
+        write_scenario(task, file)
+        assert load_scenario(file).limits.joint_torques is kept
+    text = file.read_text()
+    for word, limits in (("from_urdf", True), ("none", False), ("some", None)):
+        file.write_text(text.replace("effort: none", f"effort: {word}"))
+        if limits is None:
+            with pytest.raises(InvalidInput, match=r"limits\.effort is some: it must be from_urdf"):
+                load_scenario(file)
+        else:
+            assert load_scenario(file).limits.joint_torques is limits
+    file.write_text(text.replace("effort: none, ", ""))
+    assert load_scenario(file).limits.joint_torques is True

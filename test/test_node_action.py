@@ -134,6 +134,23 @@ def test_cancelled_at_random_moments_a_goal_ends_cancelled_or_was_solved_before(
     assert planner.worker == solver, "the solver had to be loaded again"
 
 
+def test_a_search_for_the_best_moment_is_cancelled_like_any_other(
+    planner: PlannerProcess, client: Client, scene: Scene
+) -> None:
+    solver, request = planner.worker, long(scene)
+    request.duration, request.duration_max = 0.8 * request.duration, 2.0 * request.duration
+    request.weight_duration = 0.1
+    goal = client.send_goal(request)
+    assert goal.progress.wait(DEADLINE)
+    assert goal.cancel()
+    status, result = goal.result()
+    assert (status, result.status.code) == (GoalStatus.STATUS_CANCELED, Status.CANCELLED)
+    assert not result.joint_trajectory.points
+    assert result.duration == 0.0
+    assert client.plan(scene.complete_request()).status.code == Status.SOLVED
+    assert planner.worker == solver, "the solver had to be loaded again"
+
+
 def test_a_second_client_is_told_that_the_planner_is_busy(client: Client, scene: Scene) -> None:
     goal = client.send_goal(long(scene))
     assert goal.progress.wait(DEADLINE)

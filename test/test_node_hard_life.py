@@ -117,6 +117,12 @@ def _word(dice: random.Random, request: PlanTrajectory.Request) -> str:
     return "end_behaviour"
 
 
+def _accelerations(dice: random.Random, request: PlanTrajectory.Request) -> str:
+    wrong = [[number] for number in (*NO_NUMBERS, 0.0, -dice.random())]
+    request.limit_accelerations = dice.choice([*wrong, [0.1, 0.2], [0.1] * HUGE])
+    return "limit_accelerations"
+
+
 SPOILS: tuple[Spoil, ...] = (
     *(_number("target_pose.pose.position", axis) for axis in "xyz"),
     *(_number("target_twist.angular", axis) for axis in "xyz"),
@@ -125,6 +131,7 @@ SPOILS: tuple[Spoil, ...] = (
     *(_number("obstacles.spheres.0.center", axis) for axis in "xyz"),
     _number("obstacles.spheres.0", "radius", 1),
     _number("obstacles.spheres.0.twist.linear", "x"),
+    _number("approach_direction", "z"),
     *(
         _number("", name, 1)
         for name in (
@@ -139,7 +146,7 @@ SPOILS: tuple[Spoil, ...] = (
     *(_quaternion(pose) for pose in ("target_pose.pose", "start_state.pose")),
     *(_array(name) for name in ("joint_names", "joint_positions", "joint_velocities")),
     *(_frame(path) for path in ("target_pose", "start_state", "obstacles")),
-    *(_twice, _points, _word),
+    *(_twice, _points, _word, _accelerations),
 )
 
 

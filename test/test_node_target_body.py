@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from ff_planner_msgs.msg import TargetBody
 from ff_planner_msgs.srv import PlanTrajectory
-from geometry_msgs.msg import PoseStamped
+from geometry_msgs.msg import PoseStamped, Vector3
 from nav_msgs.msg import Path as PathMsg
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from ros_processes import (
@@ -32,16 +32,19 @@ from ff_planner_ros.bag.reader import open_bag
 from ff_planner_ros.bag.robot_plans import robot_plans
 from ff_planner_ros.bench import tumbling
 from ff_planner_ros.errors import Status
+from ff_planner_ros.planning.clearance import arm_points
 from ff_planner_ros.planning.problem import PlanningProblem
 from ff_planner_ros.planning.target_body import TargetBody as FreeBody
+from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.ros.messages.to_messages import target_body_message
 from ff_planner_ros.runs.recorded_run import recorded_run
 from ff_planner_ros.runs.replay import Verdict, replay
 from ff_planner_ros.simulation.verification import verify
 
-# The state is measured when the node is asked; so long before [s] the body was seen.
-SEEN_BEFORE = 1.5
+# The state is measured when the node is asked; so long before [s] the body was seen, and so long
+# after that the plan starts [s].
+SEEN_BEFORE, ALLOWANCE = 1.5, 5.0
 
 
 @dataclass
@@ -81,7 +84,10 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Run]:
                 return client.plan_until(request, arrived)
 
             stale = answered(3600.0, Status.TARGET_STALE)
+            ask_for_corridor(request, problem)
             captured = answered(SEEN_BEFORE, Status.SOLVED)
+            request.approach_direction, request.approach_distance = Vector3(), 0.0
+            request.approach_cone, request.limit_accelerations = 0.0, []
             relative = client.received["predicted_relative_pose"]
             client.wait_until(lambda: len(relative) > 3, "a relative pose")
             client.wait_until(lambda: client.received["predicted_target_path"], "a path")
@@ -96,6 +102,17 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Run]:
         yield Run(problem, captured, stale, free, hurried, stamps, planner.bag, client.received)
 
 
+def ask_for_corridor(request: PlanTrajectory.Request, problem: PlanningProblem) -> None:
+    """Ask for a wide one, from where the end effector is; and for limits that are no matter."""
+    body, start = body_of(problem), problem.start
+    target = body.after(SEEN_BEFORE + ALLOWANCE).target(problem.duration)
+    (points,) = arm_points(problem.robot, configuration(problem.robot, start)[0][None])
+    way = Rotation.from_quat(target.quaternion_xyzw).inv().apply(target.position - points[-1])
+    request.approach_direction = Vector3(**dict(zip("xyz", way.tolist(), strict=True)))
+    request.approach_distance, request.approach_cone = 0.05, 1.2
+    request.limit_accelerations = [50.0]
+
+
 def window(problem: PlanningProblem) -> tuple[float, float]:
     """The range of durations that the planner chooses from [s]."""
     return 0.9 * problem.duration, 1.4 * problem.duration
@@ -105,7 +122,7 @@ def _arguments(urdf: Path, robot: Robot) -> Iterator[str]:
     yield f"robot.urdf:={urdf}"
     yield f"robot.base_link:={robot.base_link}"
     yield f"robot.tip_link:={robot.tip_link}"
-    yield from ("planning_allowance:=5.0", "target_max_age:=300.0", "time_budget:=300.0")
+    yield from (f"planning_allowance:={ALLOWANCE}", "target_max_age:=300.0", "time_budget:=300.0")
     yield "planner.starts:=4"
 
 
@@ -185,3 +202,8 @@ def test_mujoco_sees_the_recorded_capture_come_true(run: Run) -> None:
     found = verify(recorded.robot, recorded.motions[run.captured.plan_id], scene)
     assert found.passed
     assert found.capture is not None
+    assert found.corridor is not None
+    assert run.captured.metrics.min_acceleration_margin > 40.0
+    assert run.free.metrics.min_acceleration_margin == np.inf
+    drawn = [{marker.ns for marker in array.markers} for array in read_bag(run.bag)["/markers"]]
+    assert "approach" in drawn[0]

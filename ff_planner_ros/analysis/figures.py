@@ -146,9 +146,12 @@ def _draw(grid: Sequence[Axes], quantity: Quantity, motions: Mapping[Method, Tra
 
 
 def _draw_panel(axes: Axes, panel: Panel) -> None:
+    last = max(float(curve[0][-1]) for curve in panel.curves.values())
     for method, curve in panel.curves.items():
         style: dict[str, Any] = {"color": method.colour, "linestyle": method.dash, "linewidth": 1.8}
         axes.plot(*curve, label=method.label, **style)
+        if curve[0][-1] < last:  # it ends here, and is not hidden
+            axes.plot(*(part[-1:] for part in curve), "o", color=method.colour, markersize=4)
     for number, level in enumerate(panel.levels):
         if np.isfinite(level):
             label = "joint limits" if number == 0 else None

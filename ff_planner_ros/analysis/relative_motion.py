@@ -26,9 +26,9 @@ def relative_motion(body: TargetBody) -> tuple[Quantity, Quantity]:
 
     axes = ("x", "y", "z")
     return (
-        Quantity("Place, as the grasp sees it", tuple(f"${axis}$ [m]" for axis in axes), place),
+        Quantity("end effector, as the grasp sees it", tuple(f"{a} [m]" for a in axes), place),
         Quantity(
-            "Velocity, as the grasp sees it",
+            "its velocity",
             tuple(f"$v_{axis}$ [m/s]" for axis in axes),
             velocity,
         ),
