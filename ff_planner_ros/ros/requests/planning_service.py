@@ -300,6 +300,7 @@ class PlanningService:
             asked.task.problem.obstacles,
             parameters,
             body,
+            asked.provenance.following,
         )
         asked_by = asked.asked_by or door
         job.seal()
