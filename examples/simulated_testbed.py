@@ -35,6 +35,8 @@ MEANING = {
     "rate_noise": "of the measured angular velocity and joint rates [rad/s]",
     "state_delay": "from measuring to publishing [s]",
     "command_delay": "by which the joints are behind a trajectory [s]",
+    "rate_bias": "of the measured angular velocity of the chaser about each axis [rad/s]",
+    "arm_heavier": "masses and inertias of the arm beyond the model's, as a part of these",
     "seed": "of the noise",
 }
 

@@ -37,6 +37,8 @@ class Status(IntEnum):
     BAD_ROBOT = 207
     START_IN_PAST = 208
     UNKNOWN_PLAN = 209
+    NO_PLAN_RUNS = 210
+    PLAN_ENDS = 211
 
     GOAL_OUT_OF_REACH = 300
     COLLISION = 301

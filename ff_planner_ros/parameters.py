@@ -370,6 +370,39 @@ class PublicationParameters:
 
 
 @dataclass(frozen=True)
+class ReplanningParameters:
+    """How a plan takes over from the one that runs, where `continue_plan` asks for that."""
+
+    allowance: float = tunable(
+        "It takes over so long after its request where the request does not say when; it must "
+        "cover planning, and what the controller needs to take the plan over",
+        minimum=0.0,
+        maximum=3600.0,
+        unit="s",
+    )
+    min_remainder: float = tunable(
+        "A running plan that is at its goal sooner than this after the switch-over is left as it "
+        "is, and the request refused",
+        minimum=0.001,
+        maximum=3600.0,
+        unit="s",
+    )
+    max_position: float = tunable(
+        "Of the chaser as measured from where the running plan says: a request is refused where it "
+        "is further away",
+        minimum=0.0,
+        unit="m",
+        strictness=STRICT_IF_LOW,
+    )
+    max_angle: float = tunable(
+        "Of the chaser likewise: angle between the attitudes", 0.0, None, "rad", STRICT_IF_LOW
+    )
+    max_joint_position: float = tunable(
+        "Of each joint likewise: difference of the positions", 0.0, None, "rad", STRICT_IF_LOW
+    )
+
+
+@dataclass(frozen=True)
 class RateParameters:
     """How often the node publishes by itself."""
 
@@ -399,6 +432,7 @@ class NodeParameters:
     controller: ControllerParameters
     tracking: TrackingParameters
     publication: PublicationParameters
+    replanning: ReplanningParameters
     rates: RateParameters
     autostart: bool = tunable("Configure and activate at start; else a lifecycle manager does")
     allow_remote_paths: bool = tunable(

@@ -108,6 +108,8 @@ ELSEWHERE: dict[Status, Callable[..., object]] = {
     Status.UNKNOWN_PLAN: (
         test_node_publish_plan.test_a_plan_that_is_only_asked_for_goes_out_by_its_id
     ),
+    Status.NO_PLAN_RUNS: test_node_publish_plan.test_a_plan_takes_over_from_the_one_that_runs,
+    Status.PLAN_ENDS: test_node_publish_plan.test_a_plan_takes_over_from_the_one_that_runs,
     Status.STATE_MOVED: test_node_publish_plan.test_a_plan_goes_out_only_from_where_it_begins,
     Status.NO_OBSTACLES: (
         test_node_refusals.test_what_is_or_is_not_published_is_refused_with_its_cause

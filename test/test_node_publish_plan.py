@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
+import numpy as np
 import pytest
 from ff_planner_msgs.srv import PlanTrajectory
 from lifecycle_msgs.msg import Transition
@@ -21,9 +23,15 @@ from ros_processes import (
     running_planner,
 )
 
-from ff_planner_ros.bag.decoding import nanoseconds
+from ff_planner_ros.bag.decoding import NANOSECONDS, nanoseconds
+from ff_planner_ros.bag.reader import open_bag
 from ff_planner_ros.errors import Status
-from ff_planner_ros.ros.messages.to_messages import time_message
+from ff_planner_ros.planning.forward import carried_forward
+from ff_planner_ros.planning.joint_motion import joint_motion
+from ff_planner_ros.ros.messages.from_messages import plan_from_response
+from ff_planner_ros.ros.messages.to_messages import state_message, time_message
+from ff_planner_ros.runs.recorded_run import recorded_run
+from ff_planner_ros.runs.replay import Verdict, replay
 
 # Plans start, and states are stamped, so far ahead that no machine is too slow [ns].
 LEAD = 300_000_000_000
@@ -119,6 +127,65 @@ def test_a_plan_goes_out_only_from_where_it_begins(client: Client) -> None:
     assert status.code == Status.SOLVED, status
 
 
+def state_in(made: PlanTrajectory.Response, since: float, turned: float = 0.0) -> Any:
+    """Return the message of a state so long after a plan's first point [s], which it follows."""
+    problem = SCENE.problem
+    motion = joint_motion(plan_from_response(made).trajectory)
+    state = carried_forward(problem.robot, problem.start, since, motion)
+    wrong = state.angular_velocity_chaser_in_inertial + np.deg2rad(0.01)
+    joints = state.joint_positions + turned
+    state = replace(state, angular_velocity_chaser_in_inertial=wrong, joint_positions=joints)
+    stamp_ns = nanoseconds(made.joint_trajectory.header.stamp) + round(since * NANOSECONDS)
+    return state_message(state, problem.robot.joint_names, stamp_ns, "inertial")
+
+
+def continuing(made: PlanTrajectory.Response, since: float, **changes: Any) -> dict[str, Any]:
+    """Return what a request changes to continue a plan so long after its first point [s]."""
+    start_ns = nanoseconds(made.joint_trajectory.header.stamp) + round(since * NANOSECONDS)
+    fields = {"continue_plan": True, "duration": 0.0, "start_time": time_message(start_ns)}
+    return fields | {"start_state": state_in(made, since - 0.2)} | changes
+
+
+def test_a_plan_takes_over_from_the_one_that_runs(client: Client) -> None:
+    first = client.plan(request(client))
+    assert first.status.code == Status.SOLVED, first.status
+    second = client.plan(request(client, **continuing(first, 3.0)))
+    assert second.status.code == Status.SOLVED, second.status
+    assert second.following == first.plan_id
+    assert (second.joined_at, second.solver.starts) == (3.0, 1)
+    start_ns = nanoseconds(second.joint_trajectory.header.stamp)
+    assert second.delay == pytest.approx((start_ns - nanoseconds(second.taken_up)) / 1e9)
+    assert second.duration == pytest.approx(first.duration - 3.0, abs=1e-12)
+    joined = joint_motion(plan_from_response(first).trajectory).at(np.array([3.0]))
+    point = second.joint_trajectory.points[0]
+    for found, wanted in zip(
+        (point.positions, point.velocities, point.accelerations), joined, strict=True
+    ):
+        assert found == pytest.approx(wanted[0], abs=1e-11)
+    plan = published(client, second.plan_id)
+    assert plan.joint_trajectory.header.stamp == second.joint_trajectory.header.stamp
+    # The state is from before the second plan begins, while the first one still runs.
+    third = client.plan(
+        request(client, **continuing(second, 0.3, start_state=state_in(first, 2.9)))
+    )
+    assert third.status.code == Status.SOLVED, third.status
+    assert third.following == second.plan_id
+
+    ends = client.plan(request(client, **continuing(second, 6.9, start_state=state_in(first, 4.0))))
+    assert ends.status.code == Status.PLAN_ENDS
+    assert "0.100 s after the switch-over" in ends.status.message
+    moved = client.plan(
+        request(client, **continuing(first, 3.5, start_state=state_in(first, 3.4, turned=0.1)))
+    )
+    assert moved.status.code == Status.STATE_MOVED
+    assert "more than replanning.max_joint_position, 0.02 rad" in moved.status.message
+    early = request(client, continue_plan=True)
+    early.start_state.header.stamp = time_message(client.now_ns())
+    nothing = client.plan(early)
+    assert nothing.status.code == Status.NO_PLAN_RUNS
+    assert third.plan_id in nothing.status.message
+
+
 def test_the_bag_has_every_publication_and_who_asked_for_it(
     client: Client, planner: PlannerProcess
 ) -> None:
@@ -138,5 +205,16 @@ def test_the_bag_has_every_publication_and_who_asked_for_it(
         if event.info.event_type == RESPONSE_SENT
     ]
     by_id = [plan for plan in heard if plan.asked_by in ("executive", "~/publish_plan")]
+    with open_bag(planner.bag) as opened:
+        run = recorded_run(opened)
+    continued = [one for one in run.requests if one.request and one.request.continue_plan]
+    assert len(continued) == 5
+    for one in continued:
+        again = replay(one)
+        assert again.verdict is Verdict.IDENTICAL, (one.name, again.words, again.differences)
+        assert again.answer is not None
+        assert one.response is not None
+        assert again.answer.joint_trajectory == one.response.joint_trajectory
+        assert again.answer.task_digest == one.response.task_digest
     assert asked_for.count(Status.SOLVED) == len(by_id)
     assert asked_for[-1] == Status.NOT_ACTIVE

@@ -86,7 +86,7 @@ def test_a_plan_that_still_fits_goes_out_once_as_it_was_answered(world: World) -
     assert "run.1" in status.message
     assert "flight director" in status.message
     assert world.out == [("run.1", "flight director")]
-    plan, response, trajectory, _, behaviour, _ = world.output.publish.call_args.args
+    plan, response, trajectory, _, behaviour, *_ = world.output.publish.call_args.args
     assert plan is world.plan
     assert behaviour == "as_planned"
     answered = response_from_plan(world.plan, "run.1", START, FRAME, 0.0)

@@ -9,13 +9,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ff_planner_ros.arrays import Array
 from ff_planner_ros.bench.robots import ROBOTS
 from ff_planner_ros.bench.scenarios import scenario
 from ff_planner_ros.errors import FfPlannerError, NoPlanFound, Status
 from ff_planner_ros.planning.check import measure
 from ff_planner_ros.planning.plan import Plan
-from ff_planner_ros.planning.planner import plan
+from ff_planner_ros.planning.planner import FirstGuess, plan
 from ff_planner_ros.planning.problem import PlanningProblem, lasting
 from ff_planner_ros.planning.settings import PlannerSettings
 from ff_planner_ros.planning.task import PlanningTask, perform
@@ -49,7 +48,11 @@ class Stopwatch:
     seconds: float = 0.0
 
     def __call__(
-        self, problem: PlanningProblem, settings: PlannerSettings, watch: Watch, guess: Array | None
+        self,
+        problem: PlanningProblem,
+        settings: PlannerSettings,
+        watch: Watch,
+        guess: FirstGuess | None,
     ) -> Plan:
         """Plan, and compute the metrics anew instead of trusting the planner's."""
         begun = time.process_time()

@@ -155,12 +155,31 @@ class MissionExecutive:
         status = self._asked(lambda: self._publication.call_async(request), deadline).status
         if status.code != Status.SOLVED:
             raise FfPlannerError(Status(status.code), status.message)
-        while result.plan_id not in self._published:
-            self._wait(self._new_plan, deadline, f"{result.plan_id} on published_plan")
-            self._new_plan.clear()
         self._states.clear()
         self._bodies.clear()
-        self._controller.publish(self._published[result.plan_id].joint_trajectory)
+        self._hand_over(result.plan_id, deadline)
+
+    def replan(self, goal: PlanTrajectory.Goal) -> PlanTrajectory.Result:
+        """Ask the planner once, and hand a plan that it publishes to the arm's controller.
+
+        Returns:
+            The answer, whatever its status is.
+
+        Raises:
+            FfPlannerError: No answer in time.
+        """
+        deadline = time.monotonic() + self._patience
+        result = self._answer(goal, lambda _: None, deadline)
+        if result.status.code == Status.SOLVED:
+            self._hand_over(result.plan_id, deadline)
+        return result
+
+    def _hand_over(self, plan_id: str, deadline: float) -> None:
+        """Wait until a plan is published, and hand it to the arm's controller."""
+        while plan_id not in self._published:
+            self._wait(self._new_plan, deadline, f"{plan_id} on published_plan")
+            self._new_plan.clear()
+        self._controller.publish(self._published[plan_id].joint_trajectory)
 
     def watch(self, result: PlanTrajectory.Result, duration: float, robot: Robot) -> FlownPlan:
         """Wait until a plan that was committed is over, and compare it with what was measured.

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
+import pinocchio as pin
 from ff_planner_msgs.msg import ChaserState, ObstacleSphereArray, TargetBody
 from rclpy.node import Node
 from scipy.spatial.transform import Rotation
@@ -20,6 +21,7 @@ from ff_planner_ros.planning.joint_motion import JointMotion
 from ff_planner_ros.planning.problem import PlanningProblem, carried_spheres
 from ff_planner_ros.planning.scenario import SCENARIO_FRAME
 from ff_planner_ros.planning.target_body import TargetBody as FreeBody
+from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.ros.messages.from_messages import joint_order
 from ff_planner_ros.ros.messages.to_messages import (
@@ -46,6 +48,10 @@ class Imperfections:
     rate_noise: float = 0.0  # of the chaser's angular velocity and each joint's rate [rad/s]
     state_delay: float = 0.0  # from measuring a state to publishing it [s]
     command_delay: float = 0.0  # by which the joints are behind a trajectory [s]
+    rate_bias: float = 0.0  # of the chaser's measured angular velocity about each axis [rad/s]
+    arm_heavier: float = (
+        0.0  # masses and inertias of the arm beyond the model's, as a part of these
+    )
     seed: int = 0  # of the noise
 
 
@@ -80,7 +86,8 @@ class SimulatedTestbed:
         now = self._seconds(self._clock.now().nanoseconds)
         robot, start = scenario.robot, scenario.start
         first = carried_back(robot, start, -now) if now < 0.0 else start
-        self._system = FreeFloatingSystem(robot, first, min(now, 0.0))
+        true = with_heavier_arm(robot, imperfections.arm_heavier)
+        self._system = FreeFloatingSystem(true, first, min(now, 0.0))
 
         obstacles = node.create_publisher(ObstacleSphereArray, "obstacles", LATCHED_QOS)
         stamp_ns = self._clock.now().nanoseconds
@@ -162,6 +169,20 @@ def motion_from_message(message: JointTrajectory, joint_names: Sequence[str]) ->
     return JointMotion(times, *columns)
 
 
+def with_heavier_arm(robot: Robot, part: float) -> Robot:
+    """Return a robot whose arm is heavier than a model says, by a part of its masses."""
+    if part == 0.0:
+        return robot
+    model = robot.model.copy()
+    for index in range(2, model.njoints):  # the first is the universe's, the second the base's
+        inertia = model.inertias[index]
+        more = 1.0 + part
+        model.inertias[index] = pin.Inertia(
+            more * inertia.mass, inertia.lever, more * inertia.inertia
+        )
+    return replace(robot, model=model)
+
+
 def with_sensor_noise(
     state: SystemState, imperfections: Imperfections, random: np.random.Generator
 ) -> SystemState:
@@ -180,7 +201,7 @@ def with_sensor_noise(
         position_chaser_in_inertial=position + noise(off.position_noise, position),
         quaternion_chaser_to_inertial_xyzw=(turn * attitude).as_quat(),
         linear_velocity_chaser_in_inertial=velocity + noise(off.velocity_noise, velocity),
-        angular_velocity_chaser_in_inertial=omega + noise(off.rate_noise, omega),
+        angular_velocity_chaser_in_inertial=omega + off.rate_bias + noise(off.rate_noise, omega),
         joint_positions=joints + noise(off.angle_noise, joints),
         joint_velocities=rates + noise(off.rate_noise, rates),
     )

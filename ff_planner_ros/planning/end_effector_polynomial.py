@@ -92,6 +92,17 @@ class EndEffectorPaths:
             yield from detours(self.robot, motion, self.polynomial.duration, obstacles)
         yield from scattered()
 
+    def near(self, q: Array) -> Array:
+        """Return the coefficients of a path that runs as a motion does, but for its goal."""
+        model, data, tip = self.robot.model, self.robot.model.createData(), self.robot.tip_frame_id
+        poses = []
+        for sample in q:
+            pin.forwardKinematics(model, data, sample)
+            pose = pin.updateFramePlacement(model, data, tip)
+            poses.append((pose.translation.copy(), pose.rotation.copy()))
+        positions, rotations = (np.array(part) for part in zip(*poses, strict=True))
+        return self.polynomial.near(positions, rotations)
+
     def towards(self, target: Target) -> EndEffectorPaths:
         """Return the motions to a target near this one; the coefficients keep their meaning."""
         return replace(self, polynomial=self.polynomial.towards(_end(target)))

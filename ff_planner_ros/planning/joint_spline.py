@@ -77,6 +77,12 @@ class JointSplines:
         """Yield splines near the paper's path, ways to goal postures, and detours without end."""
         return spline_guesses(self, obstacles, points)
 
+    def near(self, q: Array) -> Array:
+        """Return the control points of the splines through the joint angles of a motion."""
+        rows = self.basis.rows(np.linspace(0.0, 1.0, len(q)))
+        free, *_ = np.linalg.lstsq(rows[:, FIXED:], q[:, 7:] - rows[:, :FIXED] @ self.fixed)
+        return np.asarray(free.T.ravel(), np.float64)
+
     def towards(self, target: Target) -> JointSplines:
         """Return the motions to a target near this one; the control points stay what they are."""
         return replace(self, problem=replace(self.problem, target=target))

@@ -112,6 +112,14 @@ class PathFamily(Protocol):
     ) -> Iterator[Array]:
         """Yield decision variables to start motions from, always the same for one problem."""
 
+    def near(self, q: Array) -> Array:
+        """Return the decision variables of a path that runs as a motion does, but for its goal.
+
+        Args:
+            q: Configurations at equal steps of the duration, ten or more, the first one that of the
+                start. Shape (times, 7 + joints).
+        """
+
     def towards(self, target: Target) -> PathFamily:
         """Return the motions to a target near this one; x keeps its meaning."""
 

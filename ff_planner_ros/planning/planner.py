@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import TypeAlias
 
 import numpy as np
 
@@ -18,6 +19,7 @@ from ff_planner_ros.planning.check import (
     out_of_time_beside,
     refusal,
 )
+from ff_planner_ros.planning.continuing import NEAR, Remainder
 from ff_planner_ros.planning.families import path_families
 from ff_planner_ros.planning.followed_path import followed_path
 from ff_planner_ros.planning.motion import to_trajectory
@@ -27,13 +29,16 @@ from ff_planner_ros.planning.plan import Plan, SolverReport
 from ff_planner_ros.planning.preconditions import require_plannable
 from ff_planner_ros.planning.problem import Objective, Parametrisation, PlanningProblem, lasting
 from ff_planner_ros.planning.program import path_program
-from ff_planner_ros.planning.search import FoundPath
+from ff_planner_ros.planning.search import FoundPath, Search
 from ff_planner_ros.planning.settings import PlannerSettings
 from ff_planner_ros.planning.steered import steered
 from ff_planner_ros.planning.target import conditions_of, too_many_conditions
 from ff_planner_ros.planning.watch import Watch
 from ff_planner_ros.robot.dynamics import accelerations
 from ff_planner_ros.robot.kinematics import rotation_base_to_inertial
+
+# Coefficients of a path, or what remains of a plan.
+FirstGuess: TypeAlias = Array | Remainder
 
 NOBODY = Watch()
 # Weights of the plan at which a search for a better attitude begins.
@@ -50,14 +55,15 @@ def plan(
     problem: PlanningProblem,
     settings: PlannerSettings,
     watch: Watch = NOBODY,
-    first_guess: Array | None = None,
+    first_guess: FirstGuess | None = None,
 ) -> Plan:
     """Plan a trajectory: optimal, collision-free, checked.
 
     Where the chaser's attitude has a weight, the search begins at the plan of least joint path and
     never answers one that is worse. Where there is no such plan, it searches for any.
 
-    Where a range of durations is given, it chooses one of them (`best_moment`).
+    Where a range of durations is given, it chooses one of them (`best_moment`); what remains of a
+    plan keeps that plan's moment, or the nearest of the range, as long as there is a plan then.
 
     Where the parametrisation is left to the planner, the paper's paths come first, if they apply,
     and joint splines if there is no plan among those.
@@ -68,7 +74,8 @@ def plan(
     Args:
         watch: May end the search, and is told how far it has come.
         first_guess: Coefficients of a path, as in `Plan.coefficients`: tried first in the family
-            that has as many. None: the families' own guesses alone.
+            that has as many. A remainder: the plan near it, if there is one, is the answer; only
+            else are others looked for. None: the families' own guesses alone.
 
     Raises:
         InvalidInput: The start violates what the plan must keep, the first guess is no path, or
@@ -79,17 +86,32 @@ def plan(
     window = problem.duration_range
     if window is not None and window.minimum == window.maximum:
         problem, window = lasting(problem, window.minimum), None
-    if window is not None:
-        return plan_at_best_moment(problem, settings, watch, first_guess, _plan_in_time)
-    return _plan_in_time(problem, settings, watch, first_guess)
+    if window is None:
+        return _plan_in_time(problem, settings, watch, first_guess)
+    if isinstance(first_guess, Remainder):
+        kept = min(max(first_guess.goal, window.minimum), window.maximum)
+        try:
+            return _plan_in_time(lasting(problem, kept), settings, watch, first_guess)
+        except NoPlanFound as refused:
+            if refused.status is Status.OUT_OF_TIME:
+                raise
+        first_guess = None
+    return plan_at_best_moment(problem, settings, watch, first_guess, _plan_in_time)
 
 
 def _plan_in_time(
-    problem: PlanningProblem, settings: PlannerSettings, watch: Watch, first_guess: Array | None
+    problem: PlanningProblem,
+    settings: PlannerSettings,
+    watch: Watch,
+    first_guess: FirstGuess | None,
 ) -> Plan:
     """Return a plan whose duration is given; `plan` says the rest."""
     require_plannable(problem, settings)
     groups = path_families(problem, settings)
+    if isinstance(first_guess, Remainder):
+        near, first_guess = _plan_near(problem, settings, watch, groups, first_guess)
+        if near is not None:
+            return near
     if first_guess is not None and all(len(first_guess) != ways[0].variables for ways in groups):
         finite_vector("first_guess", first_guess, groups[0][0].variables)
     conditions = conditions_of(problem.robot, problem.target)
@@ -112,6 +134,32 @@ def _plan_in_time(
     # That one family meets a singularity is no reason why there is no plan.
     others = [refused for refused in refusals if refused.status is not Status.SINGULAR]
     raise (others or refusals)[0]
+
+
+def _plan_near(
+    problem: PlanningProblem,
+    settings: PlannerSettings,
+    watch: Watch,
+    groups: Sequence[Sequence[PathFamily]],
+    rest: Remainder,
+) -> tuple[Plan | None, Array]:
+    """Return the plan near what remains of another one, if there is one, and a guess for others.
+
+    It is a path of the first family that has one as near as it takes, or of the nearest.
+    """
+    paths = [rest.path_near(problem, family) for ways in groups for family in ways]
+    near = [path for path in paths if path.off <= NEAR] or [min(paths, key=lambda path: path.off)]
+    family, guess = near[0].family, near[0].x
+    problem = replace(problem, parametrisation=Parametrisation(family.name))
+    search = Search(path_program(problem, family, settings), settings, watch, None)
+    try:
+        for path in search.paths_near(guess):
+            found = plan_of_path(problem, settings, family, path)
+            if not any(failures(problem, found, settings)):
+                return found, guess
+    except OutOfTime as end:
+        raise out_of_time(end) from None
+    return None, guess
 
 
 def _best_plan(

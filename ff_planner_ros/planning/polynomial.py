@@ -115,6 +115,24 @@ class EndEffectorPolynomial:
             self.duration, self.quintic, self.rotation_outer, coefficients.ravel(), s
         )
 
+    def near(self, positions: Array, rotations_ee_to_inertial: Array) -> Array:
+        """Return the coefficients, flattened, of the path that is shaped most like a motion.
+
+        A part of such a path is one itself, where the angles are read as here. Shape (18,).
+
+        Args:
+            positions: At equal steps of the duration, ten or more. Shape (times, 3) [m].
+            rotations_ee_to_inertial: Shape (times, 3, 3).
+        """
+        outer, inner = self.rotation_outer.T, self.rotation_inner.T
+        angles = [euler_from_rotation(outer @ turn @ inner) for turn in rotations_ee_to_inertial]
+        components = np.column_stack([positions, np.unwrap(angles, axis=0)])
+        of_s = powers(np.linspace(0.0, 1.0, len(components)), 0)
+        # Whatever its ends are, they are the quintic's.
+        terms = np.column_stack([of_s[:, :6], of_s @ _FREE_TERM_COEFFICIENTS])
+        fitted, *_ = np.linalg.lstsq(terms, components)
+        return np.asarray(fitted[6:].T.ravel(), np.float64)
+
     def towards(self, end: EndEffectorMotion) -> EndEffectorPolynomial:
         """Return the paths to another end near this one, the angles read in the same way."""
         return self.lasting(self.duration, end)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -27,6 +27,8 @@ _LEAST_INTERVALS = 40
 # From point to point a tumbling chaser turns no further [rad]; but this many intervals are enough.
 _GRID_TURN, _MOST_INTERVALS = 0.25, 200
 
+# Of what is missing, margins are eased by so much: on its way to the goal the path may come nearer.
+_EASED = 1.5
 # No requirement has as many rows: the names of all of them differ.
 _NAMES = 1 << 40
 
@@ -174,6 +176,26 @@ class PathProgram:
             for required in REQUIREMENTS
             if required.name in self.waiting and required.slack(self.problem, motion) < 0.0
         )
+
+    def easing(self, x: Array, names: Sequence[str]) -> PathProgram:
+        """Return the program whose margins a path keeps, or nearly so, where it keeps a part.
+
+        A plan that begins beside an obstacle cannot be moved there.
+
+        Args:
+            names: Of the requirements whose margins are eased.
+        """
+        at_x = self.linearise(x)
+        if not at_x.is_defined:
+            return self
+        margins = dict(self.margins)
+        for number, required in enumerate(REQUIREMENTS):
+            if required.name in names:
+                values = at_x.constraints[at_x.names // _NAMES == number]
+                missing, margin = -float(values.min(initial=0.0)), margins[required.name]
+                if missing < margin:
+                    margins[required.name] = max(margin - _EASED * missing, 0.0)
+        return replace(self, margins=margins)
 
     def keeping(self, broken: frozenset[str]) -> PathProgram:
         """Return the program that keeps what a path has broken, too."""

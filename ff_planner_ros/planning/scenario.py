@@ -62,7 +62,15 @@ _OF_PROBLEM = (
     *("allowed_at_goal", "contact_distance", "approach"),
 )
 _OF_TASK = (
-    *("start_after", "running", "end_behaviour", "tail_duration", "controller", "planner"),
+    *(
+        "start_after",
+        "running",
+        "running_goal",
+        "end_behaviour",
+        "tail_duration",
+        "controller",
+        "planner",
+    ),
     "first_guess",
 )
 
@@ -106,6 +114,7 @@ def load_task(path: Path, defaults: Defaults) -> PlanningTask:
     if end_behaviour is not EndBehaviour.AS_PLANNED:
         tail = number("tail_duration", scenario.get("tail_duration", defaults.tail))
     running, guess = scenario.get("running"), scenario.get("first_guess")
+    goal = scenario.get("running_goal")
     names = [item.name for item in fields(PlannerSettings)]
     changes = mapping("planner", scenario.get("planner", {}), (), optional=names)
     return PlanningTask(
@@ -113,6 +122,7 @@ def load_task(path: Path, defaults: Defaults) -> PlanningTask:
         settings=replace(defaults.settings, **changes),
         ahead=number("start_after", scenario.get("start_after", 0.0)),
         running=None if running is None else _running(running, joints),
+        running_goal=None if goal is None else number("running_goal", goal),
         end_behaviour=end_behaviour,
         tail=tail,
         controller=_controller(scenario, problem.robot, defaults.controller),

@@ -186,6 +186,8 @@ def _beyond_the_problem(task: PlanningTask) -> dict[str, Any]:
     if task.running is not None:
         motion = task.running
         content["running"] = {i.name: getattr(motion, i.name).tolist() for i in fields(motion)}
+    if task.running_goal is not None:
+        content["running_goal"] = float(task.running_goal)
     if task.first_guess is not None:
         content["first_guess"] = task.first_guess.tolist()
     return content

@@ -22,6 +22,7 @@ from ff_planner_ros.planning.solver import (
     FIRST_RADIUS,
     Solution,
     minimise,
+    nearest_feasible,
 )
 from ff_planner_ros.planning.watch import CHECKING, REFINING, SEARCHING, Progress, Watch
 from ff_planner_ros.robot.bodies import Geometry
@@ -48,6 +49,8 @@ class _Level:
 _COARSE_LEVELS = (_Level(13, 0.001, 1e-2, 2e-3, 40, 0.005), _Level(25, 0.0, 3e-3, 2e-4, 40, 0.0))
 # On all points. So small a part of a joint path or of an angle makes no difference to a user.
 _LEAST_PROGRESS = 2e-5
+# Requirements whose margins are distances.
+_OF_CLEARANCE = (Clearance.name, BodyClearance.name, SelfClearance.name)
 # More points need not meet an obstacle that few points run into by less [m].
 _PROMISING_VIOLATION = 5e-3
 # A feasible path that is further from its optimum runs along a singularity.
@@ -61,6 +64,11 @@ _RECONSIDER = 5
 _ROUNDS = 6
 # Of what the check allows at the goal, the part that a motion may miss.
 _MISS = 0.1
+
+# Near what remains of a plan: it was optimal when it was made, and what it misses by now is small.
+# Iterations, the part of the objective that another one must promise, the first trust region, and
+# steps to the nearest path that keeps all.
+_ITERATIONS_NEAR, _PROGRESS_NEAR, _RADIUS_NEAR, _MENDING_NEAR = 4, 1e-3, 0.1, 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,6 +152,40 @@ class Search:
                 yield replace(self._found(found), followed=followed)
                 self._on_all_points.append(found)
 
+    def paths_near(self, guess: Array) -> Iterator[FoundPath]:
+        """Yield paths on all points to which a guess leads in a few steps and that keep all.
+
+        The first is better than the guess by the objective, the second only keeps what the guess
+        does not.
+
+        Raises:
+            OutOfTime: By the watch.
+        """
+        self._starts += 1
+        grid = corrected(self._grids[-1], guess)
+        grid = replace(grid, program=grid.program.easing(guess, _OF_CLEARANCE))
+        level = replace(
+            grid.level,
+            iterations=_ITERATIONS_NEAR,
+            progress=_PROGRESS_NEAR,
+            first_radius=_RADIUS_NEAR,
+        )
+        grid = replace(grid, level=level)
+        as_it_is = replace(grid, level=replace(level, iterations=0))
+        for begin in (grid, as_it_is):
+            solution = self._mended_near(begin, self._solve(begin, guess))
+            found, followed = self._kept_between_points(grid, solution)
+            if found.feasible:
+                self._watch.report(self._progress(CHECKING, found.at_x))
+                yield replace(self._found(found), followed=followed)
+
+    def _mended_near(self, grid: Grid, solution: PathSolution) -> PathSolution:
+        """Return the nearest path that keeps all, where a few steps lead there."""
+        if solution.feasible or not solution.at_x.is_defined:
+            return solution
+        watched, along = self._watched(grid), grid.along(solution.x)
+        return self._noted(nearest_feasible(watched, along, solution.at_x, _MENDING_NEAR))
+
     def best(self) -> FoundPath | None:
         """Return the best path so far, with what the whole search took; None before the first.
 
@@ -154,8 +196,8 @@ class Search:
 
     def _grid(self, level: _Level) -> Grid:
         margins = dict(self._program.margins)
-        for required in (Clearance, BodyClearance, SelfClearance):
-            margins[required.name] += level.extra_margin
+        for name in _OF_CLEARANCE:
+            margins[name] += level.extra_margin
         program = replace(
             self._program, points=level.points, margins=margins, damping=level.damping
         )

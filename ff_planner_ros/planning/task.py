@@ -14,11 +14,12 @@ import numpy as np
 from ff_planner_ros.arrays import Array, finite_number, frozen
 from ff_planner_ros.errors import Failure, FfPlannerError, InvalidInput, NoPlanFound, Status
 from ff_planner_ros.planning.check import failures, refusal
+from ff_planner_ros.planning.continuing import Remainder, joined
 from ff_planner_ros.planning.controller_rules import Command, Controller, require_acceptable
 from ff_planner_ros.planning.forward import carried_forward
 from ff_planner_ros.planning.joint_motion import JointMotion
 from ff_planner_ros.planning.plan import Plan
-from ff_planner_ros.planning.planner import NOBODY, plan
+from ff_planner_ros.planning.planner import NOBODY, FirstGuess, plan
 from ff_planner_ros.planning.problem import (
     Limits,
     Objective,
@@ -36,10 +37,12 @@ from ff_planner_ros.robot.bodies import Geometry, defining_numbers
 from ff_planner_ros.robot.model import Base, Robot
 
 # Problem, in the frame that the plan is made in, settings, who watches, first guess.
-Method: TypeAlias = Callable[[PlanningProblem, PlannerSettings, Watch, Array | None], Plan]
+Method: TypeAlias = Callable[[PlanningProblem, PlannerSettings, Watch, FirstGuess | None], Plan]
 
 _DIGITS = 16  # of a digest
 _NANOSECONDS = 1e9
+# A goal is at its motion's last point, but for this [s].
+_ROUNDING = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,6 +58,9 @@ class PlanningTask:
     ahead: float = 0.0  # time from the measurement to the first point of the plan [s]
     # Of the joints meanwhile, from the measurement on; None: they keep their measured rates
     running: JointMotion | None = None
+    # Of the goal of the motion that runs, where the plan takes over from it: begins exactly on it
+    # and is looked for near what remains of it; None: a plan of its own
+    running_goal: float | None = None  # [s] from the measurement on
     end_behaviour: EndBehaviour = EndBehaviour.AS_PLANNED  # what the arm does after the goal
     tail: float = 0.0  # for how long [s]; zero for `as_planned`
     controller: Controller | None = None  # whose rules the plan must keep; None: nobody's
@@ -71,12 +77,27 @@ class PlanningTask:
             motion = {item.name: getattr(self.running, item.name) for item in fields(JointMotion)}
             copy = JointMotion(**{name: frozen(rows) for name, rows in motion.items()})
             object.__setattr__(self, "running", copy)
+        if self.running_goal is not None:
+            self._require_remainder(self.running_goal)
         if self.first_guess is not None:
             guess = frozen(self.first_guess)
             if guess.ndim != 1 or not np.isfinite(guess).all():
                 allowed = "it must be a list of finite numbers"
                 raise InvalidInput(Status.NOT_FINITE, "first_guess", guess, allowed)
             object.__setattr__(self, "first_guess", guess)
+
+    def _require_remainder(self, goal: float) -> None:
+        """Refuse to take over from a motion that does not run then, or is at its goal already."""
+        if self.running is None:
+            allowed = "there is no running motion to go on from"
+            raise InvalidInput(Status.NO_PLAN_RUNS, "running_goal", goal, allowed)
+        first, last = self.running.time[[0, -1]].tolist()
+        if not first <= self.ahead < finite_number("running_goal", goal) <= last + _ROUNDING:
+            allowed = (
+                f"it must be after start_after, {self.ahead:g} s, and both within running.time, "
+                f"{first:g} s to {last:g} s"
+            )
+            raise InvalidInput(Status.OUT_OF_RANGE, "running_goal", goal, allowed)
 
     @cached_property
     def digest(self) -> str:
@@ -145,7 +166,7 @@ def _is_absent(value: Any, name: str) -> bool:
         return not value.allowed_at_goal
     newer = (
         *("joint_accelerations", "free_axis_in_ee", "target_body", "body", "place_in_body"),
-        *("duration_range", "approach"),
+        *("duration_range", "approach", "running_goal"),
     )
     return name in newer and getattr(value, name) is None
 
@@ -179,22 +200,34 @@ def perform(task: PlanningTask, watch: Watch = NOBODY, method: Method = plan) ->
         NoPlanFound: The method found no plan, or what it found does not pass the check, with its
             tail or without; or the controller would not take it.
     """
-    problem = task.problem
-    start = carried_forward(problem.robot, problem.start, task.ahead, task.running)
+    problem, running = task.problem, task.running
+    guess: FirstGuess | None = task.first_guess
+    if running is None or task.running_goal is None:
+        start = carried_forward(problem.robot, problem.start, task.ahead, running)
+    else:
+        start = joined(problem.robot, problem.start, task.ahead, running)
+        rest = replace(running, time=running.time - task.ahead)
+        guess = Remainder(rest, task.running_goal - task.ahead)
     frame = system_frame(problem.robot, start)
     problem = frame.problem(replace(problem, start=start))
     try:
-        return frame.plan_seen_by_user(_performed(task, problem, watch, method))
+        return frame.plan_seen_by_user(_performed(task, problem, watch, method, guess))
     except NoPlanFound as refused:
         if isinstance(refused.attempt, Plan):
             refused.attempt = frame.plan_seen_by_user(refused.attempt)
         raise
 
 
-def _performed(task: PlanningTask, problem: PlanningProblem, watch: Watch, method: Method) -> Plan:
+def _performed(
+    task: PlanningTask,
+    problem: PlanningProblem,
+    watch: Watch,
+    method: Method,
+    guess: FirstGuess | None,
+) -> Plan:
     """Return the plan for a problem in the frame of the plan, judged."""
     settings = task.settings
-    to_goal = method(problem, settings, watch, task.first_guess)
+    to_goal = method(problem, settings, watch, guess)
     problem = lasting(problem, to_goal.duration)
     found = tuple(failures(problem, to_goal, settings))
     if found:

@@ -133,6 +133,7 @@ def require_recordable(task: PlanningTask) -> None:
     window = task.problem.duration_range
     for field, given in (
         ("running", task.running is not None),
+        ("running_goal", task.running_goal is not None),
         ("first_guess", task.first_guess is not None),
         ("duration_range.target_velocity", window is not None and window.target_velocity.any()),
         ("target.linear_acceleration", not captured and target.linear_acceleration.any()),

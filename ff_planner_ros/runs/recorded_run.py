@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from ff_planner_msgs.srv import PlanTrajectory
 
@@ -176,7 +176,7 @@ def _require_all(
 def _published(before: Sequence[PlanExchange], exchange: PlanExchange) -> PublishedPlan | None:
     """Return the plan that the joints were following, or may have been following."""
     response = exchange.response
-    solved = [
+    solved_before = solved = [
         one.response
         for one in before
         if one.response is not None and one.response.status.code == Status.SOLVED
@@ -191,12 +191,18 @@ def _published(before: Sequence[PlanExchange], exchange: PlanExchange) -> Publis
     if not solved:
         return None
     last = solved[-1]
-    start_ns = nanoseconds(last.joint_trajectory.header.stamp)
+    plan = _plan_in(last)
+    before = [one for one in solved_before if one.plan_id == last.following]
+    return replace(plan, before=_plan_in(before[-1]) if before else None)
+
+
+def _plan_in(response: PlanTrajectory.Response) -> PublishedPlan:
+    start_ns = nanoseconds(response.joint_trajectory.header.stamp)
     try:
-        trajectory = plan_from_response(last).trajectory
+        plan = plan_from_response(response)
     except (ValueError, IndexError) as error:
-        raise BagError(f"plan {last.plan_id}, which the joints followed, is damaged") from error
-    return PublishedPlan(last.plan_id, trajectory, start_ns)
+        raise BagError(f"plan {response.plan_id}, which the joints followed, is damaged") from error
+    return PublishedPlan(response.plan_id, plan.trajectory, start_ns, duration=plan.duration)
 
 
 def _assumed(found: Sequence[PlanExchange]) -> list[str]:

@@ -65,7 +65,7 @@ _OF_REQUEST: Mapping[str, tuple[str, Callable[[str, object], object]]] = {
 # Of the node's parameters: those that planning depends on. The others say where messages go, or
 # what a request is given that leaves open what `_OF_REQUEST` changes in every request.
 _OF_NODE = (
-    *("planner.", "limits.", "controller."),
+    *("planner.", "limits.", "controller.", "replanning."),
     *("tail_duration", "following_tolerance", "planning_allowance", "start_max_lead"),
     *("state_max_age", "state_max_lead"),
 )

@@ -103,9 +103,10 @@ class ApproachCorridor(Requirement):
 
     def failures(self, samples: Samples, metrics: Metrics) -> Iterator[Failure]:
         """Yield when the end effector is furthest beside the corridor."""
-        problem, motion = samples.problem, samples.followed
+        problem = samples.problem
         if problem.approach is None:
             return
+        motion = samples.followed
         to_goal = slice(motion.pieces * samples.goal + 1)
         way = motion.time[to_goal], motion.q[to_goal], motion.v[to_goal]
         least = _least(problem, problem.approach, *way)

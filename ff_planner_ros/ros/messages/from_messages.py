@@ -56,12 +56,15 @@ def problem_from_request(
     obstacles: tuple[Sphere, ...],
     parameters: NodeParameters,
     body: TargetBody | None = None,
+    remaining: float | None = None,
 ) -> PlanningProblem:
     """Build the problem of a request; its start state and obstacles are not looked at.
 
     Args:
         obstacles: At the plan's first point.
         body: That is captured, then; None: the goal is the request's target pose.
+        remaining: Of a running plan [s], the duration of a request that leaves it at zero. None:
+            no plan is continued.
 
     Raises:
         InvalidInput: A field of the request cannot be used; the error names it.
@@ -86,7 +89,7 @@ def problem_from_request(
     }
     limits = _limits(request, robot, parameters)
     with fields_named(named_as):
-        duration, window = _duration(request)
+        duration, window = _duration(request, remaining)
         return PlanningProblem(
             robot=robot,
             start=start,
@@ -155,8 +158,12 @@ def _target(request: PlanTrajectory.Request) -> Target:
     )
 
 
-def _duration(request: PlanTrajectory.Request) -> tuple[float, DurationRange | None]:
+def _duration(
+    request: PlanTrajectory.Request, remaining: float | None
+) -> tuple[float, DurationRange | None]:
     """Return the duration and, where the planner is to choose one, its range, else None."""
+    if remaining is not None and request.duration == getattr(request, "duration_max", 0.0) == 0.0:
+        return remaining, None
     shortest = finite_number("duration", request.duration, above=0.0)
     # A message decoded from a bag of an earlier version has no such field.
     longest = getattr(request, "duration_max", 0.0)

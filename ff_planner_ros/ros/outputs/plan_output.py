@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import cycle
 
+import numpy as np
 from ff_planner_msgs.msg import PublishedPlan as PublishedPlanMessage
 from ff_planner_msgs.msg import TrackingError
 from ff_planner_msgs.srv import PlanTrajectory
@@ -20,8 +21,9 @@ from std_msgs.msg import Header, String
 from trajectory_msgs.msg import JointTrajectory
 from visualization_msgs.msg import MarkerArray
 
-from ff_planner_ros.bag.decoding import nanoseconds
+from ff_planner_ros.bag.decoding import NANOSECONDS, nanoseconds
 from ff_planner_ros.parameters import NodeParameters
+from ff_planner_ros.planning.joint_motion import JointMotion, joint_motion
 from ff_planner_ros.planning.plan import Plan, Trajectory
 from ff_planner_ros.planning.problem import Approach, Sphere, TargetBody
 from ff_planner_ros.robot.model import Robot
@@ -41,6 +43,27 @@ class PublishedPlan:
     trajectory: Trajectory
     start_ns: int
     target_body: TargetBody | None = None  # that it captures, at its first point; None: none
+    duration: float | None = None  # from the first point to the goal [s]; None: to the last point
+    before: PublishedPlan | None = None  # what runs until it begins, alone; None: not known
+
+    @property
+    def seconds_to_goal(self) -> float:
+        """From its first point to the goal [s]."""
+        return float(self.trajectory.time[-1]) if self.duration is None else self.duration
+
+    def at(self, time_ns: int) -> PublishedPlan | None:
+        """Return the plan, this one or what it takes over from, that runs at a time [ns]."""
+        if time_ns < self.start_ns:
+            return None if self.before is None else self.before.at(time_ns)
+        end_ns = self.start_ns + round(float(self.trajectory.time[-1]) * NANOSECONDS)
+        return self if time_ns <= end_ns else None
+
+    def motion(self, since_ns: int) -> JointMotion:
+        """Return what the joints do, with the time counted from a moment [ns]."""
+        # The controller was told whole nanoseconds, and so was the bag, which a replay starts from.
+        told = np.rint(self.trajectory.time * NANOSECONDS) / NANOSECONDS
+        start = (self.start_ns - since_ns) / NANOSECONDS
+        return joint_motion(replace(self.trajectory, time=told), start)
 
 
 class PlanOutput:
@@ -94,8 +117,13 @@ class PlanOutput:
         asked_by: str,
         end_behaviour: str,
         body: TargetBody | None = None,
+        following: str = "",
     ) -> None:
-        """Publish what controllers and executives wait for."""
+        """Publish what controllers and executives wait for.
+
+        Args:
+            following: Id of the plan that the joints follow until it begins; empty: of none.
+        """
         self._trajectory.publish(for_controller)
         self._published_plan.publish(
             PublishedPlanMessage(
@@ -111,7 +139,13 @@ class PlanOutput:
         if body is not None:
             self._target_path.publish(response.predicted_target_path)
         start_ns = nanoseconds(for_controller.header.stamp)
-        self.published = PublishedPlan(response.plan_id, plan.trajectory, start_ns, body)
+        last = self.published
+        before = None
+        if last is not None and last.plan_id == following:
+            before = replace(last, before=None)
+        self.published = PublishedPlan(
+            response.plan_id, plan.trajectory, start_ns, body, plan.duration, before
+        )
 
     def show(
         self,

@@ -301,6 +301,7 @@ class PlanningService:
             parameters,
             body,
             asked.task.problem.approach,
+            asked.provenance.following,
         )
         asked_by = asked.asked_by or door
         job.seal()

@@ -105,9 +105,14 @@ class Publication:
         """
         with self._lock:
             self._require_open()
-            behaviour = made.end_behaviour
             self._output.publish(
-                made.plan, response, for_controller, asked_by, behaviour, made.target_body
+                made.plan,
+                response,
+                for_controller,
+                asked_by,
+                made.end_behaviour,
+                made.target_body,
+                made.following,
             )
         executor: Any = self._node.executor
         executor.create_task(

@@ -12,7 +12,7 @@ from ff_planner_ros.bag.decoding import NANOSECONDS, nanoseconds
 from ff_planner_ros.bag.target_bodies import NAMED_AS
 from ff_planner_ros.errors import InvalidInput, Status, fields_named
 from ff_planner_ros.parameters import NodeParameters
-from ff_planner_ros.planning.joint_motion import JointMotion, joint_motion
+from ff_planner_ros.planning.joint_motion import JointMotion
 from ff_planner_ros.planning.problem import TargetBody, carried_spheres
 from ff_planner_ros.planning.tail import EndBehaviour
 from ff_planner_ros.planning.task import PlanningTask
@@ -27,6 +27,7 @@ from ff_planner_ros.ros.messages.from_messages import (
 )
 from ff_planner_ros.ros.messages.to_messages import time_message
 from ff_planner_ros.ros.outputs.plan_output import PublishedPlan
+from ff_planner_ros.ros.requests.continuing import continued_plan
 
 # Longest name of who asks: it is in a message and in the log.
 _LONGEST_NAME = 200
@@ -59,6 +60,8 @@ class Provenance:
     following: str = ""  # id of the plan that the joints follow until the start; empty: none
     task_digest: str = ""  # empty: there is no task
     geometry: str = ""  # what of the robot is kept clear; empty: the request was not read
+    delay: float = 0.0  # from then to the switch-over to a plan that continues another [s]
+    joined_at: float = 0.0  # and where that is in the other plan, from its first point [s]
 
     def tell(self, response: PlanTrajectory.Response) -> None:
         """Write it into a response."""
@@ -103,7 +106,8 @@ def read_request(request: PlanTrajectory.Request, knowledge: Knowledge) -> ReadR
     try:
         asked_by = asker(request.asked_by, "")
         budget = _time_budget(request, parameters)
-        start_ns = _start_time(request, parameters, knowledge.now_ns)
+        continues = bool(getattr(request, "continue_plan", False))
+        start_ns = _start_time(request, parameters, knowledge.now_ns, continues)
         end_behaviour = _end_behaviour(request, parameters)
         measured = measured_state(request, knowledge)
         provenance = replace(
@@ -116,6 +120,18 @@ def read_request(request: PlanTrajectory.Request, knowledge: Knowledge) -> ReadR
         if not nanoseconds(request.start_time):  # checked by `_start_time`
             start_ns = max(start_ns, measured.stamp_ns)
         _require_after_state(start_ns, measured.stamp_ns)
+        continued = None
+        if continues:
+            if knowledge.published is not None:
+                provenance = replace(provenance, following=knowledge.published.plan_id)
+            continued = continued_plan(
+                knowledge.published, measured, start_ns, parameters.replanning
+            )
+            provenance = replace(
+                provenance,
+                delay=(start_ns - knowledge.now_ns) / NANOSECONDS,
+                joined_at=continued.joined_at,
+            )
         own = request.obstacles if request.use_obstacles else None
         scene = knowledge.scenes.moving_scene(own, knowledge.now_ns, parameters.state_max_lead)
         provenance = replace(
@@ -133,20 +149,26 @@ def read_request(request: PlanTrajectory.Request, knowledge: Knowledge) -> ReadR
             carried_spheres(scene.spheres, (start_ns - scene.stamp_ns) / NANOSECONDS),
             parameters,
             None if seen is None else _carried(seen, start_ns),
+            None if continued is None else continued.remaining,
         )
         tail = 0.0 if end_behaviour is EndBehaviour.AS_PLANNED else parameters.tail_duration
         if start_ns / NANOSECONDS + tail + problem.duration > MAX_MESSAGE_SECONDS:
             field = "duration" if problem.duration_range is None else "duration_max"
             allowed = "the plan must end before 2038"
             raise InvalidInput(Status.OUT_OF_RANGE, field, problem.duration, allowed)
-        running = motion_until_start(knowledge, measured, start_ns)
+        ahead = (start_ns - measured.stamp_ns) / NANOSECONDS
+        if continued is None:
+            running = motion_until_start(knowledge, measured, start_ns)
+        else:
+            running = continued.motion
         if knowledge.published is not None and running is not None:
             provenance = replace(provenance, following=knowledge.published.plan_id)
         task = PlanningTask(
             problem=problem,
             settings=parameters.planner,
-            ahead=(start_ns - measured.stamp_ns) / NANOSECONDS,
+            ahead=ahead,
             running=running,
+            running_goal=None if continued is None else ahead + continued.remaining,
             end_behaviour=end_behaviour,
             tail=tail,
             controller=parameters.controller.of(knowledge.robot.joint_names),
@@ -235,10 +257,13 @@ def _time_budget(request: PlanTrajectory.Request, parameters: NodeParameters) ->
     return finite_number("time_budget", request.time_budget) or parameters.time_budget
 
 
-def _start_time(request: PlanTrajectory.Request, parameters: NodeParameters, now_ns: int) -> int:
+def _start_time(
+    request: PlanTrajectory.Request, parameters: NodeParameters, now_ns: int, continues: bool
+) -> int:
     asked_ns = time_in_ns("start_time", request.start_time)
     if not asked_ns:
-        return now_ns + round(parameters.planning_allowance * NANOSECONDS)
+        kept_free = parameters.replanning.allowance if continues else parameters.planning_allowance
+        return now_ns + round(kept_free * NANOSECONDS)
     lead = (asked_ns - now_ns) / NANOSECONDS
     if lead < 0.0:
         raise InvalidInput(
@@ -276,11 +301,7 @@ def _running(published: PublishedPlan, measured: Snapshot, tolerance: float) -> 
 
     Nobody tells the planner which plans are executed; a plan that was not leaves the joints behind.
     """
-    start = (published.start_ns - measured.stamp_ns) / NANOSECONDS
-    # The controller was told whole nanoseconds, and so was the bag, which a replay starts from.
-    trajectory = published.trajectory
-    told = np.rint(trajectory.time * NANOSECONDS) / NANOSECONDS
-    motion = joint_motion(replace(trajectory, time=told), start)
+    motion = published.motion(measured.stamp_ns)
     if not motion.time[0] <= 0.0 <= motion.time[-1]:
         return None
     (planned,), _, _ = motion.at(np.zeros(1))

@@ -36,6 +36,7 @@ class MadePlan:
     parameters: NodeParameters  # that it was checked by
     target_body: TargetBody | None = None  # that it captures, at its first point; None: none
     approach: Approach | None = None  # whose corridor it keeps to; None: none
+    following: str = ""  # id of the plan that the joints follow until it begins; empty: of none
 
 
 def require_same_rules(made: MadePlan, parameters: NodeParameters) -> None:

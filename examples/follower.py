@@ -1,0 +1,138 @@
+"""Replanning in motion: flies a capture, and plans the rest of it again several times a second.
+
+    .venv/bin/python examples/simulated_testbed.py config/scenarios/lemur_capture.yaml \
+        --arm-heavier 0.05 --rate-bias 0.000175
+    .venv/bin/python examples/follower.py config/scenarios/lemur_capture.yaml
+
+needs the planner node, too. Each new plan takes over from the one that runs, begins on it, and goes
+to the same goal from where the chaser is by then. With `--rate 0` it flies the first plan alone.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import signal
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import closing
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from builtin_interfaces.msg import Time
+from ff_planner_msgs.action import PlanTrajectory
+from rclpy.utilities import remove_ros_args
+
+from ff_planner_ros.bag.decoding import NANOSECONDS, nanoseconds
+from ff_planner_ros.demo.executive import MissionExecutive
+from ff_planner_ros.errors import FfPlannerError, Status
+from ff_planner_ros.planning.scenario import SCENARIO_FRAME, load_scenario
+from ff_planner_ros.ros.messages.to_messages import goal_message
+
+NAME = "follower"  # who asks
+PATIENCE = 60.0  # [s] for the planner, the testbed and the answer
+# One plan was not to be had in time: the arm goes on with the one that runs, and the next is asked.
+_GOES_ON = (Status.TOO_LATE, Status.OUT_OF_TIME)
+_LOOK_INTERVAL = 0.005  # [s] between looks at the clock
+
+
+def main() -> int:
+    """Fly one capture; exit code: 0 done, 2 something could not run, 130 interrupted."""
+    options = _options()
+    stop = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: stop.set())
+
+    def check() -> None:
+        if stop.is_set():
+            raise KeyboardInterrupt
+
+    scenario = load_scenario(options.scenario)
+    try:
+        with closing(MissionExecutive(check, PATIENCE, sys.argv)) as executive:
+            goal = goal_message(scenario, SCENARIO_FRAME)
+            goal.asked_by, goal.plan_only = NAME, True
+            goal.start_time = Time(sec=options.start)
+            first = executive.plan(goal, lambda _: None)
+            executive.commit(first)
+            print(f"flying     {first.plan_id}", flush=True)
+            begin = nanoseconds(first.joint_trajectory.header.stamp) / NANOSECONDS
+            again = goal_message(scenario, SCENARIO_FRAME)
+            again.asked_by, again.continue_plan, again.duration = NAME, True, 0.0
+            again.duration_max = 0.0
+            replans = list(_replans(executive, again, begin, options.rate, check))
+            flown = executive.watch(first, first.duration, scenario.robot)
+    except KeyboardInterrupt:
+        return 130
+    except FfPlannerError as error:
+        print(f"follower: {error}", file=sys.stderr)
+        return 2
+    report = _report(replans) | {"end_error": flown.error.position, "end_angle": flown.error.angle}
+    for name, value in report.items():
+        print(f"{name:20} {value:.5g}")
+    if options.json is not None:
+        options.json.write_text(json.dumps(report) + "\n", encoding="utf-8")
+    return 0
+
+
+def _replans(
+    executive: MissionExecutive,
+    goal: PlanTrajectory.Goal,
+    begin: float,
+    rate: float,
+    check: Any,
+) -> Iterator[tuple[PlanTrajectory.Result, float]]:
+    """Ask again and again until the goal is near; yield answers, and how long each took [s]."""
+    due = begin + (1.0 / rate if rate else np.inf)
+    while rate:
+        while time.time() < due:
+            check()
+            time.sleep(min(_LOOK_INTERVAL, max(due - time.time(), 0.0)))
+        asked = time.perf_counter()
+        answer = executive.replan(goal)
+        took = time.perf_counter() - asked
+        status = Status(answer.status.code)
+        if status is Status.PLAN_ENDS:
+            return
+        if status is not Status.SOLVED and status not in _GOES_ON:
+            raise FfPlannerError(status, answer.status.message)
+        yield answer, took
+        due = max(due + 1.0 / rate, time.time())
+
+
+def _report(replans: list[tuple[PlanTrajectory.Result, float]]) -> dict[str, float]:
+    """Return figures of what was planned on the way."""
+    made = [(one, took) for one, took in replans if one.status.code == Status.SOLVED]
+    report: dict[str, float] = {"asked": len(replans), "plans": len(made)}
+    if made:
+        solve = [answer.solver.solve_time for answer, _ in made]
+        report |= {
+            "delay": float(np.median([answer.delay for answer, _ in made])),
+            "solve_time_p50": float(np.median(solve)),
+            "solve_time_p99": float(np.quantile(solve, 0.99)),
+            "round_trip_p50": float(np.median([took for _, took in made])),
+            "iterations_p50": float(np.median([answer.solver.iterations for answer, _ in made])),
+        }
+    return report
+
+
+def _options() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("scenario", type=Path, metavar="SCENARIO")
+    parser.add_argument("--rate", type=float, default=5.0, help="of new plans [Hz]; 0: none")
+    parser.add_argument(
+        "--start",
+        type=int,
+        default=0,
+        metavar="SECONDS",
+        help="ROS time at which the first plan starts (default: as soon as the planner can)",
+    )
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures")
+    return parser.parse_args(remove_ros_args(sys.argv)[1:])
+
+
+if __name__ == "__main__":
+    sys.exit(main())

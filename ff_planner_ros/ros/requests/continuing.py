@@ -1,0 +1,99 @@
+"""A request that takes over from the plan that runs: which it is, and whether it still holds."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from ff_planner_ros.bag.decoding import NANOSECONDS
+from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.parameters import ReplanningParameters
+from ff_planner_ros.planning.joint_motion import JointMotion
+from ff_planner_ros.ros.inputs.state_input import Snapshot
+from ff_planner_ros.ros.outputs.plan_output import PublishedPlan
+from ff_planner_ros.ros.outputs.prediction import tracking_error
+
+_FIELD = "continue_plan"
+
+
+@dataclass(frozen=True, eq=False)
+class ContinuedPlan:
+    """A running plan, and where another one takes over from it."""
+
+    motion: JointMotion  # of the joints, the time counted from the measurement of the state
+    joined_at: float  # in the plan, from its first point [s]
+    remaining: float  # from there to its goal [s]
+
+
+def continued_plan(
+    published: PublishedPlan | None,
+    measured: Snapshot,
+    start_ns: int,
+    allowed: ReplanningParameters,
+) -> ContinuedPlan:
+    """Return the published plan that another one takes over from at start_ns [ns].
+
+    Raises:
+        InvalidInput: None runs (NO_PLAN_RUNS), it ends too soon (PLAN_ENDS), or the system is not
+            where it says (STATE_MOVED).
+    """
+    if published is None:
+        words = "no plan was published: ask for one without continue_plan first"
+        raise InvalidInput(Status.NO_PLAN_RUNS, _FIELD, True, words)
+    joined_at = (start_ns - published.start_ns) / NANOSECONDS
+    running = published.at(measured.stamp_ns)
+    if running is None or joined_at < 0.0:
+        begins = (published.start_ns - measured.stamp_ns) / NANOSECONDS
+        lasts = float(published.trajectory.time[-1])
+        words = (
+            f"{published.plan_id}, the last one, begins {begins:.3f} s after the state was "
+            f"measured and lasts {lasts:.3f} s; measurement and switch-over must be while it runs"
+        )
+        raise InvalidInput(Status.NO_PLAN_RUNS, _FIELD, True, words)
+    remaining = published.seconds_to_goal - joined_at
+    if not remaining >= allowed.min_remainder:
+        words = (
+            f"{published.plan_id} is at its goal {remaining:.3f} s after the switch-over, and less "
+            f"than replanning.min_remainder, {allowed.min_remainder:g} s, is not planned again"
+        )
+        raise InvalidInput(Status.PLAN_ENDS, _FIELD, True, words)
+    motion = _joints(running, published, measured.stamp_ns)
+    off = list(_off(running, motion, measured, allowed))
+    if off:
+        words = f"the system is not where {running.plan_id} says: {'; '.join(off)}"
+        raise InvalidInput(Status.STATE_MOVED, _FIELD, True, f"{words}; ask for a plan of its own")
+    return ContinuedPlan(motion, joined_at, remaining)
+
+
+def _joints(running: PublishedPlan, published: PublishedPlan, since_ns: int) -> JointMotion:
+    """Return what the joints do, by the plan that runs and then by the last one."""
+    last = published.motion(since_ns)
+    if running is published:
+        return last
+    first = running.motion(since_ns)
+    until = first.time < last.time[0]
+    return JointMotion(
+        **{
+            item.name: np.concatenate([getattr(first, item.name)[until], getattr(last, item.name)])
+            for item in fields(JointMotion)
+        }
+    )
+
+
+def _off(
+    running: PublishedPlan, motion: JointMotion, measured: Snapshot, allowed: ReplanningParameters
+) -> Iterator[str]:
+    """Yield by how much the measured system is further from its plan than is allowed."""
+    (planned,), _, _ = motion.at(np.zeros(1))
+    joints = float(np.abs(measured.state.joint_positions - planned).max())
+    chaser = tracking_error(running.trajectory, running.start_ns, measured.state, measured.stamp_ns)
+    found = [("a joint", "max_joint_position", joints, "rad")]
+    if chaser is not None:
+        found.append(("the chaser", "max_position", chaser.position, "m"))
+        found.append(("the chaser's attitude", "max_angle", chaser.angle, "rad"))
+    for what, name, off, unit in found:
+        limit = getattr(allowed, name)
+        if not off <= limit:  # written so that NaN is refused
+            yield f"{what} by {off:.3g} {unit}, more than replanning.{name}, {limit:g} {unit}"
