@@ -136,7 +136,9 @@ def _declared(node: Node) -> NodeParameters:
         except (InvalidParameterTypeException, InvalidParameterValueException):
             value = repr(overrides[name].value)
             raise InvalidInput(Status.OUT_OF_RANGE, name, value, declaration.allowed) from None
-        values[name] = _value(parameter)
+        # An empty array is nothing to ROS.
+        is_empty = parameter.value is None and type(default_values()[name]) is list
+        values[name] = () if is_empty else _value(parameter)
     parameters = parameters_of(values)
     unknown = [
         name

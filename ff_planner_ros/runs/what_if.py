@@ -39,9 +39,8 @@ def _accelerations(field: str, value: object) -> list[float]:
     return list(map(float, numbers(field, value if isinstance(value, list) else [value])))
 
 
-def _direction(field: str, value: object) -> Vector3:
-    x, y, z = finite_vector(field, numbers(field, value), 3).tolist()
-    return Vector3(x=x, y=y, z=z)
+def _direction(field: str, value: object) -> list[float]:
+    return list(map(float, finite_vector(field, numbers(field, value), 3)))
 
 
 # Of a request, by the name that a scenario file has for it: field, and what reads a value.
@@ -121,8 +120,11 @@ def changed_request(recorded: RecordedRequest, changes: Sequence[Change]) -> Rec
     request, parameters = deepcopy(recorded.request), recorded.inputs.parameters
     for change in changes:
         if change.key in _OF_REQUEST:
+            field, value = _OF_REQUEST[change.key][0], change.value
+            if isinstance(getattr(request, field), Vector3):
+                value = Vector3(**dict(zip("xyz", value, strict=True)))
             try:
-                setattr(request, _OF_REQUEST[change.key][0], change.value)
+                setattr(request, field, value)
             except (AssertionError, OverflowError):
                 allowed = "it does not fit a request"
                 raise InvalidInput(Status.OUT_OF_RANGE, change.key, change.value, allowed) from None
