@@ -34,6 +34,8 @@ from ff_planner_ros.bench.geometries import (
     geometry_rows,
 )
 from ff_planner_ros.bench.methods import OURS, method_results
+from ff_planner_ros.bench.replanning import HEADER as REPLANNING_HEADER
+from ff_planner_ros.bench.replanning import replanned, rows
 from ff_planner_ros.bench.robots import ROBOTS
 from ff_planner_ros.bench.scaling import Growth, with_joints, with_points, with_spheres
 from ff_planner_ros.bench.scenarios import KINDS
@@ -92,6 +94,7 @@ def main(quick: bool, scenarios: int, json_file: str) -> None:
     figures["scaling"] = print_scaling(problem, settings, quick=quick)
     figures["scenarios"] = print_success(scenarios, settings)
     figures["starts"] = print_starts(min(scenarios, _STARTS), settings)
+    figures["replanning"] = print_replanning(problem, min(scenarios, _STARTS), settings)
     figures["families"] = print_families(min(scenarios, _FAMILIES), settings)
     figures["geometries"] = print_geometries(min(scenarios, _GEOMETRIES), settings)
     figures["crowds"] = print_crowds(settings, quick=quick)
@@ -218,6 +221,15 @@ def print_starts(count: int, settings: PlannerSettings) -> list[dict[str, Any]]:
         if each.status is not Status.SOLVED:
             print(f"missed: {each.kind}, {each.robot} {each.number}: {each.message}")
     return _figures(tried)
+
+
+def print_replanning(
+    problem: PlanningProblem, count: int, settings: PlannerSettings
+) -> list[dict[str, Any]]:
+    """Print how fast plans are that take over from one that runs."""
+    results = list(replanned(problem, count, settings))
+    print_table("Replanning in motion", REPLANNING_HEADER, rows(results))
+    return [asdict(one) for one in results]
 
 
 def print_families(count: int, settings: PlannerSettings) -> list[dict[str, Any]]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import chain
 from typing import TypeAlias
 
 import numpy as np
@@ -19,7 +20,7 @@ from ff_planner_ros.planning.check import (
     out_of_time_beside,
     refusal,
 )
-from ff_planner_ros.planning.continuing import NEAR, Remainder
+from ff_planner_ros.planning.continuing import NEAR, PathNear, Remainder
 from ff_planner_ros.planning.families import path_families
 from ff_planner_ros.planning.followed_path import followed_path
 from ff_planner_ros.planning.motion import to_trajectory
@@ -147,9 +148,13 @@ def _plan_near(
 
     It is a path of the first family that has one as near as it takes, or of the nearest.
     """
-    paths = [rest.path_near(problem, family) for ways in groups for family in ways]
-    near = [path for path in paths if path.off <= NEAR] or [min(paths, key=lambda path: path.off)]
-    family, guess = near[0].family, near[0].x
+    paths = list[PathNear]()
+    for family in chain.from_iterable(groups):
+        paths.append(rest.path_near(problem, family))
+        if paths[-1].off <= NEAR:
+            break
+    nearest = min(paths, key=lambda path: path.off)
+    family, guess = nearest.family, nearest.x
     problem = replace(problem, parametrisation=Parametrisation(family.name))
     search = Search(path_program(problem, family, settings), settings, watch, None)
     try:

@@ -318,7 +318,8 @@ class PlanningService:
             raise NoPlanFound(
                 Status.TOO_LATE,
                 f"the plan's start time was over {late:.3f} s before there was a plan: ask for a "
-                "later start_time, or raise the parameter planning_allowance",
+                "later start_time, or raise the parameter planning_allowance (with continue_plan, "
+                "replanning.allowance)",
             )
 
     def _log_solved(self, response: PlanTrajectory.Response, what: str, asked_by: str) -> None:

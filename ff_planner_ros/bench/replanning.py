@@ -1,0 +1,153 @@
+"""Replanning in motion: plans that take over from one that runs, beside those made from nothing."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ff_planner_ros.bench.robots import ROBOTS
+from ff_planner_ros.bench.scenarios import scenario
+from ff_planner_ros.errors import FfPlannerError, Status
+from ff_planner_ros.planning.forward import carried_forward
+from ff_planner_ros.planning.joint_motion import JointMotion, joint_motion
+from ff_planner_ros.planning.problem import (
+    Objective,
+    Parametrisation,
+    PlanningProblem,
+    capturing,
+    carried_spheres,
+)
+from ff_planner_ros.planning.settings import PlannerSettings
+from ff_planner_ros.planning.task import PlanningTask, perform
+
+HEADER = (
+    *("what is planned again", "asked", "solved", "near the rest", "iterations"),
+    *("p50 [ms]", "p99 [ms]", "from nothing p50 [ms]", "times faster"),
+)
+
+# From a measurement to the switch-over, and the moments of a plan at which it is taken over, as
+# parts of its duration.
+_AHEAD = 0.2  # [s]
+_MOMENTS = (0.1, 0.3, 0.5, 0.7, 0.9)
+# By how much the chaser turns otherwise than the running plan says, about each axis [rad/s].
+_TURN_ERROR = np.deg2rad(0.01)
+# The best of so many, so that what else the machine does counts less.
+_REPEATED = 3
+
+
+@dataclass(frozen=True)
+class Replanned:
+    """What became of one plan that took over from another."""
+
+    kind: str
+    robot: str
+    number: int  # of the scenario
+    since: float  # from the running plan's first point to the measurement [s]
+    status: Status
+    starts: int  # first guesses; one is what remains of the running plan
+    iterations: int
+    seconds: float  # processor time, of the whole task
+    seconds_from_nothing: float  # of the same task without the running plan's remainder
+
+
+def replanned(
+    problem: PlanningProblem, count: int, settings: PlannerSettings
+) -> Iterator[Replanned]:
+    """Plan again while a plan runs, from several moments of it on.
+
+    Args:
+        problem: Of the first row; the second are ordinary scenarios of all robots.
+        count: Of these scenarios.
+    """
+    shortest, splines = Objective(1.0, 0.0), Parametrisation.JOINT_SPLINE
+    cases = [
+        ("lemur_capture, min(L)", replace(problem, objective=shortest)),
+        (
+            "lemur_capture, min(L), joint splines",
+            replace(problem, objective=shortest, parametrisation=splines),
+        ),
+        ("lemur_capture, min(Theta)", replace(problem, objective=Objective(0.0, 1.0))),
+    ]
+    for kind, asked in cases:
+        yield from _of_plan(kind, "lemur", 0, asked, settings)
+    for index in range(count):
+        number, arm = divmod(index, len(ROBOTS))
+        found = scenario("ordinary", ROBOTS[arm], number, turned=False)
+        yield from _of_plan("ordinary, min(L)", ROBOTS[arm], number, found.problem, settings)
+
+
+def rows(results: Sequence[Replanned]) -> Iterator[tuple[str, ...]]:
+    """Yield a row of the table for each kind."""
+    for kind in dict.fromkeys(one.kind for one in results):
+        mine = [one for one in results if one.kind == kind]
+        solved = [one for one in mine if one.status is Status.SOLVED]
+        if not solved:
+            yield (kind, str(len(mine)), "0", *["-"] * (len(HEADER) - 3))
+            continue
+        seconds = np.array([one.seconds for one in solved])
+        before = np.array([one.seconds_from_nothing for one in solved])
+        yield (
+            kind,
+            str(len(mine)),
+            str(len(solved)),
+            str(sum(one.starts == 1 for one in solved)),
+            f"{np.median([one.iterations for one in solved]):.0f}",
+            f"{1e3 * np.median(seconds):.1f}",
+            f"{1e3 * np.quantile(seconds, 0.99):.1f}",
+            f"{1e3 * np.nanmedian(before):.1f}",
+            f"{np.nanmedian(before / seconds):.1f}",
+        )
+
+
+def _of_plan(
+    kind: str, robot: str, number: int, problem: PlanningProblem, settings: PlannerSettings
+) -> Iterator[Replanned]:
+    task = PlanningTask(problem, settings)
+    try:
+        motion = joint_motion(perform(task).trajectory)
+    except FfPlannerError:
+        return  # it is counted where the scenarios are
+    for part in _MOMENTS:
+        since = part * problem.duration
+        asked = _continuing(task, motion, since)
+        status, (starts, iterations), seconds = _timed(asked, _REPEATED)
+        _, _, from_nothing = _timed(replace(asked, running_goal=None), 1)
+        yield Replanned(
+            kind, robot, number, since, status, starts, iterations, seconds, from_nothing
+        )
+
+
+def _continuing(task: PlanningTask, motion: JointMotion, since: float) -> PlanningTask:
+    """Return the task that takes over from a plan of this task, the chaser being a little off."""
+    problem = task.problem
+    state = carried_forward(problem.robot, problem.start, since, motion)
+    wrong = state.angular_velocity_chaser_in_inertial + _TURN_ERROR
+    state = replace(state, angular_velocity_chaser_in_inertial=wrong)
+    goal = problem.duration - since
+    later = replace(
+        problem,
+        start=state,
+        duration=goal - _AHEAD,
+        obstacles=carried_spheres(problem.obstacles, since + _AHEAD),
+    )
+    if problem.target_body is not None:
+        later = capturing(problem.target_body.after(since + _AHEAD), later)
+    running = replace(motion, time=motion.time - since)
+    return replace(task, problem=later, ahead=_AHEAD, running=running, running_goal=goal)
+
+
+def _timed(task: PlanningTask, times: int) -> tuple[Status, tuple[int, int], float]:
+    """Return status, first guesses and iterations, and the least processor time of some [s]."""
+    status, effort, seconds = Status.SOLVED, (0, 0), np.inf
+    for _ in range(times):
+        begun = time.process_time()
+        try:
+            report = perform(task).solver
+            effort = report.starts, report.iterations
+        except FfPlannerError as error:
+            status = error.status
+        seconds = min(seconds, time.process_time() - begun)
+    return status, effort, seconds
