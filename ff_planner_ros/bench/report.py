@@ -33,7 +33,7 @@ from ff_planner_ros.bench.geometries import (
     geometry_attempts,
     geometry_rows,
 )
-from ff_planner_ros.bench.methods import OURS, method_results
+from ff_planner_ros.bench.methods import OURS, Result, method_results
 from ff_planner_ros.bench.robots import ROBOTS
 from ff_planner_ros.bench.scaling import Growth, with_joints, with_points, with_spheres
 from ff_planner_ros.bench.scenarios import KINDS
@@ -62,7 +62,7 @@ _FAMILIES = 40
 # Problems that are planned with lines and with shapes.
 _GEOMETRIES = 60
 # Bodies of each class that are captured, and the plans executed.
-_CAPTURES = 100
+_CAPTURES = 60
 # Of which the planner chooses the duration, in each range; a sweep over durations follows.
 _FREE = 20
 
@@ -135,8 +135,7 @@ def print_methods(
     rows = [
         (
             r.objective, r.method, f"{r.seconds / ours[r.objective].seconds:.1f}",
-            f"{r.seconds:.3f}", f"{r.rollouts}", f"{r.value:.4f}", f"{r.optimality:.1e}",
-            f"{r.clearance * 1e3:.1f}", r.message,
+            f"{r.seconds:.3f}", f"{r.rollouts}", *_of_path(r), r.message,
         )
         for r in results
     ]  # fmt: skip
@@ -144,6 +143,16 @@ def print_methods(
     if not any(result.method.startswith("IPOPT") for result in results):
         print("IPOPT is not installed (`pip install casadi` brings it along)")
     return _figures(results)
+
+
+def _of_path(result: Result) -> Iterator[str]:
+    """Yield value, optimality and clearance [mm] of where a method ended."""
+    if result.value is None or result.optimality is None or result.clearance is None:
+        yield from ("singular", "-", "-")
+        return
+    yield f"{result.value:.4f}"
+    yield f"{result.optimality:.1e}"
+    yield f"{result.clearance * 1e3:.1f}"
 
 
 def print_scaling(
