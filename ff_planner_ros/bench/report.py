@@ -95,7 +95,7 @@ def main(quick: bool, scenarios: int, json_file: str) -> None:
     figures["families"] = print_families(min(scenarios, _FAMILIES), settings)
     figures["geometries"] = print_geometries(min(scenarios, _GEOMETRIES), settings)
     figures["crowds"] = print_crowds(settings, quick=quick)
-    figures["captures"] = print_captures(min(scenarios, _CAPTURES), settings)
+    figures["captures"] = print_captures(1 if quick else min(scenarios, _CAPTURES), settings)
     figures["free moments"] = print_free_moments(min(scenarios, _FREE), settings, quick=quick)
     figures["steadiness"] = print_steadiness(1 if quick else len(BEST_KNOWN), settings)
     figures["executions"] = print_executions(1 if quick else min(scenarios, _EXECUTED), settings)
