@@ -26,6 +26,7 @@ _GRASP = "tab:red"
 _AT_START: dict[str, Any] = {"fill": False, "linestyle": "--", "edgecolor": "0.7"}
 _AT_CAPTURE: dict[str, Any] = {"facecolor": "0.75", "edgecolor": "0.5"}
 _AXES = "xyz"
+_ROUNDING = 1e-9  # of the time of the capture [s]
 
 
 def capture_figure(
@@ -71,7 +72,7 @@ def _draw_view(
 ) -> None:
     """Draw one view; it rides on the body, or rests."""
     first = next(iter(motions.values()))
-    until = first.time <= problem.duration
+    until = first.time <= problem.duration + _ROUNDING
     tips = _seen(body, first.time[until], first.ee_positions[until, None], rides)[:, 0]
     plane = max(
         combinations(range(3), 2), key=lambda pair: float(np.ptp(tips, axis=0)[list(pair)].prod())
@@ -112,7 +113,7 @@ def _draw_motion(
 ) -> None:
     """Draw the arm at some times until the capture, and the end effector's way."""
     q, _ = from_trajectory(problem.robot, motion)
-    last = int(np.searchsorted(motion.time, problem.duration + 1e-9)) - 1
+    last = max(1, int(np.searchsorted(motion.time, problem.duration + _ROUNDING)) - 1)
     shown = np.unique(np.linspace(0, last, _POSES).astype(int))
     joints = np.concatenate(
         [motion.chaser_positions[shown, None], arm_points(problem.robot, q[shown])], axis=1

@@ -16,6 +16,7 @@ from ff_planner_ros.bench.exact import solve_by_slsqp
 from ff_planner_ros.bench.ipopt import solve_by_ipopt
 from ff_planner_ros.bench.paths import clearance_along, roll_out, weighted_objective
 from ff_planner_ros.bench.success import timed_plans
+from ff_planner_ros.errors import NoPlanFound
 from ff_planner_ros.planning.end_effector_polynomial import end_effector_paths
 from ff_planner_ros.planning.problem import Objective, PlanningProblem
 from ff_planner_ros.planning.program import PathProgram, path_program
@@ -42,9 +43,10 @@ class Result:
     method: str
     seconds: float  # median over the runs
     rollouts: int  # motions integrated, with or without derivatives
-    value: float  # of the objective, whatever the method minimised [rad]
-    optimality: float  # largest entry of the Lagrangian's gradient, with the best multipliers
-    clearance: float  # certified between the points too [m]
+    # The next three are None where the method ended at a path that meets a singularity
+    value: float | None  # of the objective, whatever the method minimised [rad]
+    optimality: float | None  # largest entry of the Lagrangian's gradient, the best multipliers
+    clearance: float | None  # certified between the points too [m]
     message: str  # why it stopped
 
 
@@ -67,20 +69,33 @@ def method_results(
             ("IPOPT, exact gradients", solve_by_ipopt),
             ("direct (paper)", partial(solve_directly, settings)),
         ):
-            begun = time.perf_counter()
+            begun = time.process_time()
             stop = solve(program, max_iterations)
-            seconds = time.perf_counter() - begun
+            seconds = time.process_time() - begun
             if stop is not None:
+                value, optimality, clearance = _measured(asked, program, stop.x)
                 yield Result(
                     objective=name,
                     method=method,
                     seconds=seconds,
                     rollouts=stop.rollouts,
-                    value=weighted_objective(asked, roll_out(asked, stop.x)),
-                    optimality=_optimality(program, stop.x),
-                    clearance=clearance_along(asked, stop.x),
+                    value=value,
+                    optimality=optimality,
+                    clearance=clearance,
                     message=stop.message,
                 )
+
+
+def _measured(
+    problem: PlanningProblem, program: PathProgram, x: Array
+) -> tuple[float | None, float | None, float | None]:
+    """Return objective, optimality and clearance of a path; None: it meets a singularity."""
+    try:
+        motion = roll_out(problem, x)
+    except NoPlanFound:
+        return None, None, None
+    optimality = _optimality(program, x)
+    return weighted_objective(problem, motion), optimality, clearance_along(problem, x)
 
 
 def _ours(name: str, problem: PlanningProblem, settings: PlannerSettings, runs: int) -> Result:

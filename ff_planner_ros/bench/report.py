@@ -33,7 +33,7 @@ from ff_planner_ros.bench.geometries import (
     geometry_attempts,
     geometry_rows,
 )
-from ff_planner_ros.bench.methods import OURS, method_results
+from ff_planner_ros.bench.methods import OURS, Result, method_results
 from ff_planner_ros.bench.replanning import HEADER as REPLANNING_HEADER
 from ff_planner_ros.bench.replanning import replanned, rows
 from ff_planner_ros.bench.robots import ROBOTS
@@ -64,7 +64,7 @@ _FAMILIES = 40
 # Problems that are planned with lines and with shapes.
 _GEOMETRIES = 60
 # Bodies of each class that are captured, and the plans executed.
-_CAPTURES = 100
+_CAPTURES = 60
 # Of which the planner chooses the duration, in each range; a sweep over durations follows.
 _FREE = 20
 
@@ -98,7 +98,7 @@ def main(quick: bool, scenarios: int, json_file: str) -> None:
     figures["families"] = print_families(min(scenarios, _FAMILIES), settings)
     figures["geometries"] = print_geometries(min(scenarios, _GEOMETRIES), settings)
     figures["crowds"] = print_crowds(settings, quick=quick)
-    figures["captures"] = print_captures(min(scenarios, _CAPTURES), settings)
+    figures["captures"] = print_captures(1 if quick else min(scenarios, _CAPTURES), settings)
     figures["free moments"] = print_free_moments(min(scenarios, _FREE), settings, quick=quick)
     figures["steadiness"] = print_steadiness(1 if quick else len(BEST_KNOWN), settings)
     figures["executions"] = print_executions(1 if quick else min(scenarios, _EXECUTED), settings)
@@ -138,8 +138,7 @@ def print_methods(
     rows = [
         (
             r.objective, r.method, f"{r.seconds / ours[r.objective].seconds:.1f}",
-            f"{r.seconds:.3f}", f"{r.rollouts}", f"{r.value:.4f}", f"{r.optimality:.1e}",
-            f"{r.clearance * 1e3:.1f}", r.message,
+            f"{r.seconds:.3f}", f"{r.rollouts}", *_of_path(r), r.message,
         )
         for r in results
     ]  # fmt: skip
@@ -147,6 +146,16 @@ def print_methods(
     if not any(result.method.startswith("IPOPT") for result in results):
         print("IPOPT is not installed (`pip install casadi` brings it along)")
     return _figures(results)
+
+
+def _of_path(result: Result) -> Iterator[str]:
+    """Yield value, optimality and clearance [mm] of where a method ended."""
+    if result.value is None or result.optimality is None or result.clearance is None:
+        yield from ("singular", "-", "-")
+        return
+    yield f"{result.value:.4f}"
+    yield f"{result.optimality:.1e}"
+    yield f"{result.clearance * 1e3:.1f}"
 
 
 def print_scaling(
