@@ -212,12 +212,13 @@ def _approach(value: object) -> Approach:
 
 
 def _limits(value: object, defaults: Limits) -> Limits:
-    names = ("position", "velocity", "acceleration", "chaser_attitude")
+    names = ("position", "velocity", "acceleration", "effort", "chaser_attitude")
     limits = mapping("limits", value, (), optional=names)
-    position_limits = limits.get("position", "from_urdf")
-    if position_limits != "from_urdf":
-        field, allowed = "limits.position", "it must be from_urdf"
-        raise InvalidInput(Status.UNSUPPORTED, field, position_limits, allowed)
+    for always in ("position", "effort"):
+        source = limits.get(always, "from_urdf")
+        if source != "from_urdf":
+            field, allowed = f"limits.{always}", "it must be from_urdf: these are always kept"
+            raise InvalidInput(Status.UNSUPPORTED, field, source, allowed)
     velocities, attitude = defaults.joint_velocities, defaults.chaser_attitude
     if "velocity" in limits:
         velocities = from_urdf("limits.velocity", limits["velocity"])
