@@ -19,6 +19,8 @@ Indices: TypeAlias = NDArray[np.intp]
 # A message carries unit quaternions in double precision; what is further off than this
 # was never normalised, and normalising it silently would hide the fault.
 QUATERNION_NORM_TOLERANCE = 1e-3
+# Larger numbers are refused: the square of a length would soon be infinite.
+_LARGEST = 1e100
 # Of the search for what a quaternion was normalised from: relative steps, and how many.
 _SCALES = ((2.0**-48, 4096), (2.0**-27, 60_000))
 
@@ -34,7 +36,7 @@ def finite_vector(field: str, values: ArrayLike, size: int) -> Array:
     """Return a read-only copy of `values`, shape (size,), checked.
 
     Raises:
-        InvalidInput: Not a list of numbers, wrong size, NaN or infinity.
+        InvalidInput: Not a list of numbers, wrong size, NaN, infinity, or larger than 1e100.
     """
     try:
         vector = frozen(values)
@@ -46,6 +48,9 @@ def finite_vector(field: str, values: ArrayLike, size: int) -> Array:
         )
     if not np.isfinite(vector).all():
         raise InvalidInput(Status.NOT_FINITE, field, values, "every entry must be finite")
+    if np.abs(vector).max(initial=0.0) > _LARGEST:
+        allowed = f"no entry may be larger than {_LARGEST:g}"
+        raise InvalidInput(Status.OUT_OF_RANGE, field, values, allowed)
     return vector
 
 
@@ -53,8 +58,10 @@ def finite_number(field: str, value: float, *, above: float | None = None) -> fl
     """Return `value` as a float, checked.
 
     Raises:
-        InvalidInput: Not a number, NaN, infinity, or not greater than `above`.
+        InvalidInput: Not a number, NaN, infinity, larger than 1e100, or not greater than `above`.
     """
+    if isinstance(value, float) and not math.isfinite(value):
+        raise InvalidInput(Status.NOT_FINITE, field, value, "it must be finite")
     number = float(finite_vector(field, [value], 1)[0])
     if above is not None and number <= above:
         raise InvalidInput(Status.OUT_OF_RANGE, field, number, f"it must be greater than {above:g}")

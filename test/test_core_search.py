@@ -97,6 +97,25 @@ def test_the_certificate_of_the_search_is_that_of_the_check(name: str) -> None:
     assert search_certificate(robot, q, q[:, 1:], times, []) == np.inf
 
 
+@pytest.mark.parametrize("speed", [1e3, 1e7, 1e30])
+def test_a_sphere_that_passes_by_far_away_does_not_hide_how_near_another_one_is(
+    speed: float,
+) -> None:
+    """Looked at as closely as its speed asks for, the whole way would take for ever."""
+    robot = chain_robot("free6")
+    q = np.tile(configuration(robot, random_state(robot, np.random.default_rng(0)))[0], (12, 1))
+    times, still = np.linspace(0.0, 12.0, 12), np.zeros((12, robot.model.nv))
+    tip = arm_points(robot, q[:1])[0, -1]
+    rock = Sphere("rock", tip + np.array([0.0, 0.0, 30.0]), 0.2)
+    begins = tip + np.array([-6.1 * speed, 90.0, 0.0])
+    passing = Sphere("debris", begins, 0.2, [speed, 0.0, 0.0])
+    alone = certified_clearance(robot, q, still, times, [rock])
+    for certificate in (certified_clearance, search_certificate):
+        assert certificate(robot, q, still, times, [rock, passing]) == pytest.approx(
+            alone, abs=1e-9
+        )
+
+
 @pytest.mark.parametrize(
     ("change", "said"),
     [

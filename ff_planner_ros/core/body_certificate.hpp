@@ -147,6 +147,7 @@ class Halving {
     }
     std::sort(order.begin(), order.end());
     for (const auto& [nearest, number] : order) {
+      finest_ = std::max(gap_, kRounding * measured_.way(number, 0, last));
       End begin{measured_.bound(number, 0), false}, end{measured_.bound(number, last), false};
       halve(number, 0, last, begin, end);
     }
@@ -155,6 +156,7 @@ class Halving {
 
  private:
   static constexpr int kLooks = 8;
+  static constexpr double kRounding = 1e-14;  // of the whole way: nobody can tell more closely
   struct End {
     double distance;  // or a lower bound of it
     bool is_exact;
@@ -177,7 +179,7 @@ class Halving {
     halve(number, middle, end, between, at_end);
   }
   bool settled(const End& begin, const End& end, double way) const {
-    return (begin.distance + end.distance - way) / 2 >= met_ - std::max(gap_, part_ * met_);
+    return (begin.distance + end.distance - way) / 2 >= met_ - std::max(finest_, part_ * met_);
   }
   void measure(int number, double step, End& end) {
     if (end.is_exact) return;
@@ -187,6 +189,7 @@ class Halving {
 
   Measured measured_;
   double gap_, part_;
+  double finest_ = 0;  // that a bound is looked for to
   double met_ = kInfinite, certified_ = kInfinite;
 };
 

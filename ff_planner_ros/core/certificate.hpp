@@ -5,18 +5,16 @@
 
 namespace ff {
 
-// Distance of the arm from the nearest of some spheres, negative inside.
+// Distance of the arm from a sphere, negative inside.
 inline double nearest(const ArmPoints& points, const std::vector<int>& starts,
-                      const std::vector<Sphere>& spheres, double time) {
+                      const Sphere& sphere, double time) {
   double least = std::numeric_limits<double>::infinity();
-  for (const Sphere& sphere : spheres) {
-    const Vector3 center = sphere.center_at(time);
-    for (const int k : starts) {
-      const Vector3 to_center = center - points.col(k);
-      const Vector3 along = points.col(k + 1) - points.col(k);
-      const double fraction = std::clamp(to_center.dot(along) / along.squaredNorm(), 0.0, 1.0);
-      least = std::min(least, (to_center - fraction * along).norm() - sphere.radius);
-    }
+  const Vector3 center = sphere.center_at(time);
+  for (const int k : starts) {
+    const Vector3 to_center = center - points.col(k);
+    const Vector3 along = points.col(k + 1) - points.col(k);
+    const double fraction = std::clamp(to_center.dot(along) / along.squaredNorm(), 0.0, 1.0);
+    least = std::min(least, (to_center - fraction * along).norm() - sphere.radius);
   }
   return least;
 }
@@ -36,52 +34,57 @@ struct CubicMotion {
   }
 };
 
-// In a piece of the motion the clearance is at least the mean of both ends' less half the ways of
-// arm and sphere. Pieces whose bound is too low to tell are halved, until it is within `gap`.
+// In a piece of the motion the distance from a sphere is at least the mean of both ends' less half
+// the ways of arm and sphere. Pieces whose bound is too low to tell are halved, until it is within
+// `gap`, or they are as short as numbers can tell.
 // `ways`: that no point of the arm exceeds to the next point [m].
 inline double certified_clearance(const CubicMotion& motion,
                                   const Eigen::Map<const Eigen::VectorXd>& ways,
                                   const std::vector<Sphere>& spheres, double gap) {
   struct Piece {
     int point;
-    double begin, end, at_begin, at_end;
+    double begin, end;
+    std::vector<double> at_begin, at_end;  // of each sphere that counts
   };
+  constexpr double shortest = 1e-12;  // as part of an interval
   const int intervals = static_cast<int>(ways.size());
   const std::vector<int> starts = segments(Arm(motion.chain, motion.q[0]).points);
-  // The least distance from each sphere, and from all of them at each point.
-  const double infinite = std::numeric_limits<double>::infinity();
-  std::vector<double> from(spheres.size(), infinite), at_points(intervals + 1, infinite);
+  // The distance from each sphere at each point, and the least of each.
+  RowMajor at_points(intervals + 1, spheres.size());
   for (int i = 0; i <= intervals; ++i) {
     const Arm arm(motion.chain, motion.q[i]);
-    for (size_t k = 0; k < spheres.size(); ++k) {
-      const double distance = nearest(arm.points, starts, {spheres[k]}, motion.times[i]);
-      from[k] = std::min(from[k], distance);
-      at_points[i] = std::min(at_points[i], distance);
-    }
+    for (size_t k = 0; k < spheres.size(); ++k)
+      at_points(i, k) = nearest(arm.points, starts, spheres[k], motion.times[i]);
   }
-  double lowest = *std::min_element(at_points.begin(), at_points.end()), certified = lowest;
+  double lowest = at_points.minCoeff(), certified = lowest;
   const auto way = [&](int point, const Sphere& sphere) {
     const double seconds = motion.times[point + 1] - motion.times[point];
     return ways[point] + seconds * sphere.highest_speed;
   };
   // What no step can bring nearer than the nearest point need not be looked at again.
-  std::vector<Sphere> reachable;
-  std::vector<double> farthest(intervals, 0);
+  std::vector<int> reachable;
   for (size_t k = 0; k < spheres.size(); ++k) {
     double longest = 0;
     for (int i = 0; i < intervals; ++i) longest = std::max(longest, way(i, spheres[k]));
-    if (from[k] > lowest + longest) continue;
-    reachable.push_back(spheres[k]);
-    for (int i = 0; i < intervals; ++i) farthest[i] = std::max(farthest[i], way(i, spheres[k]));
+    if (at_points.col(k).minCoeff() <= lowest + longest) reachable.push_back(static_cast<int>(k));
   }
+  const auto at_point = [&](int i) {
+    std::vector<double> distances;
+    for (const int k : reachable) distances.push_back(at_points(i, k));
+    return distances;
+  };
   std::vector<Piece> pieces;
-  for (int i = 0; i < intervals; ++i) pieces.push_back({i, 0, 1, at_points[i], at_points[i + 1]});
+  for (int i = 0; i < intervals; ++i) pieces.push_back({i, 0, 1, at_point(i), at_point(i + 1)});
   while (true) {
     std::vector<Piece> open, halves;
     for (const Piece& piece : pieces) {
-      const double moved = farthest[piece.point] * (piece.end - piece.begin);
-      const double bound = (piece.at_begin + piece.at_end - moved) / 2;
-      if (bound < lowest - gap)
+      const double part = piece.end - piece.begin;
+      double bound = std::numeric_limits<double>::infinity();
+      for (size_t n = 0; n < reachable.size(); ++n) {
+        const double moved = way(piece.point, spheres[reachable[n]]) * part;
+        bound = std::min(bound, (piece.at_begin[n] + piece.at_end[n] - moved) / 2);
+      }
+      if (bound < lowest - gap && part > shortest)
         open.push_back(piece);
       else
         certified = std::min(certified, bound);
@@ -92,8 +95,11 @@ inline double certified_clearance(const CubicMotion& motion,
       const double time =
           motion.times[point] + middle * (motion.times[point + 1] - motion.times[point]);
       const Arm arm(motion.chain, motion.at(point, middle));
-      const double there = nearest(arm.points, starts, reachable, time);
-      lowest = std::min(lowest, there);
+      std::vector<double> there;
+      for (const int k : reachable) {
+        there.push_back(nearest(arm.points, starts, spheres[k], time));
+        lowest = std::min(lowest, there.back());
+      }
       halves.push_back({point, begin, middle, at_begin, there});
       halves.push_back({point, middle, end, there, at_end});
     }

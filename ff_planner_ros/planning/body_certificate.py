@@ -36,6 +36,8 @@ from ff_planner_ros.robot.model import Robot
 EXACT_PART = 0.02
 # The motion is first looked at in so many steps at once: most pairs stay far apart for long.
 _STRIDE = 8
+# Of a sphere's whole way: its distance is not known more closely than that.
+_ROUNDING = 1e-14
 
 
 class Least(NamedTuple):
@@ -212,10 +214,11 @@ def _least(kind: _Kind, chosen: Indices, last: int, time: Array, part: float) ->
     begin, end = np.tile(steps[:-1], len(within)), np.tile(steps[1:], len(within))
     at_begin, at_end = table[:, :-1].ravel(), table[:, 1:].ravel()
     certified = found
+    finest = max(CERTIFICATE_GAP, _ROUNDING * float(ways.sum(axis=0)[within].max(initial=0.0)))
     while True:
         way = kind.ways(end, pair_of) - kind.ways(begin, pair_of)
         bound = (at_begin + at_end - way) / 2
-        open_ = bound < found - max(CERTIFICATE_GAP, part * found)
+        open_ = bound < found - max(finest, part * found)
         certified = min(certified, float(bound[~open_].min(initial=np.inf)))
         if not open_.any():
             return Least(certified, found, pair, float(np.interp(step, np.arange(len(time)), time)))

@@ -16,6 +16,8 @@ from ff_planner_ros.robot.model import Robot
 # The certified clearance is below the true one by at most this [m]: thinner than paint, and a
 # quarter of the default margin.
 CERTIFICATE_GAP = 5e-4
+# Part of the way between two points that is not halved further: rounding is all that is left.
+SHORTEST_PIECE = 1e-12
 
 
 def certified_clearance(
@@ -25,8 +27,8 @@ def certified_clearance(
 
     Between two points the motion is the cubic through both configurations and velocities. In a
     piece of it no point of the arm moves further than its speed allows, nor does a sphere, so the
-    clearance is at least the mean of both ends' less half both ways. Pieces whose bound is too low
-    to tell are halved. The bound is within `CERTIFICATE_GAP` of the truth.
+    distance of both is at least the mean of both ends' less half both ways. Pieces whose bound is
+    too low to tell are halved. The bound is within `CERTIFICATE_GAP` of the truth.
 
     Args:
         q: Configurations. Shape (points, 7 + joints).
@@ -42,21 +44,21 @@ def certified_clearance(
     positions = arm_points(robot, q)
     starts = segments(positions)
     by_sphere = clearances(positions, times, starts, spheres).distance.min(axis=1)
-    at_points = by_sphere.min(axis=1)
     cubics = cubics_between(robot, q, v, steps)
     speeds = np.array([sphere.highest_speed for sphere in spheres])
     # Of arm and sphere together, from each point to the next. Shape (points - 1, spheres).
     ways = way_bounds(positions[0], q[0], cubics)[:, None] + steps[:, None] * speeds
     index, begin, end = np.arange(len(cubics)), np.zeros(len(cubics)), np.ones(len(cubics))
-    at_begin, at_end = at_points[:-1], at_points[1:]
-    lowest = certified = float(at_points.min())
+    lowest = certified = float(by_sphere.min())
     # What no step can bring nearer than the nearest point need not be looked at again.
     reachable = by_sphere.min(axis=0) <= lowest + ways.max(axis=0)
     spheres = [sphere for sphere, keep in zip(spheres, reachable, strict=True) if keep]
-    farthest = ways[:, reachable].max(axis=1)
+    # Each of shape (pieces, spheres): a fast one that is far away is not looked at closely.
+    ways, at_begin, at_end = ways[:, reachable], by_sphere[:-1, reachable], by_sphere[1:, reachable]
     while True:
-        bound = (at_begin + at_end - farthest[index] * (end - begin)) / 2
-        open_ = bound < lowest - CERTIFICATE_GAP
+        part = end - begin
+        bound = ((at_begin + at_end - ways[index] * part[:, None]) / 2).min(axis=1)
+        open_ = (bound < lowest - CERTIFICATE_GAP) & (part > SHORTEST_PIECE)
         certified = min(certified, float(bound[~open_].min(initial=np.inf)))
         if not open_.any():
             return certified
@@ -69,7 +71,7 @@ def certified_clearance(
         )
         then = times[index] + middle * steps[index]
         at_middle = clearances(arm_points(robot, between), then, starts, spheres).distance
-        at_middle = at_middle.min(axis=(1, 2))
+        at_middle = at_middle.min(axis=1)
         lowest = min(lowest, float(at_middle.min()))
         index = np.concatenate([index, index])
         begin, end = np.concatenate([begin, middle]), np.concatenate([middle, end])
