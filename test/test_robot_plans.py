@@ -177,5 +177,7 @@ def test_a_plan_comes_with_the_scene_that_it_was_made_among(
         for found, wanted in zip(scene.obstacles, lemur_capture.obstacles, strict=True):
             assert (found.id, found.radius) == (wanted.id, wanted.radius)
             np.testing.assert_array_equal(found.center, wanted.center)
-    np.testing.assert_array_equal(asked.target, lemur_capture.target.position)
+    assert asked.target is not None
+    np.testing.assert_array_equal(asked.target.position, lemur_capture.target.position)
+    assert asked.capture_time == lemur_capture.duration
     assert robot_plans(alone).scenes == {}

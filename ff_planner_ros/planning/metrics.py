@@ -95,8 +95,8 @@ class Metrics:
     min_acceleration_margin: float = _metric(
         "rad/s2", "margin to acceleration limits", _RAD_S2, "deg/s2", ".2f", np.inf
     )
-    # To the URDF's limits, at any time; infinite: it has none, NaN: not known. May be negative where
-    # the problem does not limit torques.
+    # To the URDF's limits, at any time; infinite: it has none, NaN: not known. May be negative,
+    # where the problem does not limit torques.
     min_torque_margin: float = _metric(
         "N m", "margin to effort limits", _TORQUE, "N m", ".4g", np.nan
     )
