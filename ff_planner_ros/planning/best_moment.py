@@ -16,13 +16,8 @@ from typing import TypeAlias
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.errors import NoPlanFound, OutOfTime, Status
 from ff_planner_ros.planning.check import out_of_time
-from ff_planner_ros.planning.free_moment import (
-    SOONER,
-    Effort,
-    Moment,
-    moments,
-    moments_to_begin_at,
-)
+from ff_planner_ros.planning.free_moment import SOONER, moments, moments_to_begin_at
+from ff_planner_ros.planning.free_search import Effort, Moment
 from ff_planner_ros.planning.objectives import weighted_sum
 from ff_planner_ros.planning.plan import Plan
 from ff_planner_ros.planning.problem import Parametrisation, PlanningProblem, lasting
