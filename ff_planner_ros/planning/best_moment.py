@@ -2,7 +2,8 @@
 
 `free_moment` says which moments promise a plan. What the search on few points does not know, the
 motion between the points or a torque, may spoil a plan there: then the nearest moment is looked for
-at which there is one. Where the duration has a weight, shorter ones are tried until there is none.
+at which there is one. Where the duration has a weight, and few points leave a doubt, shorter ones
+are tried from the plan's own path until there is none.
 """
 
 from __future__ import annotations
@@ -15,12 +16,8 @@ from typing import TypeAlias
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.errors import NoPlanFound, OutOfTime, Status
 from ff_planner_ros.planning.check import out_of_time
-from ff_planner_ros.planning.free_moment import (
-    Effort,
-    Moment,
-    moments,
-    moments_to_begin_at,
-)
+from ff_planner_ros.planning.free_moment import SOONER, moments, moments_to_begin_at
+from ff_planner_ros.planning.free_search import Effort, Moment
 from ff_planner_ros.planning.objectives import weighted_sum
 from ff_planner_ros.planning.plan import Plan
 from ff_planner_ros.planning.problem import Parametrisation, PlanningProblem, lasting
@@ -32,8 +29,10 @@ Planner: TypeAlias = Callable[[PlanningProblem, PlannerSettings, Watch, Array | 
 
 # Where there is no plan at a moment, those are tried that are later by these parts of the duration.
 _LATER = (0.0, 0.005, 0.02, 0.08, 0.3, 1.0, 4.0, math.inf)
-# A shortest duration is known to this part of it, and one that is shorter by the second is another.
-_KNOWN, _SHORTER = 0.01, 0.02
+# Iterations on all points, where only the duration counts.
+_ENOUGH = 20
+# A shortest duration is known to this part of it.
+_KNOWN = 0.01
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,8 +55,12 @@ class _Asked:
             NoPlanFound: The time for the search is over; with the best plan that was made before.
         """
         fixed = replace(lasting(self.problem, duration), parametrisation=family)
+        settings = replace(self.settings, starts=starts)
+        if self.problem.objective.only_duration and guess is not None:
+            # Where the shortest duration leaves hardly any path there is nothing to optimise.
+            settings = replace(settings, max_iterations=min(_ENOUGH, settings.max_iterations))
         try:
-            found = self.plan(fixed, replace(self.settings, starts=starts), self.watch, guess)
+            found = self.plan(fixed, settings, self.watch, guess)
         except NoPlanFound as refused:
             if refused.status is Status.OUT_OF_TIME:
                 raise (self._unfinished(duration, refused) if self.made else refused) from None
@@ -114,17 +117,20 @@ def plan_at_best_moment(
         promising = moments(problem, settings, watch, first_guess, effort)
     except OutOfTime as end:
         raise out_of_time(end) from None
-    best = _best_of(asked, promising)
+    best, moment = _best_of(asked, promising)
     if best is None:
         best = _any(asked)
-    elif problem.objective.duration > 0.0:
+    elif problem.objective.duration > 0.0 and not (
+        problem.objective.only_duration and moment is not None and moment.is_certain
+    ):
         best = _shortened(asked, best)
     return replace(best, solver=effort.report(best.solver))
 
 
-def _best_of(asked: _Asked, promising: Sequence[Moment]) -> Plan | None:
-    """Return the best plan near moments that promise one, the best of them first."""
+def _best_of(asked: _Asked, promising: Sequence[Moment]) -> tuple[Plan | None, Moment | None]:
+    """Return the best plan near moments that promise one, and its moment; the best come first."""
     best: Plan | None = None
+    chosen: Moment | None = None
     tried = list[Moment]()
     for moment in promising:
         if best is not None and moment.objective >= asked.worth(best):
@@ -134,8 +140,8 @@ def _best_of(asked: _Asked, promising: Sequence[Moment]) -> Plan | None:
         tried.append(moment)
         found = _near(asked, moment)
         if found is not None and (best is None or asked.worth(found) < asked.worth(best)):
-            best = found
-    return best
+            best, chosen = found, moment
+    return best, chosen
 
 
 def _near(asked: _Asked, moment: Moment) -> Plan | None:
@@ -143,7 +149,8 @@ def _near(asked: _Asked, moment: Moment) -> Plan | None:
     window = asked.problem.durations
     plan: Plan | None = None
     too_short, duration = 0.0, moment.duration
-    for part in _LATER:
+    alone = asked.problem.objective.only_duration and not moment.is_certain
+    for part in _LATER[:1] if alone else _LATER:
         duration = min(moment.duration * (1.0 + part), window.maximum)
         found = asked.at(duration, moment.family, moment.x, 1)
         if isinstance(found, Plan):
@@ -182,21 +189,12 @@ def _any(asked: _Asked) -> Plan:
 
 
 def _shortened(asked: _Asked, best: Plan) -> Plan:
-    """Return a plan that is better because it is shorter, as long as there are such plans.
-
-    Where nothing but the duration counts, it is known then that there is none that is a step
-    shorter: not from the plan's own path, and not from any of the first guesses.
-    """
+    """Return a plan that is better because it is shorter, as long as there are such plans."""
     window = asked.problem.durations
-    every = asked.problem.parametrisation, asked.settings.starts
     while duration_of(best) > window.minimum:
-        duration = max((1.0 - _SHORTER) * duration_of(best), window.minimum)
-        own = Parametrisation(best.family), 1
-        for family, starts in (own, every) if asked.problem.objective.only_duration else (own,):
-            found = asked.at(duration, family, best.coefficients, starts)
-            if isinstance(found, Plan) and asked.worth(found) < asked.worth(best):
-                best = found
-                break
-        else:
-            return best
+        duration = max((1.0 - SOONER) * duration_of(best), window.minimum)
+        found = asked.at(duration, Parametrisation(best.family), best.coefficients, 1)
+        if not isinstance(found, Plan) or asked.worth(found) >= asked.worth(best):
+            break
+        best = found
     return best
