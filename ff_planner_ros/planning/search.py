@@ -69,6 +69,7 @@ _MISS = 0.1
 # Iterations, the part of the objective that another one must promise, the first trust region, and
 # steps to the nearest path that keeps all.
 _ITERATIONS_NEAR, _PROGRESS_NEAR, _RADIUS_NEAR, _MENDING_NEAR = 4, 1e-3, 0.1, 8
+_NEAREST = "good enough: the nearest to what remains of the running plan that keeps the constraints"
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,8 +156,9 @@ class Search:
     def paths_near(self, guess: Array) -> Iterator[FoundPath]:
         """Yield paths on all points to which a guess leads in a few steps and that keep all.
 
-        The first is better than the guess by the objective, the second only keeps what the guess
-        does not.
+        The first is the nearest that keeps all, the second is better by the objective. A joint
+        path is as long however late it is run: an objective that were improved again and again on
+        the way would put the motion off to the end.
 
         Raises:
             OutOfTime: By the watch.
@@ -172,11 +174,13 @@ class Search:
         )
         grid = replace(grid, level=level)
         as_it_is = replace(grid, level=replace(level, iterations=0))
-        for begin in (grid, as_it_is):
+        for begin in (as_it_is, grid):
             solution = self._mended_near(begin, self._solve(begin, guess))
             found, followed = self._kept_between_points(grid, solution)
             if found.feasible:
                 self._watch.report(self._progress(CHECKING, found.at_x))
+                if begin is as_it_is:
+                    found = replace(found, stop_reason=_NEAREST)
                 yield replace(self._found(found), followed=followed)
 
     def _mended_near(self, grid: Grid, solution: PathSolution) -> PathSolution:
