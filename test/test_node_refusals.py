@@ -399,6 +399,8 @@ def test_a_refusal_is_empty_but_for_its_cause_its_sources_and_the_worth_of_the_b
     assert attempted.metrics.joint_path_length > 0.0
     assert attempted.solver.rollouts > 0
     assert attempted.solver.solve_time > 0.0
+    assert attempted.duration > 0.0
+    assert attempted.metrics.min_torque_margin < math.inf
     for name, answer in run.refusals.items():
         empty = PlanTrajectory.Response(status=answer.status, plan_id=answer.plan_id)
         for told in SOURCES:
