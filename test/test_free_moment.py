@@ -20,6 +20,7 @@ from ff_planner_ros.bench import tumbling
 from ff_planner_ros.bench.robots import ROBOTS, bench_robot
 from ff_planner_ros.errors import InvalidInput, NoPlanFound, OutOfTime, Status
 from ff_planner_ros.parameters import load_parameters
+from ff_planner_ros.planning import task as task_module
 from ff_planner_ros.planning.approach import Approach
 from ff_planner_ros.planning.end_effector_polynomial import end_effector_paths
 from ff_planner_ros.planning.free_program import FreeProgram
@@ -40,6 +41,7 @@ from ff_planner_ros.planning.problem import (
 from ff_planner_ros.planning.program import PathLinearisation, path_program
 from ff_planner_ros.planning.scenario import Defaults, load_task
 from ff_planner_ros.planning.scenario_writer import write_scenario
+from ff_planner_ros.planning.settings import PlannerSettings
 from ff_planner_ros.planning.system_frame import in_own_frame
 from ff_planner_ros.planning.task import PlanningTask, perform
 from ff_planner_ros.planning.watch import CHECKING, Progress, Watch
@@ -357,6 +359,34 @@ def test_a_search_that_is_ended_after_a_plan_was_made_says_its_duration(
     fixed = lasting(problem, made.duration)
     require_sound(fixed, made, QUICK)
     require_sound(fixed, perform(PlanningTask(fixed, QUICK)), QUICK)
+
+
+def test_where_the_tail_of_the_chosen_duration_cannot_be_driven_the_next_one_is_taken(
+    resting: PlanningProblem, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    problem = free(resting, 6.0, 12.0, Objective(1.0, 0.0))
+
+    def choosing_8_s(
+        problem: PlanningProblem, settings: PlannerSettings, watch: Watch, guess: Array | None
+    ) -> Plan:
+        return planner(lasting(problem, 8.0), settings, watch, guess)
+
+    def drivable_from(shortest: float) -> Callable[..., Plan]:
+        def with_tail(problem: PlanningProblem, plan: Plan, *_: object) -> Plan:
+            if problem.duration < shortest:
+                raise NoPlanFound(Status.LIMIT_VIOLATED, f"a tail after {problem.duration:g} s")
+            return plan
+
+        return with_tail
+
+    for shortest, expected in ((0.0, 8.0), (8.1, 8.25), (8.5, 9.0)):
+        monkeypatch.setattr(task_module, "with_tail", drivable_from(shortest))
+        made = perform(PlanningTask(problem, QUICK), method=choosing_8_s)
+        assert made.duration == expected
+        require_sound(lasting(problem, expected), made, QUICK)
+    monkeypatch.setattr(task_module, "with_tail", drivable_from(np.inf))
+    with pytest.raises(NoPlanFound, match="a tail after 8 s"):
+        perform(PlanningTask(problem, QUICK), method=choosing_8_s)
 
 
 def test_a_scenario_holds_a_range_and_a_weight_and_the_answer_says_what_was_chosen(

@@ -38,7 +38,7 @@ IDS = (
     "'\"",
     "\x85\t\x07\ufeff",
 )
-EXTREME = (5e-324, 1e-310, 1.7976931348623157e308, -0.0, 1e-5, 1e16, 0.1, 2.0**-1022)
+EXTREME = (5e-324, 1e-310, 1e100, -0.0, 1e-5, 1e16, 0.1, 2.0**-1022)
 
 
 def number(rng: np.random.Generator) -> float:

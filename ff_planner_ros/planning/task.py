@@ -41,6 +41,9 @@ Method: TypeAlias = Callable[[PlanningProblem, PlannerSettings, Watch, FirstGues
 
 _DIGITS = 16  # of a digest
 _NANOSECONDS = 1e9
+# Durations that are tried where the tail of the one that was chosen cannot be driven: as far apart
+# as an eighth of the range.
+_OTHER_MOMENTS = 9
 # A goal is at its motion's last point, but for this [s].
 _ROUNDING = 1e-6
 
@@ -226,16 +229,46 @@ def _performed(
     guess: FirstGuess | None,
 ) -> Plan:
     """Return the plan for a problem in the frame of the plan, judged."""
-    settings = task.settings
+    settings, window = task.settings, problem.duration_range
     to_goal = method(problem, settings, watch, guess)
-    problem = lasting(problem, to_goal.duration)
+    asked, problem = problem, lasting(problem, to_goal.duration)
+    chosen = problem.duration
     found = tuple(failures(problem, to_goal, settings))
     if found:
         raise _refused(to_goal, found, is_planner=method is plan)
-    whole = with_tail(problem, to_goal, task.end_behaviour, task.tail, settings)
+    try:
+        whole = with_tail(problem, to_goal, task.end_behaviour, task.tail, settings)
+    except NoPlanFound as undrivable:
+        if window is None:
+            raise
+        moments = set(np.linspace(window.minimum, window.maximum, _OTHER_MOMENTS).tolist())
+        others = sorted(moments - {chosen}, key=lambda moment: (abs(moment - chosen), moment))
+        return _at_another_moment(task, asked, watch, method, others, undrivable)
     if task.controller is not None:
         require_acceptable(task.controller, _command(whole, task.controller))
     return whole
+
+
+def _at_another_moment(
+    task: PlanningTask,
+    problem: PlanningProblem,
+    watch: Watch,
+    method: Method,
+    moments: Sequence[float],
+    undrivable: NoPlanFound,
+) -> Plan:
+    """Return the plan of the first duration that has one with its tail.
+
+    Args:
+        undrivable: Why there is none of the duration that was chosen; raised where none has one.
+    """
+    for moment in moments:
+        try:
+            return _performed(task, lasting(problem, moment), watch, method, None)
+        except (InvalidInput, NoPlanFound) as refused:
+            if refused.status is Status.OUT_OF_TIME:
+                raise
+    raise undrivable
 
 
 def attempted(
