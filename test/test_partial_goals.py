@@ -182,7 +182,7 @@ def test_a_turn_across_the_free_axis_may_be_wanted(lemur_capture: PlanningProble
     target = replace(
         lemur_capture.target,
         orientation=Orientation.ABOUT_AXIS,
-        free_axis_in_ee=1e200 * AXIS,
+        free_axis_in_ee=1e99 * AXIS,
         quaternion_xyzw=turn.as_quat(),
         angular_velocity=turn.apply(0.05 * across),
     )

@@ -55,6 +55,16 @@ class JointMotion:
         signs = np.array([[-1.0], [1.0]])
         return signs * values.reshape(2, -1), times.reshape(2, -1)
 
+    def distances(self, lower: Array, upper: Array, order: int = 0) -> tuple[Array, Array]:
+        """Return how near each joint comes to its limits, lower first, and when: (2, joints).
+
+        Args:
+            lower: Of positions, rates or accelerations, as `order` is 0, 1 or 2. Shape (joints,).
+            upper: As lower.
+        """
+        (lowest, highest), times = self.extremes(order)
+        return np.array([lowest - lower, upper - highest]), times
+
     @cached_property
     def _quintics(self) -> BPoly:
         """The quintics in Bernstein's form."""

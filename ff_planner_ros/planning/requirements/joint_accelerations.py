@@ -117,5 +117,4 @@ def _limits(problem: PlanningProblem) -> Array | None:
 
 def _distances(limits: Array, joints: JointMotion) -> tuple[Array, Array]:
     """Return how near each joint comes to its limit either way, and when, of shape (2, joints)."""
-    (lowest, highest), times = joints.extremes(order=2)
-    return np.array([limits + lowest, limits - highest]), times
+    return joints.distances(-limits, limits, order=2)

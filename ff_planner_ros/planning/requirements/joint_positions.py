@@ -135,6 +135,4 @@ def _require_stops(problem: PlanningProblem) -> None:
 
 def _distances(robot: Robot, joints: JointMotion) -> tuple[Array, Array]:
     """Return how near each joint comes to both limits, lower first, and when: (2, joints)."""
-    (lowest, highest), times = joints.extremes()
-    lower, upper = robot.lower_position_limits, robot.upper_position_limits
-    return np.array([lowest - lower, upper - highest]), times
+    return joints.distances(robot.lower_position_limits, robot.upper_position_limits)

@@ -125,5 +125,4 @@ class JointRates(Requirement):
 
 def _distances(robot: Robot, joints: JointMotion) -> tuple[Array, Array]:
     """Return how near each rate comes to its limit either way, and when, of shape (2, joints)."""
-    (lowest, highest), times = joints.extremes(order=1)
-    return np.array([robot.velocity_limits + lowest, robot.velocity_limits - highest]), times
+    return joints.distances(-robot.velocity_limits, robot.velocity_limits, order=1)
