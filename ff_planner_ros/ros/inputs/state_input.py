@@ -181,8 +181,8 @@ class _Topic(Generic[Part]):
             stamp_ns = time_in_ns(f"{self._name}.header.stamp", message.header.stamp)
             part = self._read(message)
         except InvalidInput as error:
-            # A copy: the error's traceback would keep the message, however large, in memory.
-            part = copy.copy(error)
+            # Another one: the error's traceback would keep the message, however large, in memory.
+            part = InvalidInput(error.status, error.field, error.value, error.allowed)
         with self._lock:
             self._kept.append((stamp_ns, part))
 
