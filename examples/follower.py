@@ -100,7 +100,9 @@ def _replans(
         if status is not Status.SOLVED and status not in _GOES_ON:
             raise FfPlannerError(status, answer.status.message)
         yield answer, took
-        due = max(due + 1.0 / rate, time.time())
+        # Not before the plan that was just made has begun.
+        begun = nanoseconds(answer.joint_trajectory.header.stamp) / NANOSECONDS
+        due = max(due + 1.0 / rate, begun, time.time())
 
 
 def _report(replans: list[tuple[PlanTrajectory.Result, float]]) -> dict[str, float]:

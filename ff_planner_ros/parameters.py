@@ -380,6 +380,13 @@ class ReplanningParameters:
         maximum=3600.0,
         unit="s",
     )
+    handover: float = tunable(
+        "A plan that is not ready so long before the switch-over is refused: it must reach the "
+        "controller by then",
+        minimum=0.0,
+        maximum=3600.0,
+        unit="s",
+    )
     min_remainder: float = tunable(
         "A running plan that is at its goal sooner than this after the switch-over is left as it "
         "is, and the request refused",

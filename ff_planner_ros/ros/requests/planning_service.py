@@ -263,10 +263,13 @@ class PlanningService:
         taken_up: float,
     ) -> PlanTrajectory.Response:
         budget = TimeBudget(asked.budget, taken_up)
+        latest_ns = asked.start_ns
+        if asked.task.running_goal is not None:
+            latest_ns -= round(parameters.replanning.handover * NANOSECONDS)
 
         def check() -> None:
             job.check()
-            self._require_in_time(asked.start_ns)
+            self._require_in_time(latest_ns)
 
         try:
             plan = self._worker.solve(asked.task, asked.budget, taken_up, check, tell)
@@ -291,7 +294,7 @@ class PlanningService:
             budget.require_time()
         response, for_controller = writing.result()
         budget.require_time()
-        require_in_time(asked.start_ns, self._clock.now().nanoseconds)
+        require_in_time(latest_ns, self._clock.now().nanoseconds)
         made = MadePlan(
             job.plan_id,
             plan,
