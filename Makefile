@@ -102,10 +102,16 @@ SANITIZED := $(CURDIR)/build/sanitized
 
 sanitize: env
 	$(BIN)/python setup.py --quiet build_py --build-lib $(SANITIZED) \
-		build_ext --sanitize --build-lib $(SANITIZED) --build-temp build/sanitized_objects
-	LD_PRELOAD="$$(c++ -print-file-name=libasan.so) $$(c++ -print-file-name=libstdc++.so)" \
-	ASAN_OPTIONS=detect_leaks=0 PYTHONPATH=$(SANITIZED) \
-		$(BIN)/python -m pytest -p no:cacheprovider $(wildcard test/test_core*.py)
+		build_ext --sanitize --build-lib $(SANITIZED) --build-temp build/sanitized_objects \
+		install_data --install-dir $(SANITIZED)
+	export LD_PRELOAD="$$(c++ -print-file-name=libasan.so) $$(c++ -print-file-name=libstdc++.so)" \
+		ASAN_OPTIONS=detect_leaks=0 PYTHONPATH=$(SANITIZED) AMENT_PREFIX_PATH=$(SANITIZED); \
+	$(BIN)/python -P -c '$(IS_SANITIZED)'; \
+	$(BIN)/python -P -m pytest -p no:cacheprovider $(wildcard test/test_core*.py)
+
+# Without -P this directory comes first, and with it the core that nothing watches.
+IS_SANITIZED := from ff_planner_ros.core import compiled; \
+	assert compiled.__file__.startswith("$(SANITIZED)"), compiled.__file__
 
 lint: env
 	$(BIN)/ruff format --check

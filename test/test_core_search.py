@@ -151,7 +151,7 @@ def test_a_certificate_of_wrong_sizes_or_of_nan_is_refused_by_name(
 
 def test_a_joint_path_of_wrong_sizes_or_of_nan_is_refused_by_name() -> None:
     v, by_x = np.ones((3, 8)), np.ones((3, 8, 4))
-    with pytest.raises(ValueError, match="dv/dx has the shape"):
+    with pytest.raises(ValueError, match="by_x has the shape"):
         compiled.joint_path(v, by_x[:2], 0.1, 0.0, 0.0)
     with pytest.raises(ValueError, match="v has the shape"):
         compiled.joint_path(v[:, :6], by_x[:, :6], 0.1, 0.0, 0.0)

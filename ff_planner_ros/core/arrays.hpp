@@ -12,7 +12,9 @@
 namespace ff {
 
 namespace py = pybind11;
-using Array = py::array_t<double, py::array::c_style | py::array::forcecast>;
+// Numbers that are none of these without a loss, as 1.5 or 1j may be, are refused by TypeError.
+using Array = py::array_t<double, py::array::c_style>;
+using Numbers = py::array_t<long long, py::array::c_style>;
 using Shape = std::vector<py::ssize_t>;
 
 constexpr py::ssize_t kAny = -1;  // a size that any array may have
@@ -27,8 +29,8 @@ inline bool all_finite(const Array& array) {
   return Eigen::Map<const Eigen::VectorXd>(array.data(), array.size()).allFinite();
 }
 
-// Returns what an argument points to; throws ValueError of Python where it is not as expected.
-inline const double* checked(const Array& array, const char* name, const Shape& expected) {
+// These throw ValueError of Python where an argument is not as expected.
+inline void require_shape(const py::array& array, const char* name, const Shape& expected) {
   const Shape shape(array.shape(), array.shape() + array.ndim());
   bool as_expected = shape.size() == expected.size();
   for (size_t i = 0; as_expected && i < shape.size(); ++i)
@@ -36,6 +38,11 @@ inline const double* checked(const Array& array, const char* name, const Shape& 
   if (!as_expected)
     throw std::invalid_argument(std::string(name) + " has the shape " + written(shape) + ", not " +
                                 written(expected));
+}
+
+// Returns what an argument points to.
+inline const double* checked(const Array& array, const char* name, const Shape& expected) {
+  require_shape(array, name, expected);
   if (!all_finite(array)) throw std::invalid_argument(std::string(name) + " is not finite");
   return array.data();
 }
@@ -44,11 +51,19 @@ inline double checked(double value, const char* name) {
   if (!std::isfinite(value)) throw std::invalid_argument(std::string(name) + " is not finite");
   return value;
 }
+inline const long long* checked(const Numbers& array, const char* name, const Shape& expected) {
+  require_shape(array, name, expected);
+  return array.data();
+}
 
 // Returns a result; throws where the core computed what is no number.
 inline Array result(const Array& array, const char* name) {
   if (!all_finite(array)) throw std::domain_error(std::string(name) + " is not finite");
   return array;
+}
+inline double result(double value, const char* name) {
+  if (!std::isfinite(value)) throw std::domain_error(std::string(name) + " is not finite");
+  return value;
 }
 
 template <typename Derived>

@@ -6,39 +6,45 @@
 
 namespace ff {
 
-using Numbers = py::array_t<long long, py::array::c_style | py::array::forcecast>;
-
 inline Bodies bodies(const Numbers& carriers, const Array& rotations, const Array& positions,
                      const Array& centers, const Array& radii, const Numbers& kinds,
                      const Array& sizes, const Array& vertices, const Numbers& vertex_counts,
                      const Numbers& pairs) {
-  const py::ssize_t count = carriers.size();
+  const py::ssize_t count = carriers.ndim() > 0 ? carriers.shape(0) : 0;
+  const long long* carrier = checked(carriers, "carriers", {count});
   const double* rotation = checked(rotations, "rotations", {count, 3, 3});
   const double* position = checked(positions, "positions", {count, 3});
   const double* center = checked(centers, "centers", {count, 3});
   const double* radius = checked(radii, "radii", {count});
   const double* size = checked(sizes, "sizes", {count, 3});
   const double* vertex = checked(vertices, "vertices", {kAny, 3});
-  if (kinds.size() != count || vertex_counts.size() != count || pairs.ndim() != 2 ||
-      pairs.shape(1) != 2)
-    throw std::invalid_argument("kinds, vertex_counts or pairs have a wrong shape");
+  const long long* kind_of = checked(kinds, "kinds", {count});
+  const long long* own_vertices = checked(vertex_counts, "vertex_counts", {count});
+  const long long* pair = checked(pairs, "pairs", {kAny, 2});
   Bodies made;
   py::ssize_t used = 0;
   for (py::ssize_t i = 0; i < count; ++i) {
-    const long long kind = kinds.data()[i], own = vertex_counts.data()[i];
-    if (kind < 0 || kind > 3 || own < (kind == Solid::kHull) || used + own > vertices.shape(0) ||
-        carriers.data()[i] < 0 || carriers.data()[i] > kMaxJoints)
-      throw std::invalid_argument("body " + std::to_string(i) + " is none");
+    const long long kind = kind_of[i], own = own_vertices[i];
+    const std::string body = " of body " + std::to_string(i) + " is ";
+    if (kind < 0 || kind > Solid::kHull)
+      throw std::invalid_argument("kinds" + body + std::to_string(kind) + ", not 0 to 3");
+    if (own < (kind == Solid::kHull) || own > vertices.shape(0) - used)
+      throw std::invalid_argument("vertex_counts" + body + std::to_string(own) +
+                                  ", and vertices has " + std::to_string(vertices.shape(0)));
+    if (carrier[i] < 0 || carrier[i] > kMaxJoints)
+      throw std::invalid_argument("carriers" + body + std::to_string(carrier[i]) +
+                                  ", not the number of some joints");
     Solid solid{static_cast<Solid::Kind>(kind), vector3(size + 3 * i), {}};
     for (long long k = 0; k < own; ++k) solid.vertices.push_back(vector3(vertex + 3 * used++));
-    made.bodies.push_back({static_cast<int>(carriers.data()[i]),
+    made.bodies.push_back({static_cast<int>(carrier[i]),
                            {vector3(position + 3 * i), matrix3(rotation + 9 * i)},
                            vector3(center + 3 * i), radius[i], solid});
   }
   for (py::ssize_t i = 0; i < pairs.shape(0); ++i) {
-    const long long a = pairs.data()[2 * i], b = pairs.data()[2 * i + 1];
+    const long long a = pair[2 * i], b = pair[2 * i + 1];
     if (a < 0 || b < 0 || a >= count || b >= count)
-      throw std::invalid_argument("pair " + std::to_string(i) + " is of bodies that there are not");
+      throw std::invalid_argument("pairs has " + std::to_string(a) + " and " + std::to_string(b) +
+                                  ", and there are " + std::to_string(count) + " bodies");
     made.pairs.emplace_back(static_cast<int>(a), static_cast<int>(b));
   }
   return made;
@@ -46,7 +52,7 @@ inline Bodies bodies(const Numbers& carriers, const Array& rotations, const Arra
 
 inline void require_carried(const Chain& chain, const Bodies& of) {
   for (const Body& body : of.bodies)
-    if (body.carriers > chain.joints()) throw std::invalid_argument("bodies of another chain");
+    if (body.carriers > chain.joints()) throw std::invalid_argument("bodies are of another chain");
 }
 
 inline py::tuple written(const BodyRows& rows, py::ssize_t columns) {
@@ -97,13 +103,16 @@ struct Asked {
         const Array& ways, py::ssize_t columns, const Array& times, const Numbers& chosen,
         py::ssize_t numbers, int last, double gap, double part)
       : motion(read(chain, q, cubics, times)),
-        ways(sums_of({checked(ways, "ways", {q.shape(0) - 1, columns}), q.shape(0) - 1, columns})),
-        chosen(chosen.data(), chosen.data() + chosen.size()) {
+        ways(sums_of({checked(ways, "ways", {q.shape(0) - 1, columns}), q.shape(0) - 1, columns})) {
     require_carried(chain, of);
-    for (const int number : this->chosen)
-      if (number < 0 || number >= numbers)
-        throw std::invalid_argument("number " + std::to_string(number) + " is chosen of " +
+    if (!this->ways.allFinite()) throw std::invalid_argument("ways are too great to be added");
+    const long long* number = checked(chosen, "chosen", {kAny});
+    for (py::ssize_t i = 0; i < chosen.size(); ++i) {
+      if (number[i] < 0 || number[i] >= numbers)
+        throw std::invalid_argument("number " + std::to_string(number[i]) + " is chosen of " +
                                     std::to_string(numbers));
+      this->chosen.push_back(static_cast<int>(number[i]));
+    }
     if (last < 0 || last >= q.shape(0)) throw std::invalid_argument("last is no point");
     if (!(checked(gap, "gap") > 0)) throw std::invalid_argument("gap must be positive");
     if (!(checked(part, "part") >= 0 && part < 1))
@@ -117,8 +126,9 @@ struct Asked {
  private:
   static CubicMotion read(const Chain& chain, const Array& q, const Array& cubics,
                           const Array& times) {
-    const py::ssize_t n = chain.joints(), points = q.shape(0), three = 3;
+    const py::ssize_t n = chain.joints(), three = 3;
     const double* of_q = checked(q, "q", {kAny, 7 + n});
+    const py::ssize_t points = q.shape(0);
     if (points < 2) throw std::invalid_argument("q must hold two configurations or more");
     std::vector<Configuration> at;
     for (py::ssize_t i = 0; i < points; ++i)

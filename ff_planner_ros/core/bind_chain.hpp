@@ -7,13 +7,13 @@ namespace ff {
 
 inline Chain chain(const Array& translations, const Array& rotations, const Array& axes,
                    const Array& masses, const Array& centers, const Array& inertias) {
-  const py::ssize_t n = axes.ndim() > 0 ? axes.shape(0) : 0;
+  const double* axis = checked(axes, "axes", {kAny, 3});
+  const py::ssize_t n = axes.shape(0);
   if (n < 1 || n > kMaxJoints)
     throw std::invalid_argument("a chain has 1 to " + std::to_string(kMaxJoints) + " joints, not " +
                                 std::to_string(n));
   const double* translation = checked(translations, "translations", {n + 1, 3});
   const double* rotation = checked(rotations, "rotations", {n + 1, 3, 3});
-  const double* axis = checked(axes, "axes", {n, 3});
   const double* mass = checked(masses, "masses", {n + 1});
   const double* center = checked(centers, "centers", {n + 1, 3});
   const double* inertia = checked(inertias, "inertias", {n + 1, 3, 3});

@@ -37,6 +37,9 @@ inline Attached attached(const std::vector<int>& spheres, const Array& places,
                          const Array& position, const Array& velocity, const Array& begins,
                          const Array& series, double fastest_turn) {
   const py::ssize_t count = static_cast<py::ssize_t>(spheres.size()), xyz = 3, xyzw = 4;
+  for (const int sphere : spheres)
+    if (sphere < 0)
+      throw std::invalid_argument("spheres has " + std::to_string(sphere) + ", which is none");
   const double* place = checked(places, "places", {count, xyz});
   const double* begin = checked(begins, "begins", {kAny});
   const py::ssize_t pieces = begins.shape(0);
@@ -68,11 +71,17 @@ inline std::vector<Sphere> moving_spheres(const Array& centers, const Array& vel
   }
   for (const Attached& of : fixed)
     for (size_t k = 0; k < of.spheres.size(); ++k) {
-      Sphere& sphere = all.at(of.spheres[k]);
+      if (of.spheres[k] >= count)
+        throw std::invalid_argument("attached has sphere " + std::to_string(of.spheres[k]) +
+                                    ", and there are " + std::to_string(count));
+      Sphere& sphere = all[of.spheres[k]];
       sphere.body = of.body;
       sphere.place = of.places[k];
       sphere.highest_speed = of.body->velocity.norm() + of.fastest_turn * of.places[k].norm();
     }
+  for (const Sphere& sphere : all)
+    if (!std::isfinite(sphere.highest_speed))
+      throw std::invalid_argument("velocities are too great to be squared");
   return all;
 }
 

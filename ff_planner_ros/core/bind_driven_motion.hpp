@@ -61,6 +61,7 @@ inline py::tuple sensitivity(const DrivenMotion& motion, const Array& angle_rows
                              const Target& target, const Array& by_duration,
                              const Array& target_by_duration) {
   const py::ssize_t points = motion.q.rows(), size = motion.v.cols(), joints = size - 6;
+  const double* of_acceleration = checked(acceleration_row, "acceleration_row", {kAny});
   const py::ssize_t each = acceleration_row.size();
   const Shape shape{2 * points - 1, each};
   const auto rows = [&](const Array& array, const char* name) {
@@ -87,7 +88,7 @@ inline py::tuple sensitivity(const DrivenMotion& motion, const Array& angle_rows
   Array q({points, size, variables}), v({points, size, variables});
   Array q_half_way({points - 1, size, variables}), acceleration({points, size});
   Array goal_error({conditions, variables});
-  motion.sensitivity(of_joints, checked(acceleration_row, "acceleration_row", {each}), target,
+  motion.sensitivity(of_joints, of_acceleration, target,
                      accelerations_by_duration, of_target,
                      {q.mutable_data(), v.mutable_data(), q_half_way.mutable_data(),
                       acceleration.mutable_data(), goal_error.mutable_data()});
@@ -113,7 +114,8 @@ inline void bind_driven_motion(py::module_& m) {
            [](const DrivenMotion& m, const Target& target) {
              const std::vector<double> error = m.goal_error(target);
              return result(Array(error.size(), error.data()), "goal error");
-           })
+           },
+           py::arg("target"))
       .def("sensitivity", &sensitivity, py::arg("angle_rows"), py::arg("rate_rows"),
            py::arg("acceleration_row"), py::arg("target"), py::arg("by_duration") = Array(0),
            py::arg("target_by_duration") = Array(0));

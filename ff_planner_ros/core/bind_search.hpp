@@ -11,14 +11,14 @@ inline py::tuple joint_path(const Array& v, const Array& dv, double step, double
                             double smoothing) {
   const double* of_v = checked(v, "v", {kAny, kAny});
   const py::ssize_t points = v.shape(0), size = v.shape(1);
-  const double* of_dv = checked(dv, "dv/dx", {points, size, kAny});
+  const double* of_dv = checked(dv, "by_x", {points, size, kAny});
   const py::ssize_t variables = dv.shape(2);
   if (points < 2 || size < 7 || size > kMaxVelocities)
     throw std::invalid_argument("v has the shape " + written({points, size}));
   const JointPath path(Eigen::Map<const RowMajor>(of_v, points, size), of_dv,
                        static_cast<int>(variables), checked(step, "step"), checked(slow, "slow"),
                        checked(smoothing, "smoothing"));
-  return py::make_tuple(path.value, result(Array(variables, path.gradient.data()), "gradient"),
+  return py::make_tuple(result(path.value, "value"), result(Array(variables, path.gradient.data()), "gradient"),
                         result(path.hessian, "hessian"));
 }
 
@@ -35,6 +35,7 @@ inline double certified(const Chain& chain, const Array& q, const Array& cubics,
   std::vector<Configuration> at;
   for (py::ssize_t i = 0; i < points; ++i)
     at.push_back(Configuration::read(of_q + i * (7 + n), static_cast<int>(n)));
+  if (all.empty()) return std::numeric_limits<double>::infinity();
   return certified_clearance(
       {chain, at, Eigen::Map<const RowMajor>(of_cubics, 3 * intervals, 6 + n),
        Eigen::Map<const Eigen::VectorXd>(checked(times, "times", {points}), points)},

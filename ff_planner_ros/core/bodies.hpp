@@ -86,6 +86,7 @@ inline BodyRows pair_rows(const Chain& chain, const Bodies& of, const double* q,
                             known[number], interest);
       const long long name = static_cast<long long>(i) * pairs + number;
       if (!found.is_known) rows.unknown.push_back(name);
+      if (std::isnan(found.distance)) throw std::domain_error("a distance is not a number");
       if (!found.is_known || !(found.distance < interest)) continue;
       Row row(rows.next(found.distance, name, columns), columns);
       const double sign = first.carriers < second.carriers ? 1 : -1;
@@ -140,6 +141,7 @@ inline BodyRows sphere_rows(const Chain& chain, const Bodies& of, const double* 
             (static_cast<long long>(i) * bodies + body) * static_cast<long long>(spheres.size()) + sphere;
         if (!found.is_known) rows.unknown.push_back(name);
         const double distance = found.distance - spheres[sphere].radius;
+        if (std::isnan(distance)) throw std::domain_error("a distance is not a number");
         if (!found.is_known || !(distance < interest)) continue;
         Row row(rows.next(distance, name, columns), columns);
         // Seen from a chaser that moves, a centre moves the other way.

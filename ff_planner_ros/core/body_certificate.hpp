@@ -127,7 +127,8 @@ struct SpheresOnTheWay {
 };
 
 // In a piece of the motion a distance is at least the mean of both ends' less half the way. Pieces
-// whose bound is too low to tell are halved, until it is within `gap` or `part` of the least.
+// whose bound is too low to tell are halved, until it is within `gap` or `part` of the least, or
+// until there are too many of them: then the bound is what it is.
 template <typename Measured>
 class Halving {
  public:
@@ -148,6 +149,7 @@ class Halving {
     std::sort(order.begin(), order.end());
     for (const auto& [nearest, number] : order) {
       finest_ = std::max(gap_, kRounding * measured_.way(number, 0, last));
+      halved_ = 0;
       End begin{measured_.bound(number, 0), false}, end{measured_.bound(number, last), false};
       halve(number, 0, last, begin, end);
     }
@@ -157,6 +159,7 @@ class Halving {
  private:
   static constexpr int kLooks = 8;
   static constexpr double kRounding = 1e-14;  // of the whole way: nobody can tell more closely
+  static constexpr int kMost = 1 << 14;        // halvings: ways that need more are no robot's
   struct End {
     double distance;  // or a lower bound of it
     bool is_exact;
@@ -172,6 +175,7 @@ class Halving {
       certified_ = std::min(certified_, (at_begin.distance + at_end.distance - way) / 2);
       return;
     }
+    ++halved_;
     double middle = (begin + end) / 2;
     if (end - begin > 1) middle = std::floor(middle);
     End between{measured_.bound(number, middle), false};
@@ -179,17 +183,20 @@ class Halving {
     halve(number, middle, end, between, at_end);
   }
   bool settled(const End& begin, const End& end, double way) const {
-    return (begin.distance + end.distance - way) / 2 >= met_ - std::max(finest_, part_ * met_);
+    return (halved_ >= kMost && begin.is_exact && end.is_exact) ||
+           (begin.distance + end.distance - way) / 2 >= met_ - std::max(finest_, part_ * met_);
   }
   void measure(int number, double step, End& end) {
     if (end.is_exact) return;
     end = {measured_.distance(number, step), true};
+    if (!(end.distance < kInfinite)) throw std::domain_error("a distance is not finite");
     met_ = std::min(met_, end.distance);
   }
 
   Measured measured_;
   double gap_, part_;
   double finest_ = 0;  // that a bound is looked for to
+  int halved_ = 0;     // pieces of the present number
   double met_ = kInfinite, certified_ = kInfinite;
 };
 

@@ -14,7 +14,9 @@ inline double nearest(const ArmPoints& points, const std::vector<int>& starts,
     const Vector3 to_center = center - points.col(k);
     const Vector3 along = points.col(k + 1) - points.col(k);
     const double fraction = std::clamp(to_center.dot(along) / along.squaredNorm(), 0.0, 1.0);
-    least = std::min(least, (to_center - fraction * along).norm() - sphere.radius);
+    const double distance = (to_center - fraction * along).norm() - sphere.radius;
+    if (std::isnan(distance)) throw std::domain_error("a distance is not a number");
+    least = std::min(least, distance);
   }
   return least;
 }
@@ -36,7 +38,7 @@ struct CubicMotion {
 
 // In a piece of the motion the distance from a sphere is at least the mean of both ends' less half
 // the ways of arm and sphere. Pieces whose bound is too low to tell are halved, until it is within
-// `gap`, or they are as short as numbers can tell.
+// `gap`, or they are as short as numbers can tell, or there are too many of them.
 // `ways`: that no point of the arm exceeds to the next point [m].
 inline double certified_clearance(const CubicMotion& motion,
                                   const Eigen::Map<const Eigen::VectorXd>& ways,
@@ -47,6 +49,7 @@ inline double certified_clearance(const CubicMotion& motion,
     std::vector<double> at_begin, at_end;  // of each sphere that counts
   };
   constexpr double shortest = 1e-12;  // as part of an interval
+  constexpr size_t most = 1 << 18;    // pieces: ways that need more are no arm's
   const int intervals = static_cast<int>(ways.size());
   const std::vector<int> starts = segments(Arm(motion.chain, motion.q[0]).points);
   // The distance from each sphere at each point, and the least of each.
@@ -75,7 +78,7 @@ inline double certified_clearance(const CubicMotion& motion,
   };
   std::vector<Piece> pieces;
   for (int i = 0; i < intervals; ++i) pieces.push_back({i, 0, 1, at_point(i), at_point(i + 1)});
-  while (true) {
+  for (size_t looked = 0;; looked += pieces.size()) {
     std::vector<Piece> open, halves;
     for (const Piece& piece : pieces) {
       const double part = piece.end - piece.begin;
@@ -84,7 +87,7 @@ inline double certified_clearance(const CubicMotion& motion,
         const double moved = way(piece.point, spheres[reachable[n]]) * part;
         bound = std::min(bound, (piece.at_begin[n] + piece.at_end[n] - moved) / 2);
       }
-      if (bound < lowest - gap && part > shortest)
+      if (bound < lowest - gap && part > shortest && looked < most)
         open.push_back(piece);
       else
         certified = std::min(certified, bound);

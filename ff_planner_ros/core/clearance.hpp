@@ -3,6 +3,7 @@
 #pragma once
 #include <algorithm>
 #include <limits>
+#include <stdexcept>
 #include <vector>
 
 #include "arm.hpp"
@@ -125,6 +126,7 @@ inline ClearanceRows clearance_rows(ArmMotion& arm, const double* times,
             std::clamp((center - start).dot(along) / along.squaredNorm(), 0.0, 1.0);
         const Vector3 offset = start + fraction * along - center;
         const double to_center = offset.norm(), distance = to_center - spheres[sphere].radius;
+        if (std::isnan(distance)) throw std::domain_error("a distance is not a number");
         if (!(distance < interest)) continue;
         if (derivatives.size() == 0) derivatives = arm.derivatives(static_cast<int>(i));
         const Vector3 direction = offset / std::max(to_center, kSamePoint);

@@ -1,0 +1,339 @@
+"""What crosses the border of the compiled core: the same numbers in any dress, and no others."""
+
+from __future__ import annotations
+
+import inspect
+import re
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+from bodied_robots import random_robot
+
+from ff_planner_ros.core import compiled
+from ff_planner_ros.core.chain import chain_of
+from ff_planner_ros.planning.compiled_bodies import compiled_bodies
+
+Arguments = dict[str, Any]
+
+ROBOT = random_robot(1)
+JOINTS, BODIES, PAIRS = ROBOT.joints, len(ROBOT.bodies), len(ROBOT.pairs)
+SIZE, POINTS, COLUMNS = 6 + JOINTS, 4, 3
+RNG = np.random.default_rng(0)
+
+
+def sound() -> dict[str, tuple[Callable[..., Any], Arguments]]:
+    """Everything that the core offers, with arguments that it takes."""
+    q = np.zeros((POINTS, 7 + JOINTS))
+    q[:, 6] = 1.0
+    q[:, 7:] = RNG.normal(scale=0.3, size=(POINTS, JOINTS))
+    by_q = RNG.normal(size=(POINTS, SIZE, COLUMNS))
+    place = [[9.0, 0.0, 1.0], [0.4, 0.1, 2.0]]
+    spheres = {"centers": np.array(place), "velocities": np.full((2, 3), 1e-3)}
+    spheres |= {"radii": np.array([0.5, 0.1])}
+    attached = {
+        "spheres": [1],
+        "places": np.array([[0.2, 0.0, 0.1]]),
+        "position": np.array([4.0, 0.0, 0.0]),
+        "velocity": np.zeros(3),
+        "begins": np.zeros(1),
+        "series": np.array([[[0.0, 0.0, 0.0, 1.0], [0.0, 0.0, 0.05, 0.0]]]),
+        "fastest_turn": 0.2,
+    }
+    fixed = {"attached": [compiled.Attached(**attached)]}
+    chain = {"chain": chain_of(ROBOT)}
+    of_bodies = chain | {"bodies": compiled_bodies(ROBOT)}
+    way = {"q": q, "cubics": np.full((POINTS - 1, 3, SIZE), 1e-3), "times": np.arange(POINTS * 1.0)}
+    asked = {"chosen": np.arange(2), "last": POINTS - 1, "gap": 1e-3, "part": 0.02}
+    start = {
+        "position": np.zeros(3),
+        "rotation": np.eye(3),
+        "center": np.full(3, 0.1),
+        "momentum": np.full(6, 0.2),
+        "planar": False,
+    }
+    target = {
+        "position": np.ones(3),
+        "rotation": np.eye(3),
+        "twist": np.zeros(6),
+        "acceleration": np.zeros(6),
+        "orientation": "fixed",
+        "free_axis": np.eye(3)[0],
+        "across": np.eye(3)[1:],
+    }
+    half = 2 * POINTS - 1
+    driven = chain | {
+        "start": compiled.Start(**start),
+        "angles": np.linspace(0.0, 0.3, half)[:, None] * np.ones(JOINTS),
+        "rates": np.full((half, JOINTS), 0.1),
+        "accelerations": np.zeros((half, JOINTS)),
+        "duration": 3.0,
+    }
+    motion, goal = compiled.DrivenMotion(**driven), compiled.Target(**target)
+    rows = RNG.normal(size=(half, 2))
+    box = {
+        "carriers": np.array([0, 1]),
+        "rotations": np.tile(np.eye(3), (2, 1, 1)),
+        "positions": np.zeros((2, 3)),
+        "centers": np.zeros((2, 3)),
+        "radii": np.ones(2),
+        "kinds": np.array([1, 3]),
+        "sizes": np.full((2, 3), 0.2),
+        "vertices": RNG.normal(size=(4, 3)),
+        "vertex_counts": np.array([0, 4]),
+        "pairs": np.array([[0, 1]]),
+    }
+    links = {
+        "translations": np.full((3, 3), 0.4),
+        "rotations": np.tile(np.eye(3), (3, 1, 1)),
+        "axes": np.tile([0.0, 0.0, 1.0], (2, 1)),
+        "masses": np.array([50.0, 3.0, 2.0]),
+        "centers": np.full((3, 3), 0.1),
+        "inertias": np.tile(np.eye(3), (3, 1, 1)),
+    }
+    polynomial = {"duration": 4.0, "quintic": 0.01 * RNG.normal(size=(6, 6))}
+    polynomial |= {"rotation_outer": np.eye(3), "x": np.full(18, 0.01)}
+    return {
+        "Chain": (compiled.Chain, links),
+        "velocity": (
+            compiled.velocity,
+            chain
+            | {
+                "q": q[0],
+                "momentum": np.full(6, 0.3),
+                "twist_ee_in_inertial": np.full(6, 0.01),
+                "bias": np.zeros(JOINTS),
+                "damping": 0.3,
+            },
+        ),
+        "end_effector_motion": (
+            compiled.end_effector_motion,
+            chain
+            | polynomial
+            | {
+                "q_start": q[0],
+                "momentum": np.full(6, 0.3),
+                "null_space": np.full((2, JOINTS), 0.01),
+                "fading": 1.0,
+                "points": POINTS,
+                "damping": 0.3,
+                "quintic_by_duration": np.full((6, 6), 1e-3),
+            },
+        ),
+        "end_effector_twist": (compiled.end_effector_twist, polynomial | {"s": np.arange(2) / 2}),
+        "arm_points_with_derivatives": (
+            compiled.arm_points_with_derivatives,
+            chain | {"q": q, "q_sensitivity": by_q},
+        ),
+        "Attached": (compiled.Attached, attached),
+        "clearances": (
+            compiled.clearances,
+            chain
+            | spheres
+            | fixed
+            | {"q": q, "q_sensitivity": by_q, "times": np.arange(POINTS * 1.0)}
+            | {"interest": 3.0, "quarter_way": False, "times_by_last": np.ones(POINTS)},
+        ),
+        "smallest_singular_values": (
+            compiled.smallest_singular_values,
+            chain | {"joints": q[:, 7:], "rows": [0, 1, 5]},
+        ),
+        "joint_path": (
+            compiled.joint_path,
+            {"v": q[:, 1:], "by_x": by_q, "step": 0.1, "slow": 0.1, "smoothing": 0.1},
+        ),
+        "certified_clearance": (
+            compiled.certified_clearance,
+            chain | way | spheres | fixed | {"ways": np.full(POINTS - 1, 0.1), "gap": 1e-3},
+        ),
+        "Start": (compiled.Start, start),
+        "Target": (compiled.Target, target),
+        "DrivenMotion": (compiled.DrivenMotion, driven),
+        "goal_error": (motion.goal_error, {"target": goal}),
+        "sensitivity": (
+            motion.sensitivity,
+            {
+                "angle_rows": rows,
+                "rate_rows": rows,
+                "acceleration_row": rows[0],
+                "target": goal,
+                "by_duration": np.full((2 * half + 1, JOINTS), 0.01),
+                "target_by_duration": np.zeros((3, 6)),
+            },
+        ),
+        "Bodies": (compiled.Bodies, box),
+        "pair_rows": (
+            compiled.pair_rows,
+            of_bodies | {"q": q, "q_sensitivity": by_q, "interest": 3.0},
+        ),
+        "sphere_rows": (
+            compiled.sphere_rows,
+            of_bodies
+            | spheres
+            | fixed
+            | {"q": q, "q_sensitivity": by_q, "times": np.arange(POINTS * 1.0)}
+            | {"interest": 3.0, "times_by_last": np.ones(POINTS)},
+        ),
+        "certified_pair_distance": (
+            compiled.certified_pair_distance,
+            of_bodies | way | asked | {"ways": np.full((POINTS - 1, PAIRS), 0.1)},
+        ),
+        "certified_sphere_distance": (
+            compiled.certified_sphere_distance,
+            of_bodies
+            | way
+            | asked
+            | spheres
+            | fixed
+            | {"ways": np.full((POINTS - 1, BODIES), 0.1)},
+        ),
+    }
+
+
+SOUND = sound()
+EVERY_BINDING = pytest.mark.parametrize("name", SOUND)
+
+
+def answer(name: str, changed: Arguments) -> list[np.ndarray]:
+    """Return all numbers of an answer."""
+    ask, arguments = SOUND[name]
+    found = ask(**(arguments | changed))
+    if isinstance(found, compiled.DrivenMotion):
+        found = found.q, found.v, found.q_half_way
+    parts = found if isinstance(found, tuple) else (found,)
+    return [np.asarray(part) for part in parts if isinstance(part, (np.ndarray, float))]
+
+
+def arrays(name: str) -> Iterator[tuple[str, np.ndarray]]:
+    for argument, value in SOUND[name][1].items():
+        if isinstance(value, np.ndarray):
+            yield argument, value
+
+
+def numbers(name: str) -> Iterator[tuple[str, float]]:
+    for argument, value in SOUND[name][1].items():
+        if isinstance(value, float):
+            yield argument, value
+
+
+def refused(name: str, changed: Arguments) -> None:
+    """A refusal names an argument that was changed; of another type, numpy's or pybind's says."""
+    (argument,) = changed
+    with pytest.raises((ValueError, TypeError)) as error:
+        answer(name, changed)
+    said = str(error.value)
+    assert re.search(rf"\b{argument}\b", said), f"{name}, {argument}: {said}"
+
+
+def test_everything_that_the_core_offers_is_tried_here() -> None:
+    offered = {name for name, found in vars(compiled).items() if callable(found)}
+    methods = {
+        name
+        for kind in vars(compiled).values()
+        if inspect.isclass(kind)
+        for name, found in vars(kind).items()
+        if callable(found) and not name.startswith("_")
+    }
+    assert offered | methods == set(SOUND)
+
+
+@EVERY_BINDING
+def test_the_same_numbers_have_the_same_answer_in_any_dress(name: str) -> None:
+    expected = answer(name, {})
+    for argument, value in arrays(name):
+        frozen = value.copy()
+        frozen.setflags(write=False)
+        wide = np.zeros((*value.shape, 2), value.dtype)
+        wide[..., 0] = value
+        for dress in (frozen, wide[..., 0], np.asfortranarray(value), value.tolist()):
+            found = answer(name, {argument: dress})
+            for one, other in zip(found, expected, strict=True):
+                np.testing.assert_array_equal(one, other, err_msg=f"{name}, {argument}")
+        if value.dtype.kind == "f" and not value.any():
+            found = answer(name, {argument: -value})
+            for one, other in zip(found, expected, strict=True):
+                np.testing.assert_allclose(one, other, atol=1e-12, err_msg=f"{name}, {argument}")
+
+
+@EVERY_BINDING
+def test_what_is_no_number_or_of_a_wrong_size_is_refused_by_name(name: str) -> None:
+    for argument, value in arrays(name):
+        if value.dtype.kind == "f":
+            for wrong in (np.nan, np.inf, -np.inf):
+                spoilt = value.copy()
+                spoilt.flat[-1] = wrong
+                refused(name, {argument: spoilt})
+            refused(name, {argument: value * 1j})
+        else:
+            refused(name, {argument: value + 0.5})
+            refused(name, {argument: value - 2**32})
+            refused(name, {argument: value + 2**32})
+        refused(name, {argument: value.astype(str)})
+        refused(name, {argument: value[None]})
+        refused(name, {argument: np.float64(1.0)})
+        refused(name, {argument: None})
+    for argument, _ in numbers(name):
+        for wrong in (np.nan, np.inf, -np.inf, "one", None, [1.0]):
+            refused(name, {argument: wrong})
+
+
+@EVERY_BINDING
+def test_one_row_or_column_more_or_fewer_is_refused_or_answered_by_numbers(name: str) -> None:
+    """Where a size is free, or an empty array stands for nothing, there is an answer."""
+    for argument, value in arrays(name):
+        for axis in range(value.ndim):
+            last = np.take(value, [-1], axis)
+            for changed in (
+                np.concatenate([value, last], axis),
+                np.delete(value, -1, axis),
+                np.delete(value, range(value.shape[axis]), axis),
+            ):
+                numbers_or_refusal(name, {argument: changed})
+
+
+@EVERY_BINDING
+@pytest.mark.parametrize("scale", [1e-320, 1e30, 1e160, 1e200, 1e308])
+def test_no_number_is_so_great_or_small_that_the_answer_is_none(name: str, scale: float) -> None:
+    """Squares of 1e160 are no numbers any more; ways of 1e30 m could be halved for ever."""
+    for argument, value in arrays(name):
+        if value.dtype.kind == "f":
+            with np.errstate(over="ignore"):
+                great = np.clip(scale * np.where(value, value, 1.0), -1.7e308, 1.7e308)
+            first = value.copy()
+            first.flat[0] = great.flat[0]
+            for changed in (great, first):
+                numbers_or_refusal(name, {argument: changed})
+    for argument, _ in numbers(name):
+        numbers_or_refusal(name, {argument: scale})
+        numbers_or_refusal(name, {argument: -scale})
+
+
+def numbers_or_refusal(name: str, changed: Arguments) -> None:
+    """No NaN comes back; infinite is the distance of what is not there, or is not known."""
+    try:
+        found = answer(name, changed)
+    except ValueError as error:
+        refusal, found = str(error), []
+        assert re.search(r" (is|are|has|have|must) ", refusal), refusal
+    for part in found:
+        assert not np.isnan(part).any(), f"{name} of {changed}"
+
+
+@pytest.mark.parametrize("argument", ["spheres", "rows", "chosen", "last", "points"])
+def test_numbers_of_what_there_is_not_are_refused(argument: str) -> None:
+    for name, (_, arguments) in SOUND.items():
+        if argument not in arguments:
+            continue
+        for wrong in (-1, 2**31 - 1, 2**31, 2**32, 2**70):
+            value = wrong if argument in ("last", "points") else [wrong]
+            if name == "Attached" and wrong == 2**31 - 1:
+                continue  # it is told how many spheres there are only where it is used
+            if argument == "points" and wrong == 2**31 - 1:
+                continue  # nothing but memory forbids it
+            with pytest.raises((ValueError, TypeError)):
+                answer(name, {argument: value})
+    attached = compiled.Attached(**(SOUND["Attached"][1] | {"spheres": [2]}))
+    for name in ("clearances", "sphere_rows", "certified_clearance", "certified_sphere_distance"):
+        with pytest.raises(ValueError, match="attached has sphere 2, and there are 2"):
+            answer(name, {"attached": [attached]})
