@@ -14,18 +14,20 @@ Its exact variation is linear: zeta, the small motion of the base in inertial ax
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
 from scipy.spatial.transform import Rotation
 
-from ff_planner_ros.arrays import Array
+from ff_planner_ros.arrays import Array, Indices
 from ff_planner_ros.planning.followed import steps_of
 from ff_planner_ros.planning.forward import carried_base
 from ff_planner_ros.planning.joint_motion import JointMotion, joint_motion
 from ff_planner_ros.planning.motion import from_trajectory
 from ff_planner_ros.planning.plan import Trajectory
 from ff_planner_ros.planning.uncertainty import Directions
+from ff_planner_ros.robot.dynamics import accelerations
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.momentum import total_momentum
 from ff_planner_ros.robot.momentum_regressor import inertial_parameters, momentum_regressors
@@ -59,6 +61,12 @@ class TrackedMotion:
         """Configurations as modelled. Shape (times, 7 + joints)."""
         return self.half_q[::2]
 
+    @property
+    def at_points(self) -> Indices:
+        """Which of the times are the plan's samples. Shape (points,)."""
+        count = len(self.joints.time)
+        return np.linspace(0, len(self.time) - 1, count).round().astype(np.intp)
+
 
 def tracked_motion(robot: Robot, trajectory: Trajectory) -> TrackedMotion:
     """Return what a plan's samples say, when a controller follows them."""
@@ -91,15 +99,17 @@ def tracked_motion(robot: Robot, trajectory: Trajectory) -> TrackedMotion:
     )
 
 
-def base_spread(motion: TrackedMotion, of: Directions) -> Array:
-    """Return the small motion of the base that each error makes, exact to first order.
+class BaseSpread(NamedTuple):
+    """The small motion of the base that each error makes, exact to first order; linear first."""
 
-    A point p of the base moves by zeta_v + zeta_w x p; all in axes and from the origin of the
-    motion's frame.
+    # zeta: a point p of the base moves by zeta_v + zeta_w x p, in axes and from the origin of the
+    # motion's frame; shape (times, 6, errors)
+    pose: Array
+    twist: Array  # change of the base's twist, in its own axes; shape (times, 6, errors)
 
-    Returns:
-        Shape (times, 6, errors), linear first.
-    """
+
+def base_spread(motion: TrackedMotion, of: Directions) -> BaseSpread:
+    """Return how the base moves otherwise by each error."""
     regressors, rows = motion.half_regressors, motion.robot.base.rows
     parameters = inertial_parameters(motion.robot)
     whole = np.concatenate([motion.half_v[:, :6], np.ones((len(regressors), 1))], axis=1)
@@ -115,9 +125,10 @@ def base_spread(motion: TrackedMotion, of: Directions) -> Array:
     # dh_0 is of the inertial origin: what it is about the base, brought there.
     at_start = of_parameters[0] + locked[0] @ of.base_twist
     of_momentum = np.linalg.solve(to_base[0], at_start)
-    gain = act @ inverse
-    constant = gain @ (to_base @ of_momentum - of_parameters)
-    linear = -gain @ to_base @ _crossed_with(motion.momentum)
+    constant = to_base @ of_momentum - of_parameters
+    linear = -to_base @ _crossed_with(motion.momentum)
+    twist_constant, twist_linear = inverse @ constant, inverse @ linear
+    constant, linear = act @ twist_constant, act @ twist_linear
     spread = np.zeros((len(motion.time), 6, of.parameters.shape[1]))
     for i, step in enumerate(np.diff(motion.time).tolist()):
         begin, middle, end = 2 * i, 2 * i + 1, 2 * i + 2
@@ -126,7 +137,35 @@ def base_spread(motion: TrackedMotion, of: Directions) -> Array:
         k3 = linear[middle] @ (spread[i] + step / 2 * k2) + constant[middle]
         k4 = linear[end] @ (spread[i] + step * k3) + constant[end]
         spread[i + 1] = spread[i] + step / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
-    return spread
+    return BaseSpread(spread, twist_linear[::2] @ spread + twist_constant[::2])
+
+
+def torques_by_errors(
+    motion: TrackedMotion, of: Directions, spread: BaseSpread
+) -> tuple[Array, Array]:
+    """Return the torques that keep the joints on the plan, and their derivatives by the errors.
+
+    F = Y phi of Eq. (20) is zero in the base's rows, whatever the errors: that makes the change of
+    the base's acceleration, and the joints' rows are the torques.
+
+    Returns:
+        At the samples of the joints: shapes (points, joints) and (points, joints, errors) [N m].
+    """
+    robot, rows = motion.robot, motion.robot.base.rows
+    model, data = robot.model, robot.model.createData()
+    at = motion.at_points
+    q, v = motion.q[at], motion.half_v[::2][at]
+    acceleration = accelerations(robot, q, v, motion.joints.accelerations)
+    torques = np.empty_like(motion.joints.positions)
+    by_errors = np.empty((*torques.shape, of.parameters.shape[1]))
+    for i, sample in enumerate(zip(q, v, acceleration, strict=True)):
+        regressor = pin.computeJointTorqueRegressor(model, data, *sample).copy()
+        _, of_v, mass = pin.computeRNEADerivatives(model, data, *sample)
+        forces = regressor @ of.parameters + of_v[:, :6] @ spread.twist[at[i]]
+        of_base = np.linalg.solve(mass[np.ix_(rows, rows)], -forces[rows])
+        torques[i] = data.tau[6:]
+        by_errors[i] = forces[6:] + mass[6:, rows] @ of_base
+    return torques, by_errors
 
 
 def _crossed_with(momentum: Array) -> Array:

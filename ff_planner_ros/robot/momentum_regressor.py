@@ -12,6 +12,7 @@ import pinocchio as pin
 
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.robot.model import Robot
+from ff_planner_ros.robot.rotation import skew
 
 PARAMETERS = 10  # of a body
 
@@ -53,11 +54,11 @@ def momentum_regressors(robot: Robot, positions: Array, rates: Array) -> Array:
     twists[:, :, :3, 3:] = 0.0
     twists[:, :, 3:6, 3:] = turns
     # A turn w of the base moves the body's origin p by w x p: rows are those of unit turns.
-    twists[:, :, 3:6, :3] = np.einsum("tbij,tbjk->tbki", back, -_skew(places))
+    twists[:, :, 3:6, :3] = np.einsum("tbij,tbjk->tbki", back, -skew(places))
     of_bodies = _regressors(twists)
     linear = np.einsum("tbij,tbkjn->tbkin", turns, of_bodies[..., :3, :])
     angular = np.einsum("tbij,tbkjn->tbkin", turns, of_bodies[..., 3:, :])
-    angular += np.einsum("tbij,tbkjn->tbkin", _skew(places), linear)
+    angular += np.einsum("tbij,tbkjn->tbkin", skew(places), linear)
     whole = np.concatenate([linear, angular], axis=-2)
     return whole.transpose(0, 2, 3, 1, 4).reshape(times, 7, 6, PARAMETERS * bodies)
 
@@ -68,17 +69,9 @@ def _regressors(twists: Array) -> Array:
     x, y, z = np.moveaxis(angular, -1, 0)
     found = np.zeros((*twists.shape[:-1], 6, PARAMETERS))
     found[..., :3, 0] = linear
-    found[..., :3, 1:4] = _skew(angular)
-    found[..., 3:, 1:4] = -_skew(linear)
+    found[..., :3, 1:4] = skew(angular)
+    found[..., 3:, 1:4] = -skew(linear)
     for row, columns in enumerate(((4, 5, 7), (5, 6, 8), (7, 8, 9))):
         for column, rate in zip(columns, (x, y, z), strict=True):
             found[..., 3 + row, column] = rate
     return found
-
-
-def _skew(vectors: Array) -> Array:
-    """Return the matrices of the cross product, v x. Shape (..., 3, 3)."""
-    x, y, z = np.moveaxis(vectors, -1, 0)
-    none = np.zeros_like(x)
-    rows = [[none, -z, y], [z, none, -x], [-y, x, none]]
-    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)

@@ -8,15 +8,18 @@ angular momentum. Both come of the inertial parameters of all runs by one produc
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+import pinocchio as pin
 from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.planning.base_spread import TrackedMotion
 from ff_planner_ros.planning.uncertainty import Draws
+from ff_planner_ros.robot.dynamics import joint_torques
 from ff_planner_ros.robot.model import Base
+from ff_planner_ros.robot.momentum_regressor import PARAMETERS
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,3 +95,19 @@ def _of_point_mass(mass: Array, centers: Array) -> Array:
     squares = np.einsum("tri,tri->tr", centers, centers)[..., None, None] * np.eye(3)
     outer = centers[..., :, None] * centers[..., None, :]
     return np.asarray(mass[:, None, None] * (squares - outer), np.float64)
+
+
+def run_torques(motion: TrackedMotion, drawn: Draws, runs: TrackedRuns) -> Array:
+    """Return the torques that keep the joints on the plan. Shape (runs, points, joints) [N m]."""
+    robot, at = motion.robot, motion.at_points
+    found = np.empty((len(drawn.parameters), *motion.joints.positions.shape))
+    for k, parameters in enumerate(drawn.parameters):
+        model = robot.model.copy()
+        for body, ten in enumerate(parameters.reshape(-1, PARAMETERS)):
+            model.inertias[body + 1] = pin.Inertia.FromDynamicParameters(ten)
+        v = np.hstack([runs.twists[at, k], motion.joints.velocities])
+        # Torques do not depend on where the base is, nothing pulling at it.
+        found[k] = joint_torques(
+            replace(robot, model=model), motion.q[at], v, motion.joints.accelerations
+        )
+    return found
