@@ -26,7 +26,8 @@ class GraspFrames(NamedTuple):
     def sees(self, points: Array) -> Array:
         """Return where points are in the grasp's frame. Shape (times, ..., 3) [m]."""
         positions = self.positions.reshape(len(points), *[1] * (points.ndim - 2), 3)
-        return np.einsum("tji,t...j->t...i", self.rotations, points - positions)
+        seen: Array = np.einsum("tji,t...j->t...i", self.rotations, points - positions)
+        return seen
 
 
 def grasp_frames(scene: Scene, base: Base, times: Array) -> GraspFrames | None:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ff_planner_ros.arrays import Array
+from ff_planner_ros.arrays import Array, Indices
 from ff_planner_ros.planning.base_spread import BaseSpread, TrackedMotion, torques_by_errors
 from ff_planner_ros.planning.clearance import arm_points
 from ff_planner_ros.planning.grasp_frames import grasp_frames
@@ -24,7 +24,14 @@ from ff_planner_ros.robot.kinematics import rotation_base_to_inertial
 from ff_planner_ros.robot.rotation import euler_from_rotation, euler_rate_map
 
 CLEARANCE, ATTITUDE, CORRIDOR, TORQUE = "clearance", "chaser_attitude", "corridor", "torque"
+# Unit, and how a message names the margin.
 UNITS = {CLEARANCE: "m", ATTITUDE: "rad", CORRIDOR: "m", TORQUE: "N m"}
+WORDS = {
+    CLEARANCE: "the clearance from obstacle",
+    ATTITUDE: "the margin of limits.chaser_attitude",
+    CORRIDOR: "the margin of the approach",
+    TORQUE: "the torque margin of joint",
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,11 +41,13 @@ class Margins:
     kind: str
     values: Array  # as planned; shape (rows,)
     by_errors: Array  # shape (rows, errors)
+    which: Indices  # sphere, joint or Euler angle that each is of; shape (rows,)
+    time: Array  # shape (rows,) [s]
 
     @property
     def sigmas(self) -> Array:
         """Deviation of each. Shape (rows,)."""
-        return np.linalg.norm(self.by_errors, axis=1)
+        return np.asarray(np.linalg.norm(self.by_errors, axis=1), np.float64)
 
     def least(self, errors: Array) -> Array:
         """Return the least margin of each run, to first order; errors: shape (runs, errors)."""
@@ -64,18 +73,22 @@ def margins(
     if not near.is_empty:
         rows = near.rows_near(spread.pose)
         distances = near.by_errors(spread.pose, rows)
-        found.append(Margins(CLEARANCE, near.distance[rows], distances))
+        found.append(
+            Margins(CLEARANCE, near.distance[rows], distances, rows[2], motion.time[rows[0]])
+        )
     if np.isfinite(limits.chaser_attitude):
         euler, by_errors = _attitude(motion, spread)
-        found.append(_both_ways(ATTITUDE, euler, by_errors, np.full(3, limits.chaser_attitude)))
+        most = np.full(3, limits.chaser_attitude)
+        found.append(_both_ways(ATTITUDE, euler, by_errors, most, np.arange(3), motion.time))
     corridor = _corridor(motion, scene, spread)
     if corridor is not None:
         found.append(corridor)
     if limits.joint_torques and np.isfinite(motion.robot.effort_limits).any():
         torques, by_errors = torques_by_errors(motion, of, spread)
-        limited = np.isfinite(motion.robot.effort_limits)
-        efforts = motion.robot.effort_limits[limited]
-        found.append(_both_ways(TORQUE, torques[:, limited], by_errors[:, limited], efforts))
+        (limited,) = np.nonzero(np.isfinite(motion.robot.effort_limits))
+        torques, by_errors = torques[:, limited], by_errors[:, limited]
+        efforts, time = motion.robot.effort_limits[limited], motion.joints.time
+        found.append(_both_ways(TORQUE, torques, by_errors, efforts, limited, time))
     return found
 
 
@@ -118,12 +131,21 @@ def _corridor(motion: TrackedMotion, scene: Scene, spread: BaseSpread) -> Margin
     count = frames.until
     inside = scene.approach.margins(frames.sees(ee_positions(motion)[:count]))
     moved = np.einsum("tji,tje->tie", frames.rotations, ee_by_errors(motion, spread)[:count, :3])
-    return Margins(CORRIDOR, inside.values, np.einsum("ti,tie->te", inside.gradients, moved))
-
-
-def _both_ways(kind: str, values: Array, by_errors: Array, limits: Array) -> Margins:
-    """Return how far values, either way, are from their limits."""
-    margins_ = np.stack([limits - values, limits + values])
+    by_errors = np.einsum("ti,tie->te", inside.gradients, moved)
     return Margins(
-        kind, margins_.reshape(-1), np.stack([-by_errors, by_errors]).reshape(margins_.size, -1)
+        CORRIDOR, inside.values, by_errors, np.zeros(count, np.intp), motion.time[:count]
+    )
+
+
+def _both_ways(
+    kind: str, values: Array, by_errors: Array, limits: Array, which: Indices, time: Array
+) -> Margins:
+    """Return how far values, either way, are from their limits; shape (times, values)."""
+    both = np.stack([limits - values, limits + values])
+    return Margins(
+        kind,
+        both.reshape(-1),
+        np.stack([-by_errors, by_errors]).reshape(both.size, -1),
+        np.broadcast_to(which, both.shape).reshape(-1),
+        np.broadcast_to(time[:, None], both.shape).reshape(-1),
     )

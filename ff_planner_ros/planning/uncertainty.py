@@ -64,6 +64,13 @@ class Draws(NamedTuple):
     errors: Array  # normal, of deviation 1, in the order of `directions`; shape (runs, errors)
     parameters: Array  # of all bodies; shape (runs, 10 * bodies)
     base_twist: Array  # error at the start, in the base frame; shape (runs, 6)
+    # What counts where torques alone are given: factors of masses and of inertias about the centres
+    # of mass, shape (runs, bodies), errors of the joints' rates at the start [rad/s] and shares of
+    # viscous friction, (runs, joints)
+    masses: Array
+    inertias: Array
+    joint_rates: Array
+    friction: Array
 
 
 def directions(robot: Robot, uncertainty: Uncertainty) -> Directions:
@@ -76,9 +83,7 @@ def directions(robot: Robot, uncertainty: Uncertainty) -> Directions:
         mass, center, inertia = body.mass, np.array(body.lever), np.array(body.inertia)
         nothing = np.zeros((3, 3))
         parameters[rows, first] = uncertainty.mass * _parameters(mass, center, nothing)
-        parameters[rows, first + 1] = uncertainty.inertia * _parameters(
-            0.0, np.zeros(3), inertia
-        )
+        parameters[rows, first + 1] = uncertainty.inertia * _parameters(0.0, np.zeros(3), inertia)
         for axis in range(3):
             moved = np.eye(3)[axis]
             turned = 2.0 * center[axis] * np.eye(3) - np.outer(moved, center)
@@ -92,19 +97,33 @@ def directions(robot: Robot, uncertainty: Uncertainty) -> Directions:
 
 def draws(robot: Robot, uncertainty: Uncertainty, runs: range, seed: int) -> Draws:
     """Draw systems; what a run draws depends on the seed and its own number alone."""
-    bodies = list(robot.model.inertias)[1:]
-    count = 5 * len(bodies)
-    errors = np.array([np.random.default_rng([seed, k]).normal(size=count + 6) for k in runs])
+    bodies, joints = list(robot.model.inertias)[1:], robot.joints
+    count = 5 * len(bodies) + 6
+    numbers = [np.random.default_rng([seed, k]).normal(size=count + 2 * joints) for k in runs]
+    errors, of_joints = np.split(np.array(numbers), [count], axis=1)
+    of_bodies = errors[:, :-6].reshape(len(errors), len(bodies), 5)
+    masses = np.exp(uncertainty.mass * of_bodies[:, :, 0])
+    inertias = np.exp(uncertainty.inertia * of_bodies[:, :, 1])
     parameters = np.empty((len(errors), PARAMETERS * len(bodies)))
     for index, body in enumerate(bodies):
-        of_body = errors[:, 5 * index : 5 * index + 5]
-        masses = body.mass * np.exp(uncertainty.mass * of_body[:, 0])
-        factors = np.exp(uncertainty.inertia * of_body[:, 1])
-        centers = np.array(body.lever) + uncertainty.center_of_mass * of_body[:, 2:]
-        for k, (mass, factor, center) in enumerate(zip(masses, factors, centers, strict=True)):
-            columns = slice(PARAMETERS * index, PARAMETERS * (index + 1))
-            parameters[k, columns] = _parameters(mass, center, factor * np.array(body.inertia))
-    return Draws(errors, parameters, errors[:, count:] @ _start_errors(robot, uncertainty).T)
+        mass, center, inertia = body.mass, np.array(body.lever), np.array(body.inertia)
+        columns = slice(PARAMETERS * index, PARAMETERS * (index + 1))
+        for k in range(len(errors)):
+            parameters[k, columns] = _parameters(
+                mass * masses[k, index],
+                center + uncertainty.center_of_mass * of_bodies[k, index, 2:],
+                inertia * inertias[k, index],
+            )
+    rates, friction = np.split(of_joints, 2, axis=1)
+    return Draws(
+        errors=errors,
+        parameters=parameters,
+        base_twist=errors[:, -6:] @ _start_errors(robot, uncertainty).T,
+        masses=masses,
+        inertias=inertias,
+        joint_rates=uncertainty.joint_velocity * rates,
+        friction=uncertainty.friction * np.abs(friction),
+    )
 
 
 def _start_errors(robot: Robot, uncertainty: Uncertainty) -> Array:

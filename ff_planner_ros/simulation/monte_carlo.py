@@ -46,6 +46,19 @@ MOST_RUNS, _AT_ONCE = 1_000_000, 250
 CONFIDENCE = 0.95
 _LIMITS = Limits()
 
+# How a run executes a plan: a controller keeps the joints on it, or torques alone are given.
+TRACKED, TORQUES = EXECUTIONS = ("tracked", "torques")
+JOINTS = "joint_positions"
+_ENDS = ("end_position_error", "end_orientation_error")
+UNITS = {
+    **dict(zip(_ENDS, ("m", "rad"), strict=True)),
+    CLEARANCE: "m",
+    ATTITUDE: "rad",
+    CORRIDOR: "m",
+    TORQUE: "N m",
+    JOINTS: "rad",
+}
+
 
 class Distribution(NamedTuple):
     """What runs say of one number."""
@@ -177,18 +190,6 @@ def monte_carlo(
         ),
         foretold_end_error=(expected[0], expected[1]),
     )
-
-
-# How a run executes a plan: a controller keeps the joints on it, or torques alone are given.
-TRACKED, TORQUES = EXECUTIONS = ("tracked", "torques")
-_ENDS = ("end_position_error", "end_orientation_error")
-UNITS = {
-    **dict(zip(_ENDS, ("m", "rad"), strict=True)),
-    CLEARANCE: "m",
-    ATTITUDE: "rad",
-    CORRIDOR: "m",
-    TORQUE: "N m",
-}
 
 
 def require_runs(total: int, seed: int) -> None:

@@ -59,7 +59,8 @@ def tracked_runs(motion: TrackedMotion, drawn: Draws) -> TrackedRuns:
 
     def rate(half_step: int, rotation: Array) -> Array:
         seen = np.einsum("rji,rj->ri", rotation, angular)
-        return np.einsum("rij,rj->ri", inverse[half_step], seen - inner[half_step])
+        omega: Array = np.einsum("rij,rj->ri", inverse[half_step], seen - inner[half_step])
+        return omega
 
     rotation = np.broadcast_to(first, (runs, 3, 3))
     rotations, rates = np.empty((times // 2 + 1, runs, 3, 3)), np.empty((times // 2 + 1, runs, 3))
