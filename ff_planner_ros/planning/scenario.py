@@ -202,7 +202,7 @@ def _problem(
         points=integer("points", scenario.get("points", points)),
         obstacles=obstacles if body is None else with_attached_spheres(obstacles, body),
         objective=_objective(scenario["objective"]),
-        limits=_limits(scenario.get("limits", {}), limits),
+        limits=limits_from(scenario.get("limits", {}), limits),
         parametrisation=parametrisation_of(
             text("parametrisation", scenario.get("parametrisation", "auto"))
         ),
@@ -244,7 +244,12 @@ def approach_of(value: object) -> Approach:
     )
 
 
-def _limits(value: object, defaults: Limits) -> Limits:
+def limits_from(value: object, defaults: Limits) -> Limits:
+    """Return the limits that a mapping describes.
+
+    Raises:
+        InvalidInput: It describes none.
+    """
     names = ("position", "velocity", "acceleration", "effort", "chaser_attitude")
     limits = mapping("limits", value, (), optional=names)
     position_limits = limits.get("position", "from_urdf")
