@@ -5,7 +5,6 @@ Or execute it many times by systems that differ from the model, and print how of
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields
 from typing import Any
 
@@ -22,7 +21,7 @@ from ff_planner_ros.simulation.capture import ALLOWED_AT_CAPTURE, Capture, is_so
 from ff_planner_ros.simulation.corridor import Corridor
 from ff_planner_ros.simulation.engine import ENGINE
 from ff_planner_ros.simulation.model_errors import model_errors
-from ff_planner_ros.simulation.monte_carlo import TORQUES, MonteCarlo, monte_carlo
+from ff_planner_ros.simulation.monte_carlo import TORQUES, Distribution, MonteCarlo, monte_carlo
 from ff_planner_ros.simulation.torque_runs import torque_monte_carlo
 from ff_planner_ros.simulation.verification import (
     ALLOWED,
@@ -93,7 +92,6 @@ def print_monte_carlo(
         found = monte_carlo(robot, trajectory, seen, *asked, limits)
     drawn = [f"{key} {value:.3g}" for key, value in asdict(found.uncertainty).items() if value]
     how = {TORQUES: "torques alone"}.get(found.execution, "joints controlled")
-    columns = ("rms", "mean", "deviation", "least", "median", "95 %", "99 %", "largest")
     rows = []
     for one in found.numbers:
         scale, unit = _SHOWN[one.unit]
@@ -103,7 +101,7 @@ def print_monte_carlo(
     print_table(
         f"{name}, {found.total} runs, {how}, seed {found.seed}; deviations: "
         f"{', '.join(drawn) or 'none'}",
-        ("", *columns),
+        ("", *_COLUMNS_OF_RUNS.values()),
         rows,
     )
     print_table(
@@ -131,8 +129,20 @@ _SHOWN = {
 }
 
 
-def _scaled(values: Sequence[float], scale: float) -> list[str]:
-    return [f"{scale * value:.4f}" for value in values]
+# Of a distribution, and what a table calls it.
+_COLUMNS_OF_RUNS = {
+    "rms": "rms",
+    "std": "deviation",
+    "least": "least",
+    "percentile_1": "1 %",
+    "median": "median",
+    "percentile_99": "99 %",
+    "largest": "largest",
+}
+
+
+def _scaled(values: Distribution, scale: float) -> list[str]:
+    return [f"{scale * getattr(values, name):.4f}" for name in _COLUMNS_OF_RUNS]
 
 
 def _as_dictionary(found: MonteCarlo) -> dict[str, Any]:

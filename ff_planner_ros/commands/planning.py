@@ -155,35 +155,37 @@ def _method(name: str) -> Method:
 
 def verify_plans(options: argparse.Namespace) -> int:
     """Execute plans in an independent physics engine."""
-    from ff_planner_ros.verify import Draw, print_monte_carlo, print_verdict, uncertainty_of
+    from ff_planner_ros.verify import Draw, print_monte_carlo, print_verdict
 
-    _require_runs_for_their_options(options)
-    told = options.uncertainty
-    asked = None if told is None else uncertainty_of(told)
+    total, asked = _runs_asked_for(options)
     verdicts, answers = list[bool](), list[dict[str, Any]]()
     for one in _motions(options.source, options):
         motion = one.name, one.robot, one.trajectory
         verdicts.append(print_verdict(*motion, options.sensitivity, one.scene))
         answers.append({"name": one.name, "passed": verdicts[-1]})
-        if options.monte_carlo is not None:
-            draw = Draw(
-                options.monte_carlo, options.seed, options.execution, asked or one.uncertainty
-            )
+        if total is not None:
+            draw = Draw(total, options.seed, options.execution, asked or one.uncertainty)
             found = print_monte_carlo(*motion, one.scene, one.limits, draw)
             answers[-1]["monte_carlo"] = found
     _write_json(options.json, {"plans": answers})
     return SOLVED if all(verdicts) else NO_PLAN
 
 
-def _require_runs_for_their_options(options: argparse.Namespace) -> None:
-    """Refuse options of runs where there are none."""
-    if options.monte_carlo is not None:
-        return
-    for name, default in (("seed", 0), ("execution", "tracked"), ("uncertainty", None)):
-        value = getattr(options, name)
-        if value != default:
-            allowed = "it counts beside --monte-carlo alone"
-            raise InvalidInput(Status.UNSUPPORTED, f"--{name}", value, allowed)
+def _runs_asked_for(options: argparse.Namespace) -> tuple[int | None, Uncertainty | None]:
+    """Return how many runs to make, and of what systems; None: none, and of the usual ones."""
+    from ff_planner_ros.simulation.monte_carlo import require_runs
+    from ff_planner_ros.verify import uncertainty_of
+
+    if options.monte_carlo is None:
+        for name, default in (("seed", 0), ("execution", "tracked"), ("uncertainty", None)):
+            value = getattr(options, name)
+            if value != default:
+                allowed = "it counts beside --monte-carlo alone"
+                raise InvalidInput(Status.UNSUPPORTED, f"--{name}", value, allowed)
+        return None, None
+    require_runs(options.monte_carlo, options.seed)
+    told = options.uncertainty
+    return options.monte_carlo, None if told is None else uncertainty_of(told)
 
 
 class _Motion(NamedTuple):

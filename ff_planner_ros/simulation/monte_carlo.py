@@ -67,6 +67,8 @@ class Distribution(NamedTuple):
     mean: float
     std: float
     least: float
+    percentile_1: float
+    percentile_5: float
     median: float
     percentile_95: float
     percentile_99: float
@@ -208,17 +210,13 @@ def require_runs(total: int, seed: int) -> None:
 def distribution(values: Array) -> Distribution:
     """Return what values say of their distribution; shape (runs,)."""
     with np.errstate(invalid="ignore"):  # of runs beyond all bounds
-        half, most, nearly_all = np.percentile(values, [50.0, 95.0, 99.0]).tolist()
+        percentiles = np.percentile(values, [0.0, 1.0, 5.0, 50.0, 95.0, 99.0, 100.0])
         std = float(values.std())
     return Distribution(
         rms=float(np.sqrt(np.mean(values**2))),
         mean=float(values.mean()),
         std=std,
-        least=float(values.min()),
-        median=half,
-        percentile_95=most,
-        percentile_99=nearly_all,
-        largest=float(values.max()),
+        **dict(zip(Distribution._fields[3:], percentiles.tolist(), strict=True)),
     )
 
 
