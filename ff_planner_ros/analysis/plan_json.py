@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from ff_planner_ros.arrays import Array, finite_number, finite_vector, frozen
 from ff_planner_ros.errors import FfPlannerError, InvalidInput, NoPlanFound, Status
 from ff_planner_ros.planning.metrics import Metrics
-from ff_planner_ros.planning.plan import Plan, SolverReport, Trajectory
+from ff_planner_ros.planning.plan import Plan, RobustReport, SolverReport, Trajectory
 from ff_planner_ros.planning.problem import (
     CONTACT_DISTANCE,
     Approach,
@@ -95,8 +95,17 @@ def plan_dictionary(plan: Plan, task: PlanningTask, solve_time: float) -> dict[s
         "xi": plan.xi.tolist(),
         "coefficients": plan.coefficients.tolist(),
         "orientation_reading": plan.orientation_reading,
+        **({} if plan.robust is None else {"robust": _robust(plan.robust)}),
         **_how_good(plan, solve_time),
     }
+
+
+def _robust(told: RobustReport) -> dict[str, Any]:
+    """Return what a plan keeps back; what has no number is null."""
+    numbers = asdict(told) | {name: dict(getattr(told, name)) for name in ("clearance", "torques")}
+    if not math.isfinite(told.least_sigmas):
+        numbers["least_sigmas"] = None
+    return numbers
 
 
 def _allowed(problem: PlanningProblem) -> dict[str, Any]:

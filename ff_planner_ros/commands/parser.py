@@ -217,6 +217,30 @@ def command_parser() -> ArgumentParser:
     )
     sensitivity_help = "execute them with wrong masses, start velocities and friction, too"
     verify.add_argument("--sensitivity", action="store_true", help=sensitivity_help)
+    verify.add_argument(
+        "--monte-carlo",
+        type=int,
+        metavar="N",
+        help="execute them N times, too, by systems with other masses, inertias and start rates, "
+        "beside a linear prediction",
+    )
+    verify.add_argument(
+        "--uncertainty",
+        metavar="NAME=VALUE,...",
+        help="standard deviations of mass, inertia, friction [share], center_of_mass [m], "
+        "linear_velocity [m/s], angular_velocity, joint_velocity [rad/s]; the others are 0; "
+        "default: those of the scenario's planner.robust, else mass and inertia 0.01 and "
+        "angular_velocity 0.01 deg/s",
+    )
+    verify.add_argument(
+        "--execution",
+        choices=("tracked", "torques"),
+        default="tracked",
+        help="of the N runs: a controller keeps the joints on the plan, or torques alone are given "
+        "(by MuJoCo; for few runs)",
+    )
+    verify.add_argument("--seed", type=int, default=0, metavar="N", help="of the runs")
+    verify.add_argument("--json", type=Path, metavar="FILE", help="write all numbers to a file")
     return parser
 
 

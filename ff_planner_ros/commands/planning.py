@@ -11,7 +11,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from ff_planner_ros.analysis.json_file import read_json
 from ff_planner_ros.analysis.plan_json import (
@@ -29,10 +29,11 @@ from ff_planner_ros.errors import FfPlannerError, InvalidInput, Status
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.plan import Plan, Trajectory
 from ff_planner_ros.planning.planner import plan
-from ff_planner_ros.planning.problem import Objective, Parametrisation, lasting
-from ff_planner_ros.planning.scenario import Defaults, load_scenario, load_task
+from ff_planner_ros.planning.problem import Limits, Objective, Parametrisation, lasting
+from ff_planner_ros.planning.scenario import Defaults, limits_from, load_scenario, load_task
 from ff_planner_ros.planning.scene import Scene, scene_of
 from ff_planner_ros.planning.task import Method, PlanningTask, perform, without_search
+from ff_planner_ros.planning.uncertainty import Uncertainty
 from ff_planner_ros.planning.watch import Watch
 from ff_planner_ros.robot.bodies import Geometry
 from ff_planner_ros.robot.model import Robot, read_urdf, robot_from_urdf_text
@@ -154,42 +155,81 @@ def _method(name: str) -> Method:
 
 def verify_plans(options: argparse.Namespace) -> int:
     """Execute plans in an independent physics engine."""
-    from ff_planner_ros.verify import print_verdict
+    from ff_planner_ros.verify import Draw, print_monte_carlo, print_verdict
 
-    verdicts = [
-        print_verdict(name, robot, motion, options.sensitivity, scene)
-        for name, robot, motion, scene in _motions(options.source, options)
-    ]
+    total, asked = _runs_asked_for(options)
+    verdicts, answers = list[bool](), list[dict[str, Any]]()
+    for one in _motions(options.source, options):
+        motion = one.name, one.robot, one.trajectory
+        verdicts.append(print_verdict(*motion, options.sensitivity, one.scene))
+        answers.append({"name": one.name, "passed": verdicts[-1]})
+        if total is not None:
+            draw = Draw(total, options.seed, options.execution, asked or one.uncertainty)
+            found = print_monte_carlo(*motion, one.scene, one.limits, draw)
+            answers[-1]["monte_carlo"] = found
+    _write_json(options.json, {"plans": answers})
     return SOLVED if all(verdicts) else NO_PLAN
 
 
-def _motions(
-    source: Path, options: argparse.Namespace
-) -> Iterator[tuple[str, Robot, Trajectory, Scene | None]]:
-    """Yield name, robot, motion and scene of each plan that a file or bag holds or asks for."""
+def _runs_asked_for(options: argparse.Namespace) -> tuple[int | None, Uncertainty | None]:
+    """Return how many runs to make, and of what systems; None: none, and of the usual ones."""
+    from ff_planner_ros.simulation.monte_carlo import require_runs
+    from ff_planner_ros.verify import uncertainty_of
+
+    if options.monte_carlo is None:
+        for name, default in (("seed", 0), ("execution", "tracked"), ("uncertainty", None)):
+            value = getattr(options, name)
+            if value != default:
+                allowed = "it counts beside --monte-carlo alone"
+                raise InvalidInput(Status.UNSUPPORTED, f"--{name}", value, allowed)
+        return None, None
+    require_runs(options.monte_carlo, options.seed)
+    told = options.uncertainty
+    return options.monte_carlo, None if told is None else uncertainty_of(told)
+
+
+class _Motion(NamedTuple):
+    """A plan to execute."""
+
+    name: str
+    robot: Robot
+    trajectory: Trajectory
+    scene: Scene | None  # None: it is not known
+    limits: Limits = Limits()
+    uncertainty: Uncertainty = Uncertainty()  # that it was planned for, or else the usual one
+
+
+def _motions(source: Path, options: argparse.Namespace) -> Iterator[_Motion]:
+    """Yield each plan that a file or bag holds or asks for."""
     if source.suffix in (".yaml", ".yml"):
         task, watch = _task(source, options)
         planned = perform(task, watch, _method(options.method))
         problem = lasting(task.problem, planned.duration)
-        yield source.name, problem.robot, planned.trajectory, scene_of(problem)
+        usual = Uncertainty() if task.robust is None else task.robust.uncertainty
+        motion = planned.trajectory
+        scene = scene_of(problem)
+        yield _Motion(source.name, problem.robot, motion, scene, problem.limits, usual)
     elif source.suffix == ".json":
-        yield source.name, *_motion_in_json(source)
+        yield _motion_in_json(source)
     elif source.is_dir() or source.suffix == ".mcap":
         from ff_planner_ros.bag.robot_plans import robot_plans
 
         recorded = robot_plans(source)
         print_notes(recorded.notes)
         for plan_id, motion in recorded.motions.items():
-            yield plan_id, recorded.robot, motion, recorded.scenes.get(plan_id)
+            yield _Motion(plan_id, recorded.robot, motion, recorded.scenes.get(plan_id))
     else:
         allowed = "it must be a scenario (.yaml), an answer (.json) or a bag (directory or .mcap)"
         raise InvalidInput(Status.UNSUPPORTED, "what to verify", source, allowed)
 
 
-def _motion_in_json(source: Path) -> tuple[Robot, Trajectory, Scene | None]:
+def _motion_in_json(source: Path) -> _Motion:
     answer = read_json(source)
     try:
-        return *planned_motion(answer), planned_scene(answer)
+        robot, motion = planned_motion(answer)
+        scene = planned_scene(answer)
+        limits = limits_from(answer.get("limits", {}), Limits())
+        return _Motion(source.name, robot, motion, scene, limits)
     except InvalidInput as error:
         field = f"{source}: {error.field}"
         raise InvalidInput(error.status, field, error.value, error.allowed) from None

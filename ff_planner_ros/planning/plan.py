@@ -49,6 +49,20 @@ class SolverReport:
     stop_reason: str  # why it stopped, a sentence
 
 
+@dataclass(frozen=True)
+class RobustReport:
+    """What a plan keeps back for what is not known exactly, and the price."""
+
+    sigmas: float  # so many deviations were asked for
+    least_sigmas: float  # so many the nearest of all margins has
+    rounds: int  # plans made with more and more kept back; 0: the plain plan has it all
+    plain_joint_path_length: float  # of the plan without [rad]
+    # Of what the solver kept back beyond the limits themselves
+    clearance: tuple[tuple[str, float], ...] = ()  # obstacle and distance [m]
+    chaser_attitude: float = 0.0  # [rad]
+    torques: tuple[tuple[str, float], ...] = ()  # joint and torque [N m]
+
+
 @dataclass(frozen=True, eq=False)
 class Plan:
     """A plan that a consumer can trust: motion, metrics, and why the solver stopped."""
@@ -65,6 +79,7 @@ class Plan:
     # Decision variables, a first guess for another plan; shape (variables,), empty without a family
     coefficients: Array = field(default_factory=lambda: np.empty(0))
     duration: float | None = None  # from the first point to the goal [s]; None: as was asked for
+    robust: RobustReport | None = None  # None: it was not asked for
 
     def __post_init__(self) -> None:
         """Make the decision variables read-only."""

@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from ff_planner_ros.arrays import Array, finite_number, finite_vector
-from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.errors import InvalidInput, Status, fields_named
 from ff_planner_ros.planning.approach import CONE, Approach
 from ff_planner_ros.planning.controller_rules import Controller
 from ff_planner_ros.planning.joint_motion import JointMotion
@@ -27,11 +27,13 @@ from ff_planner_ros.planning.problem import (
     Target,
     with_attached_spheres,
 )
+from ff_planner_ros.planning.robust import KEPT_BACK, SIGMAS, Robust
 from ff_planner_ros.planning.settings import PlannerSettings
 from ff_planner_ros.planning.tail import EndBehaviour
 from ff_planner_ros.planning.target import require_enough_joints
 from ff_planner_ros.planning.target_body import AttachedSphere, TargetBody
 from ff_planner_ros.planning.task import PlanningTask
+from ff_planner_ros.planning.uncertainty import Uncertainty
 from ff_planner_ros.planning.yaml_file import (
     boolean,
     integer,
@@ -115,8 +117,9 @@ def load_task(path: Path, defaults: Defaults) -> PlanningTask:
         tail = number("tail_duration", scenario.get("tail_duration", defaults.tail))
     running, guess = scenario.get("running"), scenario.get("first_guess")
     goal = scenario.get("running_goal")
-    names = [item.name for item in fields(PlannerSettings)]
-    changes = mapping("planner", scenario.get("planner", {}), (), optional=names)
+    names = [*(item.name for item in fields(PlannerSettings)), "robust"]
+    changes = dict(mapping("planner", scenario.get("planner", {}), (), optional=names))
+    robust = changes.pop("robust", None)
     return PlanningTask(
         problem=problem,
         settings=replace(defaults.settings, **changes),
@@ -127,7 +130,22 @@ def load_task(path: Path, defaults: Defaults) -> PlanningTask:
         tail=tail,
         controller=_controller(scenario, problem.robot, defaults.controller),
         first_guess=None if guess is None else numbers("first_guess", guess),
+        robust=None if robust is None else robust_of(robust),
     )
+
+
+def robust_of(value: object) -> Robust:
+    """Return what a mapping asks to keep back.
+
+    Raises:
+        InvalidInput: It is no such mapping.
+    """
+    field = "planner.robust"
+    entry = mapping(field, value, (), optional=("sigmas", *KEPT_BACK))
+    told = {name: number(f"{field}.{name}", given) for name, given in entry.items()}
+    sigmas = told.pop("sigmas", SIGMAS)
+    with fields_named({f"uncertainty.{name}": f"{field}.{name}" for name in KEPT_BACK}):
+        return Robust(Uncertainty(**told), sigmas)
 
 
 def end_behaviour_of(word: str) -> EndBehaviour:
@@ -184,7 +202,7 @@ def _problem(
         points=integer("points", scenario.get("points", points)),
         obstacles=obstacles if body is None else with_attached_spheres(obstacles, body),
         objective=_objective(scenario["objective"]),
-        limits=_limits(scenario.get("limits", {}), limits),
+        limits=limits_from(scenario.get("limits", {}), limits),
         parametrisation=parametrisation_of(
             text("parametrisation", scenario.get("parametrisation", "auto"))
         ),
@@ -226,7 +244,12 @@ def approach_of(value: object) -> Approach:
     )
 
 
-def _limits(value: object, defaults: Limits) -> Limits:
+def limits_from(value: object, defaults: Limits) -> Limits:
+    """Return the limits that a mapping describes.
+
+    Raises:
+        InvalidInput: It describes none.
+    """
     names = ("position", "velocity", "acceleration", "effort", "chaser_attitude")
     limits = mapping("limits", value, (), optional=names)
     position_limits = limits.get("position", "from_urdf")

@@ -29,6 +29,7 @@ from ff_planner_ros.planning.problem import (
     Sphere,
     lasting,
 )
+from ff_planner_ros.planning.robust import Robust, robust_plan
 from ff_planner_ros.planning.settings import PlannerSettings
 from ff_planner_ros.planning.system_frame import system_frame
 from ff_planner_ros.planning.tail import EndBehaviour, with_tail
@@ -68,6 +69,7 @@ class PlanningTask:
     tail: float = 0.0  # for how long [s]; zero for `as_planned`
     controller: Controller | None = None  # whose rules the plan must keep; None: nobody's
     first_guess: Array | None = None  # decision variables of the path family, tried first
+    robust: Robust | None = None  # what the plan keeps back; None: nothing
 
     def __post_init__(self) -> None:
         """Check the times, and keep read-only copies of the arrays."""
@@ -169,7 +171,7 @@ def _is_absent(value: Any, name: str) -> bool:
         return not value.allowed_at_goal
     newer = (
         *("joint_accelerations", "free_axis_in_ee", "target_body", "body", "place_in_body"),
-        *("duration_range", "approach", "running_goal"),
+        *("duration_range", "approach", "running_goal", "robust"),
     )
     return name in newer and getattr(value, name) is None
 
@@ -230,7 +232,10 @@ def _performed(
 ) -> Plan:
     """Return the plan for a problem in the frame of the plan, judged."""
     settings, window = task.settings, problem.duration_range
-    to_goal = method(problem, settings, watch, guess)
+    if task.robust is None:
+        to_goal = method(problem, settings, watch, guess)
+    else:
+        to_goal = robust_plan(task.robust, problem, settings, watch, guess, method)
     asked, problem = problem, lasting(problem, to_goal.duration)
     chosen = problem.duration
     found = tuple(failures(problem, to_goal, settings))

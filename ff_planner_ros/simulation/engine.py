@@ -154,6 +154,11 @@ class Engine:
         """Return joint positions and rates of a state."""
         return state[self._joints], state[self.model.nq :][self._rates]
 
+    def links_moved_by(self, joint: str) -> NDArray[np.int64]:
+        """Return the numbers of the link that a joint moves and of those that are fixed to it."""
+        moved = self.model.joint(joint).bodyid[0]
+        return np.flatnonzero(self.model.body_weldid == self.model.body_weldid[moved])
+
     def scale_inertias(self, bodies: NDArray[np.int64], masses: Array, inertias: Array) -> None:
         """Scale masses, and inertias about the centres of mass, by a factor for each link."""
         self.model.body_mass[bodies] *= masses

@@ -1,0 +1,196 @@
+"""A robust plan keeps its deviations, says what that costs, and what cannot be kept is refused."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import robots
+import yaml
+
+from ff_planner_ros.cli import main
+from ff_planner_ros.errors import InvalidInput, NoPlanFound, Status
+from ff_planner_ros.parameters import load_parameters
+from ff_planner_ros.planning.plan import Plan
+from ff_planner_ros.planning.problem import PlanningProblem
+from ff_planner_ros.planning.robust import Robust
+from ff_planner_ros.planning.scenario import Defaults, load_task
+from ff_planner_ros.planning.scenario_writer import write_scenario
+from ff_planner_ros.planning.scene import scene_of
+from ff_planner_ros.planning.task import PlanningTask, in_frame_of_user, perform
+from ff_planner_ros.planning.uncertainty import Uncertainty
+from ff_planner_ros.simulation.monte_carlo import monte_carlo
+
+SCENARIOS = robots.CONFIG / "scenarios"
+
+
+def task_of(name: str, robust: Robust | None) -> PlanningTask:
+    task = load_task(SCENARIOS / f"{name}.yaml", Defaults(load_parameters().planner))
+    return replace(task, robust=robust)
+
+
+@pytest.fixture(scope="module")
+def robust_plan() -> Plan:
+    return perform(task_of("lemur_capture", Robust()))
+
+
+def share_of_violations(problem: PlanningProblem, plan: Plan, seed: int) -> float:
+    """Return in which part of 500 runs with errors of 1 % and 0.01 deg/s anything is violated."""
+    asked = scene_of(problem), Uncertainty(), 500, seed, problem.limits
+    return monte_carlo(problem.robot, plan.trajectory, *asked).violations[-1].share
+
+
+def test_at_most_one_run_in_a_hundred_violates_a_robust_plan(
+    robust_plan: Plan, lemur_plan: Plan, lemur_capture: PlanningProblem
+) -> None:
+    assert share_of_violations(lemur_capture, lemur_plan, seed=11) > 0.02
+    assert share_of_violations(lemur_capture, robust_plan, seed=11) <= 0.01
+
+
+@pytest.mark.parametrize("name", ["lemur_capture_bodies", "canadarm2_capture", "planar_capture"])
+def test_so_do_few_runs_of_other_robots(name: str) -> None:
+    task = task_of(name, Robust())
+    assert share_of_violations(task.problem, perform(task), seed=12) <= 0.01
+
+
+def test_the_price_is_told_beside_the_plain_plan(robust_plan: Plan, lemur_plan: Plan) -> None:
+    told = robust_plan.robust
+    assert told is not None
+    assert told.plain_joint_path_length == pytest.approx(
+        lemur_plan.metrics.joint_path_length, rel=1e-6
+    )
+    assert robust_plan.metrics.joint_path_length > told.plain_joint_path_length
+    assert told.least_sigmas >= 3.0
+    assert dict(told.clearance).keys() <= {"c1", "c2", "c3"}
+    # Measured against the obstacles as they are, not as they were grown for the search.
+    assert robust_plan.metrics.min_clearance >= max(dict(told.clearance).values())
+
+
+def test_more_deviations_cost_more(robust_plan: Plan) -> None:
+    longer = perform(task_of("lemur_capture", Robust(sigmas=6.0)))
+    assert longer.robust is not None
+    assert longer.robust.least_sigmas >= 6.0
+    assert longer.metrics.joint_path_length > robust_plan.metrics.joint_path_length
+
+
+def test_a_plan_that_keeps_enough_already_stays_what_it_is() -> None:
+    tiny = Uncertainty(mass=1e-6, inertia=1e-6, angular_velocity=0.0)
+    same, plain = (perform(task_of("lemur_capture", one)) for one in (Robust(tiny), None))
+    assert same.robust is not None
+    assert (same.robust.rounds, same.robust.clearance) == (0, ())
+    assert (same.trajectory.joint_positions == plain.trajectory.joint_positions).all()
+
+
+def test_the_chaser_s_attitude_keeps_its_deviations_too(lemur_plan: Plan) -> None:
+    task = task_of("lemur_capture", Robust())
+    limit = lemur_plan.metrics.max_chaser_euler * 0.98
+    limits = replace(task.problem.limits, chaser_attitude=limit)
+    task = replace(task, problem=replace(task.problem, limits=limits))
+    plain, robust = perform(replace(task, robust=None)), perform(task)
+    assert robust.robust is not None
+    assert robust.robust.chaser_attitude > 0.0
+    assert robust.metrics.max_chaser_euler < limit - robust.robust.chaser_attitude + 1e-4
+    assert share_of_violations(task.problem, plain, seed=13) > 0.05
+    assert share_of_violations(task.problem, robust, seed=13) <= 0.01
+
+
+def test_what_cannot_be_kept_is_refused_with_what_is_lacking() -> None:
+    task = task_of("lemur_capture", Robust(Uncertainty(mass=0.5, inertia=0.5), 10.0))
+    limits = replace(task.problem.limits, chaser_attitude=0.5)
+    with pytest.raises(NoPlanFound, match=r"planner\.robust: the chaser's attitude") as refused:
+        perform(replace(task, problem=replace(task.problem, limits=limits)))
+    assert refused.value.status is Status.LIMIT_VIOLATED
+
+
+def test_what_no_round_can_mend_is_refused_with_the_margin_and_where() -> None:
+    """A method that takes no notice of what is kept back: nothing is ever enough."""
+    plain = task_of("lemur_capture", None)
+    made = perform(plain)
+    task = replace(plain, robust=Robust())
+    with pytest.raises(
+        NoPlanFound, match=r"keeps planner\.robust: the clearance from obstacle c"
+    ) as refused:
+        perform(task, method=in_frame_of_user(lambda *_: made, plain.problem))
+    assert refused.value.status is Status.COLLISION
+    assert "of its deviations, and 3 are to be kept" in str(refused.value)
+
+
+def test_a_scenario_says_what_to_keep_back_and_loses_nothing(tmp_path: Path) -> None:
+    scenario = yaml.safe_load((SCENARIOS / "lemur_capture.yaml").read_text())
+    scenario["robot"]["urdf"] = str(robots.LEMUR_URDF)
+    scenario["planner"] = {"robust": {"sigmas": 2, "mass": 0.02, "linear_velocity": 0.001}}
+    file = tmp_path / "scenario.yaml"
+    file.write_text(yaml.safe_dump(scenario))
+    task = load_task(file, Defaults(load_parameters().planner))
+    assert task.robust == Robust(Uncertainty(mass=0.02, linear_velocity=0.001), 2.0)
+    write_scenario(task, tmp_path / "again.yaml")
+    again = load_task(tmp_path / "again.yaml", Defaults(load_parameters().planner))
+    assert again.robust == task.robust
+    assert again.digest == task.digest != replace(task, robust=None).digest
+
+
+@pytest.mark.parametrize(
+    ("robust", "field"),
+    [
+        ({"sigmas": 0}, "planner.robust.sigmas"),
+        ({"sigmas": 50}, "planner.robust.sigmas"),
+        ({"mass": -1}, "planner.robust.mass"),
+        ({"inertia": "much"}, "planner.robust.inertia"),
+        ({"friction": 0.1}, "planner.robust.friction"),
+        ([3], "planner.robust"),
+    ],
+)
+def test_nonsense_is_refused_by_name(
+    robust: object, field: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    scenario = yaml.safe_load((SCENARIOS / "lemur_capture.yaml").read_text())
+    scenario["robot"]["urdf"] = str(robots.LEMUR_URDF)
+    scenario["planner"] = {"robust": robust}
+    file = tmp_path / "scenario.yaml"
+    file.write_text(yaml.safe_dump(scenario))
+    assert main(["plan", str(file)]) == 2
+    assert f"{field} is " in capsys.readouterr().err
+    with pytest.raises(InvalidInput):
+        load_task(file, Defaults(load_parameters().planner))
+
+
+def test_the_command_tells_price_and_violations(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    scenario = yaml.safe_load((SCENARIOS / "lemur_capture.yaml").read_text())
+    scenario["robot"]["urdf"] = str(robots.LEMUR_URDF)
+    scenario["planner"] = {"robust": {"mass": 0.02}}
+    file, answer, runs = (tmp_path / name for name in ("s.yaml", "plan.json", "runs.json"))
+    file.write_text(yaml.safe_dump(scenario))
+    assert main(["plan", str(file), "--json", str(answer)]) == 0
+    assert "sigmas kept back, 3 asked for; joint path +" in capsys.readouterr().out
+    told = json.loads(answer.read_text())["robust"]
+    assert told["sigmas"] == 3.0
+    assert told["plain_joint_path_length"] > 1.0
+    assert main(["verify", str(file), "--monte-carlo", "100", "--json", str(runs)]) == 0
+    shown = capsys.readouterr().out
+    assert "100 runs, joints controlled, seed 0; deviations: mass 0.02, inertia 0.01" in shown
+    (plan,) = json.loads(runs.read_text())["plans"]
+    assert plan["monte_carlo"]["violations"]["any"]["runs"] <= 1
+    assert plan["monte_carlo"]["uncertainty"]["mass"] == 0.02
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--monte-carlo", "0"], "--monte-carlo is 0"),
+        (["--monte-carlo", "5", "--uncertainty", "mess=1"], "--uncertainty is "),
+        (["--monte-carlo", "5", "--uncertainty", "mass=a lot"], "--uncertainty mass is "),
+        (["--monte-carlo", "5", "--uncertainty", "mass=-1"], "uncertainty.mass is "),
+        (["--monte-carlo", "5", "--seed", "-1"], "--seed is -1"),
+        (["--seed", "3"], "--seed is 3"),
+        (["--execution", "torques"], "--execution is torques"),
+    ],
+)
+def test_options_that_say_nothing_are_refused_by_name(
+    arguments: list[str], message: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["verify", str(robots.LEMUR_SCENARIO), *arguments]) == 2
+    assert message in capsys.readouterr().err
