@@ -22,6 +22,8 @@ def run_campaign(options: argparse.Namespace) -> int:
         allowed = f"`ff-planner campaign {REPORT} DIR` or `ff-planner campaign STUDY.yaml`"
         raise InvalidInput(Status.UNSUPPORTED, "argument", options.directory, allowed)
     if options.out is None:
+        options.out = options.library
+    if options.out is None:
         allowed = "a campaign needs a directory for its tables"
         raise InvalidInput(Status.OUT_OF_RANGE, "--out", "missing", allowed)
     if options.workers is not None and not 1 <= options.workers <= MOST_WORKERS:
@@ -45,6 +47,11 @@ def _run(options: argparse.Namespace) -> int:
     print(f"{options.out}: {done.rows} of {done.cases} plans are there")
     if done.other_rows:
         print(f"and {done.other_rows} of cases that the study no longer has")
+    if options.library is not None and done.rows:
+        from ff_planner_ros.campaign.to_library import write_library
+
+        stored = write_library(options.out, options.library)
+        print(f"{options.library}: a library of {stored} plans")
     if done.rows == done.cases:
         print(f"results {table.digest_of(table.read_plans(options.out))}")
         return SOLVED
