@@ -33,7 +33,7 @@ def run_campaign(options: argparse.Namespace) -> int:
 
 
 def _run(options: argparse.Namespace) -> int:
-    _require_packages()
+    require_packages("a campaign")
     if options.dashboard and find_spec("bokeh") is None:
         allowed = "it needs bokeh: pip install bokeh"
         raise InvalidInput(Status.UNSUPPORTED, "--dashboard", "asked for", allowed)
@@ -62,15 +62,18 @@ def _run(options: argparse.Namespace) -> int:
 
 
 def _report(options: argparse.Namespace) -> int:
-    _require_packages()
+    require_packages("a campaign")
     from ff_planner_ros.campaign.page import save_campaign_page
 
     print(save_campaign_page(options.directory, options.output))
     return SOLVED
 
 
-def _require_packages() -> None:
+def require_packages(what: str) -> None:
     """Refuse where the extra is not installed.
+
+    Args:
+        what: Needs it.
 
     Raises:
         FfPlannerError: It is not.
@@ -81,6 +84,6 @@ def _require_packages() -> None:
     except ModuleNotFoundError as error:
         raise FfPlannerError(
             Status.UNSUPPORTED,
-            f"a campaign needs {error.name}: pip install 'ff_planner_ros[campaign]', or where this "
+            f"{what} needs {error.name}: pip install 'ff_planner_ros[campaign]', or where this "
             "package came without pip, pip install distributed pyarrow",
         ) from None

@@ -89,6 +89,8 @@ def command_parser() -> ArgumentParser:
     form = export.add_mutually_exclusive_group(required=True)
     form.add_argument("--csv", type=Path, metavar="DIR", help="new directory, a table per plan")
     form.add_argument("--npz", type=Path, metavar="FILE", help="new file of numpy")
+    parquet_help = "new file, a row per answer of a bag, or of all bags in a directory"
+    form.add_argument("--parquet", type=Path, metavar="FILE", help=parquet_help)
     form.add_argument(
         "--scenarios", type=Path, metavar="DIR", help="new directory, a scenario file per request"
     )
