@@ -26,7 +26,7 @@ FLOORS = (
     {"robot"},
     {"core"},
     {"planning"},
-    {"parameters"},
+    {"parameters", "library_file"},
     {"baselines", "simulation", "analysis"},
     {"bench"},
     {"bag", "time_budget"},

@@ -48,6 +48,9 @@ _BEFORE_METRICS = {
     "iterations": _WHOLE,
     "rollouts": _WHOLE,
     "optimality": _NUMBER,
+    "coefficients": _NUMBERS,
+    "kind": _TEXT,
+    "place": _NUMBERS,
 }
 
 

@@ -16,9 +16,10 @@ from typing import Any
 
 from ff_planner_ros.campaign.cases import Case, kind_of
 from ff_planner_ros.campaign.environment import difference
-from ff_planner_ros.campaign.methods import method_of
+from ff_planner_ros.campaign.methods import OPTIMAL, method_of
 from ff_planner_ros.campaign.sources import task_of
 from ff_planner_ros.errors import FfPlannerError, Status
+from ff_planner_ros.planning.library import kind_and_place
 from ff_planner_ros.planning.plan import Plan
 from ff_planner_ros.planning.task import perform
 from ff_planner_ros.planning.watch import Watch
@@ -76,6 +77,9 @@ def run_case(case: Case) -> Outcome:
     points: list[dict[str, Any]] = []
     if isinstance(answer, Plan):
         row |= _solved(answer)
+        if case.method.method == OPTIMAL:
+            kind, place = kind_and_place(task)
+            row |= {"kind": kind, "place": place.tolist()}
         points = _points(case.id, answer) if case.trajectory else []
     else:
         row |= _refused(answer)
@@ -106,6 +110,7 @@ def _solved(plan: Plan) -> dict[str, Any]:
         "message": message,
         "parametrisation": plan.family,
         "motion_digest": _motion_digest(plan),
+        "coefficients": plan.coefficients.tolist(),
         **metrics,
         **{name: _finite(value) for name, value in report.items()},
     }

@@ -8,6 +8,14 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ff_planner_ros.arrays import finite_number
+from ff_planner_ros.campaign.fleet import (
+    bags_below,
+    fleet_document,
+    fleet_lines,
+    read_fleet,
+    success_words,
+)
+from ff_planner_ros.commands.campaigns import require_packages
 from ff_planner_ros.commands.planning import SOLVED, print_notes
 from ff_planner_ros.errors import InvalidInput, Status
 
@@ -50,6 +58,8 @@ def report_run(options: argparse.Namespace) -> int:
         allowed = "it must not be negative; 0 draws none"
         raise InvalidInput(Status.OUT_OF_RANGE, "--plans", options.plans, allowed)
     source: Path = options.source
+    if bags_below(source):
+        return _report_fleet(source, options)
     if source.suffix == ".json":
         report = report_of_answer(source)
     else:
@@ -63,9 +73,22 @@ def report_run(options: argparse.Namespace) -> int:
     return SOLVED
 
 
+def _report_fleet(directory: Path, options: argparse.Namespace) -> int:
+    from ff_planner_ros.campaign.fleet_page import save_fleet_page
+
+    output = options.output or Path(f"{directory.resolve().name}_report.html")
+    fleet = read_fleet(directory)
+    notes = save_fleet_page(fleet, output, options.plans)
+    print_notes([*notes, *(f"skipped: {name}: {why}" for name, why in fleet.skipped)])
+    print(f"{output}  {len(fleet.read)} bags, {len(fleet.rows)} requests{success_words(fleet)}")
+    return SOLVED
+
+
 def export_plans(options: argparse.Namespace) -> int:
     """Write the plans of a bag, or its requests as scenario files."""
     notes: Sequence[str]
+    if options.parquet is not None:
+        return _export_parquet(options)
     if options.scenarios is not None:
         from ff_planner_ros.runs.export_scenarios import export_scenarios
 
@@ -81,8 +104,27 @@ def export_plans(options: argparse.Namespace) -> int:
     return SOLVED
 
 
+def _export_parquet(options: argparse.Namespace) -> int:
+    """Write the answers in one bag or in many as one table."""
+    require_packages("a table in Parquet")
+    from ff_planner_ros.campaign.fleet_table import save_fleet_table
+
+    fleet = read_fleet(options.bag)
+    save_fleet_table(fleet, options.parquet)
+    print_notes([*fleet.notes, *(f"skipped: {name}: {why}" for name, why in fleet.skipped)])
+    print(f"{options.parquet}  {len(fleet.read)} bags, {len(fleet.rows)} requests")
+    return SOLVED
+
+
 def show_bag(options: argparse.Namespace) -> int:
-    """Show what is in a bag, to people or to programs."""
+    """Show what is in a bag, or come to in a directory of bags, to people or to programs."""
+    if bags_below(options.bag):
+        fleet = read_fleet(options.bag)
+        if options.json:
+            print(json.dumps(fleet_document(fleet), indent=2))
+        else:
+            print(*fleet_lines(fleet), sep="\n")
+        return SOLVED
     from ff_planner_ros.bag.info import bag_document, info
 
     if options.json:

@@ -22,6 +22,8 @@ def run_campaign(options: argparse.Namespace) -> int:
         allowed = f"`ff-planner campaign {REPORT} DIR` or `ff-planner campaign STUDY.yaml`"
         raise InvalidInput(Status.UNSUPPORTED, "argument", options.directory, allowed)
     if options.out is None:
+        options.out = options.library
+    if options.out is None:
         allowed = "a campaign needs a directory for its tables"
         raise InvalidInput(Status.OUT_OF_RANGE, "--out", "missing", allowed)
     if options.workers is not None and not 1 <= options.workers <= MOST_WORKERS:
@@ -31,7 +33,7 @@ def run_campaign(options: argparse.Namespace) -> int:
 
 
 def _run(options: argparse.Namespace) -> int:
-    _require_packages()
+    require_packages("a campaign")
     if options.dashboard and find_spec("bokeh") is None:
         allowed = "it needs bokeh: pip install bokeh"
         raise InvalidInput(Status.UNSUPPORTED, "--dashboard", "asked for", allowed)
@@ -45,6 +47,11 @@ def _run(options: argparse.Namespace) -> int:
     print(f"{options.out}: {done.rows} of {done.cases} plans are there")
     if done.other_rows:
         print(f"and {done.other_rows} of cases that the study no longer has")
+    if options.library is not None and done.rows:
+        from ff_planner_ros.campaign.to_library import write_library
+
+        stored = write_library(options.out, options.library)
+        print(f"{options.library}: a library of {stored} plans")
     if done.rows == done.cases:
         print(f"results {table.digest_of(table.read_plans(options.out))}")
         return SOLVED
@@ -55,15 +62,18 @@ def _run(options: argparse.Namespace) -> int:
 
 
 def _report(options: argparse.Namespace) -> int:
-    _require_packages()
+    require_packages("a campaign")
     from ff_planner_ros.campaign.page import save_campaign_page
 
     print(save_campaign_page(options.directory, options.output))
     return SOLVED
 
 
-def _require_packages() -> None:
+def require_packages(what: str) -> None:
     """Refuse where the extra is not installed.
+
+    Args:
+        what: Needs it.
 
     Raises:
         FfPlannerError: It is not.
@@ -74,6 +84,6 @@ def _require_packages() -> None:
     except ModuleNotFoundError as error:
         raise FfPlannerError(
             Status.UNSUPPORTED,
-            f"a campaign needs {error.name}: pip install 'ff_planner_ros[campaign]', or where this "
+            f"{what} needs {error.name}: pip install 'ff_planner_ros[campaign]', or where this "
             "package came without pip, pip install distributed pyarrow",
         ) from None

@@ -56,6 +56,8 @@ def command_parser() -> ArgumentParser:
     campaign.add_argument("study", type=Path, metavar="STUDY.yaml|report", help="docs/campaigns.md")
     campaign.add_argument("directory", type=Path, nargs="?", metavar="DIR", help="of a campaign")
     campaign.add_argument("--out", type=Path, metavar="DIR", help="new, or one to go on with")
+    library_help = "make a library of the plans: first guesses for `plan --library DIR`"
+    campaign.add_argument("--library", type=Path, metavar="DIR", help=library_help)
     scheduler_help = "of a Dask cluster, tcp://HOST:8786 (default: a cluster of this machine)"
     campaign.add_argument("--scheduler", metavar="ADDRESS", help=scheduler_help)
     workers_help = "processes (default: one a core); with --scheduler: begin when so many are there"
@@ -87,6 +89,8 @@ def command_parser() -> ArgumentParser:
     form = export.add_mutually_exclusive_group(required=True)
     form.add_argument("--csv", type=Path, metavar="DIR", help="new directory, a table per plan")
     form.add_argument("--npz", type=Path, metavar="FILE", help="new file of numpy")
+    parquet_help = "new file, a row per answer of a bag, or of all bags in a directory"
+    form.add_argument("--parquet", type=Path, metavar="FILE", help=parquet_help)
     form.add_argument(
         "--scenarios", type=Path, metavar="DIR", help="new directory, a scenario file per request"
     )
@@ -265,6 +269,8 @@ def _how_to_plan() -> ArgumentParser:
         help="instead of the scenario's: the paths that the plan is looked for among; auto takes "
         "the paper's, and joint splines where these do not apply or hold no plan",
     )
+    library_help = "of plans made before (`campaign --library`): the nearest is the first guess"
+    options.add_argument("--library", type=Path, metavar="DIR", help=library_help)
     parameters_help = (
         "the node's parameters, all or some: they count where the scenario does not say"
     )

@@ -26,7 +26,9 @@ from ff_planner_ros.baselines.artificial_potential_field import artificial_poten
 from ff_planner_ros.baselines.potential_field import load_parameters as load_potential_field
 from ff_planner_ros.baselines.straight_line import straight_line
 from ff_planner_ros.errors import FfPlannerError, InvalidInput, Status
+from ff_planner_ros.library_file import load_library
 from ff_planner_ros.parameters import load_parameters
+from ff_planner_ros.planning.library import Library
 from ff_planner_ros.planning.plan import Plan, Trajectory
 from ff_planner_ros.planning.planner import plan
 from ff_planner_ros.planning.problem import Limits, Objective, Parametrisation, lasting
@@ -128,7 +130,20 @@ def _task(scenario: Path, options: argparse.Namespace) -> tuple[PlanningTask, Wa
     if options.parametrisation is not None:
         named = Parametrisation(options.parametrisation)
         task = replace(task, problem=replace(task.problem, parametrisation=named))
+    if options.library is not None:
+        task = _with_guess(task, load_library(options.library, "--library"))
     return task, Watch() if budget is None else TimeBudget(budget)
+
+
+def _with_guess(task: PlanningTask, library: Library) -> PlanningTask:
+    """Return a task with the nearest plan of a library as its first guess, if it has none."""
+    if task.first_guess is not None:
+        print_notes(["the scenario has a first guess: the library is not asked for one"])
+        return task
+    guess = library.first_guess(task)
+    if guess is None:
+        print_notes([f"of the {len(library.plans)} plans in the library none is near"])
+    return replace(task, first_guess=guess)
 
 
 def _weights(text: str) -> Objective:

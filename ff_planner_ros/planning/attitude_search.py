@@ -74,9 +74,8 @@ class AttitudeSearch(Search):
         Raises:
             OutOfTime: By the watch.
         """
-        objective, best = with_tie_break(asked, self._settings), shortest
-        for path in self._paths_at_guess(objective):
-            best = _better(asked, best, judge(path))
+        objective = with_tie_break(asked, self._settings)
+        best = self.better_at_guess(asked, shortest, judge)
         guesses, found, tried = self._guesses(shortest), list[_Rough](), list[_Rough]()
         in_vain = 0
         for number in range(self._settings.attitude_rounds):
@@ -107,6 +106,15 @@ class AttitudeSearch(Search):
             optimality, reason = best.solver.optimality, best.solver.stop_reason
         effort = self._found(self._solved[-1]).report
         return replace(best, solver=replace(effort, optimality=optimality, stop_reason=reason))
+
+    def better_at_guess(self, asked: Objective, shortest: Plan, judge: Judge) -> Plan:
+        """Return the best plan at the first guess, at worst the plan of least joint path.
+
+        Raises:
+            OutOfTime: By the watch.
+        """
+        paths = self._paths_at_guess(with_tie_break(asked, self._settings))
+        return _better(asked, shortest, *(judge(path) for path in paths))
 
     def _paths_at_guess(self, objective: Objective) -> Iterator[FoundPath]:
         """Yield the path of the first guess, as it is and improved: it may be worth more."""

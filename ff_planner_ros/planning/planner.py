@@ -87,6 +87,8 @@ def plan(
     window = problem.duration_range
     if window is not None and window.minimum == window.maximum:
         problem, window = lasting(problem, window.minimum), None
+    if first_guess is not None and not isinstance(first_guess, Remainder):
+        return _plan_beside_guess(problem, settings, watch, first_guess)
     if window is None:
         return _plan_in_time(problem, settings, watch, first_guess)
     if isinstance(first_guess, Remainder):
@@ -96,8 +98,94 @@ def plan(
         except NoPlanFound as refused:
             if refused.status is Status.OUT_OF_TIME:
                 raise
-        first_guess = None
-    return plan_at_best_moment(problem, settings, watch, first_guess, _plan_in_time)
+    return plan_at_best_moment(problem, settings, watch, None, _plan_in_time)
+
+
+def _plan_beside_guess(
+    problem: PlanningProblem, settings: PlannerSettings, watch: Watch, guess: Array
+) -> Plan:
+    """Return the plan that a guess leads to, or else the one that is found without it.
+
+    What is found without it is the same to the last bit: a guess never costs a plan.
+    """
+    try:
+        if problem.duration_range is None:
+            return _plan_near_guess(problem, settings, watch, guess)
+        once = replace(settings, starts=1)
+        return plan_at_best_moment(problem, once, watch, guess, _plan_near_guess)
+    except NoPlanFound as refused:
+        if refused.status is Status.OUT_OF_TIME:
+            raise
+    found = plan(problem, settings, watch)
+    return replace(found, solver=replace(found.solver, starts=found.solver.starts + 1))
+
+
+def _plan_near_guess(
+    problem: PlanningProblem, settings: PlannerSettings, watch: Watch, guess: Array | None
+) -> Plan:
+    """Return the plan of a given duration that a guess leads to by itself.
+
+    Raises:
+        InvalidInput: No family has so many variables.
+        NoPlanFound: It leads to none; where the attitude has a weight, to none that is better than
+            the one of least joint path.
+    """
+    if guess is None:
+        raise NoPlanFound(Status.CHECK_FAILED, "the first guess leads to no duration")
+    require_plannable(problem, settings)
+    groups = path_families(problem, settings)
+    fitting = [ways for ways in groups if len(guess) == ways[0].variables]
+    if not fitting:
+        finite_vector("first_guess", guess, groups[0][0].variables)
+    ways = fitting[0]
+    problem = replace(problem, parametrisation=Parametrisation(ways[0].name))
+
+    def promise(family: PathFamily) -> tuple[float, float]:
+        at_x = path_program(problem, family, settings).linearise(guess)
+        return (max(at_x.violation, 0.0), at_x.objective) if at_x.is_defined else (np.inf, np.inf)
+
+    # Of several ways round, the same numbers are a good path in one alone.
+    refusals: list[NoPlanFound] = []
+    for family in sorted(ways, key=promise) if len(ways) > 1 else ways:
+        try:
+            return _plan_near_in_family(problem, settings, family, watch, guess)
+        except NoPlanFound as refused:
+            if refused.status is Status.OUT_OF_TIME:
+                raise
+            refusals.append(refused)
+    raise refusals[0]
+
+
+def _plan_near_in_family(
+    problem: PlanningProblem,
+    settings: PlannerSettings,
+    family: PathFamily,
+    watch: Watch,
+    guess: Array,
+) -> Plan:
+    """Return the plan of one family that a guess leads to in a few steps."""
+
+    def judged(path: FoundPath) -> Plan | None:
+        found = plan_of_path(problem, settings, family, path)
+        return None if any(failures(problem, found, settings)) else found
+
+    guess = finite_vector("first_guess", guess, family.variables)
+    asked = problem.objective
+    turns_count = asked.chaser_attitude > 0.0
+    first = replace(problem, objective=SHORTEST if turns_count else asked)
+    search = AttitudeSearch(path_program(first, family, settings), settings, watch, guess)
+    try:
+        paths = [*search.paths_near(guess)]  # the last is the best
+        found = next((made for path in reversed(paths) if (made := judged(path))), None)
+        if found is not None and turns_count:
+            shortest = found
+            found = search.better_at_guess(asked, shortest, judged)
+            found = None if found is shortest else found
+    except OutOfTime as end:
+        raise out_of_time(end) from None
+    if found is None:
+        raise NoPlanFound(Status.CHECK_FAILED, "the first guess leads to no plan")
+    return found
 
 
 def _plan_in_time(
@@ -113,8 +201,6 @@ def _plan_in_time(
         near, first_guess = _plan_near(problem, settings, watch, groups, first_guess)
         if near is not None:
             return near
-    if first_guess is not None and all(len(first_guess) != ways[0].variables for ways in groups):
-        finite_vector("first_guess", first_guess, groups[0][0].variables)
     conditions = conditions_of(problem.robot, problem.target)
     met = steered(problem.robot, problem.target)
     too_many = met < sum(conditions.values())

@@ -111,20 +111,20 @@ class PlanningTask:
         strict = self.controller
         if strict is not None and strict.allow_nonzero_velocity_at_trajectory_end:
             strict = None
-        parts = _canonical(replace(self, controller=strict))
+        parts = canonical(replace(self, controller=strict))
         return hashlib.sha256(b"".join(parts)).hexdigest()[:_DIGITS]
 
 
-def _canonical(value: Any) -> Iterator[bytes]:
+def canonical(value: Any) -> Iterator[bytes]:
     """Yield bytes that are the same for equal values, on every machine and in every process."""
     if isinstance(value, Robot):
-        yield from _canonical(_parts_of_robot(value))
+        yield from canonical(_parts_of_robot(value))
     elif is_dataclass(value):
         for item in fields(value):
             if _is_absent(value, item.name):
                 continue
-            yield from _canonical(item.name)
-            yield from _canonical(getattr(value, item.name))
+            yield from canonical(item.name)
+            yield from canonical(getattr(value, item.name))
     elif value is None or isinstance(value, bool):
         yield repr(value).encode()
     elif isinstance(value, str):
@@ -135,7 +135,7 @@ def _canonical(value: Any) -> Iterator[bytes]:
     elif isinstance(value, Sequence):
         yield b"l%d:" % len(value)
         for entry in value:
-            yield from _canonical(entry)
+            yield from canonical(entry)
     else:
         yield b"d" + struct.pack("<d", value)
 

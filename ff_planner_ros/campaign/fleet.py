@@ -1,0 +1,221 @@
+"""The bags of a campaign at once: a row for each answer in them, and what is wrong with which."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import cached_property
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ff_planner_ros.bag.mcap_records import printable
+from ff_planner_ros.bag.plans import planning_exchanges, recorded_plans
+from ff_planner_ros.bag.progress_bar import progress_bar
+from ff_planner_ros.bag.reader import open_bag
+from ff_planner_ros.campaign.statistics import Group, Rate, Row, grouped
+from ff_planner_ros.errors import BagError, FfPlannerError
+
+# What tells that a directory is, or was to be, a bag.
+_OF_BAGS = (".mcap", ".db3", ".zstd", ".bag")
+_METADATA = "metadata.yaml"
+NO_ANSWER = "no answer"
+_ALL = 10**9  # plans of a bag
+# Columns beside those of the table of answers: the largest difference between measured and planned
+# while the plan ran; none where nothing was measured.
+MEASURED = ("measured_joint_off_rad", "measured_chaser_off_m", "measured_ee_off_m")
+# Figures whose percentiles are told: words, column, factor to the unit in the words.
+FIGURES = (
+    ("solve time [s]", "solve_time_s", 1.0),
+    ("clearance [mm]", "min_clearance_m", 1e3),
+    ("clearance of bodies [mm]", "min_self_clearance_m", 1e3),
+    ("joints off the plan [rad]", MEASURED[0], 1.0),
+    ("chaser off the plan [mm]", MEASURED[1], 1e3),
+    ("end effector off the plan [mm]", MEASURED[2], 1e3),
+)
+PERCENTILES = (0, 5, 50, 95, 100)
+
+
+@dataclass(frozen=True)
+class Fleet:
+    """What the bags in a directory hold."""
+
+    directory: Path
+    read: tuple[str, ...]  # bags, by their path below the directory
+    rows: tuple[Row, ...]  # an answer each, or a request without one
+    skipped: tuple[tuple[str, str], ...]  # bags of which nothing can be read, and why
+    notes: tuple[str, ...]  # what is wrong with those that were read
+
+    @property
+    def answers(self) -> Group:
+        """All answers."""
+        return Group("all", self.rows)
+
+    @property
+    def solved(self) -> Rate | None:
+        """How many of the requests have a plan; None: there is no request."""
+        return self.answers.solved if self.rows else None
+
+    @property
+    def causes(self) -> Counter[str]:
+        """How often each status refused."""
+        return self.answers.causes
+
+    def percentiles(self, column: str) -> list[float] | None:
+        """Return the percentiles of a column over plans; None: it is not known of any."""
+        values = self.answers.values(column, solved_only=column != "solve_time_s")
+        values = values[np.isfinite(values)]
+        return np.percentile(values, PERCENTILES).tolist() if len(values) else None
+
+    @cached_property
+    def runs(self) -> list[Group]:
+        """The answers by bag, the worst first.
+
+        Those with refusals come first, by their share; then those that were furthest off their
+        plan; then those that came nearest to something.
+        """
+        return sorted(grouped(self.rows, "bag"), key=_badness)
+
+
+def _badness(run: Group) -> tuple[float, float, float]:
+    off, clearance = run.values(MEASURED[2]), run.values("min_clearance_m")
+    return run.solved.share, -max(off, default=0.0), min(clearance, default=np.inf)
+
+
+def bags_below(directory: Path) -> list[Path]:
+    """Return the bags in a directory and in those below it; none where it is a bag itself."""
+    if not directory.is_dir() or _is_bag(directory):
+        return []
+    found: list[Path] = []
+    with suppress(OSError):
+        for one in sorted(directory.iterdir()):
+            if one.is_dir() and not one.is_symlink():
+                found += [one] if _is_bag(one) else bags_below(one)
+    return found
+
+
+def _is_bag(directory: Path) -> bool:
+    try:
+        names = [file.name for file in directory.iterdir()]
+    except OSError:
+        return False
+    return _METADATA in names or any(name.endswith(_OF_BAGS) for name in names)
+
+
+def read_fleet(directory: Path) -> Fleet:
+    """Read every bag in a directory; a bag that cannot be read costs no other.
+
+    Raises:
+        BagError: Not one of them can be read.
+    """
+    paths = bags_below(directory) or [directory]
+    read, rows, skipped, notes = list[str](), list[Row](), list[tuple[str, str]](), list[str]()
+    with progress_bar("reading bags", len(paths), unit="bags", per_unit=1) as advance:
+        for path in paths:
+            name = printable(str(path.relative_to(directory) if path != directory else path.name))
+            try:
+                of_bag = list(_rows(path, name, notes))
+            except FfPlannerError as error:
+                skipped.append((name, str(error)))
+            else:
+                rows += of_bag
+                read.append(name)
+            advance(1)
+    if not read:
+        why = f"; the first: {skipped[0][1]}" if skipped else ""
+        raise BagError(f"of the {len(paths)} bags in {directory} none can be read{why}")
+    return Fleet(directory, tuple(read), tuple(rows), tuple(skipped), tuple(notes))
+
+
+def _rows(path: Path, name: str, notes: list[str]) -> Iterator[Row]:
+    with open_bag(path) as bag:
+        plans, asked = recorded_plans(bag), planning_exchanges(bag)
+        notes += [f"{name}: {note}" for note in bag.notes]
+    rows: list[dict[str, Any]] = [plan.row() for plan in plans]
+    unanswered = sum(one.request is not None for one in asked) - len(plans)
+    solved = [row["plan_id"] for row in rows if row["status"] == "SOLVED"]
+    measured = _measured(path, name, notes) if solved else {}
+    for row in rows:
+        off = measured.get(str(row["plan_id"]), (None, None, None))
+        told = {"bag": name, "solved": row["status"] == "SOLVED", **row}
+        yield told | dict(zip(MEASURED, off, strict=True))
+    empty = dict.fromkeys(rows[0] if rows else (), None) | dict.fromkeys(MEASURED)
+    for _ in range(unanswered):  # some recorders do not say which request it was
+        yield {"bag": name, "solved": False} | empty | {"status": NO_ANSWER}
+
+
+def _measured(path: Path, name: str, notes: list[str]) -> dict[str, tuple[float, ...]]:
+    """Return by plan how far joints, chaser and end effector were off it at most."""
+    if find_spec("ff_planner_msgs") is None:
+        note = "without ROS nothing measured is compared with the plans"
+        if note not in notes:
+            notes.append(note)
+        return {}
+    from ff_planner_ros.runs.report_of_bag import report_of_bag
+
+    try:
+        report = report_of_bag(path, _ALL)
+    except FfPlannerError as error:
+        notes.append(f"{name}: nothing measured is compared: {error}")
+        return {}
+    found = {}
+    for request in report.requests:
+        if request.plan is not None and (off := request.plan.deviations) is not None:
+            parts: Sequence[Any] = (off.joint_position, off.chaser_position, off.ee_position)
+            found[request.plan_id] = tuple(float(part.max()) for part in parts)
+    return found
+
+
+def fleet_document(fleet: Fleet) -> dict[str, Any]:
+    """Return what the bags come to, for JSON."""
+    solved = fleet.solved
+    return {
+        "directory": str(fleet.directory),
+        "bags": [*fleet.read],
+        "request_count": len(fleet.rows),
+        "solved_count": solved.count if solved else 0,
+        "success_interval": list(solved.interval) if solved else None,
+        "requests_by_status": dict(Counter(row["status"] for row in fleet.rows).most_common()),
+        "percentiles": {
+            column: dict(zip(map(str, PERCENTILES), found, strict=True))
+            for _, column, _ in FIGURES
+            if (found := fleet.percentiles(column)) is not None
+        },
+        "worst_first": [run.name for run in fleet.runs],
+        "skipped": dict(fleet.skipped),
+        "notes": list(fleet.notes),
+    }
+
+
+def fleet_lines(fleet: Fleet) -> Iterator[str]:
+    """Yield what the bags come to, line by line, and at the end what is wrong with which."""
+    total = len(fleet.read) + len(fleet.skipped)
+    yield f"bags      {total} in {printable(str(fleet.directory))}, {len(fleet.skipped)} skipped"
+    yield f"requests  {len(fleet.rows)}{success_words(fleet)}"
+    for status, count in fleet.causes.most_common():
+        yield f"  {count:9}  {status}"
+    names = ("least", *(f"{share} %" for share in PERCENTILES[1:-1]), "most")
+    yield f"{'of plans':32}" + "".join(f"{name:>11}" for name in names)
+    for words, column, factor in FIGURES:
+        if (found := fleet.percentiles(column)) is not None:
+            yield f"  {words:30}" + "".join(f"{factor * value:11.4g}" for value in found)
+    yield "worst runs"
+    for run in fleet.runs[:10]:
+        yield f"  {run.solved.count} of {run.solved.total} solved  {run.name}"
+    for name, why in fleet.skipped:
+        yield f"skipped: {name}: {printable(why)}"
+    for note in fleet.notes:
+        yield f"note: {printable(note)}"
+
+
+def success_words(fleet: Fleet) -> str:
+    """Return how many are solved, in words behind the number of requests."""
+    if fleet.solved is None:
+        return ""
+    low, high = fleet.solved.interval
+    share = f"{fleet.solved.share:.1%}, 95 % interval {low:.1%} to {high:.1%}"
+    return f": {fleet.solved.count} solved ({share})"

@@ -1,0 +1,126 @@
+"""The report of many bags: one page, with links to pages of the worst runs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from urllib.parse import quote
+from xml.etree.ElementTree import Element
+
+from ff_planner_ros.campaign.fleet import (
+    FIGURES,
+    MEASURED,
+    PERCENTILES,
+    Fleet,
+    success_words,
+)
+from ff_planner_ros.campaign.page_plots import time_plot
+from ff_planner_ros.campaign.statistics import Group
+from ff_planner_ros.errors import FfPlannerError
+from ff_planner_ros.runs.report_file import save_file
+from ff_planner_ros.runs.report_html import bullets, element, pairs, plot, row, table
+
+_NOTHING = "-"
+# Runs that get a page of their own: each is some megabytes.
+PAGES = 10
+_COLUMNS = (
+    *("run", "requests", "solved", "causes", "slowest [s]", "least clearance [mm]"),
+    *("joints off [rad]", "chaser off [mm]", "end effector off [mm]"),
+)
+_OF_RUNS = (
+    ("solve_time_s", 1.0, max),
+    ("min_clearance_m", 1e3, min),
+    (MEASURED[0], 1.0, max),
+    (MEASURED[1], 1e3, max),
+    (MEASURED[2], 1e3, max),
+)
+
+
+def save_fleet_page(fleet: Fleet, file: Path, most_plans: int) -> list[str]:
+    """Write the page, and beside it those of the worst runs; return notes on what has none.
+
+    Args:
+        most_plans: That are drawn of each run.
+
+    Raises:
+        OSError: A page cannot be written.
+    """
+    pages: dict[str, Path] = {}
+    notes: list[str] = []
+    try:
+        from ff_planner_ros.runs.report_of_bag import report_of_bag
+        from ff_planner_ros.runs.report_page import save_page
+    except ModuleNotFoundError:
+        notes.append("without ROS no run gets a page of its own")
+    else:
+        directory = file.with_suffix("")
+        directory.mkdir(exist_ok=True)
+        for number, run in enumerate(fleet.runs[:PAGES], start=1):
+            page = directory / f"{number:02d}_{Path(run.name).name}.html"
+            try:
+                save_page(report_of_bag(fleet.directory / run.name, most_plans), page)
+                pages[run.name] = page.relative_to(file.parent)
+            except FfPlannerError as error:
+                notes.append(f"{run.name}: {error}")
+    figures: list[Element] = []
+    title = fleet.directory.resolve().name
+    save_file(title, _sections(title, fleet, pages, figures), figures, file)
+    return notes
+
+
+def _sections(
+    title: str, fleet: Fleet, pages: dict[str, Path], figures: list[Element]
+) -> Iterator[Element]:
+    yield element("h1", f"Runs: {title}")
+    yield pairs(
+        [
+            ("directory", str(fleet.directory)),
+            ("bags", f"{len(fleet.read)} read, {len(fleet.skipped)} skipped"),
+            ("requests", f"{len(fleet.rows)}{success_words(fleet)}"),
+        ]
+    )
+    if fleet.skipped:
+        yield bullets([f"skipped: {name}: {why}" for name, why in fleet.skipped], "notes")
+    if fleet.causes:
+        yield element("h2", "Causes of refusal")
+        yield table(("status", "requests"), [row((k, str(n))) for k, n in fleet.causes.items()])
+    yield element("h2", "Times, clearance, planned against measured")
+    yield _percentiles(fleet)
+    timed = [{**one, "solve_time": one.get("solve_time_s")} for one in fleet.rows]
+    if any(one["solve_time"] is not None for one in timed):
+        caption = "Share of the requests that are answered, solved or refused, within a time."
+        yield plot("times", time_plot([Group("all", timed)]), caption, figures)
+    yield element("h2", "Runs, the worst first")
+    words = (
+        "First those with refusals, by their share; then those whose end effector was furthest "
+        "off its plan; then those that came nearest to something. The first have a page."
+    )
+    yield element("p", words)
+    yield table(_COLUMNS, [row(_cells(run, pages)) for run in fleet.runs])
+    if fleet.notes:
+        yield element("h2", "Notes")
+        yield bullets(fleet.notes, "notes")
+
+
+def _percentiles(fleet: Fleet) -> Element:
+    rows = []
+    for words, column, factor in FIGURES:
+        found = fleet.percentiles(column)
+        cells = (
+            [_NOTHING] * len(PERCENTILES)
+            if found is None
+            else [f"{factor * value:.4g}" for value in found]
+        )
+        rows.append(row((words, *cells)))
+    return table(("", "least", *(f"{share} %" for share in PERCENTILES[1:-1]), "most"), rows)
+
+
+def _cells(run: Group, pages: dict[str, Path]) -> Iterator[Element | str]:
+    page = pages.get(run.name)
+    yield run.name if page is None else element("a", run.name, href=quote(page.as_posix()))
+    yield str(run.solved.total)
+    yield str(run.solved.count)
+    yield ", ".join(f"{count} {status}" for status, count in run.causes.items()) or _NOTHING
+    for column, factor, worst in _OF_RUNS:
+        values = run.values(column, solved_only=column != "solve_time_s")
+        yield f"{factor * float(worst(values)):.4g}" if len(values) else _NOTHING

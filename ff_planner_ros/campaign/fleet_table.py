@@ -1,0 +1,43 @@
+"""The answers in many bags as one table in Parquet."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pyarrow
+import pyarrow.parquet
+
+from ff_planner_ros.campaign.fleet import Fleet
+from ff_planner_ros.errors import BagError
+
+
+def save_fleet_table(fleet: Fleet, file: Path) -> None:
+    """Write a row for each answer into a new file.
+
+    Raises:
+        BagError: The file exists already, there is no answer, or it cannot be written.
+    """
+    if not fleet.rows:
+        raise BagError(f"the bags in {fleet.directory} hold no request to a planner")
+    columns = list(dict.fromkeys(name for row in fleet.rows for name in row))
+    by_column = {name: [row.get(name) for row in fleet.rows] for name in columns}
+    made = pyarrow.table({name: _column(values) for name, values in by_column.items()})
+    try:
+        with file.open("xb") as stream:
+            pyarrow.parquet.write_table(made, stream, compression="zstd")
+    except FileExistsError:
+        raise BagError(f"{file} exists already, and is not overwritten") from None
+    except OSError as error:
+        raise BagError(f"{file} cannot be written: {error}") from None
+
+
+def _column(values: list[object]) -> pyarrow.Array:
+    """Return a column of numbers, of texts where one is a text."""
+    known = [one for one in values if one is not None]
+    if all(isinstance(one, bool) for one in known) and known:
+        return pyarrow.array(values, pyarrow.bool_())
+    if all(isinstance(one, int) for one in known) and known:
+        return pyarrow.array(values, pyarrow.int64())
+    if all(isinstance(one, int | float) for one in known):
+        return pyarrow.array([None if v is None else float(v) for v in values], pyarrow.float64())  # type: ignore[arg-type]
+    return pyarrow.array([None if v is None else str(v) for v in values], pyarrow.string())

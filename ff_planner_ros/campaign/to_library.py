@@ -1,0 +1,32 @@
+"""The plans of a campaign as a library of first guesses."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from ff_planner_ros.campaign.table import read_plans
+from ff_planner_ros.library_file import save_library
+from ff_planner_ros.planning.library import StoredPlan
+
+_COLUMNS = ["kind", "place", "coefficients"]
+
+
+def write_library(campaign: Path, directory: Path) -> int:
+    """Write the plans that our method made, in the order of their ids; return how many they are.
+
+    Raises:
+        InvalidInput: There is no campaign, or a file of it is damaged.
+        OSError: The library cannot be written.
+    """
+    plans = list(_stored(campaign))
+    save_library(plans, directory)
+    return len(plans)
+
+
+def _stored(campaign: Path) -> Iterator[StoredPlan]:
+    for row in read_plans(campaign).select(_COLUMNS).to_pylist():
+        if row["kind"] is not None:
+            yield StoredPlan(row["kind"], np.array(row["place"]), np.array(row["coefficients"]))

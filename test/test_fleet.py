@@ -1,0 +1,133 @@
+"""Many bags at once: each answer counts once, a broken bag is named and costs no other."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet
+import pytest
+
+from ff_planner_ros.bag.plans import read_plans
+from ff_planner_ros.campaign import fleet_page
+from ff_planner_ros.campaign.fleet import MEASURED, PERCENTILES, bags_below, read_fleet
+from ff_planner_ros.cli import main
+from ff_planner_ros.errors import BagError
+
+GOLDEN = Path(__file__).parent / "golden_bags"
+# Copies of each bag, and one more below.
+COPIES = {"offline_solved": 3, "node": 2, "offline_refused": 2}
+BROKEN = ("a_empty", "b_zero", "c_noise")
+
+
+@pytest.fixture(scope="module")
+def fleet(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A directory of eight bags, three of which nothing can be read, and what is no bag."""
+    directory = tmp_path_factory.mktemp("fleet") / "runs"
+    for name, copies in COPIES.items():
+        for number in range(copies):
+            shutil.copytree(GOLDEN / name, directory / f"{name}_{number}")
+    shutil.copytree(GOLDEN / "offline_solved", directory / "day" / "two" / "late")
+    for name, content in zip(BROKEN, (None, b"", b"no MCAP" * 99), strict=True):
+        (directory / name).mkdir()
+        if content is not None:
+            (directory / name / "x.mcap").write_bytes(content)
+    (directory / "a_empty" / "metadata.yaml").touch()
+    (directory / "notes").mkdir()
+    (directory / "notes" / "log.txt").write_text("no bag")
+    return directory
+
+
+def answers() -> Counter[str]:
+    """By status, how many answers the bags of the fleet hold, counted bag by bag."""
+    found: Counter[str] = Counter()
+    for name, copies in (*COPIES.items(), ("offline_solved", 1)):
+        for plan in read_plans(GOLDEN / name):
+            found[plan.status] += copies
+    return found
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_every_answer_of_every_bag_is_counted_once(
+    fleet: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["info", str(fleet), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    expected = answers()
+    assert told["requests_by_status"] == dict(expected)
+    assert told["solved_count"] == expected["SOLVED"]
+    assert set(told["skipped"]) == set(BROKEN)
+    assert len(told["bags"]) == sum(COPIES.values()) + 1
+    assert "day/two/late" in told["bags"]
+    p, n, z = expected["SOLVED"] / expected.total(), expected.total(), 1.959963984540054
+    # Wilson's interval: the p0 for which |p - p0| is z times its standard deviation.
+    for end in told["success_interval"]:
+        assert abs(p - end) == pytest.approx(z * np.sqrt(end * (1.0 - end) / n))
+    clearances = [
+        plan.metrics["min_clearance"]
+        for name, copies in (*COPIES.items(), ("offline_solved", 1))
+        for plan in read_plans(GOLDEN / name)
+        if plan.status == "SOLVED"
+        for _ in range(copies)
+    ]
+    expected_percentiles = np.percentile(clearances, PERCENTILES)
+    found = list(told["percentiles"]["min_clearance_m"].values())
+    assert found == pytest.approx(expected_percentiles)
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_lines_and_table_tell_the_same(
+    fleet: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["info", str(fleet)]) == 0
+    lines = capsys.readouterr().out
+    for name in BROKEN:
+        assert f"skipped: {name}: " in lines
+    file = tmp_path / "answers.parquet"
+    assert main(["export", str(fleet), "--parquet", str(file)]) == 0
+    rows = pyarrow.parquet.read_table(file).to_pylist()
+    assert Counter(row["status"] for row in rows) == answers()
+    assert {row["bag"] for row in rows if row["status"] == "SOLVED"} >= {"day/two/late"}
+    assert all(row["min_clearance_m"] > 0.0 for row in rows if row["solved"])
+    assert {*MEASURED} <= rows[0].keys()
+    assert main(["export", str(fleet), "--parquet", str(file)]) == 2
+    assert "is not overwritten" in capsys.readouterr().err
+
+
+def test_a_table_of_one_bag_has_its_answers(tmp_path: Path) -> None:
+    file = tmp_path / "one.parquet"
+    assert main(["export", str(GOLDEN / "offline_solved"), "--parquet", str(file)]) == 0
+    row, *others = pyarrow.parquet.read_table(file).to_pylist()
+    assert (row["bag"], row["status"], others) == ("offline_solved", "SOLVED", [])
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_the_page_has_the_worst_runs_first_with_links_to_their_pages(
+    fleet: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(fleet_page, "PAGES", 2)
+    page = tmp_path / "runs.html"
+    assert main(["report", str(fleet), "--output", str(page), "--plans", "1"]) == 0
+    text = page.read_text(encoding="utf-8")
+    links = re.findall(r'<a href="([^"]*)">([^<]*)</a>', text)
+    assert [name for _, name in links] == ["offline_refused_0", "offline_refused_1"]
+    for link, name in links:
+        assert name in (tmp_path / link).read_text(encoding="utf-8")
+    places = [text.index(f">{run.name}<") for run in read_fleet(fleet).runs]
+    assert places == sorted(places)
+    for name in BROKEN:
+        assert f"skipped: {name}" in text
+
+
+def test_a_bag_itself_is_no_fleet_and_broken_ones_alone_are_an_error(
+    fleet: Path, tmp_path: Path
+) -> None:
+    assert bags_below(GOLDEN / "node") == []
+    assert bags_below(tmp_path) == []
+    shutil.copytree(fleet / "b_zero", tmp_path / "one")
+    with pytest.raises(BagError, match=r"of the 1 bags in .* none can be read; the first: .*empty"):
+        read_fleet(tmp_path)
