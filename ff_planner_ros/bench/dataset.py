@@ -35,7 +35,7 @@ _APART = 1_000_000
 # Hashes over `SHA256SUMS`, which has the hash of every file.
 PUBLISHED = {
     "public": "626e4daef3f107372799df471fda801086f26814c0905d67f5a2e15b8906e0da",
-    "hidden": "",
+    "hidden": "978cb074e3898ca98bdf93c8fdd1f99f5c0a1552e771e66daa7377126b0985cc",
 }
 SUMS = "SHA256SUMS"
 _OF_THREE = ("lemur", "arm6", "arm7")

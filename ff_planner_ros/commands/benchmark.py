@@ -21,7 +21,7 @@ def run_benchmark(options: argparse.Namespace) -> int:
     if options.score is not None:
         return _score(*options.score)
     if options.dataset is None:
-        for name in ("method", "seeds"):
+        for name in ("method", "seeds", "fly"):
             if getattr(options, name):
                 raise InvalidInput(Status.UNSUPPORTED, f"--{name}", "given", "it needs --dataset")
         from ff_planner_ros.bench.report import run_on_one_core
@@ -29,6 +29,8 @@ def run_benchmark(options: argparse.Namespace) -> int:
         return run_on_one_core(options.quick, options.scenarios, options.json)
     _limit_threads()
     _require_dataset(options)
+    if options.fly:
+        _fly(options)
     return _table(options) if options.method else 0
 
 
@@ -84,6 +86,12 @@ def _table(options: argparse.Namespace) -> int:
         told = [asdict(each) for each in done]
         options.json.write_text(json.dumps(told, indent=1) + "\n", encoding="utf-8")
     return 0
+
+
+def _fly(options: argparse.Namespace) -> None:
+    from ff_planner_ros.bench.flown import HEADER, flown_rows
+
+    print_table("Plans in two engines", HEADER, list(flown_rows(options.dataset, options.fly)))
 
 
 def _limit_threads() -> None:

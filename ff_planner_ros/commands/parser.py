@@ -53,6 +53,8 @@ def command_parser() -> ArgumentParser:
     bench.add_argument("--seconds", type=float, default=10.0, metavar="S", help=seconds_help)
     workers_help = "processes at a time for the data set (default: %(default)s)"
     bench.add_argument("--workers", type=int, default=2, metavar="N", help=workers_help)
+    fly_help = "execute our plans of N scenarios of each class in MuJoCo and in Drake"
+    bench.add_argument("--fly", type=int, metavar="N", help=fly_help)
     score_help = "judge one answer to a scenario of the data set"
     bench.add_argument(
         "--score", type=Path, nargs=2, metavar=("SCENARIO", "ANSWER"), help=score_help

@@ -1,8 +1,7 @@
 """OMPL's RRT-Connect on the free-floating system: an example of a method from outside.
 
-RRT-Connect finds a way for the joints, the chaser being where it would be on the straight way. A
-spline through it is flown, and its end is moved until the end effector rests in the goal. What
-then still hits something is thrown away, and another end posture is tried.
+RRT-Connect finds a way for the joints, the chaser being where it is on the straight way; a spline
+through it is flown, and its end moved until it meets the goal. What then hits something is lost.
 """
 
 from __future__ import annotations
@@ -30,9 +29,8 @@ def answer(scenario: Path, seconds: float) -> dict[str, Any]:
     util.noOutputHandler()
     util.RNG.setSeed(1)
     content, chain, _ = load(scenario)
-    rng, begun = np.random.default_rng(0), time.process_time()
+    rng, begun, turn = np.random.default_rng(0), time.process_time(), 0.0
     first = np.array(content["joints"]["position"])
-    turn = 0.0
     while time.process_time() - begun < 0.9 * seconds:
         end = first + turn * rng.normal(size=chain.joints)
         turn = min(turn + 0.2, 1.5)
@@ -54,15 +52,14 @@ def _aimed(
     chain: Chain, content: dict[str, Any], way: Array
 ) -> tuple[Flight, dict[str, Any]] | None:
     """Move the end of a way until the end effector is at the goal and moves as it shall."""
-    _, _, velocity, rate = goal(content)
+    moving = np.concatenate(goal(content)[2:])
     last, part = np.zeros(chain.joints), np.linspace(0.0, 1.0, len(way))
     for _ in range(ROUNDS):
         motion = _motion(content, way, last)
         flight = flown(chain, content, joint_motion(motion), STEPS)
         offset, counts = errors_at_goal(chain, content, flight)
         jacobian, twist = tip_map(chain, flight)
-        slow = np.concatenate([velocity, rate]) - twist
-        inverse = np.linalg.pinv(jacobian[counts], rcond=1e-3)
+        slow, inverse = moving - twist, np.linalg.pinv(jacobian[counts], rcond=1e-3)
         if max(np.abs(offset[counts]).max(), np.abs(slow[counts]).max()) < 1e-4:
             return flight, motion
         step = np.clip(inverse @ offset[counts], -0.4, 0.4)
@@ -84,8 +81,7 @@ def _rrt_connect(
     chain: Chain, content: dict[str, Any], straight: Flight, seconds: float
 ) -> Array | None:
     """Return a few postures from the start to the end of a flight around the spheres."""
-    spheres = list(obstacles(content, straight.times))
-    margin = MARGIN[content["robot"]["geometry"]]
+    margin, spheres = MARGIN[content["robot"]["geometry"]], list(obstacles(content, straight.times))
     begin, end = straight.angles[0], straight.angles[-1]
 
     def free(state: Any) -> bool:
@@ -113,6 +109,7 @@ def _rrt_connect(
     if not setup.haveExactSolutionPath():
         return None
     setup.simplifySolution()
-    path = setup.getSolutionPath()
-    path.interpolate(BENDS + 2)
-    return np.array([[s[joint] for joint in range(chain.joints)] for s in path.getStates()])
+    setup.getSolutionPath().interpolate(BENDS + 2)
+    return np.array(
+        [[s[j] for j in range(chain.joints)] for s in setup.getSolutionPath().getStates()]
+    )
