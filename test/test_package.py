@@ -237,6 +237,7 @@ def test_setup_py_declares_exactly_the_python_packages_that_are_imported():
     }
     foreign = top_level_imports(MODULES) - sys.stdlib_module_names - {"ff_planner_ros"}
     imported = {PIP_NAMES.get(name, name) for name in foreign - ros_packages(foreign)}
+    imported -= {"ompl", "pydrake"}  # of the extra `benchmark`: an entrant, and a second engine
     from_ros = {"ff_planner_msgs", "ros-jazzy-common-interfaces", "ros-jazzy-rclpy"}
     assert declared == imported | from_ros
 

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from ff_planner_ros.commands import bags, campaigns, planning
+from ff_planner_ros.commands import bags, benchmark, campaigns, planning
 from ff_planner_ros.planning.problem import Parametrisation
 from ff_planner_ros.robot.bodies import Geometry
 
@@ -35,12 +35,30 @@ def command_parser() -> ArgumentParser:
     scenario.add_argument("scenario", type=Path, metavar="SCENARIO")
     how_to_plan = _how_to_plan()
 
-    bench = add("bench", planning.run_benchmark, "measure speed and success rate")
+    bench = add(
+        "bench",
+        benchmark.run_benchmark,
+        "measure speed and success rate; write the benchmark's data set, or let methods plan it",
+    )
     bench.add_argument("--quick", action="store_true", help="seconds instead of minutes")
     bench.add_argument(
         "--scenarios", type=int, metavar="N", help="of each class (default: 200; quick: 4)"
     )
     bench.add_argument("--json", type=Path, metavar="FILE", help="write all figures")
+    bench.add_argument("--dataset", type=Path, metavar="DIR", help="written unless it is there")
+    bench.add_argument("--seeds", metavar="WHICH", help="public (default), hidden, or a number")
+    method_help = "on the data set: all, or ours, rrt_connect, FILE.py, a command (docs/dataset.md)"
+    bench.add_argument("--method", action="append", metavar="METHOD", help=method_help)
+    seconds_help = "processor time for each answer (default: %(default)g)"
+    bench.add_argument("--seconds", type=float, default=10.0, metavar="S", help=seconds_help)
+    workers_help = "processes at a time for the data set (default: %(default)s)"
+    bench.add_argument("--workers", type=int, default=2, metavar="N", help=workers_help)
+    fly_help = "execute our plans of N scenarios of each class in MuJoCo and in Drake"
+    bench.add_argument("--fly", type=int, metavar="N", help=fly_help)
+    score_help = "judge one answer to a scenario of the data set"
+    bench.add_argument(
+        "--score", type=Path, nargs=2, metavar=("SCENARIO", "ANSWER"), help=score_help
+    )
 
     campaign = add(
         "campaign",

@@ -1,4 +1,4 @@
-"""The commands that make or test plans: plan, verify, compare, bench, robot, demo, node."""
+"""The commands that make or test plans: plan, verify, compare, robot, demo, node."""
 
 from __future__ import annotations
 
@@ -264,13 +264,6 @@ def compare_methods(options: argparse.Namespace) -> int:
         of_the_paper=options.scenario.samefile(papers_scenario),
     )
     return SOLVED if any_motion else NO_PLAN
-
-
-def run_benchmark(options: argparse.Namespace) -> int:
-    """Measure speed and success rate."""
-    from ff_planner_ros.bench.report import run_on_one_core
-
-    return run_on_one_core(options.quick, options.scenarios, options.json)
 
 
 def show_robot(options: argparse.Namespace) -> int:

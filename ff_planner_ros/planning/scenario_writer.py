@@ -44,7 +44,7 @@ def write_scenario(task: PlanningTask, path: Path) -> None:
         # What is written of a robot with lines has no <collision>.
         | ({} if robot.geometry is Geometry.LINES else {"geometry": robot.geometry.value})
         | ({} if robot.base is Base.FREE_FLYER else {"base": robot.base.value}),
-        **_problem(task.problem),
+        **described_problem(task.problem),
         **_beyond_the_problem(task),
     }
     # Flow style for what holds no other lists: a line for each vector.
@@ -57,7 +57,8 @@ def write_scenario(task: PlanningTask, path: Path) -> None:
         raise InvalidInput(Status.UNSUPPORTED, "robot or controller", "of another kind", allowed)
 
 
-def _problem(problem: PlanningProblem) -> dict[str, Any]:
+def described_problem(problem: PlanningProblem) -> dict[str, Any]:
+    """Return a problem as a scenario has it, but for its robot."""
     start = problem.start
     accelerations = start.joint_accelerations
     return {

@@ -1,0 +1,221 @@
+"""The data set of the benchmark: a thousand scenarios that have a plan, written from seeds.
+
+What is drawn is rounded to six decimals before it is written, so that machines whose last bits
+differ write the same text. The hash over all files tells whether it is the published data set.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import shutil
+from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from ff_planner_ros.bench import bodies, scenarios, still_goals, tumbling
+from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.planning.problem import PlanningProblem
+from ff_planner_ros.planning.scenario_writer import described_problem
+from ff_planner_ros.robot.bodies import Geometry
+from ff_planner_ros.robot.model import Base, Robot
+
+# Digits behind the decimal point: 1 um, 1 urad. The witnesses keep 10 mm from everything.
+DECIMALS = 6
+# The names of seeds that have a published hash; every other number is somebody's own set.
+SEEDS = {"public": 0, "hidden": 1}
+# So far are the problems of two sets apart in the numbering of a class.
+_APART = 1_000_000
+# Hashes over `SHA256SUMS`, which has the hash of every file.
+PUBLISHED = {
+    "public": "626e4daef3f107372799df471fda801086f26814c0905d67f5a2e15b8906e0da",
+    "hidden": "978cb074e3898ca98bdf93c8fdd1f99f5c0a1552e771e66daa7377126b0985cc",
+}
+SUMS = "SHA256SUMS"
+_OF_THREE = ("lemur", "arm6", "arm7")
+
+
+def _drawn_around(kind: str, number: int) -> PlanningProblem:
+    """Return a scenario with spheres around lines, every other one seen from a turned frame."""
+    robot = _OF_THREE[number % len(_OF_THREE)]
+    return scenarios.scenario(kind, robot, number, turned=bool(number % 2)).problem
+
+
+def _of_bodies(number: int) -> PlanningProblem:
+    return bodies.problem(bodies.ROBOTS[number % len(bodies.ROBOTS)], number).problem
+
+
+def _still(kind: str, number: int) -> PlanningProblem:
+    return still_goals.problem(kind, number).problem
+
+
+@dataclass(frozen=True)
+class SetClass:
+    """A class of the data set."""
+
+    scenarios: int
+    problem: Callable[[int], PlanningProblem]  # of a number
+
+
+CLASSES = {
+    "planar": SetClass(150, partial(_still, "planar")),
+    "ordinary": SetClass(200, partial(_drawn_around, "ordinary")),
+    "cluttered": SetClass(200, partial(_drawn_around, "cluttered")),
+    "bodies": SetClass(150, _of_bodies),
+    "tumbling": SetClass(150, partial(tumbling.problem, "tumbling")),
+    "high_momentum": SetClass(150, partial(_still, "high_momentum")),
+}
+
+
+def seed_of(word: str) -> int:
+    """Return the seed that a name or a number stands for.
+
+    Raises:
+        InvalidInput: It is neither.
+    """
+    if word in SEEDS:
+        return SEEDS[word]
+    if word.isascii() and word.isdigit() and len(word) <= 12:
+        return int(word)
+    allowed = f"it must be {', '.join(SEEDS)} or a whole number of 12 digits at most"
+    raise InvalidInput(Status.OUT_OF_RANGE, "--seeds", word, allowed)
+
+
+def names(each: int | None = None) -> Iterator[tuple[str, int]]:
+    """Yield class and index of the scenarios, the first so many of each class; None: all."""
+    for kind, of_class in CLASSES.items():
+        for index in range(min(of_class.scenarios, each or of_class.scenarios)):
+            yield kind, index
+
+
+def write_dataset(directory: Path, seed: int, each: int | None = None, workers: int = 1) -> str:
+    """Write a data set into a new or empty directory, and return its hash.
+
+    Args:
+        each: Scenarios of each class; None: as many as are published.
+
+    Raises:
+        InvalidInput: The directory holds something.
+        OSError: A file cannot be written.
+    """
+    if directory.exists() and (not directory.is_dir() or any(directory.iterdir())):
+        allowed = "it must be a new or an empty directory"
+        raise InvalidInput(Status.UNSUPPORTED, "--dataset", directory, allowed)
+    try:
+        return _written(directory, seed, each, workers)
+    except BaseException:  # half a data set would look like a whole one
+        shutil.rmtree(directory, ignore_errors=True)
+        raise
+
+
+def _written(directory: Path, seed: int, each: int | None, workers: int) -> str:
+    write = partial(_write, directory, seed)
+    wanted = list(names(each))
+    for kind in CLASSES:
+        (directory / "scenarios" / kind).mkdir(parents=True, exist_ok=True)
+    (directory / "robots").mkdir(exist_ok=True)
+    if workers > 1:
+        with ProcessPoolExecutor(workers) as pool:
+            robots = dict(made for made in pool.map(write, wanted, chunksize=5))
+    else:
+        robots = dict(write(one) for one in wanted)
+    for name, (urdf, pairs) in robots.items():
+        (directory / "robots" / f"{name}.urdf").write_text(urdf, encoding="utf-8", newline="\n")
+        told = json.dumps({"must_not_touch": pairs}, indent=1) + "\n"
+        (directory / "robots" / f"{name}.json").write_text(told, encoding="utf-8", newline="\n")
+    return write_sums(directory)
+
+
+def write_sums(directory: Path) -> str:
+    """Write the hash of every file into a file, and return the hash of that."""
+    text = sums(directory)
+    (directory / SUMS).write_text(text, encoding="ascii", newline="\n")
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def sums(directory: Path) -> str:
+    """Return a line for each file, as `sha256sum` writes it, by path."""
+    files = sorted(file for part in ("robots", "scenarios") for file in _files(directory / part))
+    return "".join(
+        f"{hashlib.sha256(file.read_bytes()).hexdigest()}  {file.relative_to(directory)}\n"
+        for file in files
+    )
+
+
+def checked(directory: Path) -> str:
+    """Return the hash of a data set whose files are what was written.
+
+    Raises:
+        InvalidInput: A file is missing, new or other than written.
+    """
+    text, now = (directory / SUMS).read_text(encoding="ascii", errors="replace"), sums(directory)
+    if text != now:
+        lines = sorted(set(text.splitlines()) ^ set(now.splitlines()))
+        name = lines[0].partition("  ")[2] if lines else SUMS
+        allowed = f"{directory / name} is missing, new or changed; write the data set anew"
+        raise InvalidInput(Status.UNSUPPORTED, "--dataset", directory, allowed)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def is_whole(directory: Path) -> bool:
+    """Tell whether a data set has as many scenarios as are published."""
+    here = sum(1 for _ in (directory / "scenarios").glob("*/*.yaml"))
+    return here == sum(kind.scenarios for kind in CLASSES.values())
+
+
+def _files(directory: Path) -> Iterator[Path]:
+    return (path for path in directory.rglob("*") if path.is_file())
+
+
+def _write(
+    directory: Path, seed: int, which: tuple[str, int]
+) -> tuple[str, tuple[str, list[list[str]]]]:
+    """Write a scenario, and return the name of its robot, its URDF and what must not touch."""
+    kind, index = which
+    problem = CLASSES[kind].problem(seed * _APART + index)
+    robot = problem.robot
+    name = robot_name(robot)
+    file = directory / "scenarios" / kind / f"{index:04d}.yaml"
+    file.write_text(scenario_text(problem), encoding="utf-8", newline="\n")
+    links = [sorted((robot.bodies[a].link, robot.bodies[b].link)) for a, b in robot.pairs]
+    pairs = [list(pair) for pair in sorted({tuple(pair) for pair in links})]
+    return name, (robot.drawn_urdf, pairs)
+
+
+def robot_name(robot: Robot) -> str:
+    """Return the name of a robot's files in the data set."""
+    shapes = robot.geometry is Geometry.SHAPES
+    return f"{robot.model.name}_bodies" if shapes else str(robot.model.name)
+
+
+def scenario_text(problem: PlanningProblem) -> str:
+    """Return a problem as the text of a scenario file, rounded."""
+    content: dict[str, Any] = {
+        "robot": {
+            "urdf": f"../../robots/{robot_name(problem.robot)}.urdf",
+            "base_link": problem.robot.base_link,
+            "tip_link": problem.robot.tip_link,
+            "geometry": problem.robot.geometry.value,
+        }
+        | ({"base": Base.PLANAR.value} if problem.robot.base is Base.PLANAR else {}),
+        **described_problem(problem),
+    }
+    del content["parametrisation"]  # a way of planning, not of the problem
+    document: str = yaml.safe_dump(
+        _rounded(content), default_flow_style=None, sort_keys=False, width=math.inf
+    )
+    return document
+
+
+def _rounded(value: Any) -> Any:
+    if isinstance(value, float):
+        return round(value, DECIMALS) + 0.0  # no negative zero, which depends on the last bits
+    if isinstance(value, dict):
+        return {name: _rounded(entry) for name, entry in value.items()}
+    return [_rounded(entry) for entry in value] if isinstance(value, list) else value

@@ -1,0 +1,14 @@
+"""The planner of this package, with its default settings."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from ff_planner_ros.bench.entrants.planned import answer_of
+from ff_planner_ros.planning.task import PlanningTask, perform
+
+
+def answer(scenario: Path, _seconds: float) -> dict[str, Any]:
+    """Plan; the planner stops by its own counts, never by the time."""
+    return answer_of(scenario, lambda problem, settings: perform(PlanningTask(problem, settings)))

@@ -1,0 +1,14 @@
+"""A planner that takes the total momentum to be zero; its joint motion is then flown."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from ff_planner_ros.baselines.beliefs import zero_momentum
+from ff_planner_ros.bench.entrants.planned import answer_of
+
+
+def answer(scenario: Path, _seconds: float) -> dict[str, Any]:
+    """Plan for the wrong chaser."""
+    return answer_of(scenario, zero_momentum)

@@ -1,0 +1,201 @@
+"""A chaser and its arm as a URDF describes them, by our own sums: nothing of the planner is used.
+
+Everything is in the frame of the base link unless a name says otherwise, for many postures at once:
+the first axis of every array is time.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+from xml.etree import ElementTree
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+Array = NDArray[np.float64]
+
+
+class Placement(NamedTuple):
+    """Where one frame is in another."""
+
+    rotation: Array  # shape (..., 3, 3)
+    position: Array  # shape (..., 3) [m]
+
+    def then(self, other: Placement) -> Placement:
+        """Return where a frame is that is given in this one."""
+        moved = (self.rotation @ other.position[..., None])[..., 0]
+        return Placement(self.rotation @ other.rotation, moved + self.position)
+
+
+@dataclass(frozen=True, eq=False)
+class Solid:
+    """A body of a link."""
+
+    link: int
+    at: Placement  # in the link
+    kind: str  # box, cylinder or sphere
+    sizes: tuple[float, ...]  # edges; radius and length; radius [m]
+
+
+@dataclass(frozen=True, eq=False)
+class Link:
+    """A link and the joint that carries it."""
+
+    name: str
+    parent: int  # index; -1: the base link's
+    at: Placement  # of the joint's frame in the parent's
+    axis: Array  # of the joint, unit length; zero: fixed
+    mass: float
+    center: Array  # of mass; shape (3,)
+    inertia: Array  # about the centre of mass, axes of the link; shape (3, 3)
+
+
+class Posture(NamedTuple):
+    """Where everything is in the base link's frame, at many times."""
+
+    links: list[Placement]  # a row per time
+    jacobians: list[tuple[Array, Array]]  # of centre of mass and turn; each (times, 3, joints)
+
+
+class Chain:
+    """A robot of revolute and fixed joints."""
+
+    def __init__(self, urdf: Path, base_link: str, tip_link: str) -> None:
+        """Read a URDF."""
+        tree = ElementTree.parse(urdf).getroot()
+        elements = {link.attrib["name"]: link for link in tree.findall("link")}
+        above = {joint.find("child").attrib["link"]: joint for joint in tree.findall("joint")}  # type: ignore[union-attr]
+        order = [base_link]
+        while len(order) < len(elements):
+            order += [
+                child
+                for child, joint in above.items()
+                if child not in order and joint.find("parent").attrib["link"] in order  # type: ignore[union-attr]
+            ]
+        self.names = order
+        self.links = [_link(elements[name], above.get(name), order) for name in order]
+        self.solids = [
+            solid for i, name in enumerate(order) for solid in _solids(elements[name], i)
+        ]
+        path, index = list[int](), order.index(tip_link)
+        while index >= 0:
+            path.insert(0, index)
+            index = self.links[index].parent
+        # Links that a joint moves, from the base to the tip, and all after the base's.
+        self.moved = [i for i in path if self.links[i].axis.any()]
+        self.tip = path[-1]
+        limits: list[Any] = [above[order[i]].find("limit") for i in self.moved]
+        kinds = [above[order[i]].attrib["type"] for i in self.moved]
+        self.lower, self.upper = (
+            np.array(
+                [
+                    infinite if kind == "continuous" else float(limit.attrib[name])
+                    for kind, limit in zip(kinds, limits, strict=True)
+                ]
+            )
+            for name, infinite in (("lower", -np.inf), ("upper", np.inf))
+        )
+        self.fastest, self.strongest = (
+            np.array([float(limit.attrib[name]) for limit in limits])
+            for name in ("velocity", "effort")
+        )
+        self.joint_names = [above[order[i]].attrib["name"] for i in self.moved]
+        self.center = self._chaser_center()
+
+    @property
+    def joints(self) -> int:
+        """How many there are."""
+        return len(self.moved)
+
+    def posture(self, angles: Array) -> Posture:
+        """Place all links.
+
+        Args:
+            angles: Of the joints. Shape (times, joints) [rad].
+        """
+        count, joints = len(angles), self.joints
+        places, jacobians = list[Placement](), list[tuple[Array, Array]]()
+        axes, origins = np.zeros((2, count, joints, 3))
+        carried = dict[int, list[int]]()
+        here = Placement(np.tile(np.eye(3), (count, 1, 1)), np.zeros((count, 3)))
+        for index, link in enumerate(self.links):
+            above = places[link.parent] if link.parent >= 0 else here
+            place = above.then(link.at) if index else here
+            moving = list(carried.get(link.parent, ()))
+            if index in self.moved:
+                joint = self.moved.index(index)
+                axes[:, joint], origins[:, joint] = place.rotation @ link.axis, place.position
+                turn = Rotation.from_rotvec(angles[:, joint, None] * link.axis).as_matrix()
+                place = Placement(place.rotation @ turn, place.position)
+                moving.append(joint)
+            carried[index] = moving
+            places.append(place)
+            turning, linear = np.zeros((count, 3, joints)), np.zeros((count, 3, joints))
+            center = place.then(Placement(np.eye(3), link.center)).position
+            for joint in moving:
+                turning[:, :, joint] = axes[:, joint]
+                linear[:, :, joint] = np.cross(axes[:, joint], center - origins[:, joint])
+            jacobians.append((linear, turning))
+        return Posture(places, jacobians)
+
+    def points(self, posture: Posture) -> Array:
+        """Return the arm's lines: joints from base to tip, then the tip. (times, points, 3)."""
+        return np.stack([posture.links[i].position for i in (*self.moved, self.tip)], axis=1)
+
+    def _chaser_center(self) -> Array:
+        """Return the centre of mass of the base link and what is fixed to it."""
+        rest = self.posture(np.zeros((1, self.joints)))
+        mass, moment = 0.0, np.zeros(3)
+        for link, place, (_, turning) in zip(self.links, rest.links, rest.jacobians, strict=True):
+            if not turning.any():
+                mass += link.mass
+                moment += link.mass * (place.rotation[0] @ link.center + place.position[0])
+        return moment / mass
+
+
+def _link(element: Any, joint: Any, order: list[str]) -> Link:
+    inertial = element.find("inertial")
+    mass, center, inertia = 0.0, np.zeros(3), np.zeros((3, 3))
+    if inertial is not None:
+        at = _origin(inertial)
+        xx, xy, xz, yy, yz, zz = (
+            float(inertial.find("inertia").attrib[name])
+            for name in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+        )
+        own = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+        mass, center = float(inertial.find("mass").attrib["value"]), at.position
+        inertia = at.rotation @ own @ at.rotation.T
+    axis, parent, place = np.zeros(3), -1, Placement(np.eye(3), np.zeros(3))
+    if joint is not None:
+        parent, place = order.index(joint.find("parent").attrib["link"]), _origin(joint)
+        if joint.attrib["type"] in ("revolute", "continuous"):
+            drawn = joint.find("axis")
+            axis = np.array([1.0, 0.0, 0.0] if drawn is None else _three(drawn.attrib["xyz"]))
+            axis /= np.linalg.norm(axis)
+        elif joint.attrib["type"] != "fixed":
+            raise ValueError(f"{joint.attrib['name']}: joints must be revolute or fixed")
+    return Link(element.attrib["name"], parent, place, axis, mass, center, inertia)
+
+
+def _solids(element: Any, link: int) -> list[Solid]:
+    found = []
+    for collision in element.findall("collision"):
+        shape = collision.find("geometry")[0]
+        names = {"box": ("size",), "cylinder": ("radius", "length"), "sphere": ("radius",)}
+        sizes = [v for name in names[shape.tag] for v in _three(shape.attrib[name])]
+        found.append(Solid(link, _origin(collision), shape.tag, tuple(sizes)))
+    return found
+
+
+def _origin(element: Any) -> Placement:
+    origin = element.find("origin")
+    told = {} if origin is None else origin.attrib
+    turn = Rotation.from_euler("xyz", _three(told.get("rpy", "0 0 0"))).as_matrix()
+    return Placement(turn, np.array(_three(told.get("xyz", "0 0 0"))))
+
+
+def _three(text: str) -> list[float]:
+    return [float(part) for part in text.split()]

@@ -1,0 +1,196 @@
+"""What an answer to a scenario is worth: is it there, does it arrive, does it keep what it must?
+
+An answer has `time`, `joint_positions` and `joint_velocities`, a row per point, perhaps
+`joint_accelerations`, as `ff-planner plan --json` writes them; everything else in it is ignored.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from ff_planner_ros.bench.scorer.chain import Array, Chain
+from ff_planner_ros.bench.scorer.clearance import body_motion, clearance
+from ff_planner_ros.bench.scorer.flight import Flight, flown, joint_motion, torques
+
+# What an answer may miss the goal by: position [m], direction [rad], velocity [m/s], rate [rad/s].
+MISS, TURN, SPEED, SPIN = 1e-3, 2e-3, 1e-3, 2e-3
+# The first point may be so far from the start [rad, rad/s].
+START = 1e-4
+# Joints may leave their range by so much [rad], and rates and torques by such a part of theirs.
+POSITION, RATE, TORQUE = 1e-4, 1e-3, 0.02
+# The clearance may be lower by so much, for rounding, between lines and spheres, and of solids [m].
+CLEARANCE = 1e-6
+
+
+@dataclass(frozen=True)
+class Score:
+    """What became of an answer. Lengths in m, angles in rad; None: there is no motion."""
+
+    solved: bool
+    faults: tuple[str, ...]  # why it is not
+    clearance: float | None = None  # that is kept at all times, at least; None: nothing is near
+    sampled_clearance: float | None = None
+    miss: float | None = None  # of the end effector, once executed
+    turn: float | None = None  # likewise, where the orientation counts
+    joint_path: float | None = None
+    attitude: float | None = None  # by which the chaser turns from its start at most
+
+
+def load(scenario: Path) -> tuple[dict[str, Any], Chain, list[list[str]]]:
+    """Return a scenario, its robot, and the links that must not touch each other."""
+    content = yaml.load(scenario.read_text(), getattr(yaml, "CSafeLoader", yaml.SafeLoader))
+    urdf = scenario.parent / content["robot"]["urdf"]
+    chain = Chain(urdf, content["robot"]["base_link"], content["robot"]["tip_link"])
+    beside = urdf.with_suffix(".json")
+    pairs = json.loads(beside.read_text())["must_not_touch"] if beside.exists() else []
+    return content, chain, pairs
+
+
+def score(scenario: Path, answer: Any) -> Score:
+    """Judge an answer; what is no answer is a fault, too."""
+    content, chain, pairs = load(scenario)
+    if not isinstance(answer, dict) or answer.get("status", "solved") != "solved":
+        return Score(False, ("no plan",))
+    if fault := _ill_formed(chain, content, answer):
+        return Score(False, (fault,))
+    flight = flown(chain, content, joint_motion(answer))
+    faults = [*_start_faults(content, flight), *_limit_faults(chain, content, flight)]
+    miss, turn, moving = _at_goal(chain, content, flight)
+    faults += [f"the end effector {fault}" for fault in moving]
+    sampled, certified = clearance(chain, content, flight, pairs)
+    if certified < -CLEARANCE:
+        faults.append(f"the clearance is {1e3 * certified:.2f} mm")
+    turned = Rotation.from_matrix(flight.base.rotation[0].T @ flight.base.rotation)
+    return Score(
+        not faults,
+        tuple(faults),
+        certified if np.isfinite(certified) else None,
+        sampled if np.isfinite(sampled) else None,
+        miss,
+        turn,
+        float(np.trapezoid(np.linalg.norm(flight.rates, axis=1), flight.times)),
+        float(turned.magnitude().max()),
+    )
+
+
+def _ill_formed(chain: Chain, scenario: dict[str, Any], answer: dict[str, Any]) -> str | None:
+    """Return why an answer has no motion that can be judged."""
+    if answer.get("joint_names", chain.joint_names) != chain.joint_names:
+        return f"joint_names: {answer['joint_names']}, not {chain.joint_names}"
+    try:
+        time = np.asarray(answer["time"], float)
+        for name in ("joint_positions", "joint_velocities", "joint_accelerations"):
+            if name == "joint_accelerations" and name not in answer:
+                continue
+            rows = np.asarray(answer[name], float)
+            if rows.shape != (time.size, chain.joints) or not np.isfinite(rows).all():
+                return f"{name}: not finite numbers, {chain.joints} for each of {time.size} times"
+    except (KeyError, TypeError, ValueError) as error:
+        return f"not readable: {type(error).__name__}: {error}"
+    late = float(scenario["duration"]) - 1e-6
+    if time.ndim != 1 or time.size < 2 or not np.isfinite(time).all() or time[0] != 0.0:
+        return "time: not finite numbers from 0 on"
+    if (np.diff(time) < 1e-6).any() or time[-1] < late:
+        return "time: not increasing up to the duration"
+    return None
+
+
+def _start_faults(scenario: dict[str, Any], flight: Flight) -> list[str]:
+    told = scenario["joints"]
+    pairs = (("positions", "position", flight.angles), ("rates", "velocity", flight.rates))
+    return [
+        f"the joints' first {what} are off by {off:.2e}"
+        for what, name, rows in pairs
+        if (off := float(np.abs(rows[0] - told[name]).max())) > START
+    ]
+
+
+def _limit_faults(chain: Chain, scenario: dict[str, Any], flight: Flight) -> list[str]:
+    limits, faults = scenario["limits"], []
+    beyond = np.maximum(chain.lower - flight.angles, flight.angles - chain.upper).max()
+    if beyond > POSITION:
+        faults.append(f"a joint leaves its range by {beyond:.2e} rad")
+    if limits["velocity"] == "from_urdf":
+        part = float((np.abs(flight.rates) / chain.fastest).max())
+        if part > 1.0 + RATE:
+            faults.append(f"a joint has {part:.3f} times its largest rate")
+    if limits["effort"] == "from_urdf":
+        part = float((np.abs(torques(chain, flight)) / chain.strongest).max())
+        if part > 1.0 + TORQUE:
+            faults.append(f"a joint needs {part:.3f} times its largest torque")
+    return faults
+
+
+def _at_goal(
+    chain: Chain, scenario: dict[str, Any], flight: Flight
+) -> tuple[float, float | None, list[str]]:
+    """Return the miss in position and direction, and what is wrong at the end."""
+    place, turn, velocity, rate = goal(scenario)
+    tip = flight.of(flight.posture.links[chain.tip])
+    twist = flight.twist_at(chain.tip, chain)[-1]
+    off = Rotation.from_matrix(turn.T @ tip.rotation[-1]).as_rotvec()
+    spin = twist[3:] - rate
+    counts = scenario.get("target", {}).get("orientation", "fixed")
+    if counts == "about_axis":
+        axis = np.asarray(scenario["target"]["free_axis"], float)
+        axis /= np.linalg.norm(axis)
+        aside = np.cross(tip.rotation[-1] @ axis, turn @ axis)
+        off, spin = aside, spin - (spin @ tip.rotation[-1] @ axis) * (tip.rotation[-1] @ axis)
+    missed = float(np.linalg.norm(tip.position[-1] - place))
+    wrong = [(missed, MISS, "misses by {:.2e} m")]
+    wrong.append((float(np.linalg.norm(twist[:3] - velocity)), SPEED, "passes at {:.2e} m/s"))
+    turned = None
+    if counts != "free":
+        turned = float(np.linalg.norm(off))
+        wrong.append((turned, TURN, "is turned by {:.2e} rad"))
+        wrong.append((float(np.linalg.norm(spin)), SPIN, "turns at {:.2e} rad/s"))
+    return missed, turned, [text.format(value) for value, most, text in wrong if value > most]
+
+
+def goal(scenario: dict[str, Any]) -> tuple[Array, Array, Array, Array]:
+    """Return where the end effector shall be at the end, and how it shall move there.
+
+    Position, rotation to the inertial frame, velocity and angular velocity.
+    """
+    if "target" in scenario:
+        told = scenario["target"]
+        moving = [np.asarray(told[name], float) for name in ("linear_velocity", "angular_velocity")]
+        turn = Rotation.from_quat(told["quaternion_xyzw"]).as_matrix()
+        return np.asarray(told["position"], float), turn, moving[0], moving[1]
+    told = scenario["target_body"]
+    body = body_motion(told, np.array([0.0, float(scenario["duration"])]))
+    turn, rate = body.rotations[-1], body.rates[-1]
+    lever = turn @ np.asarray(told["grasp"]["position"], float)
+    velocity = np.asarray(told["linear_velocity"], float) + np.cross(rate, lever)
+    grasp = turn @ Rotation.from_quat(told["grasp"]["quaternion_xyzw"]).as_matrix()
+    return body.center[-1] + lever, grasp, velocity, rate
+
+
+def errors_at_goal(
+    chain: Chain, scenario: dict[str, Any], flight: Flight
+) -> tuple[Array, NDArray[np.bool_]]:
+    """Return how the tip would have to move and turn at the end, and which of the six count.
+
+    A method may use it to aim; the scorer does not.
+    """
+    place, turn, *_ = goal(scenario)
+    tip = flight.of(flight.posture.links[chain.tip])
+    turned = Rotation.from_matrix(turn @ tip.rotation[-1].T).as_rotvec()
+    counts = np.ones(6, bool)
+    counts[3:] = scenario.get("target", {}).get("orientation", "fixed") != "free"
+    if scenario["robot"].get("base") == "planar":
+        counts[2:5] = False
+    return np.concatenate([place - tip.position[-1], turned]), counts
+
+
+def as_dictionary(judged: Score) -> dict[str, Any]:
+    """Return a score as JSON has it."""
+    return asdict(judged)

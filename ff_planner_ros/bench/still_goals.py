@@ -1,0 +1,129 @@
+"""Problems with a goal at rest and an exact witness: on a table, or of a fast, spinning system.
+
+The witness is a quintic of each joint at whose end the end effector rests in the inertial frame,
+however the chaser moves then. The obstacles stay away from it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+import pinocchio as pin
+
+from ff_planner_ros.arrays import Array
+from ff_planner_ros.bench.robots import bench_robot
+from ff_planner_ros.bench.tumbling_witness import FROM_LIMITS, Grip, Witness, tip, witness_to_grip
+from ff_planner_ros.bench.witnessed import spheres_beside
+from ff_planner_ros.planning.problem import (
+    Limits,
+    Objective,
+    Orientation,
+    PlanningProblem,
+    Target,
+)
+from ff_planner_ros.robot.model import Base, Robot
+from ff_planner_ros.robot.state import SystemState
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A class of problems."""
+
+    robots: tuple[str, ...]  # in turn
+    orientations: tuple[Orientation, ...]  # in turn
+    drift: tuple[float, float]  # of the chaser at the start, slowest and fastest [m/s]
+    spin: tuple[float, float]  # likewise [deg/s]
+    spheres: int  # at most
+
+
+# With a high momentum the system drifts by its own length and turns by 30 to 120 deg on the way.
+KINDS = {
+    "planar": Kind(
+        ("planar3", "planar4", "planar5"),
+        (Orientation.FIXED, Orientation.FREE),
+        (0.0, 0.03),
+        (0.0, 2.0),
+        2,
+    ),
+    "high_momentum": Kind(
+        ("lemur", "arm6", "arm7"), (Orientation.FIXED,), (0.08, 0.2), (4.0, 8.0), 4
+    ),
+}
+
+# How far each joint turns at most [rad], and how fast it begins [rad/s].
+_TURN, _MOVING = 0.9, 0.03
+# The obstacles move so fast, about [m/s].
+_SLOW = 0.005
+_POINTS = 50
+
+
+@dataclass(frozen=True, eq=False)
+class StillGoal:
+    """A problem and a motion that solves it."""
+
+    problem: PlanningProblem
+    witness: Witness
+
+
+@cache
+def problem(kind: str, number: int) -> StillGoal:
+    """Return one problem of a class, always the same."""
+    asked = KINDS[kind]
+    robot = bench_robot(asked.robots[number % len(asked.robots)])
+    orientation = asked.orientations[number % len(asked.orientations)]
+    rng = np.random.default_rng([*kind.encode(), number])
+    while True:
+        drawn = _drawn(robot, asked, orientation, rng)
+        if drawn is not None:
+            return drawn
+
+
+def _drawn(
+    robot: Robot, kind: Kind, orientation: Orientation, rng: np.random.Generator
+) -> StillGoal | None:
+    """Draw a moving system and a motion; None: the motion violates what a plan must keep."""
+    lowest = np.maximum(robot.lower_position_limits, -np.pi) + FROM_LIMITS
+    highest = np.minimum(robot.upper_position_limits, np.pi) - FROM_LIMITS
+    drift = _drawn_vector(rng, *kind.drift)
+    spin = _drawn_vector(rng, *np.deg2rad(kind.spin))
+    if robot.base is Base.PLANAR:
+        drift[2] = spin[0] = spin[1] = 0.0
+    start = SystemState(
+        position_chaser_in_inertial=np.zeros(3),
+        quaternion_chaser_to_inertial_xyzw=np.array([0.0, 0.0, 0.0, 1.0]),
+        linear_velocity_chaser_in_inertial=drift,
+        angular_velocity_chaser_in_inertial=spin,
+        joint_positions=rng.uniform(lowest, highest),
+        joint_velocities=_MOVING * rng.uniform(-1.0, 1.0, robot.joints),
+    )
+    duration = float(rng.uniform(8.0, 15.0))
+    end = start.joint_positions + rng.uniform(-_TURN, _TURN, robot.joints)
+    nothing = np.zeros(3)
+    at_rest = Grip(np.eye(3), nothing, np.eye(3), rate=nothing, drift=nothing)
+    witness = witness_to_grip(robot, start, end, at_rest, duration)
+    if witness is None:
+        return None
+    goal = tip(robot, witness.way[-1])
+    asked = PlanningProblem(
+        robot=robot,
+        start=start,
+        target=Target(
+            position=goal.translation,
+            quaternion_xyzw=pin.Quaternion(goal.rotation).coeffs(),
+            orientation=orientation,
+        ),
+        duration=duration,
+        points=_POINTS,
+        obstacles=spheres_beside(robot, witness.way, witness.times, kind.spheres, _SLOW, rng),
+        objective=Objective(1.0, 0.0),
+        limits=Limits(joint_velocities=True),
+    )
+    return StillGoal(asked, witness)
+
+
+def _drawn_vector(rng: np.random.Generator, least: float, most: float) -> Array:
+    vector = rng.normal(size=3)
+    drawn: Array = vector / np.linalg.norm(vector) * rng.uniform(least, most)
+    return drawn

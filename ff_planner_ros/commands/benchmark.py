@@ -1,0 +1,100 @@
+"""The command that measures: our own benchmark, its data set, methods on it, one answer."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import time
+from dataclasses import asdict
+from pathlib import Path
+
+from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.text_table import print_table
+
+# Scenarios of each class in the table: within an hour on two cores, ten seconds an answer.
+_EACH = 40
+
+
+def run_benchmark(options: argparse.Namespace) -> int:
+    """Measure speed and success rate, or write the data set, or let methods plan it."""
+    if options.score is not None:
+        return _score(*options.score)
+    if options.dataset is None:
+        for name in ("method", "seeds", "fly"):
+            if getattr(options, name):
+                raise InvalidInput(Status.UNSUPPORTED, f"--{name}", "given", "it needs --dataset")
+        from ff_planner_ros.bench.report import run_on_one_core
+
+        return run_on_one_core(options.quick, options.scenarios, options.json)
+    _limit_threads()
+    _require_dataset(options)
+    if options.fly:
+        _fly(options)
+    return _table(options) if options.method else 0
+
+
+def _score(scenario: Path, answer: Path) -> int:
+    """Judge one answer; exit code 3 if it does not solve the scenario."""
+    from ff_planner_ros.analysis.json_file import read_json
+    from ff_planner_ros.bench.scorer.score import as_dictionary, score
+
+    try:
+        judged = score(scenario, read_json(answer))
+    except (OSError, LookupError, TypeError, ValueError) as error:
+        allowed = f"it must be a scenario of the data set: {type(error).__name__}: {error}"
+        raise InvalidInput(Status.UNSUPPORTED, "--score", scenario, allowed) from None
+    print(json.dumps(as_dictionary(judged), indent=1))
+    return 0 if judged.solved else 3
+
+
+def _require_dataset(options: argparse.Namespace) -> None:
+    """Write the data set if it is not there, and tell whether it is the published one.
+
+    Raises:
+        InvalidInput: A file is not what was written, or the whole set is not the published one.
+    """
+    from ff_planner_ros.bench import dataset
+
+    directory, named = options.dataset, options.seeds or "public"
+    seed, cores = dataset.seed_of(named), options.workers
+    if not (directory / dataset.SUMS).exists():
+        begun = time.monotonic()
+        found = dataset.write_dataset(directory, seed, options.scenarios, cores)
+        print(f"{directory}: written in {time.monotonic() - begun:.0f} s")
+    else:
+        found = dataset.checked(directory)
+    wanted = dataset.PUBLISHED.get(named)
+    if dataset.is_whole(directory) and wanted is not None and found != wanted:
+        allowed = f"that of the {named} seeds is {wanted}"
+        raise InvalidInput(Status.UNSUPPORTED, "hash of the data set", found, allowed)
+    published = found in dataset.PUBLISHED.values()
+    print(f"{found}  {'as published' if published else 'not a published set'}")
+
+
+def _table(options: argparse.Namespace) -> int:
+    from ff_planner_ros.bench import contest
+
+    methods = contest.ENTRANTS if options.method == ["all"] else options.method
+    each, seconds = options.scenarios or _EACH, options.seconds
+    begun = time.monotonic()
+    done = list(contest.results(methods, options.dataset, each, seconds, options.workers))
+    print_table("Methods on the data set", contest.HEADER, list(contest.rows(done)))
+    minutes = (time.monotonic() - begun) / 60
+    print(f"{len(done)} answers in {minutes:.0f} minutes on {options.workers} cores")
+    if options.json is not None:
+        told = [asdict(each) for each in done]
+        options.json.write_text(json.dumps(told, indent=1) + "\n", encoding="utf-8")
+    return 0
+
+
+def _fly(options: argparse.Namespace) -> None:
+    from ff_planner_ros.bench.flown import HEADER, flown_rows
+
+    print_table("Plans in two engines", HEADER, list(flown_rows(options.dataset, options.fly)))
+
+
+def _limit_threads() -> None:
+    """Let every process that is started have one thread: a method has one core."""
+    for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
+        os.environ[name] = "1"

@@ -1,0 +1,120 @@
+"""A plan in Drake: an engine with dynamics and an integrator of its own, beside MuJoCo.
+
+Basilisk would fly an arm of several joints by MuJoCo, too; Drake shares nothing with it. Nothing
+else needs Drake.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+from xml.etree import ElementTree
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from ff_planner_ros.arrays import Array
+from ff_planner_ros.errors import FfPlannerError, Status
+from ff_planner_ros.planning.plan import Trajectory
+from ff_planner_ros.robot.model import Robot
+from ff_planner_ros.simulation.feed_forward import feed_forward
+
+try:
+    from pydrake.math import RigidTransform
+    from pydrake.multibody.math import SpatialVelocity
+    from pydrake.multibody.parsing import Parser
+    from pydrake.multibody.plant import MultibodyPlant
+    from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator
+    from pydrake.systems.framework import DiagramBuilder
+    from pydrake.systems.primitives import TrajectorySource
+    from pydrake.trajectories import PiecewisePolynomial
+except ModuleNotFoundError:
+    raise FfPlannerError(
+        Status.UNSUPPORTED,
+        "flying a plan in the second engine needs Drake: pip install 'ff_planner_ros[benchmark]'",
+    ) from None
+
+# Torques between two points of a plan are given so often, and are linear between; and how exact
+# the integration is, relative. Both leave less than a hundredth of a millimetre.
+_STEPS_PER_POINT, _ACCURACY = 20, 1e-9
+# The longest step [s].
+_STEP = 0.01
+
+
+class Miss(NamedTuple):
+    """How far the motion in Drake is from the plan."""
+
+    position: float  # of the end effector at the end [m]
+    orientation: float  # likewise [rad]
+    chaser: float  # of its centre of mass, at worst [m]
+
+
+def flown_in_drake(robot: Robot, trajectory: Trajectory) -> Miss:
+    """Let Drake execute a plan's torques open loop, from its first state.
+
+    Only the URDF, the names of its links and the samples of the plan are used. An arm on a table
+    floats freely: nothing lifts it off the plane.
+    """
+    builder = DiagramBuilder()
+    plant = builder.AddSystem(MultibodyPlant(0.0))
+    Parser(plant).AddModelsFromString(_without_shapes(robot.drawn_urdf), "urdf")
+    plant.mutable_gravity_field().set_gravity_vector(np.zeros(3))
+    plant.Finalize()
+    joints = [plant.GetJointByName(name) for name in robot.joint_names]
+    command = feed_forward(robot, trajectory, _STEPS_PER_POINT)
+    forces = np.zeros((plant.num_velocities(), len(command.time)))
+    for joint, torques in zip(joints, command.torques.T, strict=True):
+        forces[joint.velocity_start()] = torques
+    drives = builder.AddSystem(
+        TrajectorySource(PiecewisePolynomial.FirstOrderHold(command.time, forces))
+    )
+    builder.Connect(drives.get_output_port(), plant.get_applied_generalized_force_input_port())
+    simulator = Simulator(builder.Build())
+    integrator = ResetIntegratorFromFlags(simulator, "runge_kutta3", _STEP)
+    integrator.set_target_accuracy(_ACCURACY)
+    context = plant.GetMyMutableContextFromRoot(simulator.get_mutable_context())
+    base = plant.GetBodyByName(robot.base_link)
+    tip = plant.GetBodyByName(robot.tip_link)
+    # A plan tells of the chaser's centre of mass, in the axes of the base link
+    center = np.array(robot.position_chaser_in_base)
+    turn = (
+        Rotation.from_quat(trajectory.chaser_quaternions_xyzw[0])
+        * Rotation.from_matrix(robot.rotation_chaser_to_base).inv()
+    )
+    lever, rate = turn.apply(center), trajectory.chaser_angular_velocities[0]
+    place = trajectory.chaser_positions[0] - lever
+    velocity = trajectory.chaser_linear_velocities[0] - np.cross(rate, lever)
+    plant.SetFreeBodyPose(context, base, RigidTransform(_pose(turn.as_matrix(), place)))
+    plant.SetFreeBodySpatialVelocity(
+        context=context, body=base, V_JpJc=SpatialVelocity(rate, velocity)
+    )
+    starts = trajectory.joint_positions[0], trajectory.joint_velocities[0]
+    for joint, angle, speed in zip(joints, *starts, strict=True):
+        joint.set_angle(context, angle)
+        joint.set_angular_rate(context, speed)
+    simulator.Initialize()
+    worst = 0.0
+    for time, planned in zip(trajectory.time, trajectory.chaser_positions, strict=True):
+        simulator.AdvanceTo(float(time))
+        pose = plant.EvalBodyPoseInWorld(context, base)
+        worst = max(worst, float(np.linalg.norm(pose.multiply(center) - planned)))
+    reached = plant.EvalBodyPoseInWorld(context, tip)
+    wanted = Rotation.from_quat(trajectory.ee_quaternions_xyzw[-1])
+    off = wanted.inv() * Rotation.from_matrix(reached.rotation().matrix())
+    missed = float(np.linalg.norm(reached.translation() - trajectory.ee_positions[-1]))
+    return Miss(missed, float(off.magnitude()), worst)
+
+
+def _pose(rotation: Array, position: Array) -> Array:
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = rotation, position
+    return pose
+
+
+def _without_shapes(urdf: str) -> str:
+    """Return a URDF without what can touch or be seen: the engine shall only move masses."""
+    tree = ElementTree.fromstring(urdf)
+    for link in tree.findall("link"):
+        for kind in ("collision", "visual"):
+            for shape in link.findall(kind):
+                link.remove(shape)
+    return ElementTree.tostring(tree, encoding="unicode")

@@ -1,0 +1,141 @@
+"""The benchmark's data set: what its files promise, and that seeds give them."""
+
+import hashlib
+import re
+
+import numpy as np
+import pytest
+import yaml
+from scipy.interpolate import BPoly
+
+from ff_planner_ros.bench import bodies, dataset, scenarios, still_goals
+from ff_planner_ros.bench.paths import roll_out
+from ff_planner_ros.bench.scorer.score import score
+from ff_planner_ros.errors import InvalidInput
+from ff_planner_ros.planning.scenario import load_scenario
+
+
+@pytest.fixture(scope="module")
+def small(tmp_path_factory):
+    """One scenario of each class of the public seeds."""
+    directory = tmp_path_factory.mktemp("dataset") / "new"
+    dataset.write_dataset(directory, dataset.SEEDS["public"], 1)
+    return directory
+
+
+# Of the first scenario of each class, as published.
+HASHES = {
+    "planar": "7eba21b8a118aaa8b02639a4503f1c0e383bce1f5a1767cbf458d53d7a0c62be",
+    "ordinary": "88ff53d620495d098eacc6a0e9a3f2389cc16d87d4c272106e92617f8cc19267",
+    "cluttered": "dbdf7119846337b55dc72e26d001839b6493cd865c041d33195007a36e48e728",
+    "bodies": "1bf65cb7c7dd11fc3427f566f3765af66b52197d10d4f1cd4662622309114ce4",
+    "tumbling": "2cc23afe8a1346354e571878ee0110c94e4c434388c4bfdfb31e100794b9c30f",
+    "high_momentum": "f6eb56682927550fb0d6ce4a8967dd28aaaff8b6df449c6071496cadad743d07",
+}
+
+
+@pytest.mark.parametrize("kind", dataset.CLASSES)
+def test_the_first_scenario_of_each_class_has_its_published_hash(small, kind):
+    file = small / "scenarios" / kind / "0000.yaml"
+    assert hashlib.sha256(file.read_bytes()).hexdigest() == HASHES[kind], file.read_text()
+
+
+def test_there_are_a_thousand_scenarios_of_six_classes_and_five_robots_or_more():
+    assert len(dataset.CLASSES) == 6
+    assert sum(kind.scenarios for kind in dataset.CLASSES.values()) >= 1000
+    robots = {
+        *bodies.ROBOTS,
+        *(name for kind in still_goals.KINDS.values() for name in kind.robots),
+    }
+    assert len(robots) >= 5
+
+
+def test_no_number_of_a_scenario_has_more_decimals_than_promised(small):
+    for file in small.rglob("*.yaml"):
+        numbers = re.findall(r"-?\d+\.(\d+)", file.read_text())
+        assert numbers
+        assert max(map(len, numbers)) <= dataset.DECIMALS, file
+        assert not re.search(r"-0\.0\b", file.read_text()), file
+
+
+def test_a_scenario_is_a_scenario_file_that_the_planner_reads(small):
+    for file in small.rglob("*.yaml"):
+        problem, told = load_scenario(file), yaml.safe_load(file.read_text())
+        assert problem.robot.joints == len(told["joints"]["position"])
+        assert dataset.scenario_text(problem) == file.read_text(), file
+
+
+def test_other_seeds_give_other_scenarios_of_the_same_kind():
+    drawn = [
+        dataset.scenario_text(dataset.CLASSES["planar"].problem(seed * 1_000_000))
+        for seed in (*dataset.SEEDS.values(), 77)
+    ]
+    assert len(set(drawn)) == 3
+    assert len({text.splitlines()[0] for text in drawn}) <= 3
+
+
+def test_the_witness_of_a_still_goal_solves_its_written_scenario(tmp_path):
+    (tmp_path / "robots").mkdir()
+    for kind, number in (("planar", 0), ("planar", 1), ("high_momentum", 1)):
+        drawn = still_goals.problem(kind, number)
+        robot = drawn.problem.robot
+        way, times, _ = drawn.witness
+        path = tmp_path / "scenarios" / f"{kind}{number}" / "0000.yaml"
+        path.parent.mkdir(parents=True)
+        path.write_text(dataset.scenario_text(drawn.problem))
+        urdf = tmp_path / "robots" / f"{dataset.robot_name(robot)}.urdf"
+        urdf.write_text(robot.drawn_urdf)
+        judged = score(path, _answer(times, way[:, 7:], drawn.problem.start.joint_velocities))
+        assert not [fault for fault in judged.faults if "passes" not in fault], judged
+        assert judged.clearance is None or judged.clearance > 0.015, judged
+
+
+def test_the_witness_of_an_ordinary_scenario_solves_it_as_written(small):
+    drawn = scenarios.scenario("ordinary", "lemur", 0, turned=False)
+    motion = roll_out(drawn.problem, drawn.witness, 400)
+    times = np.linspace(0.0, drawn.problem.duration, 400)
+    answer = {
+        "time": times.tolist(),
+        "joint_positions": motion.q[:, 7:].tolist(),
+        "joint_velocities": motion.v[:, 6:].tolist(),
+    }
+    judged = score(small / "scenarios" / "ordinary" / "0000.yaml", answer)
+    assert judged.solved, judged
+    assert judged.clearance > 0.019, judged
+
+
+def _answer(times, angles, first):
+    """Return samples of the joints as an answer, their rates by differences."""
+    rates = np.gradient(angles, times, axis=0, edge_order=2)
+    rates[0] = first
+    motion = BPoly.from_derivatives(times, np.stack([angles, rates], axis=1))
+    return {
+        "time": times.tolist(),
+        "joint_positions": motion(times).tolist(),
+        "joint_velocities": rates.tolist(),
+    }
+
+
+def test_a_directory_that_holds_something_is_not_written_over(tmp_path):
+    (tmp_path / "note").write_text("mine")
+    with pytest.raises(InvalidInput, match="new or an empty directory"):
+        dataset.write_dataset(tmp_path, 0, 1)
+    assert (tmp_path / "note").read_text() == "mine"
+
+
+def test_a_changed_file_of_a_data_set_is_told_by_its_name(small):
+    file = small / "scenarios" / "planar" / "0000.yaml"
+    kept = file.read_text()
+    try:
+        file.write_text(kept.replace("duration: ", "duration: 1"))
+        with pytest.raises(InvalidInput, match=r"planar/0000\.yaml is missing, new or changed"):
+            dataset.checked(small)
+    finally:
+        file.write_text(kept)
+    dataset.checked(small)
+
+
+@pytest.mark.parametrize("word", ["secret", "-1", "1.5", "", "²"])
+def test_seeds_are_two_names_or_a_whole_number(word):
+    with pytest.raises(InvalidInput, match="public, hidden or a whole number"):
+        dataset.seed_of(word)
