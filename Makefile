@@ -40,7 +40,7 @@ $(STAMP): setup.py pyproject.toml package.xml constraints.txt $(shell find msg_d
 	@touch $(VENV)/COLCON_IGNORE
 	@$(INSTALL) --upgrade pip
 	@$(INSTALL) --requirement <($(BIN)/python -c '$(BUILD_REQUIRES)')
-	@PYTHONWARNINGS=ignore $(INSTALL) --no-build-isolation ./msg_defs --editable '.[test,robots]'
+	@PYTHONWARNINGS=ignore $(INSTALL) --no-build-isolation ./msg_defs --editable '.[test,robots,benchmark]'
 	@touch $(VENV)/core $@
 
 # The editable installation has built the core; a change of its sources builds it anew in its place.
