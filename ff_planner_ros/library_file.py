@@ -43,19 +43,19 @@ def save_library(plans: Iterable[StoredPlan], directory: Path) -> Path:
     return path
 
 
-def load_library(directory: Path, field: str = "library") -> Library:
+def load_library(path: Path, field: str = "library") -> Library:
     """Read a library.
 
     Args:
-        directory: That `library.npz` is in.
+        path: Of the file, or of the directory that `library.npz` is in.
         field: That named it, for errors.
 
     Raises:
         InvalidInput: There is none, or it is damaged or of another version.
     """
-    path = directory / LIBRARY
+    path = path / LIBRARY if path.is_dir() else path
     try:
-        with np.load(path, allow_pickle=False) as arrays:
+        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as arrays:
             if int(arrays["version"]) != _VERSION:
                 raise ValueError(f"it is of version {int(arrays['version'])}, not {_VERSION}")
             kinds = [str(kind) for kind in arrays["kinds"].tolist()]

@@ -441,6 +441,10 @@ class NodeParameters:
     publication: PublicationParameters
     replanning: ReplanningParameters
     rates: RateParameters
+    library: str = tunable(  # `planner.library`: scenarios know all else of that group
+        "Library of plans, a file or the directory that library.npz is in: the nearest plan is "
+        "tried first; empty: none"
+    )
     autostart: bool = tunable("Configure and activate at start; else a lifecycle manager does")
     allow_remote_paths: bool = tunable(
         "Whether robot.urdf, robot.srdf and bag.directory may be set over ROS while the node is "
@@ -561,11 +565,20 @@ class Declaration(NamedTuple):
         return f"it must be {words} {f'[{self.unit}] ' if self.unit else ''}({self.description})"
 
 
+# Fields of NodeParameters that are called otherwise, and what.
+_FULL_NAMES = {"library": "planner.library"}
+_FIELDS = {full: name for name, full in _FULL_NAMES.items()}
+
+
+def _full_name(prefix: str, name: str) -> str:
+    return f"{prefix}{name}" if prefix else _FULL_NAMES.get(name, name)
+
+
 def _declarations(group: type[Any], prefix: str = "") -> dict[str, Declaration]:
     types: dict[str, type[Any]] = get_type_hints(group)
     found: dict[str, Declaration] = {}
     for item in fields(group):
-        kind, name = types[item.name], f"{prefix}{item.name}"
+        kind, name = types[item.name], _full_name(prefix, item.name)
         if is_dataclass(kind):
             found |= _declarations(kind, f"{name}.")
         else:
@@ -588,11 +601,16 @@ def load_parameters(path: Path | None = None) -> NodeParameters:
     values = dict(default_values())
     for name, value in (flattened(read_yaml(path)) if path else {}).items():
         if name not in DECLARATIONS:
-            near = get_close_matches(name[:_LONGEST_NAME], DECLARATIONS, n=5, cutoff=0.0)
-            known = f"known are {', '.join(near)} and others: see config/planner.yaml"
-            raise InvalidInput(Status.OUT_OF_RANGE, name, "an unknown parameter", known)
+            raise unknown_parameter(name)
         values[name] = checked(name, value)
     return parameters_of(values)
+
+
+def unknown_parameter(name: str) -> InvalidInput:
+    """Return the refusal of a parameter that there is none of."""
+    near = get_close_matches(name[:_LONGEST_NAME], DECLARATIONS, n=5, cutoff=0.0)
+    known = f"known are {', '.join(near)} and others: see config/planner.yaml"
+    return InvalidInput(Status.OUT_OF_RANGE, name, "an unknown parameter", known)
 
 
 @cache
@@ -663,7 +681,7 @@ def parameters_of(values: Mapping[str, Any]) -> NodeParameters:
 def _group(group: type[Group], values: Mapping[str, Any], prefix: str) -> Group:
     types, read = get_type_hints(group), dict[str, Any]()
     for item in fields(group):
-        kind, name = types[item.name], f"{prefix}{item.name}"
+        kind, name = types[item.name], _full_name(prefix, item.name)
         if is_dataclass(kind):
             read[item.name] = _group(kind, values, f"{name}.")  # type: ignore[arg-type]
         else:
@@ -678,8 +696,29 @@ def replaced(group: Group, name: str, value: Any) -> Group:
     Raises:
         InvalidInput: A value that makes no sense.
     """
-    first, _, rest = name.partition(".")
+    first, _, rest = _FIELDS.get(name, name).partition(".")
     if first not in {item.name for item in fields(group)}:
         return group
     inner = replaced(getattr(group, first), rest, value) if rest else value
     return replace(group, **{first: inner})
+
+
+def value_of(parameters: NodeParameters, name: str) -> Any:
+    """Return a parameter by its full name; None where it is not ours."""
+    value: Any = parameters
+    for part in _FIELDS.get(name, name).split("."):
+        value = getattr(value, part, None)
+    return value
+
+
+def document_of(parameters: NodeParameters) -> dict[str, Any]:
+    """Return every parameter as a parameters file has them: by group, arrays as lists."""
+    document: dict[str, Any] = {}
+    for name in DECLARATIONS:
+        *groups, last = name.split(".")
+        block = document
+        for group in groups:
+            block = block.setdefault(group, {})
+        value = value_of(parameters, name)
+        block[last] = list(value) if isinstance(value, tuple) else value
+    return document

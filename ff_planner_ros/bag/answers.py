@@ -47,6 +47,7 @@ _SOLVER = {
     "rollouts": "rollouts",
     "stop_reason": "stop_reason",
 }
+_GUESS, _LIBRARY = "first_guess", "library"
 
 
 def asked_in(request: Any) -> dict[str, Cell]:
@@ -58,10 +59,12 @@ def asked_in(request: Any) -> dict[str, Cell]:
 def solver_in(response: Any) -> dict[str, Cell]:
     """Return how an answer was found, decoded by whatever definition, by column."""
     row = {column: _cell(_at(response, f"solver.{name}")) for column, name in _SOLVER.items()}
+    # Answers of earlier versions have none.
+    guess = {_GUESS: _LIBRARY if len(getattr(response, "first_guess", ())) else None}
     if row["rollouts"]:
-        return row
+        return row | guess
     # A refusal without an attempt has zeros in their place, which mean nothing.
-    return {column: row[column] or None for column in ("solve_time_s", "stop_reason")}
+    return {column: row[column] or None for column in ("solve_time_s", "stop_reason")} | guess
 
 
 def answer_row(plan: RecordedPlan) -> dict[str, Cell]:
@@ -76,7 +79,7 @@ def answer_row(plan: RecordedPlan) -> dict[str, Cell]:
         "status": plan.status,
         "message": plan.message,
         **{column: asked.get(column) for column in _ASKED},
-        **{column: plan.solver.get(column) for column in _SOLVER},
+        **{column: plan.solver.get(column) for column in (*_SOLVER, _GUESS)},
         "points": None if plan.trajectory is None else len(plan.trajectory.time),
         "planned_duration_s": plan.duration,
     }

@@ -102,6 +102,7 @@ def _answer(bag: Bag, exchange: Exchange[Any, RecordedPlan], plan: RecordedPlan)
         "answered_after_s": (plan.answered_ns - bag.start_ns) / NANOSECONDS,
         "status": plan.status,
         "message": plan.message,
+        "first_guess": plan.solver.get("first_guess"),
     }
 
 
@@ -139,6 +140,7 @@ def _request_lines(told: Mapping[str, Any]) -> Iterator[str]:
     yield f"requests  {told['request_count']}{': ' if listed else ''}{listed}"
     for one in answers[:_MOST_REQUESTS]:
         words = "  ".join(_short(one[key]) for key in ("name", "status", "plan_id", "message"))
+        words += f"  first guess: {one['first_guess']}" if one["first_guess"] else ""
         yield f"  {one['answered_after_s']:9.3f} s  {words}"
     if len(answers) > _MOST_REQUESTS:
         yield f"  ... and {len(answers) - _MOST_REQUESTS} more: ff-planner export has them all"

@@ -132,6 +132,8 @@ def _task(scenario: Path, options: argparse.Namespace) -> tuple[PlanningTask, Wa
         task = replace(task, problem=replace(task.problem, parametrisation=named))
     if options.library is not None:
         task = _with_guess(task, load_library(options.library, "--library"))
+    elif parameters.library:
+        task = _with_guess(task, load_library(Path(parameters.library), "planner.library"))
     return task, Watch() if budget is None else TimeBudget(budget)
 
 

@@ -21,15 +21,16 @@ import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Protocol
 
 import numpy as np
 import pinocchio as pin
 
 from ff_planner_ros.arrays import Array, frozen
+from ff_planner_ros.errors import FfPlannerError
 from ff_planner_ros.planning.families import path_families
 from ff_planner_ros.planning.forward import carried_forward
 from ff_planner_ros.planning.problem import Orientation, PlanningProblem, lasting
-from ff_planner_ros.planning.settings import PlannerSettings
 from ff_planner_ros.planning.system_frame import in_own_frame
 from ff_planner_ros.planning.task import PlanningTask, canonical
 from ff_planner_ros.robot.model import Robot
@@ -53,6 +54,25 @@ class StoredPlan:
             object.__setattr__(self, name, frozen(getattr(self, name)))
 
 
+class Guesses(Protocol):
+    """What tells a task what to begin with."""
+
+    def first_guess(self, task: PlanningTask) -> Array | None:
+        """Return a path to try first; None: there is none."""
+
+
+@dataclass(frozen=True, eq=False)
+class KnownGuess:
+    """The guess that a task is known to have had, from a record of it."""
+
+    coefficients: Array  # empty: it had none
+
+    def first_guess(self, task: PlanningTask) -> Array | None:
+        """Return it; None where the task was changed and takes no paths of so many numbers."""
+        known = frozen(self.coefficients)
+        return known if len(known) and len(known) in _variables(task) else None
+
+
 @dataclass(frozen=True, eq=False)
 class Library:
     """Plans that were made before."""
@@ -70,13 +90,17 @@ class Library:
         """Return the path of the plan that is nearest to a task; None: none is near.
 
         Of those equally near, the first is taken. A plan that goes on from a running one begins
-        with that, and gets none.
+        with that, and gets none; nor does a task that is refused for what it asks.
         """
         if task.running_goal is not None or not self.plans:
             return None
-        kind, place = kind_and_place(task)
+        try:
+            kind, place = kind_and_place(task)
+            in_question = _variables(task)
+        except FfPlannerError:  # the planner says what is wrong with it
+            return None
         nearest: tuple[float, StoredPlan | None] = (_FARTHEST, None)
-        for variables in _variables(task.problem, task.settings):
+        for variables in in_question:
             places, plans = self._by_kind.get((kind, variables), (np.empty((0, len(place))), []))
             if not plans or places.shape[1:] != place.shape:
                 continue
@@ -147,7 +171,7 @@ def _reach(robot: Robot) -> float:
     return sum(float(np.linalg.norm(place.translation)) for place in placements)
 
 
-def _variables(problem: PlanningProblem, settings: PlannerSettings) -> Sequence[int]:
+def _variables(task: PlanningTask) -> Sequence[int]:
     """Return how many decision variables paths of the families have that apply."""
-    groups = path_families(lasting(problem, None), settings)
+    groups = path_families(lasting(task.problem, None), task.settings)
     return [ways[0].variables for ways in groups]

@@ -26,16 +26,18 @@ from ff_planner_ros.parameters import (
     default_values,
     parameters_of,
     replaced,
+    unknown_parameter,
+    value_of,
 )
 
 # What is loaded, recorded or connected when the node is configured.
 _WHILE_CONFIGURED = (
     *("robot.", "bag.", "qos.", "odometry.", "rates."),
-    *("inertial_frame", "state_source"),
+    *("inertial_frame", "state_source", "planner.library"),
 )
 # Their time is over when the node is there.
 _AT_START = ("autostart", "allow_remote_paths")
-_PATHS = ("robot.urdf", "robot.srdf", "bag.directory")
+_PATHS = ("robot.urdf", "robot.srdf", "bag.directory", "planner.library")
 _TRANSITIONS = "lifecycle transitions deactivate and cleanup"
 
 
@@ -107,14 +109,6 @@ def stricter_since(then: NodeParameters, now: NodeParameters) -> list[str]:
     ]
 
 
-def value_of(parameters: NodeParameters, name: str) -> Any:
-    """Return a parameter by its full name; None where it is not ours."""
-    value: Any = parameters
-    for part in name.split("."):
-        value = getattr(value, part, None)
-    return value
-
-
 def changed(parameters: NodeParameters, changes: list[Parameter]) -> NodeParameters:
     """Return the parameters with some values replaced; names that are not ours are left out.
 
@@ -146,10 +140,7 @@ def _declared(node: Node) -> NodeParameters:
         if not node.has_parameter(name) and not name.startswith("qos_overrides.")
     ]
     if unknown:
-        known = ", ".join(sorted(node.get_parameters_by_prefix("")))
-        raise InvalidInput(
-            Status.OUT_OF_RANGE, unknown[0], "an unknown parameter", f"known are {known}"
-        )
+        raise unknown_parameter(unknown[0])
     return parameters
 
 

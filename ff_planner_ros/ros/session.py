@@ -15,6 +15,7 @@ from rclpy.lifecycle import LifecycleNode
 from ff_planner_ros.bag.decoding import NANOSECONDS
 from ff_planner_ros.bag.writer import unique_directory
 from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.library_file import load_library
 from ff_planner_ros.robot.model import read_urdf
 from ff_planner_ros.ros.inputs.input_topics import OBSTACLES, TARGET_BODY, heard_with
 from ff_planner_ros.ros.inputs.listener import Listener
@@ -41,10 +42,10 @@ class Session:
     """One configured planner: inputs, outputs, service, action, recorder, timers."""
 
     def __init__(self, node: LifecycleNode, parameters: LiveParameters, worker: Worker) -> None:
-        """Load the robot, start to record, and connect.
+        """Load robot and library, start to record, and connect.
 
         Raises:
-            InvalidInput: The robot is refused.
+            InvalidInput: The robot or the library is refused.
         """
         self._node, self._parameters, self._worker = node, parameters, worker
         self._namesakes: list[str] = []
@@ -54,6 +55,11 @@ class Session:
         robot = now.robot.load(self._description, urdf.parent)
         for note in robot.notes:
             node.get_logger().warning(f"robot.urdf: {note}")
+        library = None
+        if now.library:
+            library = load_library(Path(now.library).expanduser().absolute(), "planner.library")
+            plans = len(library.plans)
+            node.get_logger().info(f"planner.library: {plans} plans in {now.library}")
         self._states = StateInput(robot, now.inertial_frame, now.state_source, now.odometry)
         self._scenes = SceneInput(now.inertial_frame, lambda: node.get_clock().now().nanoseconds)
         self._bag = unique_directory(Path(now.bag.directory).resolve(), "ff_planner")
@@ -76,6 +82,7 @@ class Session:
                         self._scenes,
                         self._output,
                         run_name=self._bag.name,
+                        guesses=library,
                     )
                 )
             )

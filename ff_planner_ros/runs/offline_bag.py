@@ -93,6 +93,7 @@ def record_answer(
         obstacles_stamp_ns=start_ns,
         target_body_stamp_ns=0 if body is None else start_ns,
         task_digest=task.digest,
+        first_guess=() if task.first_guess is None else tuple(task.first_guess.tolist()),
         geometry=problem.robot.geometry.value,
     ).tell(response)
 
@@ -134,7 +135,6 @@ def require_recordable(task: PlanningTask) -> None:
     for field, given in (
         ("running", task.running is not None),
         ("running_goal", task.running_goal is not None),
-        ("first_guess", task.first_guess is not None),
         ("duration_range.target_velocity", window is not None and window.target_velocity.any()),
         ("target.linear_acceleration", not captured and target.linear_acceleration.any()),
         ("target.angular_acceleration", not captured and target.angular_acceleration.any()),

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
 from ff_planner_msgs.srv import PlanTrajectory
 
 from ff_planner_ros.bag.decoding import NANOSECONDS, nanoseconds
@@ -12,6 +13,7 @@ from ff_planner_ros.bag.provenance import PROVENANCE
 from ff_planner_ros.bag.reader import Bag
 from ff_planner_ros.bag.robot_plans import attached_robot
 from ff_planner_ros.errors import BagError, Status
+from ff_planner_ros.planning.library import KnownGuess
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.ros.inputs.input_topics import INPUT_TOPICS
 from ff_planner_ros.ros.inputs.scene_input import SceneInput
@@ -108,7 +110,8 @@ def recorded_run(bag: Bag) -> RecordedRun:
                         kind = INPUT_TOPICS[name].message_type
                         keep[name](as_installed(bag.decode(message), kind))
                 published = _published(found[:i], exchange)
-                inputs = Knowledge(robot, parameters, states, scenes, published, now_ns)
+                guess = KnownGuess(np.array(_first_guess(exchange), dtype=np.float64))
+                inputs = Knowledge(robot, parameters, states, scenes, published, now_ns, guess)
         except BagError as error:
             missing = str(error)
         plan_id = exchange.response.plan_id if exchange.response is not None else ""
@@ -194,6 +197,11 @@ def _published(before: Sequence[PlanExchange], exchange: PlanExchange) -> Publis
     plan = _plan_in(last)
     before = [one for one in solved_before if one.plan_id == last.following]
     return replace(plan, before=_plan_in(before[-1]) if before else None)
+
+
+def _first_guess(exchange: PlanExchange) -> Sequence[float]:
+    """Return what was tried first; empty: nothing was."""
+    return () if exchange.response is None else exchange.response.first_guess
 
 
 def _plan_in(response: PlanTrajectory.Response) -> PublishedPlan:

@@ -129,10 +129,12 @@ def answer_again(recorded: RecordedRequest) -> tuple[PlanTrajectory.Response, fl
     if recorded.inputs is None:
         raise BagError(recorded.missing)
     frame, digest = recorded.inputs.parameters.inertial_frame, ""
+    guess: Sequence[float] = ()
     begun, took = time.perf_counter(), 0.0
     try:
         asked = recorded.read_request()
         digest, begun = asked.task.digest, time.perf_counter()
+        guess = asked.provenance.first_guess
         try:
             plan = perform(asked.task)
         finally:
@@ -146,7 +148,7 @@ def answer_again(recorded: RecordedRequest) -> tuple[PlanTrajectory.Response, fl
     except Exception as error:  # as the node answers what nobody foresaw
         unforeseen = FfPlannerError(Status.INTERNAL_ERROR, f"{type(error).__name__}: {error}")
         answer = response_from_error(unforeseen, recorded.name, took)
-    answer.task_digest = digest
+    answer.task_digest, answer.first_guess = digest, guess
     return answer, took
 
 

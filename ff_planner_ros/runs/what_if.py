@@ -15,6 +15,7 @@ from geometry_msgs.msg import Vector3
 from ff_planner_ros.arrays import finite_vector
 from ff_planner_ros.bag.reader import open_bag
 from ff_planner_ros.errors import BagError, InvalidInput, Status
+from ff_planner_ros.library_file import load_library
 from ff_planner_ros.parameters import DECLARATIONS, checked, replaced
 from ff_planner_ros.planning.yaml_file import (
     integer,
@@ -68,6 +69,7 @@ _OF_NODE = (
     *("tail_duration", "following_tolerance", "planning_allowance", "start_max_lead"),
     *("state_max_age", "state_max_lead"),
 )
+_LIBRARY = "planner.library"
 _NONE = "-"
 
 
@@ -131,6 +133,10 @@ def changed_request(recorded: RecordedRequest, changes: Sequence[Change]) -> Rec
         else:
             parameters = replaced(parameters, change.key, change.value)
     inputs = replace(recorded.inputs, parameters=parameters)
+    if any(change.key == _LIBRARY for change in changes):
+        named = parameters.library
+        library = load_library(Path(named), f"--with {_LIBRARY}") if named else None
+        inputs = replace(inputs, guesses=library)
     return replace(recorded, request=request, inputs=inputs)
 
 

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 
 import yaml
@@ -35,7 +34,7 @@ from visualization_msgs.msg import MarkerArray
 from ff_planner_ros.bag.exchanges import GOAL_EVENTS, RESULT_EVENTS, SERVICE_EVENTS
 from ff_planner_ros.bag.provenance import PROVENANCE, provenance
 from ff_planner_ros.bag.writer import BagWriter
-from ff_planner_ros.parameters import NodeParameters
+from ff_planner_ros.parameters import NodeParameters, document_of
 from ff_planner_ros.robot.bodies import Geometry
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.ros.inputs.input_topics import heard_with
@@ -63,8 +62,7 @@ def recording(
     """Record as long as the context lasts; a bag that cannot be written is no error here."""
     settings = parameters.bag
     parameters, description = recorded_robot(parameters, urdf, robot)
-    used = json.loads(json.dumps(asdict(parameters)))  # YAML's safe dumper knows no tuples
-    document = yaml.safe_dump({"/**": {"ros__parameters": used}})
+    document = yaml.safe_dump({"/**": {"ros__parameters": document_of(parameters)}})
     simulated_time = node.get_parameter("use_sim_time").value
 
     def open_bag() -> BagWriter:

@@ -25,6 +25,7 @@ from ff_planner_ros.bag.decoding import NANOSECONDS
 from ff_planner_ros.errors import FfPlannerError, Interrupted, NoPlanFound, Status
 from ff_planner_ros.parameters import PREEMPT, NodeParameters
 from ff_planner_ros.planning.controller_rules import require_in_time
+from ff_planner_ros.planning.library import Guesses
 from ff_planner_ros.planning.metrics import METRIC_BY_NAME
 from ff_planner_ros.planning.watch import Progress
 from ff_planner_ros.robot.model import Robot
@@ -83,16 +84,19 @@ class PlanningService:
         scenes: SceneInput,
         output: PlanOutput,
         run_name: str,
+        guesses: Guesses | None,
     ) -> None:
         """Open both doors; requests are answered with NOT_ACTIVE until `activate`.
 
         The node's executor needs four threads: one plans, one waits for it to make room, one
-        cancels, one listens. `run_name` stands in front of the number in every plan id.
+        cancels, one listens. `run_name` stands in front of the number in every plan id. `guesses`
+        are for what is tried first, None: nothing.
         """
         self._node, self._parameters, self._robot, self._worker = node, parameters, robot, worker
         self._states, self._scenes, self._output = states, scenes, output
         self._clock, self._logger = node.get_clock(), node.get_logger()
         self._run_name, self._numbers = run_name, count(1)
+        self._guesses = guesses
         self._jobs = Jobs(worker.interrupt)
         self._goals: dict[bytes, Job] = {}
         self._goals_lock = threading.Lock()
@@ -244,6 +248,7 @@ class PlanningService:
             self._scenes,
             self._output.published,
             self._clock.now().nanoseconds,
+            self._guesses,
         )
 
     def _refused(self, job: Job, cause: FfPlannerError, begun: float) -> PlanTrajectory.Response:

@@ -13,6 +13,7 @@ from ff_planner_ros.bag.target_bodies import NAMED_AS
 from ff_planner_ros.errors import InvalidInput, Status, fields_named
 from ff_planner_ros.parameters import NodeParameters
 from ff_planner_ros.planning.joint_motion import JointMotion
+from ff_planner_ros.planning.library import Guesses
 from ff_planner_ros.planning.problem import TargetBody, carried_spheres
 from ff_planner_ros.planning.tail import EndBehaviour
 from ff_planner_ros.planning.task import PlanningTask
@@ -43,6 +44,7 @@ class Knowledge:
     scenes: SceneInput  # for obstacles and target body that the request does not bring
     published: PublishedPlan | None  # the last plan, which the arm may be following
     now_ns: int  # [ns]
+    guesses: Guesses | None = None  # for what is tried first
 
 
 @dataclass(frozen=True)
@@ -59,6 +61,7 @@ class Provenance:
     target_body_source: str = ""  # as its message says
     following: str = ""  # id of the plan that the joints follow until the start; empty: none
     task_digest: str = ""  # empty: there is no task
+    first_guess: tuple[float, ...] = ()  # of the task; empty: it has none
     geometry: str = ""  # what of the robot is kept clear; empty: the request was not read
     delay: float = 0.0  # from then to the switch-over to a plan that continues another [s]
     joined_at: float = 0.0  # and where that is in the other plan, from its first point [s]
@@ -175,6 +178,10 @@ def read_request(request: PlanTrajectory.Request, knowledge: Knowledge) -> ReadR
         )
     except InvalidInput as error:
         raise RequestRefused(error, provenance) from None
+    guess = None if knowledge.guesses is None else knowledge.guesses.first_guess(task)
+    if guess is not None:
+        task = replace(task, first_guess=guess)
+        provenance = replace(provenance, first_guess=tuple(guess.tolist()))
     provenance = replace(provenance, task_digest=task.digest)
     return ReadRequest(task, budget, start_ns, provenance, request.plan_only, asked_by)
 
