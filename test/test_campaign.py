@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import re
 import resource
 import shlex
 import signal
+import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -105,6 +108,84 @@ def test_a_worker_that_is_killed_costs_and_doubles_no_row(
     assert not Path(f"/proc/{victim}").exists() or "Z" in Path(f"/proc/{victim}/stat").read_text()
     assert sorted(ids(tmp_path / "out")) == sorted(case.id for case in cases(study(tmp_path)))
     assert without_times(tmp_path / "out") == without_times(on_two)
+
+
+# Scheduler and worker in one process: both are gone at once.
+CLUSTER = """
+import sys, distributed
+cluster = distributed.LocalCluster(
+    n_workers=1, threads_per_worker=1, processes=False, protocol="tcp", host="127.0.0.1",
+    scheduler_port=int(sys.argv[1]), dashboard_address=None,
+)
+print(cluster.scheduler_address, flush=True)
+sys.stdin.read()
+"""
+
+
+def started_cluster(port: int) -> tuple[subprocess.Popen[str], str]:
+    """Start a scheduler, at any port for 0; return its process and its address."""
+    words = [sys.executable, "-c", CLUSTER, str(port)]
+    pipe = subprocess.PIPE
+    process = subprocess.Popen(words, stdin=pipe, stdout=pipe, stderr=subprocess.DEVNULL, text=True)
+    assert process.stdout is not None
+    return process, process.stdout.readline().strip()
+
+
+def end(server: subprocess.Popen[str]) -> None:
+    server.kill()
+    server.communicate()
+
+
+# Dask leaves connections to a scheduler that was killed to the garbage collector.
+@pytest.mark.filterwarnings("ignore::ResourceWarning")
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+def test_a_scheduler_that_is_killed_and_started_again_costs_and_doubles_no_row(
+    on_two: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first, address = started_cluster(0)
+    servers = [first]
+    add = Writer.add
+
+    def add_and_kill(self: Writer, outcomes: Any) -> int:
+        if len(servers) == 1:  # the first result is there, others are on their way
+            end(first)
+            servers.append(started_cluster(int(address.rpartition(":")[2]))[0])
+        new = add(self, outcomes)
+        if len(self.done) == ROWS:  # with nothing left to do, nobody waits for another one
+            end(servers[1])
+        return new
+
+    monkeypatch.setattr(Writer, "add", add_and_kill)
+    try:
+        done = run_campaign(study(tmp_path), tmp_path / "out", address)
+    finally:
+        for server in servers:
+            end(server)
+        gc.collect()
+    assert len(servers) == 2
+    assert done.rows == ROWS
+    assert sorted(ids(tmp_path / "out")) == sorted(case.id for case in cases(study(tmp_path)))
+    assert without_times(tmp_path / "out") == without_times(on_two)
+
+
+@pytest.mark.parametrize("fails", ["nthreads", "submit", "result"])
+def test_a_scheduler_that_goes_away_in_between_costs_no_case(
+    fails: str, scheduler: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    of = distributed.Future if fails == "result" else distributed.Client
+    works, failed = getattr(of, fails), list[str]()
+
+    def fail_once(*arguments: Any, **more: Any) -> Any:
+        if not failed:
+            failed.append(fails)
+            raise distributed.comm.CommClosedError("in the middle of it")
+        return works(*arguments, **more)
+
+    monkeypatch.setattr(of, fails, fail_once)
+    few = list(cases(study(tmp_path)))[:3]
+    found = [one for part in cluster.outcomes(scheduler, iter(few), 3) for one in part]
+    assert failed == [fails]
+    assert sorted(one.row["id"] for one in found) == sorted(case.id for case in few)
 
 
 def test_a_campaign_that_is_stopped_is_taken_up_where_it_was(

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import asyncio
 import logging
+import math
 import sys
 import threading
 import time
 from collections import deque
 from collections.abc import Generator, Iterator
+from concurrent.futures import CancelledError
 from contextlib import contextmanager, suppress
 from itertools import islice
 from typing import Any
@@ -30,6 +33,10 @@ _DASHBOARD = 8787  # the port that users of Dask look for; only this machine see
 _DEATHS = 3
 _LOOK_AFTER = 5.0  # [s] between two looks at whether workers of this machine are missing
 _CONNECT, _RECONNECT, _PAUSE = 10.0, 600.0, 2.0  # [s] first, after a loss, and between attempts
+_COUNT_AFTER = 1.0  # [s] between two looks at how many workers there are
+_FETCH = 60.0  # [s] a result that is there takes a small part of it
+# What asking a scheduler may end in that is not there any more.
+_LOST = (OSError, TimeoutError, RuntimeError, CancelledError, asyncio.CancelledError)
 
 
 @contextmanager
@@ -152,38 +159,78 @@ def _other_software(worker: str, differs: str) -> InvalidInput:
 def _on_client(
     client: distributed.Client, jobs: Iterator[Case], total: int, again: deque[list[Case]]
 ) -> Generator[list[Outcome] | Case, None, bool]:
-    """Yield outcomes until all are there or the scheduler is lost; return whether it is."""
+    """Yield outcomes until all are there or the scheduler is lost; return whether it is.
+
+    The scheduler may go away at any time: a packet whose result did not come is sent again, and no
+    other one is lost or has two results.
+    """
     expected = environment()
     running: dict[distributed.Future[Any], list[Case]] = {}
     completed = distributed.as_completed(loop=client.loop, raise_errors=False)
+    cores, counted = 1, -math.inf
     while True:
-        cores = max(1, sum(client.nthreads().values())) if client.status == "running" else 1
+        if time.monotonic() >= counted + _COUNT_AFTER:
+            cores, counted = _cores(client), time.monotonic()
         size = max(1, min(_MOST_AT_ONCE, total // (4 * cores)))
-        while len(running) < _WAITING * cores + 1 and client.status == "running":
+        while len(running) < _WAITING * cores + 1:
             packet = again.popleft() if again else list(islice(jobs, size))
             if not packet:
                 break
-            future = client.submit(_on_worker, packet, expected, pure=False)
+            future = _sent(client, packet, expected)
+            if future is None:
+                again.appendleft(packet)
+                break
             running[future] = packet
             completed.add(future)
         if not running:
-            return client.status != "running"
+            return bool(again)
         future = next(completed)
-        packet = running.pop(future)
-        if future.status == "finished":
-            worker, result = future.result()
-            if isinstance(result, str):
-                raise _other_software(worker, result)
+        result = _result(future, running.pop(future), again)
+        if result is not None:
             yield result
-        elif future.status == "error":
-            error = future.exception()
-            if not isinstance(error, distributed.KilledWorker):
-                raise FfPlannerError(Status.INTERNAL_ERROR, f"a worker cannot plan: {error}")
-            if len(packet) == 1:
-                yield packet[0]
-            again.extend([case] for case in packet if len(packet) > 1)
-        else:  # cancelled or lost: the scheduler is not what it was
+
+
+def _sent(
+    client: distributed.Client, packet: list[Case], expected: dict[str, str]
+) -> distributed.Future[Any] | None:
+    """Send a packet to be planned; None: nobody is there to take it."""
+    if client.status == "running":
+        with suppress(*_LOST):
+            return client.submit(_on_worker, packet, expected, pure=False)
+    return None
+
+
+def _result(
+    future: distributed.Future[Any], packet: list[Case], again: deque[list[Case]]
+) -> list[Outcome] | Case | None:
+    """Return what became of a packet; None: it is to be planned again, as a whole or in parts."""
+    if future.status == "finished":
+        try:
+            worker, result = future.result(timeout=_FETCH)
+        except _LOST:  # gone with the scheduler, between the two lines above
             again.append(packet)
+            return None
+        if isinstance(result, str):
+            raise _other_software(worker, result)
+        return list(result)
+    if future.status != "error":  # cancelled or lost: the scheduler is not what it was
+        again.append(packet)
+        return None
+    error = future.exception()
+    if not isinstance(error, distributed.KilledWorker):
+        raise FfPlannerError(Status.INTERNAL_ERROR, f"a worker cannot plan: {error}")
+    if len(packet) == 1:
+        return packet[0]
+    again.extend([case] for case in packet)
+    return None
+
+
+def _cores(client: distributed.Client) -> int:
+    """Return how many threads the workers have; one where nobody tells."""
+    threads = 0
+    with suppress(*_LOST):
+        threads = sum(client.nthreads().values())
+    return max(1, threads)
 
 
 def _on_worker(packet: list[Case], expected: dict[str, str]) -> tuple[str, list[Outcome] | str]:
