@@ -82,7 +82,7 @@ def test_a_node_plans_from_its_library_and_the_bag_replays_without_it(
     warm, cold = perform(replace(task, first_guess=stored)), perform(task)
     planned = np.array([point.positions for point in answers[0].joint_trajectory.points])
     off = [np.abs(planned - plan.trajectory.joint_positions).max() for plan in (warm, cold)]
-    assert off[0] < 1e-8 < 1e-5 < off[1], off  # messages round the state
+    assert off[0] < 1e-6 < 1e-3 < off[1], off  # messages round the state
 
     shutil.rmtree(library)
     bag = planner.bag

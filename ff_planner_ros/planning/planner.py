@@ -175,8 +175,8 @@ def _plan_near_in_family(
     first = replace(problem, objective=SHORTEST if turns_count else asked)
     search = AttitudeSearch(path_program(first, family, settings), settings, watch, guess)
     try:
-        paths = [*search.paths_near(guess)]  # the last is the best
-        found = next((made for path in reversed(paths) if (made := judged(path))), None)
+        paths = search.paths_near(guess, better_first=True)
+        found = next((made for path in paths if (made := judged(path))), None)
         if found is not None and turns_count:
             shortest = found
             found = search.better_at_guess(asked, shortest, judged)
