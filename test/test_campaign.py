@@ -10,7 +10,7 @@ import shlex
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -80,12 +80,13 @@ def test_two_workers_write_the_rows_that_one_process_computes(on_two: Path, tmp_
     assert {row["solved"] for row in rows.values() if row["method"] == "ours"} == {True}
 
 
-def test_one_worker_of_a_cluster_of_its_own_writes_the_same_bits(
-    on_two: Path, tmp_path: Path
+def test_any_number_of_workers_of_a_cluster_of_its_own_writes_the_same_bits(
+    on_two: Path, tmp_path: Path, times: Callable[[int, int], int]
 ) -> None:
-    done = run_campaign(study(tmp_path), tmp_path / "out", workers=1)
-    assert done.rows == ROWS
-    assert digest_of(read_plans(tmp_path / "out")) == digest_of(read_plans(on_two))
+    for workers in (1, 4)[: times(1, 2)]:
+        out = tmp_path / str(workers)
+        assert run_campaign(study(tmp_path), out, workers=workers).rows == ROWS
+        assert digest_of(read_plans(out)) == digest_of(read_plans(on_two))
 
 
 def test_a_worker_that_is_killed_costs_and_doubles_no_row(

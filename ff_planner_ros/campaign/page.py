@@ -15,7 +15,7 @@ from ff_planner_ros.campaign.page_plots import rate_plot, time_plot, varied_plot
 from ff_planner_ros.campaign.run import VERSIONS
 from ff_planner_ros.campaign.statistics import Group, Rate, Row, grouped, worst
 from ff_planner_ros.campaign.table import digest_of, read_plans
-from ff_planner_ros.errors import FfPlannerError
+from ff_planner_ros.errors import FfPlannerError, Status
 from ff_planner_ros.planning.metrics import METRIC_BY_NAME
 from ff_planner_ros.runs.report_file import save_file
 from ff_planner_ros.runs.report_html import bullets, element, pairs, plot, row, table
@@ -24,6 +24,9 @@ _NOTHING = "-"
 # Rows of a table of sources: more of them are counted together, and those with the most refusals
 # are shown. Rows of each kind among the worst. Columns of what was varied that are drawn.
 _MOST_SOURCES, _MOST_WORST, _MOST_VARIED = 40, 5, 20
+_MOST_CURVES = 6  # in a figure: scenarios apart, or else together
+# Statuses below are refusals of the task itself, above of a method, and defects of the planner.
+_NO_PLAN, _DEFECT = 300, 400
 _COLUMNS = (
     *("plans", "solved", "rate", "95 % interval"),
     *("time, median [s]", "95 % within [s]", "joint path, median [rad]", "attitude, median [deg]"),
@@ -108,13 +111,11 @@ def _cells(group: Group) -> Iterator[str]:
     times = group.values("solve_time", solved_only=False)
     for share in (0.5, 0.95):
         yield f"{np.quantile(times, share):.3f}" if len(times) else _NOTHING
-    for name, figure in (
-        ("joint_path_length", np.median),
-        ("max_chaser_euler", np.median),
-        ("min_clearance", np.min),
-    ):
+    for name in ("joint_path_length", "max_chaser_euler"):
         values = group.values(name)
-        yield METRIC_BY_NAME[name].shown(float(figure(values))) if len(values) else _NOTHING
+        yield METRIC_BY_NAME[name].shown(float(np.median(values))) if len(values) else _NOTHING
+    values = group.values("min_clearance")
+    yield f"{1e3 * values.min():.2g}" if len(values) else _NOTHING  # positive, however small
 
 
 def _by_source(rows: Sequence[Row]) -> Iterator[Element]:
@@ -130,12 +131,34 @@ def _by_source(rows: Sequence[Row]) -> Iterator[Element]:
 
 
 def _refusals(methods: Sequence[Group]) -> Iterator[Element]:
-    causes = sorted({cause for group in methods for cause in group.causes})
+    causes = sorted({cause for group in methods for cause in group.causes}, key=_number)
     if not causes:
         return
     yield element("h2", "Causes of refusal")
-    cells = ([group.name, *(str(group.causes[c]) for c in causes)] for group in methods)
-    yield table(("method", *causes), [row(one) for one in cells])
+    cells = ([_class(c), c, *(str(group.causes[c]) for group in methods)] for c in causes)
+    columns = ("class", "cause", *(group.name for group in methods))
+    yield table(columns, [row(one) for one in cells])
+    for group in methods:
+        impossible = sum(n for cause, n in group.causes.items() if _number(cause) < _NO_PLAN)
+        if 0 < impossible < group.solved.total:
+            rest = Rate(group.solved.count, group.solved.total - impossible)
+            low, high = rest.interval
+            words = (
+                f"{group.name}: of the {rest.total} cases whose task is possible so far as is "
+                f"known at the start, {rest.count} are solved: {rest.share:.1%} ({low:.1%} to "
+                f"{high:.1%})."
+            )
+            yield element("p", words)
+
+
+def _number(cause: str) -> int:
+    return Status[cause.upper()]
+
+
+def _class(cause: str) -> str:
+    if _number(cause) < _NO_PLAN:
+        return "the task itself: no method may start from it"
+    return "no plan was found" if _number(cause) < _DEFECT else "a defect of the planner"
 
 
 def _varied(
@@ -146,10 +169,12 @@ def _varied(
     if not numeric:
         return
     yield element("h2", "What was varied")
+    apart = grouped(rows, "source", "method")
+    groups = apart if len(apart) <= _MOST_CURVES else methods
     for place, column in enumerate(numeric[:_MOST_VARIED]):
         name = column.removeprefix("change.")
         caption = f"Share of cases that are solved by {name}; bars are 95 % confidence intervals."
-        yield plot(f"varied-{place}", varied_plot(name, column, methods), caption, figures)
+        yield plot(f"varied-{place}", varied_plot(name, column, groups), caption, figures)
 
 
 def _worst(directory: Path, methods: Sequence[Group]) -> Iterator[Element]:
@@ -157,27 +182,31 @@ def _worst(directory: Path, methods: Sequence[Group]) -> Iterator[Element]:
     words = "Each command plans its case again; the scenario files are beside the tables."
     yield element("p", words)
     rows: list[Element] = []
+    columns = ("why", "method", "scenario", "time [s]")
     for group in methods:
         for why, case in worst(group.rows, _MOST_WORST):
-            rows.append(row(_worst_cells(directory, why, case)))
+            time = "-" if case["solve_time"] is None else f"{case['solve_time']:.3f}"
+            rows.append(row((why, case["method"], case["source"], time)))
             if not case["solved"]:
-                reason = element("td", case["message"], colspan="6")
-                rows.append(element("tr", reason, {"class": "reason"}))
-    columns = ("why", "method", "scenario", "varied", "time [s]", "command")
+                rows.append(_below(case["message"], "reason", len(columns)))
+            values: dict[str, Any] = json.loads(case["changes"])
+            if values:
+                told = ", ".join(f"{key} {_short(value)}" for key, value in values.items())
+                rows.append(_below(told, "more", len(columns)))
+            rows.append(_below(_command(case, directory), "more", len(columns)))
     yield table(columns, rows)
 
 
-def _worst_cells(directory: Path, why: str, case: Row) -> Iterator[Element | str]:
-    yield why
-    yield case["method"]
-    yield case["source"]
-    values: dict[str, Any] = json.loads(case["changes"])
-    yield ", ".join(f"{key} {_short(value)}" for key, value in values.items()) or _NOTHING
-    yield _NOTHING if case["solve_time"] is None else f"{case['solve_time']:.3f}"
+def _below(what: Element | str, kind: str, columns: int) -> Element:
+    """Return a row that says more on the one above."""
+    return element("tr", element("td", what, colspan=str(columns)), {"class": kind})
+
+
+def _command(case: Row, directory: Path) -> Element | str:
     try:
-        yield element("code", command_again(case, directory))
+        return element("code", command_again(case, directory))
     except FfPlannerError as error:
-        yield str(error)
+        return str(error)
 
 
 def _short(value: Any) -> str:
