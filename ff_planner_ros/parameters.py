@@ -588,11 +588,16 @@ def load_parameters(path: Path | None = None) -> NodeParameters:
     values = dict(default_values())
     for name, value in (flattened(read_yaml(path)) if path else {}).items():
         if name not in DECLARATIONS:
-            near = get_close_matches(name[:_LONGEST_NAME], DECLARATIONS, n=5, cutoff=0.0)
-            known = f"known are {', '.join(near)} and others: see config/planner.yaml"
-            raise InvalidInput(Status.OUT_OF_RANGE, name, "an unknown parameter", known)
+            raise unknown_parameter(name)
         values[name] = checked(name, value)
     return parameters_of(values)
+
+
+def unknown_parameter(name: str) -> InvalidInput:
+    """Return the refusal of a name that is no parameter's; it tells those that are most like it."""
+    near = get_close_matches(name[:_LONGEST_NAME], DECLARATIONS, n=5, cutoff=0.0)
+    known = f"known are {', '.join(near)} and others: see config/planner.yaml"
+    return InvalidInput(Status.OUT_OF_RANGE, name, "an unknown parameter", known)
 
 
 @cache

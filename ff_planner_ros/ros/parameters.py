@@ -26,6 +26,7 @@ from ff_planner_ros.parameters import (
     default_values,
     parameters_of,
     replaced,
+    unknown_parameter,
 )
 
 # What is loaded, recorded or connected when the node is configured.
@@ -146,10 +147,7 @@ def _declared(node: Node) -> NodeParameters:
         if not node.has_parameter(name) and not name.startswith("qos_overrides.")
     ]
     if unknown:
-        known = ", ".join(sorted(node.get_parameters_by_prefix("")))
-        raise InvalidInput(
-            Status.OUT_OF_RANGE, unknown[0], "an unknown parameter", f"known are {known}"
-        )
+        raise unknown_parameter(unknown[0])
     return parameters
 
 
