@@ -607,7 +607,7 @@ def load_parameters(path: Path | None = None) -> NodeParameters:
 
 
 def unknown_parameter(name: str) -> InvalidInput:
-    """Return the refusal of a parameter that there is none of."""
+    """Return the refusal of a name that is no parameter's; it tells those that are most like it."""
     near = get_close_matches(name[:_LONGEST_NAME], DECLARATIONS, n=5, cutoff=0.0)
     known = f"known are {', '.join(near)} and others: see config/planner.yaml"
     return InvalidInput(Status.OUT_OF_RANGE, name, "an unknown parameter", known)

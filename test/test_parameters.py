@@ -223,7 +223,7 @@ STRICT = {name: one.strictness for name, one in DECLARATIONS.items() if one.stri
 
 
 def test_every_tolerance_margin_and_limit_says_which_way_is_stricter() -> None:
-    named = re.compile(r"tolerance|margin|threshold|(^|[._])(max|limits?)[._]|allow_")
+    named = re.compile(r"tolerance|margin|threshold|(^|[._])(max|limits?)[._]|allow_|robust")
     fixed = _WHILE_CONFIGURED + _AT_START
     # What bounds the search alone decides whether there is a plan, never which one passes.
     bounds_the_search = {"planner.max_iterations"}
@@ -242,8 +242,12 @@ def _other_values(name: str) -> tuple[Any, Any]:
         return None, False
     if name == "limits.chaser_attitude":
         return None, 0.4
+    if default == 0.0:  # of planner.robust
+        return None, 0.5
     more, less = default * 1.5, default * 0.5
-    raised = name in ("planner.clearance_margin", "planner.singular_value_threshold")
+    raised = name.startswith(
+        ("planner.clearance_margin", "planner.singular_value_threshold", "planner.robust.")
+    )
     return (less, more) if raised else (more, less)
 
 

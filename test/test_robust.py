@@ -15,10 +15,10 @@ from ff_planner_ros.errors import InvalidInput, NoPlanFound, Status
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.plan import Plan
 from ff_planner_ros.planning.problem import PlanningProblem
-from ff_planner_ros.planning.robust import Robust
 from ff_planner_ros.planning.scenario import Defaults, load_task
 from ff_planner_ros.planning.scenario_writer import write_scenario
 from ff_planner_ros.planning.scene import scene_of
+from ff_planner_ros.planning.settings import USUAL_SIGMAS
 from ff_planner_ros.planning.task import PlanningTask, in_frame_of_user, perform
 from ff_planner_ros.planning.uncertainty import Uncertainty
 from ff_planner_ros.simulation.monte_carlo import monte_carlo
@@ -26,14 +26,20 @@ from ff_planner_ros.simulation.monte_carlo import monte_carlo
 SCENARIOS = robots.CONFIG / "scenarios"
 
 
-def task_of(name: str, robust: Robust | None) -> PlanningTask:
+def asking(task: PlanningTask, sigmas: float = USUAL_SIGMAS, **deviations: float) -> PlanningTask:
+    """Return a task whose plan keeps so many deviations; those not told are as usual."""
+    robust = replace(task.settings.robust, sigmas=sigmas, **deviations)
+    return replace(task, settings=replace(task.settings, robust=robust))
+
+
+def task_of(name: str, sigmas: float = USUAL_SIGMAS, **deviations: float) -> PlanningTask:
     task = load_task(SCENARIOS / f"{name}.yaml", Defaults(load_parameters().planner))
-    return replace(task, robust=robust)
+    return asking(task, sigmas, **deviations)
 
 
 @pytest.fixture(scope="module")
 def robust_plan() -> Plan:
-    return perform(task_of("lemur_capture", Robust()))
+    return perform(task_of("lemur_capture"))
 
 
 def share_of_violations(problem: PlanningProblem, plan: Plan, seed: int) -> float:
@@ -51,7 +57,7 @@ def test_at_most_one_run_in_a_hundred_violates_a_robust_plan(
 
 @pytest.mark.parametrize("name", ["lemur_capture_bodies", "canadarm2_capture", "planar_capture"])
 def test_so_do_few_runs_of_other_robots(name: str) -> None:
-    task = task_of(name, Robust())
+    task = task_of(name)
     assert share_of_violations(task.problem, perform(task), seed=12) <= 0.01
 
 
@@ -69,26 +75,26 @@ def test_the_price_is_told_beside_the_plain_plan(robust_plan: Plan, lemur_plan: 
 
 
 def test_more_deviations_cost_more(robust_plan: Plan) -> None:
-    longer = perform(task_of("lemur_capture", Robust(sigmas=6.0)))
+    longer = perform(task_of("lemur_capture", 6.0))
     assert longer.robust is not None
     assert longer.robust.least_sigmas >= 6.0
     assert longer.metrics.joint_path_length > robust_plan.metrics.joint_path_length
 
 
 def test_a_plan_that_keeps_enough_already_stays_what_it_is() -> None:
-    tiny = Uncertainty(mass=1e-6, inertia=1e-6, angular_velocity=0.0)
-    same, plain = (perform(task_of("lemur_capture", one)) for one in (Robust(tiny), None))
+    tiny = {"mass": 1e-6, "inertia": 1e-6, "angular_velocity": 0.0}
+    same, plain = (perform(task_of("lemur_capture", sigmas, **tiny)) for sigmas in (3.0, 0.0))
     assert same.robust is not None
     assert (same.robust.rounds, same.robust.clearance) == (0, ())
     assert (same.trajectory.joint_positions == plain.trajectory.joint_positions).all()
 
 
 def test_the_chaser_s_attitude_keeps_its_deviations_too(lemur_plan: Plan) -> None:
-    task = task_of("lemur_capture", Robust())
+    task = task_of("lemur_capture")
     limit = lemur_plan.metrics.max_chaser_euler * 0.98
     limits = replace(task.problem.limits, chaser_attitude=limit)
     task = replace(task, problem=replace(task.problem, limits=limits))
-    plain, robust = perform(replace(task, robust=None)), perform(task)
+    plain, robust = perform(asking(task, 0.0)), perform(task)
     assert robust.robust is not None
     assert robust.robust.chaser_attitude > 0.0
     assert robust.metrics.max_chaser_euler < limit - robust.robust.chaser_attitude + 1e-4
@@ -97,18 +103,20 @@ def test_the_chaser_s_attitude_keeps_its_deviations_too(lemur_plan: Plan) -> Non
 
 
 def test_what_cannot_be_kept_is_refused_with_what_is_lacking() -> None:
-    task = task_of("lemur_capture", Robust(Uncertainty(mass=0.5, inertia=0.5), 10.0))
+    task = task_of("lemur_capture", 10.0, mass=0.5, inertia=0.5)
     limits = replace(task.problem.limits, chaser_attitude=0.5)
-    with pytest.raises(NoPlanFound, match=r"planner\.robust: the chaser's attitude") as refused:
+    with pytest.raises(
+        NoPlanFound, match=r"robust: the margin of limits\.chaser_attitude .* can be"
+    ) as refused:
         perform(replace(task, problem=replace(task.problem, limits=limits)))
     assert refused.value.status is Status.LIMIT_VIOLATED
 
 
 def test_what_no_round_can_mend_is_refused_with_the_margin_and_where() -> None:
     """A method that takes no notice of what is kept back: nothing is ever enough."""
-    plain = task_of("lemur_capture", None)
+    plain = task_of("lemur_capture", 0.0)
     made = perform(plain)
-    task = replace(plain, robust=Robust())
+    task = asking(plain)
     with pytest.raises(
         NoPlanFound, match=r"keeps planner\.robust: the clearance from obstacle c"
     ) as refused:
@@ -124,17 +132,19 @@ def test_a_scenario_says_what_to_keep_back_and_loses_nothing(tmp_path: Path) -> 
     file = tmp_path / "scenario.yaml"
     file.write_text(yaml.safe_dump(scenario))
     task = load_task(file, Defaults(load_parameters().planner))
-    assert task.robust == Robust(Uncertainty(mass=0.02, linear_velocity=0.001), 2.0)
+    usual = load_parameters().planner.robust
+    asked = replace(usual, sigmas=2.0, mass=0.02, linear_velocity=0.001)
+    assert task.settings.robust == asked
     write_scenario(task, tmp_path / "again.yaml")
     again = load_task(tmp_path / "again.yaml", Defaults(load_parameters().planner))
-    assert again.robust == task.robust
-    assert again.digest == task.digest != replace(task, robust=None).digest
+    assert again.settings.robust == asked
+    assert again.digest == task.digest != asking(task, 0.0).digest
 
 
 @pytest.mark.parametrize(
     ("robust", "field"),
     [
-        ({"sigmas": 0}, "planner.robust.sigmas"),
+        ({"sigmas": -1}, "planner.robust.sigmas"),
         ({"sigmas": 50}, "planner.robust.sigmas"),
         ({"mass": -1}, "planner.robust.mass"),
         ({"inertia": "much"}, "planner.robust.inertia"),

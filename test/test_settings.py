@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import fields, replace
+from dataclasses import asdict, fields, replace
 
 import pytest
 import yaml
@@ -10,33 +10,38 @@ from robots import CONFIG
 
 from ff_planner_ros.errors import InvalidInput
 from ff_planner_ros.parameters import load_parameters
-from ff_planner_ros.planning.settings import PlannerSettings
+from ff_planner_ros.planning.settings import PlannerSettings, RobustSettings
 
 FILE = CONFIG / "planner.yaml"
 BLOCK = yaml.safe_load(FILE.read_text())["/**"]["ros__parameters"]["planner"]
+NAMES = [*(name for name in BLOCK if name != "robust"), *(f"robust.{n}" for n in BLOCK["robust"])]
 
 
 def test_the_settings_are_those_of_the_parameters_file() -> None:
-    settings = load_parameters().planner
-    assert {item.name: getattr(settings, item.name) for item in fields(settings)} == BLOCK
+    assert asdict(load_parameters().planner) == BLOCK
 
 
 def test_every_setting_says_what_it_means() -> None:
-    for item in fields(PlannerSettings):
+    for item in (*fields(PlannerSettings), *fields(RobustSettings)):
+        if item.name == "robust":
+            continue
         assert set(item.metadata) == {"description", "minimum", "maximum", "unit", "strictness"}
         assert len(item.metadata["description"]) > 5
 
 
-@pytest.mark.parametrize("name", BLOCK)
+@pytest.mark.parametrize("name", NAMES)
 def test_the_ends_of_a_range_pass_and_what_lies_beyond_is_refused(name: str) -> None:
-    settings = load_parameters().planner
-    metadata = next(item for item in fields(PlannerSettings) if item.name == name).metadata
+    settings: PlannerSettings | RobustSettings = load_parameters().planner
+    block, _, last = name.rpartition(".")
+    if block:
+        settings = load_parameters().planner.robust
+    metadata = next(item for item in fields(settings) if item.name == last).metadata
     for bound, beyond in ((metadata["minimum"], -1), (metadata["maximum"], 1)):
         if bound is None:
             continue
-        assert getattr(replace(settings, **{name: bound}), name) == bound
+        assert getattr(replace(settings, **{last: bound}), last) == bound
         with pytest.raises(InvalidInput, match=rf"planner\.{name} is .*: it must be at "):
-            replace(settings, **{name: bound + beyond})
+            replace(settings, **{last: bound + beyond})
 
 
 @pytest.mark.parametrize(

@@ -35,6 +35,7 @@ from ff_planner_ros.planning.scene import Scene
 from ff_planner_ros.planning.sound_samples import require_sound_samples
 from ff_planner_ros.planning.target_body import TargetBody
 from ff_planner_ros.planning.task import PlanningTask
+from ff_planner_ros.planning.uncertainty import Uncertainty, uncertainty_from
 from ff_planner_ros.robot.bodies import Geometry
 from ff_planner_ros.robot.model import Base, Robot, robot_from_urdf_text
 from ff_planner_ros.shown import quoted
@@ -102,10 +103,22 @@ def plan_dictionary(plan: Plan, task: PlanningTask, solve_time: float) -> dict[s
 
 def _robust(told: RobustReport) -> dict[str, Any]:
     """Return what a plan keeps back; what has no number is null."""
-    numbers = asdict(told) | {name: dict(getattr(told, name)) for name in ("clearance", "torques")}
+    pairs = ("clearance", "torques", "deviations")
+    numbers = asdict(told) | {name: dict(getattr(told, name)) for name in pairs}
     if not math.isfinite(told.least_sigmas):
         numbers["least_sigmas"] = None
     return numbers
+
+
+def uncertainty_in(answer: object) -> Uncertainty:
+    """Read the errors that a plan's dictionary says it withstands, or else the usual ones.
+
+    Raises:
+        InvalidInput: That is something else.
+    """
+    robust = answer.get("robust", {}) if isinstance(answer, dict) else {}
+    told = robust.get("deviations", {}) if isinstance(robust, dict) else robust
+    return uncertainty_from("robust.deviations", told)
 
 
 def _allowed(problem: PlanningProblem) -> dict[str, Any]:

@@ -7,8 +7,8 @@ import pinocchio as pin
 
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.errors import Status
-from ff_planner_ros.planning.metrics import METRIC_BY_NAME, Metrics
-from ff_planner_ros.planning.plan import Plan, RobustReport
+from ff_planner_ros.planning.metrics import METRIC_BY_NAME
+from ff_planner_ros.planning.plan import Plan
 from ff_planner_ros.planning.problem import Limits
 from ff_planner_ros.planning.task import PlanningTask
 from ff_planner_ros.robot.bodies import Geometry, defining_numbers
@@ -36,21 +36,13 @@ def plan_rows(plan: Plan, task: PlanningTask, solve_time: float) -> list[tuple[s
         ),
         ("limits kept", _limits(task.problem.limits)),
         *((METRIC_BY_NAME[name].label, text) for name, text in told.items()),
-        *([] if plan.robust is None else [("robust", _robust(plan.robust, metrics))]),
+        *([] if plan.robust is None else [("robust", plan.robust.told(metrics.joint_path_length))]),
         *([("parametrisation", plan.family)] if plan.family else []),
         ("solver", solver.stop_reason),
         ("optimality", f"{solver.optimality:.1e}" if np.isfinite(solver.optimality) else "none"),
         ("search", f"{solver.starts} starts, {solver.rollouts} rollouts, {solve_time:.2f} s"),
         ("digest of the task", task.digest),
     ]
-
-
-def _robust(told: RobustReport, metrics: Metrics) -> str:
-    longer = metrics.joint_path_length - told.plain_joint_path_length
-    return (
-        f"{told.least_sigmas:.2f} sigmas kept back, {told.sigmas:g} asked for; joint path "
-        f"{longer:+.4f} rad beside {told.plain_joint_path_length:.4f} rad of the plain plan"
-    )
 
 
 def _limits(limits: Limits) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +12,7 @@ from ff_planner_ros.bag.exchanges import exchanges
 from ff_planner_ros.bag.plans import RecordedPlan, recorded_plan
 from ff_planner_ros.bag.reader import Message, open_bag
 from ff_planner_ros.bag.scenes import (
+    AskedScene,
     Stamps,
     asked_scene,
     received_scenes,
@@ -20,7 +22,9 @@ from ff_planner_ros.bag.scenes import (
 from ff_planner_ros.errors import BagError, InvalidInput
 from ff_planner_ros.parameters import RobotParameters
 from ff_planner_ros.planning.plan import Trajectory
+from ff_planner_ros.planning.problem import Limits
 from ff_planner_ros.planning.scene import Scene
+from ff_planner_ros.planning.uncertainty import Uncertainty, uncertainty_from
 from ff_planner_ros.planning.yaml_file import yaml_document
 from ff_planner_ros.robot.bodies import Geometry
 from ff_planner_ros.robot.model import Base, Robot
@@ -35,6 +39,9 @@ class RobotPlans:
     # By plan id, as in `PlanMetrics.msg`
     metrics: Mapping[str, Mapping[str, float | str | tuple[float, ...]]]
     scenes: Mapping[str, Scene]  # by plan id, where the bag tells
+    # By plan id, of what the node was started with and the request asks: attitude and torques
+    limits: Mapping[str, Limits]
+    uncertainty: Uncertainty  # of `planner.robust` that the node was started with, or the usual one
     notes: tuple[str, ...]  # what is wrong with the bag
 
 
@@ -46,7 +53,7 @@ def robot_plans(bag: Path) -> RobotPlans:
         InvalidInput: The URDF in it is refused.
     """
     with open_bag(bag) as opened:
-        found = exchanges(opened, asked_scene, _answer)
+        found = exchanges(opened, _asked, _answer)
         received = received_scenes(opened)
         attachments, notes = opened.attachments, opened.notes
     answers = [one.response[0] for one in found if one.response is not None]
@@ -62,14 +69,55 @@ def robot_plans(bag: Path) -> RobotPlans:
             raise BagError(f"bag {bag}: {one.plan_id} moves {moved}, but its robot has {wanted}")
     told = {
         exchange.response[0].plan_id: scene_at_start(
-            exchange.request, exchange.response[1], exchange.response[0].start_ns, received
+            None if exchange.request is None else exchange.request[0],
+            exchange.response[1],
+            exchange.response[0].start_ns,
+            received,
         )
         for exchange in found
         if exchange.response is not None
     }
     scenes = {plan_id: scene for plan_id, scene in told.items() if scene is not None}
     metrics = {one.plan_id: one.metrics for one in answers}
-    return RobotPlans(robot, motions, metrics, scenes, notes)
+    parameters = _parameters(bag, attachments)
+    limits = {
+        exchange.response[0].plan_id: _limits(
+            parameters, 0.0 if exchange.request is None else exchange.request[1]
+        )
+        for exchange in found
+        if exchange.response is not None
+    }
+    return RobotPlans(robot, motions, metrics, scenes, limits, _uncertainty(parameters), notes)
+
+
+def _asked(request: Any) -> tuple[AskedScene, float]:
+    """Return the scene of a request, and the largest Euler angle that it asks for; zero: any."""
+    return asked_scene(request), float(getattr(request, "limit_chaser_attitude", 0.0))
+
+
+def _uncertainty(parameters: Mapping[str, Any]) -> Uncertainty:
+    planner = parameters.get("planner", {})
+    robust = planner.get("robust", {}) if isinstance(planner, dict) else {}
+    try:
+        told = {name: value for name, value in robust.items() if name != "sigmas"}
+        return uncertainty_from("planner.robust", told)
+    except (AttributeError, InvalidInput):
+        return Uncertainty()
+
+
+def _limits(parameters: Mapping[str, Any], attitude: float) -> Limits:
+    """Return the limits of attitude and torques; what the parameters do not tell is as usual.
+
+    Args:
+        attitude: That the request asks for; zero: none [rad].
+    """
+    told = parameters.get("limits", {})
+    told = told if isinstance(told, dict) else {}
+    try:
+        attitude = attitude or float(told.get("chaser_attitude", 0.0)) or math.inf
+        return Limits(chaser_attitude=attitude, joint_torques=told.get("effort") != "none")
+    except (InvalidInput, TypeError, ValueError):
+        return Limits()
 
 
 def _answer(message: Message, response: Any) -> tuple[RecordedPlan, Stamps]:
@@ -84,14 +132,9 @@ def attached_robot(bag: Path, attachments: Mapping[str, bytes]) -> Robot:
         BagError: One of the two is missing or damaged.
         InvalidInput: The URDF is refused.
     """
-    documents = {}
-    for name in ("robot.urdf", "parameters.yaml"):
-        if name not in attachments:
-            raise BagError(f"bag {bag} has no {name} attached, which says what its plans are for")
-        documents[name] = attachments[name].decode(errors="replace")
+    urdf, links = _attached(bag, attachments, "robot.urdf"), _parameters(bag, attachments)
     try:
-        parameters = yaml_document(documents["parameters.yaml"], "parameters.yaml", "damaged")
-        links = parameters["/**"]["ros__parameters"]["robot"]
+        links = links["robot"]
         base_link, tip_link = str(links["base_link"]), str(links["tip_link"])
         # Bags of earlier versions do not tell: they know no other base.
         base, held = str(links.get("base", Base.FREE_FLYER)), str(links.get("held_joints", ""))
@@ -102,4 +145,20 @@ def attached_robot(bag: Path, attachments: Mapping[str, bytes]) -> Robot:
             f"bag {bag}: its parameters.yaml does not name robot.base_link and robot.tip_link"
         ) from None
     robot = RobotParameters("robot.urdf", base_link, tip_link, base, held, geometry, srdf="")
-    return robot.load(documents["robot.urdf"])
+    return robot.load(urdf)
+
+
+def _parameters(bag: Path, attachments: Mapping[str, bytes]) -> Mapping[str, Any]:
+    """Return the parameters that are attached; empty: they are no such document."""
+    text = _attached(bag, attachments, "parameters.yaml")
+    try:
+        found = yaml_document(text, "parameters.yaml", "damaged")["/**"]["ros__parameters"]
+    except (InvalidInput, LookupError, TypeError, ValueError):
+        return {}
+    return found if isinstance(found, dict) else {}
+
+
+def _attached(bag: Path, attachments: Mapping[str, bytes], name: str) -> str:
+    if name not in attachments:
+        raise BagError(f"bag {bag} has no {name} attached, which says what its plans are for")
+    return attachments[name].decode(errors="replace")

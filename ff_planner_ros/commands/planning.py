@@ -19,6 +19,7 @@ from ff_planner_ros.analysis.plan_json import (
     planned_motion,
     planned_scene,
     refusal_dictionary,
+    uncertainty_in,
 )
 from ff_planner_ros.analysis.summary import plan_rows, robot_rows
 from ff_planner_ros.arrays import finite_number
@@ -32,6 +33,7 @@ from ff_planner_ros.planning.library import Library
 from ff_planner_ros.planning.plan import Plan, Trajectory
 from ff_planner_ros.planning.planner import plan
 from ff_planner_ros.planning.problem import Limits, Objective, Parametrisation, lasting
+from ff_planner_ros.planning.robust import withstood
 from ff_planner_ros.planning.scenario import Defaults, limits_from, load_scenario, load_task
 from ff_planner_ros.planning.scene import Scene, scene_of
 from ff_planner_ros.planning.task import Method, PlanningTask, perform, without_search
@@ -222,7 +224,7 @@ def _motions(source: Path, options: argparse.Namespace) -> Iterator[_Motion]:
         task, watch = _task(source, options)
         planned = perform(task, watch, _method(options.method))
         problem = lasting(task.problem, planned.duration)
-        usual = Uncertainty() if task.robust is None else task.robust.uncertainty
+        usual = withstood(task.settings.robust)
         motion = planned.trajectory
         scene = scene_of(problem)
         yield _Motion(source.name, problem.robot, motion, scene, problem.limits, usual)
@@ -234,7 +236,8 @@ def _motions(source: Path, options: argparse.Namespace) -> Iterator[_Motion]:
         recorded = robot_plans(source)
         print_notes(recorded.notes)
         for plan_id, motion in recorded.motions.items():
-            yield _Motion(plan_id, recorded.robot, motion, recorded.scenes.get(plan_id))
+            seen, limits = recorded.scenes.get(plan_id), recorded.limits[plan_id]
+            yield _Motion(plan_id, recorded.robot, motion, seen, limits, recorded.uncertainty)
     else:
         allowed = "it must be a scenario (.yaml), an answer (.json) or a bag (directory or .mcap)"
         raise InvalidInput(Status.UNSUPPORTED, "what to verify", source, allowed)
@@ -246,7 +249,8 @@ def _motion_in_json(source: Path) -> _Motion:
         robot, motion = planned_motion(answer)
         scene = planned_scene(answer)
         limits = limits_from(answer.get("limits", {}), Limits())
-        return _Motion(source.name, robot, motion, scene, limits)
+        told = uncertainty_in(answer)
+        return _Motion(source.name, robot, motion, scene, limits, told)
     except InvalidInput as error:
         field = f"{source}: {error.field}"
         raise InvalidInput(error.status, field, error.value, error.allowed) from None

@@ -15,11 +15,13 @@ from ff_planner_ros.planning.bodies import Placed, placed_bodies
 from ff_planner_ros.planning.body_distances import sphere_distances
 from ff_planner_ros.planning.clearance import arm_points, centers_at, segments
 from ff_planner_ros.planning.scene import Scene
+from ff_planner_ros.planning.settings import MOST_SIGMAS
 from ff_planner_ros.robot.kinematics import rotation_base_to_inertial
 from ff_planner_ros.robot.model import Robot
 
-# Further than this from an obstacle [deviations] beside the nearest, a part is never the nearest.
-_FAR = 8.0
+# Further than this from an obstacle [deviations] beside the nearest, a part is never the nearest;
+# as many as a plan may be asked to keep.
+_FAR = MOST_SIGMAS
 _SAME_POINT = 1e-12  # [m]
 
 

@@ -61,6 +61,17 @@ class RobustReport:
     clearance: tuple[tuple[str, float], ...] = ()  # obstacle and distance [m]
     chaser_attitude: float = 0.0  # [rad]
     torques: tuple[tuple[str, float], ...] = ()  # joint and torque [N m]
+    corridor: float = 0.0  # of the approach [m]
+    # Standard deviations that were asked for, by name of `Uncertainty`
+    deviations: tuple[tuple[str, float], ...] = ()
+
+    def told(self, joint_path_length: float) -> str:
+        """Return what is kept back, and the price, in words; with the path of the plan [rad]."""
+        longer = joint_path_length - self.plain_joint_path_length
+        return (
+            f"{self.least_sigmas:.2f} sigmas kept back, {self.sigmas:g} asked for; joint path "
+            f"{longer:+.4f} rad beside {self.plain_joint_path_length:.4f} rad of the plain plan"
+        )
 
 
 @dataclass(frozen=True, eq=False)

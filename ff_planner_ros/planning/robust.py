@@ -2,22 +2,27 @@
 
 It is a fixed point: plan, foretell the deviation of every margin (`margins`), keep back what they
 lack, and plan again. What is kept back only grows: obstacles by a radius each, the chaser's
-attitude, and the joints' torques. The corridor of an approach is not among them: at its narrow end
-nothing but a better model keeps a system in it.
+attitude, the corridor of the approach and the joints' torques. Rates and accelerations of joints
+that are controlled are those of the plan, whatever the errors: nothing is kept back of them.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
-from typing import Any
+from contextlib import suppress
+from dataclasses import dataclass, fields, replace
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from ff_planner_ros.arrays import Array, Indices, finite_number
+from ff_planner_ros.arrays import Array, Indices
 from ff_planner_ros.errors import Failure, InvalidInput, NoPlanFound, Status
+from ff_planner_ros.planning.approach import Approach
+from ff_planner_ros.planning.approach import Margins as Inside
 from ff_planner_ros.planning.base_spread import base_spread, tracked_motion
 from ff_planner_ros.planning.check import measure
+from ff_planner_ros.planning.clearance import arm_points
+from ff_planner_ros.planning.grasp_frames import grasp_frames
 from ff_planner_ros.planning.margins import (
     ATTITUDE,
     CLEARANCE,
@@ -32,196 +37,262 @@ from ff_planner_ros.planning.nearness import nearness
 from ff_planner_ros.planning.plan import Plan, RobustReport
 from ff_planner_ros.planning.problem import PlanningProblem, lasting
 from ff_planner_ros.planning.scene import scene_of
-from ff_planner_ros.planning.settings import PlannerSettings
+from ff_planner_ros.planning.settings import PlannerSettings, RobustSettings
 from ff_planner_ros.planning.uncertainty import Uncertainty, directions
 from ff_planner_ros.robot.configuration import configuration
 
-# Of what is not known, what counts where the joints are controlled.
-KEPT_BACK = ("mass", "inertia", "center_of_mass", "linear_velocity", "angular_velocity")
-# Beyond three deviations a normal error is once in 740 times. Ten is more than any model is worth.
-SIGMAS, _MOST_SIGMAS = 3.0, 10.0
 # Plans that may be made beside the plain one: three are enough but where the way round changes.
 _ROUNDS = 6
 # What is kept back is this much more than what is lacking: the next plan's deviations differ.
 _MORE = 1.02
 # A margin that lacks less lacks nothing, in parts of what is asked for.
 _EXACT = 1e-3
-# An obstacle does not grow nearer to the robot's start than this [m].
+# An obstacle does not grow nearer to the robot's start than this, nor the corridor's wall to the
+# end effector there [m].
 _AT_START = 1e-4
+# Where so many deviations cannot be kept, how many can is halved in so often.
+_HALVINGS = 3
 
 _STATUS = {
     CLEARANCE: Status.COLLISION,
     ATTITUDE: Status.LIMIT_VIOLATED,
+    CORRIDOR: Status.LIMIT_VIOLATED,
     TORQUE: Status.TORQUE_TOO_HIGH,
 }
-
-
-@dataclass(frozen=True)
-class Robust:
-    """What a plan has to withstand.
-
-    Raises:
-        InvalidInput: A number of deviations that is not positive, or absurd.
-    """
-
-    uncertainty: Uncertainty = field(default_factory=Uncertainty)
-    sigmas: float = SIGMAS  # so many deviations each margin keeps
-
-    def __post_init__(self) -> None:
-        """Check the number of deviations."""
-        name = "planner.robust.sigmas"
-        if not 0.0 < finite_number(name, self.sigmas) <= _MOST_SIGMAS:
-            allowed = f"it must be greater than 0 and at most {_MOST_SIGMAS:g}"
-            raise InvalidInput(Status.OUT_OF_RANGE, name, self.sigmas, allowed)
+_ADVICE = ("fewer planner.robust.sigmas", "smaller deviations", "a longer duration")
 
 
 @dataclass(frozen=True, eq=False)
-class _Back:
+class _Narrower(Approach):
+    """An approach of whose corridor something is kept back: its wall is nearer, all along it."""
+
+    kept: float = 0.0  # [m]
+
+    def margins(self, places: Array) -> Inside:
+        """Return the margins of the approach, less what is kept back."""
+        found = super().margins(places)
+        return found._replace(values=found.values - self.kept)
+
+
+class _Back(NamedTuple):
     """What is kept back of each limit."""
 
     spheres: Array  # shape (spheres,) [m]
     attitude: float  # [rad]
+    corridor: float  # [m]
     torques: Array  # shape (joints,) [N m]
+
+    def exceeds(self, other: _Back) -> bool:
+        """Whether more is kept back of anything."""
+        mine, theirs = (
+            np.concatenate([np.atleast_1d(part).ravel() for part in back]) for back in (self, other)
+        )
+        return bool((mine > theirs).any())
+
+
+@dataclass(frozen=True, eq=False)
+class _Asked:
+    """Everything that a robust plan is looked for with."""
+
+    problem: PlanningProblem
+    settings: PlannerSettings
+    watch: Any
+    method: Callable[..., Plan]
+    whole: Callable[[Plan], Plan]  # a plan with its tail
+    plain: Plan
+    most: _Back  # that may be kept back without the start being refused
+
+
+def withstood(settings: RobustSettings) -> Uncertainty:
+    """Return the deviations that a plan withstands."""
+    return Uncertainty(**_deviations(settings))
 
 
 def robust_plan(
-    robust: Robust,
     problem: PlanningProblem,
     settings: PlannerSettings,
     watch: Any,
     guess: Any,
     method: Callable[..., Plan],
+    whole: Callable[[Plan], Plan],
 ) -> Plan:
     """Return a plan of which every margin keeps its deviations, and the price of that.
 
     Args:
         watch: Of the method, like the guess.
+        whole: Returns a plan with its tail, of which the margins are looked at.
 
     Raises:
         InvalidInput: As by the method.
         NoPlanFound: There is no plan, or none that keeps so much.
     """
-    plain = found = method(problem, settings, watch, guess)
-    robot = problem.robot
-    back = _Back(np.zeros(len(problem.obstacles)), 0.0, np.zeros(robot.joints))
-    most = _most_growth(problem)
+    plain = method(problem, settings, watch, guess)
+    if not settings.robust.sigmas:
+        return plain
+    asked = _Asked(problem, settings, watch, method, whole, plain, _most(problem))
+    sigmas = settings.robust.sigmas
+    found = _keeping(asked, sigmas)
+    if isinstance(found, Plan):
+        return found
+    words = f"{found.constraint}; {_can_be_kept(asked, sigmas)}"
+    message = f"no plan found that keeps planner.robust: {words}. What may help: "
+    failure = Failure(found.status, words, _ADVICE)
+    raise NoPlanFound(found.status, message + ", ".join(_ADVICE), found.attempt, (failure,))
+
+
+def _keeping(asked: _Asked, sigmas: float) -> Plan | NoPlanFound:
+    """Return a plan that keeps so many deviations, or what it lacks."""
+    problem, found = asked.problem, asked.plain
+    back = _Back(np.zeros(len(problem.obstacles)), 0.0, 0.0, np.zeros(problem.robot.joints))
     for rounds in range(_ROUNDS + 1):
-        kept = _margins(robust, problem, found)
-        lacking = [one for one in kept if _lacking(robust, one).size]
+        kept = _margins(asked, found)
+        lacking = [one for one in kept if _lacking(sigmas, one).size]
         if not lacking:
             return replace(
                 found,
-                metrics=measure(lasting(problem, found.duration), found.trajectory, settings),
-                robust=_report(robust, problem, plain, kept, back, rounds),
+                metrics=measure(lasting(problem, found.duration), found.trajectory, asked.settings),
+                robust=_report(asked, sigmas, kept, back, rounds),
             )
-        before, back = back, _more(robust, back, lacking, most)
-        grown = (back.spheres > before.spheres).any() or (back.torques > before.torques).any()
-        if rounds == _ROUNDS or not (grown or back.attitude > before.attitude):
-            break
+        more = _more(sigmas, back, lacking, asked.most)
+        beyond = [one for one in lacking if one.kind in _beyond_all(problem, more)]
+        if beyond or rounds == _ROUNDS or not more.exceeds(back):
+            return _short_of(problem, sigmas, beyond or lacking, found)
         again = found.coefficients if found.coefficients.size else None
-        found = _planned(problem, back, settings, watch, again, method)
-    raise _not_robust(robust, problem, lacking, found)
+        try:
+            found, back = _planned(asked, more, again), more
+        except (InvalidInput, NoPlanFound) as refused:
+            if refused.status is Status.OUT_OF_TIME:
+                raise
+            return _short_of(problem, sigmas, lacking, found, refused)
+    raise AssertionError  # the last round returns
 
 
-def _margins(robust: Robust, problem: PlanningProblem, plan: Plan) -> list[Margins]:
-    """Return the margins of a plan up to its goal, but that of the corridor."""
-    problem = lasting(problem, plan.duration)
-    robot = problem.robot
+def _can_be_kept(asked: _Asked, sigmas: float) -> str:
+    """Return words for how many deviations a plan keeps."""
+    low, high = 0.0, sigmas
+    for _ in range(_HALVINGS):
+        middle = (low + high) / 2
+        try:
+            found = _keeping(asked, middle)
+        except NoPlanFound:  # out of time
+            break
+        if isinstance(found, Plan):
+            low = middle
+        else:
+            high = middle
+    return f"{low:.4g} can be kept" if low else f"not even {high:.4g} can be kept"
+
+
+def _margins(asked: _Asked, plan: Plan) -> list[Margins]:
+    """Return the margins of a plan and its tail."""
+    problem, robot = lasting(asked.problem, plan.duration), asked.problem.robot
+    with suppress(NoPlanFound):  # a tail that cannot be driven is refused afterwards
+        plan = asked.whole(plan)
     motion = tracked_motion(robot, plan.trajectory)
     scene = scene_of(problem).seen_from(motion.origin, motion.velocity)
-    of = directions(robot, robust.uncertainty)
-    spread = base_spread(motion, of)
+    of = directions(robot, withstood(asked.settings.robust))
     near = nearness(robot, motion.q, motion.time, scene)
-    found = margins(motion, scene, near, problem.limits, of, spread)
-    return [one for one in found if one.kind != CORRIDOR]
+    return margins(motion, scene, near, problem.limits, of, base_spread(motion, of))
 
 
-def _lacking(robust: Robust, one: Margins) -> Indices:
+def _lacking(sigmas: float, one: Margins) -> Indices:
     """Return which margins keep less than they should."""
-    return np.flatnonzero(one.values < robust.sigmas * one.sigmas * (1.0 - _EXACT))
+    return np.flatnonzero(one.values < sigmas * one.sigmas * (1.0 - _EXACT))
 
 
-def _most_growth(problem: PlanningProblem) -> Array:
-    """Return how far each obstacle may grow without reaching the robot at its start [m]."""
-    q, _ = configuration(problem.robot, problem.start)
-    near = nearness(problem.robot, q[None], np.zeros(1), scene_of(problem))
-    least: Array = near.distance.min(axis=(0, 1), initial=np.inf)
-    return np.maximum(least - _AT_START, 0.0)
+def _most(problem: PlanningProblem) -> _Back:
+    """Return how much may be kept back of each limit: the robot stays where it starts."""
+    robot, scene = problem.robot, scene_of(problem)
+    q, _ = configuration(robot, problem.start)
+    near = nearness(robot, q[None], np.zeros(1), scene)
+    spheres = near.distance.min(axis=(0, 1), initial=np.inf) - _AT_START
+    corridor = np.inf
+    frames = grasp_frames(scene, robot.base, np.linspace(0.0, problem.duration, 2))
+    if problem.approach is not None and frames is not None:
+        place = frames.sees(arm_points(robot, q[None])[:, -1].repeat(frames.until, axis=0))[:1]
+        corridor = float(problem.approach.margins(place).values[0]) - _AT_START
+    joints = np.full(robot.joints, np.inf)
+    return _Back(np.maximum(spheres, 0.0), np.inf, max(corridor, 0.0), joints)
 
 
-def _more(robust: Robust, back: _Back, lacking: Sequence[Margins], most: Array) -> _Back:
+def _more(sigmas: float, back: _Back, lacking: Sequence[Margins], most: _Back) -> _Back:
     """Return what is to be kept back so that the margins that lack something have it."""
-    spheres, torques, attitude = back.spheres.copy(), back.torques.copy(), back.attitude
+    kept = {
+        CLEARANCE: back.spheres.copy(),
+        ATTITUDE: np.array([back.attitude]),
+        CORRIDOR: np.array([back.corridor]),
+        TORQUE: back.torques.copy(),
+    }
     for one in lacking:
-        rows = _lacking(robust, one)
-        needed = _MORE * robust.sigmas * one.sigmas[rows]
-        if one.kind == CLEARANCE:
-            np.maximum.at(spheres, one.which[rows], needed)
-        elif one.kind == ATTITUDE:
-            attitude = max(attitude, float(needed.max()))
-        else:
-            np.maximum.at(torques, one.which[rows], needed)
-    return _Back(np.minimum(spheres, most), attitude, torques)
+        rows, of = _lacking(sigmas, one), kept[one.kind]
+        which = one.which[rows] if one.kind in (CLEARANCE, TORQUE) else np.zeros_like(rows)
+        np.maximum.at(of, which, _MORE * sigmas * one.sigmas[rows])
+    return _Back(
+        spheres=np.minimum(kept[CLEARANCE], most.spheres),
+        attitude=float(kept[ATTITUDE][0]),
+        corridor=min(float(kept[CORRIDOR][0]), most.corridor),
+        torques=kept[TORQUE],
+    )
 
 
-def _planned(
-    problem: PlanningProblem,
-    back: _Back,
-    settings: PlannerSettings,
-    watch: Any,
-    guess: Array | None,
-    method: Callable[..., Plan],
-) -> Plan:
-    """Return a plan that keeps something back."""
-    limits, robot = problem.limits, problem.robot
-    attitude = limits.chaser_attitude - back.attitude
+def _beyond_all(problem: PlanningProblem, back: _Back) -> list[str]:
+    """Return the kinds of margins of which all that there is would be kept back."""
+    found = []
+    if not back.attitude < problem.limits.chaser_attitude:
+        found.append(ATTITUDE)
+    # At the grasp the corridor is narrow, and there the end effector has to be.
+    if problem.approach is not None and not (
+        back.corridor < problem.approach.margins(np.zeros((1, 3))).values[0]
+    ):
+        found.append(CORRIDOR)
+    if not (back.torques < problem.robot.effort_limits).all():
+        found.append(TORQUE)
+    return found
+
+
+def _planned(asked: _Asked, back: _Back, guess: Array | None) -> Plan:
+    """Return a plan that keeps something back.
+
+    Raises:
+        NoPlanFound: There is none; it tells what was kept back.
+    """
+    problem, limits, robot = asked.problem, asked.problem.limits, asked.problem.robot
     if back.torques.any():
-        least = np.finfo(float).tiny
-        efforts = np.maximum(robot.effort_limits - back.torques, least)
-        robot = replace(robot, effort_limits=efforts)
-    if not attitude > 0.0:
-        raise NoPlanFound(
-            Status.LIMIT_VIOLATED,
-            f"no plan found that keeps planner.robust: the chaser's attitude is not known to "
-            f"{back.attitude:.3g} rad, and limits.chaser_attitude is "
-            f"{limits.chaser_attitude:.3g} rad",
-        )
-    asked = replace(
+        robot = replace(robot, effort_limits=robot.effort_limits - back.torques)
+    approach = problem.approach
+    if approach is not None and back.corridor:
+        told = {item.name: getattr(approach, item.name) for item in fields(Approach)}
+        approach = _Narrower(**told, kept=back.corridor)
+    less = replace(
         problem,
         robot=robot,
-        limits=replace(limits, chaser_attitude=attitude),
+        limits=replace(limits, chaser_attitude=limits.chaser_attitude - back.attitude),
+        approach=approach,
         obstacles=tuple(
             replace(sphere, radius=sphere.radius + float(grown))
             for sphere, grown in zip(problem.obstacles, back.spheres, strict=True)
         ),
     )
     try:
-        return method(asked, settings, watch, guess)
-    except NoPlanFound as refused:
+        return asked.method(less, asked.settings, asked.watch, guess)
+    except (InvalidInput, NoPlanFound) as refused:
         if refused.status is Status.OUT_OF_TIME:
             raise
         most = float(back.spheres.max(initial=0.0))
-        words = (
-            f"with planner.robust, obstacles up to {most * 1e3:.3g} mm larger: {refused.constraint}"
-        )
-        raise NoPlanFound(refused.status, words, refused.attempt, refused.failures) from None
+        words = f"with what is lacking kept back, obstacles up to {most:.3g} m larger, {refused}"
+        raise NoPlanFound(refused.status, words, getattr(refused, "attempt", None)) from None
 
 
 def _report(
-    robust: Robust,
-    problem: PlanningProblem,
-    plain: Plan,
-    kept: Sequence[Margins],
-    back: _Back,
-    rounds: int,
+    asked: _Asked, sigmas: float, kept: Sequence[Margins], back: _Back, rounds: int
 ) -> RobustReport:
-    ids = [sphere.id for sphere in problem.obstacles]
-    names = problem.robot.joint_names
+    ids = [sphere.id for sphere in asked.problem.obstacles]
+    names = asked.problem.robot.joint_names
     return RobustReport(
-        sigmas=robust.sigmas,
+        sigmas=sigmas,
         least_sigmas=min((float(_in_sigmas(one).min()) for one in kept), default=np.inf),
         rounds=rounds,
-        plain_joint_path_length=plain.metrics.joint_path_length,
+        plain_joint_path_length=asked.plain.metrics.joint_path_length,
         clearance=tuple(
             (name, float(grown)) for name, grown in zip(ids, back.spheres, strict=True) if grown
         ),
@@ -229,7 +300,15 @@ def _report(
         torques=tuple(
             (name, float(less)) for name, less in zip(names, back.torques, strict=True) if less
         ),
+        corridor=back.corridor,
+        deviations=tuple(_deviations(asked.settings.robust).items()),
     )
+
+
+def _deviations(settings: RobustSettings) -> dict[str, float]:
+    told = {item.name: getattr(settings, item.name) for item in fields(settings)}
+    del told["sigmas"]
+    return told
 
 
 def _in_sigmas(one: Margins) -> Array:
@@ -239,9 +318,18 @@ def _in_sigmas(one: Margins) -> Array:
     return found
 
 
-def _not_robust(
-    robust: Robust, problem: PlanningProblem, lacking: Sequence[Margins], plan: Plan
+def _short_of(
+    problem: PlanningProblem,
+    sigmas: float,
+    lacking: Sequence[Margins],
+    plan: Plan,
+    refused: InvalidInput | NoPlanFound | None = None,
 ) -> NoPlanFound:
+    """Return the refusal that names the margin that has least.
+
+    Args:
+        refused: Why no plan was found that has more; None: none was looked for any more.
+    """
     worst = min(lacking, key=lambda one: float(_in_sigmas(one).min()))
     row = int(_in_sigmas(worst).argmin())
     number = int(worst.which[row])
@@ -250,12 +338,13 @@ def _not_robust(
         name = f" {problem.obstacles[number].id}"
     elif worst.kind == TORQUE:
         name = f" {problem.robot.joint_names[number]}"
-    advice = ("fewer planner.robust.sigmas", "smaller deviations", "a longer duration")
+    tail = plan.duration if plan.duration is not None else problem.duration
+    after = ", after the goal," if worst.time[row] > tail else ""
     finding = (
         f"{WORDS[worst.kind]}{name} is {worst.values[row]:.3g} {UNITS[worst.kind]} at "
-        f"t = {worst.time[row]:.2f} s, {_in_sigmas(worst)[row]:.2f} of its deviations, and "
-        f"{robust.sigmas:g} are to be kept"
+        f"t = {worst.time[row]:.2f} s,{after} {_in_sigmas(worst)[row]:.2f} of its deviations, and "
+        f"{sigmas:g} are to be kept"
     )
-    message = f"no plan found that keeps planner.robust: {finding}. What may help: "
-    failure = Failure(_STATUS[worst.kind], finding, advice)
-    return NoPlanFound(failure.status, message + ", ".join(advice), plan, (failure,))
+    why = "" if refused is None else f" ({refused})"
+    attempt = getattr(refused, "attempt", None) or plan
+    return NoPlanFound(_STATUS[worst.kind], finding + why, attempt)

@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from ff_planner_ros.arrays import Array, finite_number, finite_vector
-from ff_planner_ros.errors import InvalidInput, Status, fields_named
+from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.approach import CONE, Approach
 from ff_planner_ros.planning.controller_rules import Controller
 from ff_planner_ros.planning.joint_motion import JointMotion
@@ -27,13 +27,11 @@ from ff_planner_ros.planning.problem import (
     Target,
     with_attached_spheres,
 )
-from ff_planner_ros.planning.robust import KEPT_BACK, SIGMAS, Robust
-from ff_planner_ros.planning.settings import PlannerSettings
+from ff_planner_ros.planning.settings import USUAL_SIGMAS, PlannerSettings, RobustSettings
 from ff_planner_ros.planning.tail import EndBehaviour
 from ff_planner_ros.planning.target import require_enough_joints
 from ff_planner_ros.planning.target_body import AttachedSphere, TargetBody
 from ff_planner_ros.planning.task import PlanningTask
-from ff_planner_ros.planning.uncertainty import Uncertainty
 from ff_planner_ros.planning.yaml_file import (
     boolean,
     integer,
@@ -117,9 +115,10 @@ def load_task(path: Path, defaults: Defaults) -> PlanningTask:
         tail = number("tail_duration", scenario.get("tail_duration", defaults.tail))
     running, guess = scenario.get("running"), scenario.get("first_guess")
     goal = scenario.get("running_goal")
-    names = [*(item.name for item in fields(PlannerSettings)), "robust"]
+    names = [item.name for item in fields(PlannerSettings)]
     changes = dict(mapping("planner", scenario.get("planner", {}), (), optional=names))
-    robust = changes.pop("robust", None)
+    if "robust" in changes:
+        changes["robust"] = robust_of(changes["robust"], defaults.settings.robust)
     return PlanningTask(
         problem=problem,
         settings=replace(defaults.settings, **changes),
@@ -130,22 +129,18 @@ def load_task(path: Path, defaults: Defaults) -> PlanningTask:
         tail=tail,
         controller=_controller(scenario, problem.robot, defaults.controller),
         first_guess=None if guess is None else numbers("first_guess", guess),
-        robust=None if robust is None else robust_of(robust),
     )
 
 
-def robust_of(value: object) -> Robust:
-    """Return what a mapping asks to keep back.
+def robust_of(value: object, defaults: RobustSettings) -> RobustSettings:
+    """Return what a mapping asks to keep back; without a word on how much it is the usual.
 
     Raises:
         InvalidInput: It is no such mapping.
     """
-    field = "planner.robust"
-    entry = mapping(field, value, (), optional=("sigmas", *KEPT_BACK))
-    told = {name: number(f"{field}.{name}", given) for name, given in entry.items()}
-    sigmas = told.pop("sigmas", SIGMAS)
-    with fields_named({f"uncertainty.{name}": f"{field}.{name}" for name in KEPT_BACK}):
-        return Robust(Uncertainty(**told), sigmas)
+    names = [item.name for item in fields(RobustSettings)]
+    told = mapping("planner.robust", value, (), optional=names)
+    return replace(defaults, **({"sigmas": defaults.sigmas or USUAL_SIGMAS} | told))
 
 
 def end_behaviour_of(word: str) -> EndBehaviour:

@@ -19,7 +19,6 @@ from ff_planner_ros.planning.problem import (
     PlanningProblem,
     Target,
 )
-from ff_planner_ros.planning.robust import KEPT_BACK, Robust
 from ff_planner_ros.planning.scenario import Defaults, load_task
 from ff_planner_ros.planning.target_body import TargetBody
 from ff_planner_ros.planning.task import PlanningTask
@@ -173,12 +172,6 @@ def _orientation(target: Target) -> dict[str, Any]:
     )
 
 
-def described_robust(robust: Robust) -> dict[str, float]:
-    """Return what is to be kept back as a scenario has it."""
-    told = asdict(robust.uncertainty)
-    return {"sigmas": robust.sigmas, **{name: told[name] for name in KEPT_BACK}}
-
-
 def _beyond_the_problem(task: PlanningTask) -> dict[str, Any]:
     content: dict[str, Any] = {
         "start_after": float(task.ahead),
@@ -187,8 +180,6 @@ def _beyond_the_problem(task: PlanningTask) -> dict[str, Any]:
         "controller": "none",
         "planner": asdict(task.settings),
     }
-    if task.robust is not None:
-        content["planner"]["robust"] = described_robust(task.robust)
     if task.controller is not None:
         rules = asdict(task.controller)
         del rules["joints"]

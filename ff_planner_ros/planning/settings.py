@@ -66,6 +66,58 @@ def tunable(
     return field(metadata={**said, **bounds})
 
 
+# Beyond three deviations a normal error is once in 740 times.
+USUAL_SIGMAS = 3.0
+# More deviations than this are more than any model is worth.
+MOST_SIGMAS = 10.0
+
+
+@dataclass(frozen=True)
+class RobustSettings:
+    """What a plan has to withstand: normal errors of the model and of the measured start.
+
+    Raises:
+        InvalidInput: A value of the wrong type or out of its range.
+    """
+
+    sigmas: float = tunable(
+        "Every margin of a plan keeps so many of its standard deviations under the errors below; "
+        "0.0: none",
+        minimum=0.0,
+        maximum=MOST_SIGMAS,
+        strictness=STRICT_IF_HIGH,
+    )
+    mass: float = tunable(
+        "Standard deviation of each body's mass, as a share of it",
+        minimum=0.0,
+        maximum=1.0,
+        strictness=STRICT_IF_HIGH,
+    )
+    inertia: float = tunable(
+        "Of each body's inertia about its centre of mass, as a share of it",
+        minimum=0.0,
+        maximum=1.0,
+        strictness=STRICT_IF_HIGH,
+    )
+    center_of_mass: float = tunable(
+        "Of each body's centre of mass, along each axis", 0.0, 1.0, "m", STRICT_IF_HIGH
+    )
+    linear_velocity: float = tunable(
+        "Of the chaser's velocity at the start, along each axis", 0.0, 1.0, "m/s", STRICT_IF_HIGH
+    )
+    angular_velocity: float = tunable(
+        "Of the chaser's angular velocity at the start, about each axis",
+        minimum=0.0,
+        maximum=1.0,
+        unit="rad/s",
+        strictness=STRICT_IF_HIGH,
+    )
+
+    def __post_init__(self) -> None:
+        """Check every value against its declaration."""
+        check_tunables("planner.robust", self)
+
+
 @dataclass(frozen=True)
 class PlannerSettings:
     """What an operator may tune; the same names as the ROS parameters under `planner.`.
@@ -74,6 +126,7 @@ class PlannerSettings:
         InvalidInput: A value of the wrong type or out of its range.
     """
 
+    robust: RobustSettings
     clearance_margin: float = tunable(
         "Clearance that the solver keeps at the points, so that the certified clearance "
         "between them stays positive",
@@ -168,12 +221,15 @@ def check_tunables(block: str, settings: Any) -> None:
 
     Args:
         block: What a parameters file calls it.
-        settings: Its fields are of `tunable`; whole numbers given for real ones become real.
+        settings: Its fields are of `tunable`, or blocks that check themselves; whole numbers given
+            for real ones become real.
 
     Raises:
         InvalidInput: A value of the wrong type or out of its range.
     """
     for item in fields(settings):
+        if not item.metadata:
+            continue
         name, value = f"{block}.{item.name}", getattr(settings, item.name)
         checked = (
             integer(name, value) if item.type == "int" else finite_number(name, number(name, value))

@@ -29,7 +29,7 @@ from ff_planner_ros.planning.problem import (
     Sphere,
     lasting,
 )
-from ff_planner_ros.planning.robust import Robust, robust_plan
+from ff_planner_ros.planning.robust import robust_plan
 from ff_planner_ros.planning.settings import PlannerSettings
 from ff_planner_ros.planning.system_frame import system_frame
 from ff_planner_ros.planning.tail import EndBehaviour, with_tail
@@ -69,7 +69,6 @@ class PlanningTask:
     tail: float = 0.0  # for how long [s]; zero for `as_planned`
     controller: Controller | None = None  # whose rules the plan must keep; None: nobody's
     first_guess: Array | None = None  # decision variables of the path family, tried first
-    robust: Robust | None = None  # what the plan keeps back; None: nothing
 
     def __post_init__(self) -> None:
         """Check the times, and keep read-only copies of the arrays."""
@@ -169,9 +168,11 @@ def _is_absent(value: Any, name: str) -> bool:
         return getattr(value, name) is Orientation.FIXED
     if name in ("allowed_at_goal", "contact_distance"):
         return not value.allowed_at_goal
+    if name == "robust":
+        return isinstance(value, PlannerSettings) and not value.robust.sigmas
     newer = (
         *("joint_accelerations", "free_axis_in_ee", "target_body", "body", "place_in_body"),
-        *("duration_range", "approach", "running_goal", "robust"),
+        *("duration_range", "approach", "running_goal"),
     )
     return name in newer and getattr(value, name) is None
 
@@ -232,23 +233,25 @@ def _performed(
 ) -> Plan:
     """Return the plan for a problem in the frame of the plan, judged."""
     settings, window = task.settings, problem.duration_range
-    if task.robust is None:
-        to_goal = method(problem, settings, watch, guess)
-    else:
-        to_goal = robust_plan(task.robust, problem, settings, watch, guess, method)
-    asked, problem = problem, lasting(problem, to_goal.duration)
-    chosen = problem.duration
-    found = tuple(failures(problem, to_goal, settings))
+
+    def whole_of(to_goal: Plan) -> Plan:
+        chosen = lasting(problem, to_goal.duration)
+        return with_tail(chosen, to_goal, task.end_behaviour, task.tail, settings)
+
+    to_goal = robust_plan(problem, settings, watch, guess, method, whole_of)
+    chosen = lasting(problem, to_goal.duration)
+    found = tuple(failures(chosen, to_goal, settings))
     if found:
         raise _refused(to_goal, found, is_planner=method is plan)
     try:
-        whole = with_tail(problem, to_goal, task.end_behaviour, task.tail, settings)
+        whole = whole_of(to_goal)
     except NoPlanFound as undrivable:
         if window is None:
             raise
         moments = set(np.linspace(window.minimum, window.maximum, _OTHER_MOMENTS).tolist())
-        others = sorted(moments - {chosen}, key=lambda moment: (abs(moment - chosen), moment))
-        return _at_another_moment(task, asked, watch, method, others, undrivable)
+        moment = chosen.duration
+        others = sorted(moments - {moment}, key=lambda other: (abs(other - moment), other))
+        return _at_another_moment(task, problem, watch, method, others, undrivable)
     if task.controller is not None:
         require_acceptable(task.controller, _command(whole, task.controller))
     return whole

@@ -14,7 +14,8 @@ import numpy as np
 import pinocchio as pin
 
 from ff_planner_ros.arrays import Array, finite_number
-from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.errors import InvalidInput, Status, fields_named
+from ff_planner_ros.planning.yaml_file import mapping, number
 from ff_planner_ros.robot.model import Base, Robot
 from ff_planner_ros.robot.momentum_regressor import PARAMETERS
 
@@ -34,7 +35,7 @@ class Uncertainty:
     inertia: float = 0.01  # of each body's inertia about its centre of mass [share]
     center_of_mass: float = 0.0  # of each body, along each axis [m]
     linear_velocity: float = 0.0  # of the chaser at the start, along each axis [m/s]
-    angular_velocity: float = float(np.deg2rad(0.01))  # of the chaser at the start, likewise
+    angular_velocity: float = 1.75e-4  # of the chaser at the start, likewise
     # These two move nothing where joints are controlled: they count where torques alone are given
     joint_velocity: float = 0.0  # of each joint at the start [rad/s]
     friction: float = 0.0  # viscous, of each joint: share of its peak torque at the highest rate
@@ -49,6 +50,19 @@ class Uncertainty:
                 allowed = "it must not be negative" + (", nor above 1" if is_share else "")
                 raise InvalidInput(Status.OUT_OF_RANGE, name, value, allowed)
             object.__setattr__(self, item.name, checked)
+
+
+def uncertainty_from(field: str, value: object) -> Uncertainty:
+    """Return the deviations that a mapping of names and numbers tells; others are as usual.
+
+    Raises:
+        InvalidInput: It is no such mapping.
+    """
+    names = [item.name for item in fields(Uncertainty)]
+    entry = mapping(field, value, (), optional=names)
+    told = {name: number(f"{field}.{name}", given) for name, given in entry.items()}
+    with fields_named({f"uncertainty.{name}": f"{field}.{name}" for name in names}):
+        return Uncertainty(**told)
 
 
 class Directions(NamedTuple):

@@ -27,6 +27,7 @@ from ff_planner_ros.parameters import PREEMPT, NodeParameters
 from ff_planner_ros.planning.controller_rules import require_in_time
 from ff_planner_ros.planning.library import Guesses
 from ff_planner_ros.planning.metrics import METRIC_BY_NAME
+from ff_planner_ros.planning.plan import Plan
 from ff_planner_ros.planning.watch import Progress
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.ros.inputs.scene_input import SceneInput
@@ -317,7 +318,7 @@ class PlanningService:
             self._publication.keep(made)
         else:
             self._publication.publish(made, response, for_controller, asked_by)
-        self._log_solved(response, "asked for" if asked.plan_only else "published", asked_by)
+        self._log_solved(plan, response, "asked for" if asked.plan_only else "published", asked_by)
         return response
 
     def _require_in_time(self, start_ns: int) -> None:
@@ -330,13 +331,16 @@ class PlanningService:
                 "replanning.allowance)",
             )
 
-    def _log_solved(self, response: PlanTrajectory.Response, what: str, asked_by: str) -> None:
-        metrics, solver = response.metrics, response.solver
+    def _log_solved(
+        self, plan: Plan, response: PlanTrajectory.Response, what: str, asked_by: str
+    ) -> None:
+        metrics, solver, path = response.metrics, response.solver, plan.metrics.joint_path_length
+        robust = "" if plan.robust is None else f"{plan.robust.told(path)}, "
         near = ", ".join(f"{label} {words}" for label, words in _clearances(response).items())
         self._logger.info(
             f"{response.plan_id}: SOLVED: joint path {metrics.joint_path_length:.4f} rad, "
             f"largest attitude {math.degrees(metrics.max_chaser_euler):.2f} deg, "
-            f"{near}, {solver.iterations} iterations, {solver.solve_time:.2f} s; "
+            f"{near}, {robust}{solver.iterations} iterations, {solver.solve_time:.2f} s; "
             f"{what} by {asked_by}"
         )
 
