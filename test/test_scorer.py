@@ -174,9 +174,9 @@ def test_a_foreign_method_is_a_file_that_may_refuse_raise_or_die(plans, tmp_path
     which = [(kind, 0) for kind in ("planar", "ordinary", "bodies")]
     done = contest._in_turn(directory, 5.0, (str(file), which))
     assert [one.score.faults for one in done] == [
-        ("no plan",),
+        ("no plan: no_plan",),
         ("ValueError: cannot",),
-        ("no answer in time, or the process ended",),
+        ("the process ended: exit code 1",),
     ]
     assert [row[3] for row in contest.rows(done)] == ["0.0%"] * 4
 
@@ -185,7 +185,8 @@ def test_a_foreign_method_may_be_a_command_line(plans, tmp_path):
     file, _, answer = plans["planar"]
     (tmp_path / "kept.json").write_text(json.dumps(answer))
     given = contest._by_command(f"cp {tmp_path / 'kept.json'} {{answer}} {{scenario}}x", file, 9.0)
-    assert given == {"status": "no answer"}  # cp has two sources, and the last is no directory
+    assert given["status"] == "no answer"  # cp has two sources, and the last is no directory
+    assert given["message"].startswith("exit code 1: cp: ")
     (tmp_path / "run.sh").write_text(f"cp {tmp_path / 'kept.json'} $2\n")
     given = contest._by_command(f"sh {tmp_path / 'run.sh'} {{scenario}} {{answer}}", file, 9.0)
     assert score(file, given).solved
