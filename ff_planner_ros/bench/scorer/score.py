@@ -7,9 +7,10 @@ An answer has `time`, `joint_positions` and `joint_velocities`, a row per point,
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import yaml
@@ -27,8 +28,9 @@ MISS, TURN, SPEED, SPIN = 1e-3, 2e-3, 1e-3, 2e-3
 START = 1e-4
 # Joints may leave their range by so much [rad], and rates and torques by such a part of theirs.
 POSITION, RATE, TORQUE = 1e-4, 1e-3, 0.02
-# Between the moments the joints may be elsewhere than a smooth motion through them, in sum [rad].
-UNSEEN = 1e-4
+# Between the moments the joints may be elsewhere than a smooth motion through them, in sum [rad],
+# and have other rates than it, each [rad/s].
+UNSEEN, UNSEEN_RATE = 1e-4, 0.02
 # Between two points of an answer its motion is looked at so often.
 _LOOKS = 5
 # Characters of what a method says.
@@ -74,15 +76,19 @@ def score(scenario: Path, answer: Any) -> Score:
     if fault := _ill_formed(chain, content, answer):
         return Score(False, (fault,))
     motion = joint_motion(answer)
-    unseen, fastest = _between_moments(motion, answer["time"], float(content["duration"]))
+    between = _between_moments(motion, answer["time"], float(content["duration"]))
     flight = flown(chain, content, motion)
-    faults = [*_start_faults(content, flight), *_limit_faults(chain, content, flight, fastest)]
-    if unseen > UNSEEN:
-        faults.append(f"the joints move by {unseen:.2e} rad between moments that do not show it")
+    faults = [
+        *_start_faults(content, flight),
+        *between.faults(),
+        *_limit_faults(chain, content, flight, between.rates),
+    ]
     miss, turn, moving = _at_goal(chain, content, flight)
     faults += [f"the end effector {fault}" for fault in moving]
     sampled, certified = clearance(chain, content, flight, pairs)
-    certified -= unseen * chain.reach  # no point of the arm is further from where it was seen
+    certified -= (
+        between.aside * chain.reach
+    )  # no point of the arm is further from where it was seen
     if certified < -CLEARANCE:
         faults.append(f"the clearance is {1e3 * certified:.2f} mm")
     turned = Rotation.from_matrix(flight.base.rotation[0].T @ flight.base.rotation)
@@ -122,17 +128,33 @@ def _ill_formed(chain: Chain, scenario: dict[str, Any], answer: dict[str, Any]) 
     return None
 
 
-def _between_moments(motion: BPoly, time: Any, duration: float) -> tuple[float, Array]:
-    """Return what of a motion its moments do not show [rad], and the joints' largest rates.
+class _Between(NamedTuple):
+    """What an answer does between the moments."""
 
-    Looked at are all points of the answer, and some moments between two of them.
-    """
-    points = np.asarray(time, float)
+    aside: float  # of the smooth motion through them, in sum at most [rad]
+    faster: float  # than it, a joint at most [rad/s]
+    rates: Array  # largest of each joint [rad/s]
+
+    def faults(self) -> Iterator[str]:
+        """Yield what its moments do not show."""
+        if self.aside > UNSEEN:
+            yield f"the joints move by {self.aside:.2e} rad between moments that do not show it"
+        if self.faster > UNSEEN_RATE:
+            yield f"rates are {self.faster:.2e} rad/s off those that belong to the positions"
+
+
+def _between_moments(motion: BPoly, time: Any, duration: float) -> _Between:
+    """Look at a motion at all points of the answer, and at some moments between two of them."""
+    points, smooth = np.asarray(time, float), at_moments(motion, duration)
     parts = np.linspace(0.0, 1.0, _LOOKS, endpoint=False)
     looks = (points[:-1, None] + parts * np.diff(points)[:, None]).ravel()
     looks = np.append(looks[looks < duration], duration)
-    aside = np.abs(motion(looks) - at_moments(motion, duration)(looks)).sum(axis=1)
-    return float(aside.max()), np.abs(motion(looks, 1)).max(axis=0)
+    rates = motion(looks, 1)
+    return _Between(
+        float(np.abs(motion(looks) - smooth(looks)).sum(axis=1).max()),
+        float(np.abs(rates - smooth(looks, 1)).max()),
+        np.abs(rates).max(axis=0),
+    )
 
 
 def _start_faults(scenario: dict[str, Any], flight: Flight) -> list[str]:
@@ -146,14 +168,14 @@ def _start_faults(scenario: dict[str, Any], flight: Flight) -> list[str]:
 
 
 def _limit_faults(
-    chain: Chain, scenario: dict[str, Any], flight: Flight, fastest: Array
+    chain: Chain, scenario: dict[str, Any], flight: Flight, rates: Array
 ) -> list[str]:
     limits, faults = scenario["limits"], []
     beyond = np.maximum(chain.lower - flight.angles, flight.angles - chain.upper).max()
     if beyond > POSITION:
         faults.append(f"a joint leaves its range by {beyond:.2e} rad")
     if limits["velocity"] == "from_urdf":
-        rates = np.maximum(np.abs(flight.rates).max(axis=0), fastest)
+        rates = np.maximum(np.abs(flight.rates).max(axis=0), rates)
         part = float((rates / chain.fastest).max())
         if part > 1.0 + RATE:
             faults.append(f"a joint has {part:.3f} times its largest rate")
