@@ -30,10 +30,14 @@ GOLDEN_BAG = SOURCE_TREE / "test" / "golden_bags" / "offline_solved"
 # Of these, words are checked and nothing is run: they take long, need ROS or change the machine.
 ONLY_PARSED = re.compile(
     r"make |ros2 |pip |dask |.*ff-planner (node|bench|campaign|demo|compare)"
-    r"|.*--sensitivity|.*_(te|ex)"
+    r"|.*--sensitivity|.*--library|.*_(te|ex)"
 )
 # What the reader makes first: by another page, by hand, or by `make demo`.
-MADE_BY_THE_READER = {"my_planner.yaml"}
+MADE_BY_THE_READER = {
+    "my_planner.yaml",
+    "data_set/scenarios/ordinary/0000.yaml",  # by `bench --dataset data_set`
+    "answer.json",
+}
 
 every_page = pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
 import ff_planner_ros.bench.scorer as scorer
@@ -18,6 +19,7 @@ from ff_planner_ros.errors import InvalidInput
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.scenario import load_scenario
 from ff_planner_ros.planning.task import PlanningTask, perform
+from ff_planner_ros.robot.state import SystemState
 
 KINDS = ("planar", "ordinary", "bodies", "tumbling")
 
@@ -92,6 +94,58 @@ def test_torques_of_the_scorer_are_those_of_the_plan(plans):
     assert np.abs(np.array(found).T - planned)[1:-1].max() < 0.01 * np.abs(planned).max()
 
 
+def _random_motion(chain, content, seed):
+    """Return rows of a motion that begins in the start state and goes nowhere in particular."""
+    rng, joints = np.random.default_rng(seed), content["joints"]
+    time = np.linspace(0.0, content["duration"], 6)
+    angles = joints["position"] + np.cumsum(0.2 * rng.normal(size=(6, chain.joints)), axis=0)
+    angles[0] = joints["position"]
+    spline = CubicSpline(
+        time, angles, bc_type=((1, joints["velocity"]), (1, np.zeros(chain.joints)))
+    )
+    fine = np.linspace(0.0, content["duration"], 100)
+    rows = {"joint_positions": spline(fine), "joint_velocities": spline(fine, 1)}
+    return {"time": fine.tolist()} | {name: value.tolist() for name, value in rows.items()}
+
+
+@pytest.mark.parametrize("kind", ["bodies", "high_momentum"])
+def test_mujoco_sees_a_random_flight_of_the_scorer_keep_momentum_under_its_torques(plans, kind):
+    mujoco = pytest.importorskip("ff_planner_ros.simulation.engine")
+    file = plans["planar"][0].parents[1] / kind / "0000.yaml"
+    content, chain, _ = load(file)
+    flight = flown(chain, content, joint_motion(_random_motion(chain, content, 18)))
+    engine, drives, momentum = mujoco.Engine(load_scenario(file).robot), torques(chain, flight), []
+    base = flight.base
+    tip, tip_twists = flight.of(flight.posture.links[chain.tip]), flight.twist_at(chain.tip, chain)
+    # By what a value changes, from five moments
+    slope = np.array([1.0, -8.0, 0.0, 8.0, -1.0]) / (12.0 * flight.times[1])
+    for at in range(2, 999, 71):
+        lever = base.rotation[at] @ chain.center
+        state = engine.state(
+            SystemState(
+                position_chaser_in_inertial=base.position[at] + lever,
+                quaternion_chaser_to_inertial_xyzw=Rotation.from_matrix(
+                    base.rotation[at]
+                ).as_quat(),
+                linear_velocity_chaser_in_inertial=flight.twists[at, :3]
+                + np.cross(flight.twists[at, 3:], lever),
+                angular_velocity_chaser_in_inertial=flight.twists[at, 3:],
+                joint_positions=flight.angles[at],
+                joint_velocities=flight.rates[at],
+            )
+        )
+        seen = engine.observe(state)
+        momentum.append(seen.momentum)
+        assert np.abs(seen.ee_position - tip.position[at]).max() < 1e-9
+        assert np.abs(seen.ee_twist - tip_twists[at]).max() < 1e-9
+        change = engine.derivative(state, drives[at])
+        around = slice(at - 2, at + 3)
+        assert np.abs(change[:3] - slope @ base.position[around]).max() < 1e-7
+        _, accelerations = engine.joints(change)
+        assert np.abs(accelerations - slope @ flight.rates[around]).max() < 1e-3
+    assert np.ptp(momentum, axis=0).max() < 1e-8 * np.abs(momentum).max()
+
+
 def _nearer(answer, file):
     """Put a sphere of the scenario on the arm's way."""
     content = file.read_text()
@@ -103,7 +157,36 @@ def _nearer(answer, file):
     return file
 
 
+def _between_points(answer, turns, seconds):
+    """Insert points at which a joint is elsewhere, so soon one after the other."""
+    time = answer["time"][20]
+    del answer["joint_accelerations"]
+    for number, turn in enumerate(turns, 1):
+        answer["time"].insert(20 + number, time + number * seconds)
+        for name in ("joint_positions", "joint_velocities"):
+            answer[name].insert(20 + number, list(answer[name][20]))
+        answer["joint_positions"][20 + number][0] += turn
+
+
+def _staircase(answer):
+    """Stand still at points that the moments hit, and hurry between them."""
+    motion, time = joint_motion(answer), np.linspace(0.0, answer["time"][-1], 1001)
+    del answer["joint_accelerations"]
+    still = np.zeros((1001, len(answer["joint_names"])))
+    still[0] = answer["joint_velocities"][0]
+    answer["time"], answer["joint_velocities"] = time.tolist(), still.tolist()
+    answer["joint_positions"] = motion(time).tolist()
+
+
+def _unsorted(answer):
+    answer["time"][4], answer["time"][5] = answer["time"][5], answer["time"][4]
+
+
 TAMPERED = {
+    "between moments that do not show it": lambda a: _between_points(a, [0.3, 0.0], 1e-3),
+    "times its largest rate": lambda a: _between_points(a, [0.5], 1e-5),
+    "belong to the positions": _staircase,
+    "time: not increasing": _unsorted,
     "misses by": lambda a: a["joint_positions"][-1].__setitem__(
         0, a["joint_positions"][-1][0] + 0.01
     ),
@@ -118,6 +201,8 @@ TAMPERED = {
     "not readable": lambda a: a.pop("time"),
     "from 0 on": lambda a: a["time"].__setitem__(0, 0.1),
     "not increasing": lambda a: a["time"].__setitem__(5, a["time"][4]),
+    "not finite": lambda a: a["joint_positions"][3].__setitem__(0, 1e300),
+    "is missing": lambda a: a.pop("joint_velocities"),
     "up to the duration": lambda a: a["time"].__setitem__(-1, a["time"][-1] - 0.01),
     "joint_names": lambda a: a["joint_names"].reverse(),
     "no plan": lambda a: a.__setitem__("status", "no_plan_found"),
@@ -132,6 +217,24 @@ def test_an_answer_that_was_tampered_with_is_found_out(plans, fault):
     judged = score(file, answer)
     assert not judged.solved
     assert any(fault in told for told in judged.faults), judged
+
+
+def test_a_motion_with_few_points_and_jumping_accelerations_is_no_fault_by_itself(plans):
+    file = plans["ordinary"][0]
+    content, *_ = load(file)
+    begin, rate = (np.array(content["joints"][name]) for name in ("position", "velocity"))
+    half, push = content["duration"] / 2, 0.01  # [rad/s^2], then as much the other way
+    turns = [0.0, rate * half + push * half**2 / 2, 2.0 * rate * half + push * half**2]
+    answer = {
+        "time": [0.0, half, 2.0 * half],
+        "joint_positions": [(begin + turn).tolist() for turn in turns],
+        "joint_velocities": [(rate + more).tolist() for more in (0.0, push * half, 0.0)],
+    }
+    judged = score(file, answer)
+    assert all("the end effector" in told or "clearance" in told for told in judged.faults), judged
+    times = np.linspace(0.0, half, 1001)
+    speeds = np.linalg.norm(rate + push * times[:, None], axis=1)
+    assert judged.joint_path == pytest.approx(2.0 * np.trapezoid(speeds, times), rel=1e-4)
 
 
 @pytest.mark.parametrize("kind", ["ordinary", "bodies"])
@@ -174,9 +277,9 @@ def test_a_foreign_method_is_a_file_that_may_refuse_raise_or_die(plans, tmp_path
     which = [(kind, 0) for kind in ("planar", "ordinary", "bodies")]
     done = contest._in_turn(directory, 5.0, (str(file), which))
     assert [one.score.faults for one in done] == [
-        ("no plan",),
+        ("no plan: no_plan",),
         ("ValueError: cannot",),
-        ("no answer in time, or the process ended",),
+        ("the process ended: exit code 1",),
     ]
     assert [row[3] for row in contest.rows(done)] == ["0.0%"] * 4
 
@@ -185,7 +288,8 @@ def test_a_foreign_method_may_be_a_command_line(plans, tmp_path):
     file, _, answer = plans["planar"]
     (tmp_path / "kept.json").write_text(json.dumps(answer))
     given = contest._by_command(f"cp {tmp_path / 'kept.json'} {{answer}} {{scenario}}x", file, 9.0)
-    assert given == {"status": "no answer"}  # cp has two sources, and the last is no directory
+    assert given["status"] == "no answer"  # cp has two sources, and the last is no directory
+    assert given["message"].startswith("exit code 1: cp: ")
     (tmp_path / "run.sh").write_text(f"cp {tmp_path / 'kept.json'} $2\n")
     given = contest._by_command(f"sh {tmp_path / 'run.sh'} {{scenario}} {{answer}}", file, 9.0)
     assert score(file, given).solved

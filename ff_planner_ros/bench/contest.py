@@ -11,21 +11,28 @@ import importlib.util
 import json
 import math
 import multiprocessing
+import os
+import re
 import resource
 import shlex
+import shutil
+import signal
 import subprocess
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import asdict, dataclass
 from functools import partial
 from multiprocessing.connection import Connection
+from operator import itemgetter
 from pathlib import Path
 from typing import Any, TypeAlias
 
 import numpy as np
 
+from ff_planner_ros.analysis.json_file import read_json
 from ff_planner_ros.bench.dataset import names
 from ff_planner_ros.bench.scorer.score import Score, score
 from ff_planner_ros.errors import InvalidInput, Status
@@ -36,6 +43,9 @@ ENTRANTS = ("ours", "direct", "fixed_base", "zero_momentum", "rrt_connect")
 _TOO_LONG, _PATIENCE, _TO_START = 2.0, 20.0, 120.0
 # Scenarios that one process of a method plans in turn.
 _IN_TURN = 10
+# Bytes that are kept of what a command says in the end.
+_LAST_WORDS = 200
+_NUMBER = re.compile(r"-?\d+(\.\d+)?(e[+-]?\d+)?")
 
 Answers: TypeAlias = Callable[[Path, float], Any]
 
@@ -51,25 +61,73 @@ class Result:
     score: Score
 
 
+class Kept:
+    """The file of results: written after each, so that a run which was stopped can go on."""
+
+    def __init__(self, file: Path | None, dataset_hash: str, seconds: float) -> None:
+        """Take a file that need not exist yet; None: nothing is kept."""
+        self.file = file
+        self.of = {"dataset": dataset_hash, "seconds": seconds}
+
+    def read(self) -> list[Result]:
+        """Return what is there.
+
+        Raises:
+            InvalidInput: The file is of another data set or other processor times.
+        """
+        if self.file is None or not self.file.exists():
+            return []
+        allowed = f"it exists and does not hold answers with {self.of}; give another file"
+        content = read_json(self.file)
+        try:
+            if {name: content[name] for name in self.of} != self.of:
+                raise InvalidInput(Status.UNSUPPORTED, "--json", self.file, allowed)
+            return [
+                Result(**(one | {"score": Score(**one["score"])})) for one in content["answers"]
+            ]
+        except (KeyError, TypeError):
+            raise InvalidInput(Status.UNSUPPORTED, "--json", self.file, allowed) from None
+
+    def write(self, done: Sequence[Result]) -> None:
+        """Write all that is done."""
+        if self.file is not None:
+            text = json.dumps(self.of | {"answers": [asdict(one) for one in done]}, indent=1)
+            beside = self.file.with_name(f"{self.file.name}.part")
+            beside.write_text(text + "\n", encoding="utf-8")
+            beside.replace(self.file)
+
+
 def results(
-    methods: Sequence[str], directory: Path, each: int, seconds: float, workers: int
+    methods: Sequence[str],
+    directory: Path,
+    each: int,
+    seconds: float,
+    workers: int,
+    there: Collection[Result] = (),
 ) -> Iterator[Result]:
     """Let methods plan the first scenarios of each class, and judge them.
 
     Args:
         each: Scenarios of each class.
         seconds: Processor time that a method has for each.
+        there: Results of an earlier run, which are not made again.
 
     Raises:
-        InvalidInput: A method is not known.
+        InvalidInput: A method is not known, or cannot be loaded.
     """
     for method in methods:
         _require_known(method)
+        _end(*_started(method, seconds))
+    known = {(one.method, one.kind, one.index) for one in there}
     which = list(names(each))
     rounds = [which[i : i + _IN_TURN] for i in range(0, len(which), _IN_TURN)]
-    tasks = [(method, one) for one in rounds for method in methods]
+    tasks = [
+        (method, [one for one in some if (method, *one) not in known])
+        for some in rounds
+        for method in methods
+    ]
     with ProcessPoolExecutor(workers, multiprocessing.get_context("spawn")) as pool:
-        for done in pool.map(partial(_in_turn, directory, seconds), tasks):
+        for done in pool.map(partial(_in_turn, directory, seconds), filter(itemgetter(1), tasks)):
             yield from done
 
 
@@ -79,12 +137,19 @@ def _require_known(method: str) -> None:
         raise InvalidInput(Status.UNSUPPORTED, "--method", method, allowed)
     if method in ENTRANTS or (method.endswith(".py") and Path(method).is_file()):
         return
-    if "{scenario}" in method and "{answer}" in method:
-        return
     allowed = (
         f"it must be {', '.join(ENTRANTS)}, a Python file that is there, or a command line with "
         "{scenario} and {answer}"
     )
+    if "{scenario}" in method and "{answer}" in method:
+        try:
+            words = shlex.split(method)
+        except ValueError as error:
+            allowed = str(error)
+        else:
+            if shutil.which(words[0]):
+                return
+            allowed = f"there is no program {words[0]}"
     raise InvalidInput(Status.UNSUPPORTED, "--method", method, allowed)
 
 
@@ -94,43 +159,51 @@ def _in_turn(
     """Let a method plan some scenarios; after a death or too long a time it is started anew."""
     method, which = task
     done = list[Result]()
-    process: Any = None
+    running: tuple[Any, Connection] | None = None
     for kind, index in which:
         scenario = directory / "scenarios" / kind / f"{index:04d}.yaml"
-        if process is None:
-            process, pipe = _started(method, seconds)
-        taken, given = _asked(pipe, scenario, seconds)
+        taken, given = _TOO_LONG * seconds, "it cannot be loaded again"
+        with suppress(InvalidInput):
+            running = running or _started(method, seconds)
+            running[1].send(scenario)
+            taken, given = _received(running[1], seconds)
         if given is None:
-            process.kill()
-            process.join()
-            process = None
-            judged = Score(False, ("no answer in time, or the process ended",))
-        elif isinstance(given, str):
+            given = _end(*running) if running else ""
+            running = None
+        if isinstance(given, str):
             judged = Score(False, (given,))
         elif taken > seconds and method != "ours":
             judged = Score(False, (f"it took {taken:.1f} s",))
         else:
-            judged = score(scenario, given)
+            judged = score(scenario, given["answer"])
         done.append(Result(method, kind, index, taken, judged))
-    if process is not None:
-        process.kill()
-        process.join()
+    if running is not None:
+        _end(*running)
     return done
 
 
 def _started(method: str, seconds: float) -> tuple[Any, Connection]:
+    """Start a method's process, and wait until it has loaded the method.
+
+    Raises:
+        InvalidInput: It cannot.
+    """
     context = multiprocessing.get_context("spawn")
     here, there = context.Pipe()
     process = context.Process(target=_serve, args=(method, seconds, there))
     process.start()
     there.close()
+    _, wrong = _received(here, seconds)
+    if wrong != {"answer": None}:
+        wrong = wrong or _end(process, here)
+        process.kill()
+        raise InvalidInput(Status.UNSUPPORTED, "--method", method, wrong)
     return process, here
 
 
-def _asked(pipe: Connection, scenario: Path, seconds: float) -> tuple[float, Any]:
-    """Return processor time and answer; the answer is None if there is none, text if it failed."""
+def _received(pipe: Connection, seconds: float) -> tuple[float, Any]:
+    """Return processor time and what came: with an answer, or text if it failed; None: nothing."""
     try:
-        pipe.send(scenario)
         if pipe.poll(_PATIENCE * seconds + _TO_START):
             taken, given = pipe.recv()
             return taken, given
@@ -139,9 +212,31 @@ def _asked(pipe: Connection, scenario: Path, seconds: float) -> tuple[float, Any
     return _TOO_LONG * seconds, None
 
 
+def _end(process: Any, pipe: Connection) -> str:
+    """End a method's process, and return what had become of it."""
+    if pipe.poll():  # it sends nothing unasked: the pipe has ended
+        process.join(1.0)
+    code = process.exitcode
+    process.kill()
+    process.join()
+    return "no answer in time" if code is None else f"the process ended: {_named(code)}"
+
+
+def _named(code: int) -> str:
+    if code == -signal.SIGXCPU:
+        return f"{_TOO_LONG:g} times its processor time were over"
+    return f"exit code {code}" if code >= 0 else signal.Signals(-code).name
+
+
 def _serve(method: str, seconds: float, pipe: Connection) -> None:
-    """Answer scenarios until the pipe closes."""
-    answer: Answers | None = None
+    """Answer scenarios until the pipe closes; what a method prints is not part of our table."""
+    os.dup2(2, 1)
+    try:
+        answer = _answers_of(method)
+    except Exception as error:  # whatever a foreign file raises
+        pipe.send((0.0, f"{type(error).__name__}: {error}"))
+        return
+    pipe.send((0.0, {"answer": None}))
     while True:
         try:
             scenario = pipe.recv()
@@ -150,12 +245,9 @@ def _serve(method: str, seconds: float, pipe: Connection) -> None:
         given: Any
         begun = _processor_time()
         try:
-            if answer is None:
-                answer = _answers_of(method)
-                begun = _processor_time()  # loading a library is nobody's planning
             if method != "ours":
                 _limit_processor_time(_TOO_LONG * seconds)
-            given = json.loads(json.dumps(answer(scenario, seconds)))
+            given = {"answer": json.loads(json.dumps(answer(scenario, seconds)))}
         except Exception as error:  # whatever a foreign method raises
             given = f"{type(error).__name__}: {error}"
         pipe.send((_processor_time() - begun, given))
@@ -184,19 +276,51 @@ def _answers_of(method: str) -> Answers:
         raise InvalidInput(Status.UNSUPPORTED, "--method", method, "it must be a Python file")
     module = importlib.util.module_from_spec(found)
     found.loader.exec_module(module)
-    given: Answers = module.answer
+    given: Answers | None = getattr(module, "answer", None)
+    if not callable(given):
+        raise TypeError("it must have a function answer(scenario, seconds)")
     return given
 
 
 def _by_command(method: str, scenario: Path, seconds: float) -> Any:
-    with tempfile.TemporaryDirectory() as directory:
+    """Return what a command writes; it and all that it starts are ended if it takes too long."""
+    with tempfile.TemporaryDirectory() as directory, tempfile.TemporaryFile() as said:
         file = Path(directory) / "answer.json"
+        words = shlex.split(method)
         told = {"{scenario}": str(scenario), "{answer}": str(file), "{seconds}": f"{seconds:g}"}
-        words = [told.get(word, word) for word in shlex.split(method)]
+        for name, value in told.items():
+            words = [word.replace(name, value) for word in words]
         quiet = subprocess.DEVNULL
-        subprocess.run(words, stdin=quiet, stdout=quiet, stderr=quiet, timeout=_PATIENCE * seconds)
-        return json.loads(file.read_text()) if file.exists() else {"status": "no answer"}
+        process = subprocess.Popen(
+            words, stdin=quiet, stdout=quiet, stderr=said, start_new_session=True
+        )
+        try:
+            code = process.wait(_PATIENCE * seconds)
+        finally:
+            with suppress(ProcessLookupError):
+                os.killpg(process.pid, signal.SIGKILL)
+            process.wait()
+        if code == 0 and file.exists():
+            return read_json(file)
+        said.seek(0)
+        last = said.read()[-_LAST_WORDS:].decode(errors="replace").strip().splitlines()[-1:]
+        reason = "it wrote no answer" if code == 0 else _named(code)
+        return {"status": "no answer", "message": ": ".join([reason, *last])}
 
+
+def reasons(done: Sequence[Result]) -> Iterator[tuple[str, ...]]:
+    """Yield why answers do not count, the most frequent first: method, answers, reason, example."""
+    found = dict[tuple[str, str], list[Result]]()
+    for one in done:
+        for fault in one.score.faults:
+            found.setdefault((one.method, _NUMBER.sub("_", fault)), []).append(one)
+    for (method, what), those in sorted(found.items(), key=lambda item: -len(item[1])):
+        first = those[0]
+        told = next(fault for fault in first.score.faults if _NUMBER.sub("_", fault) == what)
+        yield method, f"{len(those)}", f"{first.kind}/{first.index:04d}", " ".join(told.split())
+
+
+REASONS_HEADER = ("method", "answers", "for example", "it does not count there because")
 
 HEADER = (
     *("method", "class", "scenarios", "solved", "processor time, median [s]", "95 % [s]"),

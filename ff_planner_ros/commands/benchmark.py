@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import os
 import time
-from dataclasses import asdict
 from pathlib import Path
 
 from ff_planner_ros.errors import InvalidInput, Status
@@ -14,10 +14,15 @@ from ff_planner_ros.text_table import print_table
 
 # Scenarios of each class in the table: within an hour on two cores, ten seconds an answer.
 _EACH = 40
+# Scenarios of a class and processes at a time.
+_MOST = 10_000
+# Rows of the table of reasons.
+_REASONS = 25
 
 
 def run_benchmark(options: argparse.Namespace) -> int:
     """Measure speed and success rate, or write the data set, or let methods plan it."""
+    _require_in_range(options)
     if options.score is not None:
         return _score(*options.score)
     if options.dataset is None:
@@ -28,10 +33,21 @@ def run_benchmark(options: argparse.Namespace) -> int:
 
         return run_on_one_core(options.quick, options.scenarios, options.json)
     _limit_threads()
-    _require_dataset(options)
+    found = _require_dataset(options)
     if options.fly:
         _fly(options)
-    return _table(options) if options.method else 0
+    return _table(options, found) if options.method else 0
+
+
+def _require_in_range(options: argparse.Namespace) -> None:
+    for name in ("scenarios", "workers", "fly"):
+        value = getattr(options, name)
+        if value is not None and not 1 <= value <= _MOST:
+            allowed = f"it must be from 1 to {_MOST}"
+            raise InvalidInput(Status.OUT_OF_RANGE, f"--{name}", value, allowed)
+    if not (options.seconds > 0.0 and math.isfinite(options.seconds)):
+        allowed = "it must be positive and finite"
+        raise InvalidInput(Status.OUT_OF_RANGE, "--seconds", options.seconds, allowed)
 
 
 def _score(scenario: Path, answer: Path) -> int:
@@ -48,8 +64,8 @@ def _score(scenario: Path, answer: Path) -> int:
     return 0 if judged.solved else 3
 
 
-def _require_dataset(options: argparse.Namespace) -> None:
-    """Write the data set if it is not there, and tell whether it is the published one.
+def _require_dataset(options: argparse.Namespace) -> str:
+    """Write the data set if it is not there, tell whether it is published, and return its hash.
 
     Raises:
         InvalidInput: A file is not what was written, or the whole set is not the published one.
@@ -70,21 +86,36 @@ def _require_dataset(options: argparse.Namespace) -> None:
         raise InvalidInput(Status.UNSUPPORTED, "hash of the data set", found, allowed)
     published = found in dataset.PUBLISHED.values()
     print(f"{found}  {'as published' if published else 'not a published set'}")
+    return found
 
 
-def _table(options: argparse.Namespace) -> int:
+def _table(options: argparse.Namespace, dataset_hash: str) -> int:
+    """Let methods plan the data set; answers in the file of an earlier run are taken from there."""
     from ff_planner_ros.bench import contest
+    from ff_planner_ros.bench.dataset import names
 
-    methods = contest.ENTRANTS if options.method == ["all"] else options.method
-    each, seconds = options.scenarios or _EACH, options.seconds
-    begun = time.monotonic()
-    done = list(contest.results(methods, options.dataset, each, seconds, options.workers))
+    methods = (
+        list(contest.ENTRANTS) if options.method == ["all"] else list(dict.fromkeys(options.method))
+    )
+    each, seconds, workers = options.scenarios or _EACH, options.seconds, options.workers
+    kept = contest.Kept(options.json, dataset_hash, seconds)
+    there = kept.read()
+    if there:
+        print(f"{options.json}: {len(there)} answers are there, what is missing is added")
+    kept.write(there)  # a file that cannot be written is told now, not after an hour
+    done, begun = list(there), time.monotonic()
+    for one in contest.results(methods, options.dataset, each, seconds, workers, there):
+        done.append(one)
+        kept.write(done)
+    minutes, made = (time.monotonic() - begun) / 60, len(done) - len(there)
+    asked = {(method, *one) for method in methods for one in names(each)}
+    done = [one for one in done if (one.method, one.kind, one.index) in asked]
+    done.sort(key=lambda one: methods.index(one.method))
     print_table("Methods on the data set", contest.HEADER, list(contest.rows(done)))
-    minutes = (time.monotonic() - begun) / 60
-    print(f"{len(done)} answers in {minutes:.0f} minutes on {options.workers} cores")
-    if options.json is not None:
-        told = [asdict(each) for each in done]
-        options.json.write_text(json.dumps(told, indent=1) + "\n", encoding="utf-8")
+    why = list(contest.reasons(done))
+    if why:
+        print_table("Why answers do not count", contest.REASONS_HEADER, why[:_REASONS])
+    print(f"\n{made} answers in {minutes:.0f} minutes, {workers} at a time")
     return 0
 
 

@@ -6,7 +6,7 @@ else needs Drake.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 from xml.etree import ElementTree
 
 import numpy as np
@@ -55,7 +55,7 @@ def flown_in_drake(robot: Robot, trajectory: Trajectory) -> Miss:
     floats freely: nothing lifts it off the plane.
     """
     builder = DiagramBuilder()
-    plant = builder.AddSystem(MultibodyPlant(0.0))
+    plant: Any = builder.AddSystem(MultibodyPlant(0.0))  # Drake's stubs take it for any system
     Parser(plant).AddModelsFromString(_without_shapes(robot.drawn_urdf), "urdf")
     plant.mutable_gravity_field().set_gravity_vector(np.zeros(3))
     plant.Finalize()
@@ -104,7 +104,7 @@ def flown_in_drake(robot: Robot, trajectory: Trajectory) -> Miss:
     return Miss(missed, float(off.magnitude()), worst)
 
 
-def _pose(rotation: Array, position: Array) -> Array:
+def _pose(rotation: Array, position: Array) -> Any:
     pose = np.eye(4)
     pose[:3, :3], pose[:3, 3] = rotation, position
     return pose

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from ompl import base, geometric, util  # type: ignore[import-not-found,import-untyped,unused-ignore]
+from ompl import base, geometric, util
 from scipy.interpolate import CubicSpline
 
 from ff_planner_ros.bench.scorer.chain import Array, Chain

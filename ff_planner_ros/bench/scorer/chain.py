@@ -104,6 +104,9 @@ class Chain:
         )
         self.joint_names = [above[order[i]].attrib["name"] for i in self.moved]
         self.center = self._chaser_center()
+        # No point of the arm is further from the base, however the joints turn [m].
+        self.reach = sum(float(np.linalg.norm(link.at.position)) for link in self.links)
+        self.reach += max((_furthest(solid) for solid in self.solids), default=0.0)
 
     @property
     def joints(self) -> int:
@@ -188,6 +191,10 @@ def _solids(element: Any, link: int) -> list[Solid]:
         sizes = [v for name in names[shape.tag] for v in _three(shape.attrib[name])]
         found.append(Solid(link, _origin(collision), shape.tag, tuple(sizes)))
     return found
+
+
+def _furthest(solid: Solid) -> float:
+    return float(np.linalg.norm(solid.at.position)) + sum(solid.sizes)
 
 
 def _origin(element: Any) -> Placement:

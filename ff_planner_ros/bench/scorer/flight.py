@@ -2,7 +2,8 @@
 
 The system's linear momentum and its angular momentum about the inertial origin stay what they are
 at the start. Each posture then gives the base's twist; Runge and Kutta's rule of the fourth order
-gives its pose.
+gives its pose. What is flown is the smooth motion through an answer's positions at 1,001 moments,
+so that nothing can happen between them that the sums do not see.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.interpolate import BPoly
+from scipy.interpolate import BPoly, CubicSpline
 from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.bench.scorer.chain import Array, Chain, Placement, Posture
@@ -51,11 +52,19 @@ def joint_motion(answer: dict[str, Any]) -> BPoly:
     return BPoly.from_derivatives(np.asarray(answer["time"], float), np.stack(rows, axis=1))
 
 
+def at_moments(motion: BPoly, duration: float, steps: int = STEPS) -> CubicSpline:
+    """Return the smooth motion through the positions at equal steps, its first and last rates."""
+    ends = [(1, motion(time, 1)) for time in (0.0, duration)]
+    moments = np.linspace(0.0, duration, steps + 1)
+    return CubicSpline(moments, motion(moments), bc_type=tuple(ends))
+
+
 def flown(chain: Chain, scenario: dict[str, Any], motion: BPoly, steps: int = STEPS) -> Flight:
     """Let the joints move so from a scenario's start, to the end of its duration."""
     duration = float(scenario["duration"])
     halves = np.linspace(0.0, duration, 2 * steps + 1)
-    angles, rates = motion(halves), motion(halves, 1)
+    smooth = at_moments(motion, duration, steps)
+    angles, rates = smooth(halves), smooth(halves, 1)
     posture = chain.posture(angles)
     inertia, moved = momenta(chain, posture)
     inverse = np.linalg.inv(inertia)

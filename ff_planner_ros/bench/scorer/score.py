@@ -7,18 +7,20 @@ An answer has `time`, `joint_positions` and `joint_velocities`, a row per point,
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import yaml
 from numpy.typing import NDArray
+from scipy.interpolate import BPoly
 from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.bench.scorer.chain import Array, Chain
 from ff_planner_ros.bench.scorer.clearance import body_motion, clearance
-from ff_planner_ros.bench.scorer.flight import Flight, flown, joint_motion, torques
+from ff_planner_ros.bench.scorer.flight import Flight, at_moments, flown, joint_motion, torques
 
 # What an answer may miss the goal by: position [m], direction [rad], velocity [m/s], rate [rad/s].
 MISS, TURN, SPEED, SPIN = 1e-3, 2e-3, 1e-3, 2e-3
@@ -26,6 +28,15 @@ MISS, TURN, SPEED, SPIN = 1e-3, 2e-3, 1e-3, 2e-3
 START = 1e-4
 # Joints may leave their range by so much [rad], and rates and torques by such a part of theirs.
 POSITION, RATE, TORQUE = 1e-4, 1e-3, 0.02
+# Between the moments the joints may be elsewhere than a smooth motion through them, in sum [rad],
+# and have other rates than it, each [rad/s].
+UNSEEN, UNSEEN_RATE = 1e-4, 0.02
+# Between two points of an answer its motion is looked at so often.
+_LOOKS = 5
+# Characters of what a method says.
+_LONGEST_REASON = 200
+# No number of an answer that means something is larger.
+_LARGEST = 1e6
 # The clearance may be lower by so much, for rounding, between lines and spheres, and of solids [m].
 CLEARANCE = 1e-6
 
@@ -57,15 +68,27 @@ def load(scenario: Path) -> tuple[dict[str, Any], Chain, list[list[str]]]:
 def score(scenario: Path, answer: Any) -> Score:
     """Judge an answer; what is no answer is a fault, too."""
     content, chain, pairs = load(scenario)
-    if not isinstance(answer, dict) or answer.get("status", "solved") != "solved":
-        return Score(False, ("no plan",))
+    if not isinstance(answer, dict):
+        return Score(False, (f"no plan: not an object but {type(answer).__name__}",))
+    if answer.get("status", "solved") != "solved":
+        said = f"{answer['status']}: {answer.get('message', '')}".removesuffix(": ")
+        return Score(False, (f"no plan: {said[:_LONGEST_REASON]}",))
     if fault := _ill_formed(chain, content, answer):
         return Score(False, (fault,))
-    flight = flown(chain, content, joint_motion(answer))
-    faults = [*_start_faults(content, flight), *_limit_faults(chain, content, flight)]
+    motion = joint_motion(answer)
+    between = _between_moments(motion, answer["time"], float(content["duration"]))
+    flight = flown(chain, content, motion)
+    faults = [
+        *_start_faults(content, flight),
+        *between.faults(),
+        *_limit_faults(chain, content, flight, between.rates),
+    ]
     miss, turn, moving = _at_goal(chain, content, flight)
     faults += [f"the end effector {fault}" for fault in moving]
     sampled, certified = clearance(chain, content, flight, pairs)
+    certified -= (
+        between.aside * chain.reach
+    )  # no point of the arm is further from where it was seen
     if certified < -CLEARANCE:
         faults.append(f"the clearance is {1e3 * certified:.2f} mm")
     turned = Rotation.from_matrix(flight.base.rotation[0].T @ flight.base.rotation)
@@ -91,16 +114,47 @@ def _ill_formed(chain: Chain, scenario: dict[str, Any], answer: dict[str, Any]) 
             if name == "joint_accelerations" and name not in answer:
                 continue
             rows = np.asarray(answer[name], float)
-            if rows.shape != (time.size, chain.joints) or not np.isfinite(rows).all():
+            if rows.shape != (time.size, chain.joints) or not (np.abs(rows) < _LARGEST).all():
                 return f"{name}: not finite numbers, {chain.joints} for each of {time.size} times"
-    except (KeyError, TypeError, ValueError) as error:
+    except KeyError as error:
+        return f"not readable: {error} is missing"
+    except (TypeError, ValueError, OverflowError) as error:
         return f"not readable: {type(error).__name__}: {error}"
     late = float(scenario["duration"]) - 1e-6
-    if time.ndim != 1 or time.size < 2 or not np.isfinite(time).all() or time[0] != 0.0:
+    if time.ndim != 1 or time.size < 2 or not (np.abs(time) < _LARGEST).all() or time[0] != 0.0:
         return "time: not finite numbers from 0 on"
     if (np.diff(time) < 1e-6).any() or time[-1] < late:
         return "time: not increasing up to the duration"
     return None
+
+
+class _Between(NamedTuple):
+    """What an answer does between the moments."""
+
+    aside: float  # of the smooth motion through them, in sum at most [rad]
+    faster: float  # than it, a joint at most [rad/s]
+    rates: Array  # largest of each joint [rad/s]
+
+    def faults(self) -> Iterator[str]:
+        """Yield what its moments do not show."""
+        if self.aside > UNSEEN:
+            yield f"the joints move by {self.aside:.2e} rad between moments that do not show it"
+        if self.faster > UNSEEN_RATE:
+            yield f"rates are {self.faster:.2e} rad/s off those that belong to the positions"
+
+
+def _between_moments(motion: BPoly, time: Any, duration: float) -> _Between:
+    """Look at a motion at all points of the answer, and at some moments between two of them."""
+    points, smooth = np.asarray(time, float), at_moments(motion, duration)
+    parts = np.linspace(0.0, 1.0, _LOOKS, endpoint=False)
+    looks = (points[:-1, None] + parts * np.diff(points)[:, None]).ravel()
+    looks = np.append(looks[looks < duration], duration)
+    rates = motion(looks, 1)
+    return _Between(
+        float(np.abs(motion(looks) - smooth(looks)).sum(axis=1).max()),
+        float(np.abs(rates - smooth(looks, 1)).max()),
+        np.abs(rates).max(axis=0),
+    )
 
 
 def _start_faults(scenario: dict[str, Any], flight: Flight) -> list[str]:
@@ -113,13 +167,16 @@ def _start_faults(scenario: dict[str, Any], flight: Flight) -> list[str]:
     ]
 
 
-def _limit_faults(chain: Chain, scenario: dict[str, Any], flight: Flight) -> list[str]:
+def _limit_faults(
+    chain: Chain, scenario: dict[str, Any], flight: Flight, rates: Array
+) -> list[str]:
     limits, faults = scenario["limits"], []
     beyond = np.maximum(chain.lower - flight.angles, flight.angles - chain.upper).max()
     if beyond > POSITION:
         faults.append(f"a joint leaves its range by {beyond:.2e} rad")
     if limits["velocity"] == "from_urdf":
-        part = float((np.abs(flight.rates) / chain.fastest).max())
+        rates = np.maximum(np.abs(flight.rates).max(axis=0), rates)
+        part = float((rates / chain.fastest).max())
         if part > 1.0 + RATE:
             faults.append(f"a joint has {part:.3f} times its largest rate")
     if limits["effort"] == "from_urdf":
