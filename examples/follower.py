@@ -11,13 +11,11 @@ to the same goal from where the chaser is by then. With `--rate 0` it flies the 
 from __future__ import annotations
 
 import argparse
-import json
-import signal
 import sys
-import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import closing
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +26,7 @@ from rclpy.utilities import remove_ros_args
 
 from ff_planner_ros.bag.decoding import NANOSECONDS, nanoseconds
 from ff_planner_ros.demo.executive import MissionExecutive
+from ff_planner_ros.demo.mission import mission_report, run_mission
 from ff_planner_ros.errors import FfPlannerError, Status
 from ff_planner_ros.planning.scenario import SCENARIO_FRAME, load_scenario
 from ff_planner_ros.ros.messages.to_messages import goal_message
@@ -40,42 +39,34 @@ _LOOK_INTERVAL = 0.005  # [s] between looks at the clock
 
 
 def main() -> int:
-    """Fly one capture; exit code: 0 done, 2 something could not run, 130 interrupted."""
+    """Fly one capture; exit code: 0 done, 2 something could not run, 3 no plan, 130 interrupted."""
     options = _options()
-    stop = threading.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: stop.set())
+    return run_mission("follower", partial(_fly, options), options.json)
 
-    def check() -> None:
-        if stop.is_set():
-            raise KeyboardInterrupt
 
+def _fly(options: argparse.Namespace, check: Callable[[], None]) -> dict[str, Any]:
     scenario = load_scenario(options.scenario)
-    try:
-        with closing(MissionExecutive(check, PATIENCE, sys.argv)) as executive:
-            goal = goal_message(scenario, SCENARIO_FRAME)
-            goal.asked_by, goal.plan_only = NAME, True
-            goal.start_time = Time(sec=options.start)
-            first = executive.plan(goal, lambda _: None)
-            executive.commit(first)
-            print(f"flying     {first.plan_id}", flush=True)
-            begin = nanoseconds(first.joint_trajectory.header.stamp) / NANOSECONDS
-            again = goal_message(scenario, SCENARIO_FRAME)
-            again.asked_by, again.continue_plan, again.duration = NAME, True, 0.0
-            again.duration_max = 0.0
-            replans = list(_replans(executive, again, begin, options.rate, check))
-            flown = executive.watch(first, first.duration, scenario.robot)
-    except KeyboardInterrupt:
-        return 130
-    except FfPlannerError as error:
-        print(f"follower: {error}", file=sys.stderr)
-        return 2
-    report = _report(replans) | {"end_error": flown.error.position, "end_angle": flown.error.angle}
-    for name, value in report.items():
+    with closing(MissionExecutive(check, PATIENCE, sys.argv)) as executive:
+        goal = goal_message(scenario, SCENARIO_FRAME)
+        goal.asked_by, goal.plan_only = NAME, True
+        goal.start_time = Time(sec=options.start)
+        first = executive.plan(goal, lambda _: None)
+        executive.commit(first)
+        print(f"flying     {first.plan_id}", flush=True)
+        begin = nanoseconds(first.joint_trajectory.header.stamp) / NANOSECONDS
+        again = goal_message(scenario, SCENARIO_FRAME)
+        again.asked_by, again.continue_plan, again.duration = NAME, True, 0.0
+        again.duration_max = 0.0
+        replans = list(_replans(executive, again, begin, options.rate, check))
+        flown = executive.watch(first, first.duration, scenario.robot)
+    figures = _figures(replans) | {
+        "end_error": flown.error.position,
+        "end_angle": flown.error.angle,
+    }
+    for name, value in figures.items():
         print(f"{name:20} {value:.5g}")
-    if options.json is not None:
-        options.json.write_text(json.dumps(report) + "\n", encoding="utf-8")
-    return 0
+    way = np.array([flown.time, flown.from_end]).T.tolist()
+    return mission_report(first, flown) | figures | {"way": way}
 
 
 def _replans(
@@ -83,7 +74,7 @@ def _replans(
     goal: PlanTrajectory.Goal,
     begin: float,
     rate: float,
-    check: Any,
+    check: Callable[[], None],
 ) -> Iterator[tuple[PlanTrajectory.Result, float]]:
     """Ask again and again until the goal is near; yield answers, and how long each took [s]."""
     due = begin + (1.0 / rate if rate else np.inf)
@@ -105,7 +96,7 @@ def _replans(
         due = max(due + 1.0 / rate, begun, time.time())
 
 
-def _report(replans: list[tuple[PlanTrajectory.Result, float]]) -> dict[str, float]:
+def _figures(replans: list[tuple[PlanTrajectory.Result, float]]) -> dict[str, float]:
     """Return figures of what was planned on the way."""
     made = [(one, took) for one, took in replans if one.status.code == Status.SOLVED]
     report: dict[str, float] = {"asked": len(replans), "plans": len(made)}

@@ -9,14 +9,12 @@ ask for; where the chaser is, and what is in the way, the planner hears from the
 from __future__ import annotations
 
 import argparse
-import json
 import math
-import signal
 import sys
-import threading
 from collections.abc import Callable
 from contextlib import closing
-from dataclasses import asdict, replace
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -24,8 +22,9 @@ from builtin_interfaces.msg import Time
 from ff_planner_msgs.action import PlanTrajectory
 from rclpy.utilities import remove_ros_args
 
-from ff_planner_ros.demo.executive import NAME, FlownPlan, MissionExecutive
-from ff_planner_ros.errors import FfPlannerError, NoPlanFound, Status
+from ff_planner_ros.demo.executive import NAME, MissionExecutive
+from ff_planner_ros.demo.mission import mission_report, run_mission
+from ff_planner_ros.errors import NoPlanFound, Status
 from ff_planner_ros.planning.problem import DurationRange, Objective
 from ff_planner_ros.planning.scenario import SCENARIO_FRAME, load_scenario
 from ff_planner_ros.ros.messages.to_messages import goal_message
@@ -42,24 +41,7 @@ PATIENCE = 60.0  # [s] for the planner, the testbed and the answer
 def main() -> int:
     """Fly one capture; exit code: 0 done, 2 something could not run, 3 no plan, 130 interrupted."""
     options = _options()
-    stop = threading.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: stop.set())
-
-    def check() -> None:
-        if stop.is_set():
-            raise KeyboardInterrupt
-
-    try:
-        report = _fly(options, check)
-    except KeyboardInterrupt:
-        return 130
-    except FfPlannerError as error:
-        print(f"mission_executive: {error}", file=sys.stderr)
-        _write(options.json, {"status": int(error.status), "message": str(error)})
-        return 3 if Status.GOAL_OUT_OF_REACH <= error.status < Status.INTERNAL_ERROR else 2
-    _write(options.json, report)
-    return 0
+    return run_mission("mission_executive", partial(_fly, options), options.json)
 
 
 def _fly(options: argparse.Namespace, check: Callable[[], None]) -> dict[str, Any]:
@@ -104,7 +86,7 @@ def _fly(options: argparse.Namespace, check: Callable[[], None]) -> dict[str, An
         apart, turned = flown.capture.position_error, flown.capture.orientation_error
         print(f"grasp      {apart * 1e3:.2f} mm, {_deg(turned)} from the end effector")
     print(f"chaser     {flown.worst.position * 1e3:.2f} mm, {_deg(flown.worst.angle)} at worst")
-    return _report(answer, flown)
+    return mission_report(answer, flown)
 
 
 def _say_how_the_search_goes(feedback: PlanTrajectory.Feedback) -> None:
@@ -133,32 +115,6 @@ def _words(pose: FramePose) -> str:
     x, y, z = pose.position
     qx, qy, qz, qw = pose.rotation.as_quat()
     return f"{x:.4f} {y:.4f} {z:.4f} m, quaternion {qx:.4f} {qy:.4f} {qz:.4f} {qw:.4f}"
-
-
-def _report(answer: PlanTrajectory.Result, flown: FlownPlan) -> dict[str, Any]:
-    return {
-        "status": int(answer.status.code),
-        "plan_id": answer.plan_id,
-        "solve_time": answer.solver.solve_time,
-        "duration": answer.duration,
-        "predicted": _numbers(flown.predicted),
-        "reached": _numbers(flown.reached),
-        "error": flown.error._asdict(),
-        "worst_chaser_error": flown.worst._asdict(),
-        "capture": None if flown.capture is None else asdict(flown.capture),
-    }
-
-
-def _numbers(pose: FramePose) -> dict[str, list[float]]:
-    return {
-        "position": pose.position.tolist(),
-        "quaternion_xyzw": pose.rotation.as_quat().tolist(),
-    }
-
-
-def _write(file: Path | None, report: dict[str, Any]) -> None:
-    if file is not None:
-        file.write_text(json.dumps(report) + "\n", encoding="utf-8")
 
 
 def _options() -> argparse.Namespace:

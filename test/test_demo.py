@@ -251,3 +251,19 @@ def test_a_capture_on_a_table_is_flown_and_seen_from_above(
         assert float(turned) < 0.05
     (picture,) = tmp_path.glob("demo_output/*/from_above.png")
     assert picture.read_bytes().startswith(PNG)
+
+
+def test_a_plan_made_again_on_the_way_reaches_what_open_loop_misses(
+    tmp_path: Path, times: Callable[[int, int], int]
+) -> None:
+    if not times(0, 1):
+        pytest.skip("two flights in real time: at night")
+    lines = flown(tmp_path, "--scene", "following")
+    table = lines[lines.index("Planned again on the way") + 2 :][:3]
+    torques_alone, open_loop, replanned = (line.split() for line in table)
+    assert float(torques_alone[-1]) >= 40.0
+    assert 5.0 <= float(open_loop[-1]) < 40.0
+    assert float(replanned[-1]) <= 5.0
+    assert int(replanned[4]) >= 1  # plans
+    (picture,) = tmp_path.glob("demo_output/*/following.png")
+    assert picture.read_bytes().startswith(PNG)

@@ -94,11 +94,12 @@ def command_parser() -> ArgumentParser:
     demo = add("demo", planning.show_demo, "plan the paper's capture over ROS, show the result")
     demo.add_argument(
         *("--testbed", "--scene"),
-        choices=("lemur", "bodies", "planar", "tumbling"),
+        choices=("lemur", "bodies", "planar", "tumbling", "following"),
         default="lemur",
         help="lemur: the paper's capture in space (default); bodies: the same with the whole robot "
         "kept clear, panels and all; planar: one on an air-bearing table; tumbling: of a body "
-        "that tumbles",
+        "that tumbles; following: by an arm that is heavier than its model, and planned again five "
+        "times a second",
     )
     demo.add_argument("--output", type=Path, default="demo_output", metavar="DIR")
 

@@ -21,6 +21,7 @@ from rclpy.task import Future as RosFuture
 from scipy.spatial.transform import Rotation
 from trajectory_msgs.msg import JointTrajectory
 
+from ff_planner_ros.arrays import Array
 from ff_planner_ros.bag.decoding import NANOSECONDS, nanoseconds
 from ff_planner_ros.demo.testbed import CONTROLLER_TOPIC
 from ff_planner_ros.errors import FfPlannerError, Status
@@ -68,6 +69,8 @@ class FlownPlan:
     error: TrackingError  # between the two
     # Largest differences of the chaser from its prediction on the way
     worst: TrackingError
+    time: Array  # of the measurements on the way, from the plan's start; shape (states,) [s]
+    from_end: Array  # end effector's distance from `predicted` then; shape (states,) [m]
     # Of the end effector from the grasp of the body, both as measured; None: nothing was captured
     capture: Capture | None = None
 
@@ -276,7 +279,15 @@ def _flown_plan(
         raise FfPlannerError(Status.INTERNAL_ERROR, f"no prediction at {time_in_plan} s")
     reached = end_effector(robot, last)
     worst = TrackingError(max(positions), max(angles))
-    return FlownPlan(predicted, reached, difference(predicted, reached), worst)
+    places = np.array([end_effector(robot, state).position for _, state in measured])
+    return FlownPlan(
+        predicted=predicted,
+        reached=reached,
+        error=difference(predicted, reached),
+        worst=worst,
+        time=np.array([at_ns - start_ns for at_ns, _ in measured]) / NANOSECONDS,
+        from_end=np.linalg.norm(places - predicted.position, axis=1),
+    )
 
 
 def captured(robot: Robot, state: SystemState, body: FreeBody) -> Capture:

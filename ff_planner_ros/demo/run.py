@@ -24,10 +24,21 @@ from ff_planner_ros.analysis.scene import save_scene
 from ff_planner_ros.bag.robot_plans import robot_plans
 from ff_planner_ros.bag.writer import unique_directory
 from ff_planner_ros.demo.domain import private_environment
+from ff_planner_ros.demo.following import (
+    ARM_HEAVIER,
+    HEADER,
+    OPEN_LOOP,
+    RATE_BIAS,
+    REPLANNED,
+    following_figure,
+    miss_by_torques_alone,
+    rows,
+)
 from ff_planner_ros.errors import FfPlannerError, Status
 from ff_planner_ros.planning.scenario import load_scenario
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.rotation import euler_from_rotation
+from ff_planner_ros.ros.background import stop_on_signals
 from ff_planner_ros.share import share_directory
 from ff_planner_ros.text_table import print_table
 
@@ -40,17 +51,17 @@ _LOOK_INTERVAL = 0.1  # [s] between looks at the processes
 
 
 class Flight(NamedTuple):
-    """What the executive is told to ask for."""
+    """A flight by one of the examples."""
 
-    objective: str  # its name of it
-    # Of which the planner chooses a duration [s]; None: it is the scenario's
-    durations: tuple[float, float] | None = None
+    name: str  # of its files
+    options: tuple[str, ...]  # of the example
+    example: str = "mission_executive"
     shortest_lead: int = 0  # [s]
 
 
 _BOTH_OBJECTIVES: Mapping[Method, Flight] = {
-    SHORTEST: Flight("length"),
-    STEADIEST: Flight("attitude"),
+    SHORTEST: Flight("length", ("--objective", "length")),
+    STEADIEST: Flight("attitude", ("--objective", "attitude")),
 }
 
 
@@ -61,6 +72,7 @@ class Testbed(NamedTuple):
     scenario: str  # in config/scenarios
     parameters: str  # of the node, in config
     flights: Mapping[Method, Flight] = _BOTH_OBJECTIVES
+    imperfections: tuple[str, ...] = ()  # options of the simulated testbed
 
 
 TESTBEDS: Mapping[str, Testbed] = {
@@ -75,7 +87,24 @@ TESTBEDS: Mapping[str, Testbed] = {
         "The capture of a body that tumbles",
         "lemur_tumbling.yaml",
         "planner.yaml",
-        {SHORTEST: Flight("length"), SOONER: Flight("sooner", (8.0, 12.0), shortest_lead=20)},
+        {
+            SHORTEST: _BOTH_OBJECTIVES[SHORTEST],
+            SOONER: Flight(
+                "sooner",
+                ("--objective", "sooner", "--durations", "8.0", "12.0"),
+                shortest_lead=20,
+            ),
+        },
+    ),
+    "following": Testbed(
+        "The paper's capture by a testbed that is not as its model",
+        "lemur_capture.yaml",
+        "planner.yaml",
+        {
+            OPEN_LOOP: Flight("open_loop", ("--rate", "0"), "follower"),
+            REPLANNED: Flight("replanned", ("--rate", "5"), "follower"),
+        },
+        ("--arm-heavier", f"{ARM_HEAVIER}", "--rate-bias", f"{RATE_BIAS:.6f}"),
     ),
 }
 
@@ -93,10 +122,7 @@ def run_demo(
         Exit code: 0 both flown, 2 something could not run, 3 a plan was not found,
         130 interrupted.
     """
-    # Only noted: an exception out of nowhere could be lost, or leave a process without its owner.
-    stop = threading.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: stop.set())
+    stop = stop_on_signals()
     shown, config = TESTBEDS[testbed], share_directory() / "config"
     scenario = scenario or config / "scenarios" / shown.scenario
     directory = unique_directory(output.resolve(), "demo")
@@ -131,7 +157,7 @@ def _demonstrate(
     flown: dict[Method, dict[str, Any]] = {}
     with _running(_node(directory, parameters, problem.robot), directory / "node.log") as node:
         for method, flight in shown.flights.items():
-            flown[method] = _fly(method, flight, scenario, directory, node, stop)
+            flown[method] = _fly(method, flight, shown, scenario, directory, node, stop)
     (bag,) = (metadata.parent for metadata in directory.glob("*/metadata.yaml"))
     recorded = robot_plans(bag)
     ids = {method: report["plan_id"] for method, report in flown.items()}
@@ -167,10 +193,18 @@ def _demonstrate(
                 if report["capture"] is not None
             ],
         )
+    following = REPLANNED in flown
+    if following:
+        torques_alone = miss_by_torques_alone(problem.robot, motions[OPEN_LOOP])
+        print_table("Planned again on the way", HEADER, list(rows(flown, torques_alone)))
     print(f"\nbag      {_shown(bag)}", flush=True)
     if stop.is_set():
         raise KeyboardInterrupt
-    for picture in save_figures(problem, motions, directory):
+    pictures = save_figures(problem, motions, directory)
+    if following:
+        pictures.append(directory / "following.png")
+        following_figure(flown).savefig(pictures[-1], dpi=150)
+    for picture in pictures:
         print(f"picture  {_shown(picture)}")
     scene = directory / "scene.html"
     save_scene(problem, motions, motions, scene)
@@ -180,13 +214,14 @@ def _demonstrate(
 def _fly(
     method: Method,
     flight: Flight,
+    shown: Testbed,
     scenario: Path,
     directory: Path,
     node: subprocess.Popen[bytes],
     stop: threading.Event,
 ) -> dict[str, Any]:
     """Start testbed and executive, wait until the executive is done, and return its report."""
-    name, durations = flight.objective, flight.durations
+    name = flight.name
     leads = [lead for lead in _LEADS if lead >= flight.shortest_lead]
     for number, lead in enumerate(leads, 1):
         # Each attempt has files of its own: no report or log of the one before is taken for its.
@@ -195,9 +230,9 @@ def _fly(
         epoch = math.ceil(time.time()) + lead
         print(f"\nflying {method.name}: the plan begins in {lead} s", flush=True)
         testbed = [*_example("simulated_testbed"), str(scenario), "--epoch", str(epoch)]
-        executive = [*_example("mission_executive"), str(scenario), "--objective", name]
+        testbed += shown.imperfections
+        executive = [*_example(flight.example), str(scenario), *flight.options]
         executive += ["--start", str(epoch), "--json", str(report)]
-        executive += [] if durations is None else ["--durations", *map(str, durations)]
         with ExitStack() as stack:
             logs = {word: directory / f"{attempt}_{word}.log" for word in ("testbed", "executive")}
             needed = {

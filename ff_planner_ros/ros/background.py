@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import threading
 import traceback
 from collections.abc import Callable
@@ -11,6 +12,17 @@ from typing import Any
 from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedExecutor
 from rclpy.impl.rcutils_logger import RcutilsLogger
 from rclpy.task import Future as RosFuture
+
+
+def stop_on_signals() -> threading.Event:
+    """Return an event that SIGINT and SIGTERM set from now on, and do nothing else.
+
+    Only noted: an exception out of nowhere could be lost, or leave a process without its owner.
+    """
+    stop = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: stop.set())
+    return stop
 
 
 def spin_in_background(executor: Executor, logger: RcutilsLogger) -> Callable[[], None]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import signal
 import sys
 import threading
 from contextlib import closing
@@ -12,7 +11,7 @@ from rclpy.executors import MultiThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
 
 from ff_planner_ros.errors import FfPlannerError, Status
-from ff_planner_ros.ros.background import spin_in_background
+from ff_planner_ros.ros.background import spin_in_background, stop_on_signals
 from ff_planner_ros.ros.joining import joining_ros, security_gap
 from ff_planner_ros.ros.planner_node import PlannerNode
 from ff_planner_ros.ros.requests.worker import Worker
@@ -28,9 +27,7 @@ def main(arguments: list[str] | None = None) -> int:
     Returns:
         Exit code: 0 stopped by a signal, 2 refused to start.
     """
-    stop = threading.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: stop.set())
+    stop = stop_on_signals()
     try:
         with joining_ros():
             rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)

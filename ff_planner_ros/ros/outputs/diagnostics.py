@@ -89,13 +89,8 @@ def _state(health: NodeHealth) -> _Part:
     age, limit = health.state_age, health.state_max_age
     if age is None:
         return ERROR, "no chaser state received yet: is its publisher running?", {}
-    values = {"age [s]": f"{age:.3f}", "allowed age [s]": f"{limit:g}"}
-    if health.state_refusal:
-        return ERROR, f"cannot be planned from: {health.state_refusal}", values
-    if age > limit:
-        message = f"the newest is {age:.1f} s old, allowed are {limit:g} s: has its publisher died?"
-        return ERROR, message, values
-    return OK, f"the newest is {age:.3f} s old", values
+    refusal = health.state_refusal and f"cannot be planned from: {health.state_refusal}"
+    return _of_age(age, limit, 3, refusal, ERROR)
 
 
 def _obstacles(health: NodeHealth) -> _Part:
@@ -113,13 +108,25 @@ def _target_body(health: NodeHealth) -> _Part:
     age, limit = health.target_age, health.target_max_age
     if age is None:
         return OK, "none received: only a request that brings one can capture it", {}
-    values = {"age [s]": f"{age:.1f}", "allowed age [s]": f"{limit:g}"}
-    if health.target_refusal:
-        return WARN, f"cannot be captured: {health.target_refusal}", values
+    refusal = health.target_refusal and f"cannot be captured: {health.target_refusal}"
+    return _of_age(age, limit, 1, refusal, WARN)
+
+
+def _of_age(age: float, limit: float, digits: int, refusal: str, level: bytes) -> _Part:
+    """Return how an input is by the age of its newest message [s], and whether it is refused.
+
+    Args:
+        digits: With which the age is told.
+        refusal: Why the newest cannot be used; empty: it can.
+        level: Where it cannot be used, or is too old.
+    """
+    values = {"age [s]": f"{age:.{digits}f}", "allowed age [s]": f"{limit:g}"}
+    if refusal:
+        return level, refusal, values
     if age > limit:
         message = f"the newest is {age:.1f} s old, allowed are {limit:g} s: has its publisher died?"
-        return WARN, message, values
-    return OK, f"the newest is {age:.1f} s old", values
+        return level, message, values
+    return OK, f"the newest is {age:.{digits}f} s old", values
 
 
 def _last(health: NodeHealth) -> _Part:
