@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.arrays import Array, Indices
 from ff_planner_ros.planning.clearance import (
@@ -13,7 +14,7 @@ from ff_planner_ros.planning.clearance import (
     segments,
 )
 from ff_planner_ros.planning.problem import Sphere
-from ff_planner_ros.robot.kinematics import arm_kinematics
+from ff_planner_ros.robot.kinematics import rotation_base_to_inertial
 from ff_planner_ros.robot.model import Robot
 
 
@@ -47,7 +48,7 @@ def arm_points_with_derivatives(
     Args:
         q_sensitivity: Derivatives of q in its tangent space. Shape (points, 6 + joints, columns).
     """
-    positions, axes, rotation = arm_kinematics(robot, q)
+    positions, axes, rotation = _arm_kinematics(robot, q)
     moving, turning = (rotation @ part for part in np.split(q_sensitivity[:, :6], 2, axis=1))
     # Twist of each body at the inertial origin: the base's, plus each joint's on the way.
     angular = np.cumsum(axes[..., None] * q_sensitivity[:, 6:, None], axis=1) + turning[:, None]
@@ -57,6 +58,25 @@ def arm_points_with_derivatives(
     # The end effector rides on the last body.
     linear, angular = (np.concatenate([t, t[:, -1:]], axis=1) for t in (linear, angular))
     return positions, linear + np.cross(angular, positions[..., None], axis=2)
+
+
+def _arm_kinematics(robot: Robot, q: Array) -> tuple[Array, Array, Array]:
+    """Return joint origins and end effector, the joints' axes and the base's attitude."""
+    model, tip = robot.model, robot.model.frames[robot.tip_frame_id]
+    points = np.empty((len(q), robot.joints + 1, 3))
+    axes = np.empty((len(q), robot.joints, 3))
+    turns = Rotation.from_rotvec((q[:, 7:, None] * robot.joint_axes).reshape(-1, 3))
+    turn = turns.as_matrix().reshape(len(q), robot.joints, 3, 3)
+    base = rotation_base_to_inertial(q)
+    position, rotation = q[:, :3], base
+    for k, placement in enumerate(model.jointPlacements[2:]):
+        position = position + rotation @ placement.translation
+        points[:, k] = position
+        rotation = rotation @ placement.rotation
+        axes[:, k] = rotation @ robot.joint_axes[k]
+        rotation = rotation @ turn[:, k]
+    points[:, -1] = position + rotation @ tip.placement.translation
+    return points, axes, base
 
 
 def _quarter_way(values: Array) -> Array:

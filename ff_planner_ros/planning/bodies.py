@@ -13,9 +13,9 @@ from typing import NamedTuple
 
 import coal
 import numpy as np
-import pinocchio as pin
 
 from ff_planner_ros.arrays import Array, Indices
+from ff_planner_ros.robot.kinematics import joint_rotations
 from ff_planner_ros.robot.model import Robot
 
 
@@ -32,10 +32,7 @@ class Placed(NamedTuple):
 def placed_bodies(robot: Robot, angles: Array) -> Placed:
     """Follow the chain of joints; angles: shape (configurations, joints) [rad]."""
     count = len(angles)
-    # Rodrigues: R = I + sin K + (1 - cos) K^2, behind the joint's own placement.
-    held, turned, twice = _turning(robot)
-    sine, versine = np.sin(angles)[..., None, None], 1.0 - np.cos(angles)[..., None, None]
-    steps = held + sine * turned + versine * twice
+    steps = joint_rotations(robot, angles)
     rotations = np.empty((count, robot.joints + 1, 3, 3))
     positions = np.empty((count, robot.joints + 1, 3))
     axes = np.empty((count, robot.joints, 3))
@@ -54,14 +51,6 @@ def placed_bodies(robot: Robot, angles: Array) -> Placed:
         origins=positions[:, 1:],
         axes=axes,
     )
-
-
-@lru_cache(maxsize=8)
-def _turning(robot: Robot) -> tuple[Array, Array, Array]:
-    """Return P, P K and P K^2 of each joint, P its placement and K its axis as a cross product."""
-    held = np.array([placement.rotation for placement in robot.model.jointPlacements[2:]])
-    axis = np.array([pin.skew(axis) for axis in robot.joint_axes])
-    return held, held @ axis, held @ axis @ axis
 
 
 @lru_cache(maxsize=8)

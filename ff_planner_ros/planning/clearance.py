@@ -19,7 +19,11 @@ from ff_planner_ros.arrays import Array, Indices
 from ff_planner_ros.core import compiled
 from ff_planner_ros.core.chain import chain_of
 from ff_planner_ros.planning.problem import Sphere
-from ff_planner_ros.robot.kinematics import arm_kinematics
+from ff_planner_ros.robot.kinematics import (
+    joint_offsets,
+    joint_rotations,
+    rotation_base_to_inertial,
+)
 from ff_planner_ros.robot.model import Robot
 
 # Joint origins nearer than this are the same point; drawings are not more exact.
@@ -32,12 +36,25 @@ class Clearances:
 
     distance: Array  # negative inside the sphere; shape (points, segments, spheres) [m]
     fraction: Array  # place of the nearest point on the segment, 0 to 1; same shape
-    direction: Array  # from the sphere's centre to that point, unit length; shape (..., 3)
+    offset: Array  # of that point from the sphere's centre; shape (..., 3) [m]
+
+    @property
+    def direction(self) -> Array:
+        """From the sphere's centre to the nearest point, unit length. Shape (..., 3)."""
+        away = np.maximum(np.linalg.norm(self.offset, axis=-1), _SAME_POINT)
+        return np.asarray(self.offset / away[..., None], np.float64)
 
 
 def arm_points(robot: Robot, q: Array) -> Array:
     """Return joint origins and end effector, inertial frame. Shape (points, joints + 1, 3) [m]."""
-    return arm_kinematics(robot, q).points
+    rotations = np.empty((robot.joints + 1, len(q), 3, 3))
+    rotations[0] = rotation_base_to_inertial(q)
+    turned = joint_rotations(robot, q[:, 7:])
+    for k in range(robot.joints):
+        np.matmul(rotations[k], turned[:, k], out=rotations[k + 1])
+    steps = np.einsum("kpij,kj->pki", rotations, joint_offsets(robot))
+    points: Array = q[:, None, :3] + np.cumsum(steps, axis=1)
+    return points
 
 
 def arm_points_with_derivatives(
@@ -95,15 +112,16 @@ def clearances(
     radii = np.array([sphere.radius for sphere in spheres])
     start, end = positions[:, starts, None], positions[:, starts + 1, None]
     along = end - start
-    fraction = np.sum((centers - start) * along, axis=-1) / np.sum(along**2, axis=-1)
+    from_center = start - centers
+    fraction = -_dot(from_center, along) / _dot(along, along)
     fraction = np.clip(fraction, 0.0, 1.0)
-    offset = start + fraction[..., None] * along - centers
-    to_center = np.linalg.norm(offset, axis=-1)
-    return Clearances(
-        distance=to_center - radii,
-        fraction=fraction,
-        direction=offset / np.maximum(to_center, _SAME_POINT)[..., None],
-    )
+    offset = from_center + fraction[..., None] * along
+    return Clearances(np.sqrt(_dot(offset, offset)) - radii, fraction, offset)
+
+
+def _dot(a: Array, b: Array) -> Array:
+    """Return the products of vectors along the last axis."""
+    return np.asarray(np.einsum("...k,...k->...", a, b), np.float64)
 
 
 def clearance_gradients(

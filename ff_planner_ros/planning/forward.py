@@ -12,7 +12,7 @@ import pinocchio as pin
 from ff_planner_ros.arrays import Array, finite_number
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.joint_motion import JointMotion, steady_motion
-from ff_planner_ros.planning.runge_kutta import increment
+from ff_planner_ros.planning.runge_kutta import turned_by_momentum
 from ff_planner_ros.planning.system_frame import system_frame
 from ff_planner_ros.robot.configuration import configuration, system_state
 from ff_planner_ros.robot.dynamics import accelerations
@@ -97,37 +97,30 @@ def carried_base(
     of_momentum = np.zeros((len(maps), 6, 6))
     of_momentum[rows] = np.linalg.inv(maps[rows])
     of_rates = (of_momentum @ (maps[:, :, 6:] @ rates[:, :, None]))[:, :, 0]
-    force, base = pin.Force(momentum), pin.XYZQUATToSE3(q_start[:7])
-    prepared = list(zip(of_momentum, of_rates, strict=True))
     # The system's centre of mass moves uniformly: its place is known, whatever the steps come to.
     # In the base frame the map holds it: mass times its cross-product matrix.
-    mass = pin.computeTotalMass(model)
+    mass, linear, angular = pin.computeTotalMass(model), momentum[:3], momentum[3:]
     in_base = maps[::2, [5, 3, 4], [1, 2, 0]] / mass
-    drift = np.outer(time - time[0], momentum[:3] / mass)
-    centers = pin.centerOfMass(model, data, q_start) + drift
-
-    def twist(half_step: int, placement: pin.SE3) -> Array:
-        by_momentum, by_rates = prepared[half_step]
-        of_base: Array = by_momentum.dot(placement.actInv(force).vector) - by_rates
-        return of_base
-
-    steps: list[float] = np.diff(time).tolist()
+    centers = pin.centerOfMass(model, data, q_start) + np.outer(time - time[0], linear / mass)
+    # The angular momentum about it is constant, and turns the base by this part of the map alone.
+    base_to_inertial = turned_by_momentum(
+        pin.XYZQUATToSE3(q_start[:7]).rotation,
+        angular - np.cross(centers[0], linear),
+        of_momentum[:, 3:, 3:],
+        of_rates[:, 3:],
+        np.diff(time),
+    )
+    places = centers - np.einsum("pij,pj->pi", base_to_inertial, in_base)
+    if robot.base is Base.PLANAR:
+        places[:, 2] = q_start[2]
+    about_base = angular - np.cross(places, linear)
+    seen = np.stack([np.broadcast_to(linear, about_base.shape), about_base], axis=1)
+    in_base_axes = (seen @ base_to_inertial).reshape(points, 6)
     q, v = np.empty((points, model.nq)), np.empty((points, model.nv))
-    q[:, 7:], v[:, 6:] = positions[::2], rates[::2]
-    for i in range(points):
-        place = centers[i] - base.rotation.dot(in_base[i])
-        if robot.base is Base.PLANAR:
-            place[2] = q_start[2]
-        base.translation = place
-        velocities = [twist(2 * i, base)]
-        q[i, :7], v[i, :6] = pin.SE3ToXYZQUAT(base), velocities[0]
-        if i == points - 1:
-            break
-        step = steps[i]
-        for half_step in (2 * i + 1, 2 * i + 1, 2 * i + 2):
-            there = base * pin.exp6(pin.Motion(increment(step, velocities)))
-            velocities.append(twist(half_step, there))
-        base = base * pin.exp6(pin.Motion(increment(step, velocities)))
+    q[:, :3], q[:, 7:] = places, positions[::2]
+    q[:, 3:7] = [pin.Quaternion(rotation).coeffs() for rotation in base_to_inertial]
+    v[:, :6] = np.einsum("pij,pj->pi", of_momentum[::2], in_base_axes) - of_rates[::2]
+    v[:, 6:] = rates[::2]
     return q, v
 
 

@@ -7,7 +7,6 @@ from functools import cache, cached_property
 from math import comb
 
 import numpy as np
-from scipy.interpolate import BPoly
 
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.planning.plan import Trajectory
@@ -35,8 +34,14 @@ class JointMotion:
 
         Before the first and after the last point their quintics go on.
         """
-        quintics = self._quintics
-        return quintics(time), quintics(time, 1), quintics(time, 2)
+        last = len(self.time) - 2
+        piece = np.clip(np.searchsorted(self.time, time, side="right") - 1, 0, last)
+        part = (time - self.time[piece]) / np.diff(self.time)[piece]
+        positions, rates, accelerations = (
+            np.einsum("ct,ctj->tj", _bernstein(len(of_order) - 1, part), of_order[:, piece])
+            for of_order in self._coefficients
+        )
+        return positions, rates, accelerations
 
     def extremes(self, order: int = 0) -> tuple[Array, Array]:
         """Return the lowest and highest value of each joint between first and last point, and when.
@@ -47,10 +52,8 @@ class JointMotion:
         Returns:
             Values, exact to `_EXACT` or to rounding, and their times: each of shape (2, joints).
         """
-        pieces = self._quintics
-        for _ in range(order):
-            pieces = pieces.derivative()
-        both = np.concatenate([-pieces.c, pieces.c], axis=2)
+        pieces = self._coefficients[order]
+        both = np.concatenate([-pieces, pieces], axis=2)
         values, times = _highest(both, self.time)
         signs = np.array([[-1.0], [1.0]])
         return signs * values.reshape(2, -1), times.reshape(2, -1)
@@ -66,14 +69,16 @@ class JointMotion:
         return np.array([lowest - lower, upper - highest]), times
 
     @cached_property
-    def _quintics(self) -> BPoly:
-        """The quintics in Bernstein's form."""
+    def _coefficients(self) -> tuple[Array, Array, Array]:
+        """Positions, rates, accelerations in Bernstein's form: (degree + 1, pieces, joints)."""
         step = np.diff(self.time)[:, None]
         p, v, a = self.positions, step * self.velocities[:-1], step**2 * self.accelerations[:-1]
         v_end, a_end = step * self.velocities[1:], step**2 * self.accelerations[1:]
         first = [p[:-1], p[:-1] + v / 5, p[:-1] + 2 * v / 5 + a / 20]
         last = [p[1:] - 2 * v_end / 5 + a_end / 20, p[1:] - v_end / 5, p[1:]]
-        return BPoly(np.array([*first, *last]), self.time)
+        positions = np.array([*first, *last])
+        rates = np.diff(positions, axis=0) * (5 / step)
+        return positions, rates, np.diff(rates, axis=0) * (4 / step)
 
 
 def joint_motion(trajectory: Trajectory, start: float = 0.0) -> JointMotion:
@@ -132,6 +137,14 @@ def _highest(coefficients: Array, time: Array) -> tuple[Array, Array]:
         begin = np.tile(begin[open_], 2)
         begin[len(begin) // 2 :] += width[len(begin) // 2 :]
     return highest, when
+
+
+def _bernstein(degree: int, part: Array) -> Array:
+    """Return Bernstein's polynomials at each part of the way: (degree + 1, parts)."""
+    binomials = np.array([comb(degree, i) for i in range(degree + 1)])
+    powers = np.vander(part, degree + 1, increasing=True) * np.vander(1.0 - part, degree + 1)
+    weights: Array = (powers * binomials).T
+    return weights
 
 
 @cache

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
+import numpy as np
 import pinocchio as pin
 
 from ff_planner_ros.arrays import Array
@@ -51,6 +52,41 @@ def runge_kutta_step(
         there = pin.integrate(model, q, increment(step, velocities))
         velocities.append(velocity(stage, there))
     return increment(step, velocities)
+
+
+def turned_by_momentum(
+    rotation: Array, momentum: Array, of_momentum: Array, of_rates: Array, steps: Array
+) -> Array:
+    """Return how a base turns at omega = A R^T L - b: at the beginning and after each step.
+
+    Args:
+        rotation: Base to inertial axes at the beginning. Shape (3, 3).
+        momentum: L, constant, inertial axes. Shape (3,).
+        of_momentum: A at the steps' ends and half-way between. Shape (2 steps + 1, 3, 3).
+        of_rates: b there. Shape (2 steps + 1, 3).
+        steps: Shape (steps,) [s].
+
+    Returns:
+        Base to inertial axes. Shape (steps + 1, 3, 3).
+    """
+    prepared = list(zip(of_momentum, of_rates, strict=True))
+
+    def rate(half_step: int, there: Array) -> Array:
+        by_momentum, by_rates = prepared[half_step]
+        omega: Array = by_momentum.dot(momentum.dot(there)) - by_rates
+        return omega
+
+    found = [rotation]
+    for i, step in enumerate(steps.tolist()):
+        v1 = rate(2 * i, rotation)
+        v2 = rate(2 * i + 1, rotation.dot(pin.exp3(step / 2 * v1)))
+        half = step / 2 * v2 + pin.skew(step**2 / 8 * v1).dot(v2)
+        v3 = rate(2 * i + 1, rotation.dot(pin.exp3(half)))
+        v4 = rate(2 * i + 2, rotation.dot(pin.exp3(step * v3)))
+        whole = step / 6 * (v1 + 2 * (v2 + v3) + v4) + pin.skew(step**2 / 12 * v1).dot(v4)
+        rotation = rotation.dot(pin.exp3(whole))
+        found.append(rotation)
+    return np.array(found)
 
 
 def _bracket(a: Array, b: Array) -> Array:

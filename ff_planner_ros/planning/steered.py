@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 import pinocchio as pin
 
@@ -20,23 +22,33 @@ _LEAST_PART = 0.003
 
 def steered(robot: Robot, target: Target) -> int:
     """Return in how many directions at once the arm can steer what a target asks for."""
+    data = robot.model.createData()
+    asked = [
+        twist_conditions(robot, data, target, q) @ of_rates for q, of_rates in _postures(robot)
+    ]
+    values = np.linalg.svd(np.array(asked), compute_uv=False)
+    return int((values > _LEAST_PART * values[:, :1]).sum(axis=1).max())
+
+
+@lru_cache(maxsize=8)
+def _postures(robot: Robot) -> tuple[tuple[Array, Array], ...]:
+    """Return configurations with their generalised Jacobians.
+
+    Lengths and angles count in parts of what the arm moves them by.
+    """
     data, rng = robot.model.createData(), np.random.default_rng(0)
     lowest = np.maximum(robot.lower_position_limits, -np.pi)
     highest = np.minimum(robot.upper_position_limits, np.pi)
-    most = 0
+    linear = sum(row < 3 for row in robot.base.rows)
+    found = []
     for _ in range(_POSTURES):
         joints = rng.uniform(lowest, np.maximum(lowest, highest))
         q = np.concatenate([pin.neutral(robot.model)[:7], joints])
         of_rates = generalised_jacobian(robot, data, q)
-        linear = sum(row < 3 for row in robot.base.rows)
-        # Lengths and angles count in parts of what the arm moves them by.
         for rows in (of_rates[:linear], of_rates[linear:]):
             rows /= max(float(np.linalg.norm(rows)), np.finfo(float).tiny)
-        values = np.linalg.svd(
-            twist_conditions(robot, data, target, q) @ of_rates, compute_uv=False
-        )
-        most = max(most, int((values > _LEAST_PART * values[0]).sum()))
-    return most
+        found.append((q, of_rates))
+    return tuple(found)
 
 
 def twist_conditions(robot: Robot, data: pin.Data, target: Target, q: Array) -> Array:

@@ -1,4 +1,4 @@
-"""Where the joints are and which way they turn, for many configurations at once.
+"""How the arm's frames follow one another, for many configurations at once.
 
 Pinocchio's forward kinematics takes one configuration a call. Reading every joint's origin from
 it costs more than to follow the chain here, in one go for all points of a motion.
@@ -6,42 +6,50 @@ it costs more than to follow the chain here, in one go for all points of a motio
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from functools import lru_cache
 
 import numpy as np
+import pinocchio as pin
 from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.robot.model import Robot
 
 
-class ArmKinematics(NamedTuple):
-    """The chain of joints in the inertial frame."""
+def joint_rotations(robot: Robot, angles: Array) -> Array:
+    """Return how each joint's frame is turned in the one before, by Rodrigues' formula.
 
-    points: Array  # joint origins, then the end effector; shape (configurations, joints + 1, 3) [m]
-    axes: Array  # of the joints, unit length; shape (configurations, joints, 3)
-    rotation_base_to_inertial: Array  # shape (configurations, 3, 3)
+    R = P (I + sin K + (1 - cos) K^2), with the joint's own placement P and its axis as the matrix
+    of a cross product K.
+
+    Args:
+        angles: Shape (points, joints) [rad].
+
+    Returns:
+        Shape (points, joints, 3, 3).
+    """
+    held, once, twice = _turning(robot)
+    sine, versine = np.sin(angles)[..., None, None], 1.0 - np.cos(angles)[..., None, None]
+    turned: Array = held + sine * once + versine * twice
+    return turned
 
 
-def arm_kinematics(robot: Robot, q: Array) -> ArmKinematics:
-    """Follow the chain from the base to the end effector; q: shape (configurations, 7 + joints)."""
-    model, tip = robot.model, robot.model.frames[robot.tip_frame_id]
-    points = np.empty((len(q), robot.joints + 1, 3))
-    axes = np.empty((len(q), robot.joints, 3))
-    turns = Rotation.from_rotvec((q[:, 7:, None] * robot.joint_axes).reshape(-1, 3))
-    turn = turns.as_matrix().reshape(len(q), robot.joints, 3, 3)
-    base = rotation_base_to_inertial(q)
-    position, rotation = q[:, :3], base
-    for k, placement in enumerate(model.jointPlacements[2:]):
-        position = position + rotation @ placement.translation
-        points[:, k] = position
-        rotation = rotation @ placement.rotation
-        axes[:, k] = rotation @ robot.joint_axes[k]
-        rotation = rotation @ turn[:, k]
-    points[:, -1] = position + rotation @ tip.placement.translation
-    return ArmKinematics(points, axes, base)
+@lru_cache(maxsize=8)
+def joint_offsets(robot: Robot) -> Array:
+    """Return each joint's origin, then the end effector's, in the frame before: (joints + 1, 3)."""
+    model = robot.model
+    placements = [*model.jointPlacements[2:], model.frames[robot.tip_frame_id].placement]
+    return np.array([placement.translation for placement in placements])
 
 
 def rotation_base_to_inertial(q: Array) -> Array:
     """Return the attitude of the base at each configuration. Shape (configurations, 3, 3)."""
     return np.asarray(Rotation.from_quat(q[:, 3:7]).as_matrix(), np.float64)
+
+
+@lru_cache(maxsize=8)
+def _turning(robot: Robot) -> tuple[Array, Array, Array]:
+    """Return P, P K and P K^2 of each joint; see `joint_rotations`."""
+    held = np.array([placement.rotation for placement in robot.model.jointPlacements[2:]])
+    axis = np.array([pin.skew(axis) for axis in robot.joint_axes])
+    return held, held @ axis, held @ axis @ axis

@@ -27,16 +27,31 @@ def generalised_jacobian(robot: Robot, data: pin.Data, q: Array) -> Array:
 
     Linear rows first, inertial axes; those in which the base can move. Shape (rows, joints).
     """
+    mass, jacobian = _mass_and_jacobian(robot, data, q)
+    return _generalised(robot, mass, jacobian)
+
+
+def generalised_jacobians(robot: Robot, q: Array) -> Array:
+    """Return `generalised_jacobian` at each of q, shape (points, 7 + joints)."""
+    data = robot.model.createData()
+    both = (_mass_and_jacobian(robot, data, sample) for sample in q)
+    mass, jacobian = (np.array(part) for part in zip(*both, strict=True))
+    return _generalised(robot, mass, jacobian)
+
+
+def _mass_and_jacobian(robot: Robot, data: pin.Data, q: Array) -> tuple[Array, Array]:
+    """Return the base's rows of the mass matrix, and the Jacobian of the end effector."""
+    frame, axes = robot.tip_frame_id, pin.LOCAL_WORLD_ALIGNED
+    mass = pin.crba(robot.model, data, q)[:6].copy()
+    return mass, pin.computeFrameJacobian(robot.model, data, q, frame, axes)
+
+
+def _generalised(robot: Robot, mass: Array, jacobian: Array) -> Array:
+    """Return J_D, one or many, from what `_mass_and_jacobian` returns."""
     rows = robot.base.rows
-    mass_matrix = pin.crba(robot.model, data, q)
-    pin.computeJointJacobians(robot.model, data, q)
-    pin.updateFramePlacement(robot.model, data, robot.tip_frame_id)
-    jacobian = pin.getFrameJacobian(robot.model, data, robot.tip_frame_id, pin.LOCAL_WORLD_ALIGNED)
-    base_rate_per_joint_rate = -np.linalg.solve(
-        mass_matrix[np.ix_(rows, rows)], mass_matrix[rows, 6:]
-    )
-    jacobian = jacobian[rows]
-    generalised: Array = jacobian[:, 6:] + jacobian[:, rows] @ base_rate_per_joint_rate
+    mass, jacobian = mass[..., rows, :], jacobian[..., rows, :]
+    base_rate_per_joint_rate = -np.linalg.solve(mass[..., rows], mass[..., 6:])
+    generalised: Array = jacobian[..., 6:] + jacobian[..., rows] @ base_rate_per_joint_rate
     return generalised
 
 
@@ -60,8 +75,5 @@ def base_twist(
 
 def smallest_singular_values(robot: Robot, q: Array) -> Array:
     """Return the smallest singular value of J_D at each of q, shape (points, 7 + joints)."""
-    data = robot.model.createData()
-    jacobians = np.empty((len(q), len(robot.base.rows), robot.joints))
-    for jacobian, sample in zip(jacobians, q, strict=True):
-        jacobian[:] = generalised_jacobian(robot, data, sample)
+    jacobians = generalised_jacobians(robot, q)
     return np.asarray(np.linalg.svd(jacobians, compute_uv=False)[:, -1], np.float64)
