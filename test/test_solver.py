@@ -4,9 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.optimize import nnls
 
 from ff_planner_ros.bench.scenarios import scenario
 from ff_planner_ros.parameters import load_parameters
+from ff_planner_ros.planning import solver
 from ff_planner_ros.planning.end_effector_polynomial import end_effector_paths
 from ff_planner_ros.planning.problem import Objective
 from ff_planner_ros.planning.program import path_program
@@ -50,6 +52,36 @@ def test_the_nearest_point_of_a_circle_is_found_from_inside_it():
     assert solution.converged
     assert solution.feasible
     assert solution.x == pytest.approx(center + away, abs=1e-4)
+
+
+def test_of_many_planes_those_count_that_are_in_the_way(monkeypatch):
+    """A target outside a body of a thousand faces: the nearest point is below it.
+
+    There what is missing is a sum of the normals of the faces that it is on. The steps look at
+    few faces, and come to the same point as if they looked at all.
+    """
+    normals = np.random.default_rng(5).normal(size=(1000, 4))
+    normals /= np.linalg.norm(normals, axis=1)[:, None]
+    looked_at = []
+    solve = solver._solved_among
+
+    def watched(here, kept, *rest):
+        looked_at.append(len(kept))
+        return solve(here, kept, *rest)
+
+    monkeypatch.setattr(solver, "_solved_among", watched)
+    for target in np.random.default_rng(6).normal(size=(5, 4)) * 3.0:
+
+        def linearise(x, target=target):
+            faces = 0.5 - normals @ x, -normals
+            return Linearisation(*quadratic(x, target), np.empty(0), np.empty((0, 4)), *faces)
+
+        found = minimise(linearise, np.zeros(4), 60, 1e-9, 0.0)
+        assert found.feasible
+        (on,) = np.nonzero(0.5 - normals @ found.x < 2e-5)
+        missing = target - found.x
+        assert nnls(normals[on].T, missing)[1] < 1e-3 * np.linalg.norm(missing), target
+    assert np.median(looked_at) < 500
 
 
 def test_a_pure_min_max_problem_ends_where_three_peaks_meet():

@@ -35,10 +35,11 @@ _RUNGS = (6.0, 15.0, 45.0)
 # The race on few points: guesses, the first the plan of least joint path, and iterations for each;
 # then how many go on and for how many more, and how many go on to an optimum. Most guesses show
 # early that they lead nowhere; some that are slow to begin with lead far.
-_GUESSES, _FIRST_HEAT, _SECOND_HEAT, _FINALISTS, _LAST_HEAT = 24, 14, (8, 8), 3, 24
+_GUESSES, _FIRST_HEAT, _SECOND_HEAT, _FINALISTS, _LAST_HEAT = 24, 8, (8, 6), 3, 14
 # Hops of a round from the best path on few points: at random along each direction, by two standard
-# deviations in turn. Where one comes so near to the best it is worth more iterations.
-_HOPS, _SPREADS, _NEARLY = 10, (0.1, 0.2), 1.3
+# deviations in turn, and iterations for each. Where one comes so near to the best it is worth more:
+# of 29 that led to a better path 27 had come as near.
+_HOPS, _SPREADS, _HOP_HEAT, _NEARLY = 10, (0.1, 0.2), 8, 1.1
 # Rounds of hops that leave more than this part of the best path's worth lead nowhere: after so many
 # in a row the next round is a race of other guesses.
 _GAIN, _IN_VAIN = 0.98, 2
@@ -148,7 +149,7 @@ class AttitudeSearch(Search):
 
     def _raced(self, asked: Objective, starts: Sequence[Array]) -> list[_Rough]:
         """Return the paths on few points that come furthest."""
-        grid = self._rough_grid(asked)
+        grid = _smooth(self._rough_grid(asked))
         self._starts += len(starts)
         paths = [self._solve(_with(grid, iterations=_FIRST_HEAT), start) for start in starts]
         count, iterations = _SECOND_HEAT
@@ -162,23 +163,24 @@ class AttitudeSearch(Search):
 
     def _hop(self, asked: Objective, found: list[_Rough], number: int) -> None:
         """Look around the best path on few points, then around the better one, and so on."""
-        grid, random = self._rough_grid(asked), np.random.default_rng(number)
+        grid, random = _smooth(self._rough_grid(asked)), np.random.default_rng(number)
         directions = grid.program.family.directions
         self._starts += _HOPS
         for _, spread in zip(range(_HOPS), cycle(_SPREADS), strict=False):
-            best = min(found, key=_worth).path
-            aside = directions @ random.normal(scale=spread, size=len(best.x))
-            begin = best.x + aside, best.curvature
-            path = self._solve(_with(grid, iterations=_FIRST_HEAT), *begin)
-            if not _lead(path)[0] and path.at_x.objective < _NEARLY * best.at_x.objective:
+            best = min(found, key=_worth)
+            aside = directions @ random.normal(scale=spread, size=len(best.path.x))
+            path = self._solve(_with(grid, iterations=_HOP_HEAT), best.path.x + aside)
+            if not _lead(path)[0] and path.at_x.objective < _NEARLY * best.mean:
                 found += self._settled(asked, path)
 
     def _settled(self, asked: Objective, path: PathSolution) -> list[_Rough]:
         """Return what comes of a path on few points, if there is a path and more do not refute it.
 
-        Between few points a path may be singular or run through an obstacle.
+        Here the largest angle takes the place of the mean. Between few points a path may be
+        singular or run through an obstacle.
         """
         grid = _with(self._rough_grid(asked), tolerated=_FINE_TOLERATED)
+        mean = path.at_x.objective
         path = self._solve_feasibly(*_further(grid, path, _LAST_HEAT))
         if not path.feasible:
             return []
@@ -187,7 +189,7 @@ class AttitudeSearch(Search):
         if not looked.violation < _SMALL_VIOLATION:
             return []
         worth = looked.objective if asked.joint_path_length else float(looked.peaks.max())
-        return [_Rough(path, worth)]
+        return [_Rough(path, worth, mean)]
 
     def _rough_grid(self, asked: Objective) -> Grid:
         """Return few points with the objective asked for."""
@@ -303,6 +305,7 @@ class _Rough:
 
     path: PathSolution
     worth: float  # by the objective asked for, on more points; less is better
+    mean: float  # of the path that led to it, by `mean_angle`
 
 
 def _worth(rough: _Rough) -> float:
@@ -318,6 +321,11 @@ def _lead(path: PathSolution) -> tuple[bool, float]:
 def _further(grid: Grid, path: PathSolution, iterations: int) -> tuple[Grid, Array, Array | None]:
     """Return what the solver needs to go on with a path."""
     return _with(grid, iterations=iterations, first_radius=path.radius), path.x, path.curvature
+
+
+def _smooth(grid: Grid) -> Grid:
+    """Return a grid with the smooth stand-in of the attitude."""
+    return replace(grid, program=replace(grid.program, smooth_attitude=True))
 
 
 def _with(grid: Grid, **of_level: Any) -> Grid:
