@@ -119,9 +119,14 @@ def recorded_plans(bag: Bag) -> list[RecordedPlan]:
     Raises:
         BagError: The disk fails.
     """
+    return plans_of(planning_exchanges(bag))
+
+
+def plans_of(asked: Sequence[Exchange[dict[str, Cell], RecordedPlan]]) -> list[RecordedPlan]:
+    """Return the answers among `planning_exchanges`, in their order."""
     found = [
         (one.namespace, replace(one.response, asked=one.request or {}, asked_ns=one.received_ns))
-        for one in planning_exchanges(bag)
+        for one in asked
         if one.response is not None
     ]
     return _with_joint_names(sorted(found, key=lambda pair: pair[1].answered_ns))

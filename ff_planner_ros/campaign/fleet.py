@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import multiprocessing
+import os
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
@@ -14,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from ff_planner_ros.bag.mcap_records import printable
-from ff_planner_ros.bag.plans import planning_exchanges, recorded_plans
+from ff_planner_ros.bag.plans import planning_exchanges, plans_of
 from ff_planner_ros.bag.progress_bar import progress_bar
 from ff_planner_ros.bag.reader import open_bag
 from ff_planner_ros.campaign.statistics import Group, Rate, Row, grouped
@@ -25,6 +28,8 @@ _OF_BAGS = (".mcap", ".db3", ".zstd", ".bag")
 _METADATA = "metadata.yaml"
 NO_ANSWER = "no answer"
 _ALL = 10**9  # plans of a bag
+# Bags from which on a process a core reads them: to start one takes as long as to read a few.
+_FOR_PROCESSES = 24
 # Columns beside those of the table of answers: the largest difference between measured and planned
 # while the plan ran; none where nothing was measured.
 MEASURED = ("measured_joint_off_rad", "measured_chaser_off_m", "measured_ee_off_m")
@@ -115,14 +120,12 @@ def read_fleet(directory: Path) -> Fleet:
     paths = bags_below(directory) or [directory]
     read, rows, skipped, notes = list[str](), list[Row](), list[tuple[str, str]](), list[str]()
     with progress_bar("reading bags", len(paths), unit="bags", per_unit=1) as advance:
-        for path in paths:
-            name = printable(str(path.relative_to(directory) if path != directory else path.name))
-            try:
-                of_bag = list(_rows(path, name, notes))
-            except FfPlannerError as error:
-                skipped.append((name, str(error)))
+        for name, of_bag in _each(directory, paths):
+            if isinstance(of_bag, str):
+                skipped.append((name, of_bag))
             else:
-                rows += of_bag
+                rows += of_bag.rows
+                notes += [note for note in of_bag.notes if note not in notes]
                 read.append(name)
             advance(1)
     if not read:
@@ -131,9 +134,38 @@ def read_fleet(directory: Path) -> Fleet:
     return Fleet(directory, tuple(read), tuple(rows), tuple(skipped), tuple(notes))
 
 
+@dataclass(frozen=True)
+class _Bag:
+    """What one bag holds."""
+
+    rows: list[Row]
+    notes: list[str]
+
+
+def _each(directory: Path, paths: Sequence[Path]) -> Iterator[tuple[str, _Bag | str]]:
+    """Yield the name of each bag with what it holds or why it is skipped, in the order of paths."""
+    names = [printable(str(p.relative_to(directory) if p != directory else p.name)) for p in paths]
+    cores = len(os.sched_getaffinity(0))
+    if len(paths) < _FOR_PROCESSES or cores == 1:
+        yield from zip(names, map(_bag, paths, names), strict=True)
+        return
+    # Not forked: Matplotlib's and ROS's threads may be there.
+    with ProcessPoolExecutor(cores, multiprocessing.get_context("spawn")) as pool:
+        yield from zip(names, pool.map(_bag, paths, names), strict=True)
+
+
+def _bag(path: Path, name: str) -> _Bag | str:
+    notes = list[str]()
+    try:
+        return _Bag(list(_rows(path, name, notes)), notes)
+    except FfPlannerError as error:
+        return str(error)
+
+
 def _rows(path: Path, name: str, notes: list[str]) -> Iterator[Row]:
     with open_bag(path) as bag:
-        plans, asked = recorded_plans(bag), planning_exchanges(bag)
+        asked = planning_exchanges(bag)
+        plans = plans_of(asked)
         notes += [f"{name}: {note}" for note in bag.notes]
     rows: list[dict[str, Any]] = [plan.row() for plan in plans]
     unanswered = sum(one.request is not None for one in asked) - len(plans)
