@@ -117,6 +117,8 @@ def _everything(client: Client, scene: Scene) -> dict[str, Any]:
     hasty.time_budget = 0.001
     answers["hasty"] = client.plan(hasty)
 
+    _set(client, "planner.robust.sigmas", 3.0)
+    _, answers["robust"] = client.send_goal(in_time()).result()
     _set(client, "planner.clearance_margin", 0.01)
     answers["margin"] = client.plan(in_time())
     _set(client, "controller.allow_nonzero_velocity_at_trajectory_end", value=False)
@@ -184,6 +186,7 @@ def test_the_run_had_everything_that_a_replay_must_cope_with(run: Run) -> None:
         "negative": Status.OUT_OF_RANGE,
         "blocked": Status.START_IN_COLLISION,
         "hasty": Status.OUT_OF_TIME,
+        "robust": Status.SOLVED,
         "margin": Status.SOLVED,
         "controller": Status.CONTROLLER_RULE,
         "busy": Status.BUSY,
@@ -238,6 +241,14 @@ def test_the_problems_are_those_of_then(run: Run) -> None:
     assert margins == [0.002, 0.01]
 
 
+def test_what_a_robust_plan_keeps_and_costs_is_told(run: Run) -> None:
+    plain, robust = (run.request(name).response for name in ("from topics", "robust"))
+    assert plain is not None
+    assert robust is not None
+    assert "sigmas" not in plain.status.message
+    assert "sigmas kept back, 3 asked for; joint path +0." in robust.status.message
+
+
 def test_every_task_has_the_digest_that_the_node_told(run: Run) -> None:
     refused = set()
     for one in run.recorded.requests:
@@ -281,7 +292,8 @@ def test_an_exported_request_is_planned_again_to_the_last_bit(
     assert main(["export", str(run.bag), "--scenarios", str(directory)]) == 0
     notes = capsys.readouterr().err
     assert f"{run.plan_ids['negative']} is left out: duration is -1.0" in notes
-    for name in ("from topics", "following", "complete", "action", "margin", "controller"):
+    names = ("from topics", "following", "complete", "action", "robust", "margin", "controller")
+    for name in names:
         response = run.request(name).response
         assert response is not None
         scenario = directory / f"{run.plan_ids[name]}.yaml"

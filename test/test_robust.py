@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 import robots
 import yaml
@@ -13,12 +15,14 @@ import yaml
 from ff_planner_ros.cli import main
 from ff_planner_ros.errors import InvalidInput, NoPlanFound, Status
 from ff_planner_ros.parameters import load_parameters
+from ff_planner_ros.planning.approach import Approach
 from ff_planner_ros.planning.plan import Plan
-from ff_planner_ros.planning.problem import PlanningProblem
+from ff_planner_ros.planning.problem import Limits, PlanningProblem, Sphere
 from ff_planner_ros.planning.scenario import Defaults, load_task
 from ff_planner_ros.planning.scenario_writer import write_scenario
 from ff_planner_ros.planning.scene import scene_of
 from ff_planner_ros.planning.settings import USUAL_SIGMAS
+from ff_planner_ros.planning.tail import EndBehaviour
 from ff_planner_ros.planning.task import PlanningTask, in_frame_of_user, perform
 from ff_planner_ros.planning.uncertainty import Uncertainty
 from ff_planner_ros.simulation.monte_carlo import monte_carlo
@@ -104,12 +108,75 @@ def test_the_chaser_s_attitude_keeps_its_deviations_too(lemur_plan: Plan) -> Non
 
 def test_what_cannot_be_kept_is_refused_with_what_is_lacking() -> None:
     task = task_of("lemur_capture", 10.0, mass=0.5, inertia=0.5)
-    limits = replace(task.problem.limits, chaser_attitude=0.5)
-    with pytest.raises(
-        NoPlanFound, match=r"robust: the margin of limits\.chaser_attitude .* can be"
-    ) as refused:
-        perform(replace(task, problem=replace(task.problem, limits=limits)))
+    problem = replace(task.problem, limits=Limits(chaser_attitude=0.5), obstacles=())
+    lacks = r"robust: the margin of limits\.chaser_attitude is .* 10 are to be kept"
+    with pytest.raises(NoPlanFound, match=lacks) as refused:
+        perform(replace(task, problem=problem, settings=replace(task.settings, starts=1)))
     assert refused.value.status is Status.LIMIT_VIOLATED
+
+
+def approaching(sigmas: float, share: float) -> PlanningTask:
+    """Return a capture along a corridor, where inertias are known to a share."""
+    task = task_of("lemur_capture", sigmas, mass=share, inertia=share, angular_velocity=7e-5)
+    approach = Approach(np.array([1.0, 0.0, 0.0]), 0.15)
+    return replace(task, problem=replace(task.problem, approach=approach))
+
+
+def test_the_corridor_of_an_approach_keeps_its_deviations_too() -> None:
+    plain, robust = perform(approaching(0.0, 0.004)), perform(approaching(3.0, 0.004))
+    problem, wrong = approaching(0.0, 0.004).problem, Uncertainty(0.004, 0.004, 0.0, 0.0, 7e-5)
+    counts = list[int]()
+    for made in (plain, robust):
+        asked = scene_of(problem), wrong, 500, 5, problem.limits
+        found = monte_carlo(problem.robot, made.trajectory, *asked)
+        counts += [one.count for one in found.violations if one.kind == "corridor"]
+    assert robust.robust is not None
+    assert robust.robust.corridor > 0.0
+    assert counts[0] > 4 >= counts[1]
+
+
+def test_a_refusal_tells_how_many_deviations_can_be_kept_and_they_can() -> None:
+    """At the grasp the corridor is 5 mm wide: no plan brings a worse model into it."""
+    with pytest.raises(NoPlanFound, match=r"robust: the margin of the approach is ") as refused:
+        perform(approaching(3.0, 0.01))
+    told = re.search(r"3 are to be kept; ([0-9.]+) can be kept", str(refused.value))
+    assert told is not None
+    kept = perform(approaching(float(told[1]), 0.01)).robust
+    assert kept is not None
+    assert kept.least_sigmas >= 0.99 * float(told[1]) > 0.5
+
+
+def test_no_joint_needs_more_torque_than_its_limit_and_deviations() -> None:
+    task = task_of("canadarm2_capture", mass=0.1, inertia=0.1)
+    problem = replace(task.problem, obstacles=())
+    plain = perform(asking(replace(task, problem=problem), 0.0))
+    peaks = np.abs(plain.trajectory.joint_torques).max(axis=0)
+    robot = replace(problem.robot, effort_limits=1.02 * peaks)
+    problem = replace(problem, robot=robot)
+    robust = perform(replace(task, problem=problem))
+    wrong = Uncertainty(mass=0.1, inertia=0.1)
+    shares = [
+        monte_carlo(robot, made.trajectory, scene_of(problem), wrong, 100).violations[-1].share
+        for made in (plain, robust)
+    ]
+    assert robust.robust is not None
+    assert robust.robust.torques
+    assert shares[0] > 0.1 > 0.01 >= shares[1]
+
+
+def test_what_comes_after_the_goal_keeps_its_deviations_or_is_refused() -> None:
+    """An obstacle where the arm drifts to after its goal: the way to the goal is far from it."""
+    task = replace(task_of("lemur_capture"), end_behaviour=EndBehaviour.STOP_JOINTS, tail=20.0)
+    ends = perform(asking(task, 0.0)).trajectory.ee_positions[-2:]
+    ahead = (ends[1] - ends[0]) / np.linalg.norm(ends[1] - ends[0])
+    beyond = Sphere("beyond", ends[1] + 0.053 * ahead, 0.05)
+    problem = replace(task.problem, obstacles=(beyond,))
+    task = replace(task, problem=problem)
+    assert perform(asking(task, 0.0)).metrics.min_clearance > 0.0
+    with pytest.raises(NoPlanFound, match=r"obstacle beyond is .* after the goal,") as refused:
+        perform(task)
+    assert refused.value.status is Status.COLLISION
+    assert perform(replace(task, end_behaviour=EndBehaviour.AS_PLANNED)).robust is not None
 
 
 def test_what_no_round_can_mend_is_refused_with_the_margin_and_where() -> None:

@@ -68,7 +68,7 @@ def plan_dictionary(plan: Plan, task: PlanningTask, solve_time: float) -> dict[s
     motion, problem = plan.trajectory, lasting(task.problem, plan.duration)
     return {
         "status": Status.SOLVED.name.lower(),
-        "message": plan.solver.stop_reason,
+        "message": plan.message,
         "digest": task.digest,
         "geometry": problem.robot.geometry.value,
         "robot": {

@@ -24,6 +24,8 @@ CONE = math.radians(15.0)
 # may miss its goal by.
 RADIUS_AT_GRASP = 0.005
 
+# The cone as planes: between two of them it is nearer by less than a hundredth of the way aside.
+_PLANES = 24
 # A shorter direction is a rounded zero; one of unit length stays as it is.
 _SHORTEST, _UNIT = 1e-6, 1e-12
 
@@ -82,6 +84,32 @@ class Approach:
         beyond = RADIUS_AT_GRASP / math.tan(self.cone)
         angles: Array = np.arctan2(np.linalg.norm(aside, axis=1), along + beyond)
         return angles
+
+    def planes(self, places: Array) -> tuple[Array, Array]:
+        """Return how far places are inside planes that touch the cone, all round, and gradients.
+
+        On the cone's axis the way to its wall is the same to all sides, which no gradient of the
+        margin tells. The first plane is the one that is nearest.
+
+        Returns:
+            Shapes (places, planes) [m] and (places, planes, 3).
+        """
+        sine, cosine = math.sin(self.cone), math.cos(self.cone)
+        along, aside = self._along_and_aside(places)
+        lateral = np.linalg.norm(aside, axis=1)
+        across = np.cross(self.direction, np.eye(3)[np.abs(self.direction).argmin()])
+        across /= np.linalg.norm(across)
+        first = np.where(
+            (lateral > 0.0)[:, None],
+            aside / np.where(lateral > 0.0, lateral, 1.0)[:, None],
+            across,
+        )
+        angles = np.linspace(0.0, 2 * math.pi, _PLANES, endpoint=False)[:, None]
+        outward = np.cos(angles) * first[:, None]
+        outward = outward + np.sin(angles) * np.cross(self.direction, first)[:, None]
+        values = np.array(RADIUS_AT_GRASP * cosine + along * sine)[:, None]
+        values = values - cosine * np.einsum("ti,tpi->tp", aside, outward)
+        return values, -sine * self.direction - cosine * outward
 
     def margins(self, places: Array) -> Margins:
         """Return how far places are inside the cone, or beyond the distance: the larger of both.

@@ -129,11 +129,21 @@ def _corridor(motion: TrackedMotion, scene: Scene, spread: BaseSpread) -> Margin
     if frames is None:
         return None
     count = frames.until
-    inside = scene.approach.margins(frames.sees(ee_positions(motion)[:count]))
+    places = frames.sees(ee_positions(motion)[:count])
     moved = np.einsum("tji,tje->tie", frames.rotations, ee_by_errors(motion, spread)[:count, :3])
-    by_errors = np.einsum("ti,tie->te", inside.gradients, moved)
+    # Outside the distance it alone counts, and inside of it the cone, to all sides.
+    inside, (values, gradients) = scene.approach.margins(places), scene.approach.planes(places)
+    far = np.flatnonzero(inside.by_cone == 0.0)
+    values[far, 0], gradients[far, 0] = inside.values[far], inside.gradients[far]
+    counts = np.ones_like(values, bool)
+    counts[far, 1:] = False
+    time, plane = np.nonzero(counts)
     return Margins(
-        CORRIDOR, inside.values, by_errors, np.zeros(count, np.intp), motion.time[:count]
+        CORRIDOR,
+        values[time, plane],
+        np.einsum("ri,rie->re", gradients[time, plane], moved[time]),
+        np.zeros(len(time), np.intp),
+        motion.time[time],
     )
 
 

@@ -92,6 +92,14 @@ class Plan:
     duration: float | None = None  # from the first point to the goal [s]; None: as was asked for
     robust: RobustReport | None = None  # None: it was not asked for
 
+    @property
+    def message(self) -> str:
+        """Why the search ended, and what a robust plan keeps back at which price."""
+        reason = self.solver.stop_reason
+        if self.robust is None:
+            return reason
+        return f"{reason}; {self.robust.told(self.metrics.joint_path_length)}"
+
     def __post_init__(self) -> None:
         """Make the decision variables read-only."""
         for name in ("xi", "coefficients"):

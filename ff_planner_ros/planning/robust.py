@@ -14,6 +14,7 @@ from dataclasses import dataclass, fields, replace
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.stats import norm
 
 from ff_planner_ros.arrays import Array, Indices
 from ff_planner_ros.errors import Failure, InvalidInput, NoPlanFound, Status
@@ -50,8 +51,9 @@ _EXACT = 1e-3
 # An obstacle does not grow nearer to the robot's start than this, nor the corridor's wall to the
 # end effector there [m].
 _AT_START = 1e-4
-# Where so many deviations cannot be kept, how many can is halved in so often.
-_HALVINGS = 3
+# Where so many deviations cannot be kept, it is halved in how many can, so often and with so few
+# first guesses: what they find more of them find, too.
+_HALVINGS, _STARTS = 3, 3
 
 _STATUS = {
     CLEARANCE: Status.COLLISION,
@@ -105,7 +107,7 @@ class _Asked:
 
 def withstood(settings: RobustSettings) -> Uncertainty:
     """Return the deviations that a plan withstands."""
-    return Uncertainty(**_deviations(settings))
+    return Uncertainty(**_told(settings))
 
 
 def robust_plan(
@@ -169,6 +171,8 @@ def _keeping(asked: _Asked, sigmas: float) -> Plan | NoPlanFound:
 
 def _can_be_kept(asked: _Asked, sigmas: float) -> str:
     """Return words for how many deviations a plan keeps."""
+    few = min(asked.settings.starts, _STARTS)
+    asked = replace(asked, settings=replace(asked.settings, starts=few))
     low, high = 0.0, sigmas
     for _ in range(_HALVINGS):
         middle = (low + high) / 2
@@ -197,7 +201,18 @@ def _margins(asked: _Asked, plan: Plan) -> list[Margins]:
 
 def _lacking(sigmas: float, one: Margins) -> Indices:
     """Return which margins keep less than they should."""
-    return np.flatnonzero(one.values < sigmas * one.sigmas * (1.0 - _EXACT))
+    return np.flatnonzero(one.values < sigmas * _deviations(sigmas, one) * (1.0 - _EXACT))
+
+
+def _deviations(sigmas: float, one: Margins) -> Array:
+    """Return the deviation of each margin; where it may be lost to all sides, one that makes up.
+
+    A normal error is beyond k deviations to one side with the chance 1 - Phi(k). In a plane it is
+    beyond c of them, to any side, with exp(-c^2 / 2): c deviations are as sure as k to one side.
+    """
+    if one.kind != CORRIDOR:
+        return one.sigmas
+    return float(np.sqrt(-2.0 * norm.logsf(sigmas))) / sigmas * one.sigmas
 
 
 def _most(problem: PlanningProblem) -> _Back:
@@ -226,7 +241,7 @@ def _more(sigmas: float, back: _Back, lacking: Sequence[Margins], most: _Back) -
     for one in lacking:
         rows, of = _lacking(sigmas, one), kept[one.kind]
         which = one.which[rows] if one.kind in (CLEARANCE, TORQUE) else np.zeros_like(rows)
-        np.maximum.at(of, which, _MORE * sigmas * one.sigmas[rows])
+        np.maximum.at(of, which, _MORE * sigmas * _deviations(sigmas, one)[rows])
     return _Back(
         spheres=np.minimum(kept[CLEARANCE], most.spheres),
         attitude=float(kept[ATTITUDE][0]),
@@ -279,7 +294,8 @@ def _planned(asked: _Asked, back: _Back, guess: Array | None) -> Plan:
         if refused.status is Status.OUT_OF_TIME:
             raise
         most = float(back.spheres.max(initial=0.0))
-        words = f"with what is lacking kept back, obstacles up to {most:.3g} m larger, {refused}"
+        why = str(refused).partition(". What may help")[0]
+        words = f"with what is lacking kept back, obstacles up to {most:.3g} m larger: {why}"
         raise NoPlanFound(refused.status, words, getattr(refused, "attempt", None)) from None
 
 
@@ -290,7 +306,7 @@ def _report(
     names = asked.problem.robot.joint_names
     return RobustReport(
         sigmas=sigmas,
-        least_sigmas=min((float(_in_sigmas(one).min()) for one in kept), default=np.inf),
+        least_sigmas=min((float(_in_sigmas(sigmas, one).min()) for one in kept), default=np.inf),
         rounds=rounds,
         plain_joint_path_length=asked.plain.metrics.joint_path_length,
         clearance=tuple(
@@ -301,20 +317,21 @@ def _report(
             (name, float(less)) for name, less in zip(names, back.torques, strict=True) if less
         ),
         corridor=back.corridor,
-        deviations=tuple(_deviations(asked.settings.robust).items()),
+        deviations=tuple(_told(asked.settings.robust).items()),
     )
 
 
-def _deviations(settings: RobustSettings) -> dict[str, float]:
+def _told(settings: RobustSettings) -> dict[str, float]:
     told = {item.name: getattr(settings, item.name) for item in fields(settings)}
     del told["sigmas"]
     return told
 
 
-def _in_sigmas(one: Margins) -> Array:
+def _in_sigmas(sigmas: float, one: Margins) -> Array:
     """Return the margins in their deviations; one without a deviation keeps any number."""
+    deviations = _deviations(sigmas, one)
     with np.errstate(divide="ignore", invalid="ignore"):
-        found: Array = np.where(one.sigmas > 0.0, one.values / one.sigmas, np.inf)
+        found: Array = np.where(deviations > 0.0, one.values / deviations, np.inf)
     return found
 
 
@@ -330,8 +347,9 @@ def _short_of(
     Args:
         refused: Why no plan was found that has more; None: none was looked for any more.
     """
-    worst = min(lacking, key=lambda one: float(_in_sigmas(one).min()))
-    row = int(_in_sigmas(worst).argmin())
+    worst = min(lacking, key=lambda one: float(_in_sigmas(sigmas, one).min()))
+    in_sigmas = _in_sigmas(sigmas, worst)
+    row = int(in_sigmas.argmin())
     number = int(worst.which[row])
     name = ""
     if worst.kind == CLEARANCE:
@@ -342,7 +360,7 @@ def _short_of(
     after = ", after the goal," if worst.time[row] > tail else ""
     finding = (
         f"{WORDS[worst.kind]}{name} is {worst.values[row]:.3g} {UNITS[worst.kind]} at "
-        f"t = {worst.time[row]:.2f} s,{after} {_in_sigmas(worst)[row]:.2f} of its deviations, and "
+        f"t = {worst.time[row]:.2f} s,{after} {in_sigmas[row]:.2f} of its deviations, and "
         f"{sigmas:g} are to be kept"
     )
     why = "" if refused is None else f" ({refused})"

@@ -19,8 +19,8 @@ from ff_planner_ros.planning.yaml_file import mapping, number
 from ff_planner_ros.robot.model import Base, Robot
 from ff_planner_ros.robot.momentum_regressor import PARAMETERS
 
-# A mass that is known no better than by a factor of e is not known [share].
-_WIDEST_SHARE = 1.0
+# A mass that is known no better than by a factor of e, or a velocity than to 1 m/s, is not known.
+_WIDEST = 1.0  # [share, m, m/s or rad/s]
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,7 @@ class Uncertainty:
     """Standard deviations of independent normal errors.
 
     Raises:
-        InvalidInput: Not finite, negative, or a share above 1.
+        InvalidInput: Not finite, negative, or above 1.
     """
 
     mass: float = 0.01  # of each body's mass [share]
@@ -45,9 +45,8 @@ class Uncertainty:
         for item in fields(self):
             name, value = f"uncertainty.{item.name}", getattr(self, item.name)
             checked = finite_number(name, value)
-            is_share = item.name in ("mass", "inertia", "friction")
-            if checked < 0.0 or (is_share and checked > _WIDEST_SHARE):
-                allowed = "it must not be negative" + (", nor above 1" if is_share else "")
+            if not 0.0 <= checked <= _WIDEST:
+                allowed = f"it must not be negative, nor above {_WIDEST:g}"
                 raise InvalidInput(Status.OUT_OF_RANGE, name, value, allowed)
             object.__setattr__(self, item.name, checked)
 

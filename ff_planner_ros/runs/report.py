@@ -111,7 +111,7 @@ def report_of_answer(file: Path) -> Report:
         plan_id=file.stem,
         door="command line",
         code=Status.SOLVED,
-        message=found.plan.solver.stop_reason,
+        message=str(answer.get("message", "")),
         weights=found.weights,
         duration=found.plan.duration or float(motion.time[-1]),
         points=len(motion.time),

@@ -94,6 +94,10 @@ def _metrics(request: ReportedRequest) -> Iterator[tuple[str, str]]:
             yield metric.label, metrics.told(metric.name)
     if solver is not None:
         yield "solver", solver.stop_reason
+        # Of a robust plan the answer tells more.
+        reason, _, more = request.message.partition(f"{solver.stop_reason}; ")
+        if more and not reason:
+            yield "robust", more
         yield "search", f"{solver.starts} starts, {solver.rollouts} rollouts"
 
 

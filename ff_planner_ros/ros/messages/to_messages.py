@@ -172,7 +172,7 @@ def response_from_plan(
         ],
     )
     response = PlanTrajectory.Response(
-        status=PlanStatus(code=int(Status.SOLVED), message=_solved(plan)),
+        status=PlanStatus(code=int(Status.SOLVED), message=plan.message),
         plan_id=plan_id,
         joint_trajectory=joint_trajectory,
         predicted_chaser_path=_path(
@@ -233,13 +233,6 @@ def point_message(position: Sequence[float]) -> Point:
     """Return a position, shape (3,) [m], as a message's point."""
     x, y, z = position
     return Point(x=x, y=y, z=z)
-
-
-def _solved(plan: Plan) -> str:
-    """Return why a search ended, and what a robust plan keeps back at which price."""
-    if plan.robust is None:
-        return plan.solver.stop_reason
-    return f"{plan.solver.stop_reason}; {plan.robust.told(plan.metrics.joint_path_length)}"
 
 
 def _path(headers: Sequence[Header], positions: Array, quaternions_xyzw: Array) -> Path:
