@@ -14,7 +14,7 @@ import ff_planner_ros.bench.scorer as scorer
 from ff_planner_ros.analysis.plan_json import plan_dictionary
 from ff_planner_ros.bench import contest, dataset
 from ff_planner_ros.bench.scorer.flight import flown, joint_motion, momenta, torques
-from ff_planner_ros.bench.scorer.score import load, score
+from ff_planner_ros.bench.scorer.score import Score, load, score
 from ff_planner_ros.errors import InvalidInput
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.scenario import load_scenario
@@ -282,6 +282,57 @@ def test_a_foreign_method_is_a_file_that_may_refuse_raise_or_die(plans, tmp_path
         ("the process ended: exit code 1",),
     ]
     assert [row[3] for row in contest.rows(done)] == ["0.0%"] * 4
+
+
+def test_a_run_that_was_stopped_goes_on_with_what_its_file_has(tmp_path):
+    file = tmp_path / "foreign.py"
+    file.write_text("def answer(scenario, seconds):\n    raise AssertionError\n")
+    done = [
+        contest.Result(str(file), kind, 0, 0.5, Score(kind == "planar", ("missed",), 0.01))
+        for kind in dataset.CLASSES
+    ]
+    kept = contest.Kept(tmp_path / "answers.json", "hash", 5.0)
+    assert kept.read() == []
+    kept.write(done[:3])
+    kept.write(done)
+    assert kept.read() == done
+    assert list(contest.results([str(file)], tmp_path, 1, 5.0, 1, kept.read())) == []
+    for other in (contest.Kept(kept.file, "other", 5.0), contest.Kept(kept.file, "hash", 4.0)):
+        with pytest.raises(InvalidInput, match="does not hold answers with"):
+            other.read()
+
+
+def test_why_answers_do_not_count_is_told_once_for_each_reason():
+    def missed(kind, *faults):
+        return contest.Result("mine", kind, 3, 0.1, Score(not faults, faults))
+
+    done = [missed("planar"), missed("ordinary", "late by 3.1e-02 s", "hit")]
+    done += [missed("bodies", "hit"), missed("bodies", "late by 4 s")]
+    assert list(contest.reasons(done)) == [
+        ("mine", "2", "ordinary/0003", "late by 3.1e-02 s"),
+        ("mine", "2", "ordinary/0003", "hit"),
+    ]
+
+
+UNFIT = {
+    "no_answer.py": ("x = 1", "it must have a function answer"),
+    "syntax.py": ("def answer(:", "SyntaxError"),
+    "dies.py": ("import os; os._exit(3)", "the process ended"),
+}
+
+
+@pytest.mark.parametrize("name", UNFIT)
+def test_a_file_that_is_no_method_is_refused_before_anything_is_planned(tmp_path, name):
+    content, reason = UNFIT[name]
+    (tmp_path / name).write_text(content)
+    with pytest.raises(InvalidInput, match=f"{name}: .*{reason}"):
+        list(contest.results([str(tmp_path / name)], tmp_path, 1, 1.0, 1))
+
+
+def test_a_command_that_never_ends_is_ended(tmp_path, monkeypatch):
+    monkeypatch.setattr(contest, "_PATIENCE", 1.0)
+    given = contest._by_command("sleep 1000", tmp_path, 0.2)
+    assert given == {"status": "no answer", "message": "it did not end in time"}
 
 
 def test_a_foreign_method_may_be_a_command_line(plans, tmp_path):

@@ -39,8 +39,10 @@ from ff_planner_ros.errors import InvalidInput, Status
 
 ENTRANTS = ("ours", "direct", "fixed_base", "zero_momentum", "rrt_connect")
 # A process is ended by the system after so many times its processor time. The clock ends only what
-# waits: the machine may have other work, and starting takes time [s].
-_TOO_LONG, _PATIENCE, _TO_START = 2.0, 20.0, 120.0
+# waits, after so many times that and so much more: the machine may have other work [s].
+_TOO_LONG, _PATIENCE, _MORE_PATIENCE = 2.0, 20.0, 10.0
+# A method has so much time to load [s].
+_TO_LOAD = 120.0
 # Scenarios that one process of a method plans in turn.
 _IN_TURN = 10
 # Bytes that are kept of what a command says in the end.
@@ -162,14 +164,13 @@ def _in_turn(
     running: tuple[Any, Connection] | None = None
     for kind, index in which:
         scenario = directory / "scenarios" / kind / f"{index:04d}.yaml"
-        taken, given = _TOO_LONG * seconds, "it cannot be loaded again"
+        given: Any = "it cannot be loaded again"
+        taken = _TOO_LONG * seconds
         with suppress(InvalidInput):
             running = running or _started(method, seconds)
-            running[1].send(scenario)
-            taken, given = _received(running[1], seconds)
-        if given is None:
-            given = _end(*running) if running else ""
-            running = None
+            taken, given = _asked(running[1], scenario, seconds)
+        if given is None and running is not None:
+            given, running = _end(*running), None
         if isinstance(given, str):
             judged = Score(False, (given,))
         elif taken > seconds and method != "ours":
@@ -193,22 +194,22 @@ def _started(method: str, seconds: float) -> tuple[Any, Connection]:
     process = context.Process(target=_serve, args=(method, seconds, there))
     process.start()
     there.close()
-    _, wrong = _received(here, seconds)
-    if wrong != {"answer": None}:
-        wrong = wrong or _end(process, here)
-        process.kill()
+    wrong: str | None = "the process ended"
+    with suppress(EOFError, OSError):
+        wrong = here.recv() if here.poll(_TO_LOAD) else f"it did not load within {_TO_LOAD:g} s"
+    if wrong is not None:
+        _end(process, here)
         raise InvalidInput(Status.UNSUPPORTED, "--method", method, wrong)
     return process, here
 
 
-def _received(pipe: Connection, seconds: float) -> tuple[float, Any]:
-    """Return processor time and what came: with an answer, or text if it failed; None: nothing."""
-    try:
-        if pipe.poll(_PATIENCE * seconds + _TO_START):
+def _asked(pipe: Connection, scenario: Path, seconds: float) -> tuple[float, Any]:
+    """Return processor time, and an object with the answer; text: it failed; None: nothing came."""
+    with suppress(EOFError, OSError):
+        pipe.send(scenario)
+        if pipe.poll(_PATIENCE * seconds + _MORE_PATIENCE):
             taken, given = pipe.recv()
             return taken, given
-    except (EOFError, OSError):
-        pass
     return _TOO_LONG * seconds, None
 
 
@@ -234,9 +235,9 @@ def _serve(method: str, seconds: float, pipe: Connection) -> None:
     try:
         answer = _answers_of(method)
     except Exception as error:  # whatever a foreign file raises
-        pipe.send((0.0, f"{type(error).__name__}: {error}"))
+        pipe.send(f"{type(error).__name__}: {error}")
         return
-    pipe.send((0.0, {"answer": None}))
+    pipe.send(None)
     while True:
         try:
             scenario = pipe.recv()
@@ -296,6 +297,8 @@ def _by_command(method: str, scenario: Path, seconds: float) -> Any:
         )
         try:
             code = process.wait(_PATIENCE * seconds)
+        except subprocess.TimeoutExpired:
+            return {"status": "no answer", "message": "it did not end in time"}
         finally:
             with suppress(ProcessLookupError):
                 os.killpg(process.pid, signal.SIGKILL)

@@ -98,6 +98,10 @@ def _table(options: argparse.Namespace, dataset_hash: str) -> int:
         list(contest.ENTRANTS) if options.method == ["all"] else list(dict.fromkeys(options.method))
     )
     each, seconds, workers = options.scenarios or _EACH, options.seconds, options.workers
+    for kind, index in names(each):
+        if not (options.dataset / "scenarios" / kind / f"{index:04d}.yaml").exists():
+            allowed = f"it has no {kind}/{index:04d}: it was written with fewer scenarios"
+            raise InvalidInput(Status.UNSUPPORTED, "--dataset", options.dataset, allowed)
     kept = contest.Kept(options.json, dataset_hash, seconds)
     there = kept.read()
     if there:
