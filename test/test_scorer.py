@@ -316,7 +316,6 @@ def test_why_answers_do_not_count_is_told_once_for_each_reason():
 
 UNFIT = {
     "no_answer.py": ("x = 1", "it must have a function answer"),
-    "syntax.py": ("def answer(:", "SyntaxError"),
     "dies.py": ("import os; os._exit(3)", "the process ended"),
 }
 

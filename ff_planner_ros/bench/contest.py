@@ -84,9 +84,7 @@ class Kept:
         try:
             if {name: content[name] for name in self.of} != self.of:
                 raise InvalidInput(Status.UNSUPPORTED, "--json", self.file, allowed)
-            return [
-                Result(**(one | {"score": Score(**one["score"])})) for one in content["answers"]
-            ]
+            return [_from_json(one) for one in content["answers"]]
         except (KeyError, TypeError):
             raise InvalidInput(Status.UNSUPPORTED, "--json", self.file, allowed) from None
 
@@ -97,6 +95,11 @@ class Kept:
             beside = self.file.with_name(f"{self.file.name}.part")
             beside.write_text(text + "\n", encoding="utf-8")
             beside.replace(self.file)
+
+
+def _from_json(one: dict[str, Any]) -> Result:
+    judged = one["score"] | {"faults": tuple(one["score"]["faults"])}
+    return Result(**(one | {"score": Score(**judged)}))
 
 
 def results(
