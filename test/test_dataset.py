@@ -11,6 +11,7 @@ from scipy.interpolate import BPoly
 from ff_planner_ros.bench import bodies, dataset, scenarios, still_goals
 from ff_planner_ros.bench.paths import roll_out
 from ff_planner_ros.bench.scorer.score import score
+from ff_planner_ros.cli import main
 from ff_planner_ros.errors import InvalidInput
 from ff_planner_ros.planning.scenario import load_scenario
 
@@ -139,3 +140,31 @@ def test_a_changed_file_of_a_data_set_is_told_by_its_name(small):
 def test_seeds_are_two_names_or_a_whole_number(word):
     with pytest.raises(InvalidInput, match="public, hidden or a whole number"):
         dataset.seed_of(word)
+
+
+REFUSED = {
+    "--scenarios is 0": ["--scenarios", "0"],
+    "--workers is 0": ["--workers", "0"],
+    "--fly is -1": ["--fly", "-1"],
+    "--seconds is -1": ["--seconds", "-1"],
+    "--seconds is nan": ["--seconds", "nan"],
+    "--seeds is x": ["--seeds", "x"],
+    "--method is nobody": ["--method", "nobody", "--scenarios", "1"],
+    "there is no program nobody": ["--method", "nobody {scenario} {answer}", "--scenarios", "1"],
+    "No closing quotation": ["--method", "sh '{scenario} {answer}", "--scenarios", "1"],
+    "it has no planar/0001": ["--method", "ours", "--scenarios", "2"],
+}
+
+
+@pytest.mark.parametrize("reason", REFUSED)
+def test_a_wrong_option_is_refused_in_one_line(small, capfd, reason):
+    assert main(["bench", "--dataset", str(small), *REFUSED[reason]]) == 2
+    said = capfd.readouterr().err
+    assert reason in said
+    assert said.count("\n") == 1, said
+
+
+def test_a_whole_set_that_is_not_the_published_one_is_refused(small, capfd, monkeypatch):
+    monkeypatch.setattr(dataset, "is_whole", lambda _: True)
+    assert main(["bench", "--dataset", str(small), "--seeds", "hidden"]) == 2
+    assert f"that of the hidden seeds is {dataset.PUBLISHED['hidden']}" in capfd.readouterr().err

@@ -12,9 +12,10 @@ from scipy.spatial.transform import Rotation
 
 import ff_planner_ros.bench.scorer as scorer
 from ff_planner_ros.analysis.plan_json import plan_dictionary
-from ff_planner_ros.bench import contest, dataset
+from ff_planner_ros.bench import contest, contest_results, dataset
+from ff_planner_ros.bench.scorer.clearance import clearance
 from ff_planner_ros.bench.scorer.flight import flown, joint_motion, momenta, torques
-from ff_planner_ros.bench.scorer.score import load, score
+from ff_planner_ros.bench.scorer.score import Score, load, score
 from ff_planner_ros.errors import InvalidInput
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.scenario import load_scenario
@@ -252,6 +253,23 @@ def test_what_is_no_answer_is_a_fault_and_no_error(plans, answer):
     assert judged.faults
 
 
+def test_the_certified_clearance_of_bodies_is_a_bound_and_near_to_what_many_moments_show(tmp_path):
+    (tmp_path / "scenarios" / "bodies").mkdir(parents=True)
+    (tmp_path / "robots").mkdir()
+    # Two bodies pass each other fast here, 1.5 mm apart
+    name, (urdf, pairs) = dataset._write(tmp_path, 0, ("bodies", 7))
+    (tmp_path / "robots" / f"{name}.urdf").write_text(urdf)
+    file = tmp_path / "scenarios" / "bodies" / "0007.yaml"
+    plan = perform(PlanningTask(load_scenario(file), load_parameters().planner)).trajectory
+    names = ("time", "joint_positions", "joint_velocities", "joint_accelerations")
+    motion = joint_motion({name: getattr(plan, name) for name in names})
+    content, chain, _ = load(file)
+    truth, _ = clearance(chain, content, flown(chain, content, motion, 3000), pairs)
+    sampled, certified = clearance(chain, content, flown(chain, content, motion), pairs)
+    assert certified <= truth <= sampled + 1e-9
+    assert truth - certified < 5e-4
+
+
 def test_an_example_of_a_foreign_method_has_under_a_hundred_lines():
     file = Path(inspect.getfile(contest)).parent / "entrants" / "rrt_connect.py"
     lines = [line for line in file.read_text().splitlines() if line.strip()]
@@ -281,7 +299,60 @@ def test_a_foreign_method_is_a_file_that_may_refuse_raise_or_die(plans, tmp_path
         ("ValueError: cannot",),
         ("the process ended: exit code 1",),
     ]
-    assert [row[3] for row in contest.rows(done)] == ["0.0%"] * 4
+    assert [row[3] for row in contest_results.rows(done)] == ["0.0%"] * 4
+
+
+def test_a_run_that_was_stopped_goes_on_with_what_its_file_has(tmp_path):
+    file = tmp_path / "foreign.py"
+    file.write_text("def answer(scenario, seconds):\n    raise AssertionError\n")
+    done = [
+        contest_results.Result(str(file), kind, 0, 0.5, Score(kind == "planar", ("missed",), 0.01))
+        for kind in dataset.CLASSES
+    ]
+    kept = contest_results.Kept(tmp_path / "answers.json", "hash", 5.0)
+    assert kept.read() == []
+    kept.write(done[:3])
+    kept.write(done)
+    assert kept.read() == done
+    assert list(contest.results([str(file)], tmp_path, 1, 5.0, 1, kept.read())) == []
+    for other in (
+        contest_results.Kept(kept.file, "other", 5.0),
+        contest_results.Kept(kept.file, "hash", 4.0),
+    ):
+        with pytest.raises(InvalidInput, match="does not hold answers with"):
+            other.read()
+
+
+def test_why_answers_do_not_count_is_told_once_for_each_reason():
+    def missed(kind, *faults):
+        return contest_results.Result("mine", kind, 3, 0.1, Score(not faults, faults))
+
+    done = [missed("planar"), missed("ordinary", "late by 3.1e-02 s", "hit")]
+    done += [missed("bodies", "hit"), missed("bodies", "late by 4 s")]
+    assert list(contest_results.reasons(done)) == [
+        ("mine", "2", "ordinary/0003", "late by 3.1e-02 s"),
+        ("mine", "2", "ordinary/0003", "hit"),
+    ]
+
+
+UNFIT = {
+    "no_answer.py": ("x = 1", "it must have a function answer"),
+    "dies.py": ("import os; os._exit(3)", "the process ended"),
+}
+
+
+@pytest.mark.parametrize("name", UNFIT)
+def test_a_file_that_is_no_method_is_refused_before_anything_is_planned(tmp_path, name):
+    content, reason = UNFIT[name]
+    (tmp_path / name).write_text(content)
+    with pytest.raises(InvalidInput, match=f"{name}: .*{reason}"):
+        list(contest.results([str(tmp_path / name)], tmp_path, 1, 1.0, 1))
+
+
+def test_a_command_that_never_ends_is_ended(tmp_path, monkeypatch):
+    monkeypatch.setattr(contest, "_PATIENCE", 1.0)
+    given = contest._by_command("sleep 1000", tmp_path, 0.2)
+    assert given == {"status": "no answer", "message": "it did not end in time"}
 
 
 def test_a_foreign_method_may_be_a_command_line(plans, tmp_path):

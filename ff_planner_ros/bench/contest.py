@@ -1,4 +1,4 @@
-"""Methods on the data set: each in its own process, judged by the scorer, in one table.
+"""Methods on the data set: each in its own process, judged by the scorer.
 
 A method is a name of `ENTRANTS`, a Python file with a function `answer(scenario, seconds)` that
 returns an answer as a dictionary, or a command line that reads {scenario} and writes {answer}.
@@ -12,7 +12,6 @@ import json
 import math
 import multiprocessing
 import os
-import re
 import resource
 import shlex
 import shutil
@@ -23,78 +22,30 @@ import time
 from collections.abc import Callable, Collection, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import suppress
-from dataclasses import asdict, dataclass
 from functools import partial
 from multiprocessing.connection import Connection
 from operator import itemgetter
 from pathlib import Path
 from typing import Any, TypeAlias
 
-import numpy as np
-
 from ff_planner_ros.analysis.json_file import read_json
+from ff_planner_ros.bench.contest_results import Result
 from ff_planner_ros.bench.dataset import names
 from ff_planner_ros.bench.scorer.score import Score, score
 from ff_planner_ros.errors import InvalidInput, Status
 
 ENTRANTS = ("ours", "direct", "fixed_base", "zero_momentum", "rrt_connect")
 # A process is ended by the system after so many times its processor time. The clock ends only what
-# waits: the machine may have other work, and starting takes time [s].
-_TOO_LONG, _PATIENCE, _TO_START = 2.0, 20.0, 120.0
+# waits, after so many times that and so much more: the machine may have other work [s].
+_TOO_LONG, _PATIENCE, _MORE_PATIENCE = 2.0, 20.0, 10.0
+# A method has so much time to load [s].
+_TO_LOAD = 120.0
 # Scenarios that one process of a method plans in turn.
 _IN_TURN = 10
 # Bytes that are kept of what a command says in the end.
 _LAST_WORDS = 200
-_NUMBER = re.compile(r"-?\d+(\.\d+)?(e[+-]?\d+)?")
 
 Answers: TypeAlias = Callable[[Path, float], Any]
-
-
-@dataclass(frozen=True)
-class Result:
-    """What became of one scenario."""
-
-    method: str
-    kind: str
-    index: int
-    seconds: float  # processor time
-    score: Score
-
-
-class Kept:
-    """The file of results: written after each, so that a run which was stopped can go on."""
-
-    def __init__(self, file: Path | None, dataset_hash: str, seconds: float) -> None:
-        """Take a file that need not exist yet; None: nothing is kept."""
-        self.file = file
-        self.of = {"dataset": dataset_hash, "seconds": seconds}
-
-    def read(self) -> list[Result]:
-        """Return what is there.
-
-        Raises:
-            InvalidInput: The file is of another data set or other processor times.
-        """
-        if self.file is None or not self.file.exists():
-            return []
-        allowed = f"it exists and does not hold answers with {self.of}; give another file"
-        content = read_json(self.file)
-        try:
-            if {name: content[name] for name in self.of} != self.of:
-                raise InvalidInput(Status.UNSUPPORTED, "--json", self.file, allowed)
-            return [
-                Result(**(one | {"score": Score(**one["score"])})) for one in content["answers"]
-            ]
-        except (KeyError, TypeError):
-            raise InvalidInput(Status.UNSUPPORTED, "--json", self.file, allowed) from None
-
-    def write(self, done: Sequence[Result]) -> None:
-        """Write all that is done."""
-        if self.file is not None:
-            text = json.dumps(self.of | {"answers": [asdict(one) for one in done]}, indent=1)
-            beside = self.file.with_name(f"{self.file.name}.part")
-            beside.write_text(text + "\n", encoding="utf-8")
-            beside.replace(self.file)
 
 
 def results(
@@ -162,14 +113,13 @@ def _in_turn(
     running: tuple[Any, Connection] | None = None
     for kind, index in which:
         scenario = directory / "scenarios" / kind / f"{index:04d}.yaml"
-        taken, given = _TOO_LONG * seconds, "it cannot be loaded again"
+        given: Any = "it cannot be loaded again"
+        taken = _TOO_LONG * seconds
         with suppress(InvalidInput):
             running = running or _started(method, seconds)
-            running[1].send(scenario)
-            taken, given = _received(running[1], seconds)
-        if given is None:
-            given = _end(*running) if running else ""
-            running = None
+            taken, given = _asked(running[1], scenario, seconds)
+        if given is None and running is not None:
+            given, running = _end(*running), None
         if isinstance(given, str):
             judged = Score(False, (given,))
         elif taken > seconds and method != "ours":
@@ -193,22 +143,22 @@ def _started(method: str, seconds: float) -> tuple[Any, Connection]:
     process = context.Process(target=_serve, args=(method, seconds, there))
     process.start()
     there.close()
-    _, wrong = _received(here, seconds)
-    if wrong != {"answer": None}:
-        wrong = wrong or _end(process, here)
-        process.kill()
+    wrong: str | None = "the process ended"
+    with suppress(EOFError, OSError):
+        wrong = here.recv() if here.poll(_TO_LOAD) else f"it did not load within {_TO_LOAD:g} s"
+    if wrong is not None:
+        _end(process, here)
         raise InvalidInput(Status.UNSUPPORTED, "--method", method, wrong)
     return process, here
 
 
-def _received(pipe: Connection, seconds: float) -> tuple[float, Any]:
-    """Return processor time and what came: with an answer, or text if it failed; None: nothing."""
-    try:
-        if pipe.poll(_PATIENCE * seconds + _TO_START):
+def _asked(pipe: Connection, scenario: Path, seconds: float) -> tuple[float, Any]:
+    """Return processor time, and an object with the answer; text: it failed; None: nothing came."""
+    with suppress(EOFError, OSError):
+        pipe.send(scenario)
+        if pipe.poll(_PATIENCE * seconds + _MORE_PATIENCE):
             taken, given = pipe.recv()
             return taken, given
-    except (EOFError, OSError):
-        pass
     return _TOO_LONG * seconds, None
 
 
@@ -234,9 +184,9 @@ def _serve(method: str, seconds: float, pipe: Connection) -> None:
     try:
         answer = _answers_of(method)
     except Exception as error:  # whatever a foreign file raises
-        pipe.send((0.0, f"{type(error).__name__}: {error}"))
+        pipe.send(f"{type(error).__name__}: {error}")
         return
-    pipe.send((0.0, {"answer": None}))
+    pipe.send(None)
     while True:
         try:
             scenario = pipe.recv()
@@ -296,6 +246,8 @@ def _by_command(method: str, scenario: Path, seconds: float) -> Any:
         )
         try:
             code = process.wait(_PATIENCE * seconds)
+        except subprocess.TimeoutExpired:
+            return {"status": "no answer", "message": "it did not end in time"}
         finally:
             with suppress(ProcessLookupError):
                 os.killpg(process.pid, signal.SIGKILL)
@@ -306,55 +258,3 @@ def _by_command(method: str, scenario: Path, seconds: float) -> Any:
         last = said.read()[-_LAST_WORDS:].decode(errors="replace").strip().splitlines()[-1:]
         reason = "it wrote no answer" if code == 0 else _named(code)
         return {"status": "no answer", "message": ": ".join([reason, *last])}
-
-
-def reasons(done: Sequence[Result]) -> Iterator[tuple[str, ...]]:
-    """Yield why answers do not count, the most frequent first: method, answers, reason, example."""
-    found = dict[tuple[str, str], list[Result]]()
-    for one in done:
-        for fault in one.score.faults:
-            found.setdefault((one.method, _NUMBER.sub("_", fault)), []).append(one)
-    for (method, what), those in sorted(found.items(), key=lambda item: -len(item[1])):
-        first = those[0]
-        told = next(fault for fault in first.score.faults if _NUMBER.sub("_", fault) == what)
-        yield method, f"{len(those)}", f"{first.kind}/{first.index:04d}", " ".join(told.split())
-
-
-REASONS_HEADER = ("method", "answers", "for example", "it does not count there because")
-
-HEADER = (
-    *("method", "class", "scenarios", "solved", "processor time, median [s]", "95 % [s]"),
-    *("least clearance [mm]", "miss, median [mm]", "worst [mm]"),
-    *("joint path / first", "attitude / first"),
-)
-
-
-def rows(done: Sequence[Result]) -> Iterator[tuple[str, ...]]:
-    """Yield a row for each method and class; the last two columns compare with the first method.
-
-    Those are medians over what both solve. Clearance is the least of what is solved, the miss that
-    of every motion, solved or not.
-    """
-    first = {(r.kind, r.index): r.score for r in done if r.method == done[0].method}
-    for method in dict.fromkeys(r.method for r in done):
-        for kind in (*dict.fromkeys(r.kind for r in done), "all"):
-            group = [r for r in done if r.method == method and kind in (r.kind, "all")]
-            solved = [r for r in group if r.score.solved]
-            times = [r.seconds for r in group if np.isfinite(r.seconds)]
-            clear = [r.score.clearance for r in solved if r.score.clearance is not None]
-            misses = [1e3 * r.score.miss for r in group if r.score.miss is not None]
-            both = [(r.score, first[r.kind, r.index]) for r in solved]
-            both = [(mine, other) for mine, other in both if other.solved]
-            yield (
-                *(method, kind, f"{len(group)}", f"{len(solved) / len(group):.1%}"),
-                f"{np.median(times):.2f}" if times else "-",
-                f"{np.quantile(times, 0.95):.2f}" if times else "-",
-                f"{1e3 * min(clear):.2f}" if clear else "-",
-                *((f"{np.median(misses):.3f}", f"{max(misses):.3f}") if misses else "--"),
-                *(_ratio(both, name) for name in ("joint_path", "attitude")),
-            )
-
-
-def _ratio(both: list[tuple[Score, Score]], name: str) -> str:
-    pairs = [(getattr(mine, name), getattr(other, name)) for mine, other in both]
-    return f"{np.median([mine / other for mine, other in pairs if other]):.2f}" if pairs else "-"

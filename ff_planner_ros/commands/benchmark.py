@@ -91,14 +91,18 @@ def _require_dataset(options: argparse.Namespace) -> str:
 
 def _table(options: argparse.Namespace, dataset_hash: str) -> int:
     """Let methods plan the data set; answers in the file of an earlier run are taken from there."""
-    from ff_planner_ros.bench import contest
+    from ff_planner_ros.bench import contest, contest_results
     from ff_planner_ros.bench.dataset import names
 
     methods = (
         list(contest.ENTRANTS) if options.method == ["all"] else list(dict.fromkeys(options.method))
     )
     each, seconds, workers = options.scenarios or _EACH, options.seconds, options.workers
-    kept = contest.Kept(options.json, dataset_hash, seconds)
+    for kind, index in names(each):
+        if not (options.dataset / "scenarios" / kind / f"{index:04d}.yaml").exists():
+            allowed = f"it has no {kind}/{index:04d}: it was written with fewer scenarios"
+            raise InvalidInput(Status.UNSUPPORTED, "--dataset", options.dataset, allowed)
+    kept = contest_results.Kept(options.json, dataset_hash, seconds)
     there = kept.read()
     if there:
         print(f"{options.json}: {len(there)} answers are there, what is missing is added")
@@ -111,10 +115,10 @@ def _table(options: argparse.Namespace, dataset_hash: str) -> int:
     asked = {(method, *one) for method in methods for one in names(each)}
     done = [one for one in done if (one.method, one.kind, one.index) in asked]
     done.sort(key=lambda one: methods.index(one.method))
-    print_table("Methods on the data set", contest.HEADER, list(contest.rows(done)))
-    why = list(contest.reasons(done))
+    print_table("Methods on the data set", contest_results.HEADER, list(contest_results.rows(done)))
+    why = list(contest_results.reasons(done))
     if why:
-        print_table("Why answers do not count", contest.REASONS_HEADER, why[:_REASONS])
+        print_table("Why answers do not count", contest_results.REASONS_HEADER, why[:_REASONS])
     print(f"\n{made} answers in {minutes:.0f} minutes, {workers} at a time")
     return 0
 

@@ -11,15 +11,18 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.integrate import solve_ivp
+from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
-from ff_planner_ros.bench.scorer.chain import Array, Chain, Solid
+from ff_planner_ros.bench.scorer.chain import Array, Chain, Posture, Solid
 from ff_planner_ros.bench.scorer.flight import Flight
 
 # Between two samples nothing bends more than this many times what is seen at the samples.
 _MORE_BENT = 2.0
 # Pairs of solids are looked at only while the balls around them are nearer than this [m].
 _NEAR = 0.05
+# A step in which they could come nearer than at any moment is looked at in so many parts.
+_PARTS = 16
 
 
 class Obstacle(NamedTuple):
@@ -161,29 +164,44 @@ def _own(
     chain: Chain, flight: Flight, must_not_touch: list[list[str]]
 ) -> Iterator[tuple[float, float]]:
     """Yield the least distances of pairs of solids of the robot, by Coal."""
-    import coal
-
-    def shape(solid: Solid) -> Any:
-        kinds = {"box": coal.Box, "cylinder": coal.Cylinder, "sphere": coal.Sphere}
-        return kinds[solid.kind](*solid.sizes)
-
     pairs = {frozenset(pair) for pair in must_not_touch}
-    request, result = coal.DistanceRequest(), coal.DistanceResult()
+    ends = [(1, rates) for rates in flight.rates[[0, -1]]]
+    smooth = CubicSpline(flight.times, flight.angles, bc_type=tuple(ends))
+    parts = np.linspace(0.0, 1.0, _PARTS + 1)
     for number, one in enumerate(chain.solids):
         for other in chain.solids[:number]:
             if frozenset((chain.names[one.link], chain.names[other.link])) not in pairs:
                 continue
-            a = flight.posture.links[one.link].then(one.at)
-            b = flight.posture.links[other.link].then(other.at)
-            # As the first solid sees the second one's corners
-            corners = np.einsum("tij,cj->tci", b.rotation, _corners(other)) + b.position[:, None]
-            seen = np.einsum("tji,tcj->tci", a.rotation, corners - a.position[:, None])
-            chords = np.linalg.norm(np.diff(seen, axis=0), axis=2).max(axis=1)
-            balls = sum(float(np.linalg.norm(_half_edges(solid))) for solid in (one, other))
-            away = np.linalg.norm(a.position - b.position, axis=1) - balls
-            shapes = shape(one), shape(other)
-            for at in np.flatnonzero(away < _NEAR):
-                first, second = (coal.Transform3s(p.rotation[at], p.position[at]) for p in (a, b))
-                result.clear()
-                away[at] = coal.distance(shapes[0], first, shapes[1], second, request, result)
-            yield float(away.min()), float((away[:-1] + away[1:] - chords).min() / 2)
+            away, bounds = _apart((one, other), flight.posture)
+            least, lowest = float(away.min()), float(bounds.min())
+            coarse = np.flatnonzero(bounds < min(least, _NEAR))
+            if coarse.size:  # there once more, in parts
+                begins, step = flight.times[coarse], flight.times[1]
+                fine = chain.posture(smooth((begins[:, None] + parts * step).ravel()))
+                finer, between = _apart((one, other), fine)
+                # The last of each row is from one step to another
+                between = np.append(between, np.inf).reshape(coarse.size, -1)[:, :-1]
+                bounds[coarse] = between.min(axis=1)
+                least, lowest = min(least, float(finer.min())), float(bounds.min())
+            yield least, lowest
+
+
+def _apart(solids: tuple[Solid, Solid], posture: Posture) -> tuple[Array, Array]:
+    """Return how far two solids are apart in each posture, and at least from one to the next."""
+    import coal
+
+    kinds = {"box": coal.Box, "cylinder": coal.Cylinder, "sphere": coal.Sphere}
+    shapes = [kinds[solid.kind](*solid.sizes) for solid in solids]
+    (one, other), request, result = solids, coal.DistanceRequest(), coal.DistanceResult()
+    a, b = (posture.links[solid.link].then(solid.at) for solid in solids)
+    # As the first solid sees the second one's corners
+    corners = np.einsum("tij,cj->tci", b.rotation, _corners(other)) + b.position[:, None]
+    seen = np.einsum("tji,tcj->tci", a.rotation, corners - a.position[:, None])
+    chords = np.linalg.norm(np.diff(seen, axis=0), axis=2).max(axis=1)
+    balls = sum(float(np.linalg.norm(_half_edges(solid))) for solid in (one, other))
+    away = np.linalg.norm(a.position - b.position, axis=1) - balls
+    for at in np.flatnonzero(away < _NEAR):
+        first, second = (coal.Transform3s(p.rotation[at], p.position[at]) for p in (a, b))
+        result.clear()
+        away[at] = coal.distance(shapes[0], first, shapes[1], second, request, result)
+    return away, (away[:-1] + away[1:] - chords) / 2

@@ -1,0 +1,120 @@
+"""Results of methods on the data set: kept in a file, told in tables."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ff_planner_ros.analysis.json_file import read_json
+from ff_planner_ros.bench.scorer.score import Score
+from ff_planner_ros.errors import InvalidInput, Status
+
+_NUMBER = re.compile(r"-?\d+(\.\d+)?(e[+-]?\d+)?")
+
+
+@dataclass(frozen=True)
+class Result:
+    """What became of one scenario."""
+
+    method: str
+    kind: str
+    index: int
+    seconds: float  # processor time
+    score: Score
+
+
+class Kept:
+    """The file of results: written after each, so that a run which was stopped can go on."""
+
+    def __init__(self, file: Path | None, dataset_hash: str, seconds: float) -> None:
+        """Take a file that need not exist yet; None: nothing is kept."""
+        self.file = file
+        self.of = {"dataset": dataset_hash, "seconds": seconds}
+
+    def read(self) -> list[Result]:
+        """Return what is there.
+
+        Raises:
+            InvalidInput: The file is of another data set or other processor times.
+        """
+        if self.file is None or not self.file.exists():
+            return []
+        allowed = f"it exists and does not hold answers with {self.of}; give another file"
+        content = read_json(self.file)
+        try:
+            if {name: content[name] for name in self.of} != self.of:
+                raise InvalidInput(Status.UNSUPPORTED, "--json", self.file, allowed)
+            return [_from_json(one) for one in content["answers"]]
+        except (KeyError, TypeError):
+            raise InvalidInput(Status.UNSUPPORTED, "--json", self.file, allowed) from None
+
+    def write(self, done: Sequence[Result]) -> None:
+        """Write all that is done."""
+        if self.file is not None:
+            text = json.dumps(self.of | {"answers": [asdict(one) for one in done]}, indent=1)
+            beside = self.file.with_name(f"{self.file.name}.part")
+            beside.write_text(text + "\n", encoding="utf-8")
+            beside.replace(self.file)
+
+
+def _from_json(one: dict[str, Any]) -> Result:
+    judged = one["score"] | {"faults": tuple(one["score"]["faults"])}
+    return Result(**(one | {"score": Score(**judged)}))
+
+
+def reasons(done: Sequence[Result]) -> Iterator[tuple[str, ...]]:
+    """Yield why answers do not count, the most frequent first: method, answers, reason, example."""
+    found = dict[tuple[str, str], list[Result]]()
+    for one in done:
+        for fault in one.score.faults:
+            found.setdefault((one.method, _NUMBER.sub("_", fault)), []).append(one)
+    for (method, what), those in sorted(found.items(), key=lambda item: -len(item[1])):
+        first = those[0]
+        told = next(fault for fault in first.score.faults if _NUMBER.sub("_", fault) == what)
+        yield method, f"{len(those)}", f"{first.kind}/{first.index:04d}", " ".join(told.split())
+
+
+REASONS_HEADER = ("method", "answers", "for example", "it does not count there because")
+
+HEADER = (
+    *("method", "class", "scenarios", "solved", "processor time, median [s]", "95 % [s]"),
+    *("least clearance [mm]", "miss, median [mm]", "worst [mm]"),
+    *("joint path / first", "attitude / first"),
+)
+
+
+def rows(done: Sequence[Result]) -> Iterator[tuple[str, ...]]:
+    """Yield a row for each method and class; the last two columns compare with the first method.
+
+    Those are medians over what both solve. Clearance is the least of what is solved, the miss that
+    of every motion, solved or not.
+    """
+    first = {(r.kind, r.index): r.score for r in done if r.method == done[0].method}
+    for method in dict.fromkeys(r.method for r in done):
+        for kind in (*dict.fromkeys(r.kind for r in done), "all"):
+            group = [r for r in done if r.method == method and kind in (r.kind, "all")]
+            solved = [r for r in group if r.score.solved]
+            times = [r.seconds for r in group if np.isfinite(r.seconds)]
+            clear = [r.score.clearance for r in solved if r.score.clearance is not None]
+            misses = [1e3 * r.score.miss for r in group if r.score.miss is not None]
+            both = [(r.score, first[r.kind, r.index]) for r in solved]
+            both = [(mine, other) for mine, other in both if other.solved]
+            yield (
+                *(method, kind, f"{len(group)}", f"{len(solved) / len(group):.1%}"),
+                f"{np.median(times):.2f}" if times else "-",
+                f"{np.quantile(times, 0.95):.2f}" if times else "-",
+                f"{1e3 * min(clear):.2f}" if clear else "-",
+                *((f"{np.median(misses):.3f}", f"{max(misses):.3f}") if misses else "--"),
+                *(_ratio(both, name) for name in ("joint_path", "attitude")),
+            )
+
+
+def _ratio(both: list[tuple[Score, Score]], name: str) -> str:
+    pairs = [(getattr(mine, name), getattr(other, name)) for mine, other in both]
+    return f"{np.median([mine / other for mine, other in pairs if other]):.2f}" if pairs else "-"
