@@ -58,6 +58,7 @@ test: env
 # The same tests with every law tried more often: longer.
 nightly: env
 	$(BIN)/python -m pytest --numprocesses 3 --nightly
+	$(MAKE) sanitize SANITIZED_TESTS=core
 
 # A part of the tests in a minute: one plan after the other, bags of earlier versions, one node. For
 # another Python: `make short-test PYTHON=python3.12 VENV=.venv_python3.12`.
@@ -97,8 +98,12 @@ without-ros:
 	ff-planner verify answer.json
 	rm -rf $(WITHOUT_ROS)
 
-# The core's tests on a build that stops at every access out of bounds and all undefined behaviour.
+# The core's tests on a build that stops at every access out of bounds and all undefined behaviour:
+# of the chains of 1 to 14 joints and of the scales of numbers a part, all of them at night.
 SANITIZED := $(CURDIR)/build/sanitized
+SANITIZED_TESTS ?= not (free2 or free3 or free4 or free5 or free8 or free9 or free10 or free11 \
+	or free12 or free13 or planar2 or planar7 or 1e+30 or 1e+160 or 1e+308 \
+	or (1e+200 and certified))
 
 sanitize: env
 	$(BIN)/python setup.py --quiet build_py --build-lib $(SANITIZED) \
@@ -107,7 +112,7 @@ sanitize: env
 	export LD_PRELOAD="$$(c++ -print-file-name=libasan.so) $$(c++ -print-file-name=libstdc++.so)" \
 		ASAN_OPTIONS=detect_leaks=0 PYTHONPATH=$(SANITIZED) AMENT_PREFIX_PATH=$(SANITIZED); \
 	$(BIN)/python -P -c '$(IS_SANITIZED)'; \
-	$(BIN)/python -P -m pytest -p no:cacheprovider $(wildcard test/test_core*.py)
+	$(BIN)/python -P -m pytest -p no:cacheprovider -k '$(SANITIZED_TESTS)' $(wildcard test/test_core*.py)
 
 # Without -P this directory comes first, and with it the core that nothing watches.
 IS_SANITIZED := from ff_planner_ros.core import compiled; \

@@ -25,7 +25,6 @@ def test_plans_made_with_the_core_are_those_of_its_references(
     found = [before_and_after.pair(*one, 1) for one in asked if "Theta" not in one[0]]
     for one in found:
         assert one.apart <= before_and_after.SAME, one
-        assert one.rollouts[0] == one.rollouts[1], one
     rows = list(before_and_after.rows(found))
     assert {row[0] for row in rows} >= set(kept)
     assert {len(row) for row in rows} == {len(before_and_after.HEADER)}

@@ -26,7 +26,7 @@ from ff_planner_ros.robot.momentum import base_twist, total_momentum
 from ff_planner_ros.robot.state import SystemState
 
 # What remains of a plan is looked at at so many times: a path of either family follows them.
-_SAMPLES = 33
+_SAMPLES = 17
 # A path whose joints are never further from the remainder's is one that runs as that does [rad].
 NEAR = 0.02
 

@@ -55,7 +55,7 @@ def carried_forward(
     momentum = total_momentum(robot, robot.model.createData(), q, v)
     for phase, begin, end in _phases(state, seconds, joints):
         time = _steps(robot, q, momentum, phase, begin, end)
-        q, v, _ = (samples[-1] for samples in driven(robot, q, momentum, phase, time))
+        q, v = (samples[-1] for samples in carried_base(robot, q, momentum, phase, time))
     there = frame.state_seen_by_user(system_state(robot, q, v), seconds)
     return replace(there, joint_accelerations=_accelerations(state, seconds, joints))
 
