@@ -23,8 +23,8 @@ void add_bracket_derivative(Along<columns>& d_step, double weight, const Velocit
                             const Along<columns>& db) {
   const Matrix6 ad_a = weight * cross_motion_matrix(a.head<6>());
   const Matrix6 ad_b = weight * cross_motion_matrix(b.head<6>());
-  d_step.template topRows<6>() += ad_a * db.template topRows<6>();
-  d_step.template topRows<6>() -= ad_b * da.template topRows<6>();
+  add_product(d_step.template topRows<6>(), ad_a, db.template topRows<6>());
+  add_product(d_step.template topRows<6>(), -ad_b, da.template topRows<6>());
 }
 
 // Derivative of where the step `by` leads, of those of its beginning and of the step.
@@ -32,9 +32,10 @@ template <int columns>
 Along<columns> carried(const Along<columns>& dq, const Velocity& by, const Along<columns>& d_by) {
   const Vector6 of_base = by.head<6>();
   Along<columns> result = dq + d_by;  // of the joints
-  result.template topRows<6>() =
-      exponential(of_base).motion_to_inner() * dq.template topRows<6>();
-  result.template topRows<6>() += exponential_derivative(of_base) * d_by.template topRows<6>();
+  auto base = result.template topRows<6>();
+  base.setZero();
+  add_product(base, exponential(of_base).motion_to_inner(), dq.template topRows<6>());
+  add_product(base, exponential_derivative(of_base), d_by.template topRows<6>());
   return result;
 }
 

@@ -21,7 +21,10 @@ inline Matrix3 skew(const Vector3& a) {
 }
 
 inline Vector6 stack(const Vector3& linear, const Vector3& angular) {
-  return (Vector6() << linear, angular).finished();
+  Vector6 both;
+  both.head<3>() = linear;
+  both.tail<3>() = angular;
+  return both;
 }
 
 // How a motion changes that is carried along by the motion `by`: by x motion.

@@ -21,6 +21,17 @@ using Along =
 template <int columns>
 using Twists = Eigen::Matrix<double, 6, columns, kOrder<columns>>;
 
+// Adds A B to `to`, a row at a time: where A is stored by columns and B by rows, Eigen would go
+// entry by entry.
+template <typename To, typename A, typename B>
+void add_product(To&& to, const A& a, const B& b) {
+  for (Eigen::Index row = 0; row < a.rows(); ++row) {
+    Eigen::Matrix<double, 1, B::ColsAtCompileTime> sum = to.row(row);
+    for (Eigen::Index k = 0; k < a.cols(); ++k) sum += a.coeff(row, k) * b.row(k);
+    to.row(row) = sum;
+  }
+}
+
 // Faster than this no arm in space moves, by an order of magnitude; the velocity map says so only
 // next to a dynamic singularity [rad/s].
 constexpr double kSingularJointRate = 10.0;
@@ -98,47 +109,51 @@ class VelocityMap {
   // the bias with them. Each of dtwist and dbias has as many columns as dq.
   template <int columns>
   Along<columns> along(const Along<columns>& dq, const Twists<columns>& dtwist) const {
+    const auto moving = dq.template topRows<3>(), turning = dq.template middleRows<3>(3);
     const auto joints = dq.bottomRows(v.size() - 6);
-    Twists<columns> momentum = momentum_derivative() * dq.template topRows<6>();  // dh - d(H) v
-    momentum.noalias() -= of_momentum_.lazyProduct(joints);
-    Twists<columns> twist = dtwist;  // dw - d(J) v
-    twist.template topRows<3>() = inertial_to_ee_ * dtwist.template topRows<3>();
-    twist.template bottomRows<3>() = inertial_to_ee_ * dtwist.template bottomRows<3>();
-    const Eigen::Matrix<double, 3, columns, kOrder<columns>> turn =
-        to_tip_.block<3, 3>(3, 3) * dq.template middleRows<3>(3) + turning_.lazyProduct(joints);
-    twist.template topRows<3>() += skew(w_.head<3>()) * turn;
-    twist.template bottomRows<3>() += skew(w_.tail<3>()) * turn;
-    twist.noalias() -= of_twist_.lazyProduct(joints);
-    return solved<columns>(momentum, twist, -of_force_.lazyProduct(joints));
+    const Matrix3 force = skew(h_.head<3>()), to_tip = to_tip_.block<3, 3>(3, 3);
+    Twists<columns> momentum = Twists<columns>::Zero(6, dq.cols());  // dh - d(H) v
+    add_product(momentum.template topRows<3>(), force, turning);
+    add_product(momentum.template bottomRows<3>(), force, moving);
+    add_product(momentum.template bottomRows<3>(), skew(h_.tail<3>()), turning);
+    add_product(momentum, -of_momentum_, joints);
+    Twists<columns> twist = Twists<columns>::Zero(6, dq.cols());  // dw - d(J) v
+    add_product(twist.template topRows<3>(), inertial_to_ee_, dtwist.template topRows<3>());
+    add_product(twist.template bottomRows<3>(), inertial_to_ee_, dtwist.template bottomRows<3>());
+    Eigen::Matrix<double, 3, columns, kOrder<columns>> turn = to_tip * turning;
+    add_product(turn, turning_, joints);
+    add_product(twist.template topRows<3>(), skew(w_.head<3>()), turn);
+    add_product(twist.template bottomRows<3>(), skew(w_.tail<3>()), turn);
+    add_product(twist, -of_twist_, joints);
+    Along<columns> rates = Along<columns>::Zero(joints.rows(), dq.cols());
+    add_product(rates, -of_force_, joints);
+    return solved<columns>(momentum, twist, rates);
   }
 
   // Derivative of v along a step of the bias.
   Velocity along_bias(const Joints& dbias) const {
-    return solved<1>(Vector6::Zero(), Vector6::Zero(), dbias);
+    return solved<1>(Vector6::Zero(), Vector6::Zero(), Along<1>(dbias));
   }
 
  private:
   // Solves the linear system for v, the base eliminated first; force: on the joints.
-  template <int columns, typename Force>
+  template <int columns>
   Along<columns> solved(const Twists<columns>& momentum, const Twists<columns>& twist,
-                        const Force& force) const {
-    const Twists<columns> drift = base_inertia_inverse_ * momentum;
+                        const Along<columns>& force) const {
+    Twists<columns> drift = Twists<columns>::Zero(6, twist.cols());
+    Twists<columns> slack = twist, multipliers = drift;
+    add_product(drift, base_inertia_inverse_, momentum);
+    add_product(slack, -to_tip_, drift);
+    add_product(slack, -generalised_, force);
+    add_product(multipliers, square_inverse_, slack);
     Along<columns> dv(v.size(), drift.cols());
+    auto base = dv.template topRows<6>();
     auto rates = dv.bottomRows(v.size() - 6);
     rates = force;
-    const Twists<columns> slack = twist - to_tip_ * drift - generalised_.lazyProduct(rates);
-    const Twists<columns> multipliers = square_inverse_ * slack;
-    rates.noalias() += generalised_.transpose().lazyProduct(multipliers);
-    dv.template topRows<6>() = drift - coupling_.lazyProduct(rates);
+    add_product(rates, generalised_.transpose(), multipliers);
+    base = drift;
+    add_product(base, -coupling_, rates);
     return dv;
-  }
-
-  // dh/dq for a step of the base in its own frame.
-  Matrix6 momentum_derivative() const {
-    Matrix6 derivative = Matrix6::Zero();
-    derivative.topRightCorner<3, 3>() = derivative.bottomLeftCorner<3, 3>() = skew(h_.head<3>());
-    derivative.bottomRightCorner<3, 3>() = skew(h_.tail<3>());
-    return derivative;
   }
 
   Posture at_;

@@ -12,10 +12,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
-from ff_planner_ros.arrays import Array, Indices
+from ff_planner_ros.arrays import Array, Indices, frozen
 from ff_planner_ros.core import compiled
 from ff_planner_ros.core.chain import chain_of
 from ff_planner_ros.planning.problem import Sphere
@@ -75,10 +76,18 @@ def segments(positions: Array) -> Indices:
 
 
 def sphere_arrays(spheres: Sequence[Sphere]) -> tuple[Array, Array, Array]:
-    """Return centres and velocities, shape (spheres, 3) [m, m/s], and radii, (spheres,) [m]."""
+    """Return centres and velocities, shape (spheres, 3) [m, m/s], and radii, (spheres,) [m].
+
+    They are read-only: a search asks for them again and again.
+    """
+    return _sphere_arrays(tuple(spheres))
+
+
+@lru_cache(maxsize=8)
+def _sphere_arrays(spheres: tuple[Sphere, ...]) -> tuple[Array, Array, Array]:
     centers = np.array([sphere.center for sphere in spheres]).reshape(-1, 3)
     velocities = np.array([sphere.velocity for sphere in spheres]).reshape(-1, 3)
-    return centers, velocities, np.array([sphere.radius for sphere in spheres])
+    return frozen(centers), frozen(velocities), frozen([sphere.radius for sphere in spheres])
 
 
 def centers_at(times: Array, spheres: Sequence[Sphere]) -> Array:
@@ -109,7 +118,7 @@ def clearances(
 ) -> Clearances:
     """Return the surface distance of every segment from every sphere."""
     centers = centers_at(times, spheres)[:, None]
-    radii = np.array([sphere.radius for sphere in spheres])
+    _, _, radii = sphere_arrays(spheres)
     start, end = positions[:, starts, None], positions[:, starts + 1, None]
     along = end - start
     from_center = start - centers

@@ -68,6 +68,11 @@ class JointMotion:
         (lowest, highest), times = self.extremes(order)
         return np.array([lowest - lower, upper - highest]), times
 
+    def least_distances(self, lower: Array, upper: Array, order: int = 0) -> Array:
+        """Return what `distances` are not below, in a tenth of the time: (2, joints)."""
+        pieces = self._coefficients[order]
+        return np.array([pieces.min(axis=(0, 1)) - lower, upper - pieces.max(axis=(0, 1))])
+
     @cached_property
     def _coefficients(self) -> tuple[Array, Array, Array]:
         """Positions, rates, accelerations in Bernstein's form: (degree + 1, pieces, joints)."""
@@ -117,7 +122,7 @@ def _highest(coefficients: Array, time: Array) -> tuple[Array, Array]:
         time: At which the pieces begin and end. Shape (pieces + 1,).
     """
     size, count, polynomials = coefficients.shape
-    halves = [_half(size), _half(size)[::-1, ::-1]]
+    parts = [_half(size), _half(size)[::-1, ::-1]]
     which = np.tile(np.arange(polynomials), count)
     begin, width = (np.repeat(at, polynomials) for at in (time[:-1], np.diff(time)))
     pieces = coefficients.reshape(size, -1)
@@ -132,10 +137,10 @@ def _highest(coefficients: Array, time: Array) -> tuple[Array, Array]:
             better = found > highest
             highest, when = np.where(better, found, highest), np.where(better, found_when, when)
         open_ = pieces.max(axis=0) > (highest + exact)[which]
-        pieces = np.concatenate([half @ pieces[:, open_] for half in halves], axis=1)
-        which, width = np.tile(which[open_], 2), np.tile(width[open_] / 2, 2)
-        begin = np.tile(begin[open_], 2)
-        begin[len(begin) // 2 :] += width[len(begin) // 2 :]
+        pieces = np.concatenate([part @ pieces[:, open_] for part in parts], axis=1)
+        which, half, first = which[open_], width[open_] / 2, begin[open_]
+        which, width = np.concatenate([which, which]), np.concatenate([half, half])
+        begin = np.concatenate([first, first + half])
     return highest, when
 
 

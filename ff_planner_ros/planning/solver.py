@@ -464,7 +464,7 @@ def _solved_among(
     n, peaks, constraints = len(here.gradient), len(here.peaks), len(kept)
     hessian = np.zeros((n + 2, n + 2))
     hessian[:n, :n] = here.hessian
-    hessian[range(n + 2), range(n + 2)] += _REGULARISATION
+    hessian.flat[:: n + 3] += _REGULARISATION  # the diagonal
     hessian[n:, n:] *= 1e-4  # peak and slack are linear; the solver wants some curvature
     gradient = np.concatenate([here.gradient, [1.0 if peaks else 0.0, price]])
     # Peaks are measured from the present largest, so that the epigraph variable stays small.
@@ -476,6 +476,9 @@ def _solved_among(
     rows[constraints:, n] = -1.0
     upper = np.concatenate([here.constraints[kept] - _INSIDE, top - here.peaks])
     bound = np.full(n, radius)
+    equal_rows = np.zeros((equalities, n + 2))
+    if equalities:
+        equal_rows[:, :n] = equal_jacobian
     lowest_peak = -max(abs(float(top)), 1.0) if peaks else 0.0
 
     solver = piqp.DenseSolver()
@@ -483,7 +486,7 @@ def _solved_among(
     solver.setup(
         hessian,
         gradient,
-        np.pad(equal_jacobian, ((0, 0), (0, 2))) if equalities else None,
+        equal_rows if equalities else None,
         -equal if equalities else None,
         rows,
         None,

@@ -83,8 +83,14 @@ class JointPositions(Requirement):
         return joined(at_points, at_turns)
 
     def slack(self, problem: PlanningProblem, motion: FollowedMotion) -> float:
-        """Return how far the joints stay from their limits [rad]."""
-        return float(_distances(problem.robot, motion.joints)[0].min()) + LIMIT_TOLERANCE
+        """Return how far the joints stay from their limits, or less that is enough [rad]."""
+        robot = problem.robot
+        distances = motion.joints.least_distances(
+            robot.lower_position_limits, robot.upper_position_limits
+        )
+        if distances.min() < 0.0:
+            distances, _ = _distances(robot, motion.joints)
+        return float(distances.min()) + LIMIT_TOLERANCE
 
     def metrics(self, samples: Samples) -> Mapping[str, float]:
         """Return the distance to the nearest limit."""

@@ -91,11 +91,14 @@ class JointRates(Requirement):
         return joined(at_points, beyond(between, motion, sensitivity, -limits, limits, interest))
 
     def slack(self, problem: PlanningProblem, motion: FollowedMotion) -> float:
-        """Return how far the rates stay from their limits, in parts of them."""
+        """Return how far the rates stay from their limits, or less that is enough, in parts."""
         if not problem.limits.joint_velocities:
             return np.inf
-        distances, _ = _distances(problem.robot, motion.joints)
-        return float(((distances + LIMIT_TOLERANCE) / problem.robot.velocity_limits).min())
+        limits = problem.robot.velocity_limits
+        distances = motion.joints.least_distances(-limits, limits, order=1)
+        if distances.min() < 0.0:
+            distances, _ = _distances(problem.robot, motion.joints)
+        return float(((distances + LIMIT_TOLERANCE) / limits).min())
 
     def metrics(self, samples: Samples) -> Mapping[str, float]:
         """Return the distance to the nearest limit."""
