@@ -5,7 +5,7 @@ from __future__ import annotations
 import zipfile
 from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 
@@ -55,7 +55,7 @@ def load_library(path: Path, field: str = "library") -> Library:
     """
     path = path / LIBRARY if path.is_dir() else path
     try:
-        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as arrays:
+        with path.open("rb") as stream, _arrays(stream) as arrays:
             if int(arrays["version"]) != _VERSION:
                 raise ValueError(f"it is of version {int(arrays['version'])}, not {_VERSION}")
             kinds = [str(kind) for kind in arrays["kinds"].tolist()]
@@ -69,6 +69,13 @@ def load_library(path: Path, field: str = "library") -> Library:
     except (OSError, ValueError, KeyError, TypeError, zipfile.BadZipFile, EOFError) as error:
         allowed = f"no library can be read there ({error}): `ff-planner campaign` writes one"
         raise InvalidInput(Status.OUT_OF_RANGE, field, path, allowed) from None
+
+
+def _arrays(stream: BinaryIO) -> Any:
+    if not zipfile.is_zipfile(stream):
+        raise ValueError("it is no .npz file, or a part of one")
+    stream.seek(0)
+    return np.load(stream, allow_pickle=False)
 
 
 def _flat(name: str, rows: list[Array]) -> dict[str, Array]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import gc
 import os
 import re
@@ -19,7 +20,7 @@ import pyarrow.parquet
 import pytest
 from campaigns import study, study_file
 
-from ff_planner_ros.campaign import cluster, run
+from ff_planner_ros.campaign import cluster, page, run
 from ff_planner_ros.campaign.cases import cases
 from ff_planner_ros.campaign.run import run_campaign
 from ff_planner_ros.campaign.table import (
@@ -280,6 +281,19 @@ def test_a_disk_that_is_full_keeps_the_rows_that_were_written(tmp_path: Path) ->
     again = Writer(tmp_path, schema)
     assert again.done == {outcome.row["id"] for outcome in all_of_them[:2]}
     assert again.add(all_of_them) == 2
+
+
+def test_where_the_system_names_no_file_a_full_disk_is_still_told_clearly(
+    on_two: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def full(*_: Any) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(page, "save_campaign_page", full)
+    assert main(["campaign", "report", str(on_two)]) == 2
+    said = capsys.readouterr().err
+    assert f"the report could not be written; the plans in {on_two} are kept" in said
+    assert said.count("\n") == 1
 
 
 def test_trajectories_without_their_plans_and_unfinished_files_are_removed(tmp_path: Path) -> None:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -17,7 +19,8 @@ MOST_WORKERS = 10_000  # more than a scheduler of Dask's has been seen to bear
 def run_campaign(options: argparse.Namespace) -> int:
     """Plan the cases of a study, or tell of those that are planned."""
     if options.study == Path(REPORT) and options.directory is not None:
-        return _report(options)
+        with _nothing_lost("the report", options.directory):
+            return _report(options)
     if options.directory is not None:
         allowed = f"`ff-planner campaign {REPORT} DIR` or `ff-planner campaign STUDY.yaml`"
         raise InvalidInput(Status.UNSUPPORTED, "argument", options.directory, allowed)
@@ -29,7 +32,20 @@ def run_campaign(options: argparse.Namespace) -> int:
     if options.workers is not None and not 1 <= options.workers <= MOST_WORKERS:
         allowed = f"it must be from 1 to {MOST_WORKERS}"
         raise InvalidInput(Status.OUT_OF_RANGE, "--workers", options.workers, allowed)
-    return _run(options)
+    with _nothing_lost("a file of the campaign", options.out):
+        return _run(options)
+
+
+@contextmanager
+def _nothing_lost(what: str, directory: Path) -> Iterator[None]:
+    """Say what could not be written where the system names no file, as on a full disk."""
+    try:
+        yield
+    except OSError as error:
+        if error.filename is not None or not error.strerror:
+            raise
+        words = f"{error.strerror}: {what} could not be written; the plans in {directory} are kept"
+        raise OSError(error.errno, words) from None
 
 
 def _run(options: argparse.Namespace) -> int:
