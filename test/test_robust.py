@@ -93,6 +93,18 @@ def test_a_plan_that_keeps_enough_already_stays_what_it_is() -> None:
     assert (same.trajectory.joint_positions == plain.trajectory.joint_positions).all()
 
 
+def test_no_deviations_asked_for_is_the_plain_task_whatever_the_errors() -> None:
+    task, plain = (
+        task_of("lemur_capture", 0.0, mass=0.5, inertia=1.0),
+        task_of("lemur_capture", 0.0),
+    )
+    assert task.digest == plain.digest
+    same = perform(task)
+    assert same.robust is None
+    expected = perform(plain).trajectory.joint_positions
+    assert (same.trajectory.joint_positions == expected).all()
+
+
 def test_the_chaser_s_attitude_keeps_its_deviations_too(lemur_plan: Plan) -> None:
     task = task_of("lemur_capture")
     limit = lemur_plan.metrics.max_chaser_euler * 0.98
