@@ -93,6 +93,18 @@ def test_a_plan_that_keeps_enough_already_stays_what_it_is() -> None:
     assert (same.trajectory.joint_positions == plain.trajectory.joint_positions).all()
 
 
+def test_no_deviations_asked_for_is_the_plain_task_whatever_the_errors() -> None:
+    task, plain = (
+        task_of("lemur_capture", 0.0, mass=0.5, inertia=1.0),
+        task_of("lemur_capture", 0.0),
+    )
+    assert task.digest == plain.digest
+    same = perform(task)
+    assert same.robust is None
+    expected = perform(plain).trajectory.joint_positions
+    assert (same.trajectory.joint_positions == expected).all()
+
+
 def test_the_chaser_s_attitude_keeps_its_deviations_too(lemur_plan: Plan) -> None:
     task = task_of("lemur_capture")
     limit = lemur_plan.metrics.max_chaser_euler * 0.98
@@ -241,7 +253,8 @@ def test_the_command_tells_price_and_violations(
     scenario["planner"] = {"robust": {"mass": 0.02}}
     file, answer, runs = (tmp_path / name for name in ("s.yaml", "plan.json", "runs.json"))
     file.write_text(yaml.safe_dump(scenario))
-    assert main(["plan", str(file), "--json", str(answer)]) == 0
+    bag = tmp_path / "bag"
+    assert main(["plan", str(file), "--json", str(answer), "--bag", str(bag)]) == 0
     assert "sigmas kept back, 3 asked for; joint path +" in capsys.readouterr().out
     told = json.loads(answer.read_text())["robust"]
     assert told["sigmas"] == 3.0
@@ -249,6 +262,9 @@ def test_the_command_tells_price_and_violations(
     assert main(["verify", str(file), "--monte-carlo", "100", "--json", str(runs)]) == 0
     shown = capsys.readouterr().out
     assert "100 runs, joints controlled, seed 0; deviations: mass 0.02, inertia 0.01" in shown
+    for source in (answer, bag):
+        assert main(["verify", str(source), "--monte-carlo", "1"]) == 0
+        assert "1 runs, joints controlled, seed 0; deviations: mass 0.02" in capsys.readouterr().out
     (plan,) = json.loads(runs.read_text())["plans"]
     assert plan["monte_carlo"]["violations"]["any"]["runs"] <= 1
     assert plan["monte_carlo"]["uncertainty"]["mass"] == 0.02
