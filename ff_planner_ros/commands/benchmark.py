@@ -92,7 +92,7 @@ def _require_dataset(options: argparse.Namespace) -> str:
 def _table(options: argparse.Namespace, dataset_hash: str) -> int:
     """Let methods plan the data set; answers in the file of an earlier run are taken from there."""
     from ff_planner_ros.bench import contest, contest_results
-    from ff_planner_ros.bench.dataset import names
+    from ff_planner_ros.bench.dataset import CLASSES, names
 
     methods = (
         list(contest.ENTRANTS) if options.method == ["all"] else list(dict.fromkeys(options.method))
@@ -114,7 +114,8 @@ def _table(options: argparse.Namespace, dataset_hash: str) -> int:
     minutes, made = (time.monotonic() - begun) / 60, len(done) - len(there)
     asked = {(method, *one) for method in methods for one in names(each)}
     done = [one for one in done if (one.method, one.kind, one.index) in asked]
-    done.sort(key=lambda one: methods.index(one.method))
+    kinds = list(CLASSES)
+    done.sort(key=lambda one: (methods.index(one.method), kinds.index(one.kind), one.index))
     print_table("Methods on the data set", contest_results.HEADER, list(contest_results.rows(done)))
     why = list(contest_results.reasons(done))
     if why:
