@@ -37,9 +37,9 @@ _RUNGS = (6.0, 15.0, 45.0)
 # early that they lead nowhere; some that are slow to begin with lead far.
 _GUESSES, _FIRST_HEAT, _SECOND_HEAT, _FINALISTS, _LAST_HEAT = 24, 8, (8, 6), 3, 14
 # Hops of a round from the best path on few points: at random along each direction, by two standard
-# deviations in turn, and iterations for each. Where one comes so near to the best it is worth more:
-# of 29 that led to a better path 27 had come as near.
-_HOPS, _SPREADS, _HOP_HEAT, _NEARLY = 10, (0.1, 0.2), 8, 1.1
+# deviations in turn, and iterations for each. Where the mean comes so near to that of the best it
+# is worth more iterations: of 29 hops that led to a better path 27 had come as near.
+_HOPS, _SPREADS, _HOP_HEAT, _NEARLY = 14, (0.1, 0.2), 8, 1.1
 # Rounds of hops that leave more than this part of the best path's worth lead nowhere: after so many
 # in a row the next round is a race of other guesses.
 _GAIN, _IN_VAIN = 0.98, 2
@@ -79,10 +79,11 @@ class AttitudeSearch(Search):
         best = self.better_at_guess(asked, shortest, judge)
         guesses, found, tried = self._guesses(shortest), list[_Rough](), list[_Rough]()
         in_vain = 0
-        for number in range(self._settings.attitude_rounds):
+        floor = objective.joint_path_length * shortest.metrics.joint_path_length
+        for number in range(self._rounds(asked, shortest)):
             if found and in_vain < _IN_VAIN:
                 reached = min(map(_worth, found))
-                self._hop(asked, found, number)
+                self._hop(asked, found, number, floor)
                 gains = min(map(_worth, found)) < _GAIN * reached
                 in_vain = 0 if gains else in_vain + 1
             else:
@@ -107,6 +108,15 @@ class AttitudeSearch(Search):
             optimality, reason = best.solver.optimality, best.solver.stop_reason
         effort = self._found(self._solved[-1]).report
         return replace(best, solver=replace(effort, optimality=optimality, stop_reason=reason))
+
+    def _rounds(self, asked: Objective, shortest: Plan) -> int:
+        """Return how many rounds are worth it.
+
+        No joint path is shorter: all that can be gained is what the attitude adds to it.
+        """
+        most = asked.chaser_attitude * shortest.metrics.max_chaser_euler
+        matters = most > _FINE_PROGRESS * weighted_sum(asked, shortest.metrics)
+        return self._settings.attitude_rounds if matters else 0
 
     def better_at_guess(self, asked: Objective, shortest: Plan, judge: Judge) -> Plan:
         """Return the best plan at the first guess, at worst the plan of least joint path.
@@ -161,8 +171,12 @@ class AttitudeSearch(Search):
                 found += self._settled(asked, path)
         return found
 
-    def _hop(self, asked: Objective, found: list[_Rough], number: int) -> None:
-        """Look around the best path on few points, then around the better one, and so on."""
+    def _hop(self, asked: Objective, found: list[_Rough], number: int, floor: float) -> None:
+        """Look around the best path on few points, then around the better one, and so on.
+
+        Args:
+            floor: What the least joint path alone adds; only what is above it can be gained.
+        """
         grid, random = _smooth(self._rough_grid(asked)), np.random.default_rng(number)
         directions = grid.program.family.directions
         self._starts += _HOPS
@@ -170,7 +184,8 @@ class AttitudeSearch(Search):
             best = min(found, key=_worth)
             aside = directions @ random.normal(scale=spread, size=len(best.path.x))
             path = self._solve(_with(grid, iterations=_HOP_HEAT), best.path.x + aside)
-            if not _lead(path)[0] and path.at_x.objective < _NEARLY * best.mean:
+            is_near = path.at_x.objective - floor < _NEARLY * (best.mean - floor)
+            if is_near and not _lead(path)[0]:
                 found += self._settled(asked, path)
 
     def _settled(self, asked: Objective, path: PathSolution) -> list[_Rough]:

@@ -70,7 +70,11 @@ def terms(
     weight = weights.chaser_attitude
     if weight > 0.0:
         # The Euler angles whose largest modulus is J_Theta.
-        euler, jacobian = chaser_euler_with_derivative(robot, motion.q, sensitivity.q)
+        q, by_x = motion.q, sensitivity.q
+        if smooth_attitude:  # a mean of more angles is nearer to what is between the points
+            q = np.concatenate([q, motion.q_half_way])
+            by_x = np.concatenate([by_x, sensitivity.q_half_way])
+        euler, jacobian = chaser_euler_with_derivative(robot, q, by_x)
         euler, jacobian = weight * euler.ravel(), (weight * jacobian).reshape(-1, variables)
         if smooth_attitude:
             found.append(Term(*mean_angle(euler, jacobian), nothing[0, :0], nothing[:0]))
