@@ -38,7 +38,7 @@ _RUNGS = (6.0, 15.0, 45.0)
 _GUESSES, _FIRST_HEAT, _SECOND_HEAT, _FINALISTS, _LAST_HEAT = 24, 8, (8, 6), 3, 14
 # Hops of a round from the best path on few points: at random along each direction, by two standard
 # deviations in turn, and iterations for each. Where the mean comes so near to that of the best it
-# is worth more iterations: of 29 hops that led to a better path 27 had come as near.
+# is worth more iterations.
 _HOPS, _SPREADS, _HOP_HEAT, _NEARLY = 14, (0.1, 0.2), 8, 1.1
 # Rounds of hops that leave more than this part of the best path's worth lead nowhere: after so many
 # in a row the next round is a race of other guesses.

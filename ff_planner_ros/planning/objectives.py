@@ -87,7 +87,7 @@ def terms(
 def mean_angle(angles: Array, jacobian: Array) -> tuple[float, Array, Array]:
     """Return the fourth root of the angles' mean fourth power, its gradient and Hessian.
 
-    It is near the largest one, and smooth: from afar a solver needs a third of the steps. The
+    It is near the largest one, and smooth: from afar a solver needs fewer steps. The
     Hessian is that of angles that are affine, and along the gradient a little more: the solver's
     steps are bolder than the angles are straight.
 
