@@ -30,7 +30,7 @@ GOLDEN_BAG = SOURCE_TREE / "test" / "golden_bags" / "offline_solved"
 # Of these, words are checked and nothing is run: they take long, need ROS or change the machine.
 ONLY_PARSED = re.compile(
     r"make |ros2 |pip |dask |.*ff-planner (node|bench|campaign|demo|compare)"
-    r"|.*--sensitivity|.*--library|.*_(te|ex)"
+    r"|.*--sensitivity|.*--library|.*_(te|ex)|.*(ros\.node|follower|before_and_after)"
 )
 # What the reader makes first: by another page, by hand, or by `make demo`.
 MADE_BY_THE_READER = {

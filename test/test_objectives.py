@@ -15,7 +15,6 @@ from ff_planner_ros.planning.objectives import (
     chaser_euler_with_derivative,
     joint_path,
     joint_path_length,
-    mean_angle,
 )
 from ff_planner_ros.planning.polynomial import EndEffectorMotion, end_effector_polynomial
 from ff_planner_ros.planning.problem import PlanningProblem
@@ -174,32 +173,3 @@ def test_the_chaser_s_euler_derivatives_are_those_of_differences(robot: Robot) -
         expected = (chaser_euler(robot, ahead) - chaser_euler(robot, behind)) / (2 * step)
         error = np.abs(found[:, :, k] - expected).max() / np.abs(expected).max()
         assert error < 1e-6, f"column {k}: relative error {error:.1e}"
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_the_mean_angle_is_below_the_largest_and_its_gradient_is_that_of_differences(
-    seed: int,
-) -> None:
-    rng = np.random.default_rng(seed)
-    angles, jacobian = rng.normal(size=30), rng.normal(size=(30, 4))
-    mean, gradient, hessian = mean_angle(angles, jacobian)
-    highest = np.abs(angles).max()
-    assert highest / 30**0.25 <= mean <= highest
-    step = 1e-6
-    ahead, behind = (
-        np.array([mean_angle(angles + sign * jacobian[:, k], jacobian)[0] for k in range(4)])
-        for sign in (step, -step)
-    )
-    assert gradient == pytest.approx((ahead - behind) / (2 * step), abs=1e-8)
-    # Angles that are affine in x have no other curvature than this, but for what is added.
-    bent = [mean_angle(angles + step * jacobian[:, k], jacobian)[1] - gradient for k in range(4)]
-    added = np.outer(gradient, gradient) / mean
-    assert hessian - added == pytest.approx(np.array(bent) / step, abs=1e-5)
-    assert np.linalg.eigvalsh(hessian).min() > -1e-12
-
-
-def test_no_angle_has_a_mean_and_derivatives_that_are_numbers() -> None:
-    mean, gradient, hessian = mean_angle(np.zeros(6), np.ones((6, 2)))
-    assert 0.0 < mean <= 1e-6
-    assert np.all(gradient == 0.0)
-    assert np.all(np.isfinite(hessian))

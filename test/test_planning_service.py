@@ -54,6 +54,7 @@ def service(
             SceneInput("inertial"),
             Mock(spec=PlanOutput, published=None),
             "run",
+            None,
         )
         answering.activate()
         yield answering, worker, logger

@@ -14,6 +14,7 @@ from ff_planner_ros.planning.settings import PlannerSettings, RobustSettings
 
 FILE = CONFIG / "planner.yaml"
 BLOCK = yaml.safe_load(FILE.read_text())["/**"]["ros__parameters"]["planner"]
+del BLOCK["library"]  # where first guesses come from: no setting of the planner's
 NAMES = [*(name for name in BLOCK if name != "robust"), *(f"robust.{n}" for n in BLOCK["robust"])]
 
 

@@ -35,11 +35,10 @@ _RUNGS = (6.0, 15.0, 45.0)
 # The race on few points: guesses, the first the plan of least joint path, and iterations for each;
 # then how many go on and for how many more, and how many go on to an optimum. Most guesses show
 # early that they lead nowhere; some that are slow to begin with lead far.
-_GUESSES, _FIRST_HEAT, _SECOND_HEAT, _FINALISTS, _LAST_HEAT = 24, 8, (8, 6), 3, 14
+_GUESSES, _FIRST_HEAT, _SECOND_HEAT, _FINALISTS, _LAST_HEAT = 24, 14, (8, 8), 3, 24
 # Hops of a round from the best path on few points: at random along each direction, by two standard
-# deviations in turn, and iterations for each. Where the mean comes so near to that of the best it
-# is worth more iterations.
-_HOPS, _SPREADS, _HOP_HEAT, _NEARLY = 14, (0.1, 0.2), 8, 1.1
+# deviations in turn. Where one comes so near to the best it is worth more iterations.
+_HOPS, _SPREADS, _NEARLY = 10, (0.1, 0.2), 1.3
 # Rounds of hops that leave more than this part of the best path's worth lead nowhere: after so many
 # in a row the next round is a race of other guesses.
 _GAIN, _IN_VAIN = 0.98, 2
@@ -79,11 +78,10 @@ class AttitudeSearch(Search):
         best = self.better_at_guess(asked, shortest, judge)
         guesses, found, tried = self._guesses(shortest), list[_Rough](), list[_Rough]()
         in_vain = 0
-        floor = objective.joint_path_length * shortest.metrics.joint_path_length
-        for number in range(self._rounds(asked, shortest)):
+        for number in range(self._settings.attitude_rounds):
             if found and in_vain < _IN_VAIN:
                 reached = min(map(_worth, found))
-                self._hop(asked, found, number, floor)
+                self._hop(asked, found, number)
                 gains = min(map(_worth, found)) < _GAIN * reached
                 in_vain = 0 if gains else in_vain + 1
             else:
@@ -108,15 +106,6 @@ class AttitudeSearch(Search):
             optimality, reason = best.solver.optimality, best.solver.stop_reason
         effort = self._found(self._solved[-1]).report
         return replace(best, solver=replace(effort, optimality=optimality, stop_reason=reason))
-
-    def _rounds(self, asked: Objective, shortest: Plan) -> int:
-        """Return how many rounds are worth it.
-
-        No joint path is shorter: all that can be gained is what the attitude adds to it.
-        """
-        most = asked.chaser_attitude * shortest.metrics.max_chaser_euler
-        matters = most > _FINE_PROGRESS * weighted_sum(asked, shortest.metrics)
-        return self._settings.attitude_rounds if matters else 0
 
     def better_at_guess(self, asked: Objective, shortest: Plan, judge: Judge) -> Plan:
         """Return the best plan at the first guess, at worst the plan of least joint path.
@@ -159,7 +148,7 @@ class AttitudeSearch(Search):
 
     def _raced(self, asked: Objective, starts: Sequence[Array]) -> list[_Rough]:
         """Return the paths on few points that come furthest."""
-        grid = _smooth(self._rough_grid(asked))
+        grid = self._rough_grid(asked)
         self._starts += len(starts)
         paths = [self._solve(_with(grid, iterations=_FIRST_HEAT), start) for start in starts]
         count, iterations = _SECOND_HEAT
@@ -171,31 +160,25 @@ class AttitudeSearch(Search):
                 found += self._settled(asked, path)
         return found
 
-    def _hop(self, asked: Objective, found: list[_Rough], number: int, floor: float) -> None:
-        """Look around the best path on few points, then around the better one, and so on.
-
-        Args:
-            floor: What the least joint path alone adds; only what is above it can be gained.
-        """
-        grid, random = _smooth(self._rough_grid(asked)), np.random.default_rng(number)
+    def _hop(self, asked: Objective, found: list[_Rough], number: int) -> None:
+        """Look around the best path on few points, then around the better one, and so on."""
+        grid, random = self._rough_grid(asked), np.random.default_rng(number)
         directions = grid.program.family.directions
         self._starts += _HOPS
         for _, spread in zip(range(_HOPS), cycle(_SPREADS), strict=False):
-            best = min(found, key=_worth)
-            aside = directions @ random.normal(scale=spread, size=len(best.path.x))
-            path = self._solve(_with(grid, iterations=_HOP_HEAT), best.path.x + aside)
-            is_near = path.at_x.objective - floor < _NEARLY * (best.mean - floor)
-            if is_near and not _lead(path)[0]:
+            best = min(found, key=_worth).path
+            aside = directions @ random.normal(scale=spread, size=len(best.x))
+            begin = best.x + aside, best.curvature
+            path = self._solve(_with(grid, iterations=_FIRST_HEAT), *begin)
+            if not _lead(path)[0] and path.at_x.objective < _NEARLY * best.at_x.objective:
                 found += self._settled(asked, path)
 
     def _settled(self, asked: Objective, path: PathSolution) -> list[_Rough]:
         """Return what comes of a path on few points, if there is a path and more do not refute it.
 
-        Here the largest angle takes the place of the mean. Between few points a path may be
-        singular or run through an obstacle.
+        Between few points a path may be singular or run through an obstacle.
         """
         grid = _with(self._rough_grid(asked), tolerated=_FINE_TOLERATED)
-        mean = path.at_x.objective
         path = self._solve_feasibly(*_further(grid, path, _LAST_HEAT))
         if not path.feasible:
             return []
@@ -204,7 +187,7 @@ class AttitudeSearch(Search):
         if not looked.violation < _SMALL_VIOLATION:
             return []
         worth = looked.objective if asked.joint_path_length else float(looked.peaks.max())
-        return [_Rough(path, worth, mean)]
+        return [_Rough(path, worth)]
 
     def _rough_grid(self, asked: Objective) -> Grid:
         """Return few points with the objective asked for."""
@@ -320,7 +303,6 @@ class _Rough:
 
     path: PathSolution
     worth: float  # by the objective asked for, on more points; less is better
-    mean: float  # of the path that led to it, by `mean_angle`
 
 
 def _worth(rough: _Rough) -> float:
@@ -336,11 +318,6 @@ def _lead(path: PathSolution) -> tuple[bool, float]:
 def _further(grid: Grid, path: PathSolution, iterations: int) -> tuple[Grid, Array, Array | None]:
     """Return what the solver needs to go on with a path."""
     return _with(grid, iterations=iterations, first_radius=path.radius), path.x, path.curvature
-
-
-def _smooth(grid: Grid) -> Grid:
-    """Return a grid with the smooth stand-in of the attitude."""
-    return replace(grid, program=replace(grid.program, smooth_attitude=True))
 
 
 def _with(grid: Grid, **of_level: Any) -> Grid:

@@ -24,9 +24,6 @@ from ff_planner_ros.robot.rotation import euler_from_rotation, euler_rate_map
 
 # So far turns the joint that rounds the joint path [rad]: it makes a path of 1 rad 0.05 % longer.
 _ROUNDING = 0.03
-# The mean that stands for the largest angle is that of this power: with two, the paths that lead
-# are others; with eight, a solver needs more steps. The second number keeps zero out of it [rad].
-_POWER, _LEAST_ANGLE = 4, 1e-6
 
 
 class Term(NamedTuple):
@@ -46,13 +43,11 @@ def terms(
     sensitivity: Sensitivity,
     step: float,
     smoothing: float = 0.0,
-    smooth_attitude: bool = False,
 ) -> list[Term]:
     """Return the terms of all objectives that have a weight.
 
     Args:
         smoothing: Weight of evenly run joints, where the joint path's is one; see `joint_path`.
-        smooth_attitude: Whether `mean_angle` takes the place of the largest angle.
     """
     found = []
     variables = sensitivity.variables
@@ -70,37 +65,11 @@ def terms(
     weight = weights.chaser_attitude
     if weight > 0.0:
         # The Euler angles whose largest modulus is J_Theta.
-        q, by_x = motion.q, sensitivity.q
-        if smooth_attitude:  # a mean of more angles is nearer to what is between the points
-            q = np.concatenate([q, motion.q_half_way])
-            by_x = np.concatenate([by_x, sensitivity.q_half_way])
-        euler, jacobian = chaser_euler_with_derivative(robot, q, by_x)
+        euler, jacobian = chaser_euler_with_derivative(robot, motion.q, sensitivity.q)
         euler, jacobian = weight * euler.ravel(), (weight * jacobian).reshape(-1, variables)
-        if smooth_attitude:
-            found.append(Term(*mean_angle(euler, jacobian), nothing[0, :0], nothing[:0]))
-            return found
         peaks, jacobian = np.append(euler, -euler), np.concatenate([jacobian, -jacobian])
         found.append(Term(0.0, nothing[0], nothing, peaks, jacobian))
     return found
-
-
-def mean_angle(angles: Array, jacobian: Array) -> tuple[float, Array, Array]:
-    """Return the fourth root of the angles' mean fourth power, its gradient and Hessian.
-
-    It is near the largest one, and smooth: from afar a solver needs fewer steps. The
-    Hessian is that of angles that are affine, and along the gradient a little more: the solver's
-    steps are bolder than the angles are straight.
-
-    Args:
-        angles: Shape (angles,) [rad].
-        jacobian: Their derivatives. Shape (angles, variables).
-    """
-    mean = max(float((angles**_POWER).mean()) ** (1 / _POWER), _LEAST_ANGLE)
-    weights = (np.abs(angles) / mean) ** (_POWER - 2) / len(angles)
-    gradient = (weights * angles / mean) @ jacobian
-    hessian = (_POWER - 1) * (jacobian.T * weights) @ jacobian
-    hessian -= (_POWER - 2) * np.outer(gradient, gradient)
-    return mean, gradient, hessian / mean
 
 
 def with_tie_break(objective: Objective, settings: PlannerSettings) -> Objective:

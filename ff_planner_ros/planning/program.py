@@ -102,7 +102,6 @@ class PathProgram:
     correction: Correction | None = None
     aim: Target | None = None  # of the family, beside the problem's target; None: that itself
     smoothing: float = 0.0  # weight of evenly run joints, beside that of the joint path
-    smooth_attitude: bool = False  # a mean of the chaser's angles instead of the largest
     # Names of the requirements that it keeps only when a path has broken them: none has yet
     waiting: frozenset[str] = frozenset()
 
@@ -118,9 +117,7 @@ class PathProgram:
         value, gradient = 0.0, np.zeros(variables)
         hessian = np.zeros((variables, variables))
         peaks, peaks_jacobian = [np.empty(0)], [np.empty((0, variables))]
-        for term in terms(
-            self.objective, robot, motion, sensitivity, step, self.smoothing, self.smooth_attitude
-        ):
+        for term in terms(self.objective, robot, motion, sensitivity, step, self.smoothing):
             value, gradient = value + term.value, gradient + term.gradient
             hessian = hessian + term.hessian
             peaks.append(term.peaks)
