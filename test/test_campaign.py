@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import errno
-import gc
 import os
 import re
 import resource
@@ -138,9 +137,6 @@ def end(server: subprocess.Popen[str]) -> None:
     server.communicate()
 
 
-# Dask leaves connections to a scheduler that was killed to the garbage collector.
-@pytest.mark.filterwarnings("ignore::ResourceWarning")
-@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
 def test_a_scheduler_that_is_killed_and_started_again_costs_and_doubles_no_row(
     on_two: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -163,7 +159,6 @@ def test_a_scheduler_that_is_killed_and_started_again_costs_and_doubles_no_row(
     finally:
         for server in servers:
             end(server)
-        gc.collect()
     assert len(servers) == 2
     assert done.rows == ROWS
     assert sorted(ids(tmp_path / "out")) == sorted(case.id for case in cases(study(tmp_path)))
