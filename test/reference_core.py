@@ -104,6 +104,7 @@ def core_by_reference() -> Iterator[None]:
             "sphere_rows": _sphere_rows,
             "smallest_singular_values": _singular_values,
             "joint_path": reference_objectives.joint_path,
+            "chaser_euler": reference_objectives.chaser_euler,
         }
         for name in _functions():
             stack.enter_context(patch.object(compiled, name, kept.get(name, _refuse)))

@@ -1,4 +1,4 @@
-"""The joint path and its evenness by numpy: what the compiled core is compared with."""
+"""The objectives by numpy: what the compiled core is compared with."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ import numpy as np
 
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.planning.objectives import joint_path_length
+from ff_planner_ros.robot.kinematics import rotation_base_to_inertial
+from ff_planner_ros.robot.rotation import euler_from_rotation, euler_rate_map
 
 # Below this joint rate the direction of motion, and with it the gradient, is not defined.
 _STANDSTILL = 1e-9
@@ -64,3 +66,11 @@ def smoothness(
     rows = (np.sqrt(weights)[:, None, None] * sensitivity).reshape(-1, sensitivity.shape[2])
     value = float(weights @ (joint_velocities**2).sum(axis=1))
     return value, 2.0 * of_rates, 2.0 * rows.T @ rows
+
+
+def chaser_euler(q: Array, by_x: Array, rotation_chaser_to_base: Array) -> tuple[Array, Array]:
+    """Return what the core's function of this name does."""
+    rotation = rotation_base_to_inertial(q)
+    euler = euler_from_rotation(rotation @ rotation_chaser_to_base)
+    turn = rotation @ by_x[:, 3:6]
+    return euler, np.asarray(np.linalg.solve(euler_rate_map(euler), turn), np.float64)

@@ -143,6 +143,10 @@ def sound() -> dict[str, tuple[Callable[..., Any], Arguments]]:
             compiled.joint_path,
             {"v": q[:, 1:], "by_x": by_q, "step": 0.1, "slow": 0.1, "smoothing": 0.1},
         ),
+        "chaser_euler": (
+            compiled.chaser_euler,
+            {"q": q, "by_x": by_q, "rotation_chaser_to_base": np.eye(3)},
+        ),
         "certified_clearance": (
             compiled.certified_clearance,
             chain | way | spheres | fixed | {"ways": np.full(POINTS - 1, 0.1), "gap": 1e-3},

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import pytest
-from reference_objectives import joint_path
+from reference_objectives import chaser_euler, joint_path
 from robots import random_state
 from test_core import FREE, PLANAR, agree, chain_robot
 
@@ -74,6 +74,18 @@ def test_the_joint_path_and_its_derivatives_are_those_of_numpy(
     agree(found[1], expected[1], "gradient")
     agree(found[2], expected[2], "Hessian")
     np.testing.assert_array_equal(found[2], found[2].T)
+
+
+@pytest.mark.parametrize("name", FREE + PLANAR)
+def test_the_chaser_s_euler_angles_and_their_derivatives_are_those_of_numpy(name: str) -> None:
+    robot = chain_robot(name)
+    rng = np.random.default_rng(robot.joints)
+    q = np.array([configuration(robot, random_state(robot, rng))[0] for _ in range(20)])
+    by_x = rng.normal(size=(20, 6 + robot.joints, int(rng.integers(1, 60))))
+    to_base = pin.exp3(rng.normal(size=3))
+    found, expected = (euler(q, by_x, to_base) for euler in (compiled.chaser_euler, chaser_euler))
+    agree(found[0], expected[0], "angles")
+    agree(found[1], expected[1], "derivatives")
 
 
 @pytest.mark.parametrize("name", FREE + PLANAR)

@@ -1,7 +1,8 @@
-// Python's way to the objective and to the certificate of a search.
+// Python's way to the objectives and to the certificate of a search.
 #pragma once
 #include "bind_clearance.hpp"
 #include "certificate.hpp"
+#include "chaser_euler.hpp"
 #include "joint_path.hpp"
 
 namespace ff {
@@ -20,6 +21,22 @@ inline py::tuple joint_path(const Array& v, const Array& dv, double step, double
                        checked(smoothing, "smoothing"));
   return py::make_tuple(result(path.value, "value"), result(Array(variables, path.gradient.data()), "gradient"),
                         result(path.hessian, "hessian"));
+}
+
+// Returns the angles and their derivatives.
+inline py::tuple chaser_euler(const Array& q, const Array& dq, const Array& chaser_to_base) {
+  const double* of_q = checked(q, "q", {kAny, kAny});
+  const py::ssize_t points = q.shape(0), size = q.shape(1), three = 3;
+  if (size < 8 || size > kMaxVelocities + 1)
+    throw std::invalid_argument("q has the shape " + written({points, size}));
+  const double* of_dq = checked(dq, "by_x", {points, size - 1, kAny});
+  const py::ssize_t variables = dq.shape(2);
+  const ChaserEuler found(Eigen::Map<const RowMajor>(of_q, points, size), of_dq,
+                          static_cast<int>(variables),
+                          matrix3(checked(chaser_to_base, "rotation_chaser_to_base", {three, three})));
+  return py::make_tuple(
+      result(found.angles, "angles"),
+      result(Array({points, three, variables}, found.jacobian.data()), "by_x"));
 }
 
 inline double certified(const Chain& chain, const Array& q, const Array& cubics, const Array& ways,
@@ -45,6 +62,8 @@ inline double certified(const Chain& chain, const Array& q, const Array& cubics,
 inline void bind_search(py::module_& m) {
   m.def("joint_path", &joint_path, py::arg("v"), py::arg("by_x"), py::arg("step"), py::arg("slow"),
         py::arg("smoothing"));
+  m.def("chaser_euler", &chaser_euler, py::arg("q"), py::arg("by_x"),
+        py::arg("rotation_chaser_to_base"));
   m.def("certified_clearance", &certified, py::arg("chain"), py::arg("q"), py::arg("cubics"),
         py::arg("ways"), py::arg("times"), py::arg("centers"), py::arg("velocities"),
         py::arg("radii"), py::arg("gap"), py::arg("attached") = std::vector<Attached>());

@@ -131,6 +131,9 @@ def joint_path(
 ) -> tuple[float, Array, Array]:
     """Return what `planning.objectives.joint_path` does; slow: rate of the joint that it adds."""
 
+def chaser_euler(q: Array, by_x: Array, rotation_chaser_to_base: Array) -> tuple[Array, Array]:
+    """Return what `planning.objectives.chaser_euler_with_derivative` does."""
+
 def certified_clearance(
     chain: Chain,
     q: Array,

@@ -20,7 +20,7 @@ from ff_planner_ros.planning.problem import Objective
 from ff_planner_ros.planning.settings import PlannerSettings
 from ff_planner_ros.robot.kinematics import rotation_base_to_inertial
 from ff_planner_ros.robot.model import Robot
-from ff_planner_ros.robot.rotation import euler_from_rotation, euler_rate_map
+from ff_planner_ros.robot.rotation import euler_from_rotation
 
 # So far turns the joint that rounds the joint path [rad]: it makes a path of 1 rad 0.05 % longer.
 _ROUNDING = 0.03
@@ -121,7 +121,4 @@ def chaser_euler_with_derivative(
     robot: Robot, q: Array, q_sensitivity: Array
 ) -> tuple[Array, Array]:
     """Return `chaser_euler` and its derivative, shape (points, 3, variables)."""
-    rotation = rotation_base_to_inertial(q)
-    euler = euler_from_rotation(rotation @ robot.rotation_chaser_to_base)
-    turn = rotation @ q_sensitivity[:, 3:6]
-    return euler, np.asarray(np.linalg.solve(euler_rate_map(euler), turn), np.float64)
+    return compiled.chaser_euler(q, q_sensitivity, robot.rotation_chaser_to_base)
