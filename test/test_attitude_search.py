@@ -63,7 +63,7 @@ def test_no_objective_has_a_worse_plan_than_the_shortest_and_all_have_one(times)
         solved += 1
         objective = (ATTITUDE, *WEIGHTED)[solved % 3]
         asked = replace(problem, objective=objective)
-        made = plan(asked, replace(SETTINGS, attitude_rounds=times(1, 2)))
+        made = plan(asked, replace(SETTINGS, attitude_rounds=solved % 2 * times(1, 2)))
         assert value(objective, made) <= value(objective, shortest), (name, objective)
         assert not list(failures(asked, made, SETTINGS)), (name, objective)
     assert solved >= 6
@@ -77,6 +77,28 @@ def test_more_rounds_and_a_first_guess_never_make_it_worse():
     # The best plan as a first guess: not lost, though one round alone would not find it.
     again = plan(problem, SETTINGS, first_guess=made[-1].coefficients)
     assert again.metrics.max_chaser_euler <= angles[-1] + 1e-12
+
+
+def test_without_rounds_the_nearest_optimum_is_found_at_a_fraction_of_the_price(lemur_capture):
+    shortest, quick, searched = (
+        plan(replace(lemur_capture, objective=objective), replace(SETTINGS, attitude_rounds=rounds))
+        for objective, rounds in ((LENGTH, 0), (ATTITUDE, 0), (ATTITUDE, 1))
+    )
+    assert quick.metrics.max_chaser_euler < 0.5 * shortest.metrics.max_chaser_euler
+    assert quick.solver.rollouts < 0.3 * searched.solver.rollouts
+
+
+def test_no_round_is_spent_on_an_attitude_that_hardly_counts(lemur_capture):
+    counts, hardly = Objective(1.0, 1.0), Objective(1.0, 1e-4)
+    rollouts = {
+        (objective, rounds): plan(
+            replace(lemur_capture, objective=objective), replace(SETTINGS, attitude_rounds=rounds)
+        ).solver.rollouts
+        for objective in (counts, hardly)
+        for rounds in (0, 1)
+    }
+    assert rollouts[hardly, 0] == rollouts[hardly, 1]
+    assert rollouts[counts, 0] < rollouts[counts, 1]
 
 
 def test_the_attitude_is_near_the_best_that_was_ever_found(times):

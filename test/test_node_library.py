@@ -119,3 +119,6 @@ def test_a_plan_that_is_written_to_a_bag_keeps_its_first_guess(
     shutil.rmtree(library)
     assert main(["replay", str(bag)]) == 0
     assert "1 identical;" in capsys.readouterr().out
+    page = tmp_path / "report.html"
+    assert main(["report", str(bag), "--output", str(page)]) == 0
+    assert page.read_text(encoding="utf-8").count("the path of a library's plan") == 1

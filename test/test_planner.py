@@ -10,6 +10,7 @@ from dense_motion import joints_between
 
 from ff_planner_ros.errors import InvalidInput, NoPlanFound, OutOfTime, Status
 from ff_planner_ros.parameters import load_parameters
+from ff_planner_ros.planning import guided_search
 from ff_planner_ros.planning.planner import plan
 from ff_planner_ros.planning.problem import Limits, Objective, Parametrisation, Sphere
 from ff_planner_ros.planning.scenario import load_scenario
@@ -290,6 +291,18 @@ def test_a_guess_that_leads_nowhere_does_not_cost_a_plan(capture, settings, shor
         found = plan(problem, replace(settings, starts=starts), first_guess=far)
         assert found.solver.starts == 2
         assert found.xi.tobytes() == shortest.xi.tobytes()
+
+
+def test_a_guess_that_takes_too_long_leaves_the_search_its_time(
+    capture, settings, shortest, monkeypatch
+):
+    """What ends it is a count of its own: the plan is that without it, whatever the clock says."""
+    problem = replace(capture, objective=LENGTH)
+    for looks in (0, 2):
+        monkeypatch.setattr(guided_search, "_LOOKS", looks)
+        found = plan(problem, settings, first_guess=shortest.coefficients)
+        assert found.solver.starts == 2, looks
+        assert found.xi.tobytes() == shortest.xi.tobytes(), looks
 
 
 @pytest.mark.parametrize("guess", [np.zeros(17), np.full(18, np.nan), np.zeros((6, 3))])

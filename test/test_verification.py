@@ -17,10 +17,13 @@ from ff_planner_ros.arrays import Array
 from ff_planner_ros.bench import witnessed
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.parameters import load_parameters
-from ff_planner_ros.planning.plan import Plan, Trajectory
-from ff_planner_ros.planning.planner import plan
+from ff_planner_ros.planning.end_effector_polynomial import end_effector_paths
+from ff_planner_ros.planning.plan import Plan, SolverReport, Trajectory
+from ff_planner_ros.planning.planner import plan, plan_of_path
 from ff_planner_ros.planning.problem import Objective, PlanningProblem, Target
+from ff_planner_ros.planning.program import path_program
 from ff_planner_ros.planning.scenario import load_scenario
+from ff_planner_ros.planning.search import FoundPath
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.simulation.engine import Engine
@@ -54,6 +57,25 @@ every_plan = pytest.mark.parametrize(
 def planned(scenario: Path, objective: Objective) -> tuple[PlanningProblem, Plan]:
     problem = replace(load_scenario(scenario), objective=objective)
     return problem, plan(problem, load_parameters().planner)
+
+
+# Of a path that swings the arm far out for a chaser that hardly turns: open loop its wrist
+# multiplies by a hundred thousand what the torques are off.
+VIOLENT = (
+    *(-3.9694, 17.9801, -17.3934, -2.4754, 7.5197, -7.3391, -1.0127, 5.1634, -4.9635),
+    *(-4.0036, 10.172, -6.8443, -6.7107, 20.2786, -20.7788, 2.045, -3.3836, 3.8937),
+)
+
+
+def test_a_violent_plan_comes_true_as_well_as_a_tame_one() -> None:
+    problem, settings = load_scenario(LEMUR_SCENARIO), load_parameters().planner
+    family = end_effector_paths(problem)
+    path = path_program(problem, family, settings).linearise(np.array(VIOLENT))
+    nothing = SolverReport(1, 0, 1, np.inf, "a given path")
+    made = plan_of_path(problem, settings, family, FoundPath(path, nothing))
+    off = verify(problem.robot, made.trajectory).deviation
+    assert off.final_position_error <= 1e-5
+    assert off.final_orientation_error <= np.deg2rad(0.005)
 
 
 @every_plan

@@ -20,7 +20,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Protocol
 
 import numpy as np
@@ -121,14 +121,14 @@ def kind_and_place(task: PlanningTask) -> tuple[str, Array]:
     problem = in_own_frame(replace(task.problem, start=start))
     target, reach = problem.target, _reach(problem.robot)
     shared = [
-        problem.robot,
         problem.objective,
         problem.parametrisation,
         target.orientation,
         target.free_axis_in_ee,
         len(problem.obstacles),
     ]
-    kind = hashlib.sha256(b"".join(map(b"".join, map(canonical, shared)))).hexdigest()[:_DIGITS]
+    parts_of_kind = [_canonical_robot(problem.robot), *map(b"".join, map(canonical, shared))]
+    kind = hashlib.sha256(b"".join(parts_of_kind)).hexdigest()[:_DIGITS]
     window, lasts = problem.durations, problem.duration
     parts = [
         problem.start.joint_positions,
@@ -144,6 +144,11 @@ def kind_and_place(task: PlanningTask) -> tuple[str, Array]:
         parts += [sphere.center / reach, np.array([sphere.radius / reach])]
         parts.append(sphere.velocity * lasts / reach)
     return kind, np.concatenate(parts)
+
+
+@lru_cache(maxsize=8)
+def _canonical_robot(robot: Robot) -> bytes:
+    return b"".join(canonical(robot))
 
 
 def _attitude(problem: PlanningProblem) -> Array:

@@ -69,8 +69,6 @@ _MISS = 0.1
 # Iterations, the part of the objective that another one must promise, the first trust region, and
 # steps to the nearest path that keeps all.
 _ITERATIONS_NEAR, _PROGRESS_NEAR, _RADIUS_NEAR, _MENDING_NEAR = 4, 1e-3, 0.1, 8
-# Of a guess that is another problem's path: iterations on few points, and on all points after them.
-_ITERATIONS_FEW, _ITERATIONS_AFTER = 6, 2
 _NEAREST = "good enough: the nearest to what remains of the running plan that keeps the constraints"
 
 
@@ -155,16 +153,12 @@ class Search:
                 yield replace(self._found(found), followed=followed)
                 self._on_all_points.append(found)
 
-    def paths_near(self, guess: Array, better_first: bool = False) -> Iterator[FoundPath]:
+    def paths_near(self, guess: Array) -> Iterator[FoundPath]:
         """Yield paths on all points to which a guess leads in a few steps and that keep all.
 
         The first is the nearest that keeps all, the second is better by the objective. A joint
         path is as long however late it is run: an objective that were improved again and again on
         the way would put the motion off to the end.
-
-        Args:
-            better_first: The other way round, as a better one may be all that is wanted; on few
-                points first, where the guess is the path of another problem.
 
         Raises:
             OutOfTime: By the watch.
@@ -180,10 +174,7 @@ class Search:
         )
         grid = replace(grid, level=level)
         as_it_is = replace(grid, level=replace(level, iterations=0))
-        if better_first:
-            guess = self._improved_on_few_points(guess)
-            grid = replace(grid, level=replace(level, iterations=_ITERATIONS_AFTER))
-        for begin in (grid, as_it_is) if better_first else (as_it_is, grid):
+        for begin in (as_it_is, grid):
             solution = self._mended_near(begin, self._solve(begin, guess))
             found, followed = self._kept_between_points(grid, solution)
             if found.feasible:
@@ -191,18 +182,6 @@ class Search:
                 if begin is as_it_is:
                     found = replace(found, stop_reason=_NEAREST)
                 yield replace(self._found(found), followed=followed)
-
-    def _improved_on_few_points(self, guess: Array) -> Array:
-        """Return a path that is better than a guess, at a quarter of the price; or the guess."""
-        coarse = self._grids[0]
-        level = replace(
-            coarse.level,
-            iterations=_ITERATIONS_FEW,
-            progress=_PROGRESS_NEAR,
-            first_radius=_RADIUS_NEAR,
-        )
-        found = self._solve(replace(coarse, level=level), guess)
-        return found.x if found.at_x.is_defined and found.feasible else guess
 
     def _mended_near(self, grid: Grid, solution: PathSolution) -> PathSolution:
         """Return the nearest path that keeps all, where a few steps lead there."""
@@ -251,7 +230,7 @@ class Search:
         for guess in islice(chain(given, guesses), starts):
             self._starts += 1
             rough = self._solve(self._grids[0], guess)
-            if _is_promising(rough, problem.robot.geometry):
+            if is_promising(rough, problem.robot.geometry):
                 yield rough
                 continue
             if rough.at_x.is_defined:
@@ -372,7 +351,7 @@ def corrected(grid: Grid, x: Array) -> Grid:
     return replace(grid, program=program)
 
 
-def _is_promising(rough: PathSolution, geometry: Geometry) -> bool:
+def is_promising(rough: PathSolution, geometry: Geometry) -> bool:
     """Tell whether more points may make a path of it."""
     if rough.feasible:
         has_edges = geometry is Geometry.SHAPES

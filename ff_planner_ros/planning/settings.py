@@ -151,8 +151,9 @@ class PlannerSettings:
     )
     attitude_rounds: int = tunable(
         "Rounds of search for a better attitude where it has a weight: each tries more first "
-        "guesses and keeps the best; more of them never give a worse plan",
-        minimum=1,
+        "guesses and keeps the best; more of them never give a worse plan. 0: only the optimum "
+        "that is nearest to the plan of least joint path, at a tenth of the price",
+        minimum=0,
         maximum=1_000,
     )
     joint_spline_spans: int = tunable(

@@ -65,6 +65,7 @@ class ReportedRequest:
     metrics: Metrics | None = None  # of the plan, or of the best attempt
     solver: SolverReport | None = None  # of the plan, or of the best attempt
     solve_time: float | None = None  # wall clock of the answer [s]
+    guessed: bool = False  # whether a library's plan was tried first
     plan: ReportedPlan | None = None  # None: there is no plan, or it is not drawn
     # The same request as it was recorded, where this is one with something changed
     before: ReportedRequest | None = None

@@ -164,11 +164,13 @@ def reported_request(
         if request.duration_max:
             found = replace(found, durations=(request.duration, request.duration_max))
         else:
-            found = replace(found, duration=request.duration)
+            # What goes on from a running plan keeps that plan's goal, and asks for no duration.
+            found = replace(found, duration=request.duration or None)
     if response is None:
         return found
-    if found.durations is not None and response.status.code == Status.SOLVED:
-        found = replace(found, duration=response.duration)
+    is_chosen = found.durations is not None or found.duration is None
+    if is_chosen and response.status.code == Status.SOLVED:
+        found = replace(found, duration=response.duration or None)
     found = replace(
         found,
         plan_id=response.plan_id,
@@ -176,6 +178,7 @@ def reported_request(
         code=response.status.code,
         message=response.status.message,
         solve_time=response.solver.solve_time or None,
+        guessed=len(response.first_guess) > 0,
     )
     # A refusal without an attempt has zeros in their place, which mean nothing.
     if response.status.code == Status.SOLVED or response.solver.rollouts:
@@ -311,8 +314,9 @@ def _with_measured(
             f"{len(window.unusable)} measurements could not be used; the first: "
             f"{window.unusable[0]}"
         )
-    if not window.states:
-        remarks.append("The bag holds no measured state while it ran.")
+    if len(window.states) < 2:  # a bag of the command line holds the start alone
+        many = "no" if not window.states else "but one"
+        remarks.append(f"The bag holds {many} measured state while it ran.")
         return replace(plan, remarks=tuple(remarks))
     if window.left_out:
         remarks.append(

@@ -99,6 +99,8 @@ def _metrics(request: ReportedRequest) -> Iterator[tuple[str, str]]:
         if more and not reason:
             yield "robust", more
         yield "search", f"{solver.starts} starts, {solver.rollouts} rollouts"
+    if request.guessed:
+        yield "first guess", "the path of a library's plan; the search began with it"
 
 
 def _deviations(found: Deviations) -> Element:

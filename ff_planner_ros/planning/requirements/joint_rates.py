@@ -87,6 +87,11 @@ class JointRates(Requirement):
             return within(motion.hull.rates, sensitivity.hull.rates, -limits, limits, interest)
         at_points = within(motion.v[1:, 6:], sensitivity.v[1:, 6:], -limits, limits, interest)
         step = problem.duration / (len(motion.q) - 1)
+        # The rate along a cubic does not leave the span of those at its ends and of this one.
+        rates = motion.v[:, 6:]
+        middle = 3.0 / step * np.diff(motion.q[:, 7:], axis=0) - rates[:-1] - rates[1:]
+        if (np.abs(np.concatenate([rates, middle])) <= limits - interest).all():
+            return at_points
         between = peak_rates(motion, step)
         return joined(at_points, beyond(between, motion, sensitivity, -limits, limits, interest))
 
