@@ -16,13 +16,15 @@ def test_plans_made_with_the_core_are_those_of_its_references(
     times: Callable[[int, int], int],
 ) -> None:
     """One of each class, of lines and bodies, both path families, at rest and tumbling."""
-    kept = ("lemur_capture, min(L)", "planar_capture", "bodies", "tumbling")
+    nearest = "lemur_capture, L + Theta, no rounds"
+    kept = ("lemur_capture, min(L)", nearest, "planar_capture", "bodies", "tumbling")
+    # Many joint paths turn the chaser equally little: rounding decides for one of them.
     asked = [
-        (kind, problem)
-        for kind, problem in before_and_after.problems(times(1, 3))
-        if times(0, 1) or kind in kept
+        (kind, task)
+        for kind, task in before_and_after.tasks(times(1, 3))
+        if (times(0, 1) or kind in kept) and "min(Theta)" not in kind
     ]
-    found = [before_and_after.pair(*one, 1) for one in asked if "Theta" not in one[0]]
+    found = [before_and_after.pair(*one, 1) for one in asked]
     for one in found:
         assert one.apart <= before_and_after.SAME, one
     rows = list(before_and_after.rows(found))

@@ -2,6 +2,7 @@
 
 import importlib.metadata
 import json
+import os
 import re
 import subprocess
 import sys
@@ -313,6 +314,14 @@ def test_planning_needs_no_ros(tmp_path):
         [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False
     )
     assert done.returncode == 0, done.stderr
+
+
+def test_its_commands_plan_with_one_thread_of_linear_algebra_unless_told_otherwise():
+    code = "import ff_planner_ros.cli, os; print(os.environ['OPENBLAS_NUM_THREADS'])"
+    untold = {name: value for name, value in os.environ.items() if "NUM_THREADS" not in name}
+    for told, expected in (({}, "1"), ({"OPENBLAS_NUM_THREADS": "2"}, "2")):
+        done = subprocess.run([sys.executable, "-c", code], env=untold | told, capture_output=True)
+        assert done.stdout.decode().strip() == expected
 
 
 def test_the_command_is_installed():

@@ -91,6 +91,12 @@ def test_a_plan_is_the_same_to_the_last_bit_as_without_it(
     np.testing.assert_array_equal(there.trajectory.joint_positions, here.trajectory.joint_positions)
 
 
+def test_it_plans_with_one_thread_of_linear_algebra(worker: Worker) -> None:
+    """Several wait for each other where the machine has other work."""
+    environment = Path(f"/proc/{server(worker)}/environ").read_bytes().split(b"\0")
+    assert {b"OPENBLAS_NUM_THREADS=1", b"OMP_NUM_THREADS=1"} <= set(environment)
+
+
 def test_errors_of_the_planner_come_across_as_they_are(
     worker: Worker, lemur_capture: PlanningProblem, settings: PlannerSettings
 ) -> None:

@@ -42,6 +42,7 @@ from ff_planner_ros.bench.scenarios import KINDS
 from ff_planner_ros.bench.starts import StartAttempt, joins, null_space_starts
 from ff_planner_ros.bench.success import Attempt, attempts, solved_and_times
 from ff_planner_ros.errors import Status
+from ff_planner_ros.one_thread import ONE_THREAD
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.problem import Parametrisation, PlanningProblem
 from ff_planner_ros.planning.scenario import load_scenario
@@ -50,15 +51,12 @@ from ff_planner_ros.robot.bodies import Geometry
 from ff_planner_ros.share import share_directory
 from ff_planner_ros.text_table import print_table
 
-# Variables with which the numerical libraries are told to use one thread.
-ONE_THREAD = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
-
 # Scenarios of each class whose plans are executed: as many as in a published check by others.
 _EXECUTED = 40
 # Scenarios that are planned from starts in motion.
 _STARTS = 20
 # Rounds of search for the attitude that are compared: a race alone, and with hops, the default.
-_ROUNDS = (1, 3)
+_ROUNDS = (0, 1, 3)
 # Problems of each class that are planned in both path families.
 _FAMILIES = 40
 # Problems that are planned with lines and with shapes.

@@ -14,6 +14,7 @@ from collections.abc import Callable
 from contextlib import closing, suppress
 
 from ff_planner_ros.errors import FfPlannerError, Interrupted, NoPlanFound, Status
+from ff_planner_ros.one_thread import ONE_THREAD
 from ff_planner_ros.planning.plan import Plan
 from ff_planner_ros.planning.task import PlanningTask
 from ff_planner_ros.planning.watch import Progress
@@ -210,6 +211,7 @@ class _Server:
                 [sys.executable, "-m", solver_process.__name__, str(theirs.fileno())],
                 stdin=subprocess.DEVNULL,
                 pass_fds=[theirs.fileno()],
+                env=os.environ | ONE_THREAD,
                 start_new_session=True,
             )
         self._is_loaded = False
