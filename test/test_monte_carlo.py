@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import binom
 
 from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.intervals import exact_interval
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.approach import Approach
 from ff_planner_ros.planning.base_spread import base_spread, tracked_motion
@@ -23,7 +24,7 @@ from ff_planner_ros.planning.problem import Limits, PlanningProblem
 from ff_planner_ros.planning.scenario import load_scenario
 from ff_planner_ros.planning.scene import scene_of
 from ff_planner_ros.planning.uncertainty import Uncertainty, directions, draws
-from ff_planner_ros.simulation.monte_carlo import MonteCarlo, exact_interval, monte_carlo
+from ff_planner_ros.simulation.monte_carlo import MonteCarlo, monte_carlo
 from ff_planner_ros.simulation.torque_runs import torque_monte_carlo
 from ff_planner_ros.simulation.tracked_runs import tracked_runs
 

@@ -52,7 +52,7 @@ from ff_planner_ros.ros.messages.to_messages import (
     time_message,
 )
 from ff_planner_ros.runs.report import Report, report_of_answer
-from ff_planner_ros.runs.report_of_bag import report_of_bag
+from ff_planner_ros.runs.report_of_bag import report_of_bag, reported_request
 from ff_planner_ros.runs.report_page import save_page
 from ff_planner_ros.runs.report_plots import shown_rows
 
@@ -225,6 +225,14 @@ def test_every_request_is_listed_with_door_time_status_and_numbers(told: Told) -
         ("run.6", "action", "0 SOLVED"),
     ]
     assert "6 requests: 3 solved, 2 refused, 1 unanswered" in told.page.words
+
+
+def test_what_goes_on_from_a_running_plan_has_the_duration_that_is_left() -> None:
+    request = PlanTrajectory.Request(continue_plan=True)
+    response = PlanTrajectory.Response(duration=8.4)
+    assert reported_request("action", request, response).duration == 8.4
+    response.status.code = Status.TOO_LATE
+    assert reported_request("action", request, response).duration is None
 
 
 def test_refusals_have_their_reasons_in_full_and_their_attempts_numbers_marked(told: Told) -> None:

@@ -24,11 +24,13 @@ from ff_planner_ros.analysis.solids import RobotSurface, robot_surface, surface_
 from ff_planner_ros.analysis.surroundings import (
     axes_of,
     axis_lines,
+    axis_points,
     drawn_corridor,
     drawn_goal,
     drawn_obstacles,
     near_arm,
     sphere_at,
+    with_gaps,
     xyz,
 )
 from ff_planner_ros.arrays import Array
@@ -92,7 +94,7 @@ def scene_figure(
     passing = [sphere for sphere in near if sphere.moves]
     moving = [number for number, sphere in enumerate(near) if sphere.moves]
     for motion in drawn:
-        bodies = list(_bodies(motion, 0))
+        bodies = list(_bodies(motion))
         moving += range(len(figure.data), len(figure.data) + len(bodies))
         traces = [*bodies, *_paths(motion), *_nearest(motion)]
         for trace in traces:
@@ -101,18 +103,14 @@ def scene_figure(
     # As many digits as tell two frames apart.
     digits = 2 if len(times) < 2 else max(2, 1 - int(np.floor(np.log10(times[1]))))
     figure.frames = [
-        go.Frame(
-            name=f"{time:.{digits}f}",
-            data=[
+        {
+            "name": f"{time:.{digits}f}",
+            "data": [
                 *({"type": "mesh3d", **sphere_at(one, time, len(near))} for one in passing),
-                *(
-                    {axis: getattr(trace, axis) for axis in "xyz"} | {"type": trace.type}
-                    for motion in drawn
-                    for trace in _bodies(motion, frame)
-                ),
+                *({"type": of, **xyz(at)} for motion in drawn for of, at in _places(motion, frame)),
             ],
-            traces=moving,
-        )
+            "traces": moving,
+        }
         for frame, time in enumerate(times.tolist())
     ]
     lay_out(figure)
@@ -179,21 +177,39 @@ def _motion(
 _EDGES = [(a, b) for a, b in combinations(range(8), 2) if (a ^ b).bit_count() == 1]
 
 
-def _bodies(motion: _Motion, frame: int) -> Iterator[go.Scatter3d | go.Mesh3d]:
-    """Draw what moves: chaser, arm, end effector's axes, and the links where they have shapes."""
+def _places(motion: _Motion, frame: int) -> Iterator[tuple[str, NDArray[np.floating]]]:
+    """Yield kind and points, shape (points, 3), of what moves, as `_bodies` draws it.
+
+    A figure has hundreds of frames, of which each object of plotly's would be checked.
+    """
     point = motion.rows[frame]
-    box, arm = motion.box[point], motion.arm[point]
-    edges = [box[list(edge)] for edge in _EDGES] if motion.boxed else []
-    mount = np.array([motion.chaser[point], arm[0]])
-    yield _lines(motion.method, "chaser", [*edges, mount], width=3)
+    yield "scatter3d", with_gaps(_of_chaser(motion, frame))
+    yield "scatter3d", with_gaps([motion.arm[point]])
+    yield "scatter3d", axis_points(motion.arm[point, -1], motion.axis_length * motion.axes[point])
+    if motion.surface.size:
+        yield "mesh3d", motion.surface[frame].astype(np.float32)
+
+
+def _of_chaser(motion: _Motion, frame: int) -> list[Array]:
+    """Return the lines that the chaser is drawn by."""
+    point = motion.rows[frame]
+    edges = [motion.box[point][list(edge)] for edge in _EDGES] if motion.boxed else []
+    return [*edges, np.array([motion.chaser[point], motion.arm[point, 0]])]
+
+
+def _bodies(motion: _Motion) -> Iterator[go.Scatter3d | go.Mesh3d]:
+    """Draw what moves: chaser, arm, end effector's axes, and the links where they have shapes."""
+    arm = motion.arm[motion.rows[0]]
+    yield _lines(motion.method, "chaser", _of_chaser(motion, 0), width=3)
     yield _lines(motion.method, "arm", [arm], width=9, marker_size=4)
-    axes = axis_lines(arm[-1], motion.axis_length * motion.axes[point], "end effector's axes")
+    of_axes = motion.axis_length * motion.axes[motion.rows[0]]
+    axes = axis_lines(arm[-1], of_axes, "end effector's axes")
     yield axes.update(
         name=motion.method.label, legendgroup=motion.method.name, showlegend=False, line_width=7
     )
     if motion.surface.size:
         yield go.Mesh3d(
-            **xyz(motion.surface[frame].astype(np.float32)),
+            **xyz(motion.surface[0].astype(np.float32)),
             **dict(zip("ijk", motion.triangles.T, strict=True)),
             color=motion.method.colour,
             opacity=0.4,
@@ -238,9 +254,8 @@ def _lines(
     showlegend: bool = False,
 ) -> go.Scatter3d:
     """Draw lines as one trace, with gaps between them."""
-    gap = np.full((1, 3), np.nan)
     return go.Scatter3d(
-        **xyz(np.vstack([row for line in lines for row in (line, gap)])),
+        **xyz(with_gaps(lines)),
         mode="lines+markers" if marker_size else "lines",
         line={"color": method.colour, "width": width},
         marker={"color": method.colour, "size": marker_size},

@@ -119,13 +119,23 @@ def corridor_lines(approach: Approach, position: Array, quaternion_xyzw: Array) 
 
 def axis_lines(origin: Array, axes: Array, what: str) -> go.Scatter3d:
     """Draw three axes, x red, y green, z blue."""
-    lines = [row for axis in axes for row in (origin, origin + axis, np.full(3, np.nan))]
     return go.Scatter3d(
-        **xyz(np.array(lines)),
+        **xyz(axis_points(origin, axes)),
         mode="lines",
         line={"color": [colour for colour in _AXIS_COLOURS for _ in range(3)]},
         hovertemplate=f"{what}: x red, y green, z blue, {what}<br><extra></extra>",
     )
+
+
+def axis_points(origin: Array, axes: Array) -> Array:
+    """Return the points of the lines of three axes, with gaps between them. Shape (9, 3)."""
+    return with_gaps([np.array([origin, origin + axis]) for axis in axes])
+
+
+def with_gaps(lines: Sequence[Array]) -> Array:
+    """Return the points of lines that are drawn as one, with a gap behind each."""
+    gap = np.full((1, 3), np.nan)
+    return np.vstack([row for line in lines for row in (line, gap)])
 
 
 def xyz(points: NDArray[np.floating]) -> dict[str, NDArray[np.floating]]:

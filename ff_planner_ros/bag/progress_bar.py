@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import multiprocessing
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -26,7 +27,9 @@ def progress_bar(
     def advance(more: int) -> None:
         nonlocal done, shown, due
         done += more
-        if sys.stderr.isatty() and time.monotonic() >= due:
+        # Bars of several processes would write over each other.
+        is_alone = multiprocessing.parent_process() is None
+        if is_alone and sys.stderr.isatty() and time.monotonic() >= due:
             shown, due = True, time.monotonic() + _PERIOD
             filled = round(_WIDTH * min(1.0, done / max(total, 1)))
             bar = "#" * filled + "." * (_WIDTH - filled)

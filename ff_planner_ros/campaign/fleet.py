@@ -5,14 +5,14 @@ from __future__ import annotations
 import multiprocessing
 import os
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -22,6 +22,8 @@ from ff_planner_ros.bag.progress_bar import progress_bar
 from ff_planner_ros.bag.reader import open_bag
 from ff_planner_ros.campaign.statistics import Group, Rate, Row, grouped
 from ff_planner_ros.errors import BagError, FfPlannerError
+
+T = TypeVar("T")
 
 # What tells that a directory is, or was to be, a bag.
 _OF_BAGS = (".mcap", ".db3", ".zstd", ".bag")
@@ -145,13 +147,20 @@ class _Bag:
 def _each(directory: Path, paths: Sequence[Path]) -> Iterator[tuple[str, _Bag | str]]:
     """Yield the name of each bag with what it holds or why it is skipped, in the order of paths."""
     names = [printable(str(p.relative_to(directory) if p != directory else p.name)) for p in paths]
+    yield from zip(
+        names, on_all_cores(_bag, len(paths) >= _FOR_PROCESSES, paths, names), strict=True
+    )
+
+
+def on_all_cores(work: Callable[..., T], pays: bool, *of_each: Iterable[Any]) -> Iterator[T]:
+    """Yield what `map` does; where it pays to start them, a process a core works on it."""
     cores = len(os.sched_getaffinity(0))
-    if len(paths) < _FOR_PROCESSES or cores == 1:
-        yield from zip(names, map(_bag, paths, names), strict=True)
+    if not pays or cores == 1:
+        yield from map(work, *of_each)
         return
     # Not forked: Matplotlib's and ROS's threads may be there.
     with ProcessPoolExecutor(cores, multiprocessing.get_context("spawn")) as pool:
-        yield from zip(names, pool.map(_bag, paths, names), strict=True)
+        yield from pool.map(work, *of_each)
 
 
 def _bag(path: Path, name: str) -> _Bag | str:

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from importlib.util import find_spec
 from pathlib import Path
 from urllib.parse import quote
 from xml.etree.ElementTree import Element
 
+from ff_planner_ros.bag.progress_bar import progress_bar
 from ff_planner_ros.campaign.fleet import (
     FIGURES,
     MEASURED,
     PERCENTILES,
     Fleet,
+    on_all_cores,
     success_words,
 )
 from ff_planner_ros.campaign.page_plots import time_plot
@@ -23,6 +26,8 @@ from ff_planner_ros.runs.report_html import bullets, element, pairs, plot, row, 
 _NOTHING = "-"
 # Runs that get a page of their own: each is some megabytes.
 PAGES = 10
+# Pages from which on a process a core draws them: it takes as long to start as a page to draw.
+_FOR_PROCESSES = 4
 _COLUMNS = (
     *("run", "requests", "solved", "causes", "slowest [s]", "least clearance [mm]"),
     *("joints off [rad]", "chaser off [mm]", "end effector off [mm]"),
@@ -47,25 +52,39 @@ def save_fleet_page(fleet: Fleet, file: Path, most_plans: int) -> list[str]:
     """
     pages: dict[str, Path] = {}
     notes: list[str] = []
-    try:
-        from ff_planner_ros.runs.report_of_bag import report_of_bag
-        from ff_planner_ros.runs.report_page import save_page
-    except ModuleNotFoundError:
+    if find_spec("ff_planner_msgs") is None:
         notes.append("without ROS no run gets a page of its own")
     else:
         directory = file.with_suffix("")
         directory.mkdir(exist_ok=True)
-        for number, run in enumerate(fleet.runs[:PAGES], start=1):
-            page = directory / f"{number:02d}_{Path(run.name).name}.html"
-            try:
-                save_page(report_of_bag(fleet.directory / run.name, most_plans), page)
-                pages[run.name] = page.relative_to(file.parent)
-            except FfPlannerError as error:
-                notes.append(f"{run.name}: {error}")
+        worst = fleet.runs[:PAGES]
+        bags = [fleet.directory / run.name for run in worst]
+        files = [directory / f"{n:02d}_{bag.name}.html" for n, bag in enumerate(bags, start=1)]
+        pays = len(worst) >= _FOR_PROCESSES
+        with progress_bar("drawing runs", len(worst), unit="runs", per_unit=1) as advance:
+            wrong = on_all_cores(_save_page_of, pays, bags, files, [most_plans] * len(worst))
+            for run, page, error in zip(worst, files, wrong, strict=True):
+                if error:
+                    notes.append(f"{run.name}: {error}")
+                else:
+                    pages[run.name] = page.relative_to(file.parent)
+                advance(1)
     figures: list[Element] = []
     title = fleet.directory.resolve().name
     save_file(title, _sections(title, fleet, pages, figures), figures, file)
     return notes
+
+
+def _save_page_of(bag: Path, page: Path, most_plans: int) -> str:
+    """Write the page of a bag; return why there is none."""
+    from ff_planner_ros.runs.report_of_bag import report_of_bag
+    from ff_planner_ros.runs.report_page import save_page
+
+    try:
+        save_page(report_of_bag(bag, most_plans), page)
+    except FfPlannerError as error:
+        return str(error)
+    return ""
 
 
 def _sections(
@@ -83,7 +102,9 @@ def _sections(
         yield bullets([f"skipped: {name}: {why}" for name, why in fleet.skipped], "notes")
     if fleet.causes:
         yield element("h2", "Causes of refusal")
-        yield table(("status", "requests"), [row((k, str(n))) for k, n in fleet.causes.items()])
+        yield table(
+            ("status", "requests"), [row((k, str(n))) for k, n in fleet.causes.most_common()]
+        )
     yield element("h2", "Times, clearance, planned against measured")
     yield _percentiles(fleet)
     timed = [{**one, "solve_time": one.get("solve_time_s")} for one in fleet.rows]
@@ -120,7 +141,7 @@ def _cells(run: Group, pages: dict[str, Path]) -> Iterator[Element | str]:
     yield run.name if page is None else element("a", run.name, href=quote(page.as_posix()))
     yield str(run.solved.total)
     yield str(run.solved.count)
-    yield ", ".join(f"{count} {status}" for status, count in run.causes.items()) or _NOTHING
+    yield ", ".join(f"{count} {status}" for status, count in run.causes.most_common()) or _NOTHING
     for column, factor, worst in _OF_RUNS:
         values = run.values(column, solved_only=column != "solve_time_s")
         yield f"{factor * float(worst(values)):.4g}" if len(values) else _NOTHING

@@ -68,7 +68,7 @@ def _sections(
     )
     yield element("p", words)
     yield _table("method", methods)
-    caption = "Share of cases that are solved, by method, with Wilson's 95 % confidence interval."
+    caption = "Share of cases that are solved, by method, with the exact 95 % confidence interval."
     yield plot("rates", rate_plot(methods), caption, figures)
     yield from _by_source(rows)
     yield from _refusals(methods)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -10,8 +9,7 @@ from typing import Any
 
 import numpy as np
 
-# Of the standard normal distribution: 95 % lie within so many standard deviations.
-_TWO_SIDED_95 = 1.959963984540054
+from ff_planner_ros.intervals import exact_interval
 
 Row = Mapping[str, Any]
 
@@ -30,16 +28,8 @@ class Rate:
 
     @property
     def interval(self) -> tuple[float, float]:
-        """Wilson's 95 % confidence interval, with q = 1 - p.
-
-        (p + z^2 / 2n -+ z sqrt(p q / n + z^2 / 4n^2)) / (1 + z^2 / n)
-        """
-        z, n, p = _TWO_SIDED_95, self.total, self.share
-        middle = p + z * z / (2 * n)
-        half = z * math.sqrt(p * (1 - p) / n + z * z / (4 * n * n))
-        low, high = ((middle + sign * half) / (1 + z * z / n) for sign in (-1, 1))
-        # Where all or none succeed an end is 1 or 0, but for rounding.
-        return (0.0 if self.count == 0 else low, 1.0 if self.count == self.total else high)
+        """The 95 % confidence interval."""
+        return exact_interval(self.count, self.total)
 
 
 @dataclass(frozen=True)

@@ -13,10 +13,10 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
-from scipy.stats import beta
 
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.intervals import exact_interval
 from ff_planner_ros.planning.base_spread import TrackedMotion, base_spread, tracked_motion
 from ff_planner_ros.planning.clearance import arm_points
 from ff_planner_ros.planning.grasp_frames import grasp_frames
@@ -42,8 +42,6 @@ from ff_planner_ros.simulation.tracked_runs import TrackedRuns, run_torques, tra
 
 # A thousand runs take about a second; memory holds so many at once.
 MOST_RUNS, _AT_ONCE = 1_000_000, 250
-# Of an interval that holds the true share.
-CONFIDENCE = 0.95
 _LIMITS = Limits()
 
 # How a run executes a plan: a controller keeps the joints on it, or torques alone are given.
@@ -101,7 +99,7 @@ class Violations:
 
     @property
     def interval(self) -> tuple[float, float]:
-        """The exact interval of Clopper and Pearson, 95 %."""
+        """The 95 % confidence interval."""
         return exact_interval(self.count, self.total)
 
 
@@ -121,14 +119,6 @@ class MonteCarlo:
     def number(self, name: str) -> Compared:
         """Return the number of a name."""
         return next(one for one in self.numbers if one.name == name)
-
-
-def exact_interval(count: int, total: int, confidence: float = CONFIDENCE) -> tuple[float, float]:
-    """Return the interval of Clopper and Pearson for a share, by the beta distribution."""
-    outside = (1.0 - confidence) / 2
-    low = 0.0 if count == 0 else float(beta.ppf(outside, count, total - count + 1))
-    high = 1.0 if count == total else float(beta.ppf(1.0 - outside, count + 1, total - count))
-    return low, high
 
 
 def monte_carlo(
