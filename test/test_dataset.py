@@ -2,13 +2,16 @@
 
 import hashlib
 import re
+import signal
+import subprocess
+import sys
 
 import numpy as np
 import pytest
 import yaml
 from scipy.interpolate import BPoly
 
-from ff_planner_ros.bench import bodies, dataset, scenarios, still_goals
+from ff_planner_ros.bench import bodies, dataset, scenarios, still_goals, tumbling, tumbling_witness
 from ff_planner_ros.bench.paths import roll_out
 from ff_planner_ros.bench.scorer.score import score
 from ff_planner_ros.cli import main
@@ -75,6 +78,25 @@ def test_other_seeds_give_other_scenarios_of_the_same_kind():
     assert len({text.splitlines()[0] for text in drawn}) <= 3
 
 
+def test_twice_as_many_steps_of_the_witness_give_the_same_scenarios(monkeypatch):
+    which = [("planar", 0), ("planar", 4), ("high_momentum", 0), ("high_momentum", 2)]
+    which += [("tumbling", 0), ("tumbling", 3)]
+    before = [_drawn_anew(*one) for one in which]
+    monkeypatch.setattr(tumbling_witness, "_FINER", 2 * tumbling_witness._FINER)
+    for one, first in zip(which, before, strict=True):
+        finer = _drawn_anew(*one)
+        moved = np.linalg.norm(finer.target.position - first.target.position)
+        assert 0.0 < moved < 1e-11, (one, moved)
+        assert dataset.scenario_text(finer) == dataset.scenario_text(first), one
+
+
+def _drawn_anew(kind, number):
+    """Return a problem of a class, not the one that was kept."""
+    if kind == "tumbling":
+        return tumbling.problem.__wrapped__(kind, number)
+    return still_goals.problem.__wrapped__(kind, number).problem
+
+
 def test_the_witness_of_a_still_goal_solves_its_written_scenario(tmp_path):
     (tmp_path / "robots").mkdir()
     for kind, number in (("planar", 0), ("planar", 1), ("high_momentum", 1)):
@@ -124,6 +146,25 @@ def test_a_directory_that_holds_something_is_not_written_over(tmp_path):
     assert (tmp_path / "note").read_text() == "mine"
 
 
+KILLED = """
+import multiprocessing, os, signal, time
+from ff_planner_ros.bench.dataset import end_with_parent
+
+def work():
+    end_with_parent()
+    time.sleep(600)
+
+multiprocessing.get_context("fork").Process(target=work).start()
+os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+def test_a_worker_ends_when_the_run_that_started_it_was_killed():
+    # The worker has the other end of the pipe, which is read until nobody can write any more
+    done = subprocess.run([sys.executable, "-c", KILLED], capture_output=True, timeout=120)
+    assert done.returncode == -signal.SIGKILL, done.stderr
+
+
 def test_a_changed_file_of_a_data_set_is_told_by_its_name(small):
     file = small / "scenarios" / "planar" / "0000.yaml"
     kept = file.read_text()
@@ -149,7 +190,8 @@ REFUSED = {
     "--seconds is -1": ["--seconds", "-1"],
     "--seconds is nan": ["--seconds", "nan"],
     "--seeds is x": ["--seeds", "x"],
-    "--method is nobody": ["--method", "nobody", "--scenarios", "1"],
+    "was written with other seeds": ["--seeds", "4711"],
+    "--method is nobody": ["--method", "all", "--method", "nobody", "--scenarios", "1"],
     "there is no program nobody": ["--method", "nobody {scenario} {answer}", "--scenarios", "1"],
     "No closing quotation": ["--method", "sh '{scenario} {answer}", "--scenarios", "1"],
     "it has no planar/0001": ["--method", "ours", "--scenarios", "2"],
@@ -166,5 +208,5 @@ def test_a_wrong_option_is_refused_in_one_line(small, capfd, reason):
 
 def test_a_whole_set_that_is_not_the_published_one_is_refused(small, capfd, monkeypatch):
     monkeypatch.setattr(dataset, "is_whole", lambda _: True)
-    assert main(["bench", "--dataset", str(small), "--seeds", "hidden"]) == 2
-    assert f"that of the hidden seeds is {dataset.PUBLISHED['hidden']}" in capfd.readouterr().err
+    assert main(["bench", "--dataset", str(small), "--seeds", "public"]) == 2
+    assert f"that of the public seeds is {dataset.PUBLISHED['public']}" in capfd.readouterr().err

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 import ff_planner_ros.bench.scorer as scorer
 from ff_planner_ros.analysis.plan_json import plan_dictionary
-from ff_planner_ros.bench import contest, contest_results, dataset
+from ff_planner_ros.bench import contest, contest_results, dataset, method_process
 from ff_planner_ros.bench.scorer.clearance import clearance
 from ff_planner_ros.bench.scorer.flight import flown, joint_motion, momenta, torques
 from ff_planner_ros.bench.scorer.score import Score, load, score
@@ -277,14 +277,24 @@ def test_an_example_of_a_foreign_method_has_under_a_hundred_lines():
 
 
 FOREIGN = """
+from __future__ import annotations
+
 import os
+from dataclasses import dataclass
+
+from beside import CANNOT
+
+
+@dataclass
+class Found:
+    angles: list[float]
 
 
 def answer(scenario, seconds):
     if scenario.parent.name == "planar":
         return {"status": "no_plan"}
     if scenario.parent.name == "ordinary":
-        raise ValueError("cannot")
+        raise ValueError(CANNOT)
     os._exit(1)
 """
 
@@ -292,6 +302,7 @@ def answer(scenario, seconds):
 def test_a_foreign_method_is_a_file_that_may_refuse_raise_or_die(plans, tmp_path):
     directory, file = plans["planar"][0].parents[2], tmp_path / "foreign.py"
     file.write_text(FOREIGN)
+    (tmp_path / "beside.py").write_text("CANNOT = 'cannot'\n")
     which = [(kind, 0) for kind in ("planar", "ordinary", "bodies")]
     done = contest._in_turn(directory, 5.0, (str(file), which))
     assert [one.score.faults for one in done] == [
@@ -329,10 +340,10 @@ def test_why_answers_do_not_count_is_told_once_for_each_reason():
 
     done = [missed("planar"), missed("ordinary", "late by 3.1e-02 s", "hit")]
     done += [missed("bodies", "hit"), missed("bodies", "late by 4 s")]
-    assert list(contest_results.reasons(done)) == [
-        ("mine", "2", "ordinary/0003", "late by 3.1e-02 s"),
-        ("mine", "2", "ordinary/0003", "hit"),
-    ]
+    late = ("mine", "2", "ordinary/0003", "late by 3.1e-02 s")
+    assert list(contest_results.reasons(done, 2)) == [late, ("mine", "2", "ordinary/0003", "hit")]
+    rest = ("mine", "", "", "and 1 more, which --json FILE has")
+    assert list(contest_results.reasons(done, 1)) == [late, rest]
 
 
 UNFIT = {
@@ -350,19 +361,19 @@ def test_a_file_that_is_no_method_is_refused_before_anything_is_planned(tmp_path
 
 
 def test_a_command_that_never_ends_is_ended(tmp_path, monkeypatch):
-    monkeypatch.setattr(contest, "_PATIENCE", 1.0)
-    given = contest._by_command("sleep 1000", tmp_path, 0.2)
+    monkeypatch.setattr(method_process, "_PATIENCE", 1.0)
+    given = method_process._by_command("sleep 1000", tmp_path, 0.2)
     assert given == {"status": "no answer", "message": "it did not end in time"}
 
 
 def test_a_foreign_method_may_be_a_command_line(plans, tmp_path):
-    file, _, answer = plans["planar"]
+    by_command, (file, _, answer) = method_process._by_command, plans["planar"]
     (tmp_path / "kept.json").write_text(json.dumps(answer))
-    given = contest._by_command(f"cp {tmp_path / 'kept.json'} {{answer}} {{scenario}}x", file, 9.0)
+    given = by_command(f"cp {tmp_path / 'kept.json'} {{answer}} {{scenario}}x", file, 9.0)
     assert given["status"] == "no answer"  # cp has two sources, and the last is no directory
     assert given["message"].startswith("exit code 1: cp: ")
     (tmp_path / "run.sh").write_text(f"cp {tmp_path / 'kept.json'} $2\n")
-    given = contest._by_command(f"sh {tmp_path / 'run.sh'} {{scenario}} {{answer}}", file, 9.0)
+    given = by_command(f"sh {tmp_path / 'run.sh'} {{scenario}} {{answer}}", file, 9.0)
     assert score(file, given).solved
 
 

@@ -68,16 +68,25 @@ def _from_json(one: dict[str, Any]) -> Result:
     return Result(**(one | {"score": Score(**judged)}))
 
 
-def reasons(done: Sequence[Result]) -> Iterator[tuple[str, ...]]:
-    """Yield why answers do not count, the most frequent first: method, answers, reason, example."""
-    found = dict[tuple[str, str], list[Result]]()
-    for one in done:
-        for fault in one.score.faults:
-            found.setdefault((one.method, _NUMBER.sub("_", fault)), []).append(one)
-    for (method, what), those in sorted(found.items(), key=lambda item: -len(item[1])):
-        first = those[0]
-        told = next(fault for fault in first.score.faults if _NUMBER.sub("_", fault) == what)
-        yield method, f"{len(those)}", f"{first.kind}/{first.index:04d}", " ".join(told.split())
+def reasons(done: Sequence[Result], most: int) -> Iterator[tuple[str, ...]]:
+    """Yield why answers do not count: method, answers, example, reason as it is told there.
+
+    Args:
+        most: Reasons of a method that are told, the most frequent first.
+    """
+    for method in dict.fromkeys(one.method for one in done):
+        found = dict[str, list[tuple[Result, str]]]()
+        for one in done:
+            for fault in one.score.faults if one.method == method else ():
+                what = _NUMBER.sub("_", fault.partition(";")[0])  # details come after it
+                found.setdefault(what, []).append((one, fault))
+        by_frequency = sorted(found.values(), key=len, reverse=True)
+        for those in by_frequency[:most]:
+            first, fault = those[0]
+            example = f"{first.kind}/{first.index:04d}"
+            yield method, f"{len(those)}", example, " ".join(fault.split())
+        if (more := len(by_frequency) - most) > 0:
+            yield method, "", "", f"and {more} more, which --json FILE has"
 
 
 REASONS_HEADER = ("method", "answers", "for example", "it does not count there because")

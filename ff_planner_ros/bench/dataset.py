@@ -9,7 +9,10 @@ from __future__ import annotations
 import hashlib
 import json
 import math
+import multiprocessing
+import os
 import shutil
+import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
@@ -34,8 +37,8 @@ SEEDS = {"public": 0, "hidden": 1}
 _APART = 1_000_000
 # Hashes over `SHA256SUMS`, which has the hash of every file.
 PUBLISHED = {
-    "public": "84f00faeae2142d645ed193bc96e908440a3cc438a633a8c90460522d3ba88e5",
-    "hidden": "50e4ba8998b25a939247a3cf1e7177755f0c8beccde8dd9d8e5c1794a0d8b861",
+    "public": "4ae99676f18af31072c181a970a66f5b40e0b9b208a55b52db9522ab2ec9a4c3",
+    "hidden": "c127ab95d09d52f8ec8dcdcfb759bd840d99576f9082bff573e9a3a909abaaea",
 }
 SUMS = "SHA256SUMS"
 _OF_THREE = ("lemur", "arm6", "arm7")
@@ -105,7 +108,7 @@ def write_dataset(directory: Path, seed: int, each: int | None = None, workers: 
         OSError: A file cannot be written.
     """
     if directory.exists() and (not directory.is_dir() or any(directory.iterdir())):
-        allowed = "it must be a new or an empty directory"
+        allowed = f"it must be a new or an empty directory, or a data set with {SUMS}"
         raise InvalidInput(Status.UNSUPPORTED, "--dataset", directory, allowed)
     try:
         return _written(directory, seed, each, workers)
@@ -121,7 +124,7 @@ def _written(directory: Path, seed: int, each: int | None, workers: int) -> str:
         (directory / "scenarios" / kind).mkdir(parents=True, exist_ok=True)
     (directory / "robots").mkdir(exist_ok=True)
     if workers > 1:
-        with ProcessPoolExecutor(workers) as pool:
+        with ProcessPoolExecutor(workers, initializer=end_with_parent) as pool:
             robots = dict(made for made in pool.map(write, wanted, chunksize=5))
     else:
         robots = dict(write(one) for one in wanted)
@@ -130,6 +133,18 @@ def _written(directory: Path, seed: int, each: int | None, workers: int) -> str:
         told = json.dumps({"must_not_touch": pairs}, indent=1) + "\n"
         (directory / "robots" / f"{name}.json").write_text(told, encoding="utf-8", newline="\n")
     return write_sums(directory)
+
+
+def end_with_parent() -> None:
+    """Let this process end as soon as the one that started it has ended, however that was."""
+    parent = multiprocessing.parent_process()
+
+    def wait() -> None:
+        if parent is not None:
+            parent.join()
+            os._exit(1)
+
+    threading.Thread(target=wait, daemon=True).start()
 
 
 def write_sums(directory: Path) -> str:
@@ -161,6 +176,13 @@ def checked(directory: Path) -> str:
         allowed = f"{directory / name} is missing, new or changed; write the data set anew"
         raise InvalidInput(Status.UNSUPPORTED, "--dataset", directory, allowed)
     return hashlib.sha256(text.encode()).hexdigest()
+
+
+def is_of(directory: Path, seed: int) -> bool:
+    """Tell whether a data set was written from a seed, by its first scenario."""
+    kind, index = next(names())
+    file = directory / "scenarios" / kind / f"{index:04d}.yaml"
+    return file.read_text() == scenario_text(CLASSES[kind].problem(seed * _APART + index))
 
 
 def is_whole(directory: Path) -> bool:

@@ -7,17 +7,20 @@ import json
 import math
 import os
 import time
+from dataclasses import asdict
+from itertools import chain
 from pathlib import Path
 
 from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.one_thread import ONE_THREAD
 from ff_planner_ros.text_table import print_table
 
 # Scenarios of each class in the table: within an hour on two cores, ten seconds an answer.
 _EACH = 40
 # Scenarios of a class and processes at a time.
 _MOST = 10_000
-# Rows of the table of reasons.
-_REASONS = 25
+# Rows of a method in the table of reasons.
+_REASONS = 8
 
 
 def run_benchmark(options: argparse.Namespace) -> int:
@@ -53,14 +56,14 @@ def _require_in_range(options: argparse.Namespace) -> None:
 def _score(scenario: Path, answer: Path) -> int:
     """Judge one answer; exit code 3 if it does not solve the scenario."""
     from ff_planner_ros.analysis.json_file import read_json
-    from ff_planner_ros.bench.scorer.score import as_dictionary, score
+    from ff_planner_ros.bench.scorer.score import score
 
     try:
         judged = score(scenario, read_json(answer))
     except (OSError, LookupError, TypeError, ValueError) as error:
         allowed = f"it must be a scenario of the data set: {type(error).__name__}: {error}"
         raise InvalidInput(Status.UNSUPPORTED, "--score", scenario, allowed) from None
-    print(json.dumps(as_dictionary(judged), indent=1))
+    print(json.dumps(asdict(judged), indent=1))
     return 0 if judged.solved else 3
 
 
@@ -68,20 +71,25 @@ def _require_dataset(options: argparse.Namespace) -> str:
     """Write the data set if it is not there, tell whether it is published, and return its hash.
 
     Raises:
-        InvalidInput: A file is not what was written, or the whole set is not the published one.
+        InvalidInput: A file is not what was written, the set is of other seeds than asked for, or
+            the whole set is not the published one.
     """
     from ff_planner_ros.bench import dataset
 
     directory, named = options.dataset, options.seeds or "public"
     seed, cores = dataset.seed_of(named), options.workers
-    if not (directory / dataset.SUMS).exists():
+    is_new = not (directory / dataset.SUMS).exists()
+    if is_new:
         begun = time.monotonic()
         found = dataset.write_dataset(directory, seed, options.scenarios, cores)
         print(f"{directory}: written in {time.monotonic() - begun:.0f} s")
     else:
         found = dataset.checked(directory)
-    wanted = dataset.PUBLISHED.get(named)
-    if dataset.is_whole(directory) and wanted is not None and found != wanted:
+        if options.seeds and not dataset.is_of(directory, seed):
+            allowed = f"{directory} was written with other seeds; give another directory"
+            raise InvalidInput(Status.UNSUPPORTED, "--seeds", named, allowed)
+    wanted = dataset.PUBLISHED.get(named, found)
+    if (is_new or options.seeds) and found != wanted and dataset.is_whole(directory):
         allowed = f"that of the {named} seeds is {wanted}"
         raise InvalidInput(Status.UNSUPPORTED, "hash of the data set", found, allowed)
     published = found in dataset.PUBLISHED.values()
@@ -93,10 +101,10 @@ def _table(options: argparse.Namespace, dataset_hash: str) -> int:
     """Let methods plan the data set; answers in the file of an earlier run are taken from there."""
     from ff_planner_ros.bench import contest, contest_results
     from ff_planner_ros.bench.dataset import CLASSES, names
+    from ff_planner_ros.bench.method_process import ENTRANTS
 
-    methods = (
-        list(contest.ENTRANTS) if options.method == ["all"] else list(dict.fromkeys(options.method))
-    )
+    asked_for = ((ENTRANTS if one == "all" else (one,)) for one in options.method)
+    methods = list(dict.fromkeys(chain.from_iterable(asked_for)))
     each, seconds, workers = options.scenarios or _EACH, options.seconds, options.workers
     for kind, index in names(each):
         if not (options.dataset / "scenarios" / kind / f"{index:04d}.yaml").exists():
@@ -117,9 +125,9 @@ def _table(options: argparse.Namespace, dataset_hash: str) -> int:
     kinds = list(CLASSES)
     done.sort(key=lambda one: (methods.index(one.method), kinds.index(one.kind), one.index))
     print_table("Methods on the data set", contest_results.HEADER, list(contest_results.rows(done)))
-    why = list(contest_results.reasons(done))
+    why = list(contest_results.reasons(done, _REASONS))
     if why:
-        print_table("Why answers do not count", contest_results.REASONS_HEADER, why[:_REASONS])
+        print_table("Why answers do not count", contest_results.REASONS_HEADER, why)
     print(f"\n{made} answers in {minutes:.0f} minutes, {workers} at a time")
     return 0
 
@@ -132,5 +140,4 @@ def _fly(options: argparse.Namespace) -> None:
 
 def _limit_threads() -> None:
     """Let every process that is started have one thread: a method has one core."""
-    for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
-        os.environ[name] = "1"
+    os.environ.update(ONE_THREAD)

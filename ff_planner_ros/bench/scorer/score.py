@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -246,8 +246,3 @@ def errors_at_goal(
     if scenario["robot"].get("base") == "planar":
         counts[2:5] = False
     return np.concatenate([place - tip.position[-1], turned]), counts
-
-
-def as_dictionary(judged: Score) -> dict[str, Any]:
-    """Return a score as JSON has it."""
-    return asdict(judged)
