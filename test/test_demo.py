@@ -160,7 +160,7 @@ def run_with(scenario: Path, before: str = "") -> subprocess.CompletedProcess[st
     code = f"""
 import sys
 from pathlib import Path
-from ff_planner_ros.demo import run as demo
+from ff_planner_ros.demo import flights, run as demo
 
 {before}
 sys.exit(demo.run_demo(scenario=Path({str(scenario)!r})))
@@ -186,7 +186,7 @@ def test_a_plan_that_is_not_found_ends_the_demonstration_with_its_cause(tmp_path
 
 def test_a_machine_that_is_too_slow_is_given_more_time(tmp_path: Path) -> None:
     # What it draws in the end is no matter here.
-    hurry = "demo._LEADS = (0, 6, 40); demo.save_figures = lambda *_: []"
+    hurry = "flights._LEADS = (0, 6, 40); demo.save_figures = lambda *_: []"
     ended = run_with(quick_capture(tmp_path), before=f"{hurry}; demo.save_scene = lambda *_: None")
     assert ended.returncode == 0, ended.stderr
     lines = ended.stdout.splitlines()
@@ -220,11 +220,14 @@ def flown(directory: Path, *arguments: str) -> list[str]:
     return ended.stdout.splitlines()
 
 
-def test_a_body_that_tumbles_is_captured_in_real_time(
-    tmp_path: Path, times: Callable[[int, int], int]
-) -> None:
+@pytest.fixture
+def at_night(times: Callable[[int, int], int]) -> None:
     if not times(0, 1):
         pytest.skip("two flights in real time: at night")
+
+
+@pytest.mark.usefixtures("at_night")
+def test_a_body_that_tumbles_is_captured_in_real_time(tmp_path: Path) -> None:
     lines = flown(tmp_path, "--scene", "tumbling")
     captured = [row for row in rows(lines, "min(") if len(row) == 6]
     given, chosen = (float(row[1]) for row in captured)
@@ -238,11 +241,8 @@ def test_a_body_that_tumbles_is_captured_in_real_time(
     assert picture.read_bytes().startswith(PNG)
 
 
-def test_a_capture_on_a_table_is_flown_and_seen_from_above(
-    tmp_path: Path, times: Callable[[int, int], int]
-) -> None:
-    if not times(0, 1):
-        pytest.skip("two flights in real time: at night")
+@pytest.mark.usefixtures("at_night")
+def test_a_capture_on_a_table_is_flown_and_seen_from_above(tmp_path: Path) -> None:
     lines = flown(tmp_path, "--testbed", "planar")
     flights = rows(lines, "min(")
     assert len(flights) == 2
@@ -253,11 +253,8 @@ def test_a_capture_on_a_table_is_flown_and_seen_from_above(
     assert picture.read_bytes().startswith(PNG)
 
 
-def test_a_plan_made_again_on_the_way_reaches_what_open_loop_misses(
-    tmp_path: Path, times: Callable[[int, int], int]
-) -> None:
-    if not times(0, 1):
-        pytest.skip("two flights in real time: at night")
+@pytest.mark.usefixtures("at_night")
+def test_a_plan_made_again_on_the_way_reaches_what_open_loop_misses(tmp_path: Path) -> None:
     lines = flown(tmp_path, "--scene", "following")
     table = lines[lines.index("Planned again on the way") + 2 :][:3]
     torques_alone, open_loop, replanned = (line.split() for line in table)

@@ -12,8 +12,8 @@ import pytest
 from ros_processes import DEADLINE
 from test_examples import EXAMPLES
 
+from ff_planner_ros.demo.flights import TESTBEDS
 from ff_planner_ros.demo.following import HEADER, OPEN_LOOP, REPLANNED, following_figure, rows
-from ff_planner_ros.demo.run import TESTBEDS
 from ff_planner_ros.errors import Status
 
 REPORTS = {
