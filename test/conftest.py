@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import sqlite3
 import sys
 from collections.abc import Callable, Generator
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -97,6 +99,31 @@ def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, Any, Any]:
             return (yield)
         finally:
             measuring.start()
+
+
+@pytest.hookimpl(wrapper=True, trylast=True)  # pytest-cov combines right after it
+def pytest_runtestloop(session: pytest.Session) -> Generator[None, Any, Any]:
+    result = yield
+    if session.config.pluginmanager.hasplugin("_cov") and not hasattr(
+        session.config, "workerinput"
+    ):
+        for file in session.config.rootpath.glob(".coverage.*"):
+            discard_if_torn(file)
+    return result
+
+
+def discard_if_torn(file: Path) -> None:
+    """Delete the coverage data of a process that was killed while it wrote them.
+
+    Combining would stop at them, after all tests have passed.
+    """
+    from coverage import CoverageData, CoverageException
+
+    try:
+        CoverageData(no_disk=True).update(CoverageData(str(file), read_only=True))
+    except (CoverageException, sqlite3.Error) as error:
+        print(f"{file.name} is left out of the coverage: {error}")
+        file.unlink()
 
 
 @pytest.hookimpl(optionalhook=True)  # of pytest-xdist
