@@ -88,17 +88,32 @@ def test_without_rounds_the_nearest_optimum_is_found_at_a_fraction_of_the_price(
     assert quick.solver.rollouts < 0.3 * searched.solver.rollouts
 
 
-def test_no_round_is_spent_on_an_attitude_that_hardly_counts(lemur_capture):
-    counts, hardly = Objective(1.0, 1.0), Objective(1.0, 1e-4)
-    rollouts = {
+def test_no_round_is_spent_where_the_attitude_is_a_minor_part(lemur_capture):
+    major, minor, hardly = Objective(1.0, 20.0), Objective(1.0, 1.0), Objective(1.0, 1e-4)
+    made = {
         (objective, rounds): plan(
             replace(lemur_capture, objective=objective), replace(SETTINGS, attitude_rounds=rounds)
-        ).solver.rollouts
-        for objective in (counts, hardly)
+        )
+        for objective in (major, minor, hardly)
         for rounds in (0, 1)
     }
+    rollouts = {key: each.solver.rollouts for key, each in made.items()}
     assert rollouts[hardly, 0] == rollouts[hardly, 1]
-    assert rollouts[counts, 0] < rollouts[counts, 1]
+    assert rollouts[minor, 1] - rollouts[minor, 0] < 60 < rollouts[major, 1] - rollouts[major, 0]
+    assert value(minor, made[minor, 1]) == value(minor, made[minor, 0])
+
+
+@pytest.mark.parametrize(
+    ("key", "weight", "gain"),
+    [(("cluttered", "off7", 1), 1.0, 0.9), (("ordinary", "lemur", 2), 0.9, 0.8)],
+)
+def test_rounds_are_spent_on_a_minor_part_where_others_are_in_sight(key, weight, gain):
+    objective = Objective(1.0, weight)
+    problem = replace(scenario(*key, turned=False).problem, objective=objective)
+    nearest, searched = (
+        plan(problem, replace(SETTINGS, attitude_rounds=rounds)) for rounds in (0, 1)
+    )
+    assert value(objective, searched) < gain * value(objective, nearest)
 
 
 def test_the_attitude_is_near_the_best_that_was_ever_found(times):

@@ -57,6 +57,10 @@ _SMALL_VIOLATION, _MENDING_ITERATIONS = 3e-2, 6
 _AWAY = 1.2
 # Of the best plan's objective: a path on few points that is above it is not refined.
 _PROMISING = 1.02
+# Parts of what the plan of least joint path is worth. Where the attitude is less than the first, no
+# other guesses are tried; up to the other they are, only if a look at so many of them, so many
+# iterations far, shows one that gains: the optimum nearest to that plan nearly always is the best.
+_NEGLIGIBLE, _MINOR, _LOOKED_AT, _LOOK = 2e-4, 0.3, 7, 6
 # A joint path or an angle known to this part is known well enough to compare two.
 _ROUGH_OPTIMALITY, _ROUGH_PROGRESS, _FINE_PROGRESS = 1e-5, 1e-4, 2e-4
 
@@ -71,7 +75,7 @@ class AttitudeSearch(Search):
 
         More rounds never give a worse plan: each begins where the one before it ended. Without any
         the search goes from the plan of least joint path to the nearest optimum, at a tenth of the
-        price.
+        price; so it does where the attitude is but a minor part and nothing better is in sight.
 
         Raises:
             OutOfTime: By the watch.
@@ -79,16 +83,20 @@ class AttitudeSearch(Search):
         objective = with_tie_break(asked, self._settings)
         best = self.better_at_guess(asked, shortest, judge)
         guesses, found, tried = self._guesses(shortest), list[_Rough](), list[_Rough]()
-        in_vain, rounds = 0, self._rounds(asked, shortest)
-        for number in range(max(rounds, 1)):
+        in_vain = 0
+        rounds = self._rounds(asked, shortest)
+        for number, count in enumerate(rounds):
+            is_after_nearest = number == 1 and rounds[0] == 1 and best is not shortest
+            if is_after_nearest and not self._more_in_sight(asked, shortest, found):
+                break
             if found and in_vain < _IN_VAIN:
                 reached = min(map(_worth, found))
                 self._hop(asked, found, number)
                 gains = min(map(_worth, found)) < _GAIN * reached
                 in_vain = 0 if gains else in_vain + 1
             else:
-                found += self._raced(asked, list(islice(guesses, _GUESSES if rounds else 1)))
-                in_vain = 0
+                found += self._raced(asked, list(islice(guesses, count)))
+                in_vain = 0 if count > 1 else _IN_VAIN
             for rough in sorted(found, key=_worth)[:_REFINED]:
                 limit = np.inf if best is shortest else weighted_sum(asked, best.metrics)
                 if rough in tried or rough.worth > _PROMISING * limit:
@@ -109,11 +117,25 @@ class AttitudeSearch(Search):
         effort = self._found(self._solved[-1]).report
         return replace(best, solver=replace(effort, optimality=optimality, stop_reason=reason))
 
-    def _rounds(self, asked: Objective, shortest: Plan) -> int:
-        """Return how many rounds to search; none where the attitude is too small to matter."""
-        most = asked.chaser_attitude * shortest.metrics.max_chaser_euler
-        matters = most > _FINE_PROGRESS * weighted_sum(asked, shortest.metrics)
-        return self._settings.attitude_rounds if matters else 0
+    def _rounds(self, asked: Objective, shortest: Plan) -> list[int]:
+        """Return the number of first guesses of each round's race, if there is one."""
+        races = [_GUESSES] * self._settings.attitude_rounds
+        attitude = asked.chaser_attitude * shortest.metrics.max_chaser_euler
+        worth = weighted_sum(asked, shortest.metrics)
+        if not races or attitude <= _NEGLIGIBLE * worth:
+            return [1]
+        return [1, *races] if attitude <= _MINOR * worth else races
+
+    def _more_in_sight(self, asked: Objective, shortest: Plan, found: Sequence[_Rough]) -> bool:
+        """Tell whether a look at other first guesses shows a better one than what is found."""
+        if not found:
+            return True
+        grid = _with(self._rough_grid(asked), iterations=_LOOK)
+        enough = _GAIN * min(found, key=_worth).path.at_x.objective
+        others = islice(self._guesses(shortest), 1, 1 + _LOOKED_AT)
+        self._starts += _LOOKED_AT
+        leads = (_lead(self._solve(grid, other)) for other in others)
+        return any(not is_far_off and value < enough for is_far_off, value in leads)
 
     def better_at_guess(self, asked: Objective, shortest: Plan, judge: Judge) -> Plan:
         """Return the best plan at the first guess, at worst the plan of least joint path.
