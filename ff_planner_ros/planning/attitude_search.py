@@ -60,7 +60,7 @@ _PROMISING = 1.02
 # Parts of what the plan of least joint path is worth. Where the attitude is less than the first, no
 # other guesses are tried; up to the other they are, only if a look at so many of them, so many
 # iterations far, shows one that gains: the optimum nearest to that plan nearly always is the best.
-_NEGLIGIBLE, _MINOR, _LOOKED_AT, _LOOK = 2e-4, 0.3, 7, 6
+_NEGLIGIBLE, _MINOR, _LOOKED_AT, _LOOK = 2e-4, 0.3, 5, 6
 # A joint path or an angle known to this part is known well enough to compare two.
 _ROUGH_OPTIMALITY, _ROUGH_PROGRESS, _FINE_PROGRESS = 1e-5, 1e-4, 2e-4
 
