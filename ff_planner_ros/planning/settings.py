@@ -152,7 +152,8 @@ class PlannerSettings:
     attitude_rounds: int = tunable(
         "Rounds of search for a better attitude where it has a weight: each tries more first "
         "guesses and keeps the best; more of them never give a worse plan. 0: only the optimum "
-        "that is nearest to the plan of least joint path, at a tenth of the price",
+        "that is nearest to the plan of least joint path, at a tenth of the price; so it is where "
+        "the attitude is a minor part of a weighted sum and no other guess looks better",
         minimum=0,
         maximum=1_000,
     )
