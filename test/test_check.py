@@ -277,7 +277,7 @@ def test_the_certified_clearance_is_a_tight_lower_bound(problem, sound, seed):
         for at, time in zip(positions, times, strict=True)
     )
     assert certified <= truth + 1e-9, (seed, certified, truth)
-    assert certified >= truth - 6e-4, (seed, certified, truth)
+    assert certified >= truth - 1.1e-4, (seed, certified, truth)
 
 
 def moved(spheres, time):

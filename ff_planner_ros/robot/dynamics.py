@@ -31,7 +31,7 @@ def joint_torques(robot: Robot, q: Array, v: Array, joint_accelerations: Array) 
     point, too.
     """
     of_base, forces, coupling = _pushed_by_nothing(robot, q, v, joint_accelerations)
-    torques: Array = forces[:, 6:] + np.einsum("pij,pi->pj", coupling, of_base)
+    torques: Array = forces[:, 6:] + (of_base[:, None] @ coupling)[:, 0]
     return torques
 
 
@@ -88,12 +88,13 @@ def _pushed_by_nothing(
         (points, 6, joints).
     """
     model, data, rows = robot.model, robot.model.createData(), robot.base.rows
-    at_rest = np.pad(joint_accelerations, ((0, 0), (6, 0)))
+    at_rest = np.zeros((len(q), model.nv))
+    at_rest[:, 6:] = joint_accelerations
     samples = zip(q, v, at_rest, strict=True)
-    forces = np.array([inverse_dynamics(robot, data, *sample) for sample in samples])
+    forces = np.array([pin.rnea(model, data, *sample) for sample in samples])
     mass = np.array([pin.crba(model, data, q_i)[:6] for q_i in q])
     of_base = np.zeros((len(q), 6))
-    free = mass[:, rows][:, :, rows]
+    free = mass[np.ix_(range(len(q)), rows, rows)]
     of_base[:, rows] = np.linalg.solve(free, -forces[:, rows, None])[:, :, 0]
     return of_base, forces, mass[:, :, 6:]
 
