@@ -55,15 +55,20 @@ def certified_clearance(
     steps = np.diff(times)
     positions = arm_points(robot, q) if positions is None else positions
     starts = segments(positions)
-    by_sphere = clearances(positions, times, starts, spheres).distance.min(axis=1)
+    centers = centers_at(times, spheres)
+    by_sphere = clearances(positions, times, starts, spheres, centers).distance.min(axis=1)
     cubics = cubics_between(robot, q, v, steps)
-    ways, bends = _ways_and_bends(positions, q[0], cubics, times, spheres)
+    changes = np.array([sphere.highest_acceleration for sphere in spheres])
+    bends = bend_bounds(positions[0], q[0], cubics)[:, None] + steps[:, None] ** 2 * changes
+    # Nothing is faster than on the whole way from point to point by more than half of the bend.
+    from_centers = positions[:, :, None] - centers[:, None]
+    ways = np.linalg.norm(np.diff(from_centers, axis=0), axis=-1).max(axis=1) + bends / 2
     lowest = certified = float(by_sphere.min())
     # What no step can bring nearer than the nearest point need not be looked at again.
     near = by_sphere.min(axis=0) <= lowest + ways.max(axis=0)
     spheres = [sphere for sphere, keep in zip(spheres, near, strict=True) if keep]
     radii = np.array([sphere.radius for sphere in spheres])
-    # Each of shape (pieces, spheres): a fast one that is far away is not looked at closely.
+    # Each of shape (cubics, spheres): a fast one that is far away is not looked at closely.
     at_begin, at_end = by_sphere[:-1, near], by_sphere[1:, near]
     ways, bends = ways[:, near], bends[:, near]
     index, begin, end = np.arange(len(cubics)), np.zeros(len(cubics)), np.ones(len(cubics))
@@ -114,29 +119,6 @@ def _lower_bounds(at_begin: Array, at_end: Array, ways: Array, bends: Array, rad
     return bounds
 
 
-def _ways_and_bends(
-    positions: Array, q: Array, cubics: Array, times: Array, spheres: Sequence[Sphere]
-) -> tuple[Array, Array]:
-    """Return how fast arm and spheres move against each other at most, and how that changes.
-
-    The first and second derivative of any point of the arm, from any sphere's centre, by s. Where
-    the way from the first point to the last is known, the first is off from it by half the second.
-
-    Args:
-        positions: Of `arm_points`, at the cubics' ends.
-        q: The first configuration. Shape (7 + joints,).
-
-    Returns:
-        Each of shape (cubics, spheres) [m].
-    """
-    steps = np.diff(times)[:, None]
-    changes = np.array([sphere.highest_acceleration for sphere in spheres])
-    bends = bend_bounds(positions[0], q, cubics)[:, None] + steps**2 * changes
-    from_centers = positions[:, :, None] - centers_at(times, spheres)[:, None]
-    whole = np.linalg.norm(np.diff(from_centers, axis=0), axis=-1).max(axis=1)
-    return whole + bends / 2, bends
-
-
 def cubics_between(robot: Robot, q: Array, v: Array, steps: Array) -> Array:
     """Return the tangent-space cubics through consecutive configurations and velocities.
 
@@ -178,10 +160,9 @@ def bend_bounds(positions: Array, q: Array, cubics: Array) -> Array:
     lengths = np.linalg.norm(np.diff(positions, axis=0, prepend=q[None, :3]), axis=1)
     rates, changes = (np.array(of) @ np.abs(cubics) for of in ([1.0, 2.0, 3.0], [0.0, 2.0, 6.0]))
     way = np.linalg.norm(np.abs(cubics[:, :, :3]).sum(axis=1), axis=1)
-    moving, turning = (np.linalg.norm(part, axis=1) for part in np.split(rates[:, :6], 2, axis=1))
-    faster, tumbling = (
-        np.linalg.norm(part, axis=1) for part in np.split(changes[:, :6], 2, axis=1)
-    )
+    moving, turning, faster, tumbling = np.linalg.norm(
+        np.hstack([rates[:, :6], changes[:, :6]]).reshape(-1, 4, 3), axis=2
+    ).T
     of_base = faster + turning * moving + (tumbling + turning**2) / 2 * way
     summed, changed = (
         np.cumsum(np.column_stack(each), axis=1)

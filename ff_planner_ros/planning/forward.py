@@ -17,7 +17,7 @@ from ff_planner_ros.planning.system_frame import system_frame
 from ff_planner_ros.robot.configuration import configuration, system_state
 from ff_planner_ros.robot.dynamics import accelerations
 from ff_planner_ros.robot.model import Base, Robot
-from ff_planner_ros.robot.momentum import base_twist, total_momentum
+from ff_planner_ros.robot.momentum import base_twist, momentum_maps, total_momentum
 from ff_planner_ros.robot.state import SystemState
 
 # In one step nothing turns further [rad]. RK4 is off by about the fourth power of this in a radian,
@@ -85,6 +85,14 @@ def carried_base(
     robot: Robot, q_start: Array, momentum: Array, joints: JointMotion, time: Array
 ) -> tuple[Array, Array]:
     """Return what `driven` does without the accelerations, at a third of its price."""
+    q, v, _ = carried_base_and_maps(robot, q_start, momentum, joints, time)
+    return q, v
+
+
+def carried_base_and_maps(
+    robot: Robot, q_start: Array, momentum: Array, joints: JointMotion, time: Array
+) -> tuple[Array, Array, Array]:
+    """Return what `carried_base` does, and the `momentum_maps` on the way."""
     model, data = robot.model, robot.model.createData()
     points = len(time)
     half_steps = np.interp(np.arange(2 * points - 1), 2 * np.arange(points), time)
@@ -92,7 +100,7 @@ def carried_base(
     # The momentum map depends on the joints alone, so that Eq. (27) is prepared for all times.
     of_joints = np.empty((len(half_steps), model.nq))
     of_joints[:, :7], of_joints[:, 7:] = q_start[:7], positions
-    maps = np.array([pin.crba(model, data, q)[:6] for q in of_joints])
+    maps = momentum_maps(robot, data, of_joints)
     # The system's centre of mass moves uniformly: its place is known, whatever the steps come to.
     # In the base frame the map holds it: mass times its cross-product matrix.
     mass, linear, angular = pin.computeTotalMass(model), momentum[:3], momentum[3:]
@@ -121,7 +129,7 @@ def carried_base(
     v[:, :3] = (linear @ base_to_inertial - of_turns) / mass
     if robot.base is Base.PLANAR:
         q[:, 2], v[:, 2] = q_start[2], 0.0
-    return q, v
+    return q, v, maps[::2]
 
 
 def _phases(

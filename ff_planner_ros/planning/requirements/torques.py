@@ -142,7 +142,7 @@ def _peaks(robot: Robot, motion: FollowedMotion) -> tuple[Array, Array]:
     goes over a point, where the torques have a kink; but where steps end at points alone.
     """
     _, _, accelerations = motion.joints.at(motion.time)
-    torques = joint_torques(robot, motion.q, motion.v, accelerations)
+    torques = joint_torques(robot, motion.q, motion.v, accelerations, motion.maps)
     before, there, after = torques[:-2], torques[1:-1], torques[2:]
     slope, curvature = (after - before) / 2, before + after - 2 * there
     with np.errstate(divide="ignore", invalid="ignore"):
