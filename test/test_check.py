@@ -284,6 +284,12 @@ def moved(spheres, time):
     return [replace(s, center=s.center + time * s.velocity) for s in spheres]
 
 
+def test_a_plan_that_is_a_million_times_too_fast_is_refused_and_soon(problem, sound):
+    """It turns by thousands of revolutions from point to point, where no step is short enough."""
+    wild = tampered(problem, sound, joint_velocities=1e6 * sound.trajectory.joint_velocities)
+    assert refusal_of(problem, wild).status is Status.LIMIT_VIOLATED
+
+
 def test_without_obstacles_the_clearance_is_infinite(problem, sound):
     q, v = from_trajectory(problem.robot, sound.trajectory)
     assert certified_clearance(problem.robot, q, v, sound.trajectory.time, []) == np.inf

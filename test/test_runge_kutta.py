@@ -83,3 +83,13 @@ def test_a_ball_turns_uniformly_about_its_momentum() -> None:
     found = turned_by_momentum(AXES, momentum, inverse, np.zeros((11, 3)), np.full(5, 0.7))
     turns = Rotation.from_rotvec(np.arange(6)[:, None] * 0.7 * 2.0 * momentum)
     assert found.as_matrix() == pytest.approx((turns * Rotation.from_matrix(AXES)).as_matrix())
+
+
+@pytest.mark.parametrize("rate", [1e2, 1e6, 1e15])
+def test_steps_that_are_far_too_long_still_make_rotations(rate: float) -> None:
+    """What comes of them is wrong, and refused elsewhere."""
+    half_steps = np.linspace(0.0, SECONDS, 41)
+    inverses, rates = of_momentum(half_steps), rate * of_rates(half_steps)
+    found = turned_by_momentum(AXES, np.ones(3), inverses, rates, np.full(20, 0.5)).as_matrix()
+    products = found @ found.swapaxes(1, 2)
+    assert products == pytest.approx(np.broadcast_to(np.eye(3), products.shape), abs=1e-12)

@@ -58,11 +58,14 @@ def certified_clearance(
     centers = centers_at(times, spheres)
     by_sphere = clearances(positions, times, starts, spheres, centers).distance.min(axis=1)
     cubics = cubics_between(robot, q, v, steps)
+    speeds = np.array([sphere.highest_speed for sphere in spheres])
     changes = np.array([sphere.highest_acceleration for sphere in spheres])
+    # Of arm and sphere together, from each point to the next. Shape (points - 1, spheres).
+    ways = way_bounds(positions[0], q[0], cubics)[:, None] + steps[:, None] * speeds
     bends = bend_bounds(positions[0], q[0], cubics)[:, None] + steps[:, None] ** 2 * changes
     # Nothing is faster than on the whole way from point to point by more than half of the bend.
-    from_centers = positions[:, :, None] - centers[:, None]
-    ways = np.linalg.norm(np.diff(from_centers, axis=0), axis=-1).max(axis=1) + bends / 2
+    whole = np.diff(positions[:, :, None] - centers[:, None], axis=0)
+    ways = np.minimum(ways, np.linalg.norm(whole, axis=-1).max(axis=1) + bends / 2)
     lowest = certified = float(by_sphere.min())
     # What no step can bring nearer than the nearest point need not be looked at again.
     near = by_sphere.min(axis=0) <= lowest + ways.max(axis=0)

@@ -7,6 +7,7 @@ manifolds, Appl. Numer. Math. 29, 1999].
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from itertools import accumulate
 
@@ -103,9 +104,12 @@ def _omega(seen: Array, of_momentum: Array, of_rates: Array) -> Array:
 
 
 def _momentum_seen(seen: Array, of_momentum: Array, of_rates: Array, steps: Array) -> Array:
-    """Return l after each step of Runge-Kutta's, by plain numbers: arrays of three take longer."""
+    """Return l after each step of Runge-Kutta's, by plain numbers: arrays of three take longer.
+
+    Its size is constant, and kept so: else it would grow without end where steps are too long.
+    """
     x, y, z = seen.tolist()
-    found = [(x, y, z)]
+    found, size = [(x, y, z)], math.hypot(x, y, z)
     rows = np.hstack([of_momentum.reshape(-1, 9), of_rates]).tolist()
     for h, begin, middle, end in zip(
         steps.tolist(), rows[:-1:2], rows[1::2], rows[2::2], strict=True
@@ -117,6 +121,8 @@ def _momentum_seen(seen: Array, of_momentum: Array, of_rates: Array, steps: Arra
         x += h / 6 * (x1 + 2 * (x2 + x3) + x4)
         y += h / 6 * (y1 + 2 * (y2 + y3) + y4)
         z += h / 6 * (z1 + 2 * (z2 + z3) + z4)
+        back = size / (math.hypot(x, y, z) or 1.0)
+        x, y, z = back * x, back * y, back * z
         found.append((x, y, z))
     return np.array(found)
 
