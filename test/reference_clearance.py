@@ -5,10 +5,18 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+import pinocchio as pin
 from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.arrays import Array, Indices
+from ff_planner_ros.planning.certificate import (
+    CERTIFICATE_GAP,
+    SHORTEST_PIECE,
+    cubics_between,
+    way_bounds,
+)
 from ff_planner_ros.planning.clearance import (
+    arm_points,
     clearance_gradients,
     clearances,
     segments,
@@ -91,3 +99,54 @@ def _quarter_way(values: Array) -> Array:
     begin, middle, end = at_points[:-1], half_way[1:], at_points[1:]
     first = (3.0 * begin + 6.0 * middle - end) / 8.0
     return np.concatenate([first, (3.0 * end + 6.0 * middle - begin) / 8.0])
+
+
+def search_certificate(
+    robot: Robot, q: Array, v: Array, times: Array, spheres: Sequence[Sphere]
+) -> float:
+    """Return what `search_certificate` does.
+
+    Between two points the motion is the cubic through both configurations and velocities. In a
+    piece of it no point of the arm moves further than its speed allows, nor does a sphere, so the
+    distance of both is at least the mean of both ends' less half both ways. Pieces whose bound is
+    too low to tell are halved. The bound is within `CERTIFICATE_GAP` of the truth.
+    """
+    if not spheres:
+        return np.inf
+    steps = np.diff(times)
+    positions = arm_points(robot, q)
+    starts = segments(positions)
+    by_sphere = clearances(positions, times, starts, spheres).distance.min(axis=1)
+    cubics = cubics_between(robot, q, v, steps)
+    speeds = np.array([sphere.highest_speed for sphere in spheres])
+    # Of arm and sphere together, from each point to the next. Shape (points - 1, spheres).
+    ways = way_bounds(positions[0], q[0], cubics)[:, None] + steps[:, None] * speeds
+    index, begin, end = np.arange(len(cubics)), np.zeros(len(cubics)), np.ones(len(cubics))
+    lowest = certified = float(by_sphere.min())
+    # What no step can bring nearer than the nearest point need not be looked at again.
+    reachable = by_sphere.min(axis=0) <= lowest + ways.max(axis=0)
+    spheres = [sphere for sphere, keep in zip(spheres, reachable, strict=True) if keep]
+    # Each of shape (pieces, spheres): a fast one that is far away is not looked at closely.
+    ways, at_begin, at_end = ways[:, reachable], by_sphere[:-1, reachable], by_sphere[1:, reachable]
+    while True:
+        part = end - begin
+        bound = ((at_begin + at_end - ways[index] * part[:, None]) / 2).min(axis=1)
+        open_ = (bound < lowest - CERTIFICATE_GAP) & (part > SHORTEST_PIECE)
+        certified = min(certified, float(bound[~open_].min(initial=np.inf)))
+        if not open_.any():
+            return certified
+        index, begin, end = index[open_], begin[open_], end[open_]
+        middle = (begin + end) / 2
+        powers = middle[:, None] ** np.array([1, 2, 3])
+        moved = np.einsum("ip,ipj->ij", powers, cubics[index])
+        between = np.array(
+            [pin.integrate(robot.model, *at) for at in zip(q[index], moved, strict=True)]
+        )
+        then = times[index] + middle * steps[index]
+        at_middle = clearances(arm_points(robot, between), then, starts, spheres).distance
+        at_middle = at_middle.min(axis=1)
+        lowest = min(lowest, float(at_middle.min()))
+        index = np.concatenate([index, index])
+        begin, end = np.concatenate([begin, middle]), np.concatenate([middle, end])
+        at_begin = np.concatenate([at_begin[open_], at_middle])
+        at_end = np.concatenate([at_middle, at_end[open_]])

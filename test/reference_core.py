@@ -26,7 +26,6 @@ from reference_velocity_map import VelocityMap, stacked
 from ff_planner_ros.arrays import Array, Indices
 from ff_planner_ros.core import compiled, velocity_map
 from ff_planner_ros.planning import (
-    certificate,
     clearance,
     followed_path,
     joint_spline,
@@ -88,7 +87,7 @@ def core_by_reference() -> Iterator[None]:
                 clearance.arm_points_with_derivatives,
                 reference_clearance.arm_points_with_derivatives,
             ),
-            (search_certificate.search_certificate, certificate.certified_clearance),
+            (search_certificate.search_certificate, reference_clearance.search_certificate),
             (search_certificate.search_pair_distance, _pair_distance),
             (search_certificate.search_sphere_distance, _sphere_distance),
             (followed_path.followed_path, _followed),

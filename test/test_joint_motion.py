@@ -73,3 +73,19 @@ def test_extremes_are_those_of_dense_samples_with_their_times() -> None:
         for at, values in zip(times, (lowest, highest), strict=True):
             there = np.diagonal(motion.at(at)[order])
             assert there == pytest.approx(values, abs=1e-12)
+
+
+@pytest.mark.parametrize("order", [0, 1, 2])
+def test_the_least_distance_is_that_of_the_joint_that_comes_nearest_to_a_limit(order: int) -> None:
+    rng = np.random.default_rng(order)
+    for _ in range(20):
+        motion = JointMotion(np.cumsum(rng.uniform(0.1, 1.0, 6)), *rng.normal(size=(3, 6, 4)))
+        lower, upper = -rng.uniform(0.5, 9.0, 4), rng.uniform(0.5, 9.0, 4)
+        lower[0] = -np.inf  # no limit
+        distances, _ = motion.distances(lower, upper, order)
+        found = motion.least_distance(lower, upper, order)
+        assert found == pytest.approx(distances.min(), abs=2e-9)
+        dense = motion.at(np.linspace(motion.time[0], motion.time[-1], 5000))[order]
+        assert found <= min((dense - lower).min(), (upper - dense).min()) + 1e-8
+    unlimited = np.full(4, np.inf)
+    assert motion.least_distance(-unlimited, unlimited, order) == np.inf

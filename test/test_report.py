@@ -213,7 +213,7 @@ def told(
 def test_every_request_is_listed_with_door_time_status_and_numbers(told: Told) -> None:
     assert told.page.row("run.1") == [
         *("run.1", "service", "11:06:41.000", "0 SOLVED", "1, 0, 0", "10", "50"),
-        *("1.1072", "15.63", "1.4", "0.250", told.page.row("run.1")[-1]),
+        *("1.1072", "15.63", "1.8", "0.250", told.page.row("run.1")[-1]),
     ]
     listed = [(row[0], row[1], row[3]) for row in told.page.rows if len(row) == 12][1:]
     assert listed == [
@@ -239,7 +239,7 @@ def test_refusals_have_their_reasons_in_full_and_their_attempts_numbers_marked(t
     rows = told.page.rows
     for plan_id, reason in (("run.2", EVIL), ("run.3", "c1 is in the way")):
         assert rows[rows.index(told.page.row(plan_id)) + 1] == [reason]
-    assert told.page.row("run.3")[7:10] == ["1.1072 *", "15.63 *", "1.4 *"]
+    assert told.page.row("run.3")[7:10] == ["1.1072 *", "15.63 *", "1.8 *"]
     assert told.page.row("run.2")[7:] == ["-", "-", "-", "-", "-"]
 
 
@@ -324,7 +324,7 @@ def test_the_text_names_the_worst_joints_and_the_nearest_obstacle(
     assert facts["most torque beside its limit"].startswith(words)
     least = re.fullmatch(
         r"(.*) mm between the link from joint_4 to joint_5 and c2, at (.*) s; "
-        r"for certain never less than 1\.4 mm",
+        r"for certain never less than 1\.8 mm",
         facts["least clearance"],
     )
     assert least is not None
@@ -676,7 +676,7 @@ def test_an_answer_in_json_gives_the_same_plots(
     page = page_of(report_of(answer, tmp_path), tmp_path)
     assert page.row("answer")[1:] == [
         *("command line", "-", "0 SOLVED", "1, 0, 0", "10", "50"),
-        *("1.1072", "15.63", "1.4", "0.500", page.row("answer")[-1]),
+        *("1.1072", "15.63", "1.8", "0.500", page.row("answer")[-1]),
     ]
     assert sorted(page.plots) == sorted(f"plan-0-{name}" for name in PLOTS)
     for name in PLOTS[1:]:

@@ -114,10 +114,18 @@ def velocities_at(times: Array, spheres: Sequence[Sphere]) -> Array:
 
 
 def clearances(
-    positions: Array, times: Array, starts: Indices, spheres: Sequence[Sphere]
+    positions: Array,
+    times: Array,
+    starts: Indices,
+    spheres: Sequence[Sphere],
+    centers: Array | None = None,
 ) -> Clearances:
-    """Return the surface distance of every segment from every sphere."""
-    centers = centers_at(times, spheres)[:, None]
+    """Return the surface distance of every segment from every sphere.
+
+    Args:
+        centers: Of `centers_at`. None: they are worked out.
+    """
+    centers = (centers_at(times, spheres) if centers is None else centers)[:, None]
     _, _, radii = sphere_arrays(spheres)
     start, end = positions[:, starts, None], positions[:, starts + 1, None]
     along = end - start

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ff_planner_ros.arrays import Array
-from ff_planner_ros.planning.forward import carried_base
+from ff_planner_ros.planning.forward import carried_base_and_maps
 from ff_planner_ros.planning.joint_motion import JointMotion
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.momentum import total_momentum
@@ -33,6 +33,7 @@ class FollowedMotion:
     time: Array  # shape (times,) [s]
     q: Array  # configurations; shape (times, 7 + joints)
     v: Array  # tangent velocities; shape (times, 6 + joints)
+    maps: Array | None = None  # of `momentum_maps`; None: nobody has worked them out
 
 
 def followed(
@@ -47,8 +48,8 @@ def followed(
     """
     momentum = total_momentum(robot, robot.model.createData(), q_start, v_start)
     pieces, time = steps_of(joints, v_start, multiple)
-    q, v = carried_base(robot, q_start, momentum, joints, time)
-    return FollowedMotion(joints, pieces, time, q, v)
+    q, v, maps = carried_base_and_maps(robot, q_start, momentum, joints, time)
+    return FollowedMotion(joints, pieces, time, q, v, maps)
 
 
 def steps_of(joints: JointMotion, v_start: Array, multiple: int) -> tuple[int, Array]:

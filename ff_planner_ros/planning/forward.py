@@ -17,7 +17,7 @@ from ff_planner_ros.planning.system_frame import system_frame
 from ff_planner_ros.robot.configuration import configuration, system_state
 from ff_planner_ros.robot.dynamics import accelerations
 from ff_planner_ros.robot.model import Base, Robot
-from ff_planner_ros.robot.momentum import base_twist, total_momentum
+from ff_planner_ros.robot.momentum import base_twist, momentum_maps, total_momentum
 from ff_planner_ros.robot.state import SystemState
 
 # In one step nothing turns further [rad]. RK4 is off by about the fourth power of this in a radian,
@@ -85,6 +85,14 @@ def carried_base(
     robot: Robot, q_start: Array, momentum: Array, joints: JointMotion, time: Array
 ) -> tuple[Array, Array]:
     """Return what `driven` does without the accelerations, at a third of its price."""
+    q, v, _ = carried_base_and_maps(robot, q_start, momentum, joints, time)
+    return q, v
+
+
+def carried_base_and_maps(
+    robot: Robot, q_start: Array, momentum: Array, joints: JointMotion, time: Array
+) -> tuple[Array, Array, Array]:
+    """Return what `carried_base` does, and the `momentum_maps` on the way."""
     model, data = robot.model, robot.model.createData()
     points = len(time)
     half_steps = np.interp(np.arange(2 * points - 1), 2 * np.arange(points), time)
@@ -92,36 +100,36 @@ def carried_base(
     # The momentum map depends on the joints alone, so that Eq. (27) is prepared for all times.
     of_joints = np.empty((len(half_steps), model.nq))
     of_joints[:, :7], of_joints[:, 7:] = q_start[:7], positions
-    maps = np.array([pin.crba(model, data, q)[:6] for q in of_joints])
-    rows = np.ix_(range(len(maps)), robot.base.rows, robot.base.rows)
-    of_momentum = np.zeros((len(maps), 6, 6))
-    of_momentum[rows] = np.linalg.inv(maps[rows])
-    of_rates = (of_momentum @ (maps[:, :, 6:] @ rates[:, :, None]))[:, :, 0]
+    maps = momentum_maps(robot, data, of_joints)
     # The system's centre of mass moves uniformly: its place is known, whatever the steps come to.
     # In the base frame the map holds it: mass times its cross-product matrix.
     mass, linear, angular = pin.computeTotalMass(model), momentum[:3], momentum[3:]
     in_base = maps[::2, [5, 3, 4], [1, 2, 0]] / mass
     centers = pin.centerOfMass(model, data, q_start) + np.outer(time - time[0], linear / mass)
-    # The angular momentum about it is constant, and turns the base by this part of the map alone.
-    base_to_inertial = turned_by_momentum(
-        pin.XYZQUATToSE3(q_start[:7]).rotation,
-        angular - np.cross(centers[0], linear),
-        of_momentum[:, 3:, 3:],
-        of_rates[:, 3:],
-        np.diff(time),
-    )
-    places = centers - np.einsum("pij,pj->pi", base_to_inertial, in_base)
-    if robot.base is Base.PLANAR:
-        places[:, 2] = q_start[2]
-    about_base = angular - np.cross(places, linear)
-    seen = np.stack([np.broadcast_to(linear, about_base.shape), about_base], axis=1)
-    in_base_axes = (seen @ base_to_inertial).reshape(points, 6)
+    # The angular momentum about it is constant. Of it the base's turn and the joints make these
+    # parts, whatever the linear velocity is.
+    constant = angular - pin.skew(centers[0]) @ linear
+    about_center = maps[:, 3:, 3:] - maps[:, 3:, :3] @ (maps[:, :3, 3:] / mass)
+    turning = [row - 3 for row in robot.base.rows if row >= 3]
+    rows = np.ix_(range(len(maps)), turning, turning)
+    of_momentum = np.zeros((len(maps), 3, 3))
+    of_momentum[rows] = np.linalg.inv(about_center[rows])
+    of_rates = (of_momentum @ (about_center[:, :, 3:] @ rates[:, :, None]))[:, :, 0]
+    attitude = pin.XYZQUATToSE3(q_start[:7]).rotation
+    steps = np.diff(time)
+    turned = turned_by_momentum(attitude, constant, of_momentum, of_rates, steps)
+    base_to_inertial = turned.as_matrix()
     q, v = np.empty((points, model.nq)), np.empty((points, model.nv))
-    q[:, :3], q[:, 7:] = places, positions[::2]
-    q[:, 3:7] = [pin.Quaternion(rotation).coeffs() for rotation in base_to_inertial]
-    v[:, :6] = np.einsum("pij,pj->pi", of_momentum[::2], in_base_axes) - of_rates[::2]
-    v[:, 6:] = rates[::2]
-    return q, v
+    q[:, :3] = centers - (base_to_inertial @ in_base[:, :, None])[:, :, 0]
+    q[:, 3:7] = turned.as_quat()
+    q[:, 7:], v[:, 6:] = positions[::2], rates[::2]
+    seen = (constant @ base_to_inertial)[:, :, None]
+    v[:, 3:6] = (of_momentum[::2] @ seen)[:, :, 0] - of_rates[::2]
+    of_turns = (maps[::2, :3, 3:] @ v[:, 3:, None])[:, :, 0]
+    v[:, :3] = (linear @ base_to_inertial - of_turns) / mass
+    if robot.base is Base.PLANAR:
+        q[:, 2], v[:, 2] = q_start[2], 0.0
+    return q, v, maps[::2]
 
 
 def _phases(

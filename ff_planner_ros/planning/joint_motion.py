@@ -37,11 +37,16 @@ class JointMotion:
         last = len(self.time) - 2
         piece = np.clip(np.searchsorted(self.time, time, side="right") - 1, 0, last)
         part = (time - self.time[piece]) / np.diff(self.time)[piece]
-        positions, rates, accelerations = (
-            np.einsum("ct,ctj->tj", _bernstein(len(of_order) - 1, part), of_order[:, piece])
-            for of_order in self._coefficients
-        )
-        return positions, rates, accelerations
+        step, part = np.diff(self.time)[piece, None], part[:, None]
+        # De Casteljau's: of six coefficients five, four, three and so on.
+        left = self._coefficients[0][:, piece]
+        while len(left) > 3:
+            left = left[:-1] + part * np.diff(left, axis=0)
+        of_rates = np.diff(left, axis=0)
+        accelerations = np.diff(of_rates, axis=0)[0] * (20 / step**2)
+        rates = (of_rates[0] + part * (of_rates[1] - of_rates[0])) * (5 / step)
+        left = left[:-1] + part * of_rates
+        return left[0] + part * (left[1] - left[0]), rates, accelerations
 
     def extremes(self, order: int = 0) -> tuple[Array, Array]:
         """Return the lowest and highest value of each joint between first and last point, and when.
@@ -67,6 +72,14 @@ class JointMotion:
         """
         (lowest, highest), times = self.extremes(order)
         return np.array([lowest - lower, upper - highest]), times
+
+    def least_distance(self, lower: Array, upper: Array, order: int = 0) -> float:
+        """Return the least of all `distances`."""
+        pieces = self._coefficients[order]
+        beyond = np.concatenate([lower - pieces, pieces - upper], axis=2)
+        beyond = beyond[..., np.isfinite(beyond[0, 0])].reshape(len(pieces), -1)
+        exact = max(_EXACT, _ROUNDING * float(np.abs(pieces).max()))
+        return -_highest_of_all(beyond, exact)
 
     def least_distances(self, lower: Array, upper: Array, order: int = 0) -> Array:
         """Return what `distances` are not below, in a tenth of the time: (2, joints)."""
@@ -144,15 +157,32 @@ def _highest(coefficients: Array, time: Array) -> tuple[Array, Array]:
     return highest, when
 
 
-def _bernstein(degree: int, part: Array) -> Array:
-    """Return Bernstein's polynomials at each part of the way: (degree + 1, parts)."""
-    binomials = np.array([comb(degree, i) for i in range(degree + 1)])
-    powers = np.vander(part, degree + 1, increasing=True) * np.vander(1.0 - part, degree + 1)
-    weights: Array = (powers * binomials).T
-    return weights
+def _highest_of_all(pieces: Array, exact: float) -> float:
+    """Return the highest value of all of several polynomials: what `_highest` finds of one.
+
+    Args:
+        pieces: In Bernstein's form. Shape (degree + 1, pieces).
+        exact: The value may be as much too low.
+    """
+    highest = float(pieces[[0, -1]].max(initial=-np.inf))
+    while True:
+        pieces = pieces[:, pieces.max(axis=0) > highest + exact]
+        if not pieces.size:
+            return highest
+        pieces = np.concatenate(_eighths(len(pieces)) @ pieces, axis=1)
+        highest = max(highest, float(pieces[[0, -1]].max()))
 
 
 @cache
 def _half(size: int) -> Array:
     """Return the matrix that makes the first half's coefficients of those of a piece."""
     return np.array([[comb(i, j) / 2**i for j in range(size)] for i in range(size)])
+
+
+@cache
+def _eighths(size: int) -> Array:
+    """Return the matrices that make those of its eight parts."""
+    parts = halves = np.array([_half(size), _half(size)[::-1, ::-1]])
+    for _ in range(2):
+        parts = (halves[:, None] @ parts).reshape(-1, size, size)
+    return parts

@@ -115,6 +115,17 @@ class Sphere:
         drift = float(np.linalg.norm(self.body.linear_velocity))
         return drift + self.body.fastest_turn * float(np.linalg.norm(self.place_in_body))
 
+    @property
+    def highest_acceleration(self) -> float:
+        """An acceleration of its centre that it never exceeds [m/s2].
+
+        A body's turn rate w changes by less than w^2: by Euler's equations, and as no principal
+        moment is larger than the sum of both others.
+        """
+        if self.body is None or self.place_in_body is None:
+            return 0.0
+        return 2.0 * self.body.fastest_turn**2 * float(np.linalg.norm(self.place_in_body))
+
     def way(self, time: float) -> Array:
         """Return how far its centre has come since the plan's first point. Shape (3,) [m]."""
         if self.body is None or self.place_in_body is None:

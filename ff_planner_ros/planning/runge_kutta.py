@@ -7,10 +7,13 @@ manifolds, Appl. Numer. Math. 29, 1999].
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
+from itertools import accumulate
 
 import numpy as np
 import pinocchio as pin
+from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.arrays import Array
 
@@ -56,8 +59,11 @@ def runge_kutta_step(
 
 def turned_by_momentum(
     rotation: Array, momentum: Array, of_momentum: Array, of_rates: Array, steps: Array
-) -> Array:
+) -> Rotation:
     """Return how a base turns at omega = A R^T L - b: at the beginning and after each step.
+
+    The momentum that the base sees, l = R^T L, changes by l x omega. With that known, and half-way
+    by the cubic through both ends of a step, Magnus' series of order four makes turns of omega.
 
     Args:
         rotation: Base to inertial axes at the beginning. Shape (3, 3).
@@ -67,26 +73,67 @@ def turned_by_momentum(
         steps: Shape (steps,) [s].
 
     Returns:
-        Base to inertial axes. Shape (steps + 1, 3, 3).
+        Base to inertial axes, steps + 1 of them.
     """
-    prepared = list(zip(of_momentum, of_rates, strict=True))
+    step, seen = steps[:, None], np.empty_like(of_rates)
+    seen[::2] = _momentum_seen(momentum @ rotation, of_momentum, of_rates, steps)
+    rates = np.cross(seen[::2], _omega(seen[::2], of_momentum[::2], of_rates[::2]))
+    seen[1::2] = (seen[:-1:2] + seen[2::2]) / 2 + step / 8 * (rates[:-1] - rates[1:])
+    omega = _omega(seen, of_momentum, of_rates)
+    begin, middle, end = omega[:-1:2], omega[1::2], omega[2::2]
+    whole = step / 6 * (begin + 4 * middle + end) + step**2 / 12 * np.cross(begin, end)
+    turns = Rotation.from_rotvec(np.vstack([np.zeros(3), whole])).as_quat()
+    turns[0] = pin.Quaternion(rotation).coeffs()
+    return Rotation.from_quat(list(accumulate(turns.tolist(), _product)))
 
-    def rate(half_step: int, there: Array) -> Array:
-        by_momentum, by_rates = prepared[half_step]
-        omega: Array = by_momentum.dot(momentum.dot(there)) - by_rates
-        return omega
 
-    found = [rotation]
-    for i, step in enumerate(steps.tolist()):
-        v1 = rate(2 * i, rotation)
-        v2 = rate(2 * i + 1, rotation.dot(pin.exp3(step / 2 * v1)))
-        half = step / 2 * v2 + pin.skew(step**2 / 8 * v1).dot(v2)
-        v3 = rate(2 * i + 1, rotation.dot(pin.exp3(half)))
-        v4 = rate(2 * i + 2, rotation.dot(pin.exp3(step * v3)))
-        whole = step / 6 * (v1 + 2 * (v2 + v3) + v4) + pin.skew(step**2 / 12 * v1).dot(v4)
-        rotation = rotation.dot(pin.exp3(whole))
-        found.append(rotation)
+def _product(a: Sequence[float], b: Sequence[float]) -> tuple[float, float, float, float]:
+    """Return the product of two quaternions, their scalars last."""
+    (x, y, z, w), (i, j, k, s) = a, b
+    return (
+        w * i + s * x + y * k - z * j,
+        w * j + s * y + z * i - x * k,
+        w * k + s * z + x * j - y * i,
+        w * s - x * i - y * j - z * k,
+    )
+
+
+def _omega(seen: Array, of_momentum: Array, of_rates: Array) -> Array:
+    turning: Array = (of_momentum @ seen[:, :, None])[:, :, 0] - of_rates
+    return turning
+
+
+def _momentum_seen(seen: Array, of_momentum: Array, of_rates: Array, steps: Array) -> Array:
+    """Return l after each step of Runge-Kutta's, by plain numbers: arrays of three take longer.
+
+    Its size is constant, and kept so: else it would grow without end where steps are too long.
+    """
+    x, y, z = seen.tolist()
+    found, size = [(x, y, z)], math.hypot(x, y, z)
+    rows = np.hstack([of_momentum.reshape(-1, 9), of_rates]).tolist()
+    for h, begin, middle, end in zip(
+        steps.tolist(), rows[:-1:2], rows[1::2], rows[2::2], strict=True
+    ):
+        x1, y1, z1 = _change(begin, x, y, z)
+        x2, y2, z2 = _change(middle, x + h / 2 * x1, y + h / 2 * y1, z + h / 2 * z1)
+        x3, y3, z3 = _change(middle, x + h / 2 * x2, y + h / 2 * y2, z + h / 2 * z2)
+        x4, y4, z4 = _change(end, x + h * x3, y + h * y3, z + h * z3)
+        x += h / 6 * (x1 + 2 * (x2 + x3) + x4)
+        y += h / 6 * (y1 + 2 * (y2 + y3) + y4)
+        z += h / 6 * (z1 + 2 * (z2 + z3) + z4)
+        back = size / (math.hypot(x, y, z) or 1.0)
+        x, y, z = back * x, back * y, back * z
+        found.append((x, y, z))
     return np.array(found)
+
+
+def _change(row: Sequence[float], x: float, y: float, z: float) -> tuple[float, float, float]:
+    """Return l x (A l - b), with A and b in one row."""
+    a, b, c, d, e, f, g, h, i, u, v, w = row
+    p = a * x + b * y + c * z - u
+    q = d * x + e * y + f * z - v
+    r = g * x + h * y + i * z - w
+    return y * r - z * q, z * p - x * r, x * q - y * p
 
 
 def _bracket(a: Array, b: Array) -> Array:

@@ -1,4 +1,4 @@
-"""Certificates while a search goes on: those of the check by the compiled core."""
+"""Certificates while a search goes on: by the compiled core, and none above the check's."""
 
 from __future__ import annotations
 
@@ -27,7 +27,11 @@ from ff_planner_ros.robot.model import Robot
 def search_certificate(
     robot: Robot, q: Array, v: Array, times: Array, spheres: Sequence[Sphere]
 ) -> float:
-    """Return what `certified_clearance` does, to rounding; the check never asks here."""
+    """Return a lower bound of the clearance along the whole motion; the check never asks here.
+
+    By how far arm and spheres move alone, and thus below `certified_clearance`, which knows how
+    they bend: by `CERTIFICATE_GAP` at most.
+    """
     if not spheres:
         return np.inf
     cubics = cubics_between(robot, q, v, np.diff(times))

@@ -11,6 +11,7 @@ import pinocchio as pin
 
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.robot.model import Robot
+from ff_planner_ros.robot.momentum import momentum_maps
 
 
 def inverse_dynamics(
@@ -24,14 +25,19 @@ def inverse_dynamics(
     return np.array(pin.rnea(robot.model, data, q, v, acceleration))
 
 
-def joint_torques(robot: Robot, q: Array, v: Array, joint_accelerations: Array) -> Array:
+def joint_torques(
+    robot: Robot, q: Array, v: Array, joint_accelerations: Array, maps: Array | None = None
+) -> Array:
     """Return the torques that accelerate the joints while nothing pushes the base [N m].
 
     Like the joint accelerations [rad/s2] they have the shape (points, joints); q and v hold a row a
     point, too.
+
+    Args:
+        maps: Of `momentum_maps`. None: they are worked out.
     """
-    of_base, forces, coupling = _pushed_by_nothing(robot, q, v, joint_accelerations)
-    torques: Array = forces[:, 6:] + np.einsum("pij,pi->pj", coupling, of_base)
+    of_base, forces, coupling = _pushed_by_nothing(robot, q, v, joint_accelerations, maps)
+    torques: Array = forces[:, 6:] + (of_base[:, None] @ coupling)[:, 0]
     return torques
 
 
@@ -78,7 +84,7 @@ def accelerations(robot: Robot, q: Array, v: Array, joint_accelerations: Array) 
 
 
 def _pushed_by_nothing(
-    robot: Robot, q: Array, v: Array, joint_accelerations: Array
+    robot: Robot, q: Array, v: Array, joint_accelerations: Array, maps: Array | None = None
 ) -> tuple[Array, Array, Array]:
     """Return the accelerations of `base_acceleration`, and what Eq. (20) makes torques of them.
 
@@ -88,12 +94,13 @@ def _pushed_by_nothing(
         (points, 6, joints).
     """
     model, data, rows = robot.model, robot.model.createData(), robot.base.rows
-    at_rest = np.pad(joint_accelerations, ((0, 0), (6, 0)))
+    at_rest = np.zeros((len(q), model.nv))
+    at_rest[:, 6:] = joint_accelerations
     samples = zip(q, v, at_rest, strict=True)
-    forces = np.array([inverse_dynamics(robot, data, *sample) for sample in samples])
-    mass = np.array([pin.crba(model, data, q_i)[:6] for q_i in q])
+    forces = np.array([pin.rnea(model, data, *sample) for sample in samples])
+    mass = momentum_maps(robot, data, q) if maps is None else maps
     of_base = np.zeros((len(q), 6))
-    free = mass[:, rows][:, :, rows]
+    free = mass[np.ix_(range(len(q)), rows, rows)]
     of_base[:, rows] = np.linalg.solve(free, -forces[:, rows, None])[:, :, 0]
     return of_base, forces, mass[:, :, 6:]
 

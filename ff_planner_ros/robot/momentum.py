@@ -17,9 +17,27 @@ from ff_planner_ros.robot.model import Robot
 
 def total_momentum(robot: Robot, data: pin.Data, q: Array, v: Array) -> Array:
     """Return linear and angular momentum of the whole system, Eq. (24)."""
-    about_com = pin.computeCentroidalMomentum(robot.model, data, q, v)
-    total: Array = pin.SE3(np.eye(3), data.com[0]).act(about_com).vector
+    (total,) = total_momenta(robot, data, q[None], v[None])
+    return np.asarray(total, np.float64)
+
+
+def total_momenta(robot: Robot, data: pin.Data, q: Array, v: Array) -> Array:
+    """Return `total_momentum` at each of q and v, which hold a row a point. Shape (points, 6)."""
+    model, total, centers = robot.model, np.empty((len(q), 6)), np.empty((len(q), 3))
+    for k, at in enumerate(zip(q, v, strict=True)):
+        total[k] = pin.computeCentroidalMomentum(model, data, *at)
+        centers[k] = data.com[0]
+    total[:, 3:] += np.cross(centers, total[:, :3])
     return total
+
+
+def momentum_maps(robot: Robot, data: pin.Data, q: Array) -> Array:
+    """Return what makes momentum of tangent velocities, about the base's origin and in its axes.
+
+    The first six rows of the mass matrix at each of q, which holds a row a point. They depend on
+    the joints alone. Shape (points, 6, 6 + joints).
+    """
+    return np.array([pin.crba(robot.model, data, row)[:6] for row in q])
 
 
 def generalised_jacobian(robot: Robot, data: pin.Data, q: Array) -> Array:
@@ -27,27 +45,33 @@ def generalised_jacobian(robot: Robot, data: pin.Data, q: Array) -> Array:
 
     Linear rows first, inertial axes; those in which the base can move. Shape (rows, joints).
     """
-    mass, jacobian = _mass_and_jacobian(robot, data, q)
-    return _generalised(robot, mass, jacobian)
+    (found,) = _generalised(
+        robot, momentum_maps(robot, data, q[None]), _jacobian(robot, data, q)[None]
+    )
+    return np.asarray(found, np.float64)
 
 
-def generalised_jacobians(robot: Robot, q: Array) -> Array:
-    """Return `generalised_jacobian` at each of q, shape (points, 7 + joints)."""
+def generalised_jacobians(robot: Robot, q: Array, maps: Array | None = None) -> Array:
+    """Return `generalised_jacobian` at each of q, shape (points, 7 + joints).
+
+    Args:
+        maps: Of `momentum_maps`. None: they are worked out.
+    """
     data = robot.model.createData()
-    both = (_mass_and_jacobian(robot, data, sample) for sample in q)
-    mass, jacobian = (np.array(part) for part in zip(*both, strict=True))
-    return _generalised(robot, mass, jacobian)
+    if maps is None:
+        maps = momentum_maps(robot, data, q)
+    return _generalised(robot, maps, np.array([_jacobian(robot, data, row) for row in q]))
 
 
-def _mass_and_jacobian(robot: Robot, data: pin.Data, q: Array) -> tuple[Array, Array]:
-    """Return the base's rows of the mass matrix, and the Jacobian of the end effector."""
+def _jacobian(robot: Robot, data: pin.Data, q: Array) -> Array:
+    """Return the Jacobian of the end effector, inertial axes. Shape (6, 6 + joints)."""
     frame, axes = robot.tip_frame_id, pin.LOCAL_WORLD_ALIGNED
-    mass = pin.crba(robot.model, data, q)[:6].copy()
-    return mass, pin.computeFrameJacobian(robot.model, data, q, frame, axes)
+    jacobian: Array = pin.computeFrameJacobian(robot.model, data, q, frame, axes)
+    return jacobian
 
 
 def _generalised(robot: Robot, mass: Array, jacobian: Array) -> Array:
-    """Return J_D, one or many, from what `_mass_and_jacobian` returns."""
+    """Return J_D at many points."""
     rows = robot.base.rows
     mass, jacobian = mass[..., rows, :], jacobian[..., rows, :]
     base_rate_per_joint_rate = -np.linalg.solve(mass[..., rows], mass[..., 6:])
@@ -73,7 +97,9 @@ def base_twist(
     return twist
 
 
-def smallest_singular_values(robot: Robot, q: Array) -> Array:
-    """Return the smallest singular value of J_D at each of q, shape (points, 7 + joints)."""
-    jacobians = generalised_jacobians(robot, q)
-    return np.asarray(np.linalg.svd(jacobians, compute_uv=False)[:, -1], np.float64)
+def smallest_singular_values(robot: Robot, q: Array, maps: Array | None = None) -> Array:
+    """Return the smallest singular value of J_D at each of q; see `generalised_jacobians`."""
+    jacobians = generalised_jacobians(robot, q, maps)
+    # Of the transpose, which has the same ones, LAPACK takes two thirds of the time.
+    columns = jacobians.swapaxes(1, 2)
+    return np.asarray(np.linalg.svd(columns, compute_uv=False)[:, -1], np.float64)

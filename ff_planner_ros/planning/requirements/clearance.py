@@ -97,7 +97,10 @@ class Clearance(Requirement):
         """Return the certified clearance [m]."""
         if problem.robot.geometry is Geometry.SHAPES:
             return np.inf
-        return search_certificate(problem.robot, *_looked_at(motion), problem.obstacles)
+        at = _looked_at(motion)
+        return search_certificate(
+            problem.robot, motion.q[at], motion.v[at], motion.time[at], problem.obstacles
+        )
 
     def metrics(self, samples: Samples) -> Mapping[str, float | str]:
         """Return certified clearance and R_obst."""
@@ -110,9 +113,11 @@ class Clearance(Requirement):
             return found
         if not problem.obstacles:
             return found | {"min_clearance": np.inf}
-        nearest, looked_at = _nearest(problem, samples.followed), _looked_at(samples.followed)
+        motion = samples.followed
+        arm = arm_points(problem.robot, motion.q)
+        nearest, certain = _nearest(problem, motion, arm), _certified(problem, motion, arm)
         return found | {
-            "min_clearance": certified_clearance(problem.robot, *looked_at, problem.obstacles),
+            "min_clearance": certain,
             "min_clearance_pair": f"{nearest.line}/{nearest.obstacle}",
             "min_clearance_time": nearest.time,
         }
@@ -121,7 +126,8 @@ class Clearance(Requirement):
         """Yield the deepest collision."""
         if samples.problem.robot.geometry is Geometry.SHAPES or metrics.min_clearance >= 0.0:
             return
-        nearest = _nearest(samples.problem, samples.followed)
+        arm = arm_points(samples.problem.robot, samples.followed.q)
+        nearest = _nearest(samples.problem, samples.followed, arm)
         depth, obstacle = -nearest.distance, nearest.obstacle
         link = link_name(samples.problem.robot, nearest.segment)
         when = samples.at(nearest.time)
@@ -156,10 +162,8 @@ class _Nearest(NamedTuple):
     time: float  # [s]
 
 
-def _nearest(problem: PlanningProblem, motion: FollowedMotion) -> _Nearest:
-    robot = problem.robot
-    arm = arm_points(robot, motion.q)
-    starts = segments(arm)
+def _nearest(problem: PlanningProblem, motion: FollowedMotion, arm: Array) -> _Nearest:
+    robot, starts = problem.robot, segments(arm)
     distance = clearances(arm, motion.time, starts, problem.obstacles).distance
     time, segment, sphere = np.unravel_index(distance.argmin(), distance.shape)
     start, ends = int(starts[segment]), (*robot.joint_names, robot.tip_link)
@@ -172,10 +176,16 @@ def _nearest(problem: PlanningProblem, motion: FollowedMotion) -> _Nearest:
     )
 
 
-def _looked_at(motion: FollowedMotion) -> tuple[Array, Array, Array]:
-    """Return the configurations, velocities and times that a certificate begins with."""
-    every = 2 if len(motion.time) > _ENOUGH and len(motion.time) % 2 else 1
-    return motion.q[::every], motion.v[::every], motion.time[::every]
+def _certified(problem: PlanningProblem, motion: FollowedMotion, arm: Array) -> float:
+    """Return the certified clearance [m]."""
+    at = _looked_at(motion)
+    begin = motion.q[at], motion.v[at], motion.time[at]
+    return certified_clearance(problem.robot, *begin, problem.obstacles, arm[at])
+
+
+def _looked_at(motion: FollowedMotion) -> slice:
+    """Return the times of a motion that a certificate begins with."""
+    return slice(None, None, 2 if len(motion.time) > _ENOUGH and len(motion.time) % 2 else 1)
 
 
 def link_name(robot: Robot, start: int) -> str:

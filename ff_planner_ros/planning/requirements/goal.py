@@ -61,9 +61,9 @@ def miss(robot: Robot, q: Array, target: Target) -> Array:
     missed = np.concatenate(
         [target.position - tip.translation, _turn_to(target, np.asarray(tip.rotation))]
     )
-    off_plane = np.setdiff1d(range(6), robot.base.rows)
-    missed[off_plane] = 0.0
-    return missed.reshape(2, 3)
+    in_plane = np.zeros(6)
+    in_plane[robot.base.rows] = missed[robot.base.rows]
+    return in_plane.reshape(2, 3)
 
 
 def _turn_to(target: Target, rotation: Array) -> Array:

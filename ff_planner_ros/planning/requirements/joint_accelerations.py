@@ -85,8 +85,8 @@ class JointAccelerations(Requirement):
         limits = _limits(samples.problem)
         if limits is None:
             return {}
-        distances, _ = _distances(limits, samples.followed.joints)
-        return {"min_acceleration_margin": float(distances.min())}
+        least = samples.followed.joints.least_distance(-limits, limits, order=2)
+        return {"min_acceleration_margin": least}
 
     def failures(self, samples: Samples, metrics: Metrics) -> Iterator[Failure]:
         """Yield the joint whose acceleration exceeds its limit by most."""

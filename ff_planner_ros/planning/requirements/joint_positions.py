@@ -94,8 +94,9 @@ class JointPositions(Requirement):
 
     def metrics(self, samples: Samples) -> Mapping[str, float]:
         """Return the distance to the nearest limit."""
-        distances, _ = _distances(samples.problem.robot, samples.followed.joints)
-        return {"min_joint_margin": float(distances.min())}
+        robot, joints = samples.problem.robot, samples.followed.joints
+        lower, upper = robot.lower_position_limits, robot.upper_position_limits
+        return {"min_joint_margin": joints.least_distance(lower, upper)}
 
     def failures(self, samples: Samples, metrics: Metrics) -> Iterator[Failure]:
         """Yield the joint that is furthest outside."""

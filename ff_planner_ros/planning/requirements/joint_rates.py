@@ -107,8 +107,8 @@ class JointRates(Requirement):
 
     def metrics(self, samples: Samples) -> Mapping[str, float]:
         """Return the distance to the nearest limit."""
-        distances, _ = _distances(samples.problem.robot, samples.followed.joints)
-        return {"min_velocity_margin": float(distances.min())}
+        limits, joints = samples.problem.robot.velocity_limits, samples.followed.joints
+        return {"min_velocity_margin": joints.least_distance(-limits, limits, order=1)}
 
     def failures(self, samples: Samples, metrics: Metrics) -> Iterator[Failure]:
         """Yield the joint whose rate exceeds its limit by most."""

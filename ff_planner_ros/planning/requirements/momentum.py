@@ -19,7 +19,7 @@ from ff_planner_ros.planning.requirements.requirement import (
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.kinematics import rotation_base_to_inertial
 from ff_planner_ros.robot.model import Robot
-from ff_planner_ros.robot.momentum import total_momentum
+from ff_planner_ros.robot.momentum import total_momenta, total_momentum
 
 _REPORT = "a report to the maintainers, for this is a fault of the planner"
 
@@ -33,9 +33,7 @@ class Momentum(Requirement):
         """Return the errors of momentum and torques."""
         problem, trajectory, robot = samples.problem, samples.trajectory, samples.problem.robot
         data = robot.model.createData()
-        momentum = np.array(
-            [total_momentum(robot, data, *at) for at in zip(*samples.q_and_v, strict=True)]
-        )
+        momentum = total_momenta(robot, data, *samples.q_and_v)
         wanted = total_momentum(robot, data, *configuration(robot, problem.start))
         # A system whose total is zero is measured against the chaser's own momentum; where that is
         # zero too, against what carries the system off by the goal's tolerance.

@@ -24,6 +24,7 @@ from ff_planner_ros.planning.plan import Trajectory
 from ff_planner_ros.planning.problem import PlanningProblem
 from ff_planner_ros.planning.settings import PlannerSettings
 from ff_planner_ros.robot.dynamics import joint_torques
+from ff_planner_ros.robot.momentum import momentum_maps
 
 # A limit violated by less is violated by rounding; no arm and no motor feels it. In the unit of the
 # limit: rad, rad/s, N m, and that of singular values.
@@ -78,7 +79,13 @@ class Samples:
     def torques(self) -> Array:
         """What makes the joints move so while nothing pushes. Shape (points, joints) [N m]."""
         accelerations = self.trajectory.joint_accelerations
-        return joint_torques(self.problem.robot, *self.q_and_v, accelerations)
+        return joint_torques(self.problem.robot, *self.q_and_v, accelerations, self.maps)
+
+    @cached_property
+    def maps(self) -> Array:
+        """What makes momentum of velocities. Shape (points, 6, 6 + joints)."""
+        robot = self.problem.robot
+        return momentum_maps(robot, robot.model.createData(), self.q)
 
     @cached_property
     def goal(self) -> int:

@@ -74,7 +74,7 @@ class SingularValues(Requirement):
 
     def metrics(self, samples: Samples) -> Mapping[str, float]:
         """Return the smallest singular value."""
-        values = smallest_singular_values(samples.problem.robot, samples.q)
+        values = smallest_singular_values(samples.problem.robot, samples.q, samples.maps)
         return {"min_singular_value": float(values.min())}
 
     def failures(self, samples: Samples, metrics: Metrics) -> Iterator[Failure]:

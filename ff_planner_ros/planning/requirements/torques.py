@@ -142,7 +142,7 @@ def _peaks(robot: Robot, motion: FollowedMotion) -> tuple[Array, Array]:
     goes over a point, where the torques have a kink; but where steps end at points alone.
     """
     _, _, accelerations = motion.joints.at(motion.time)
-    torques = joint_torques(robot, motion.q, motion.v, accelerations)
+    torques = joint_torques(robot, motion.q, motion.v, accelerations, motion.maps)
     before, there, after = torques[:-2], torques[1:-1], torques[2:]
     slope, curvature = (after - before) / 2, before + after - 2 * there
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -152,7 +152,7 @@ def _peaks(robot: Robot, motion: FollowedMotion) -> tuple[Array, Array]:
     peaks = np.concatenate(
         [torques[:1], there + slope * aside + curvature * aside**2 / 2, torques[-1:]]
     )
-    aside = np.pad(aside, ((1, 1), (0, 0)))
     joints, largest = np.arange(robot.joints), np.abs(peaks).argmax(axis=0)
-    steps = largest + aside[largest, joints]
+    at_ends = np.zeros((1, robot.joints))
+    steps = largest + np.concatenate([at_ends, aside, at_ends])[largest, joints]
     return peaks[largest, joints], np.interp(steps, np.arange(len(torques)), motion.time)
