@@ -305,8 +305,11 @@ class Search:
         )
 
     def _solve_again(self, grid: Grid, start: Array) -> PathSolution:
-        """Solve from a path that hardly misses what the grid's program demands."""
-        return self._solve(grid, start)
+        """Mend a path that hardly misses what the grid's program demands."""
+        at_start = self._looked_at(grid, start)
+        if not at_start.is_defined:
+            return self._solve(grid, start, here=at_start)
+        return self._nearest(grid, start, at_start)
 
     def _solve(
         self,
