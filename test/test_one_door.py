@@ -35,7 +35,7 @@ def entered(monkeypatch: pytest.MonkeyPatch) -> list[str]:
         digests.append(caller.f_locals["task"].digest)
         raise NoPlanFound(Status.COLLISION, "not looked for")
 
-    monkeypatch.setattr(door, "carried_forward", noted)
+    monkeypatch.setattr(door, "as_it_begins", noted)
     return digests
 
 

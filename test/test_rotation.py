@@ -7,6 +7,7 @@ import pytest
 
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.robot.rotation import (
+    cross,
     euler_from_rotation,
     euler_rate_map,
     euler_rate_map_derivative,
@@ -88,6 +89,13 @@ def test_the_rate_map_s_derivative_is_that_of_its_differences() -> None:
             atol=1e-9,
             err_msg=f"with respect to angle {k}",
         )
+
+
+def test_the_cross_product_is_numpy_s_to_the_last_bit() -> None:
+    rng = np.random.default_rng(5)
+    a, b = rng.normal(size=(7, 3)), rng.normal(size=3)
+    for one, other in ((a, b), (b, a), (b, a[0])):
+        assert cross(one, other).tobytes() == np.cross(one, other).tobytes()
 
 
 def test_the_skew_matrix_is_the_cross_product() -> None:

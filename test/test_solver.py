@@ -168,6 +168,22 @@ def test_a_step_that_promises_too_little_is_not_taken(progress, iterations):
     )
 
 
+def test_what_is_known_at_the_start_is_not_asked_for_again():
+    asked = []
+
+    def linearise(x):
+        asked.append(x)
+        return Linearisation(*quadratic(x, np.array([0.4, 0.0])), *NO_ROWS, *NO_ROWS)
+
+    start = np.zeros(2)
+    cold = minimise(linearise, start, 60, 1e-12, 0.0)
+    looks = len(asked)
+    warm = minimise(linearise, start, 60, 1e-12, 0.0, here=linearise(start))
+    assert len(asked) == 2 * looks
+    assert (warm.x == cold.x).all()
+    assert warm.evaluations == cold.evaluations
+
+
 def test_an_infeasible_problem_ends_as_a_result_with_least_violation():
     """With x >= 1 and x <= -1 the best that can be had is to miss both by 1."""
 

@@ -102,13 +102,13 @@ def tool_contact(problem: PlanningProblem) -> Contact | None:
     goal = pin.SE3(pin.Quaternion(target.quaternion_xyzw).toRotationMatrix(), target.position)
     last_joint = goal * robot.model.frames[robot.tip_frame_id].placement.inverse()
     allowed, found = split_spheres(problem)[1], list[Contact]()
+    centers = centers_at(np.array([problem.duration]), problem.obstacles)[0]
     for number, body in enumerate(robot.bodies):
         if body.joint != robot.joints + 1:
             continue
         place = last_joint * body.placement_in_joint
         for index, sphere in enumerate(problem.obstacles):
-            center = sphere.center + sphere.way(problem.duration)
-            distance = distance_from(body, place.actInv(center)) - sphere.radius
+            distance = distance_from(body, place.actInv(centers[index])) - sphere.radius
             if distance <= 0.0 and number * len(problem.obstacles) + index not in allowed:
                 found.append(Contact(distance, body.name, sphere.id, True, np.zeros(robot.joints)))
     return min(found, key=lambda contact: contact.distance, default=None)

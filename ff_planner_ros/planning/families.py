@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
 
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.end_effector_polynomial import (
@@ -19,10 +20,13 @@ from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import Base
 
 
+@lru_cache(maxsize=2)
 def path_families(
     problem: PlanningProblem, settings: PlannerSettings
-) -> list[Sequence[PathFamily]]:
+) -> tuple[Sequence[PathFamily], ...]:
     """Return families in the order in which they are tried, each as its ways round.
+
+    A library asks for them before the planner does.
 
     Raises:
         InvalidInput: The paper's is asked for, but not made for the arm, its base or the target.
@@ -31,14 +35,14 @@ def path_families(
     if asked is Parametrisation.END_EFFECTOR_POLYNOMIAL:
         advice = "it must be auto or joint_spline"
         require_papers_paths(problem, "parametrisation", asked.value, advice)
-        return [end_effector_families(problem)]
+        return (end_effector_families(problem),)
     splines = [joint_splines(problem, settings)]
     if asked is Parametrisation.JOINT_SPLINE or not applies(problem):
-        return [splines]
+        return (splines,)
     q_start, _ = configuration(problem.robot, problem.start)
     if not is_regular(problem.robot, q_start, settings):
-        return [splines]
-    return [end_effector_families(problem), splines]
+        return (splines,)
+    return end_effector_families(problem), splines
 
 
 def require_papers_paths(problem: PlanningProblem, field: str, value: str, advice: str) -> None:

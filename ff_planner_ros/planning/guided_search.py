@@ -4,21 +4,25 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import cached_property
+
+import numpy as np
 
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.errors import OutOfTime
 from ff_planner_ros.planning.attitude_search import AttitudeSearch
-from ff_planner_ros.planning.search import FoundPath, PathSolution, corrected, is_promising
+from ff_planner_ros.planning.objectives import joint_path_length
+from ff_planner_ros.planning.program import PathLinearisation
+from ff_planner_ros.planning.search import FoundPath, PathSolution, corrected, is_promising, near
 from ff_planner_ros.planning.watch import Progress, Watch
 
-# Another problem's path is near this one's: the part of the objective that a step must promise, and
-# the first trust region.
-_PROGRESS, _RADIUS = 1e-3, 0.1
+# The first trust region: another problem's path is near this one's.
+_RADIUS = 0.1
 # On few points, where most that lead anywhere are there after eight; and on all points after them.
 _ITERATIONS_FEW, _ITERATIONS_AFTER = 15, 2
-# A path that is so many times as long as the one that the family would begin with may be a long way
-# round.
-_LONG = 1.5
+# A path may be a long way round that is so many times as long as the straight way of its joints,
+# and as the path that the family would begin with.
+_DIRECT, _LONG = 1.2, 1.5
 _ENOUGH = "good enough: at its optimum on few points, and two steps further on all of them"
 # A guess that leads to a plan takes 6 to 70 looks at a path; three to four times as many where the
 # duration is free, too.
@@ -69,36 +73,45 @@ class GuidedSearch(AttitudeSearch):
         rough = self._optimum_on_few_points(guess)
         if rough is None:
             return
-        all_points = self._grids[-1]
-        level = replace(
-            all_points.level, iterations=_ITERATIONS_AFTER, progress=_PROGRESS, first_radius=_RADIUS
-        )
-        grid = corrected(replace(all_points, level=level), rough.x)
+        grid = near(corrected(self._grids[-1], rough.x), _ITERATIONS_AFTER, _RADIUS)
         solution = self._mended_near(grid, self._solve(grid, rough.x))
         found, followed = self._kept_between_points(grid, solution)
         if found.feasible and not found.converged:
             found = replace(found, stop_reason=_ENOUGH)
         yield from self._checkable(found, followed)
 
+    def _is_long(self, at_x: PathLinearisation) -> bool:
+        """Tell whether a path may be a long way round."""
+        ends = at_x.motion.q[[0, -1], 7:]
+        length = at_x.objective / self._program.objective.joint_path_length
+        if length <= _DIRECT * float(np.linalg.norm(ends[1] - ends[0])):
+            return False
+        level = self._grids[0].level
+        own = self._program.family.motion(self._own, level.points, level.damping)
+        if own.singular_at is not None:
+            return False
+        step = self._program.problem.duration / (level.points - 1)
+        return length > _LONG * joint_path_length(own.v[:, 6:], step)
+
+    @cached_property
+    def _own(self) -> Array:
+        """What the family would begin with."""
+        level, obstacles = self._grids[0].level, self._program.problem.obstacles
+        return next(self._program.family.first_guesses(obstacles, level.points, level.damping))
+
     def _optimum_on_few_points(self, guess: Array) -> PathSolution | None:
         """Return the better one of the paths that the guess and the family's own lead to."""
         self._starts += 1
-        few, problem = self._grids[0], self._program.problem
-        own = next(
-            few.program.family.first_guesses(problem.obstacles, few.level.points, few.level.damping)
-        )
-        at_own = few.program.linearise(own)
+        few, geometry = self._grids[0], self._program.problem.robot.geometry
+        at_guess = self._looked_at(few, guess)
         # Where the goal is an equation, the first step must have room to get there.
-        radius = few.level.first_radius if at_own.equalities.size else _RADIUS
-        level = replace(
-            few.level, iterations=_ITERATIONS_FEW, progress=_PROGRESS, first_radius=radius
-        )
-        rough = self._solve(replace(few, level=level), guess)
-        if not is_promising(rough, problem.robot.geometry):
+        radius = few.level.first_radius if at_guess.equalities.size else _RADIUS
+        rough = self._solve(near(few, _ITERATIONS_FEW, radius), guess, here=at_guess)
+        if not is_promising(rough, geometry):
             return None
-        if not at_own.is_defined or rough.at_x.objective <= _LONG * at_own.objective:
+        if not self._is_long(rough.at_x):
             return rough
         self._starts += 1
-        other = self._solve(few, own)
+        other = self._solve(few, self._own)
         is_better = other.at_x.objective < rough.at_x.objective
-        return other if is_better and is_promising(other, problem.robot.geometry) else rough
+        return other if is_better and is_promising(other, geometry) else rough

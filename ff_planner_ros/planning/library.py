@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import Protocol
 
@@ -29,10 +29,8 @@ import pinocchio as pin
 from ff_planner_ros.arrays import Array, frozen
 from ff_planner_ros.errors import FfPlannerError
 from ff_planner_ros.planning.families import path_families
-from ff_planner_ros.planning.forward import carried_forward
 from ff_planner_ros.planning.problem import Orientation, PlanningProblem, lasting
-from ff_planner_ros.planning.system_frame import in_own_frame
-from ff_planner_ros.planning.task import PlanningTask, canonical
+from ff_planner_ros.planning.task import PlanningTask, as_it_begins, canonical
 from ff_planner_ros.robot.model import Robot
 
 _DIGITS = 16  # of a kind
@@ -117,8 +115,7 @@ def kind_and_place(task: PlanningTask) -> tuple[str, Array]:
     many obstacles there are. Limits, margins and what the arm does at the end are none of it: a
     path that breaks them is as good to begin with as another.
     """
-    start = carried_forward(task.problem.robot, task.problem.start, task.ahead, task.running)
-    problem = in_own_frame(replace(task.problem, start=start))
+    _, problem = as_it_begins(task.problem, task.ahead, task.running)
     target, reach = problem.target, _reach(problem.robot)
     shared = [
         problem.objective,
@@ -178,5 +175,6 @@ def _reach(robot: Robot) -> float:
 
 def _variables(task: PlanningTask) -> Sequence[int]:
     """Return how many decision variables paths of the families have that apply."""
-    groups = path_families(lasting(task.problem, None), task.settings)
+    _, problem = as_it_begins(task.problem, task.ahead, task.running)
+    groups = path_families(lasting(problem, None), task.settings)
     return [ways[0].variables for ways in groups]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 import pinocchio as pin
 
@@ -56,12 +58,10 @@ def _require_reachable_goal(problem: PlanningProblem, q_start: Array, momentum: 
                 f"target.position lies {depth:.4f} m inside obstacle {sphere.id}: at the goal the "
                 "arm cannot be outside it",
             )
-    model = robot.model
-    data = model.createData()
-    total_mass = pin.computeTotalMass(model, data)
-    center = pin.centerOfMass(model, data, q_start)
+    total_mass = pin.computeTotalMass(robot.model)
+    center = pin.centerOfMass(robot.model, robot.model.createData(), q_start)
     center_at_end = center + momentum[:3] / total_mass * problem.duration
-    reach = _reach(robot, total_mass)
+    reach = _reach(robot)
     distance = float(np.linalg.norm(target - center_at_end))
     if distance > reach:
         raise NoPlanFound(
@@ -72,7 +72,8 @@ def _require_reachable_goal(problem: PlanningProblem, q_start: Array, momentum: 
         )
 
 
-def _reach(robot: Robot, total_mass: float) -> float:
+@lru_cache(maxsize=8)
+def _reach(robot: Robot) -> float:
     """Return a distance from the system's centre of mass that the end effector never exceeds."""
     model = robot.model
     chaser, links = model.inertias[1], model.inertias[2:]
@@ -85,4 +86,4 @@ def _reach(robot: Robot, total_mass: float) -> float:
         link.mass * (length + np.linalg.norm(link.lever))
         for link, length in zip(links, stretched, strict=False)
     )
-    return float(stretched[-1] + moment / total_mass)
+    return float(stretched[-1] + moment / pin.computeTotalMass(model))

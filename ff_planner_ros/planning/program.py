@@ -177,17 +177,16 @@ class PathProgram:
             if required.name in self.waiting and required.slack(self.problem, motion) < 0.0
         )
 
-    def easing(self, x: Array, names: Sequence[str]) -> PathProgram:
+    def easing(self, at_x: PathLinearisation, names: Sequence[str]) -> PathProgram:
         """Return the program whose margins a path keeps, or nearly so, where it keeps a part.
 
-        A plan that begins beside an obstacle cannot be moved there.
+        A plan that begins beside an obstacle cannot be moved there. It is this one where the path
+        keeps them all.
 
         Args:
+            at_x: Of a regular path.
             names: Of the requirements whose margins are eased.
         """
-        at_x = self.linearise(x)
-        if not at_x.is_defined:
-            return self
         margins = dict(self.margins)
         for number, required in enumerate(REQUIREMENTS):
             if required.name in names:
@@ -195,7 +194,7 @@ class PathProgram:
                 missing, margin = -float(values.min(initial=0.0)), margins[required.name]
                 if missing < margin:
                     margins[required.name] = max(margin - _EASED * missing, 0.0)
-        return replace(self, margins=margins)
+        return self if margins == self.margins else replace(self, margins=margins)
 
     def keeping(self, broken: frozenset[str]) -> PathProgram:
         """Return the program that keeps what a path has broken, too."""

@@ -164,22 +164,24 @@ class Search:
             OutOfTime: By the watch.
         """
         self._starts += 1
-        grid = corrected(self._grids[-1], guess)
-        grid = replace(grid, program=grid.program.easing(guess, _OF_CLEARANCE))
-        level = replace(
-            grid.level,
-            iterations=_ITERATIONS_NEAR,
-            progress=_PROGRESS_NEAR,
-            first_radius=_RADIUS_NEAR,
-        )
-        grid = replace(grid, level=level)
-        as_it_is = replace(grid, level=replace(level, iterations=0))
-        for begin in (as_it_is, grid):
-            solution = self._mended_near(begin, self._solve(begin, guess))
+        grid = near(corrected(self._grids[-1], guess), _ITERATIONS_NEAR, _RADIUS_NEAR)
+        at_guess = self._looked_at(grid, guess)
+        if not at_guess.is_defined:
+            return
+        eased = grid.program.easing(at_guess, _OF_CLEARANCE)
+        if eased is not grid.program:
+            grid = replace(grid, program=eased)
+            at_guess = self._looked_at(grid, guess)
+        for is_nearest in (True, False):
+            solution = (
+                self._nearest(grid, guess, at_guess)
+                if is_nearest
+                else self._mended_near(grid, self._solve(grid, guess, here=at_guess))
+            )
             found, followed = self._kept_between_points(grid, solution)
             if found.feasible:
                 self._watch.report(self._progress(CHECKING, found.at_x))
-                if begin is as_it_is:
+                if is_nearest:
                     found = replace(found, stop_reason=_NEAREST)
                 yield replace(self._found(found), followed=followed)
 
@@ -187,8 +189,11 @@ class Search:
         """Return the nearest path that keeps all, where a few steps lead there."""
         if solution.feasible or not solution.at_x.is_defined:
             return solution
-        watched, along = self._watched(grid), grid.along(solution.x)
-        return self._noted(nearest_feasible(watched, along, solution.at_x, _MENDING_NEAR))
+        return self._nearest(grid, solution.x, solution.at_x)
+
+    def _nearest(self, grid: Grid, x: Array, at_x: PathLinearisation) -> PathSolution:
+        watched, along = self._watched(grid), grid.along(x)
+        return self._noted(nearest_feasible(watched, along, at_x, _MENDING_NEAR))
 
     def best(self) -> FoundPath | None:
         """Return the best path so far, with what the whole search took; None before the first.
@@ -211,7 +216,7 @@ class Search:
         report = SolverReport(
             starts=self._starts,
             iterations=sum(solved.iterations for solved in self._solved),
-            rollouts=sum(solved.evaluations for solved in self._solved),
+            rollouts=self._looks,
             optimality=solution.optimality,
             stop_reason=solution.stop_reason,
         )
@@ -300,10 +305,19 @@ class Search:
         )
 
     def _solve_again(self, grid: Grid, start: Array) -> PathSolution:
-        """Solve from a path that hardly misses what the grid's program demands."""
-        return self._solve(grid, start)
+        """Mend a path that hardly misses what the grid's program demands."""
+        at_start = self._looked_at(grid, start)
+        if not at_start.is_defined:
+            return self._solve(grid, start, here=at_start)
+        return self._nearest(grid, start, at_start)
 
-    def _solve(self, grid: Grid, start: Array, curvature: Array | None = None) -> PathSolution:
+    def _solve(
+        self,
+        grid: Grid,
+        start: Array,
+        curvature: Array | None = None,
+        here: PathLinearisation | None = None,
+    ) -> PathSolution:
         level = grid.level
         solution = minimise(
             self._watched(grid),
@@ -314,6 +328,7 @@ class Search:
             grid.first_radius,
             curvature,
             level.tolerated,
+            here,
         )
         return self._noted(solution)
 
@@ -322,6 +337,9 @@ class Search:
         solution = replace(solution, x=solution.at_x.motion.x)
         self._solved.append(solution)
         return solution
+
+    def _looked_at(self, grid: Grid, x: Array) -> PathLinearisation:
+        return self._watched(grid)(grid.along(x))
 
     def _watched(self, grid: Grid) -> Callable[[Array], PathLinearisation]:
         """Return what linearises a path of the grid's program while the watch looks on."""
@@ -349,6 +367,14 @@ def corrected(grid: Grid, x: Array) -> Grid:
         if at_x.is_defined:
             program = program.corrected(at_x.motion, program.followed(at_x))
     return replace(grid, program=program)
+
+
+def near(grid: Grid, iterations: int, first_radius: float) -> Grid:
+    """Return a grid that is solved in a few steps, from near an optimum."""
+    level = replace(
+        grid.level, iterations=iterations, progress=_PROGRESS_NEAR, first_radius=first_radius
+    )
+    return replace(grid, level=level)
 
 
 def is_promising(rough: PathSolution, geometry: Geometry) -> bool:

@@ -127,6 +127,7 @@ def minimise(
     first_radius: float = FIRST_RADIUS,
     curvature: Array | None = None,
     tolerated: float = 0.0,
+    here: AtX | None = None,
 ) -> Solution[AtX]:
     """Minimise from a start; not converging is a result, not an error.
 
@@ -139,8 +140,9 @@ def minimise(
         tolerated: A smaller violation does not stop a step that brings what it promised of the
             objective: long steps along curved constraints. The solution may violate as much. Where
             it is not zero, a violation that no longer falls does not end the search.
+        here: Functions and derivatives at the start. None: they are asked for.
     """
-    x, here = start, linearise(start)
+    x, here = start, linearise(start) if here is None else here
     if curvature is None:
         curvature = np.zeros((len(x), len(x)))
     if not here.is_defined:

@@ -19,6 +19,7 @@ from ff_planner_ros.arrays import Array, finite_number, finite_vector, frozen, u
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.target import Target
 from ff_planner_ros.planning.torque_free import TorqueFreeMotion, Turning
+from ff_planner_ros.robot.rotation import cross
 
 # Of principal moments, relative to the largest: a smaller one is that of no body but a line, and
 # what rounding makes of a plate, whose largest moment is the sum of the others.
@@ -123,16 +124,19 @@ class TargetBody:
         return TorqueFreeMotion(self._relative_inertia, self.quaternion_xyzw, rate)
 
     def _turned(self, times: Array) -> Turning:
-        turns = self.fastest_turn * float(times.max(initial=0.0))
+        self._require_foretold(float(times.max(initial=0.0)))
+        return self._turning.at(times)
+
+    def _require_foretold(self, until: float) -> None:
+        turns = self.fastest_turn * until
         if not turns <= _MOST_TURNS:
             raise InvalidInput(
                 Status.OUT_OF_RANGE,
                 "target_body.angular_velocity",
                 self.angular_velocity.tolist(),
-                f"within {times.max():.6g} s the body turns too far to be foretold, by "
+                f"within {until:.6g} s the body turns too far to be foretold, by "
                 f"{turns:.3g} rad; {_MOST_TURNS:g} rad are allowed",
             )
-        return self._turning.at(times)
 
     @property
     def _relative_inertia(self) -> Array:
@@ -157,7 +161,7 @@ class TargetBody:
         Returns:
             When each begins, shape (series,) [s], and its terms, shape (series, orders, 4).
         """
-        self._turned(np.array([until]))
+        self._require_foretold(until)
         return self._turning.attitude_series(until)
 
     def motion(self, point: Array, times: Array) -> PointMotion:
@@ -169,12 +173,12 @@ class TargetBody:
         """
         rotations, rates, accelerations, jerks = self._turned(times)
         # The point's derivatives in body axes: u' as the body sees it, plus w x u.
-        first = np.cross(rates, point)
-        turned = np.cross(accelerations, point)
-        second = turned + np.cross(rates, first)
-        seen = np.cross(jerks, point) + np.cross(accelerations, first) + np.cross(rates, turned)
-        third = seen + np.cross(rates, second)
-        angular_jerks = jerks + np.cross(rates, accelerations)
+        first = cross(rates, point)
+        turned = cross(accelerations, point)
+        second = turned + cross(rates, first)
+        seen = cross(jerks, point) + cross(accelerations, first) + cross(rates, turned)
+        third = seen + cross(rates, second)
+        angular_jerks = jerks + cross(rates, accelerations)
 
         def inertial(linear: Array, angular: Array) -> Array:
             parts = np.stack([linear, angular], axis=1) @ rotations.swapaxes(1, 2)
@@ -257,7 +261,7 @@ class TargetBody:
         moments, axes = np.linalg.eigh(self._relative_inertia)
         to_body = pin.Quaternion(self.quaternion_xyzw).toRotationMatrix() @ axes
         squares = (self.angular_velocity @ to_body) ** 2
-        along = np.cross(moments, moments**2)
+        along = cross(moments, moments**2)
         along /= max(float(np.abs(along).max()), np.finfo(float).tiny)
         gain = float(along.sum())
         along *= math.copysign(1.0, gain)

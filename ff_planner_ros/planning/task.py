@@ -6,7 +6,7 @@ import hashlib
 import struct
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, fields, is_dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -31,11 +31,12 @@ from ff_planner_ros.planning.problem import (
 )
 from ff_planner_ros.planning.robust import robust_plan
 from ff_planner_ros.planning.settings import PlannerSettings
-from ff_planner_ros.planning.system_frame import system_frame
+from ff_planner_ros.planning.system_frame import SystemFrame, system_frame
 from ff_planner_ros.planning.tail import EndBehaviour, with_tail
 from ff_planner_ros.planning.watch import Watch
 from ff_planner_ros.robot.bodies import Geometry, defining_numbers
 from ff_planner_ros.robot.model import Base, Robot
+from ff_planner_ros.robot.state import SystemState
 
 # Problem, in the frame that the plan is made in, settings, who watches, first guess.
 Method: TypeAlias = Callable[[PlanningProblem, PlannerSettings, Watch, FirstGuess | None], Plan]
@@ -209,19 +210,42 @@ def perform(task: PlanningTask, watch: Watch = NOBODY, method: Method = plan) ->
     problem, running = task.problem, task.running
     guess: FirstGuess | None = task.first_guess
     if running is None or task.running_goal is None:
-        start = carried_forward(problem.robot, problem.start, task.ahead, running)
+        frame, problem = as_it_begins(problem, task.ahead, running)
     else:
         start = joined(problem.robot, problem.start, task.ahead, running)
         rest = replace(running, time=running.time - task.ahead)
         guess = Remainder(rest, task.running_goal - task.ahead)
-    frame = system_frame(problem.robot, start)
-    problem = frame.problem(replace(problem, start=start))
+        frame, problem = _seen_from_system(problem, start)
     try:
         return frame.plan_seen_by_user(_performed(task, problem, watch, method, guess))
     except NoPlanFound as refused:
         if isinstance(refused.attempt, Plan):
             refused.attempt = frame.plan_seen_by_user(refused.attempt)
         raise
+
+
+@lru_cache(maxsize=2)
+def as_it_begins(
+    problem: PlanningProblem, ahead: float, running: JointMotion | None
+) -> tuple[SystemFrame, PlanningProblem]:
+    """Return the frame that a plan of its own is made in, and the problem from its start there.
+
+    A library asks for it before the plan is made.
+
+    Args:
+        ahead: Time from the measurement to the plan's first point [s].
+        running: Of the joints meanwhile; None: they keep their measured rates.
+    """
+    start = carried_forward(problem.robot, problem.start, ahead, running)
+    return _seen_from_system(problem, start)
+
+
+def _seen_from_system(
+    problem: PlanningProblem, start: SystemState
+) -> tuple[SystemFrame, PlanningProblem]:
+    """Return the frame of a system at the plan's first point, and the problem from there in it."""
+    frame = system_frame(problem.robot, start)
+    return frame, frame.problem(replace(problem, start=start))
 
 
 def _performed(

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ff_planner_ros.arrays import Array
-from ff_planner_ros.robot.rotation import skew
+from ff_planner_ros.robot.rotation import cross, skew
 
 # Terms of a series, and what its last ones may be, relative: then it ends. With more terms the
 # series reach further, but each costs more.
@@ -51,7 +51,7 @@ class TorqueFreeMotion:
         self._inertia, self._inverse = inertia, np.linalg.inv(inertia)
         # w' = I^-1 sum_bc (I e_b) x e_c  w_b w_c, and q' the same with half the quaternions' units.
         units = np.eye(3)
-        products = np.array([[np.cross(inertia @ b, c) for c in units] for b in units])
+        products = np.array([[cross(inertia @ b, c) for c in units] for b in units])
         self._of_rates = (products @ self._inverse.T).reshape(9, 3).T.copy()
         self._of_attitude = _QUATERNION_PRODUCTS
         self._begins, self._end = np.empty(0), 0.0
@@ -72,12 +72,13 @@ class TorqueFreeMotion:
             values = values * after + series[:, k]
         rates = values[:, 4:]
         momenta = rates @ self._inertia.T
-        accelerations = np.cross(momenta, rates) @ self._inverse.T
-        jerks = np.cross(accelerations @ self._inertia.T, rates) + np.cross(momenta, accelerations)
+        accelerations = cross(momenta, rates) @ self._inverse.T
+        jerks = cross(accelerations @ self._inertia.T, rates) + cross(momenta, accelerations)
         return Turning(_rotations(values[:, :4]), rates, accelerations, jerks @ self._inverse.T)
 
     def attitude_series(self, until: float) -> tuple[Array, Array]:
-        """Return when each series begins, and those of q, as far as a time [s] that was solved."""
+        """Return when each series begins, and those of q, as far as a time [s]."""
+        self._solve(until)
         count = int(np.searchsorted(self._begins, until, side="right"))
         return self._begins[:count], self._series[:count, :, :4]
 

@@ -12,6 +12,15 @@ import numpy as np
 from ff_planner_ros.arrays import Array
 
 
+def cross(a: Array, b: Array) -> Array:
+    """Return a x b, as numpy's `cross` does: for a few vectors that takes four times as long."""
+    product = np.empty(np.broadcast_shapes(a.shape, b.shape))
+    product[..., 0] = a[..., 1] * b[..., 2] - a[..., 2] * b[..., 1]
+    product[..., 1] = a[..., 2] * b[..., 0] - a[..., 0] * b[..., 2]
+    product[..., 2] = a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
+    return product
+
+
 def skew(a: Array) -> Array:
     """Return the matrices of the cross product with a, Eq. (10)."""
     matrix = np.zeros((*a.shape, 3))
