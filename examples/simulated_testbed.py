@@ -23,7 +23,7 @@ from ff_planner_ros.bag.decoding import NANOSECONDS
 from ff_planner_ros.demo.testbed import Imperfections, SimulatedTestbed
 from ff_planner_ros.errors import FfPlannerError
 from ff_planner_ros.planning.scenario import load_scenario
-from ff_planner_ros.ros.background import spin_in_background, stop_on_signals
+from ff_planner_ros.ros.background import StopRequest, spin_in_background
 from ff_planner_ros.ros.joining import joining_ros
 
 MEANING = {
@@ -42,7 +42,7 @@ MEANING = {
 def main() -> int:
     """Run until SIGINT or SIGTERM."""
     options = _options()
-    stop = stop_on_signals()
+    stop = StopRequest()
     try:
         scenario = load_scenario(options.scenario)
         with joining_ros():

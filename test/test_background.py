@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import signal
+import subprocess
+import sys
 import threading
 from unittest.mock import Mock
 
@@ -12,6 +15,32 @@ from rclpy.task import Future as RosFuture
 from ros_processes import DEADLINE, private_domain
 
 from ff_planner_ros.ros.background import ask, spin_in_background
+
+# The signal comes in the other thread, as the main one blocks it.
+WAITING = """
+import signal, threading
+from ff_planner_ros.ros.background import StopRequest
+stop = StopRequest()
+threading.Thread(target=threading.Event().wait, daemon=True).start()
+signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGTERM})
+print(stop.is_set(), flush=True)
+stop.wait()
+print(stop.is_set())
+"""
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_the_waiting_whatever_thread_it_comes_in(number: signal.Signals) -> None:
+    with subprocess.Popen([sys.executable, "-c", WAITING], stdout=subprocess.PIPE) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == b"False\n"
+        process.send_signal(number)
+        try:
+            said, _ = process.communicate(timeout=DEADLINE)
+        finally:
+            process.kill()
+    assert said == b"True\n"
+    assert process.returncode == 0
 
 
 @pytest.mark.parametrize("executor_type", [SingleThreadedExecutor, MultiThreadedExecutor])

@@ -7,7 +7,6 @@ import math
 import signal
 import subprocess
 import sys
-import threading
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
@@ -18,6 +17,7 @@ from ff_planner_ros.analysis.methods import SHORTEST, SOONER, STEADIEST, Method
 from ff_planner_ros.demo.following import ARM_HEAVIER, OPEN_LOOP, RATE_BIAS, REPLANNED
 from ff_planner_ros.errors import FfPlannerError, Status
 from ff_planner_ros.robot.model import Robot
+from ff_planner_ros.ros.background import StopRequest
 from ff_planner_ros.share import share_directory
 
 # From the start of the testbed until the chaser passes through the scenario's start [s]: time to
@@ -94,7 +94,7 @@ def fly(
     scenario: Path,
     directory: Path,
     node: subprocess.Popen[bytes],
-    stop: threading.Event,
+    stop: StopRequest,
 ) -> dict[str, Any]:
     """Start testbed and executive, wait until the executive is done, and return its report."""
     name = flight.name
@@ -145,7 +145,7 @@ def _example(name: str) -> list[str]:
     return [sys.executable, str(share_directory() / "examples" / f"{name}.py")]
 
 
-def _check(needed: Mapping[Path, subprocess.Popen[bytes]], stop: threading.Event) -> None:
+def _check(needed: Mapping[Path, subprocess.Popen[bytes]], stop: StopRequest) -> None:
     """Raise when there is nothing more to wait for."""
     if stop.is_set():
         raise KeyboardInterrupt

@@ -13,7 +13,7 @@ from ff_planner_msgs.action import PlanTrajectory
 
 from ff_planner_ros.demo.executive import FlownPlan
 from ff_planner_ros.errors import FfPlannerError, Status
-from ff_planner_ros.ros.background import stop_on_signals
+from ff_planner_ros.ros.background import StopRequest
 from ff_planner_ros.ros.outputs.prediction import FramePose
 
 
@@ -30,7 +30,7 @@ def run_mission(
     Returns:
         Exit code: 0 done, 2 something could not run, 3 no plan, 130 interrupted.
     """
-    stop = stop_on_signals()
+    stop = StopRequest()
 
     def check() -> None:
         if stop.is_set():

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import os
 import sys
-import threading
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -31,7 +30,7 @@ from ff_planner_ros.demo.following import (
 from ff_planner_ros.errors import FfPlannerError, Status
 from ff_planner_ros.planning.scenario import load_scenario
 from ff_planner_ros.robot.rotation import euler_from_rotation
-from ff_planner_ros.ros.background import stop_on_signals
+from ff_planner_ros.ros.background import StopRequest
 from ff_planner_ros.share import share_directory
 from ff_planner_ros.text_table import print_table
 
@@ -49,7 +48,7 @@ def run_demo(
         Exit code: 0 both flown, 2 something could not run, 3 a plan was not found,
         130 interrupted.
     """
-    stop = stop_on_signals()
+    stop = StopRequest()
     shown, config = TESTBEDS[testbed], share_directory() / "config"
     scenario = scenario or config / "scenarios" / shown.scenario
     directory = unique_directory(output.resolve(), "demo")
@@ -69,7 +68,7 @@ def run_demo(
 
 
 def _demonstrate(
-    shown: Testbed, directory: Path, scenario: Path, parameters: Path, stop: threading.Event
+    shown: Testbed, directory: Path, scenario: Path, parameters: Path, stop: StopRequest
 ) -> None:
     problem = load_scenario(scenario)
     print(

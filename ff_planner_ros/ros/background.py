@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+import socket
 import threading
 import traceback
 from collections.abc import Callable
@@ -14,15 +15,34 @@ from rclpy.impl.rcutils_logger import RcutilsLogger
 from rclpy.task import Future as RosFuture
 
 
-def stop_on_signals() -> threading.Event:
-    """Return an event that SIGINT and SIGTERM set from now on, and do nothing else.
+class StopRequest:
+    """Whether SIGINT or SIGTERM has come; made in the main thread, it alone handles both.
 
     Only noted: an exception out of nowhere could be lost, or leave a process without its owner.
     """
-    stop = threading.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: stop.set())
-    return stop
+
+    def __init__(self) -> None:
+        """Note signals from now on."""
+        self._has_come = False
+        # Python handles signals in the main thread, but wakes it up from a lock only if the system
+        # has delivered the signal to it. A byte is written in whatever thread it comes.
+        self._bytes, written = socket.socketpair()
+        written.setblocking(False)
+        signal.set_wakeup_fd(written.detach())
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, self._note)
+
+    def _note(self, *_: object) -> None:
+        self._has_come = True
+
+    def is_set(self) -> bool:
+        """Tell whether one has come."""
+        return self._has_come
+
+    def wait(self) -> None:
+        """Wait until one comes, in the main thread."""
+        while not self._has_come:
+            self._bytes.recv(1)
 
 
 def spin_in_background(executor: Executor, logger: RcutilsLogger) -> Callable[[], None]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-import threading
 from contextlib import closing
 
 import rclpy
@@ -11,7 +10,7 @@ from rclpy.executors import MultiThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
 
 from ff_planner_ros.errors import FfPlannerError, Status
-from ff_planner_ros.ros.background import spin_in_background, stop_on_signals
+from ff_planner_ros.ros.background import StopRequest, spin_in_background
 from ff_planner_ros.ros.joining import joining_ros, security_gap
 from ff_planner_ros.ros.planner_node import PlannerNode
 from ff_planner_ros.ros.requests.worker import Worker
@@ -27,7 +26,7 @@ def main(arguments: list[str] | None = None) -> int:
     Returns:
         Exit code: 0 stopped by a signal, 2 refused to start.
     """
-    stop = stop_on_signals()
+    stop = StopRequest()
     try:
         with joining_ros():
             rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
@@ -39,7 +38,7 @@ def main(arguments: list[str] | None = None) -> int:
         rclpy.try_shutdown()
 
 
-def _run(stop: threading.Event) -> int:
+def _run(stop: StopRequest) -> int:
     with closing(Worker()) as worker:
         with joining_ros():
             node = PlannerNode(worker)
