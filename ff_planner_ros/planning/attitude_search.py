@@ -132,10 +132,12 @@ class AttitudeSearch(Search):
             return True
         grid = _with(self._rough_grid(asked), iterations=_LOOK)
         enough = _GAIN * min(found, key=_worth).path.at_x.objective
-        others = islice(self._guesses(shortest), 1, 1 + _LOOKED_AT)
-        self._starts += _LOOKED_AT
-        leads = (_lead(self._solve(grid, other)) for other in others)
-        return any(not is_far_off and value < enough for is_far_off, value in leads)
+        for other in islice(self._guesses(shortest), 1, 1 + _LOOKED_AT):
+            self._starts += 1
+            is_far_off, value = _lead(self._solve(grid, other))
+            if not is_far_off and value < enough:
+                return True
+        return False
 
     def better_at_guess(self, asked: Objective, shortest: Plan, judge: Judge) -> Plan:
         """Return the best plan at the first guess, at worst the plan of least joint path.

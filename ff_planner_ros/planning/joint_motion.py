@@ -36,8 +36,8 @@ class JointMotion:
         """
         last = len(self.time) - 2
         piece = np.clip(np.searchsorted(self.time, time, side="right") - 1, 0, last)
-        part = (time - self.time[piece]) / np.diff(self.time)[piece]
-        step, part = np.diff(self.time)[piece, None], part[:, None]
+        step = np.diff(self.time)[piece, None]
+        part = (time - self.time[piece])[:, None] / step
         # De Casteljau's: of six coefficients five, four, three and so on.
         left = self._coefficients[0][:, piece]
         while len(left) > 3:
