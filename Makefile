@@ -7,7 +7,6 @@ SHELL := /bin/bash
 PYTHON ?= python3
 VENV ?= .venv
 BIN := $(CURDIR)/$(VENV)/bin
-STAMP := $(VENV)/complete
 
 # Whatever ROS or Python environment the caller has active shall not leak into ours.
 unexport AMENT_PREFIX_PATH CMAKE_PREFIX_PATH COLCON_PREFIX_PATH LD_LIBRARY_PATH PYTHONHOME \
@@ -21,48 +20,84 @@ prerequisites:
 
 PYTHON_HEADERS := import sysconfig; print(sysconfig.get_path("include"))
 
-env: $(STAMP) $(VENV)/core
+env: $(VENV)/complete $(VENV)/core
 
-# What messages and core need to be built, read from the lists there are.
-BUILD_REQUIRES := import tomllib; \
-	[print(*tomllib.load(open(file, "rb"))["build-system"]["requires"], sep="\n") \
-	for file in ("msg_defs/pyproject.toml", "pyproject.toml")]
+# By uv, which needs a fraction of the time; by pip where uv, or its way to the index, cannot be had.
+WITH_PIP := $(BIN)/python -m pip install --disable-pip-version-check --quiet --constraint constraints.txt
+INSTALL := $$([ -x $(BIN)/uv ] && echo $(BIN)/uv pip install --quiet --python $(BIN)/python \
+	--constraint constraints.txt || echo $(WITH_PIP)) --build-constraint constraints.txt
+
+# What core and messages are built with, and what the package and some of its extras need.
+BUILD_REQUIRES := import sys, tomllib; \
+	print(*tomllib.load(open(sys.argv[1], "rb"))["build-system"]["requires"], sep="\n")
+REQUIRES := import sys, setuptools; from distutils.core import run_setup; \
+	package = run_setup("setup.py", stop_after="init"); \
+	print(*package.install_requires, *sum(map(package.extras_require.get, sys.argv[1:]), []), sep="\n")
 
 # Made anew from nothing, and marked complete as the last step: an interrupted run leaves no mark.
-# What is ignored is the advice against editable installations.
-INSTALL := $(BIN)/python -m pip install --disable-pip-version-check --quiet --constraint constraints.txt
-
-$(STAMP): setup.py pyproject.toml package.xml constraints.txt $(shell find msg_defs -type f)
+# The core is compiled while packages are downloaded; the last installation finds it in place. Boost
+# comes with Pinocchio: nothing here is compiled with its 185 MB of headers.
+$(VENV)/complete: setup.py pyproject.toml package.xml constraints.txt $(shell find msg_defs -type f)
 	@$(MAKE) --no-print-directory prerequisites
-	@echo 'Setting up $(VENV); this takes a minute or two.'
+	@echo 'Setting up $(VENV) with ROS 2, Pinocchio and the compiled core: usually 1 to 3 minutes.'
 	@rm -rf $(VENV)
 	@$(PYTHON) -m venv $(VENV)
 	@touch $(VENV)/COLCON_IGNORE
-	@$(INSTALL) --upgrade pip
-	@$(INSTALL) --requirement <($(BIN)/python -c '$(BUILD_REQUIRES)')
-	@PYTHONWARNINGS=ignore $(INSTALL) --no-build-isolation ./msg_defs --editable '.[test,robots,benchmark]'
+	@$(BIN)/python -c '$(BUILD_REQUIRES)' pyproject.toml > $(VENV)/core_requires.txt
+	@{ $(WITH_PIP) uv && $(INSTALL) --requirement $(VENV)/core_requires.txt; } \
+		|| { echo 'uv cannot install here; pip does, which takes some minutes more.'; \
+			rm -f $(BIN)/uv; $(WITH_PIP) --upgrade pip; \
+			$(INSTALL) --requirement $(VENV)/core_requires.txt; }
+	@$(BIN)/python -c '$(REQUIRES)' ros > $(VENV)/requires.txt
+	@$(BIN)/python setup.py --quiet build_ext --inplace & core=$$!; \
+		$(INSTALL) ./msg_defs --requirement $(VENV)/requires.txt; \
+		wait $$core
+	@$(INSTALL) --no-build-isolation --no-deps --editable .
+	@rm -rf $(VENV)/lib/python*/site-packages/cmeel.prefix/include/boost
 	@touch $(VENV)/core $@
 
-# The editable installation has built the core; a change of its sources builds it anew in its place.
-$(VENV)/core: $(wildcard ff_planner_ros/core/*.[ch]pp) | $(STAMP)
+# A change of the core's sources builds it anew in its place.
+$(VENV)/core: $(wildcard ff_planner_ros/core/*.[ch]pp) | $(VENV)/complete
+	@echo 'Compiling the core: usually 1 to 2 minutes.'
 	@$(BIN)/python setup.py --quiet build_ext --inplace
+	@touch $@
+
+# What the tests need beside that, every day and in the longer tiers, and what colcon builds with.
+EXTRAS_everyday := test
+EXTRAS_ci := test benchmark robots
+EXTRAS_nightly := $(EXTRAS_ci)
+
+$(VENV)/extras_%: $(VENV)/complete
+	@echo 'Adding what the tests need to $(VENV): usually half a minute.'
+	@$(BIN)/python -c '$(REQUIRES)' $(EXTRAS_$*) > $@.txt
+	@$(INSTALL) --requirement $@.txt
+	@touch $@
+
+$(VENV)/colcon: $(VENV)/complete
+	@$(BIN)/python -c '$(REQUIRES)' colcon > $@.txt
+	@$(BIN)/python -c '$(BUILD_REQUIRES)' msg_defs/pyproject.toml >> $@.txt
+	@$(INSTALL) --requirement $@.txt
 	@touch $@
 
 demo: env
 	$(BIN)/ff-planner demo
 
-# One worker more than the two cores it is measured on: flights in real time mostly wait.
-test: env
-	$(BIN)/python -m pytest --numprocesses 3 --cov --cov-report=term
+# The tests of a tier: `everyday`; `ci`, with coverage and with what the benchmark and the robots of
+# others need; `nightly`. One worker more than the two cores it is measured on: flights in real time
+# mostly wait.
+TIER ?= everyday
+COVERAGE_ci := --cov --cov-report=term
 
-# The same tests with every law tried more often: longer.
-nightly: env
-	$(BIN)/python -m pytest --numprocesses 3 --nightly
+test: env $(VENV)/extras_$(TIER)
+	$(BIN)/python -m pytest --numprocesses 3 --tier $(TIER) $(COVERAGE_$(TIER))
+
+nightly:
+	$(MAKE) test TIER=nightly
 	$(MAKE) sanitize SANITIZED_TESTS=core
 
 # A part of the tests in a minute: one plan after the other, bags of earlier versions, one node. For
 # another Python: `make short-test PYTHON=python3.12 VENV=.venv_python3.12`.
-short-test: env
+short-test: env $(VENV)/extras_everyday
 	$(BIN)/python -m pytest --numprocesses 2 $(addprefix test/test_,$(addsuffix .py,$(SHORT_TEST)))
 
 SHORT_TEST := bag_golden cli dynamics golden_replay node package planner polynomial scenario \
@@ -105,7 +140,7 @@ SANITIZED_TESTS ?= not (free2 or free3 or free4 or free5 or free8 or free9 or fr
 	or free12 or free13 or planar2 or planar7 or 1e+30 or 1e+160 or 1e+308 \
 	or (1e+200 and certified))
 
-sanitize: env
+sanitize: env $(VENV)/extras_everyday
 	$(BIN)/python setup.py --quiet build_py --build-lib $(SANITIZED) \
 		build_ext --sanitize --build-lib $(SANITIZED) --build-temp build/sanitized_objects \
 		install_data --install-dir $(SANITIZED)
@@ -118,7 +153,7 @@ sanitize: env
 IS_SANITIZED := from ff_planner_ros.core import compiled; \
 	assert compiled.__file__.startswith("$(SANITIZED)"), compiled.__file__
 
-lint: env
+lint: env $(VENV)/extras_everyday
 	$(BIN)/ruff format --check
 	$(BIN)/ruff check
 	$(BIN)/mypy
@@ -126,7 +161,7 @@ lint: env
 # What a ROS machine does with `colcon build`, here with the ROS that pip installed. Then the
 # installed messages must load, and the installed node must start and find its configuration:
 # so far it has come when it refuses a robot that does not exist.
-build: env
+build: env $(VENV)/colcon
 	PATH=$(BIN):$$PATH colcon build --cmake-args -DBUILD_TESTING=OFF \
 		-DCMAKE_PROJECT_INCLUDE=$(CURDIR)/msg_defs/ros_wheels.cmake -DPython3_EXECUTABLE=$(BIN)/python
 	set +u; source install/setup.sh; cd install; \
@@ -139,16 +174,14 @@ MESSAGES_LOAD := import os, ff_planner_msgs.srv as srv; \
 	check_for_type_support(srv.PlanTrajectory); \
 	assert srv.__file__.startswith(os.getcwd()), srv.__file__
 
-# Remakes constraints.txt with the newest versions that setup.py and both pyproject.toml allow.
-lock:
-	: > constraints.txt
-	$(MAKE) env
-	$(BIN)/python -c '$(INSTALLED_BY_PIP)' > constraints.txt
-	touch $(STAMP)
-
-INSTALLED_BY_PIP := import importlib.metadata as metadata; \
-	print(*sorted(f"{d.name}=={d.version}" for d in metadata.distributions() \
-	if d.read_text("INSTALLER") and not d.read_text("direct_url.json")), sep="\n")
+# Remakes constraints.txt with the newest versions that setup.py and both pyproject.toml allow. The
+# messages are no package of an index.
+lock: env
+	{ $(BIN)/python -c '$(REQUIRES)' ros test benchmark robots colcon; echo uv; \
+		$(BIN)/python -c '$(BUILD_REQUIRES)' pyproject.toml; \
+		$(BIN)/python -c '$(BUILD_REQUIRES)' msg_defs/pyproject.toml; } | grep -v ff_planner_msgs \
+		| $(BIN)/uv pip compile --quiet --no-header --no-annotate --upgrade --output-file constraints.txt -
+	touch $(VENV)/complete
 
 clean:
 	rm -rf .venv .venv_* build install log ff_planner_ros/core/*.so .coverage* .mypy_cache .pytest_cache .ruff_cache

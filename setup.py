@@ -174,12 +174,12 @@ setup(
         "benchmark": [*SIMULATION, "drake>=1.40,<2", "ompl>=2.0.1,<3"],
         # 131 MB that only tests read: the URDFs, as found, of arms and robots that others made.
         "robots": ["example-robot-data>=6,<7"],
+        # The build that a ROS machine does, for `make build`.
+        "colcon": ["colcon-defaults>=0.2,<0.3", "colcon-ros>=0.5,<0.6"],
         "test": [
             *ROS,
             *SIMULATION,
             *CAMPAIGN,
-            "colcon-defaults>=0.2,<0.3",
-            "colcon-ros>=0.5,<0.6",
             "cyclonedds>=11,<12",
             "mcap-ros2-support>=0.6,<0.7",
             "mypy>=2.4,<3",
