@@ -1,10 +1,13 @@
-"""What the tests share: robots, a plan, the order of the files, how often a law is tried."""
+"""What the tests share: robots, a plan, the tiers, how often a law is tried."""
 
 from __future__ import annotations
 
+import math
 import sqlite3
 import sys
+from collections import Counter
 from collections.abc import Callable, Generator
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -19,31 +22,10 @@ from ff_planner_ros.planning.scenario import load_scenario
 from ff_planner_ros.robot.bodies import Geometry
 from ff_planner_ros.robot.model import Robot, load_robot, robot_from_urdf_text
 
-# The files that take longest begin first, so that the workers end at about the same time.
-LONGEST_FIRST = (
-    "test_demo",
-    "test_examples",
-    "test_any_file",
-    "test_node_hard_life",
-    "test_node_robustness",
-    "test_node_lifecycle",
-    "test_node",
-    "test_replay",
-    "test_node_recording",
-    "test_node_action",
-    "test_rollout",
-    "test_publish",
-    "test_planner",
-    "test_verify",
-    "test_node_answers",
-    "test_recorder_killed",
-    "test_bench_success",
-    "test_bench_report",
-    "test_forward",
-    "test_compare",
-    "test_worker",
-    "test_node_refusals",
-)
+# Tests without a mark run every day; `@pytest.mark.ci` and `@pytest.mark.nightly` say from which
+# tier on a test runs.
+TIERS = ("everyday", "ci", "nightly")
+SLOWEST_FILES = 20  # told by the longer tiers, so that growth is seen
 
 # They repeat at length what other files run, too: coverage, whose tracing takes time, leaves them
 # and the processes that they start out.
@@ -76,14 +58,51 @@ NOT_MEASURED = (
 )
 
 
+_left_out = pytest.StashKey[Counter[str]]()
+
+
 def pytest_addoption(parser: pytest.Parser) -> None:
-    parser.addoption("--nightly", action="store_true", help="try each law as often as it deserves")
+    tiers = "what is run, and how often a law is tried"
+    parser.addoption("--tier", choices=TIERS, default=TIERS[0], help=tiers)
 
 
-@pytest.hookimpl(trylast=True)
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    rank = {name: number for number, name in enumerate(LONGEST_FIRST)}
-    items.sort(key=lambda item: rank.get(item.path.stem, len(rank)))
+def pytest_configure(config: pytest.Config) -> None:
+    config.stash[_left_out] = Counter()
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    longer = TIERS[TIERS.index(config.getoption("tier")) + 1 :]
+    later = {
+        item: tier for item in items for tier in longer if item.get_closest_marker(tier) is not None
+    }
+    config.stash[_left_out].update(later.values())
+    config.hook.pytest_deselected(items=list(later))
+    items[:] = [item for item in items if item not in later]
+
+
+def pytest_sessionfinish(session: pytest.Session) -> None:
+    if hasattr(session.config, "workeroutput"):
+        session.config.workeroutput["left_out"] = dict(session.config.stash[_left_out])
+
+
+@pytest.hookimpl(optionalhook=True)  # of pytest-xdist: each worker has collected the same
+def pytest_testnodedown(node: Any) -> None:
+    node.config.stash[_left_out] = Counter(getattr(node, "workeroutput", {}).get("left_out", {}))
+
+
+def pytest_terminal_summary(terminalreporter: Any, config: pytest.Config) -> None:
+    """Say what the longer tiers hold, and in them how long each file takes."""
+    tier = config.getoption("tier")
+    if tier != TIERS[0]:
+        terminalreporter.section(f"slowest {SLOWEST_FILES} files")
+        seconds: Counter[str] = Counter()
+        for report in chain.from_iterable(terminalreporter.stats.values()):
+            if isinstance(report, pytest.TestReport):
+                seconds[report.nodeid.partition("::")[0]] += report.duration
+        for file, taken in seconds.most_common(SLOWEST_FILES):
+            terminalreporter.line(f"{taken:7.1f} s  {file}")
+    for longer, tests in config.stash[_left_out].items():
+        terminalreporter.line(f"{tests} tests more run with --tier {longer}")
 
 
 @pytest.hookimpl(wrapper=True)
@@ -126,20 +145,15 @@ def discard_if_torn(file: Path) -> None:
         file.unlink()
 
 
-@pytest.hookimpl(optionalhook=True)  # of pytest-xdist
-def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
-    """Give each worker one file after the other, in the order of the collection."""
-    from xdist.scheduler import LoadFileScheduling
-
-    config.option.loadscopereorder = False
-    return LoadFileScheduling(config, log)
-
-
 @pytest.fixture(scope="session")
 def times(request: pytest.FixtureRequest) -> Callable[[int, int], int]:
-    """Choose how often a law is tried: usually, and in the nightly run."""
-    nightly = request.config.getoption("nightly")
-    return lambda usually, at_night: at_night if nightly else usually
+    """Choose how often a law is tried: in CI, a tenth of that every day, and at night."""
+    tier = request.config.getoption("tier")
+
+    def chosen(in_ci: int, at_night: int) -> int:
+        return {"everyday": math.ceil(in_ci / 10), "ci": in_ci, "nightly": at_night}[tier]
+
+    return chosen
 
 
 @pytest.fixture(scope="session")

@@ -21,6 +21,7 @@ from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 from measured_commands import MEGABYTES, SECONDS, Done, Run, measured_commands
 from mutants import bytes_mutated, document_mutated
+from tiers import a_tenth_every_day
 
 from ff_planner_ros.cli import DEFECT, main
 from ff_planner_ros.share import share_directory
@@ -41,7 +42,7 @@ def run() -> Iterator[Run]:
 
 @pytest.fixture(scope="module")
 def nightly(request: pytest.FixtureRequest) -> bool:
-    return bool(request.config.getoption("nightly"))
+    return bool(request.config.getoption("tier") == "nightly")
 
 
 @pytest.fixture(scope="module")
@@ -137,7 +138,7 @@ YAML = {
 }
 
 
-@pytest.mark.parametrize("content", YAML.values(), ids=YAML.keys())
+@pytest.mark.parametrize("content", a_tenth_every_day(YAML))
 def test_a_yaml_file_is_refused(tmp_path: Path, run: Run, content: bytes, nightly: bool) -> None:
     file = tmp_path / "file.yaml"
     file.write_bytes(content)
@@ -164,7 +165,7 @@ JSON = {
 }
 
 
-@pytest.mark.parametrize("content", JSON.values(), ids=JSON.keys())
+@pytest.mark.parametrize("content", a_tenth_every_day(JSON))
 def test_a_json_file_is_refused(tmp_path: Path, run: Run, content: bytes, nightly: bool) -> None:
     file = tmp_path / "answer.json"
     file.write_bytes(content)
@@ -197,7 +198,7 @@ ANSWERS: dict[str, tuple[str, Callable[[dict[str, Any]], object]]] = {
 }
 
 
-@pytest.mark.parametrize(("field", "change"), ANSWERS.values(), ids=ANSWERS.keys())
+@pytest.mark.parametrize(("field", "change"), a_tenth_every_day(ANSWERS))
 def test_an_answer_is_refused_by_the_name_of_what_is_wrong(
     field: str,
     change: Callable[[dict[str, Any]], object],
@@ -270,7 +271,7 @@ def test_what_is_no_file_is_refused_at_once(
     assert done.code == 0
 
 
-@pytest.mark.parametrize("make", EVIL_BAGS.values(), ids=EVIL_BAGS.keys())
+@pytest.mark.parametrize("make", a_tenth_every_day(EVIL_BAGS))
 def test_a_bag_does_not_fill_the_memory(
     make: Callable[[], bytes], tmp_path: Path, run: Run, nightly: bool
 ) -> None:

@@ -11,6 +11,8 @@ from reference_core import core_by_reference
 from ff_planner_ros.core import compiled
 from ff_planner_ros.planning.end_effector_polynomial import EndEffectorPaths
 
+pytestmark = pytest.mark.ci
+
 
 def test_plans_made_with_the_core_are_those_of_its_references(
     times: Callable[[int, int], int],

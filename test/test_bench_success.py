@@ -9,15 +9,14 @@ from ff_planner_ros.errors import Status
 from ff_planner_ros.parameters import load_parameters
 
 SETTINGS = load_parameters().planner
-# Scenarios tried of each class, usually and in the nightly run, and how many may be missed then.
-SUBSET = {"ordinary": ((10, 0), (24, 0)), "cluttered": ((10, 0), (24, 1))}
 
 
-@pytest.mark.parametrize("kind", SUBSET)
-def test_where_there_is_a_plan_it_is_found(kind, request):
-    count, allowed = SUBSET[kind][request.config.getoption("nightly")]
-    misses = [tried for tried in attempts(kind, count, SETTINGS) if not tried.solved]
-    assert len(misses) <= allowed, misses
+@pytest.mark.ci
+@pytest.mark.parametrize(("kind", "missed_at_night"), [("ordinary", 0), ("cluttered", 1)])
+def test_where_there_is_a_plan_it_is_found(kind, missed_at_night, times):
+    tried = list(attempts(kind, times(10, 24), SETTINGS))
+    misses = [one for one in tried if not one.solved]
+    assert len(misses) <= times(0, missed_at_night), misses
 
 
 def test_half_of_the_scenarios_are_turned_and_each_robot_has_half(monkeypatch):

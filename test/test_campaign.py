@@ -80,6 +80,7 @@ def test_two_workers_write_the_rows_that_one_process_computes(on_two: Path, tmp_
     assert {row["solved"] for row in rows.values() if row["method"] == "ours"} == {True}
 
 
+@pytest.mark.ci
 def test_any_number_of_workers_of_a_cluster_of_its_own_writes_the_same_bits(
     on_two: Path, tmp_path: Path, times: Callable[[int, int], int]
 ) -> None:
@@ -89,6 +90,7 @@ def test_any_number_of_workers_of_a_cluster_of_its_own_writes_the_same_bits(
         assert digest_of(read_plans(out)) == digest_of(read_plans(on_two))
 
 
+@pytest.mark.ci
 def test_a_worker_that_is_killed_costs_and_doubles_no_row(
     scheduler: str, on_two: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -137,6 +139,7 @@ def end(server: subprocess.Popen[str]) -> None:
     server.communicate()
 
 
+@pytest.mark.ci
 def test_a_scheduler_that_is_killed_and_started_again_costs_and_doubles_no_row(
     on_two: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -165,6 +168,7 @@ def test_a_scheduler_that_is_killed_and_started_again_costs_and_doubles_no_row(
     assert without_times(tmp_path / "out") == without_times(on_two)
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("fails", ["nthreads", "submit", "result"])
 def test_a_scheduler_that_goes_away_in_between_costs_no_case(
     fails: str, scheduler: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -325,6 +329,7 @@ def test_a_scheduler_that_does_not_answer_is_named(
         assert f"--scheduler is {address}: no scheduler answers" in capsys.readouterr().err
 
 
+@pytest.mark.ci
 def test_a_worker_of_another_version_is_named(
     scheduler: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -335,6 +340,7 @@ def test_a_worker_of_another_version_is_named(
     assert ids(tmp_path / "out") == []
 
 
+@pytest.mark.ci
 def test_a_worker_of_another_version_that_comes_later_is_named(
     scheduler: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

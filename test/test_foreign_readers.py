@@ -148,6 +148,7 @@ def test_the_first_structure_of_a_definition_is_the_type_itself(kind: type) -> N
     assert first_structure(definition.text) == type_name(kind)
 
 
+@pytest.mark.ci
 @pytest.mark.skipif(shutil.which("npm") is None, reason="there is no npm on this machine")
 def test_foxglove_reads_every_message_to_its_last_byte(
     bag: Path, filled: list[Any], tmp_path: Path

@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import pytest
 from ff_planner_msgs.srv import PlanTrajectory
 from ros_processes import (
     DEADLINE,
@@ -39,6 +40,7 @@ _ON_THIS_HOST = """
 """
 
 
+@pytest.mark.ci
 def test_a_process_without_ros_tells_the_state_and_reads_the_trajectory(
     lemur_capture: PlanningProblem, tmp_path: Path
 ) -> None:

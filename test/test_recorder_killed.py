@@ -18,6 +18,8 @@ from ros_processes import private_domain, read_bag
 
 from ff_planner_ros.bag.recover import recover
 
+pytestmark = pytest.mark.ci
+
 KILLS = 20
 SEED = 6
 

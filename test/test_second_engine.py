@@ -5,7 +5,9 @@ import pytest
 from ff_planner_ros.bench import dataset
 from ff_planner_ros.bench.flown import flown_rows
 
-pytest.importorskip("pydrake")
+pytestmark = pytest.mark.ci
+
+pytest.importorskip("pydrake", reason="pip install '.[benchmark]' brings Drake")
 pytest.importorskip("mujoco")
 
 LARGEST_MISS = 1.0  # [mm]

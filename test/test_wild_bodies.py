@@ -9,7 +9,7 @@ from xml.etree import ElementTree
 
 import coal
 import pytest
-from test_wild_robots import ARMS, ROBOTS, file_of, on_a_chaser
+from test_wild_robots import ARMS, file_of, on_a_chaser, robots_of_others
 from whole_bodies import WholeBodies
 
 from ff_planner_ros.bench.bodies import BodiesProblem, drawn_problem
@@ -20,6 +20,8 @@ from ff_planner_ros.planning.task import PlanningTask, perform
 from ff_planner_ros.robot.bodies import Geometry
 from ff_planner_ros.robot.model import Robot, load_robot
 from ff_planner_ros.simulation.verification import verify
+
+pytestmark = pytest.mark.ci
 
 SETTINGS = load_parameters().planner
 # A chaser that the arm stands on, and a panel to its left.
@@ -38,7 +40,7 @@ def urdf_of(name: str, directory: Path) -> Path:
     chaser.extend(ElementTree.fromstring(f"<some>{BOX}</some>"))
     text = ElementTree.tostring(robot, encoding="unicode")
     written = directory / f"{name}.urdf"
-    written.write_text(text.replace("package://example-robot-data", f"file://{ROBOTS}"))
+    written.write_text(text.replace("package://example-robot-data", f"file://{robots_of_others()}"))
     return written
 
 
