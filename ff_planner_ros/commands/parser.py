@@ -13,6 +13,7 @@ ADDERS = (
     studies.add_campaign,
     planning.add_compare,
     planning.add_demo,
+    studies.add_doctor,
     bags.add_export,
     bags.add_info,
     bags.add_recover,

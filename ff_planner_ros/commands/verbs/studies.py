@@ -1,4 +1,4 @@
-"""The verbs that plan many scenarios: bench, campaign."""
+"""The verbs that tell what to expect: bench, campaign, doctor."""
 
 from __future__ import annotations
 
@@ -74,3 +74,22 @@ def _campaign(options: Namespace) -> int:
     from ff_planner_ros.commands.campaigns import run_campaign
 
     return run_campaign(options)
+
+
+def add_doctor(add: Add) -> None:
+    """Add `doctor`."""
+    doctor = add(
+        "doctor",
+        _doctor,
+        "say what is installed, what is missing, and how fast it plans",
+        description="One screen for a report of a defect: versions, extras and the commands that "
+        "bring them, the core, ROS, and one timed plan.",
+        epilog="Exit code: 0 a plan can be made, 2 none can.",
+    )
+    doctor.add_argument("--json", type=Path, metavar="FILE", help="write it all")
+
+
+def _doctor(options: Namespace) -> int:
+    from ff_planner_ros.commands.doctor import examine
+
+    return examine(options)
