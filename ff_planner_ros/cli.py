@@ -9,8 +9,9 @@ from io import TextIOWrapper
 from pathlib import Path
 from traceback import extract_tb
 
+from ff_planner_ros.commands import BAD_INPUT, NO_PLAN
 from ff_planner_ros.commands.parser import command_parser
-from ff_planner_ros.commands.planning import BAD_INPUT, NO_PLAN, run_node
+from ff_planner_ros.commands.verbs.planning import run_node
 from ff_planner_ros.errors import LONGEST_MESSAGE, FfPlannerError, NoPlanFound
 from ff_planner_ros.shown import shortened
 

@@ -1,8 +1,13 @@
-"""What each command of `ff-planner` does; a command that needs ROS imports it itself."""
+"""What each command of `ff-planner` does; `verbs` adds their options, and loads none of it."""
 
 import os
 
 from ff_planner_ros.one_thread import ONE_THREAD
+
+SOLVED, BAD_INPUT, NO_PLAN = 0, 2, 3  # exit codes
+
+OPTIMAL = "optimal"
+METHODS = (OPTIMAL, "straight", "apf")  # of `plan` and `verify`
 
 for _name, _one in ONE_THREAD.items():  # before a command loads the libraries
     os.environ.setdefault(_name, _one)

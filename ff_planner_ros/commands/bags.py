@@ -15,8 +15,9 @@ from ff_planner_ros.campaign.fleet import (
     read_fleet,
     success_words,
 )
+from ff_planner_ros.commands import SOLVED
 from ff_planner_ros.commands.campaigns import require_packages
-from ff_planner_ros.commands.planning import SOLVED, print_notes
+from ff_planner_ros.commands.printed import print_notes
 from ff_planner_ros.errors import InvalidInput, Status
 
 

@@ -9,7 +9,8 @@ from contextlib import contextmanager
 from importlib.util import find_spec
 from pathlib import Path
 
-from ff_planner_ros.commands.planning import NO_PLAN, SOLVED, print_notes
+from ff_planner_ros.commands import NO_PLAN, SOLVED
+from ff_planner_ros.commands.printed import print_notes
 from ff_planner_ros.errors import FfPlannerError, InvalidInput, Status
 
 REPORT = "report"

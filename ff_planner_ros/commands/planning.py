@@ -7,7 +7,7 @@ import json
 import sys
 import time
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -23,9 +23,8 @@ from ff_planner_ros.analysis.plan_json import (
 )
 from ff_planner_ros.analysis.summary import plan_rows, robot_rows
 from ff_planner_ros.arrays import finite_number
-from ff_planner_ros.baselines.artificial_potential_field import artificial_potential_field
-from ff_planner_ros.baselines.potential_field import load_parameters as load_potential_field
-from ff_planner_ros.baselines.straight_line import straight_line
+from ff_planner_ros.commands import NO_PLAN, OPTIMAL, SOLVED
+from ff_planner_ros.commands.printed import print_notes, print_table
 from ff_planner_ros.errors import FfPlannerError, InvalidInput, Status
 from ff_planner_ros.library_file import load_library
 from ff_planner_ros.parameters import load_parameters
@@ -41,16 +40,10 @@ from ff_planner_ros.planning.uncertainty import Uncertainty
 from ff_planner_ros.planning.watch import Watch
 from ff_planner_ros.robot.bodies import Geometry
 from ff_planner_ros.robot.model import Robot, read_urdf, robot_from_urdf_text
-from ff_planner_ros.robot.pairs import moveit_pairs
-from ff_planner_ros.robot.srdf import srdf_text
 from ff_planner_ros.share import share_directory
 from ff_planner_ros.time_budget import TimeBudget
 
-SOLVED, BAD_INPUT, NO_PLAN = 0, 2, 3
-
 OBJECTIVES = {"length": Objective(1.0, 0.0), "attitude": Objective(0.0, 1.0)}
-OPTIMAL = "optimal"
-METHODS = (OPTIMAL, "straight", "apf")
 
 
 def plan_scenario(options: argparse.Namespace) -> int:
@@ -167,7 +160,12 @@ def _method(name: str) -> Method:
     if name == OPTIMAL:
         return plan
     if name == "straight":
+        from ff_planner_ros.baselines.straight_line import straight_line
+
         return without_search(straight_line)
+    from ff_planner_ros.baselines.artificial_potential_field import artificial_potential_field
+    from ff_planner_ros.baselines.potential_field import load_parameters as load_potential_field
+
     field = load_potential_field(share_directory() / "config" / "baselines.yaml")
     return without_search(partial(artificial_potential_field, parameters=field))
 
@@ -258,6 +256,7 @@ def _motion_in_json(source: Path) -> _Motion:
 
 def compare_methods(options: argparse.Namespace) -> int:
     """Let every method plan a scenario, and show the plans side by side."""
+    from ff_planner_ros.baselines.potential_field import load_parameters as load_potential_field
     from ff_planner_ros.compare import compare
 
     config = share_directory() / "config"
@@ -295,6 +294,9 @@ def show_robot(options: argparse.Namespace) -> int:
 
 def _write_srdf(file: Path, robot: Robot) -> None:
     """Write which links may touch, as MoveIt's assistant does."""
+    from ff_planner_ros.robot.pairs import moveit_pairs
+    from ff_planner_ros.robot.srdf import srdf_text
+
     if robot.geometry is Geometry.LINES:
         allowed = "only links with a <collision> can touch, and this robot is planned with lines"
         raise InvalidInput(Status.UNSUPPORTED, "--srdf", file, allowed)
@@ -321,16 +323,3 @@ def run_node(options: argparse.Namespace) -> int:
     from ff_planner_ros.ros.node import main as node_main
 
     return node_main([sys.argv[0], *options.rest])
-
-
-def print_notes(notes: Sequence[str]) -> None:
-    """Print what a user should know beside the result."""
-    for note in notes:
-        print(f"ff-planner: note: {note}", file=sys.stderr)
-
-
-def print_table(rows: Sequence[tuple[str, str]]) -> None:
-    """Print names and values in two columns."""
-    width = max(len(name) for name, _ in rows)
-    for name, value in rows:
-        print(f"{name:{width}}  {value}")

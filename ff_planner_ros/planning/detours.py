@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 import numpy as np
-from scipy.stats import qmc
 
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.planning.clearance import arm_points, clearances, segments
@@ -28,6 +27,8 @@ _SPREAD_POSITION, _SPREAD_ANGLE = 0.3, 0.4
 def scattered() -> Iterator[Array]:
     """Yield flattened coefficients without end, always the same."""
     spread = np.repeat([_SPREAD_POSITION] * 3 + [_SPREAD_ANGLE] * 3, FREE_TERMS)
+    from scipy.stats import qmc  # half a second to load, and most plans never come here
+
     sequence = qmc.MultivariateNormalQMC(
         np.zeros(PARAMETERS), engine=qmc.Halton(PARAMETERS, rng=np.random.default_rng(0))
     )

@@ -27,7 +27,6 @@ from ff_planner_ros.planning.spline_basis import FIXED, SplineBasis
 from ff_planner_ros.planning.spline_guesses import spline_guesses
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import Robot
-from ff_planner_ros.robot.state import SystemState
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -45,7 +44,6 @@ class JointSplines:
     basis: SplineBasis
     q_start: Array  # configuration at the first point; shape (7 + joints,)
     start: compiled.Start  # what stays of it
-    fixed: Array  # control points that the start fixes; shape (3, joints) [rad]
     goal_motion: GoalMotion | None = None  # where the duration is one more variable
 
     name: ClassVar[str] = "joint_spline"
@@ -61,6 +59,15 @@ class JointSplines:
     def robot(self) -> Robot:
         """Whose motions these are."""
         return self.problem.robot
+
+    @cached_property
+    def fixed(self) -> Array:
+        """Control points that the start fixes. Shape (3, joints) [rad]."""
+        start = self.problem.start
+        accelerations = start.joint_accelerations
+        if accelerations is None:
+            accelerations = np.zeros(len(start.joint_positions))
+        return self.basis.start(start.joint_positions, start.joint_velocities, accelerations)
 
     @property
     def variables(self) -> int:
@@ -92,8 +99,7 @@ class JointSplines:
     ) -> JointSplines:
         """Return the motions of this problem with another duration."""
         basis = replace(self.basis, duration=problem.duration)
-        fixed = _fixed(basis, problem.start)
-        return replace(self, problem=problem, basis=basis, fixed=fixed, goal_motion=goal_motion)
+        return replace(self, problem=problem, basis=basis, goal_motion=goal_motion)
 
     def control_points(self, x: Array) -> Array:
         """Return all control points of a spline. Shape (control points, joints) [rad]."""
@@ -169,15 +175,7 @@ def joint_splines(problem: PlanningProblem, settings: PlannerSettings) -> JointS
     robot = problem.robot
     q, v = configuration(robot, problem.start)
     basis = SplineBasis(problem.duration, settings.joint_spline_spans)
-    return JointSplines(problem, basis, q, start_of(robot, q, v), _fixed(basis, problem.start))
-
-
-def _fixed(basis: SplineBasis, start: SystemState) -> Array:
-    """Return the control points that a start fixes. Shape (3, joints) [rad]."""
-    accelerated = start.joint_accelerations
-    if accelerated is None:
-        accelerated = np.zeros(len(start.joint_positions))
-    return basis.start(start.joint_positions, start.joint_velocities, accelerated)
+    return JointSplines(problem, basis, q, start_of(robot, q, v))
 
 
 @lru_cache(maxsize=32)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pinocchio as pin
-from scipy.interpolate import CubicHermiteSpline
 from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.arrays import Array
@@ -20,9 +19,8 @@ def poses_between(
 ) -> tuple[Array, Rotation]:
     """Interpolate a frame's poses with their twists in the inertial frame.
 
-    Cubic Hermite polynomials between two neighbours, for the attitude on the rotation vector from
-    the first of them: a constant spin is met exactly, any other motion with an error that falls
-    with the fourth power of the time between the points.
+    Cubic Hermite polynomials between two neighbours for the positions; `attitudes_between` for the
+    attitudes.
 
     Args:
         times: Strictly increasing, two or more. Shape (points,) [s].
@@ -34,6 +32,30 @@ def poses_between(
 
     Returns:
         Positions, shape (times, 3) [m], and as many rotations to inertial axes.
+    """
+    from scipy.interpolate import CubicHermiteSpline  # slow to load, and no check comes here
+
+    spline = CubicHermiteSpline(times, positions, linear_velocities)
+    return spline(at), attitudes_between(times, quaternions_xyzw, angular_velocities, at)
+
+
+def attitudes_between(
+    times: Array, quaternions_xyzw: Array, angular_velocities: Array, at: Array
+) -> Rotation:
+    """Interpolate a frame's attitudes with their rates in the inertial frame.
+
+    A cubic Hermite polynomial between two neighbours, on the rotation vector from the first of
+    them: a constant spin is met exactly, any other motion with an error that falls with the fourth
+    power of the time between the points.
+
+    Args:
+        times: Strictly increasing, two or more. Shape (points,) [s].
+        quaternions_xyzw: Axes of the frame to inertial axes. Shape (points, 4).
+        angular_velocities: Shape (points, 3) [rad/s].
+        at: Between the first and the last of `times`. Shape (times,) [s].
+
+    Returns:
+        As many rotations to inertial axes as there are times.
     """
     rotations = Rotation.from_quat(quaternions_xyzw)
     matrices = rotations.as_matrix()
@@ -50,5 +72,4 @@ def poses_between(
     rotation_vectors = s**2 * (3.0 - 2.0 * s) * turns.as_rotvec()[before] + step * (
         s * (1.0 - s) ** 2 * rates_before[before] - s**2 * (1.0 - s) * rates_after[before]
     )
-    spline = CubicHermiteSpline(times, positions, linear_velocities)
-    return spline(at), rotations[before] * Rotation.from_rotvec(rotation_vectors)
+    return rotations[before] * Rotation.from_rotvec(rotation_vectors)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import enum
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
@@ -13,6 +12,7 @@ import pinocchio as pin
 from ff_planner_ros.arrays import Array, finite_number, finite_vector
 from ff_planner_ros.errors import InvalidInput, Status, fields_named
 from ff_planner_ros.planning.approach import Approach
+from ff_planner_ros.planning.parametrisation import Parametrisation
 from ff_planner_ros.planning.target import (
     SHORTEST_FREE_AXIS,
     Orientation,
@@ -66,14 +66,6 @@ _OF_BODY = {
 
 def _zeros() -> Array:
     return np.zeros(3)
-
-
-class Parametrisation(enum.StrEnum):
-    """Which motions a plan is looked for among; but for `AUTO` the name of a path family."""
-
-    AUTO = "auto"  # the paper's; joint splines where it does not apply or finds no plan
-    END_EFFECTOR_POLYNOMIAL = "end_effector_polynomial"
-    JOINT_SPLINE = "joint_spline"
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,7 +14,7 @@ from dataclasses import dataclass, fields, replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.stats import norm
+from scipy.special import log_ndtr
 
 from ff_planner_ros.arrays import Array, Indices
 from ff_planner_ros.errors import Failure, InvalidInput, NoPlanFound, Status
@@ -212,7 +212,7 @@ def _deviations(sigmas: float, one: Margins) -> Array:
     """
     if one.kind != CORRIDOR:
         return one.sigmas
-    return float(np.sqrt(-2.0 * norm.logsf(sigmas))) / sigmas * one.sigmas
+    return float(np.sqrt(-2.0 * log_ndtr(-sigmas))) / sigmas * one.sigmas
 
 
 def _most(problem: PlanningProblem) -> _Back:

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
 import numpy as np
-from scipy.interpolate import BSpline
 
 from ff_planner_ros.arrays import Array
 
@@ -32,6 +31,8 @@ class SplineBasis:
 
         Shape (times, control points) [1/s^order].
         """
+        from scipy.interpolate import BSpline  # slow to load; the paper's paths need none
+
         spline = BSpline(self.knots, np.eye(self.count), DEGREE)
         rows: Array = spline(s, nu=order) / self.duration**order
         return rows

@@ -13,7 +13,6 @@ from itertools import islice
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.stats import qmc
 
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.planning.contact import deepest_contact
@@ -77,6 +76,8 @@ def _guesses(family: JointSplines, obstacles: Sequence[Sphere], points: int) -> 
     ways.append(_way_to_posture(family, family.q_start[7:]))
     yield ways[-1]
     yield from _near_papers_path(family, obstacles, points, slice(1, _PAPERS_GUESSES))
+    from scipy.stats import qmc  # half a second to load, and most plans never come here
+
     sequence = qmc.MultivariateNormalQMC(
         np.zeros(2 * joints), engine=qmc.Halton(2 * joints, rng=np.random.default_rng(0))
     )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import enum
 import math
 from dataclasses import dataclass
 from xml.etree.ElementTree import Element
@@ -13,6 +12,7 @@ import pinocchio as pin
 
 from ff_planner_ros.arrays import Array, frozen
 from ff_planner_ros.robot.convex_hull import LARGEST_SIZE, SMALLEST_SIZE
+from ff_planner_ros.robot.geometry import Geometry as Geometry
 from ff_planner_ros.robot.meshes import Meshes
 from ff_planner_ros.robot.urdf_bodies import placement
 from ff_planner_ros.robot.urdf_faults import Faults, listed
@@ -26,13 +26,6 @@ SIZES = {
 }
 # A humanoid with both hands has a hundred; the pairs grow with the square.
 MAX_BODIES = 300
-
-
-class Geometry(enum.StrEnum):
-    """What of the robot is kept clear."""
-
-    SHAPES = "shapes"  # links, chaser, panels and tool as the URDF's <collision> has them
-    LINES = "lines"  # the paper's: the arm's centre lines, nothing else
 
 
 @dataclass(frozen=True, eq=False)

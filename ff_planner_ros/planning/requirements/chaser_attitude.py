@@ -16,7 +16,7 @@ from ff_planner_ros.planning.followed import FollowedMotion
 from ff_planner_ros.planning.metrics import Metrics
 from ff_planner_ros.planning.objectives import chaser_euler_with_derivative
 from ff_planner_ros.planning.path_family import Motion, Sensitivity
-from ff_planner_ros.planning.pose_motion import poses_between
+from ff_planner_ros.planning.pose_motion import attitudes_between
 from ff_planner_ros.planning.problem import PlanningProblem
 from ff_planner_ros.planning.requirements.requirement import (
     LIMIT_TOLERANCE,
@@ -95,7 +95,6 @@ def _angles(robot: Robot, motion: FollowedMotion) -> tuple[Array, Array]:
     axes = Rotation.from_matrix(rotations @ robot.rotation_chaser_to_base)
     count = len(motion.time) - 1
     at = np.interp(np.arange(_TIMES * count + 1), _TIMES * np.arange(count + 1), motion.time)
-    still = np.zeros((count + 1, 3))
-    _, between = poses_between(motion.time, still, axes.as_quat(), still, angular_velocities, at)
+    between = attitudes_between(motion.time, axes.as_quat(), angular_velocities, at)
     angles: Array = np.abs(euler_from_rotation(between.as_matrix())).max(axis=1)
     return at, angles

@@ -53,6 +53,10 @@ def serve(control: socket.socket) -> None:
         control: Of packets: LOADED goes out once, then PLAN comes in with two connections: one of
             packets, and a stream that the request comes in on and the answer goes out on.
     """
+    # What only some searches load: a fork that needed it would load it again, plan after plan.
+    import scipy.interpolate
+    import scipy.stats  # noqa: F401
+
     gc.collect()
     gc.freeze()  # or else the first collection in a fork would copy all of the memory
     plans: list[_Running] = []

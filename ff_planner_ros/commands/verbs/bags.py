@@ -1,0 +1,139 @@
+"""The verbs that read bags: replay, report, export, info, recover."""
+
+from __future__ import annotations
+
+from argparse import ArgumentParser, Namespace
+from pathlib import Path
+
+from ff_planner_ros.commands.verbs import Add
+
+
+def add_replay(add: Add) -> None:
+    """Add `replay`."""
+    replay = add(
+        "replay",
+        _replay,
+        "plan the requests of a bag again and compare",
+        parents=[_bag()],
+        description="Plan every request of a bag again: the recorded state, obstacles, parameters "
+        "and robot, the same code, no ROS graph. Or ask what if, or play the bag into ROS.",
+        epilog="Exit code: 0 every answer came again, to the last bit or within tolerance, or is "
+        "no function of its problem (BUSY, CANCELLED, ...); 3 one did not, or its problem is not "
+        "all in the bag; 2 bad bag.",
+    )
+    replay.add_argument(
+        "--with",
+        action="append",
+        dest="changes",
+        metavar="KEY=VALUE",
+        help="what if: plan with this changed and print both answers; may be given several times "
+        "(objective.chaser_attitude=1, planner.starts=5, limits.velocity=none, ...; an unknown "
+        "key gets the list)",
+    )
+    replay.add_argument(
+        "--report",
+        type=Path,
+        metavar="FILE",
+        help="with --with: write a page that lays the changed plans over the recorded ones",
+    )
+    replay.add_argument(
+        "--publish", action="store_true", help="play the recorded messages into ROS instead"
+    )
+    replay.add_argument(
+        "--rate", type=float, metavar="R", help="with --publish: so many times as fast (default: 1)"
+    )
+    topics_help = "with --publish: these, or `all` (default: the planner's inputs)"
+    replay.add_argument("--topics", nargs="+", metavar="TOPIC", help=topics_help)
+    clock_help = "with --publish: also /clock, the time of recording, for nodes with use_sim_time"
+    replay.add_argument("--clock", action="store_true", help=clock_help)
+
+
+def _replay(options: Namespace) -> int:
+    from ff_planner_ros.commands.bags import replay_bag
+
+    return replay_bag(options)
+
+
+def add_report(add: Add) -> None:
+    """Add `report`."""
+    report = add(
+        "report",
+        _report,
+        "tell of a run in one HTML file",
+        description="One HTML file that needs nothing else: every request with its answer, and of "
+        "the plans figures over time, a 3-D view that plays, and what was measured against what "
+        "was planned.",
+    )
+    source_help = "a bag (a directory or .mcap file) or an answer of `plan --json`"
+    report.add_argument("source", type=Path, metavar="BAG|JSON", help=source_help)
+    report.add_argument(
+        "--output", type=Path, metavar="FILE.html", help="default: NAME_report.html, here"
+    )
+    plans_help = "draw the last N plans, up to 1 MB each (default: 20); the tables tell of all"
+    report.add_argument("--plans", type=int, default=20, metavar="N", help=plans_help)
+
+
+def _report(options: Namespace) -> int:
+    from ff_planner_ros.commands.bags import report_run
+
+    return report_run(options)
+
+
+def add_export(add: Add) -> None:
+    """Add `export`."""
+    summary = "write the plans or the requests of a bag for other tools"
+    export = add("export", _export, summary, parents=[_bag()])
+    form = export.add_mutually_exclusive_group(required=True)
+    form.add_argument("--csv", type=Path, metavar="DIR", help="new directory, a table per plan")
+    form.add_argument("--npz", type=Path, metavar="FILE", help="new file of numpy")
+    parquet_help = "new file, a row per answer of a bag, or of all bags in a directory"
+    form.add_argument("--parquet", type=Path, metavar="FILE", help=parquet_help)
+    form.add_argument(
+        "--scenarios", type=Path, metavar="DIR", help="new directory, a scenario file per request"
+    )
+
+
+def _export(options: Namespace) -> int:
+    from ff_planner_ros.commands.bags import export_plans
+
+    return export_plans(options)
+
+
+def add_info(add: Add) -> None:
+    """Add `info`."""
+    info = add("info", _info, "show what is in a bag", parents=[_bag()])
+    info.add_argument("--json", action="store_true", help="as JSON, with every answer")
+
+
+def _info(options: Namespace) -> int:
+    from ff_planner_ros.commands.bags import show_bag
+
+    return show_bag(options)
+
+
+def add_recover(add: Add) -> None:
+    """Add `recover`."""
+    recover = add(
+        "recover",
+        _recover,
+        "save what a damaged bag still holds",
+        parents=[_bag()],
+        description="Write everything that can be read of a truncated, killed or damaged bag into "
+        "a new one; the old one stays as it is.",
+        epilog="Exit code: 0 everything in it was saved, 3 a part of it, 1 nothing, 2 bad input.",
+    )
+    recover.add_argument(
+        "--output", type=Path, metavar="DIR", help="the new bag (default: BAG_recovered beside it)"
+    )
+
+
+def _recover(options: Namespace) -> int:
+    from ff_planner_ros.commands.bags import recover_bag
+
+    return recover_bag(options)
+
+
+def _bag() -> ArgumentParser:
+    bag = ArgumentParser(add_help=False)
+    bag.add_argument("bag", type=Path, metavar="BAG", help="a directory or .mcap file")
+    return bag

@@ -1,0 +1,205 @@
+"""The verbs that make or test plans: plan, verify, compare, robot, demo, node."""
+
+from __future__ import annotations
+
+from argparse import ArgumentParser, Namespace
+from pathlib import Path
+
+from ff_planner_ros.commands import METHODS, OPTIMAL
+from ff_planner_ros.commands.verbs import Add
+from ff_planner_ros.planning.parametrisation import Parametrisation
+from ff_planner_ros.robot.geometry import Geometry
+
+
+def add_plan(add: Add) -> None:
+    """Add `plan`."""
+    summary = "plan a scenario file, without ROS"
+    plan = add("plan", _plan, summary, parents=[_how_to_plan(), _scenario()])
+    plan.add_argument("--json", type=Path, metavar="FILE", help="write the answer")
+    plan.add_argument(
+        "--bag", type=Path, metavar="DIR", help="write task and answer as a new bag (needs ROS)"
+    )
+    plan.add_argument(
+        "--front",
+        action="store_true",
+        help="plan with several weights, from least joint path to least chaser attitude; print "
+        "and draw what they trade",
+    )
+    plan.add_argument(
+        "--output", type=Path, default="front", metavar="DIR", help="of the picture of --front"
+    )
+
+
+def _plan(options: Namespace) -> int:
+    from ff_planner_ros.commands.planning import plan_scenario
+
+    return plan_scenario(options)
+
+
+def add_verify(add: Add) -> None:
+    """Add `verify`."""
+    verify = add(
+        "verify",
+        _verify,
+        "execute plans open loop in an independent physics engine",
+        parents=[_how_to_plan()],
+        description="Execute plans open loop in MuJoCo: joint torques only, nothing fed back. "
+        "Options of planning count for a scenario only.",
+        epilog="Exit code: 0 every plan came true, 2 bad input, 3 one did not, or none was found.",
+    )
+    verify.add_argument(
+        "source",
+        type=Path,
+        metavar="SCENARIO|JSON|BAG",
+        help="a scenario (.yaml) to plan first, an answer of `plan --json` (.json), or a bag with "
+        "plans (a directory or .mcap)",
+    )
+    sensitivity_help = "execute them with wrong masses, start velocities and friction, too"
+    verify.add_argument("--sensitivity", action="store_true", help=sensitivity_help)
+    verify.add_argument(
+        "--monte-carlo",
+        type=int,
+        metavar="N",
+        help="execute them N times, too, by systems with other masses, inertias and start rates, "
+        "beside a linear prediction",
+    )
+    verify.add_argument(
+        "--uncertainty",
+        metavar="NAME=VALUE,...",
+        help="standard deviations of mass, inertia, friction [share], center_of_mass [m], "
+        "linear_velocity [m/s], angular_velocity, joint_velocity [rad/s]; the others are 0; "
+        "default: those of the scenario's planner.robust, else mass and inertia 0.01 and "
+        "angular_velocity 0.01 deg/s",
+    )
+    verify.add_argument(
+        "--execution",
+        choices=("tracked", "torques"),
+        default="tracked",
+        help="of the N runs: a controller keeps the joints on the plan, or torques alone are given "
+        "(by MuJoCo; for few runs)",
+    )
+    verify.add_argument("--seed", type=int, default=0, metavar="N", help="of the runs")
+    verify.add_argument("--json", type=Path, metavar="FILE", help="write all numbers to a file")
+
+
+def _verify(options: Namespace) -> int:
+    from ff_planner_ros.commands.planning import verify_plans
+
+    return verify_plans(options)
+
+
+def add_compare(add: Add) -> None:
+    """Add `compare`."""
+    summary = "let every method plan a scenario: tables, figures, 3-D view"
+    compare = add("compare", _compare, summary, parents=[_scenario()])
+    compare.add_argument(
+        "--output", type=Path, default="comparison", metavar="DIR", help="of the pictures"
+    )
+
+
+def _compare(options: Namespace) -> int:
+    from ff_planner_ros.commands.planning import compare_methods
+
+    return compare_methods(options)
+
+
+def add_robot(add: Add) -> None:
+    """Add `robot`."""
+    robot = add("robot", _robot, "show what the planner makes of a URDF")
+    robot.add_argument("urdf", type=Path, metavar="URDF")
+    robot.add_argument("--base-link", metavar="LINK", help="default: the root")
+    tip_help = "default: the only link that moves and carries no other"
+    robot.add_argument("--tip-link", metavar="LINK", help=tip_help)
+    robot.add_argument(
+        "--geometry",
+        choices=[one.value for one in Geometry],
+        help="default: shapes where the arm has any <collision>",
+    )
+    draw_help = "draw it, bodies and lines, as a page for a browser"
+    robot.add_argument("--draw", type=Path, metavar="FILE.html", help=draw_help)
+    robot.add_argument(
+        "--srdf",
+        type=Path,
+        metavar="FILE",
+        help="write an SRDF of links that may touch: neighbours, and those that always or never "
+        "touch in 10,000 random postures",
+    )
+
+
+def _robot(options: Namespace) -> int:
+    from ff_planner_ros.commands.planning import show_robot
+
+    return show_robot(options)
+
+
+def add_demo(add: Add) -> None:
+    """Add `demo`."""
+    demo = add("demo", _demo, "plan the paper's capture over ROS, show the result")
+    demo.add_argument(
+        *("--testbed", "--scene"),
+        choices=("lemur", "bodies", "planar", "tumbling", "following"),
+        default="lemur",
+        help="lemur: the paper's capture in space (default); bodies: the same with the whole robot "
+        "kept clear, panels and all; planar: one on an air-bearing table; tumbling: of a body "
+        "that tumbles; following: by an arm that is heavier than its model, and planned again five "
+        "times a second",
+    )
+    demo.add_argument("--output", type=Path, default="demo_output", metavar="DIR")
+
+
+def _demo(options: Namespace) -> int:
+    from ff_planner_ros.commands.planning import show_demo
+
+    return show_demo(options)
+
+
+def add_node(add: Add) -> None:
+    """Add `node`."""
+    epilog = "Everything else goes to ROS (--ros-args ...)."
+    add("node", run_node, "run the planner node", epilog=epilog)
+
+
+def run_node(options: Namespace) -> int:
+    """Run the planner node."""
+    from ff_planner_ros.commands.planning import run_node as run
+
+    return run(options)
+
+
+def _scenario() -> ArgumentParser:
+    scenario = ArgumentParser(add_help=False)
+    scenario.add_argument("scenario", type=Path, metavar="SCENARIO")
+    return scenario
+
+
+def _how_to_plan() -> ArgumentParser:
+    """Return the options of all that plans."""
+    options = ArgumentParser(add_help=False)
+    options.add_argument(
+        "--objective",
+        metavar="{length,attitude,L,THETA}",
+        help="instead of the scenario's weights: one of the two names, or a pair such as 1,10: "
+        "weights of joint path length and chaser attitude, and of the duration if there is a third",
+    )
+    options.add_argument(
+        "--method",
+        choices=METHODS,
+        default=OPTIMAL,
+        help="optimal, or a baseline to compare with: the straight path or an artificial potential "
+        "field (config/baselines.yaml)",
+    )
+    options.add_argument(
+        "--parametrisation",
+        choices=[one.value for one in Parametrisation],
+        help="instead of the scenario's: the paths that the plan is looked for among; auto takes "
+        "the paper's, and joint splines where these do not apply or hold no plan",
+    )
+    library_help = "of plans made before (`campaign --library`): the nearest is the first guess"
+    options.add_argument("--library", type=Path, metavar="DIR", help=library_help)
+    parameters_help = (
+        "the node's parameters, all or some: they count where the scenario does not say"
+    )
+    options.add_argument("--parameters", type=Path, metavar="FILE", help=parameters_help)
+    budget_help = "give up after this time (default: take what it takes)"
+    options.add_argument("--time-budget", type=float, metavar="SECONDS", help=budget_help)
+    return options

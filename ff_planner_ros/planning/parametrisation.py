@@ -1,0 +1,11 @@
+"""The names of the path families, for all that only chooses among them."""
+
+import enum
+
+
+class Parametrisation(enum.StrEnum):
+    """Which motions a plan is looked for among; but for `AUTO` the name of a path family."""
+
+    AUTO = "auto"  # the paper's; joint splines where it does not apply or finds no plan
+    END_EFFECTOR_POLYNOMIAL = "end_effector_polynomial"
+    JOINT_SPLINE = "joint_spline"
