@@ -26,7 +26,7 @@ from rclpy.utilities import remove_ros_args
 
 from ff_planner_ros.bag.decoding import NANOSECONDS, nanoseconds
 from ff_planner_ros.demo.executive import MissionExecutive
-from ff_planner_ros.demo.mission import mission_report, run_mission
+from ff_planner_ros.demo.mission import mission_report, plan_report, run_mission
 from ff_planner_ros.errors import FfPlannerError, Status
 from ff_planner_ros.planning.scenario import SCENARIO_FRAME, load_scenario
 from ff_planner_ros.ros.messages.to_messages import goal_message
@@ -51,6 +51,8 @@ def _fly(options: argparse.Namespace, check: Callable[[], None]) -> dict[str, An
         goal.asked_by, goal.plan_only = NAME, True
         goal.start_time = Time(sec=options.start)
         first = executive.plan(goal, lambda _: None)
+        if options.plan_only:
+            return plan_report(first)
         executive.commit(first)
         print(f"flying     {first.plan_id}", flush=True)
         begin = nanoseconds(first.joint_trajectory.header.stamp) / NANOSECONDS
@@ -122,6 +124,9 @@ def _options() -> argparse.Namespace:
         default=0,
         metavar="SECONDS",
         help="ROS time at which the first plan starts (default: as soon as the planner can)",
+    )
+    parser.add_argument(
+        "--plan-only", action="store_true", help="leave when there is a plan; nothing is committed"
     )
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures")
     return parser.parse_args(remove_ros_args(sys.argv)[1:])

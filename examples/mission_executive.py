@@ -23,7 +23,7 @@ from ff_planner_msgs.action import PlanTrajectory
 from rclpy.utilities import remove_ros_args
 
 from ff_planner_ros.demo.executive import NAME, MissionExecutive
-from ff_planner_ros.demo.mission import mission_report, run_mission
+from ff_planner_ros.demo.mission import mission_report, plan_report, run_mission
 from ff_planner_ros.errors import NoPlanFound, Status
 from ff_planner_ros.planning.problem import DurationRange, Objective
 from ff_planner_ros.planning.scenario import SCENARIO_FRAME, load_scenario
@@ -61,6 +61,8 @@ def _fly(options: argparse.Namespace, check: Callable[[], None]) -> dict[str, An
         print("asking     the planner, as soon as it is there", flush=True)
         answer = executive.plan(goal, _say_how_the_search_goes)
         print(f"plan       {answer.plan_id}: {_worth(answer)}", flush=True)
+        if options.plan_only:
+            return plan_report(answer)
 
         # 2. Check. No plan that the planner gives breaks a limit or touches an obstacle; what only
         #    the mission knows has to be checked here.
@@ -141,6 +143,9 @@ def _options() -> argparse.Namespace:
         default=math.inf,
         metavar="DEG",
         help="refuse plans that turn the chaser further",
+    )
+    parser.add_argument(
+        "--plan-only", action="store_true", help="leave when there is a plan; nothing is committed"
     )
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the result")
     # What follows --ros-args is for ROS, anything else that is not known a slip of the pen.

@@ -3,8 +3,9 @@
     .venv/bin/python examples/simulated_testbed.py config/scenarios/lemur_capture.yaml
 
 publishes `chaser_state` and the scenario's `obstacles`, and does in real time what comes on
-`arm_controller/joint_trajectory`; `--help` lists noise and delays. Replace it by your hardware:
-those three topics are all there is.
+`arm_controller/joint_trajectory`; `--help` lists noise and delays. It waits for its first plan: it
+stays where a plan that is asked for now begins near the scenario's start, and begins to drift when
+the planner is asked. Replace it by your hardware: those three topics are all there is.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from rclpy.utilities import remove_ros_args
 from ff_planner_ros.bag.decoding import NANOSECONDS
 from ff_planner_ros.demo.testbed import Imperfections, SimulatedTestbed
 from ff_planner_ros.errors import FfPlannerError
+from ff_planner_ros.parameters import default_values
 from ff_planner_ros.planning.scenario import load_scenario
 from ff_planner_ros.ros.background import StopRequest, spin_in_background
 from ff_planner_ros.ros.joining import joining_ros
@@ -51,13 +53,13 @@ def main() -> int:
     except FfPlannerError as error:
         print(f"simulated_testbed: {error}", file=sys.stderr)
         return 2
-    now_ns = node.get_clock().now().nanoseconds
-    epoch_ns = now_ns if options.epoch is None else options.epoch * NANOSECONDS
+    epoch_ns = None if options.epoch is None else options.epoch * NANOSECONDS
     # Every noise and delay is an option of the same name.
     imperfections = Imperfections(
         **{i.name: getattr(options, i.name) for i in fields(Imperfections)}
     )
-    SimulatedTestbed(node, scenario, epoch_ns, options.rate, imperfections)
+    lead = default_values()["planning_allowance"]
+    SimulatedTestbed(node, scenario, epoch_ns, options.rate, imperfections, lead)
     executor = SingleThreadedExecutor()
     executor.add_node(node)
     leave = spin_in_background(executor, node.get_logger())
@@ -75,7 +77,8 @@ def _options() -> argparse.Namespace:
         "--epoch",
         type=int,
         metavar="SECONDS",
-        help="ROS time at which the chaser passes through the scenario's start (default: now)",
+        help="ROS time at which the chaser passes through the scenario's start (default: it waits "
+        "for its first plan, which begins there)",
     )
     for item in fields(Imperfections):
         name = f"--{item.name.replace('_', '-')}"

@@ -32,8 +32,8 @@ def generate_launch_description() -> LaunchDescription:
             DeclareLaunchArgument(
                 "testbed",
                 default_value="",
-                description="Scenario below config/scenarios that a simulated testbed lives; "
-                "empty: no testbed",
+                description="Scenario below config/scenarios that a simulated testbed lives; it "
+                "waits for its first plan. Empty: no testbed",
             ),
             Node(
                 package="ff_planner_ros",

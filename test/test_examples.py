@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import json
 import math
+import shlex
 import signal
 import subprocess
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -112,6 +113,14 @@ def test_a_planner_in_a_namespace_is_flown_from_there(tmp_path: Path) -> None:
 
 
 @pytest.mark.usefixtures("world")
+def test_a_plan_that_is_only_asked_for_is_not_committed(tmp_path: Path) -> None:
+    scenario = quick_capture(tmp_path)
+    code, report, said = fly(tmp_path, scenario, "--plan-only")
+    assert (code, report["status"]) == (0, Status.SOLVED), said
+    assert "committed" not in said
+
+
+@pytest.mark.usefixtures("world")
 def test_a_mission_refuses_a_plan_that_turns_the_chaser_too_far(tmp_path: Path) -> None:
     scenario = quick_capture(tmp_path)
     code, report, said = fly(tmp_path, scenario, "--max-attitude-deg", "0.001")
@@ -126,7 +135,37 @@ def test_the_planners_refusal_is_the_executives(tmp_path: Path) -> None:
     scenario = quick_capture(tmp_path, target=target)
     code, report, said = fly(tmp_path, scenario)
     assert (code, report["status"]) == (3, Status.GOAL_OUT_OF_REACH)
-    assert report["message"] in said
+    assert f"refused 300 GOAL_OUT_OF_REACH: {report['message']}" in said
+
+
+def test_the_three_commands_of_the_closed_loop_by_hand_end_with_a_capture(tmp_path: Path) -> None:
+    page = (EXAMPLES.parent / "docs" / "operating.md").read_text("utf-8")
+    _, _, after = page.partition("The closed loop by hand")
+    commands = after.split("```console\n")[1].partition("```")[0].splitlines()
+    for name in ("config", "examples"):
+        (tmp_path / name).symlink_to(EXAMPLES.parent / name)
+    (tmp_path / ".venv").symlink_to(sys.prefix)
+    node, testbed, executive = (
+        [sys.executable, *words[1:]] if words[0].endswith("python") else words
+        for words in map(shlex.split, commands)
+    )
+    with private_domain(), ExitStack() as stack:
+        for command in (node, testbed):
+            process = stack.enter_context(
+                subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True)
+            )
+            stack.callback(process.kill)
+            if command is node:
+                # Whoever types takes longer: the node is there.
+                assert process.stderr is not None
+                assert any("ready; recording" in line for line in process.stderr)
+        ended = subprocess.run(
+            executive, cwd=tmp_path, capture_output=True, text=True, timeout=DEADLINE, check=False
+        )
+    assert ended.returncode == 0, f"{ended.stdout}{ended.stderr}"
+    (off,) = (line.split() for line in ended.stdout.splitlines() if line.startswith("off by"))
+    # The position is measured with noise of 2 mm.
+    assert float(off[2]) < 20.0
 
 
 @pytest.mark.parametrize("example", ["simulated_testbed.py", "mission_executive.py"])

@@ -76,11 +76,12 @@ def _world(
     silent: threading.Event | None = None,
     controller: bool = True,
     states: Callable[[], ChaserState] = ChaserState,
-    publication: PlanStatus = PUBLISHED,
+    publication: tuple[PlanStatus, ...] = (PUBLISHED,),
     published: Callable[[], PublishedPlan] = PublishedPlan,
 ) -> Iterator[World]:
     """Start an executive, a planner with these answers, the last one for ever, and a controller."""
     coming = chain(answers, repeat(answers[-1])) if answers else iter(())
+    of_publication = chain(publication, repeat(publication[-1]))
     with private_domain(), closing(MissionExecutive(check, patience)) as executive:
         node = rclpy.create_node("everybody_else")
         world = World(executive, node)
@@ -95,8 +96,8 @@ def _world(
             request: PublishPlan.Request, response: PublishPlan.Response
         ) -> PublishPlan.Response:
             world.asked_to_publish.append(request)
-            response.status = publication
-            if publication is PUBLISHED:
+            response.status = next(of_publication)
+            if response.status is PUBLISHED:
                 plans.publish(PublishedPlan(plan_id="run.of another"))
                 plans.publish(published())
             return response
@@ -237,12 +238,22 @@ def test_it_commits_what_the_planner_publishes_under_the_plans_id(
     assert world.committed == [trajectory]
 
 
+def test_it_commits_again_where_the_state_came_late(solved: Callable[[int], Any]) -> None:
+    answer = solved(3600 * NANOSECONDS)
+    plan = PublishedPlan(plan_id=answer.plan_id, joint_trajectory=answer.joint_trajectory)
+    late = PlanStatus(code=int(Status.STATE_TOO_OLD), message="1.3 s old")
+    with _world(publication=(late, PUBLISHED), published=lambda: plan) as world:
+        world.executive.commit(answer)
+        assert world.heard.wait(DEADLINE)
+    assert len(world.asked_to_publish) == 2
+
+
 @pytest.mark.parametrize("status", [Status.TOO_LATE, Status.STATE_MOVED, Status.UNKNOWN_PLAN])
 def test_a_plan_that_the_planner_does_not_publish_is_not_committed(
     solved: Callable[[int], Any], status: Status
 ) -> None:
     refusal = PlanStatus(code=int(status), message="run.1 does not fit any more")
-    with _world(publication=refusal) as world:
+    with _world(publication=(refusal,)) as world:
         with pytest.raises(FfPlannerError, match=r"run\.1 does not fit any more") as raised:
             world.executive.commit(solved(now_ns(world) + 3600 * NANOSECONDS))
         assert raised.value.status is status

@@ -6,21 +6,26 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import fields, replace
+from itertools import pairwise
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 import rclpy
 from builtin_interfaces.msg import Duration
-from ff_planner_msgs.msg import ChaserState, ObstacleSphereArray, TargetBody
+from ff_planner_msgs.action import PlanTrajectory
+from ff_planner_msgs.msg import ChaserState, ObstacleSphereArray, PlanStatus, TargetBody
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from ros_processes import DEADLINE, FRAME, private_domain
 from scipy.spatial.transform import Rotation
 from test_tumbling import body_of, moved
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+from unique_identifier_msgs.msg import UUID
 
 from ff_planner_ros.bag.decoding import NANOSECONDS, nanoseconds
+from ff_planner_ros.bag.exchanges import GOAL_EVENTS, RESULT_EVENTS
 from ff_planner_ros.bench import tumbling
 from ff_planner_ros.demo.testbed import (
     CONTROLLER_TOPIC,
@@ -31,6 +36,7 @@ from ff_planner_ros.demo.testbed import (
     with_sensor_noise,
 )
 from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.planning.forward import carried_forward
 from ff_planner_ros.planning.problem import PlanningProblem, Sphere
 from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.ros.background import spin_in_background
@@ -39,10 +45,14 @@ from ff_planner_ros.ros.messages.from_messages import (
     state_from_message,
     target_body_from_message,
 )
+from ff_planner_ros.ros.messages.interfaces import ACTION
 from ff_planner_ros.ros.messages.to_messages import time_message
+from ff_planner_ros.ros.qos import EVENT_QOS
+from ff_planner_ros.ros.requests.action_events import ActionEvents
 from ff_planner_ros.simulation.free_floating import carried_back
 
 PERFECT = Imperfections()
+LEAD = 1.5  # of a testbed that waits [s]
 # What the testbed's sensors measure of a state: everything but accelerations.
 MEASURED = [item.name for item in fields(SystemState) if item.name != "joint_accelerations"]
 
@@ -160,6 +170,8 @@ class Watcher:
             ObstacleSphereArray, "obstacles", self._keeper(self.obstacles), late
         )
         self.controller = self.node.create_publisher(JointTrajectory, CONTROLLER_TOPIC, 10)
+        # What the planner tells of its action.
+        self._events = ActionEvents(self.node, ACTION, EVENT_QOS)
 
     def _keeper(self, kept: list[Any]) -> Callable[[Any], None]:
         def keep(message: Any) -> None:
@@ -168,6 +180,27 @@ class Watcher:
                 self._changed.notify_all()
 
         return keep
+
+    def wait_until_heard(self) -> None:
+        """Wait until the testbed would hear whatever is told."""
+        topics = (ACTION + GOAL_EVENTS, ACTION + RESULT_EVENTS, CONTROLLER_TOPIC)
+        self.wait_until(
+            lambda: self.states and all(self.node.count_subscribers(topic) for topic in topics)
+        )
+
+    def tell_goal(self) -> None:
+        """Tell that the planner was asked."""
+        self._events.goal_received(SimpleNamespace(goal_id=UUID(), request=PlanTrajectory.Goal()))
+
+    def tell_result(self, status: Status, **fields: Any) -> None:
+        """Tell what the planner answered."""
+        result = PlanTrajectory.Result(status=PlanStatus(code=int(status)), **fields)
+        self._events.result_sent(SimpleNamespace(goal_id=UUID(), status=4), result)
+
+    def state_number(self, number: int) -> ChaserState:
+        """Return a state by its number, as soon as it has come."""
+        self.wait_until(lambda: len(self.states) > number)
+        return self.states[number]
 
     def wait_until(self, condition: Callable[[], object]) -> None:
         with self._changed:
@@ -183,15 +216,19 @@ def stamp(message: ChaserState | ObstacleSphereArray | TargetBody) -> int:
 
 @contextmanager
 def running_testbed(
-    scenario: PlanningProblem, epoch: float, imperfections: Imperfections = PERFECT
+    scenario: PlanningProblem, epoch: float | None, imperfections: Imperfections = PERFECT
 ) -> Iterator[tuple[Watcher, int]]:
-    """Run a testbed at 50 Hz whose epoch is so many seconds from now; yield it with its epoch."""
+    """Run a testbed at 50 Hz whose epoch is so many seconds from now; yield it with its epoch.
+
+    Without an epoch it waits for its first plan, `LEAD` before the start state.
+    """
     with private_domain():
         rclpy.init(args=[])
         try:
             node = rclpy.create_node("testbed")
-            epoch_ns = node.get_clock().now().nanoseconds + round(epoch * NANOSECONDS)
-            SimulatedTestbed(node, scenario, epoch_ns, 50.0, imperfections)
+            epoch_ns = node.get_clock().now().nanoseconds + round((epoch or 0.0) * NANOSECONDS)
+            given = None if epoch is None else epoch_ns
+            SimulatedTestbed(node, scenario, given, 50.0, imperfections, LEAD)
             watcher = Watcher()
             executor = SingleThreadedExecutor()
             for each in (node, watcher.node):
@@ -295,6 +332,139 @@ def test_a_state_delay_holds_back_what_was_measured(lemur_capture: PlanningProbl
         watcher.wait_until(lambda: len(watcher.states) > 5)
         now_ns = watcher.node.get_clock().now().nanoseconds
         assert now_ns - stamp(watcher.states[-1]) >= 300_000_000
+
+
+def require_equal(found: ChaserState, expected: SystemState, scenario: PlanningProblem) -> None:
+    """Whether a state was measured to numerical accuracy."""
+    state = state_from_message(found, "chaser_state", scenario.robot, FRAME)
+    for name in MEASURED:
+        np.testing.assert_allclose(getattr(state, name), getattr(expected, name), atol=1e-9)
+
+
+def resting_joints(scenario: PlanningProblem) -> PlanningProblem:
+    """The same start with joints that rest: they tell nothing of when it was."""
+    none = np.zeros(scenario.robot.joints)
+    return replace(scenario, start=replace(scenario.start, joint_velocities=none))
+
+
+def test_until_it_is_asked_for_a_plan_it_stays_a_lead_before_its_start(
+    lemur_capture: PlanningProblem,
+) -> None:
+    with running_testbed(lemur_capture, epoch=None) as (watcher, _):
+        watcher.wait_until(lambda: len(watcher.states) > 20)
+        states = list(watcher.states)
+    first = carried_back(lemur_capture.robot, lemur_capture.start, LEAD)
+    for state in states:
+        require_equal(state, first, lemur_capture)
+    assert all(a < b for a, b in pairwise(map(stamp, states)))
+
+
+@pytest.mark.parametrize("at_rest", [False, True])
+def test_from_its_first_plan_on_it_moves_as_that_was_planned(
+    lemur_capture: PlanningProblem, at_rest: bool
+) -> None:
+    scenario = resting_joints(lemur_capture) if at_rest else lemur_capture
+    robot, names = scenario.robot, list(scenario.robot.joint_names)
+    with running_testbed(scenario, epoch=None) as (watcher, _):
+        watcher.wait_until_heard()
+        # The planner takes a state that is not the last one up to which the testbed stood still.
+        used = watcher.state_number(len(watcher.states))
+        watcher.state_number(len(watcher.states) + 3)
+        watcher.tell_goal()
+        last = watcher.states[-1]
+        watcher.wait_until(
+            lambda: (
+                watcher.states[-1].joint_positions != last.joint_positions
+                or watcher.states[-1].pose != last.pose
+            )
+        )
+        begin_ns = stamp(used) + round(LEAD * NANOSECONDS)
+        plan = steady(names, scenario.start.joint_positions, begin_ns)
+        watcher.tell_result(
+            Status.SOLVED,
+            state_stamp=used.header.stamp,
+            state_source="chaser_state",
+            joint_trajectory=plan,
+        )
+        watcher.controller.publish(plan)
+        watcher.wait_for_state_at(begin_ns + 500_000_000)
+        states = list(watcher.states)
+    measured = state_from_message(used, "chaser_state", robot, FRAME)
+    before = [one for one in states if begin_ns - 200_000_000 <= stamp(one) < begin_ns]
+    after = [one for one in states if begin_ns < stamp(one)]
+    assert before
+    for state in before:
+        since = (stamp(state) - stamp(used)) / NANOSECONDS
+        require_equal(state, carried_forward(robot, measured, since, None), scenario)
+    # It comes through the plan's first point, and goes on from there as from the start state.
+    motion = motion_from_message(plan, names)
+    for state in after:
+        since = (stamp(state) - begin_ns) / NANOSECONDS
+        there = carried_forward(robot, scenario.start, since, motion)
+        found = state_from_message(state, "chaser_state", robot, FRAME)
+        for name in MEASURED:
+            np.testing.assert_allclose(getattr(found, name), getattr(there, name), atol=1e-7)
+
+
+def test_after_a_refusal_it_waits_again_where_it_waited(lemur_capture: PlanningProblem) -> None:
+    with running_testbed(lemur_capture, epoch=None) as (watcher, _):
+        watcher.wait_until_heard()
+        first = watcher.states[0]
+        watcher.tell_goal()
+        watcher.wait_until(lambda: watcher.states[-1].pose != first.pose)
+        watcher.tell_result(Status.START_IN_COLLISION)
+        watcher.wait_until(lambda: watcher.states[-1].pose == first.pose)
+
+
+def test_a_plan_that_nobody_flies_lets_it_wait_again(lemur_capture: PlanningProblem) -> None:
+    with running_testbed(lemur_capture, epoch=None) as (watcher, _):
+        watcher.wait_until_heard()
+        first = watcher.states[-1]
+        watcher.tell_goal()
+        begin_ns = stamp(first) + round(LEAD * NANOSECONDS)
+        watcher.tell_result(
+            Status.SOLVED,
+            state_stamp=first.header.stamp,
+            state_source="chaser_state",
+            joint_trajectory=trajectory(["any"], [0.0, 1.0], begin_ns),
+        )
+        watcher.wait_until(lambda: watcher.states[-1].pose != first.pose)
+        watcher.wait_until(lambda: watcher.states[-1].pose == first.pose)
+        assert stamp(watcher.states[-1]) >= begin_ns
+
+
+def test_a_target_body_waits_with_the_chaser_and_moves_from_where_it_was_seen() -> None:
+    drawn = tumbling.problem("tumbling", 0)
+    with running_testbed(drawn, epoch=None) as (watcher, _):
+        watcher.wait_until_heard()
+        watcher.wait_until(lambda: len(watcher.bodies) > 3)
+        waiting = list(watcher.bodies)
+        watcher.tell_goal()
+        watcher.wait_until(lambda: watcher.bodies[-1].pose != waiting[0].pose)
+        seen = waiting[1]
+        watcher.tell_result(
+            Status.SOLVED,
+            target_body_stamp=seen.header.stamp,
+            joint_trajectory=trajectory(["any"], [0.0, 1.0], stamp(seen) + 3600 * NANOSECONDS),
+        )
+        known = len(watcher.bodies)
+        watcher.wait_until(lambda: len(watcher.bodies) > known + 3)
+        last = target_body_from_message(watcher.bodies[-1], FRAME)
+        since = (stamp(watcher.bodies[-1]) - stamp(seen)) / NANOSECONDS
+    assert all(one.pose == waiting[0].pose for one in waiting)
+    (center,), (attitude,), _ = moved(target_body_from_message(seen, FRAME), np.array([since]))
+    np.testing.assert_allclose(last.position, center, atol=1e-9)
+    assert (Rotation.from_quat(last.quaternion_xyzw.copy()) * attitude.inv()).magnitude() < 1e-9
+
+
+def test_moving_obstacles_wait_with_the_chaser(lemur_capture: PlanningProblem) -> None:
+    rock = Sphere("rock", np.array([9.0, 0.0, 0.0]), 0.1, np.array([0.5, 0.0, 0.0]))
+    with running_testbed(replace(lemur_capture, obstacles=(rock,)), epoch=None) as (watcher, _):
+        watcher.wait_until(lambda: len(watcher.obstacles) > 3)
+        (sphere,) = spheres_from_message(watcher.obstacles[-1], FRAME)
+    # The node carries it on from the stamp: a lead later it is at its place.
+    np.testing.assert_allclose(sphere.center, [9.0 - 0.5 * LEAD, 0.0, 0.0], atol=1e-9)
+    assert stamp(watcher.obstacles[-1]) > stamp(watcher.obstacles[0])
 
 
 def steady(names: list[str], positions: Any, begin_ns: int) -> JointTrajectory:

@@ -49,7 +49,8 @@ from ff_planner_ros.simulation.capture import Capture
 
 NAME = "mission_executive"  # of the node, and of who asks
 
-# Refusals that pass by themselves while the system starts: worth another try at the next state.
+# Refusals that pass by themselves while the system starts, or where the machine is busy: worth
+# another try at the next state.
 _NOT_YET = frozenset(
     {
         *(Status.NO_STATE, Status.STATE_TOO_OLD, Status.STATE_UNPAIRED),
@@ -130,16 +131,7 @@ class MissionExecutive:
         deadline = time.monotonic() + self._patience
         while not self._planner.wait_for_server(timeout_sec=_CHECK_INTERVAL):
             self._go_on_until(deadline, "the action plan_trajectory_action")
-        while True:
-            self._new_state.clear()
-            result = self._answer(goal, report, deadline)
-            status = Status(result.status.code)
-            if status is Status.SOLVED:
-                return result
-            if status not in _NOT_YET or time.monotonic() > deadline:
-                raise FfPlannerError(status, result.status.message)
-            time.sleep(_ASK_AGAIN)
-            self._wait(self._new_state, deadline, "a chaser state")
+        return self._once_it_can(lambda: self._answer(goal, report, deadline), deadline)
 
     def commit(self, result: PlanTrajectory.Result) -> None:
         """Have the planner publish a plan, and hand that to the arm's controller.
@@ -155,9 +147,9 @@ class MissionExecutive:
         while not self._publication.wait_for_service(timeout_sec=_CHECK_INTERVAL):
             self._go_on_until(deadline, "the service ff_planner/publish_plan")
         request = PublishPlan.Request(plan_id=result.plan_id, asked_by=NAME)
-        status = self._asked(lambda: self._publication.call_async(request), deadline).status
-        if status.code != Status.SOLVED:
-            raise FfPlannerError(Status(status.code), status.message)
+        self._once_it_can(
+            lambda: self._asked(lambda: self._publication.call_async(request), deadline), deadline
+        )
         self._states.clear()
         self._bodies.clear()
         self._hand_over(result.plan_id, deadline)
@@ -246,6 +238,19 @@ class MissionExecutive:
         except BaseException:
             ask(self._executor, handle.cancel_goal_async)  # the plan is not needed any more
             raise
+
+    def _once_it_can(self, ask_once: Callable[[], Any], deadline: float) -> Any:
+        """Return the first answer that is no refusal; ask again after one that passes by itself."""
+        while True:
+            self._new_state.clear()
+            answer = ask_once()
+            status = Status(answer.status.code)
+            if status is Status.SOLVED:
+                return answer
+            if status not in _NOT_YET or time.monotonic() > deadline:
+                raise FfPlannerError(status, answer.status.message)
+            time.sleep(_ASK_AGAIN)
+            self._wait(self._new_state, deadline, "a chaser state")
 
     def _asked(self, question: Callable[[], RosFuture], deadline: float) -> Any:
         answer = ask(self._executor, question)

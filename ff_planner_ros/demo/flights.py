@@ -21,12 +21,17 @@ from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.ros.background import StopRequest
 from ff_planner_ros.share import share_directory
 
-# From the start of the testbed until the chaser passes through the scenario's start [s]: time to
-# find each other and to plan. A machine that needs longer is given it.
-_LEADS = (7, 20, 60)
-_NEEDS_LONGER = (Status.TOO_LATE, Status.START_IN_PAST, Status.OUT_OF_TIME)
+# A plan is made on trial before each flight: how long that takes from the start of the processes to
+# the plan is measured. The plan that is flown begins so many times as long after their start, so
+# that it is there in time even if only half as much of the machine is free by then.
+_LEAD_PER_MEASURED = 2.0
+_TRIAL_LEAD = 180  # until the plan on trial would begin: it is not to be late on any machine [s]
+# A machine that has become far slower since is measured once more.
+_ATTEMPTS = 2
+_TOO_SLOW = (Status.TOO_LATE, Status.START_IN_PAST, Status.OUT_OF_TIME)
 _GRACE = 60.0  # [s] for a process to end after it was asked to: on a slow machine, too
 _LOOK_INTERVAL = 0.1  # [s] between looks at the processes
+_READY = "]: ready; "  # says the node's log when it answers requests
 
 
 class Flight(NamedTuple):
@@ -35,7 +40,6 @@ class Flight(NamedTuple):
     name: str  # of its files
     options: tuple[str, ...]  # of the example
     example: str = "mission_executive"
-    shortest_lead: int = 0  # [s]
 
 
 _BOTH_OBJECTIVES: Mapping[Method, Flight] = {
@@ -70,11 +74,7 @@ TESTBEDS: Mapping[str, Testbed] = {
         "planner.yaml",
         {
             SHORTEST: _BOTH_OBJECTIVES[SHORTEST],
-            SOONER: Flight(
-                "sooner",
-                ("--objective", "sooner", "--durations", "8.0", "12.0"),
-                shortest_lead=20,
-            ),
+            SOONER: Flight("sooner", ("--objective", "sooner", "--durations", "8.0", "12.0")),
         },
     ),
     "following": Testbed(
@@ -90,49 +90,86 @@ TESTBEDS: Mapping[str, Testbed] = {
 }
 
 
-def fly(
-    method: Method,
-    flight: Flight,
-    shown: Testbed,
-    scenario: Path,
-    directory: Path,
-    node: subprocess.Popen[bytes],
-    stop: StopRequest,
+class Stage(NamedTuple):
+    """Where flights take place."""
+
+    shown: Testbed
+    scenario: Path
+    directory: Path  # of reports and logs
+    node: subprocess.Popen[bytes]
+    stop: StopRequest
+
+
+def fly(method: Method, flight: Flight, stage: Stage) -> dict[str, Any]:
+    """Measure how long a plan takes, fly one that begins when it will be there; return its report.
+
+    Raises:
+        FfPlannerError: A plan is refused, or a process ended.
+    """
+    _wait_for_node(stage)
+    for attempt in range(1, _ATTEMPTS + 1):
+        name = flight.name if attempt == 1 else f"{flight.name}_{attempt}"
+        print(f"\nplanning {method.name} on trial", flush=True)
+        begun = time.monotonic()
+        trial = _run_example(f"{name}_trial", flight, stage, _TRIAL_LEAD, "--plan-only")
+        _require_solved(trial)
+        measured = time.monotonic() - begun
+        lead = math.ceil(_LEAD_PER_MEASURED * measured)
+        print(
+            f"measured {measured:.1f} s with the start and the end of testbed and executive, "
+            f"{trial['solve_time']:.2f} s for the plan alone\n"
+            f"flying {method.name}: the plan begins in {lead} s",
+            flush=True,
+        )
+        report = _run_example(name, flight, stage, lead)
+        if report["status"] not in _TOO_SLOW or attempt == _ATTEMPTS:
+            break
+        print(f"too late, measuring again; end other programs if you can: {report['message']}")
+    _require_solved(report)
+    return report
+
+
+def _wait_for_node(stage: Stage) -> None:
+    """Wait until the planner node is ready: its start is not a part of what is measured."""
+    log = stage.directory / "node.log"
+    while _READY not in log.read_text(encoding="utf-8"):
+        _check({log: stage.node}, stage.stop)
+        time.sleep(_LOOK_INTERVAL)
+
+
+def _run_example(
+    name: str, flight: Flight, stage: Stage, lead: int, *options: str
 ) -> dict[str, Any]:
-    """Start testbed and executive, wait until the executive is done, and return its report."""
-    name = flight.name
-    leads = [lead for lead in _LEADS if lead >= flight.shortest_lead]
-    for number, lead in enumerate(leads, 1):
-        # Each attempt has files of its own: no report or log of the one before is taken for its.
-        attempt = name if number == 1 else f"{name}_{number}"
-        report = directory / f"{attempt}.json"
-        epoch = math.ceil(time.time()) + lead
-        print(f"\nflying {method.name}: the plan begins in {lead} s", flush=True)
-        testbed = [*_example("simulated_testbed"), str(scenario), "--epoch", str(epoch)]
-        testbed += shown.imperfections
-        executive = [*_example(flight.example), str(scenario), *flight.options]
-        executive += ["--start", str(epoch), "--json", str(report)]
-        with ExitStack() as stack:
-            logs = {word: directory / f"{attempt}_{word}.log" for word in ("testbed", "executive")}
-            needed = {
-                directory / "node.log": node,
-                logs["testbed"]: stack.enter_context(running(testbed, logs["testbed"])),
-            }
-            flying = stack.enter_context(running(executive, logs["executive"]))
-            while flying.poll() is None:
-                _check(needed, stop)
-                with suppress(subprocess.TimeoutExpired):
-                    flying.wait(_LOOK_INTERVAL)
-        if not report.is_file():
-            _check(needed={logs["executive"]: flying}, stop=stop)
-        told: dict[str, Any] = json.loads(report.read_text(encoding="utf-8"))
-        status = Status(told["status"])
-        if status is Status.SOLVED:
-            return told
-        if status not in _NEEDS_LONGER or lead == leads[-1]:
-            raise FfPlannerError(status, told["message"])
-        print(f"this machine needs longer: {told['message']}")
-    raise FfPlannerError(Status.INTERNAL_ERROR, "no lead to try")
+    """Run a testbed and an example whose plan begins in so long [s]; return the latter's report.
+
+    Report and logs have files of their own: none is taken for another run's.
+    """
+    report = stage.directory / f"{name}.json"
+    epoch = str(math.ceil(time.time()) + lead)
+    testbed = [*_example("simulated_testbed"), str(stage.scenario), "--epoch", epoch]
+    testbed += stage.shown.imperfections
+    executive = [*_example(flight.example), str(stage.scenario), *flight.options, *options]
+    executive += ["--start", epoch, "--json", str(report)]
+    with ExitStack() as stack:
+        logs = {word: stage.directory / f"{name}_{word}.log" for word in ("testbed", "executive")}
+        needed = {
+            stage.directory / "node.log": stage.node,
+            logs["testbed"]: stack.enter_context(running(testbed, logs["testbed"])),
+        }
+        flying = stack.enter_context(running(executive, logs["executive"]))
+        while flying.poll() is None:
+            _check(needed, stage.stop)
+            with suppress(subprocess.TimeoutExpired):
+                flying.wait(_LOOK_INTERVAL)
+    if not report.is_file():
+        _check(needed={logs["executive"]: flying}, stop=stage.stop)
+    told: dict[str, Any] = json.loads(report.read_text(encoding="utf-8"))
+    return told
+
+
+def _require_solved(report: Mapping[str, Any]) -> None:
+    if report["status"] != Status.SOLVED:
+        raise FfPlannerError(Status(report["status"]), report["message"])
 
 
 def node_command(directory: Path, parameters: Path, robot: Robot) -> list[str]:

@@ -41,7 +41,7 @@ def run_mission(
     except KeyboardInterrupt:
         return 130
     except FfPlannerError as error:
-        print(f"{name}: {error}", file=sys.stderr)
+        print(f"{name}: {_said(error)}", file=sys.stderr)
         report = {"status": int(error.status), "message": str(error)}
         code = 3 if Status.GOAL_OUT_OF_REACH <= error.status < Status.INTERNAL_ERROR else 2
     if file is not None:
@@ -49,13 +49,26 @@ def run_mission(
     return code
 
 
-def mission_report(answer: PlanTrajectory.Result, flown: FlownPlan) -> dict[str, Any]:
-    """Return what became of a plan that was committed, for JSON."""
+def _said(error: FfPlannerError) -> str:
+    """Return an error for a reader; what failed by itself was refused by nobody."""
+    if error.status is Status.INTERNAL_ERROR:
+        return str(error)
+    return f"refused {int(error.status)} {error.status.name}: {error}"
+
+
+def plan_report(answer: PlanTrajectory.Result) -> dict[str, Any]:
+    """Return what a plan is that was found, for JSON."""
     return {
         "status": int(answer.status.code),
         "plan_id": answer.plan_id,
         "solve_time": answer.solver.solve_time,
         "duration": answer.duration,
+    }
+
+
+def mission_report(answer: PlanTrajectory.Result, flown: FlownPlan) -> dict[str, Any]:
+    """Return what became of a plan that was committed, for JSON."""
+    return plan_report(answer) | {
         "predicted": _numbers(flown.predicted),
         "reached": _numbers(flown.reached),
         "error": flown.error._asdict(),

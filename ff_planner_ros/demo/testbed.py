@@ -9,6 +9,7 @@ from functools import partial
 
 import numpy as np
 import pinocchio as pin
+from ff_planner_msgs.action import PlanTrajectory
 from ff_planner_msgs.msg import ChaserState, ObstacleSphereArray, TargetBody
 from rclpy.node import Node
 from scipy.spatial.transform import Rotation
@@ -16,6 +17,7 @@ from trajectory_msgs.msg import JointTrajectory
 
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.bag.decoding import NANOSECONDS, nanoseconds
+from ff_planner_ros.demo.waiting import Wait
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.joint_motion import JointMotion
 from ff_planner_ros.planning.problem import PlanningProblem, carried_spheres
@@ -23,6 +25,7 @@ from ff_planner_ros.planning.scenario import SCENARIO_FRAME
 from ff_planner_ros.planning.target_body import TargetBody as FreeBody
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.state import SystemState
+from ff_planner_ros.ros.inputs.input_topics import CHASER_STATE
 from ff_planner_ros.ros.messages.from_messages import joint_order
 from ff_planner_ros.ros.messages.to_messages import (
     obstacles_message,
@@ -65,36 +68,45 @@ class SimulatedTestbed:
         self,
         node: Node,
         scenario: PlanningProblem,
-        epoch_ns: int,
+        epoch_ns: int | None,
         state_rate: float,
         imperfections: Imperfections,
+        lead: float = 0.0,
     ) -> None:
         """Publish the obstacles once, the state and the body now and then; hear trajectories.
 
         Args:
             node: Its clock is the testbed's, simulated time included.
             epoch_ns: When the chaser passes through the start state [ns]. Before and after, until a
-                trajectory begins, it drifts and its joints keep their rates.
+                trajectory begins, it drifts and its joints keep their rates. None: it waits for its
+                first plan, at the state that leads to the start state within `lead`.
             state_rate: Of the states [Hz].
+            lead: From a request to the start of its plan [s]; does not matter with an epoch.
         """
         self._scenario, self._imperfections = scenario, imperfections
-        self._epoch_ns, self._period_ns = epoch_ns, round(NANOSECONDS / state_rate)
+        self._lead_ns = round(lead * NANOSECONDS)
+        self._period_ns = round(NANOSECONDS / state_rate)
         self._clock, self._logger = node.get_clock(), node.get_logger()
         self._random = np.random.default_rng(imperfections.seed)
         self._waiting: deque[ChaserState] = deque()
+        self._last_stamp_ns = 0  # of a state
 
-        now = self._seconds(self._clock.now().nanoseconds)
-        robot, start = scenario.robot, scenario.start
-        first = carried_back(robot, start, -now) if now < 0.0 else start
-        true = with_heavier_arm(robot, imperfections.arm_heavier)
-        self._system = FreeFloatingSystem(true, first, min(now, 0.0))
+        self._wait = Wait(node, self._begin_as_planned_from) if epoch_ns is None else None
+        now_ns = self._clock.now().nanoseconds
+        # While it waits, the body is shown at other moments than the chaser: its epoch is another.
+        self._epoch_ns = self._body_epoch_ns = (
+            now_ns + self._lead_ns if epoch_ns is None else epoch_ns
+        )
+        self._begin = min(self._seconds(now_ns), 0.0)
+        self._first = carried_back(scenario.robot, scenario.start, -self._begin)
+        self._true = with_heavier_arm(scenario.robot, imperfections.arm_heavier)
+        self._system = FreeFloatingSystem(self._true, self._first, self._begin)
 
-        obstacles = node.create_publisher(ObstacleSphereArray, "obstacles", LATCHED_QOS)
-        stamp_ns = self._clock.now().nanoseconds
-        free = tuple(sphere for sphere in scenario.obstacles if sphere.body is None)
-        there = carried_spheres(free, self._seconds(stamp_ns))
-        obstacles.publish(obstacles_message(there, stamp_ns, SCENARIO_FRAME))
-        self._states = node.create_publisher(ChaserState, "chaser_state", STATE_QOS)
+        self._obstacles = node.create_publisher(ObstacleSphereArray, "obstacles", LATCHED_QOS)
+        self._publish_obstacles()
+        if any(sphere.moves for sphere in scenario.obstacles):
+            node.create_timer(1.0 / _BODY_RATE, self._hold_obstacles)
+        self._states = node.create_publisher(ChaserState, CHASER_STATE.name, STATE_QOS)
         node.create_timer(1.0 / state_rate, self._publish_state)
         self._bodies = node.create_publisher(TargetBody, "target_body", STATE_QOS)
         if scenario.target_body is not None:
@@ -105,11 +117,28 @@ class SimulatedTestbed:
         """Return a time on the testbed's clock, which keeps more digits than ROS's in seconds."""
         return (time_ns - self._epoch_ns) / NANOSECONDS
 
+    def _stands_still(self) -> bool:
+        return self._wait is not None and self._wait.stands_still()
+
+    def _publish_obstacles(self) -> None:
+        stamp_ns = self._clock.now().nanoseconds
+        free = tuple(sphere for sphere in self._scenario.obstacles if sphere.body is None)
+        since_epoch = self._begin if self._stands_still() else self._seconds(stamp_ns)
+        there = carried_spheres(free, since_epoch)
+        self._obstacles.publish(obstacles_message(there, stamp_ns, SCENARIO_FRAME))
+
+    def _hold_obstacles(self) -> None:
+        if self._stands_still():
+            self._publish_obstacles()
+
     def _publish_state(self) -> None:
         now_ns = self._clock.now().nanoseconds
         # Measured at round times, as by a sensor with its own clock.
         stamp_ns = now_ns - now_ns % self._period_ns
-        if self._seconds(stamp_ns) > self._system.time:
+        if stamp_ns > self._last_stamp_ns and self._seconds(stamp_ns) > self._begin:
+            self._last_stamp_ns = stamp_ns
+            if self._stands_still():
+                self._set_back(stamp_ns)
             state = with_sensor_noise(
                 self._system.advance(self._seconds(stamp_ns)), self._imperfections, self._random
             )
@@ -119,10 +148,26 @@ class SimulatedTestbed:
         while self._waiting and nanoseconds(self._waiting[0].header.stamp) <= due_ns:
             self._states.publish(self._waiting.popleft())
 
+    def _set_back(self, stamp_ns: int) -> None:
+        """Be at the first state at a time, as if it were the first one."""
+        self._epoch_ns = stamp_ns + self._lead_ns
+        if self._system.time > self._begin:
+            self._system = FreeFloatingSystem(self._true, self._first, self._begin)
+
+    def _begin_as_planned_from(self, result: PlanTrajectory.Result) -> None:
+        """Go on from the very state that a plan was made from: many were the first one."""
+        if result.state_source == CHASER_STATE.name:
+            state_stamp_ns = nanoseconds(result.state_stamp)
+            self._epoch_ns = min(self._epoch_ns, state_stamp_ns + self._lead_ns)
+        if body_stamp_ns := nanoseconds(result.target_body_stamp):
+            self._body_epoch_ns = min(self._body_epoch_ns, body_stamp_ns + self._lead_ns)
+
     def _publish_body(self, body: FreeBody) -> None:
         """Publish where a body is that nothing acts on; `body` is as it is at the epoch."""
         now_ns = self._clock.now().nanoseconds
-        there = body.after(self._seconds(now_ns))
+        if self._stands_still():
+            self._body_epoch_ns = now_ns + self._lead_ns
+        there = body.after((now_ns - self._body_epoch_ns) / NANOSECONDS)
         self._bodies.publish(target_body_message(there, now_ns, SCENARIO_FRAME))
 
     def _follow(self, message: JointTrajectory) -> None:
@@ -131,9 +176,14 @@ class SimulatedTestbed:
         except InvalidInput as error:
             self._logger.error(f"trajectory refused: {error}")
             return
-        begin = self._seconds(nanoseconds(message.header.stamp))
+        begin_ns = nanoseconds(message.header.stamp)
+        if self._wait is not None:
+            if begin_ns and self._stands_still():  # it was asked for elsewhere: its start is known
+                self._epoch_ns = min(self._epoch_ns, begin_ns)
+            self._wait.end()
+        begin = self._seconds(begin_ns)
         now = max(self._seconds(self._clock.now().nanoseconds), self._system.time)
-        if nanoseconds(message.header.stamp) == 0:
+        if begin_ns == 0:
             begin = now
         elif begin < now:
             # To jump to where the joints should be by now would be no free-floating motion.

@@ -1,0 +1,52 @@
+"""How a testbed waits for its first plan: its time stands still until the planner is asked."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from ff_planner_msgs.action import PlanTrajectory
+from rclpy.node import Node
+
+from ff_planner_ros.bag.decoding import nanoseconds
+from ff_planner_ros.bag.exchanges import GOAL_EVENTS, RESULT_EVENTS, response_in
+from ff_planner_ros.errors import Status
+from ff_planner_ros.ros.messages.interfaces import ACTION, GET_RESULT, SEND_GOAL
+from ff_planner_ros.ros.qos import EVENT_QOS
+
+
+class Wait:
+    """Hears what the planner's action is asked and answers.
+
+    Time goes on while a request is planned: the planner compares its plan with a newer state before
+    it publishes it. Time stands still again after a refusal, and when the start of a plan is over
+    that nobody flies.
+    """
+
+    def __init__(self, node: Node, found: Callable[[PlanTrajectory.Result], None]) -> None:
+        """Listen; `found` is called with every plan that is found before the wait is over."""
+        self._clock, self._found = node.get_clock(), found
+        self._unanswered = 0  # requests
+        self._plan_begins_ns = 0  # the last plan that was found
+        self._is_over = False
+        node.create_subscription(SEND_GOAL.Event, ACTION + GOAL_EVENTS, self._goal, EVENT_QOS)
+        node.create_subscription(GET_RESULT.Event, ACTION + RESULT_EVENTS, self._result, EVENT_QOS)
+
+    def stands_still(self) -> bool:
+        """Tell whether nothing moves now."""
+        idle = self._unanswered == 0 and self._clock.now().nanoseconds > self._plan_begins_ns
+        return idle and not self._is_over
+
+    def end(self) -> None:
+        """Let time go on for ever: a plan is flown."""
+        self._is_over = True
+
+    def _goal(self, _: SEND_GOAL.Event) -> None:
+        self._unanswered += 1
+
+    def _result(self, event: GET_RESULT.Event) -> None:
+        # It may have been asked before this testbed was there.
+        self._unanswered = max(self._unanswered - 1, 0)
+        result = response_in(event)
+        if result.status.code == Status.SOLVED and not self._is_over:
+            self._plan_begins_ns = nanoseconds(result.joint_trajectory.header.stamp)
+            self._found(result)
