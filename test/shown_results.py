@@ -67,7 +67,7 @@ def _agree(shown: str, printed: str, header: list[str]) -> bool:
 
 def _same_cell(shown: str, printed: str, title: str) -> bool:
     if _NUMBER.fullmatch(shown) and _NUMBER.fullmatch(printed):
-        return bool(_MEASURED.search(title)) or _near(shown, printed)
+        return bool(_MEASURED.search(title)) or near(shown, printed)
     return _same_words(shown, printed)
 
 
@@ -76,10 +76,11 @@ def _same_words(shown: str, printed: str) -> bool:
     if _NUMBER.sub("0", shown) != _NUMBER.sub("0", printed):
         return False
     pairs = zip(_NUMBER.findall(shown), _NUMBER.findall(printed), strict=True)
-    return all(one == other or ("." in one and _near(one, other)) for one, other in pairs)
+    return all(one == other or ("." in one and near(one, other)) for one, other in pairs)
 
 
-def _near(shown: str, printed: str) -> bool:
+def near(shown: str, printed: str) -> bool:
+    """Say whether a number is the same but for rounding, as in `differences`."""
     one, other = float(shown), float(printed)
     if "e" in shown:
         return abs(one) <= _DECADE * abs(other) and abs(other) <= _DECADE * abs(one)

@@ -12,6 +12,7 @@ import pytest
 import yaml
 from doc_tables import BLOCK, expected
 from pages import PAGES, README, SOURCE_TREE, console, text_of
+from shown_results import near
 
 from ff_planner_ros.cli import main
 from ff_planner_ros.commands.parser import command_parser
@@ -135,10 +136,28 @@ def test_the_table_of_scenario_keys_lists_exactly_those_that_a_file_may_have(sce
         assert scenario(*block) == keys, block
 
 
-def test_the_table_of_json_fields_lists_exactly_those_of_a_plan(tmp_path: Path) -> None:
-    file = tmp_path / "plan.json"
+@pytest.fixture(scope="module")
+def written(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+    """The JSON of the paper's capture."""
+    file = tmp_path_factory.mktemp("plan") / "plan.json"
     assert main(["plan", str(CAPTURE), "--json", str(file)]) == 0
-    written = json.loads(text_of(file))
+    return dict(json.loads(text_of(file)))
+
+
+def test_the_response_in_the_readme_is_that_to_the_papers_capture(written: dict[str, Any]) -> None:
+    for block in ("metrics", "solver"):
+        response = re.search(
+            rf"^{block}: \{{(.*?)\.\.\.\}}$", text_of(README), re.MULTILINE | re.DOTALL
+        )
+        assert response
+        told = dict(re.findall(r"(\w+): (\S+),", response[1]))
+        told.pop("solve_time", None)
+        assert told
+        for name, value in told.items():
+            assert near(value, str(written[block][name])), name
+
+
+def test_the_table_of_json_fields_lists_exactly_those_of_a_plan(written: dict[str, Any]) -> None:
     assert set(rows_under("The JSON of a plan")) == set(written)
     assert set(rows_under("Metrics")) >= set(written["metrics"])
     solver = re.search(r"^\| `solver` \| (.*) \|$", text_of(INTERFACES), re.MULTILINE)

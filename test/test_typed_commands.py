@@ -28,9 +28,11 @@ NOT_TYPED = {
     ".*ff-planner demo": "test_demo.py",
     ".*my_planner {scenario}": "a program of the reader's",
 }
-# Commands that take more than 2 s of a core, and those of many minutes; every day has the rest.
+# Commands that take more than 2 s of a core or nearly repeat another; those of many minutes. The
+# rest is typed every day.
 CI = re.compile(
     r".*(ff-planner (report|compare|campaign)|plan_in_python|rosbags-convert|objective attitude"
+    r"|\$BAG --json|--npz|verify answer_bag|--geometry lines"
     r"|--front|--draw|--srdf|--sensitivity|--parquet|--with|--library|> my_planner|rs my_planner)"
 )
 NIGHTLY = re.compile(r".*(ff-planner bench|data_set|ten_thousand|two_hundred|before_and_after)")
