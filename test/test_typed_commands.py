@@ -77,13 +77,13 @@ def test_the_commands_of_a_page_do_what_it_shows(page: Path, tier: str, tmp_path
 
 def have_what_the_page_takes_for_granted(page: Path, directory: Path) -> None:
     """Make a source tree, and what another page or the reader has made."""
-    (directory / "config").mkdir()
+    studies = Path("config", "studies")
+    shutil.copytree(SOURCE_TREE / studies, directory / studies)  # a page writes one there
     for path in (*SOURCE_TREE.glob("config/*"), SOURCE_TREE / "examples", SOURCE_TREE / "test"):
-        (directory / path.relative_to(SOURCE_TREE)).symlink_to(path)
-    (directory / "config" / "studies").unlink()  # a page writes one
-    shutil.copytree(SOURCE_TREE / "config" / "studies", directory / "config" / "studies")
+        if path != SOURCE_TREE / studies:
+            (directory / path.relative_to(SOURCE_TREE)).symlink_to(path)
     (directory / ".venv").symlink_to(sys.prefix)
-    if "demo_output" in text_of(page):
+    if any("demo_output" in command.text for command in console(page)):
         demo = directory / "demo_output" / "demo_1"
         demo.mkdir(parents=True)
         # A bag of this version: to replay one of an older version says that plans have changed.
