@@ -94,12 +94,12 @@ def command_parser() -> ArgumentParser:
     demo = add("demo", planning.show_demo, "plan the paper's capture over ROS, show the result")
     demo.add_argument(
         *("--testbed", "--scene"),
-        choices=("lemur", "bodies", "planar", "tumbling", "following"),
+        choices=("lemur", "lines", "planar", "tumbling", "following"),
         default="lemur",
-        help="lemur: the paper's capture in space (default); bodies: the same with the whole robot "
-        "kept clear, panels and all; planar: one on an air-bearing table; tumbling: of a body "
-        "that tumbles; following: by an arm that is heavier than its model, and planned again five "
-        "times a second",
+        help="lemur: the paper's capture in space, the whole robot kept clear (default); lines: "
+        "the same with the arm's centre lines kept clear, as in the paper; planar: one on an "
+        "air-bearing table; tumbling: of a body that tumbles; following: by an arm that is heavier "
+        "than its model, and planned again five times a second",
     )
     demo.add_argument("--output", type=Path, default="demo_output", metavar="DIR")
 

@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 from ff_planner_ros.analysis.methods import SHORTEST, SOONER, STEADIEST, Method
 from ff_planner_ros.demo.following import ARM_HEAVIER, OPEN_LOOP, RATE_BIAS, REPLANNED
 from ff_planner_ros.errors import FfPlannerError, Status
+from ff_planner_ros.robot.bodies import Geometry
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.ros.background import StopRequest
 from ff_planner_ros.share import share_directory
@@ -54,9 +55,11 @@ class Testbed(NamedTuple):
 
 
 TESTBEDS: Mapping[str, Testbed] = {
-    "lemur": Testbed("The paper's capture", "lemur_capture.yaml", "planner.yaml"),
-    "bodies": Testbed(
-        "The paper's capture with the whole robot", "lemur_capture_bodies.yaml", "planner.yaml"
+    "lemur": Testbed("The paper's capture", "lemur_capture_bodies.yaml", "planner.yaml"),
+    "lines": Testbed(
+        "The paper's capture, of which the centre lines are kept clear",
+        "lemur_capture.yaml",
+        "planner.yaml",
     ),
     "planar": Testbed(
         "A capture on an air-bearing table", "planar_capture.yaml", "planar_testbed.yaml"
@@ -136,9 +139,11 @@ def node_command(directory: Path, parameters: Path, robot: Robot) -> list[str]:
     """Return the command that starts the planner node, whose bag is in the directory."""
     # Quoted: ROS reads the value as YAML.
     bag = f"bag.directory:={json.dumps(str(directory))}"
-    geometry = ["-p", f"robot.geometry:={robot.geometry}"]  # as the scenario has it
     node = [sys.executable, "-m", "ff_planner_ros.ros.node", "--ros-args"]
-    return [*node, "--params-file", str(parameters), "-p", bag, *geometry]
+    node += ["--params-file", str(parameters), "-p", bag]
+    if robot.geometry is Geometry.LINES:  # as the scenario has it; shapes are the default
+        node += ["-p", "robot.geometry:=lines"]
+    return node
 
 
 def _example(name: str) -> list[str]:
