@@ -1,19 +1,18 @@
-"""README.md and docs/: their commands, links and tables against what there is."""
+"""README.md and docs/: the commands, links and tables of each page against what there is."""
 
 from __future__ import annotations
 
 import json
 import re
-import shlex
-import subprocess
-import sys
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import pytest
 import yaml
 from doc_tables import BLOCK, expected
+from pages import PAGES, README, SOURCE_TREE, console, text_of
+from shown_results import near
 
 from ff_planner_ros.cli import main
 from ff_planner_ros.commands.parser import command_parser
@@ -21,68 +20,22 @@ from ff_planner_ros.errors import InvalidInput
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.scenario import load_task
 
-SOURCE_TREE = Path(__file__).resolve().parents[1]
-README = SOURCE_TREE / "README.md"
-PAGES = [README, SOURCE_TREE / "CONTRIBUTING.md", *sorted((SOURCE_TREE / "docs").glob("*.md"))]
+BENCHMARK = SOURCE_TREE / "docs" / "benchmark.md"
 INTERFACES = SOURCE_TREE / "docs" / "interfaces.md"
 CAPTURE = SOURCE_TREE / "config" / "scenarios" / "lemur_capture.yaml"
-GOLDEN_BAG = SOURCE_TREE / "test" / "golden_bags" / "offline_solved"
-# Of these, words are checked and nothing is run: they take long, need ROS or change the machine.
-ONLY_PARSED = re.compile(
-    r"make |ros2 |pip |dask |.*ff-planner (node|bench|campaign|demo|compare)"
-    r"|.*--sensitivity|.*--library|.*_(te|ex)|.*(ros\.node|follower|before_and_after)"
-)
-# What the reader makes first: by another page, by hand, or by `make demo`.
-MADE_BY_THE_READER = {
-    "my_planner.yaml",
-    "data_set/scenarios/ordinary/0000.yaml",  # by `bench --dataset data_set`
-    "answer.json",
-}
 
 every_page = pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
 
 
-class Line(NamedTuple):
-    """One command of a console block, its continuations included."""
-
-    text: str
-
-    @property
-    def words(self) -> list[str]:
-        return shlex.split(self.text, comments=True)
-
-    @property
-    def options(self) -> list[str] | None:
-        """Arguments of `ff-planner`; None: another command."""
-        words = self.words
-        return words[1:] if words[0].endswith("ff-planner") else None
-
-
-def text_of(page: Path) -> str:
-    return page.read_text(encoding="utf-8")
-
-
-def console(page: Path) -> list[Line]:
-    """Return every command of a page, in order."""
-    lines: list[Line] = []
-    for block in re.findall(
-        r"^ *```console\n(.*?)^ *```$", text_of(page), re.MULTILINE | re.DOTALL
-    ):
-        pending = ""
-        for line in block.splitlines():
-            pending += line.strip() + "\n"
-            try:
-                shlex.split(pending, comments=True)
-            except ValueError:  # a quotation goes on
-                continue
-            lines.append(Line(pending.strip()))
-            pending = ""
-        assert not pending, f"{page.name}: {pending} never ends"
-    return lines
-
-
 def test_the_readme_is_short() -> None:
     assert len(text_of(README).splitlines()) <= 250
+
+
+def test_the_figures_of_the_readmes_benchmark_stand_in_that_of_the_docs() -> None:
+    section = text_of(README).partition("## Benchmark\n")[2].partition("\n## ")[0]
+    figures = set(re.findall(r"\b\d+\.\d+\b", section))
+    assert figures
+    assert figures <= set(re.findall(r"\b\d+\.\d+\b", text_of(BENCHMARK)))
 
 
 @every_page
@@ -131,43 +84,6 @@ def test_every_generated_table_is_what_the_code_declares(page: Path) -> None:
     for block in BLOCK.finditer(text_of(page)):
         allowed = "run .venv/bin/python test/doc_tables.py"
         assert block[0] == expected(block), f"{page.name}: table {block[3]} is old: {allowed}"
-
-
-@pytest.mark.parametrize(
-    "page",
-    [page for page in PAGES if any(line.options for line in console(page))],
-    ids=lambda p: p.stem,
-)
-def test_the_quick_commands_of_a_page_run_one_after_the_other(page: Path, tmp_path: Path) -> None:
-    for name in ("config", "examples"):
-        (tmp_path / name).symlink_to(SOURCE_TREE / name)
-    (tmp_path / ".venv").symlink_to(sys.prefix)
-    demo = tmp_path / "demo_output" / "demo_1"
-    demo.mkdir(parents=True)
-    # A bag of this version: to replay one of an older version says that plans have changed.
-    assert main(["plan", str(CAPTURE), "--bag", str(demo / "ff_planner_1")]) == 0
-    script = [line.text for line in console(page) if not ONLY_PARSED.match(line.text)]
-    done = subprocess.run(
-        ["bash", "-euo", "pipefail", "-c", "\n".join(script)],
-        capture_output=True,
-        text=True,
-        cwd=tmp_path,
-        check=False,
-    )
-    assert done.returncode == 0, f"{done.stdout}{done.stderr}"
-
-
-@every_page
-def test_files_named_in_commands_that_are_not_run_exist(page: Path) -> None:
-    made = set(MADE_BY_THE_READER)
-    for line in console(page):
-        if line.options is None:
-            continue
-        after = dict(zip(line.words, line.words[1:], strict=False))
-        made |= {after[option] for option in ("--json", "--bag", "--output") if option in after}
-        for word in line.words[1:]:
-            if re.search(r"\.(yaml|json|urdf|mcap)$", word):
-                assert word in made or (SOURCE_TREE / word).is_file(), f"{page.name}: {line.text}"
 
 
 def rows_under(heading: str) -> list[str]:
@@ -220,10 +136,28 @@ def test_the_table_of_scenario_keys_lists_exactly_those_that_a_file_may_have(sce
         assert scenario(*block) == keys, block
 
 
-def test_the_table_of_json_fields_lists_exactly_those_of_a_plan(tmp_path: Path) -> None:
-    file = tmp_path / "plan.json"
+@pytest.fixture(scope="module")
+def written(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+    """The JSON of the paper's capture."""
+    file = tmp_path_factory.mktemp("plan") / "plan.json"
     assert main(["plan", str(CAPTURE), "--json", str(file)]) == 0
-    written = json.loads(text_of(file))
+    return dict(json.loads(text_of(file)))
+
+
+def test_the_response_in_the_readme_is_that_to_the_papers_capture(written: dict[str, Any]) -> None:
+    for block in ("metrics", "solver"):
+        response = re.search(
+            rf"^{block}: \{{(.*?)\.\.\.\}}$", text_of(README), re.MULTILINE | re.DOTALL
+        )
+        assert response
+        told = dict(re.findall(r"(\w+): (\S+),", response[1]))
+        told.pop("solve_time", None)
+        assert told
+        for name, value in told.items():
+            assert near(value, str(written[block][name])), name
+
+
+def test_the_table_of_json_fields_lists_exactly_those_of_a_plan(written: dict[str, Any]) -> None:
     assert set(rows_under("The JSON of a plan")) == set(written)
     assert set(rows_under("Metrics")) >= set(written["metrics"])
     solver = re.search(r"^\| `solver` \| (.*) \|$", text_of(INTERFACES), re.MULTILINE)

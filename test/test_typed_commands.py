@@ -1,0 +1,160 @@
+"""Every command of README.md, CONTRIBUTING.md and docs/ is typed, and what is shown is compared."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from pages import PAGES, SOURCE_TREE, Command, console, shown, text_of
+from shown_results import differences
+
+from ff_planner_ros.cli import main
+
+# Commands that are not typed here, and what types them or why nothing can.
+NOT_TYPED = {
+    "make ": "the steps of CI",
+    "pip ": "`make without-ros` installs like this",
+    r"ros2 |export ROS_SECURITY": "no wheel has ROS's command line and its security",
+    "dask |.*HOST": "a cluster is needed",
+    r".*(ff-planner |ff_planner_ros\.ros\.)node|.*examples/(simulated|mission|follower)": (
+        "they run until they are stopped: test_examples.py, test_launch.py and test_demo.py"
+    ),
+    ".*ff-planner demo": "test_demo.py",
+    ".*my_planner {scenario}": "a program of the reader's",
+}
+# Commands that take more than 2 s of a core or nearly repeat another; those of many minutes. The
+# rest is typed every day.
+CI = re.compile(
+    r".*(ff-planner (report|compare|campaign)|plan_in_python|rosbags-convert|objective attitude"
+    r"|\$BAG --json|--npz|verify answer_bag|--geometry lines"
+    r"|--front|--draw|--srdf|--sensitivity|--parquet|--with|--library|> my_planner|rs my_planner)"
+)
+NIGHTLY = re.compile(r".*(ff-planner bench|data_set|ten_thousand|two_hundred|before_and_after)")
+TIERS = ("everyday", "ci", "nightly")
+
+
+def tier_of(command: Command) -> str | None:
+    """Return when a command is typed; None: never here."""
+    if any(re.match(pattern, command.text) for pattern in NOT_TYPED):
+        return None
+    if NIGHTLY.match(command.text):
+        return "nightly"
+    return "ci" if CI.match(command.text) else "everyday"
+
+
+def pages_of_each_tier() -> Iterator[Any]:
+    """Yield the pages with a command of the tier: it and all of the tiers before are typed."""
+    for page in PAGES:
+        for tier in {tier_of(command) for command in console(page)} & set(TIERS):
+            marks = [] if tier == "everyday" else [getattr(pytest.mark, tier)]
+            yield pytest.param(page, tier, id=f"{page.stem}-{tier}", marks=marks)
+
+
+@pytest.mark.parametrize(("page", "tier"), sorted(pages_of_each_tier(), key=lambda one: one.id))
+def test_the_commands_of_a_page_do_what_it_shows(page: Path, tier: str, tmp_path: Path) -> None:
+    have_what_the_page_takes_for_granted(page, tmp_path)
+    tiers = TIERS[: TIERS.index(tier) + 1]
+    typed = [command for command in console(page) if tier_of(command) in tiers]
+    done = subprocess.run(
+        ["bash", "-euo", "pipefail", "-c", "\n".join(command.text for command in typed)],
+        capture_output=True,
+        text=True,
+        cwd=tmp_path,
+        check=False,
+    )
+    assert done.returncode == 0, f"{done.stdout}{done.stderr}"
+    for block in shown(page):
+        # What takes a night is measured: the pages say when it was, and on which machine.
+        if all(one in typed and tier_of(one) != "nightly" for one in block.commands):
+            assert not differences(block.lines, done.stdout.splitlines()), done.stdout
+
+
+def have_what_the_page_takes_for_granted(page: Path, directory: Path) -> None:
+    """Make a source tree, and what another page or the reader has made."""
+    studies = Path("config", "studies")
+    shutil.copytree(SOURCE_TREE / studies, directory / studies)  # a page writes one there
+    for path in (*SOURCE_TREE.glob("config/*"), SOURCE_TREE / "examples", SOURCE_TREE / "test"):
+        if path != SOURCE_TREE / studies:
+            (directory / path.relative_to(SOURCE_TREE)).symlink_to(path)
+    (directory / ".venv").symlink_to(sys.prefix)
+    if any("demo_output" in command.text for command in console(page)):
+        demo = directory / "demo_output" / "demo_1"
+        demo.mkdir(parents=True)
+        # A bag of this version: to replay one of an older version says that plans have changed.
+        capture = SOURCE_TREE / "config" / "scenarios" / "lemur_capture.yaml"
+        assert main(["plan", str(capture), "--bag", str(demo / "ff_planner_1")]) == 0
+    method = re.search(r"```python\n(import yaml\n+def answer.*?)```", text_of(page), re.DOTALL)
+    if method:
+        (directory / "my_method.py").write_text(method[1], encoding="utf-8")
+
+
+def test_a_command_that_is_not_typed_has_one_reason_and_each_reason_a_command() -> None:
+    commands = [command for page in PAGES for command in console(page)]
+    for command in commands:
+        reasons = [reason for reason in NOT_TYPED if re.match(reason, command.text)]
+        assert len(reasons) == (tier_of(command) is None), command.text
+    for pattern in (*NOT_TYPED, CI, NIGHTLY):
+        assert any(re.match(pattern, command.text) for command in commands), pattern
+
+
+def test_the_files_that_commands_which_are_not_typed_name_are_there() -> None:
+    for command in (one for page in PAGES for one in console(page) if tier_of(one) is None):
+        for word in command.words[1:]:
+            if re.search(r"/\w+\.(yaml|json|urdf|xml|py)$", word):
+                assert (SOURCE_TREE / word).is_file(), command.text
+
+
+TABLE = [
+    "Plans",
+    "method  joint path [rad]  time [s]  error    steps",
+    "a 1               1.1072     0.032  5.0e-08     14",
+    "",
+    "found at t = 2.65 s in 20 attempts",
+]
+
+
+@pytest.mark.parametrize(
+    ("line", "old", "new"),
+    [
+        (2, "1.1072", "1.1074"),  # rounding
+        (2, "0.032", "9.999"),  # a time
+        (2, "5.0e-08", "9.0e-09"),  # a rounding error
+        (2, "  14", "  15"),
+        (4, "2.65", "2.67"),
+    ],
+)
+def test_a_number_may_differ_by_rounding_and_a_time_may_differ(
+    line: int, old: str, new: str
+) -> None:
+    printed = ["before", *TABLE, "after"]
+    printed[1 + line] = printed[1 + line].replace(old, new)
+    assert printed[1 + line] != TABLE[line]
+    assert not differences(TABLE, printed)
+
+
+@pytest.mark.parametrize(
+    ("line", "old", "new"),
+    [
+        (0, "Plans", "Paths"),
+        (1, "[rad]", "[deg]"),
+        (2, "a 1", "a 2"),
+        (2, "1.1072", "1.1075"),
+        (2, "5.0e-08", "5.0e-06"),
+        (2, "  14", "  17"),
+        (2, "     14", ""),
+        (4, "2.65", "2.68"),
+        (4, "20", "21"),
+    ],
+)
+def test_another_word_or_number_is_a_difference(line: int, old: str, new: str) -> None:
+    printed = ["before", *TABLE, "after"]
+    printed[1 + line] = printed[1 + line].replace(old, new)
+    assert differences(TABLE, printed) == [(TABLE[line], printed[1 + line])]
+    assert differences(TABLE, printed[2:])
+    assert differences(TABLE, []) == [(line, "") for line in TABLE]
