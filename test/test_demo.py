@@ -6,7 +6,6 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -50,6 +49,7 @@ def plans_found(lines: list[str]) -> int:
     return len(rows(lines, "measured")) + 2 + sum("was to begin" in line for line in lines)
 
 
+@pytest.mark.ci
 def test_both_objectives_reach_the_reference_values(demo: tuple[Path, list[str]]) -> None:
     _, lines = demo
     (length, attitude) = ([float(cell) for cell in row[1:]] for row in rows(lines, "min("))
@@ -60,6 +60,7 @@ def test_both_objectives_reach_the_reference_values(demo: tuple[Path, list[str]]
         assert solve_time > 0.0
 
 
+@pytest.mark.ci
 def test_the_end_effector_comes_to_where_the_plan_has_it(demo: tuple[Path, list[str]]) -> None:
     """The goal of the paper's capture, within what the planner may be off and what is printed."""
     _, lines = demo
@@ -76,6 +77,7 @@ def test_the_end_effector_comes_to_where_the_plan_has_it(demo: tuple[Path, list[
         assert found[3:] == pytest.approx(goal[3:], abs=0.1)
 
 
+@pytest.mark.ci
 def test_the_tables_are_aligned(demo: tuple[Path, list[str]]) -> None:
     _, lines = demo
     first, second = (
@@ -85,6 +87,7 @@ def test_the_tables_are_aligned(demo: tuple[Path, list[str]]) -> None:
     assert len({len(line) for line in lines[second : second + 5]}) == 1
 
 
+@pytest.mark.ci
 def test_the_bag_it_names_holds_every_topic_and_both_answers(demo: tuple[Path, list[str]]) -> None:
     directory, lines = demo
     (bag,) = (line.split(maxsplit=1)[1] for line in lines if line.startswith("bag "))
@@ -107,6 +110,7 @@ def test_the_bag_it_names_holds_every_topic_and_both_answers(demo: tuple[Path, l
     assert codes[-1] == Status.SOLVED
 
 
+@pytest.mark.ci
 def test_its_bag_alone_gives_the_same_plans_again(demo: tuple[Path, list[str]]) -> None:
     directory, lines = demo
     (bag,) = (line.split(maxsplit=1)[1] for line in lines if line.startswith("bag "))
@@ -116,6 +120,7 @@ def test_its_bag_alone_gives_the_same_plans_again(demo: tuple[Path, list[str]]) 
     assert verdicts == [Verdict.IDENTICAL] * plans_found(lines)
 
 
+@pytest.mark.ci
 def test_the_pictures_it_names_are_pictures(demo: tuple[Path, list[str]]) -> None:
     directory, lines = demo
     pictures = [line.split(maxsplit=1)[1] for line in lines if line.startswith("picture ")]
@@ -124,6 +129,7 @@ def test_the_pictures_it_names_are_pictures(demo: tuple[Path, list[str]]) -> Non
         assert (directory / picture).read_bytes().startswith(PNG)
 
 
+@pytest.mark.ci
 def test_the_scene_it_names_shows_both_plans(demo: tuple[Path, list[str]]) -> None:
     directory, lines = demo
     (scene,) = (line.split(maxsplit=1)[1] for line in lines if line.startswith("scene "))
@@ -132,6 +138,7 @@ def test_the_scene_it_names_shows_both_plans(demo: tuple[Path, list[str]]) -> No
     assert "min(\\u0398), end effector" in page
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_an_interrupted_demonstration_leaves_no_process_behind(
     number: signal.Signals, tmp_path: Path
@@ -185,6 +192,7 @@ def test_a_plan_that_is_not_found_ends_the_demonstration_with_its_cause(tmp_path
     assert "GOAL_OUT_OF_REACH" in (logs / "node.log").read_text()
 
 
+@pytest.mark.ci
 def test_every_flight_begins_after_the_time_that_its_plan_was_measured_to_take(
     demo: tuple[Path, list[str]],
 ) -> None:
@@ -196,6 +204,7 @@ def test_every_flight_begins_after_the_time_that_its_plan_was_measured_to_take(
         assert 2.0 * took - 0.11 <= lead <= 2.0 * took + 1.11  # printed to 0.1 s, rounded up to 1 s
 
 
+@pytest.mark.ci
 def test_a_flight_that_comes_too_late_is_measured_and_flown_again(tmp_path: Path) -> None:
     # The first lead is too short for any machine; what it draws in the end is no matter here.
     hurry = """
@@ -237,13 +246,7 @@ def flown(directory: Path, *arguments: str) -> list[str]:
     return ended.stdout.splitlines()
 
 
-@pytest.fixture
-def at_night(times: Callable[[int, int], int]) -> None:
-    if not times(0, 1):
-        pytest.skip("two flights in real time: at night")
-
-
-@pytest.mark.usefixtures("at_night")
+@pytest.mark.nightly
 def test_a_body_that_tumbles_is_captured_in_real_time(tmp_path: Path) -> None:
     lines = flown(tmp_path, "--scene", "tumbling")
     captured = [row for row in rows(lines, "min(") if len(row) == 6]
@@ -258,7 +261,7 @@ def test_a_body_that_tumbles_is_captured_in_real_time(tmp_path: Path) -> None:
     assert picture.read_bytes().startswith(PNG)
 
 
-@pytest.mark.usefixtures("at_night")
+@pytest.mark.nightly
 def test_a_capture_on_a_table_is_flown_and_seen_from_above(tmp_path: Path) -> None:
     lines = flown(tmp_path, "--testbed", "planar")
     flights = rows(lines, "min(")
@@ -270,7 +273,7 @@ def test_a_capture_on_a_table_is_flown_and_seen_from_above(tmp_path: Path) -> No
     assert picture.read_bytes().startswith(PNG)
 
 
-@pytest.mark.usefixtures("at_night")
+@pytest.mark.nightly
 def test_a_plan_made_again_on_the_way_reaches_what_open_loop_misses(tmp_path: Path) -> None:
     lines = flown(tmp_path, "--scene", "following")
     table = lines[lines.index("Planned again on the way") + 2 :][:3]

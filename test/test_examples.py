@@ -93,6 +93,7 @@ def test_a_capture_is_flown_and_comes_out_as_predicted(tmp_path: Path) -> None:
         assert any(line.startswith(word) for line in said.splitlines())
 
 
+@pytest.mark.ci
 @pytest.mark.usefixtures("world")
 def test_a_testbed_with_faults_makes_a_difference_that_is_seen(tmp_path: Path) -> None:
     scenario = quick_capture(tmp_path)
@@ -105,6 +106,7 @@ def test_a_testbed_with_faults_makes_a_difference_that_is_seen(tmp_path: Path) -
     assert report["worst_chaser_error"]["position"] > 0.02
 
 
+@pytest.mark.ci
 def test_a_planner_in_a_namespace_is_flown_from_there(tmp_path: Path) -> None:
     scenario, names = quick_capture(tmp_path), ("--ros-args", "-r", "__ns:=/chaser_1")
     with private_domain(), running_planner(tmp_path, *names[1:], *PATIENT):
@@ -138,6 +140,7 @@ def test_the_planners_refusal_is_the_executives(tmp_path: Path) -> None:
     assert f"refused 300 GOAL_OUT_OF_REACH: {report['message']}" in said
 
 
+@pytest.mark.ci
 def test_the_three_commands_of_the_closed_loop_by_hand_end_with_a_capture(tmp_path: Path) -> None:
     page = (EXAMPLES.parent / "docs" / "operating.md").read_text("utf-8")
     _, _, after = page.partition("The closed loop by hand")
@@ -185,6 +188,7 @@ def test_an_option_that_is_misspelt_is_refused(example: str, tmp_path: Path) -> 
     assert "unrecognized arguments: --sart=1" in ended.stderr
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_an_executive_that_waits_in_vain_can_be_interrupted(
     number: signal.Signals, tmp_path: Path
