@@ -78,6 +78,8 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     config.stash[_left_out].update(later.values())
     config.hook.pytest_deselected(items=list(later))
     items[:] = [item for item in items if item not in later]
+    # Files that start nodes come first: what waits so much must not be what is waited for.
+    items.sort(key=lambda item: not hasattr(item.module, "running_planner"))
 
 
 def pytest_sessionfinish(session: pytest.Session) -> None:

@@ -377,6 +377,7 @@ def test_mutated_answers_are_taken_or_refused(
     assert 2 in codes
 
 
+@pytest.mark.ci
 def test_mutated_bags_are_read_or_refused(
     tmp_path: Path, run: Run, times: Callable[[int, int], int], nightly: bool
 ) -> None:

@@ -202,6 +202,7 @@ def test_a_plan_does_not_depend_on_the_frame(name: str) -> None:
             pytest.fail(f"{name}, frame {label}: {failed}")
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(
     ("name", "objective"),
     [

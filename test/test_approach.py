@@ -193,7 +193,7 @@ def test_derivatives_of_the_rows_agree_with_differences(name: str, scene: Planni
         assert told == pytest.approx(slope, abs=2e-6 * np.abs(slope).max())
 
 
-@pytest.mark.parametrize("points", [50, 13])
+@pytest.mark.parametrize("points", [50, pytest.param(13, marks=pytest.mark.ci)])
 @pytest.mark.parametrize("family", ["end_effector_polynomial", "joint_spline"])
 @pytest.mark.parametrize(
     ("scene", "direction"), [(TUMBLING, SIDEWAYS), (RESTING, SIDEWAYS)], ids=["tumbling", "resting"]
@@ -287,6 +287,7 @@ def test_a_corridor_that_holds_the_plan_by_less_than_a_millimetre_is_kept_and_le
     assert not list(failures(problem(wider), plain, SETTINGS))
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("scene", [TUMBLING, RESTING], ids=["tumbling", "resting"])
 def test_a_free_duration_keeps_the_corridor(scene: PlanningProblem) -> None:
     body = scene.target_body

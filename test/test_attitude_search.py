@@ -53,6 +53,7 @@ def problems(times):
                     yield f"off its base {number}", replace(off_base(drawn), obstacles=())
 
 
+@pytest.mark.ci
 def test_no_objective_has_a_worse_plan_than_the_shortest_and_all_have_one(times):
     solved = 0
     for name, problem in problems(times):
@@ -69,6 +70,7 @@ def test_no_objective_has_a_worse_plan_than_the_shortest_and_all_have_one(times)
     assert solved >= 6
 
 
+@pytest.mark.ci
 def test_more_rounds_and_a_first_guess_never_make_it_worse():
     problem = replace(scenario("ordinary", "lemur", 4, turned=False).problem, objective=ATTITUDE)
     made = [plan(problem, replace(SETTINGS, attitude_rounds=rounds)) for rounds in (1, 2)]
@@ -116,6 +118,7 @@ def test_rounds_are_spent_on_a_minor_part_where_others_are_in_sight(key, weight,
     assert value(objective, searched) < gain * value(objective, nearest)
 
 
+@pytest.mark.ci
 def test_the_attitude_is_near_the_best_that_was_ever_found(times):
     """The best of 100 starts: each solved on 13 points, the best fifteen on all points [rad]."""
     best = {("ordinary", "lemur", 4): 0.1011, ("cluttered", "lemur", 3): 0.0689}

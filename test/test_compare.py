@@ -49,6 +49,7 @@ def rows(printed: str, header: str) -> dict[str, list[str]]:
     return {row[0]: [cell.strip() for cell in row[1:]] for row in cells}
 
 
+@pytest.mark.ci
 def test_the_papers_capture_gives_table_ratios_figures_and_scene(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -88,6 +89,7 @@ def test_the_papers_capture_gives_table_ratios_figures_and_scene(
     assert str(tmp_path / "new" / "scene.html") in printed
 
 
+@pytest.mark.ci
 def test_where_a_method_fails_the_others_are_compared_all_the_same(
     scenario: Callable[..., Path],
     tmp_path: Path,

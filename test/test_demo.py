@@ -184,6 +184,7 @@ sys.exit(demo.run_demo(scenario=Path({str(scenario)!r})))
     )
 
 
+@pytest.mark.ci
 def test_a_plan_that_is_not_found_ends_the_demonstration_with_its_cause(tmp_path: Path) -> None:
     target = {"position": [10.0, 0.0, 0.0], "euler_xyz_deg": [0.0, 0.0, 0.0]}
     ended = run_with(quick_capture(tmp_path, target=target))

@@ -249,6 +249,7 @@ def capture_plan(lemur_capture: PlanningProblem) -> Plan:
     return plan(lemur_capture, load_parameters().planner)
 
 
+@pytest.mark.ci
 def test_the_torques_of_a_plan_are_those_of_eq_20_without_a_wrench_on_the_chaser(
     lemur_capture: PlanningProblem, capture_plan: Plan
 ) -> None:

@@ -114,6 +114,7 @@ def test_a_planner_in_a_namespace_is_flown_from_there(tmp_path: Path) -> None:
     assert (code, report["status"]) == (0, Status.SOLVED), said
 
 
+@pytest.mark.ci
 @pytest.mark.usefixtures("world")
 def test_a_plan_that_is_only_asked_for_is_not_committed(tmp_path: Path) -> None:
     scenario = quick_capture(tmp_path)
@@ -122,6 +123,7 @@ def test_a_plan_that_is_only_asked_for_is_not_committed(tmp_path: Path) -> None:
     assert "committed" not in said
 
 
+@pytest.mark.ci
 @pytest.mark.usefixtures("world")
 def test_a_mission_refuses_a_plan_that_turns_the_chaser_too_far(tmp_path: Path) -> None:
     scenario = quick_capture(tmp_path)
@@ -180,6 +182,7 @@ def test_a_scenario_that_is_not_there_is_bad_input(example: str, tmp_path: Path)
     assert len(ended.stderr.splitlines()) == 1
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("example", ["simulated_testbed.py", "mission_executive.py"])
 def test_an_option_that_is_misspelt_is_refused(example: str, tmp_path: Path) -> None:
     command = [sys.executable, str(EXAMPLES / example), str(quick_capture(tmp_path)), "--sart=1"]

@@ -188,6 +188,7 @@ def converted(source: Path, target: Path, storage: str, leave_out: list[str]) ->
     )
 
 
+@pytest.mark.ci
 def test_rosbags_converts_what_is_a_message_to_sqlite3_and_back(bag: Path, tmp_path: Path) -> None:
     parts = [type_name(kind) for kind in OF_CALLS]
     converted(bag, tmp_path / "sqlite3", "sqlite3", parts)

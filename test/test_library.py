@@ -116,6 +116,7 @@ def test_the_nearest_plan_is_the_guess_and_one_that_is_far_is_none(library: Libr
     assert Library(()).first_guess(task(CAPTURE)) is None
 
 
+@pytest.mark.ci
 def test_in_its_region_a_library_halves_the_search_and_costs_no_plan(times: Any) -> None:
     base = scenario("cluttered", "lemur", 3, turned=False).problem
     cold, warm, longer, made = [], [], [], list[StoredPlan]()

@@ -85,6 +85,7 @@ def at_time(event: PlanTrajectory.Event, now: int, number: int) -> PlanTrajector
     return event
 
 
+@pytest.mark.ci
 def test_a_report_decodes_the_states_of_the_plans_that_it_shows_and_no_others(
     short_run: Path,
     tmp_path: Path,

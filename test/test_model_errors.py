@@ -14,6 +14,8 @@ from ff_planner_ros.planning.problem import PlanningProblem
 from ff_planner_ros.simulation.model_errors import ModelError, model_errors
 from ff_planner_ros.simulation.verification import Deviation, verify
 
+pytestmark = pytest.mark.ci
+
 
 @pytest.fixture(scope="module")
 def rows(lemur_capture: PlanningProblem, lemur_plan: Plan) -> tuple[ModelError, ...]:
@@ -27,6 +29,7 @@ def deviations(rows: tuple[ModelError, ...], cause: str) -> list[Deviation]:
     return found
 
 
+@pytest.mark.ci
 def test_every_cause_has_one_row(rows: tuple[ModelError, ...]) -> None:
     assert len({row.cause for row in rows}) == len(rows) == 20
 
@@ -94,6 +97,7 @@ def test_a_chaser_that_turns_faster_is_turned_further_at_the_end(
     assert turned_deg == pytest.approx(0.01 * lemur_capture.duration, rel=0.1)
 
 
+@pytest.mark.ci
 def test_the_study_comes_to_the_same_every_time(
     lemur_capture: PlanningProblem, lemur_plan: Plan, rows: tuple[ModelError, ...]
 ) -> None:

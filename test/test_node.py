@@ -5,6 +5,7 @@ from __future__ import annotations
 import signal
 import subprocess
 import sys
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -18,16 +19,20 @@ from rosgraph_msgs.msg import Clock
 from ff_planner_ros.errors import Status
 from ff_planner_ros.planning.problem import PlanningProblem
 
+in_ci = partial(pytest.param, marks=pytest.mark.ci)  # each starts a node
+
 
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
         (("-p", "state_max_agee:=1.0"), ("state_max_agee is an unknown parameter",)),
-        (("-p", "points:=3"), ("points is 3", "at least 5")),
-        (("-p", "points:=many"), ("points is 'many'", "whole number")),
-        (("-p", "robot.urdf:=/nowhere/arm.urdf"), ("robot.urdf", "/nowhere/arm.urdf")),
-        (("-p", "robot.tip_link:=finger"), ("finger",)),
-        (("--params-file", "/nowhere/planner.yaml"), ("ROS arguments", "/nowhere/planner.yaml")),
+        in_ci(("-p", "points:=3"), ("points is 3", "at least 5")),
+        in_ci(("-p", "points:=many"), ("points is 'many'", "whole number")),
+        in_ci(("-p", "robot.urdf:=/nowhere/arm.urdf"), ("robot.urdf", "/nowhere/arm.urdf")),
+        in_ci(("-p", "robot.tip_link:=finger"), ("finger",)),
+        in_ci(
+            ("--params-file", "/nowhere/planner.yaml"), ("ROS arguments", "/nowhere/planner.yaml")
+        ),
         (("--no-such-argument",), ("ROS arguments", "--no-such-argument")),
     ],
 )

@@ -150,6 +150,7 @@ SPOILS: tuple[Spoil, ...] = (
 )
 
 
+@pytest.mark.ci
 def test_huge_arrays_leave_nothing_behind(
     planner: PlannerProcess, times: Callable[[int, int], int]
 ) -> None:
@@ -293,6 +294,7 @@ def test_a_client_that_dies_while_it_is_planned_for_harms_nobody_and_its_plan_go
     assert "a callback failed" not in planner.log
 
 
+@pytest.mark.ci
 def test_many_plans_leave_nothing_behind_and_the_node_ends_well(
     planner: PlannerProcess, tmp_path: Path, times: Callable[[int, int], int]
 ) -> None:

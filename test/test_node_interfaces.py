@@ -138,7 +138,8 @@ def _topics(client: Client) -> set[str]:
 
 
 @pytest.mark.parametrize(
-    ("source", "simulated_time"), [("chaser_state", "false"), ("odometry", "true")]
+    ("source", "simulated_time"),
+    [("chaser_state", "false"), pytest.param("odometry", "true", marks=pytest.mark.ci)],
 )
 def test_the_page_lists_every_interface_of_the_node_and_its_bag_has_every_topic(
     tmp_path: Path, source: str, simulated_time: str

@@ -24,6 +24,8 @@ from ff_planner_ros.planning.problem import PlanningProblem, Sphere
 from ff_planner_ros.planning.scenario_writer import write_scenario
 from ff_planner_ros.planning.task import PlanningTask, perform
 
+pytestmark = pytest.mark.ci
+
 SETTINGS = load_parameters().planner
 THERE = (Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_ACTIVATE)
 

@@ -65,6 +65,7 @@ def test_it_plans_only_while_it_is_active(
     assert planner.stop() == 0
 
 
+@pytest.mark.ci
 def test_a_goal_that_is_being_planned_is_given_up_when_the_node_is_deactivated(
     planner: PlannerProcess,
 ) -> None:
@@ -93,6 +94,7 @@ def test_an_illegal_transition_is_answered_and_ends_nothing(planner: PlannerProc
     assert planner.log.count("lifecycle transition refused") == 6
 
 
+@pytest.mark.ci
 def test_a_robot_that_cannot_be_loaded_leaves_it_unconfigured_and_can_be_set_right(
     planner: PlannerProcess,
 ) -> None:
@@ -124,6 +126,7 @@ def test_a_robot_that_cannot_be_loaded_leaves_it_unconfigured_and_can_be_set_rig
     assert "finger" in planner.log
 
 
+@pytest.mark.ci
 def test_it_goes_through_its_states_again_and_again_without_growing(
     planner: PlannerProcess, times: Callable[[int, int], int]
 ) -> None:

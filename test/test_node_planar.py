@@ -6,6 +6,7 @@ import signal
 from pathlib import Path
 
 import numpy as np
+import pytest
 from ff_planner_msgs.srv import PlanTrajectory
 from nav_msgs.msg import Odometry
 from rclpy.qos import qos_profile_sensor_data
@@ -26,6 +27,8 @@ from ff_planner_ros.ros.messages.to_messages import time_message
 from ff_planner_ros.runs.recorded_run import recorded_run
 from ff_planner_ros.runs.replay import Verdict, replay
 from ff_planner_ros.simulation.verification import verify
+
+pytestmark = pytest.mark.ci
 
 # The markers sit on a mast beside the centre of mass, turned about z.
 MARKERS, MARKERS_TO_CHASER = np.array([0.1, -0.2, 0.6]), Rotation.from_euler("z", 0.5)

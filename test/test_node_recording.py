@@ -8,6 +8,7 @@ import time
 from pathlib import Path
 from typing import Any
 
+import pytest
 import robots
 import yaml
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
@@ -128,6 +129,7 @@ def _explains_itself(file: Path) -> None:
     assert origin["use_sim_time"] == "false"
 
 
+@pytest.mark.ci
 def test_when_the_disk_is_full_planning_goes_on_and_everybody_is_told(
     tmp_path: Path,
 ) -> None:

@@ -30,6 +30,8 @@ from ff_planner_ros.errors import Status
 from ff_planner_ros.runs.recorded_run import recorded_run
 from ff_planner_ros.runs.replay import Replayed, Verdict, replay
 
+pytestmark = pytest.mark.ci
+
 NAN = float("nan")
 # What an answer was made from is told, refusals included.
 SOURCES = (

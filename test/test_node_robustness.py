@@ -10,6 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import pytest
 from ff_planner_msgs.srv import PlanTrajectory
 from mcap.exceptions import McapError
 from mcap.records import Channel, Message
@@ -38,6 +39,7 @@ ARGUMENTS = (
 )
 
 
+@pytest.mark.ci
 def test_while_a_plan_is_made_every_state_is_taken_and_recorded(
     tmp_path: Path,
 ) -> None:
@@ -115,6 +117,7 @@ def test_a_node_that_is_stopped_while_planning_answers_and_completes_its_bag(
     assert "shut down" in last.response[0].status.message
 
 
+@pytest.mark.ci
 def test_a_node_that_is_killed_takes_its_solver_along(tmp_path: Path) -> None:
     with private_domain(), running_planner(tmp_path) as planner, connected_client() as client:
         client.wait_for_planner()

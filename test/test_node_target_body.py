@@ -42,6 +42,8 @@ from ff_planner_ros.runs.recorded_run import recorded_run
 from ff_planner_ros.runs.replay import Verdict, replay
 from ff_planner_ros.simulation.verification import verify
 
+pytestmark = pytest.mark.ci
+
 # The state is measured when the node is asked; so long before [s] the body was seen, and so long
 # after that the plan starts [s].
 SEEN_BEFORE, ALLOWANCE = 1.5, 5.0

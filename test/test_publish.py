@@ -182,6 +182,7 @@ def test_what_cannot_be_played_is_refused_by_name(
     assert words in capsys.readouterr().err
 
 
+@pytest.mark.ci
 def test_a_live_planner_on_simulated_time_plans_from_what_is_played(
     recorded: tuple[Path, dict[str, list[bytes]]],
     lemur_capture: PlanningProblem,

@@ -176,6 +176,7 @@ def test_no_joint_needs_more_torque_than_its_limit_and_deviations() -> None:
     assert shares[0] > 0.1 > 0.01 >= shares[1]
 
 
+@pytest.mark.ci
 def test_what_comes_after_the_goal_keeps_its_deviations_or_is_refused() -> None:
     """An obstacle where the arm drifts to after its goal: the way to the goal is far from it."""
     task = replace(task_of("lemur_capture"), end_behaviour=EndBehaviour.STOP_JOINTS, tail=20.0)
@@ -245,6 +246,7 @@ def test_nonsense_is_refused_by_name(
         load_task(file, Defaults(load_parameters().planner))
 
 
+@pytest.mark.ci
 def test_the_command_tells_price_and_violations(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -66,7 +66,13 @@ def case_of(urdf: tuple[str, str, str], seed: int, reach: float = 0.15) -> Case:
     )
 
 
-@pytest.fixture(params=list(ROBOTS), scope="module")
+# The others take ten seconds each.
+EVERY_ROBOT = [
+    pytest.param(name, marks=[] if name == "lemur" else [pytest.mark.ci]) for name in ROBOTS
+]
+
+
+@pytest.fixture(params=EVERY_ROBOT, scope="module")
 def case(request: pytest.FixtureRequest) -> Case:
     return case_of(ROBOTS[request.param], STATE_SEEDS[request.param])
 

@@ -253,6 +253,7 @@ def test_what_is_no_answer_is_a_fault_and_no_error(plans, answer):
     assert judged.faults
 
 
+@pytest.mark.ci
 def test_the_certified_clearance_of_bodies_is_a_bound_and_near_to_what_many_moments_show(tmp_path):
     (tmp_path / "scenarios" / "bodies").mkdir(parents=True)
     (tmp_path / "robots").mkdir()

@@ -221,7 +221,13 @@ def test_momentum_and_the_end_effector_s_way_do_not_depend_on_null_space_motion(
 # Plans.
 
 
-@pytest.mark.parametrize("objective", [LENGTH, ATTITUDE], ids=["length", "attitude"])
+@pytest.mark.parametrize(
+    "objective",
+    [
+        pytest.param(LENGTH, id="length"),
+        pytest.param(ATTITUDE, id="attitude", marks=pytest.mark.ci),
+    ],
+)
 @pytest.mark.parametrize("points", [50, 9])
 @pytest.mark.parametrize("name", ["lemur", "arm6", "canadarm2"])
 def test_a_plan_made_in_the_middle_of_another_joins_it(

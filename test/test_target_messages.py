@@ -503,6 +503,7 @@ def free(problem: PlanningProblem) -> PlanningTask:
     return PlanningTask(asked_for, settings, end_behaviour=EndBehaviour.HOLD_END_EFFECTOR, tail=1.0)
 
 
+@pytest.mark.ci
 def test_a_bag_tells_when_a_capture_is_whose_moment_the_planner_chose(
     free: PlanningTask, tmp_path: Path
 ) -> None:

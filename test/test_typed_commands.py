@@ -29,29 +29,30 @@ NOT_TYPED = {
     ".*my_planner {scenario}": "a program of the reader's",
 }
 # Commands that take more than 2 s of a core or nearly repeat another; those of many minutes. The
-# rest is typed every day.
+# rest is typed every day where it stands on a page that newcomers read first, else in CI.
 CI = re.compile(
     r".*(ff-planner (report|compare|campaign)|plan_in_python|rosbags-convert|objective attitude"
     r"|\$BAG --json|--npz|verify answer_bag|--geometry lines"
     r"|--front|--draw|--srdf|--sensitivity|--parquet|--with|--library|> my_planner|rs my_planner)"
 )
 NIGHTLY = re.compile(r".*(ff-planner bench|data_set|ten_thousand|two_hundred|before_and_after)")
+FIRST_PAGES = {"README", "without_ros", "your_robot"}
 TIERS = ("everyday", "ci", "nightly")
 
 
-def tier_of(command: Command) -> str | None:
-    """Return when a command is typed; None: never here."""
+def tier_of(command: Command, page: Path) -> str | None:
+    """Return when a command of a page is typed; None: never here."""
     if any(re.match(pattern, command.text) for pattern in NOT_TYPED):
         return None
     if NIGHTLY.match(command.text):
         return "nightly"
-    return "ci" if CI.match(command.text) else "everyday"
+    return "ci" if CI.match(command.text) or page.stem not in FIRST_PAGES else "everyday"
 
 
 def pages_of_each_tier() -> Iterator[Any]:
     """Yield the pages with a command of the tier: it and all of the tiers before are typed."""
     for page in PAGES:
-        for tier in {tier_of(command) for command in console(page)} & set(TIERS):
+        for tier in {tier_of(command, page) for command in console(page)} & set(TIERS):
             marks = [] if tier == "everyday" else [getattr(pytest.mark, tier)]
             yield pytest.param(page, tier, id=f"{page.stem}-{tier}", marks=marks)
 
@@ -60,7 +61,7 @@ def pages_of_each_tier() -> Iterator[Any]:
 def test_the_commands_of_a_page_do_what_it_shows(page: Path, tier: str, tmp_path: Path) -> None:
     have_what_the_page_takes_for_granted(page, tmp_path)
     tiers = TIERS[: TIERS.index(tier) + 1]
-    typed = [command for command in console(page) if tier_of(command) in tiers]
+    typed = [command for command in console(page) if tier_of(command, page) in tiers]
     done = subprocess.run(
         ["bash", "-euo", "pipefail", "-c", "\n".join(command.text for command in typed)],
         capture_output=True,
@@ -71,7 +72,7 @@ def test_the_commands_of_a_page_do_what_it_shows(page: Path, tier: str, tmp_path
     assert done.returncode == 0, f"{done.stdout}{done.stderr}"
     for block in shown(page):
         # What takes a night is measured: the pages say when it was, and on which machine.
-        if all(one in typed and tier_of(one) != "nightly" for one in block.commands):
+        if all(one in typed and tier_of(one, page) != "nightly" for one in block.commands):
             assert not differences(block.lines, done.stdout.splitlines()), done.stdout
 
 
@@ -98,13 +99,13 @@ def test_a_command_that_is_not_typed_has_one_reason_and_each_reason_a_command() 
     commands = [command for page in PAGES for command in console(page)]
     for command in commands:
         reasons = [reason for reason in NOT_TYPED if re.match(reason, command.text)]
-        assert len(reasons) == (tier_of(command) is None), command.text
+        assert len(reasons) == (tier_of(command, PAGES[0]) is None), command.text
     for pattern in (*NOT_TYPED, CI, NIGHTLY):
         assert any(re.match(pattern, command.text) for command in commands), pattern
 
 
 def test_the_files_that_commands_which_are_not_typed_name_are_there() -> None:
-    for command in (one for page in PAGES for one in console(page) if tier_of(one) is None):
+    for command in (one for page in PAGES for one in console(page) if not tier_of(one, page)):
         for word in command.words[1:]:
             if re.search(r"/\w+\.(yaml|json|urdf|xml|py)$", word):
                 assert (SOURCE_TREE / word).is_file(), command.text

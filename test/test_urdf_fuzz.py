@@ -80,7 +80,7 @@ def test_any_urdf_is_a_sound_robot_or_a_refusal_in_words(
         again = robot_from_urdf_text(robot.urdf, robot.base_link, robot.tip_link)
         assert again.urdf == robot.urdf, number
         assert again.model == robot.model, number
-    assert loaded > 20
+    assert loaded > times(20, 20)
 
 
 def robot_or_refusal(text: str, tip_link: str | None) -> Robot | InvalidInput:

@@ -164,6 +164,7 @@ def test_a_mark_of_the_byte_order_and_old_declarations_do_not_matter() -> None:
         assert robot_from_urdf_text(text).urdf == plain.urdf
 
 
+@pytest.mark.ci
 def test_the_worst_of_them_take_less_than_500_mb(tmp_path: Path) -> None:
     for name in ("nested deep", "nested deep in a shape", "30,000 fixed links", "many attributes"):
         (tmp_path / f"{name}.urdf").write_text(HARMFUL[name][0](), "utf-8")

@@ -115,6 +115,7 @@ def test_the_momentum_that_is_not_zero_is_conserved(scenario: Path, objective: O
     assert change.max() / np.linalg.norm(found.execution.momentum[0]) <= found.momentum_drift < 1e-7
 
 
+@pytest.mark.ci
 @every_plan
 def test_the_error_falls_with_the_fourth_power_of_the_step(
     scenario: Path, objective: Objective

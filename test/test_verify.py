@@ -110,6 +110,7 @@ def test_a_motion_beyond_all_bounds_is_told_apart_and_leaves_no_file_behind(
     assert list(tmp_path.iterdir()) == [wrong]  # MuJoCo would write its log here
 
 
+@pytest.mark.ci
 def test_sensitivity_adds_a_table(answers: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["verify", str(answers / "answer.json"), "--sensitivity"]) == 0
     shown = capsys.readouterr().out
@@ -179,6 +180,7 @@ def test_every_plan_that_the_node_recorded_passes(
     assert shown.count("verdict: passed") == 2
 
 
+@pytest.mark.ci
 def test_a_bag_without_plans_is_refused_and_that_its_node_still_runs_is_told(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -39,6 +39,7 @@ def test_the_planner_has_the_pairs_that_are_written_out(
     assert pairs_of(robot) == {frozenset((links[a], links[b])) for a, b in judge.pairs}
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("name", bodies.ROBOTS)
 def test_a_plan_of_lines_touches_what_bench_says(
     name: str, judges: dict[str, WholeBodies], times: Callable[[int, int], int]

@@ -70,7 +70,7 @@ def test_a_scenario_is_planned(answer: Path) -> None:
         (("robot", LEMUR), "joint_1"),
         (("report", "answer.json"), "answer_report.html"),
         (("verify", "answer.json"), "verdict: passed"),
-        (("compare", CAPTURE), "zero momentum"),
+        pytest.param(("compare", CAPTURE), "zero momentum", marks=pytest.mark.ci),
         (("info", GOLDEN_BAG), "robot.urdf"),
         (("export", GOLDEN_BAG, "--npz", "plans.npz"), ""),
         (("recover", GOLDEN_BAG, "--output", "recovered"), "messages were saved"),

@@ -209,6 +209,7 @@ def test_it_is_warm_once_it_has_loaded_and_again_after_a_death_while_idle(worker
     assert server(worker) != before
 
 
+@pytest.mark.ci
 def test_a_server_that_hangs_is_replaced(
     worker: Worker,
     lemur_capture: PlanningProblem,
