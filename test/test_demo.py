@@ -225,6 +225,7 @@ flights._run_example = hurried
         assert float(row[-2]) < 0.1
 
 
+@pytest.mark.ci
 def test_an_output_directory_that_cannot_be_made_is_bad_input() -> None:
     code = DEMO.replace("run_demo()", "run_demo(Path('/dev/null/out'))")
     command = [sys.executable, "-c", f"from pathlib import Path; {code}"]

@@ -62,6 +62,7 @@ def test_a_flight_is_asked_for_by_options_that_its_example_has(scene: str) -> No
             assert f'"{option}"' in source
 
 
+@pytest.mark.ci
 def test_a_follower_that_cannot_begin_says_why_and_writes_it(tmp_path: Path) -> None:
     scenario = tmp_path / "none.yaml"
     file = tmp_path / "report.json"

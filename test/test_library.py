@@ -142,6 +142,7 @@ def test_in_its_region_a_library_halves_the_search_and_costs_no_plan(times: Any)
     assert np.median(longer) <= 1.01, longer
 
 
+@pytest.mark.ci
 def test_a_library_shortens_the_search_for_the_least_attitude() -> None:
     """And what is found is no worse than the plan of the least joint path."""
     base = replace(

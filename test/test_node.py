@@ -108,6 +108,7 @@ def test_namespace_remapping_and_parameters_file_reach_planner_and_recorder(
     assert counts["/servicer/plan_trajectory/_service_event"] == 2
 
 
+@pytest.mark.ci
 def test_the_age_of_a_state_is_told_by_simulated_time(
     lemur_capture: PlanningProblem, tmp_path: Path
 ) -> None:

@@ -220,6 +220,7 @@ def test_a_solver_that_is_killed_in_a_plan_is_the_goals_result(
     assert client.plan(scene.complete_request()).status.code == Status.SOLVED
 
 
+@pytest.mark.ci
 def test_a_node_that_ends_gives_up_its_goal_and_has_all_goals_and_results_in_its_bag(
     planner: PlannerProcess, client: Client, scene: Scene, times: Callable[[int, int], int]
 ) -> None:

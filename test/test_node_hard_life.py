@@ -269,7 +269,7 @@ def test_a_flood_of_states_and_spheres_starves_no_plan(planner: PlannerProcess) 
     assert "a callback failed" not in planner.log
 
 
-@pytest.mark.parametrize("door", ["service", "action"])
+@pytest.mark.parametrize("door", ["service", pytest.param("action", marks=pytest.mark.ci)])
 def test_a_client_that_dies_while_it_is_planned_for_harms_nobody_and_its_plan_goes_out(
     planner: PlannerProcess, door: str
 ) -> None:

@@ -83,6 +83,7 @@ def test_a_goal_that_is_being_planned_is_given_up_when_the_node_is_deactivated(
     assert planner.stop() == 0
 
 
+@pytest.mark.ci
 def test_an_illegal_transition_is_answered_and_ends_nothing(planner: PlannerProcess) -> None:
     with connected_client() as client:
         manager = Manager(client)

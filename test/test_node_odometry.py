@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 from ff_planner_msgs.srv import PlanTrajectory
 from nav_msgs.msg import Odometry
 from rclpy.qos import qos_profile_sensor_data
@@ -35,6 +36,7 @@ LEAD_NS = 60_000_000_000
 JOINTS_LATER_NS = 5_000_000
 
 
+@pytest.mark.ci
 def test_a_plan_starts_from_the_centre_of_mass_that_odometry_and_mounting_tell(
     lemur_capture: PlanningProblem, tmp_path: Path
 ) -> None:

@@ -78,6 +78,7 @@ def at(seconds: int, scene: Scene) -> PlanTrajectory.Request:
     return request
 
 
+@pytest.mark.ci
 def test_another_clock_at_run_time_makes_it_forget_and_is_not_told_as_a_jump_of_minus_decades(
     planner: PlannerProcess, lemur_capture: PlanningProblem
 ) -> None:

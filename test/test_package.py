@@ -1,6 +1,7 @@
 """What holds for the package as a whole: order of imports, versions, docstrings, declarations."""
 
 import ast
+import functools
 import builtins
 import importlib.metadata
 import re
@@ -18,7 +19,6 @@ SOURCE_TREE = Path(__file__).resolve().parents[1]
 PACKAGE = SOURCE_TREE / "ff_planner_ros"
 MODULES = sorted(PACKAGE.rglob("*.py"))
 TESTS = sorted((SOURCE_TREE / "test").glob("*.py"))
-TREES = {path: ast.parse(path.read_text(encoding="utf-8")) for path in MODULES + TESTS}
 
 # Rooms, the lowest floor first. A room may import itself and every room of a lower floor.
 FLOORS = (
@@ -85,6 +85,11 @@ def room_of(module):
     return room
 
 
+@functools.cache
+def tree_of(path: Path) -> ast.Module:
+    return ast.parse(path.read_text(encoding="utf-8"))
+
+
 def module_name(path):
     parts = path.relative_to(SOURCE_TREE).with_suffix("").parts
     return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
@@ -133,7 +138,7 @@ def own_modules(names):
 
 
 def top_level_imports(paths):
-    return {name.split(".")[0] for path in paths for name in imports_at_run_time(TREES[path])}
+    return {name.split(".")[0] for path in paths for name in imports_at_run_time(tree_of(path))}
 
 
 def ros_packages(names):
@@ -147,7 +152,7 @@ def test_imports_run_one_way():
     violations = []
     for module, path in PATH_OF.items():
         here = room_of(module)
-        for name in imports_at_run_time(TREES[path]):
+        for name in imports_at_run_time(tree_of(path)):
             if name.split(".")[0] != "ff_planner_ros":
                 continue
             there = room_of(name if name in PATH_OF else name.rpartition(".")[0])
@@ -159,7 +164,7 @@ def test_imports_run_one_way():
 
 
 def test_no_module_imports_itself_by_way_of_others():
-    waiting = {m: own_modules(imports_at_run_time(TREES[p])) - {m} for m, p in PATH_OF.items()}
+    waiting = {m: own_modules(imports_at_run_time(tree_of(p))) - {m} for m, p in PATH_OF.items()}
     while free := {module for module, imported in waiting.items() if not imported}:
         waiting = {m: imported - free for m, imported in waiting.items() if m not in free}
     assert waiting == {}, "each of these imports one of the others"
@@ -184,7 +189,7 @@ def test_without_ros_everything_loads_but_what_talks_to_it():
     for module, path in PATH_OF.items():
         if room_of(module).split(".")[0] in ROOMS_WITH_ROS and module not in WITHOUT_ROS:
             continue
-        names = imports_when_loaded(TREES[path])
+        names = imports_when_loaded(tree_of(path))
         foreign = ros_packages({name.split(".")[0] for name in names}) - {"ff_planner_ros"}
         foreign -= {ROS_IN_BAG} if room_of(module) == "bag" else set()
         talking = {m for m in own_modules(names) if room_of(m).split(".")[0] in ROOMS_WITH_ROS}
@@ -209,7 +214,7 @@ def test_only_campaigns_import_the_cluster_that_need_not_be_installed():
     at_once = {
         room_of(module_name(path))
         for path in MODULES
-        if optional & {name.split(".")[0] for name in imports_when_loaded(TREES[path])}
+        if optional & {name.split(".")[0] for name in imports_when_loaded(tree_of(path))}
     }
     assert at_once == {"campaign"}
 
@@ -267,7 +272,7 @@ def documented(*kinds):
     return {
         f"{path.relative_to(PACKAGE)}:{node.lineno} {node.name}": node
         for path in MODULES
-        for node in ast.walk(TREES[path])
+        for node in ast.walk(tree_of(path))
         if isinstance(node, kinds) and ast.get_docstring(node)
     }
 

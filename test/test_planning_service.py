@@ -143,6 +143,7 @@ def test_a_goal_that_is_cancelled_while_rclpy_begins_it_is_begun_all_the_same(
     assert goal.execute.call_count == 2
 
 
+@pytest.mark.ci
 def test_a_refused_request_leaves_nothing_to_the_garbage_collector(
     lemur_capture: PlanningProblem, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -171,6 +171,7 @@ def bag_of_the_node(
         yield planner.bag
 
 
+@pytest.mark.ci
 def test_every_plan_that_the_node_recorded_passes(
     bag_of_the_node: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -131,6 +131,7 @@ def test_it_tells_how_far_the_search_has_come(
     assert iterations[-1] <= answer.solver.rollouts
 
 
+@pytest.mark.ci
 def test_a_search_that_does_not_look_at_the_clock_is_ended_with_its_process(
     worker: Worker, lemur_capture: PlanningProblem, settings: PlannerSettings
 ) -> None:
@@ -251,6 +252,7 @@ def test_a_server_that_is_killed_is_replaced_and_the_plan_is_not_lost(
     assert server(worker) != before
 
 
+@pytest.mark.ci
 def test_a_server_that_is_killed_between_two_plans_is_replaced_before_the_next_plan(
     worker: Worker, lemur_capture: PlanningProblem, settings: PlannerSettings
 ) -> None:
