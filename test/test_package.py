@@ -1,8 +1,8 @@
 """What holds for the package as a whole: order of imports, versions, docstrings, declarations."""
 
 import ast
-import functools
 import builtins
+import functools
 import importlib.metadata
 import re
 import sys
