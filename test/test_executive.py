@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
@@ -335,3 +337,12 @@ def test_the_end_effector_is_where_forward_kinematics_has_it(robot: Robot) -> No
     found = end_effector(robot, state)
     np.testing.assert_allclose(found.position, place.translation, atol=1e-12)
     np.testing.assert_allclose(found.rotation.as_matrix(), place.rotation, atol=1e-12)
+
+
+def test_the_demonstration_needs_no_mujoco() -> None:
+    """`make demo` does not install it."""
+    code = (
+        "import sys; sys.modules['mujoco'] = None; "
+        "import ff_planner_ros.demo.executive, ff_planner_ros.demo.run, ff_planner_ros.demo.testbed"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)

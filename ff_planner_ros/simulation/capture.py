@@ -7,14 +7,16 @@ is moved in a model of its own; the robot's stays as it is.
 from __future__ import annotations
 
 from dataclasses import astuple, dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.planning.target_body import TargetBody
-from ff_planner_ros.simulation.engine import mujoco
-from ff_planner_ros.simulation.execution import Execution
+
+if TYPE_CHECKING:
+    from ff_planner_ros.simulation.execution import Execution
 
 # In one step of the engine's RK4 the body turns no further [rad]; it takes so many steps at least.
 _STEP_TURN, _LEAST_STEPS = 0.005, 100
@@ -76,6 +78,8 @@ def moved_in_engine(body: TargetBody, times: Array) -> tuple[Array, Rotation, Ar
     moments, axes = np.linalg.eigh(body.inertia / np.trace(body.inertia))
     axes[:, 0] *= np.linalg.det(axes)
     to_body = Rotation.from_matrix(axes)
+    from ff_planner_ros.simulation.engine import mujoco  # who compares measurements needs none
+
     spec = mujoco.MjSpec()
     free = spec.worldbody.add_body(mass=1.0, inertia=moments, explicitinertial=True)
     free.add_freejoint()
