@@ -177,7 +177,7 @@ MESSAGES_LOAD := import os, ff_planner_msgs.srv as srv; \
 # Remakes constraints.txt with the newest versions that setup.py and both pyproject.toml allow. The
 # messages are no package of an index.
 lock: env
-	{ $(BIN)/python -c '$(REQUIRES)' ros test benchmark robots colcon; echo uv; \
+	{ $(BIN)/python -c '$(REQUIRES)' ros test benchmark robots colcon; printf 'pip\nuv\n'; \
 		$(BIN)/python -c '$(BUILD_REQUIRES)' pyproject.toml; \
 		$(BIN)/python -c '$(BUILD_REQUIRES)' msg_defs/pyproject.toml; } | grep -v ff_planner_msgs \
 		| $(BIN)/uv pip compile --quiet --no-header --no-annotate --upgrade --output-file constraints.txt -

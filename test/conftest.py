@@ -33,6 +33,7 @@ NOT_MEASURED = (
     "test_any_file",
     "test_bag_fuzz",
     "test_bag_without_ros",
+    "test_bench_report",
     "test_bench_success",
     "test_demo",
     "test_docs",
@@ -53,6 +54,7 @@ NOT_MEASURED = (
     "test_publish",
     "test_recorder_killed",
     "test_rollout",
+    "test_typed_commands",
     "test_urdf_fuzz",
     "test_without_ros",
 )

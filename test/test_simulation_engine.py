@@ -222,7 +222,7 @@ def test_without_mujoco_the_message_says_how_to_get_it(tmp_path: Path) -> None:
     assert "Traceback" not in done.stderr
 
 
-@pytest.mark.parametrize("module", ["engine", "capture", "contacts", "verification"])
+@pytest.mark.parametrize("module", ["engine", "contacts", "verification"])
 def test_without_mujoco_every_module_says_it_as_an_error_of_ours(module: str) -> None:
     code = (
         "import sys; sys.modules['mujoco'] = None\n"

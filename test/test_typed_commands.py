@@ -31,11 +31,13 @@ NOT_TYPED = {
 # Commands that take more than 2 s of a core or nearly repeat another; those of many minutes. The
 # rest is typed every day where it stands on a page that newcomers read first, else in CI.
 CI = re.compile(
-    r".*(ff-planner (report|compare|campaign)|plan_in_python|rosbags-convert|objective attitude"
+    r".*(ff-planner (report|compare)|plan_in_python|rosbags-convert|objective attitude"
     r"|\$BAG --json|--npz|verify answer_bag|--geometry lines"
-    r"|--front|--draw|--srdf|--sensitivity|--parquet|--with|--library|> my_planner|rs my_planner)"
+    r"|--front|--draw|--srdf|--sensitivity|--parquet|--with|> my_planner|rs my_planner)"
 )
-NIGHTLY = re.compile(r".*(ff-planner bench|data_set|ten_thousand|two_hundred|before_and_after)")
+NIGHTLY = re.compile(
+    r".*(ff-planner (bench|campaign)|--library|data_set|ten_thousand|two_hundred|before_and_after)"
+)
 FIRST_PAGES = {"README", "without_ros", "your_robot"}
 TIERS = ("everyday", "ci", "nightly")
 
