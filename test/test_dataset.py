@@ -191,7 +191,7 @@ REFUSED = {
     "--seconds is nan": ["--seconds", "nan"],
     "--seeds is x": ["--seeds", "x"],
     "was written with other seeds": ["--seeds", "4711"],
-    "--method is nobody": ["--method", "all", "--method", "nobody", "--scenarios", "1"],
+    "--method is nobody": ["--method", "ours", "--method", "nobody", "--scenarios", "1"],
     "there is no program nobody": ["--method", "nobody {scenario} {answer}", "--scenarios", "1"],
     "No closing quotation": ["--method", "sh '{scenario} {answer}", "--scenarios", "1"],
     "it has no planar/0001": ["--method", "ours", "--scenarios", "2"],
