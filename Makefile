@@ -25,7 +25,7 @@ env: $(VENV)/complete $(VENV)/core
 # By uv, which needs a fraction of the time; by pip where uv, or its way to the index, cannot be had.
 WITH_PIP := $(BIN)/python -m pip install --disable-pip-version-check --quiet --constraint constraints.txt
 INSTALL := $$([ -x $(BIN)/uv ] && echo $(BIN)/uv pip install --quiet --python $(BIN)/python \
-	--constraint constraints.txt || echo $(WITH_PIP)) --build-constraint constraints.txt
+	--constraint constraints.txt || echo $(WITH_PIP))
 
 # What core and messages are built with, and what the package and some of its extras need.
 BUILD_REQUIRES := import sys, tomllib; \
@@ -50,7 +50,7 @@ $(VENV)/complete: setup.py pyproject.toml package.xml constraints.txt $(shell fi
 			$(INSTALL) --requirement $(VENV)/core_requires.txt; }
 	@$(BIN)/python -c '$(REQUIRES)' ros > $(VENV)/requires.txt
 	@$(BIN)/python setup.py --quiet build_ext --inplace & core=$$!; \
-		$(INSTALL) ./msg_defs --requirement $(VENV)/requires.txt; \
+		$(INSTALL) --build-constraint constraints.txt ./msg_defs --requirement $(VENV)/requires.txt; \
 		wait $$core
 	@$(INSTALL) --no-build-isolation --no-deps --editable .
 	@rm -rf $(VENV)/lib/python*/site-packages/cmeel.prefix/include/boost
