@@ -1,5 +1,6 @@
 """Build of the ROS package `ff_planner_ros`, by colcon or pip."""
 
+import hashlib
 import importlib.metadata
 import shutil
 import sysconfig
@@ -47,6 +48,9 @@ class BuildCore(build_ext):
             )
         for extension in self.extensions:
             extension.include_dirs += [pybind11_headers(), eigen_headers()]
+            # By which `ff-planner doctor` knows whether the core is built of these sources.
+            digest = digest_of(*extension.sources, *extension.depends)
+            extension.define_macros.append(("CORE_SOURCES_DIGEST", f'"{digest}"'))
             if self.sanitize:
                 extension.extra_compile_args += SANITIZERS
                 extension.extra_link_args += SANITIZERS
@@ -59,12 +63,23 @@ class BuildCore(build_ext):
         changed = max(
             Path(file).stat().st_mtime for file in (*ext.sources, *ext.depends, "setup.py")
         )
-        if self.sanitize or not in_place.is_file() or in_place.stat().st_mtime < changed:
+        if (
+            self.force
+            or self.sanitize
+            or not in_place.is_file()
+            or in_place.stat().st_mtime < changed
+        ):
             super().build_extension(ext)
             return
         built = Path(self.get_ext_fullpath(ext.name))
         built.parent.mkdir(parents=True, exist_ok=True)
         shutil.copy2(in_place, built)
+
+
+def digest_of(*files: str) -> str:
+    """Return the digest of sources, as commands/doctor.py takes it."""
+    contents = b"".join(path.read_bytes() for path in sorted(map(Path, files)))
+    return hashlib.sha256(contents).hexdigest()
 
 
 def compiled_side_by_side() -> AbstractContextManager[Any]:
@@ -181,6 +196,7 @@ setup(
             *SIMULATION,
             *CAMPAIGN,
             "cyclonedds>=11,<12",
+            "jsonschema>=4.23,<5",
             "mcap-ros2-support>=0.6,<0.7",
             "mypy>=2.4,<3",
             "pytest>=9,<10",

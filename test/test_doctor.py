@@ -4,40 +4,15 @@ from __future__ import annotations
 
 import importlib.metadata
 import json
-import os
-import subprocess
-import sys
+import shutil
 from pathlib import Path
 
 import pytest
+from test_without_ros import ff_planner
 
 from ff_planner_ros.cli import main
 from ff_planner_ros.commands import doctor
 from ff_planner_ros.core import compiled
-
-# Hides a module from imports, as if it were not there, and runs the command line.
-WITHOUT = """
-import sys
-
-class Hidden:
-    def find_spec(self, name, path=None, target=None):
-        if name in {hidden!r}:
-            raise ModuleNotFoundError(f"No module named {{name!r}}", name=name)
-
-import importlib.util
-found = importlib.util.find_spec
-importlib.util.find_spec = lambda name, package=None: (
-    None if name in {hidden!r} else found(name, package)
-)
-sys.meta_path.insert(0, Hidden())
-from ff_planner_ros.cli import main
-sys.exit(main(sys.argv[1:]))
-"""
-
-
-def doctor_without(*hidden: str) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-c", WITHOUT.format(hidden=hidden), "doctor"]
-    return subprocess.run(command, capture_output=True, text=True, check=False)
 
 
 def test_a_whole_installation_plans_and_both_forms_say_the_same(
@@ -75,31 +50,30 @@ def test_a_missing_extra_comes_with_the_command_that_brings_it(
     assert extras["simulation"]["command"] is None
 
 
-def test_without_ros_it_plans_and_says_that_there_is_none() -> None:
-    done = doctor_without("rclpy", "ff_planner_msgs")
+def test_without_ros_it_plans_and_says_that_there_is_none(tmp_path: Path) -> None:
+    done = ff_planner("doctor", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert "no module rclpy" in done.stdout
 
 
-def test_a_core_that_is_missing_is_told_and_no_crash() -> None:
-    done = doctor_without("ff_planner_ros.core.compiled")
+def test_a_core_that_is_missing_is_told_and_no_crash(tmp_path: Path) -> None:
+    done = ff_planner("doctor", cwd=tmp_path, hidden={"ff_planner_ros.core.compiled"})
     assert done.returncode == 2
     assert not done.stderr
     assert "missing: `pip install .` in the sources builds it" in done.stdout
-    assert "plan of the capture, min(L)    none: ImportError: " in done.stdout
+    assert "plan of the capture, min(L)    none: ModuleNotFoundError: " in done.stdout
 
 
-def test_a_core_older_than_one_of_its_sources_is_told(tmp_path: Path) -> None:
-    (tmp_path / "setup.py").touch()
-    sources = tmp_path / "ff_planner_ros" / "core"
-    sources.mkdir(parents=True)
-    built = Path(compiled.__file__)
-    header = sources / "arm.hpp"
-    header.touch()
-    os.utime(tmp_path / "setup.py", (0, 0))
-    os.utime(header, (0, 0))
-    assert doctor.core(tmp_path) == "built, newer than its sources"
-    os.utime(header, (built.stat().st_mtime + 10,) * 2)
-    assert doctor.core(tmp_path).startswith("older than arm.hpp: ")
-    (tmp_path / "setup.py").unlink()
-    assert doctor.core(tmp_path) == "built, installed with its sources"
+def test_a_core_of_other_sources_than_those_beside_it_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert doctor.core() == "built of the sources beside it"
+    here = Path(compiled.__file__).parent
+    monkeypatch.setattr(compiled, "__file__", str(tmp_path / "compiled.so"))
+    assert doctor.core() == "built, installed without its sources"
+    for source in here.glob("*.[ch]pp"):
+        shutil.copyfile(source, tmp_path / source.name)  # which makes them newer
+    assert doctor.core() == "built of the sources beside it"
+    with (tmp_path / "arm.hpp").open("a", encoding="utf-8") as header:
+        header.write("// Changed.\n")
+    assert doctor.core().startswith("built of other sources: ")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import hashlib
 import importlib.metadata
 import json
 import os
@@ -22,7 +23,6 @@ from ff_planner_ros.share import PACKAGE, share_directory
 # Processor time of the second plan of a process [s], and where it was measured (README.md).
 REFERENCE, REFERENCE_MACHINE = 0.05, "one core of an AMD EPYC"
 MESSAGES = "ff_planner_msgs"  # no package of an index: they come from the sources
-_TREE = Path(__file__).resolve().parents[2]
 _REQUIREMENT = re.compile(r"(?P<name>[\w.-]+)[^;]*(;.*extra == [\"'](?P<extra>[\w-]+)[\"'])?")
 # Read by ROS when it starts, and what it takes where they are not set.
 _ROS_VARIABLES = {
@@ -57,25 +57,23 @@ def findings() -> dict[str, Any]:
     }
 
 
-def core(tree: Path = _TREE) -> str:
-    """Return whether the core is built and fits its sources, in words.
-
-    Args:
-        tree: That holds the package; with a setup.py it is the source tree.
-    """
-    found = find_spec(f"{PACKAGE}.core.compiled")
-    if found is None or found.origin is None:
+def core() -> str:
+    """Return whether the core is built, and of the sources beside it, in words."""
+    try:
+        from ff_planner_ros.core import compiled
+    except ImportError:
         return "missing: `pip install .` in the sources builds it"
-    built = Path(found.origin)
-    if not (tree / "setup.py").is_file():
-        return "built, installed with its sources"
-    # As setup.py has it: what is newer than all that it is made of need not be built again.
-    here = tree / PACKAGE / "core"
-    sources = (*here.glob("*.cpp"), *here.glob("*.hpp"), tree / "setup.py")
-    newer = [one.name for one in sources if one.stat().st_mtime > built.stat().st_mtime]
-    if newer:
-        return f"older than {newer[0]}: `python setup.py build_ext --inplace` builds it anew"
-    return "built, newer than its sources"
+    # As setup.py takes their digest.
+    sources = sorted(Path(compiled.__file__).parent.glob("*.[ch]pp"))
+    digest = hashlib.sha256(b"".join(path.read_bytes() for path in sources)).hexdigest()
+    if not sources:
+        return "built, installed without its sources"
+    # A core of earlier versions has no digest.
+    if getattr(compiled, "SOURCES_DIGEST", None) != digest:
+        return (
+            "built of other sources: `python setup.py build_ext --force --inplace` builds it anew"
+        )
+    return "built of the sources beside it"
 
 
 def _requirements() -> dict[str, dict[str, str | None]]:

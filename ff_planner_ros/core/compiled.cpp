@@ -8,6 +8,7 @@
 
 PYBIND11_MODULE(compiled, m) {
   m.doc() = "Numerics of the search, compiled.";
+  m.attr("SOURCES_DIGEST") = CORE_SOURCES_DIGEST;
   ff::bind_chain(m);
   ff::bind_clearance(m);
   ff::bind_bodies(m);

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from ff_planner_ros.arrays import Array, Indices
 
 MAX_JOINTS: int
+SOURCES_DIGEST: str  # SHA-256 of the *.cpp and *.hpp that it was built from, in the order of names
 
 class Chain:
     """A chaser with one arm of 1 to `MAX_JOINTS` joints that turn."""
