@@ -26,7 +26,7 @@ from rclpy.utilities import remove_ros_args
 
 from ff_planner_ros.bag.decoding import NANOSECONDS, nanoseconds
 from ff_planner_ros.demo.executive import MissionExecutive
-from ff_planner_ros.demo.mission import mission_report, plan_report, run_mission
+from ff_planner_ros.demo.mission import mission_report, run_mission
 from ff_planner_ros.errors import FfPlannerError, Status
 from ff_planner_ros.planning.scenario import SCENARIO_FRAME, load_scenario
 from ff_planner_ros.ros.messages.to_messages import goal_message
@@ -34,7 +34,7 @@ from ff_planner_ros.ros.messages.to_messages import goal_message
 NAME = "follower"  # who asks
 PATIENCE = 60.0  # [s] for the planner, the testbed and the answer
 # One plan was not to be had in time: the arm goes on with the one that runs, and the next is asked.
-_GOES_ON = (Status.TOO_LATE, Status.OUT_OF_TIME)
+_GOES_ON = (Status.TOO_LATE, Status.TIMED_OUT)
 _LOOK_INTERVAL = 0.005  # [s] between looks at the clock
 
 
@@ -51,8 +51,6 @@ def _fly(options: argparse.Namespace, check: Callable[[], None]) -> dict[str, An
         goal.asked_by, goal.plan_only = NAME, True
         goal.start_time = Time(sec=options.start)
         first = executive.plan(goal, lambda _: None)
-        if options.plan_only:
-            return plan_report(first)
         executive.commit(first)
         print(f"flying     {first.plan_id}", flush=True)
         begin = nanoseconds(first.joint_trajectory.header.stamp) / NANOSECONDS
@@ -88,7 +86,7 @@ def _replans(
         answer = executive.replan(goal)
         took = time.perf_counter() - asked
         status = Status(answer.status.code)
-        if status is Status.PLAN_ENDS:
+        if status is Status.PLAN_ENDING:
             return
         if status is not Status.SOLVED and status not in _GOES_ON:
             raise FfPlannerError(status, answer.status.message)
@@ -124,9 +122,6 @@ def _options() -> argparse.Namespace:
         default=0,
         metavar="SECONDS",
         help="ROS time at which the first plan starts (default: as soon as the planner can)",
-    )
-    parser.add_argument(
-        "--plan-only", action="store_true", help="leave when there is a plan; nothing is committed"
     )
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures")
     return parser.parse_args(remove_ros_args(sys.argv)[1:])

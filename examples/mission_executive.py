@@ -23,7 +23,7 @@ from ff_planner_msgs.action import PlanTrajectory
 from rclpy.utilities import remove_ros_args
 
 from ff_planner_ros.demo.executive import NAME, MissionExecutive
-from ff_planner_ros.demo.mission import mission_report, plan_report, run_mission
+from ff_planner_ros.demo.mission import mission_report, run_mission
 from ff_planner_ros.errors import NoPlanFound, Status
 from ff_planner_ros.planning.problem import DurationRange, Objective
 from ff_planner_ros.planning.scenario import SCENARIO_FRAME, load_scenario
@@ -61,16 +61,14 @@ def _fly(options: argparse.Namespace, check: Callable[[], None]) -> dict[str, An
         print("asking     the planner, as soon as it is there", flush=True)
         answer = executive.plan(goal, _say_how_the_search_goes)
         print(f"plan       {answer.plan_id}: {_worth(answer)}", flush=True)
-        if options.plan_only:
-            return plan_report(answer)
 
         # 2. Check. No plan that the planner gives breaks a limit or touches an obstacle; what only
         #    the mission knows has to be checked here.
-        attitude = math.degrees(answer.metrics.max_chaser_euler)
-        if attitude > options.max_attitude_deg:
+        rotation = math.degrees(answer.metrics.max_chaser_rotation)
+        if rotation > options.max_attitude_deg:
             raise NoPlanFound(
                 Status.LIMIT_VIOLATED,
-                f"{answer.plan_id} turns the chaser by {attitude:.1f} deg, this mission allows "
+                f"{answer.plan_id} rotates the chaser by {rotation:.1f} deg, this mission allows "
                 f"{options.max_attitude_deg:g} deg: try --objective attitude",
             )
 
@@ -103,7 +101,7 @@ def _worth(answer: PlanTrajectory.Result) -> str:
     metrics = answer.metrics
     return (
         f"joint path {metrics.joint_path_length:.4f} rad, "
-        f"attitude {_deg(metrics.max_chaser_euler)}, "
+        f"rotation of the chaser {_deg(metrics.max_chaser_rotation)}, "
         f"clearance {metrics.min_clearance * 1e3:.1f} mm, {answer.duration:.3f} s long, "
         f"found in {answer.solver.solve_time:.2f} s"
     )
@@ -142,10 +140,7 @@ def _options() -> argparse.Namespace:
         type=float,
         default=math.inf,
         metavar="DEG",
-        help="refuse plans that turn the chaser further",
-    )
-    parser.add_argument(
-        "--plan-only", action="store_true", help="leave when there is a plan; nothing is committed"
+        help="refuse plans that rotate the chaser further",
     )
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the result")
     # What follows --ros-args is for ROS, anything else that is not known a slip of the pen.

@@ -18,7 +18,7 @@ print(f"{len(motion.time)} points, {shortest.metrics.joint_path_length:.4f} rad 
 print("joints at the goal [rad]:", motion.joint_positions[-1].round(3))
 print("chaser at the goal [m]:", motion.chaser_positions[-1].round(3))
 
-# Build a problem in code: one more obstacle, limited joint rates, the chaser turns 0.2 rad at most.
+# Build a problem in code: one more obstacle, limited joint rates, at most 0.2 rad of rotation.
 changed = ff.PlanningProblem(
     robot=problem.robot,
     start=problem.start,
@@ -27,11 +27,11 @@ changed = ff.PlanningProblem(
     points=50,
     obstacles=(*problem.obstacles, ff.Sphere("antenna", center=[1.2, -0.6, 0.3], radius=0.1)),
     objective=ff.Objective(joint_path_length=1.0, chaser_attitude=0.0),
-    limits=ff.Limits(joint_velocities=True, chaser_attitude=0.2),
+    limits=ff.Limits(joint_velocities=True, chaser_rotation=0.2),
 )
 steady = ff.perform(replace(task, problem=changed))
 for name, plan in (("shortest", shortest), ("steady", steady)):
-    print(f"{name}: the chaser turns by {plan.metrics.max_chaser_euler:.3f} rad at most")
+    print(f"{name}: the chaser rotates by {plan.metrics.max_chaser_rotation:.3f} rad at most")
 
 # What cannot be planned is refused, with the cause and what may help.
 try:

@@ -10,9 +10,8 @@ from pathlib import Path
 from traceback import extract_tb
 
 from ff_planner_ros.commands import BAD_INPUT, NO_PLAN
-from ff_planner_ros.commands.parser import command_parser
-from ff_planner_ros.commands.verbs.planning import run_node
-from ff_planner_ros.errors import LONGEST_MESSAGE, FfPlannerError, NoPlanFound
+from ff_planner_ros.commands.parser import command_parser, run
+from ff_planner_ros.errors import LONGEST_MESSAGE, FfPlannerError, InvalidInput, NoPlanFound
 from ff_planner_ros.shown import shortened
 
 DEFECT = "this is a defect of ff-planner, please report it"
@@ -31,11 +30,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     warnings.filterwarnings("ignore", r".* encountered in ", RuntimeWarning)
     parser = command_parser()
     options, rest = parser.parse_known_args(arguments)
-    if rest and options.command is not run_node:
+    if rest and options.verb != "node":
         parser.error(f"unrecognized arguments: {' '.join(rest)}")
     options.rest = rest
     try:
-        return int(options.command(options))
+        return run(options)
     except NoPlanFound as error:
         return _fail(error, NO_PLAN)
     except (FfPlannerError, OSError) as error:
@@ -62,8 +61,9 @@ def _place(error: Exception) -> str:
 
 
 def _fail(error: Exception | str, code: int) -> int:
-    text = f"ff-planner: {shortened(str(error), LONGEST_MESSAGE)}"
-    print("".join(c if c.isprintable() or c == "\n" else "?" for c in text), file=sys.stderr)
+    for one in error.faults if isinstance(error, InvalidInput) else (error,):
+        text = f"ff-planner: {shortened(str(one), LONGEST_MESSAGE)}"
+        print("".join(c if c.isprintable() or c == "\n" else "?" for c in text), file=sys.stderr)
     return code
 
 

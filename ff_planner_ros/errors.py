@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from enum import IntEnum
+from typing import Any
 
 from ff_planner_ros.shown import shortened, shown
 
@@ -22,9 +23,9 @@ class Status(IntEnum):
     START_IN_COLLISION = 104
     START_OUTSIDE_LIMITS = 105
     START_SINGULAR = 106
-    STATE_UNPAIRED = 107
+    STATE_NOT_SYNCHRONIZED = 107
     NO_TARGET_BODY = 108
-    TARGET_STALE = 109
+    TARGET_TOO_OLD = 109
     TARGET_IN_FUTURE = 110
 
     NOT_FINITE = 200
@@ -37,18 +38,18 @@ class Status(IntEnum):
     BAD_ROBOT = 207
     START_IN_PAST = 208
     UNKNOWN_PLAN = 209
-    NO_PLAN_RUNS = 210
-    PLAN_ENDS = 211
+    NO_ACTIVE_PLAN = 210
+    PLAN_ENDING = 211
 
     GOAL_OUT_OF_REACH = 300
     COLLISION = 301
     LIMIT_VIOLATED = 302
     SINGULAR = 303
     CHECK_FAILED = 304
-    OUT_OF_TIME = 305
+    TIMED_OUT = 305
     TORQUE_TOO_HIGH = 306
     TOO_LATE = 307
-    CONTROLLER_RULE = 308
+    CONTROLLER_CONSTRAINT = 308
     STATE_MOVED = 309
 
     INTERNAL_ERROR = 400
@@ -60,6 +61,14 @@ class Status(IntEnum):
     NOT_ACTIVE = 503
     SHUT_DOWN = 504
     CLOCK_JUMPED = 505
+
+    # Names until version 0.3, which older answers and tables still have
+    STATE_UNPAIRED = STATE_NOT_SYNCHRONIZED
+    TARGET_STALE = TARGET_TOO_OLD
+    NO_PLAN_RUNS = NO_ACTIVE_PLAN
+    PLAN_ENDS = PLAN_ENDING
+    OUT_OF_TIME = TIMED_OUT
+    CONTROLLER_RULE = CONTROLLER_CONSTRAINT
 
 
 # Of what is wrong with an input [characters], so that a line with a command's name and a remark
@@ -88,9 +97,62 @@ class InvalidInput(FfPlannerError):
         self.value = value
         self.allowed = allowed
 
-    def __reduce__(self) -> tuple[type, tuple[Status, str, object, str]]:
+    def __reduce__(self) -> tuple[type, tuple[Any, ...]]:
         """Pickle by constructor arguments, so that the error crosses processes."""
         return type(self), (self.status, self.field, self.value, self.allowed)
+
+    @property
+    def faults(self) -> tuple[InvalidInput, ...]:
+        """Every value that is wrong, each with an error of its own."""
+        return (self,)
+
+
+class InvalidInputs(InvalidInput):
+    """Several values that cannot be planned with; its message tells of the first."""
+
+    def __init__(self, faults: Sequence[InvalidInput]) -> None:
+        """Keep them all."""
+        first = faults[0]
+        super().__init__(first.status, first.field, first.value, first.allowed)
+        self._faults = tuple(faults)
+
+    def __reduce__(self) -> tuple[type, tuple[Any, ...]]:
+        """Pickle by constructor arguments, so that the error crosses processes."""
+        return type(self), (self._faults,)
+
+    @property
+    def faults(self) -> tuple[InvalidInput, ...]:
+        """Every value that is wrong, each with an error of its own."""
+        return self._faults
+
+
+class Faults:
+    """What is wrong with an input, gathered to be told at once."""
+
+    def __init__(self) -> None:
+        """Begin with none."""
+        self.found: list[InvalidInput] = []
+
+    def add(self, field: str, value: object, allowed: str) -> None:
+        """Add a value that is out of range."""
+        self.found.append(InvalidInput(Status.OUT_OF_RANGE, field, value, allowed))
+
+    @contextmanager
+    def gathered(self) -> Iterator[None]:
+        """Gather what the block refuses, and go on after it."""
+        try:
+            yield
+        except InvalidInput as error:
+            self.found += error.faults
+
+    def refuse(self) -> None:
+        """Refuse the input if anything is wrong with it.
+
+        Raises:
+            InvalidInput: Holds all that was gathered.
+        """
+        if self.found:
+            raise self.found[0] if len(self.found) == 1 else InvalidInputs(self.found)
 
 
 @dataclass(frozen=True)
@@ -128,7 +190,7 @@ class OutOfTime(FfPlannerError):
 
     def __init__(self, message: str) -> None:
         """Only one status fits."""
-        super().__init__(Status.OUT_OF_TIME, message)
+        super().__init__(Status.TIMED_OUT, message)
 
 
 class Interrupted(FfPlannerError):
@@ -149,9 +211,15 @@ class BagError(FfPlannerError):
 
 @contextmanager
 def fields_named(named_as: Mapping[str, str]) -> Iterator[None]:
-    """Make errors name other fields: a message's, say, instead of the planning objects' ones."""
+    """Make errors name other fields, and their entries: a message's, say, instead of ours."""
+
+    def renamed(error: InvalidInput) -> InvalidInput:
+        name, bracket, entry = error.field.partition("[")
+        field = named_as.get(error.field, named_as.get(name, name) + bracket + entry)
+        return InvalidInput(error.status, field, error.value, error.allowed)
+
     try:
         yield
     except InvalidInput as error:
-        field = named_as.get(error.field, error.field)
-        raise InvalidInput(error.status, field, error.value, error.allowed) from None
+        faults = [renamed(one) for one in error.faults]
+        raise (faults[0] if len(faults) == 1 else InvalidInputs(faults)) from None

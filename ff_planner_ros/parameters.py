@@ -13,9 +13,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar, get_type_hints
 
 from ff_planner_ros.arrays import finite_number, finite_vector, unit_quaternion
 from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.forms import FROM_URDF
+from ff_planner_ros.plain_values import mapping
 from ff_planner_ros.planning.controller_rules import Controller
 from ff_planner_ros.planning.problem import MAX_POINTS, MIN_POINTS, Limits
-from ff_planner_ros.planning.scenario import Defaults, from_urdf
+from ff_planner_ros.planning.scenario import Defaults
 from ff_planner_ros.planning.settings import (
     STRICT_IF_LOW,
     STRICT_IF_LOW_EACH,
@@ -26,7 +28,7 @@ from ff_planner_ros.planning.settings import (
     tunable,
 )
 from ff_planner_ros.planning.tail import EndBehaviour
-from ff_planner_ros.planning.yaml_file import mapping, read_yaml
+from ff_planner_ros.planning.yaml_file import read_yaml
 from ff_planner_ros.robot.bodies import Geometry
 from ff_planner_ros.robot.model import Base, Robot, read_urdf, robot_from_urdf_text
 from ff_planner_ros.share import resolve_uri, share_directory
@@ -150,6 +152,13 @@ class LimitParameters:
         unit="rad",
         strictness=STRICT_IF_LOW_NOT_ZERO,
     )
+    chaser_rotation: float = tunable(
+        "Largest angle of the chaser's rotation since the plan's first point; a request may ask "
+        "for less; 0.0: any",
+        minimum=0.0,
+        unit="rad",
+        strictness=STRICT_IF_LOW_NOT_ZERO,
+    )
 
     def __post_init__(self) -> None:
         """Check what no range of a parameter describes."""
@@ -160,18 +169,14 @@ class LimitParameters:
         """Limits of the joint accelerations [rad/s2]; None: any."""
         return self.acceleration if any(self.acceleration) else None
 
-    def limits(self, chaser_attitude: float = 0.0, accelerations: tuple[float, ...] = ()) -> Limits:
-        """Return the limits of a problem.
-
-        Args:
-            chaser_attitude: Zero: the parameter's [rad].
-            accelerations: Empty: the parameter's [rad/s2].
-        """
+    def limits(self) -> Limits:
+        """Return the limits of a problem."""
         return Limits(
-            joint_velocities=from_urdf("limits.velocity", self.velocity),
-            chaser_attitude=chaser_attitude or self.chaser_attitude or math.inf,
-            joint_accelerations=accelerations or self.accelerations,
-            joint_torques=from_urdf("limits.effort", self.effort),
+            joint_velocities=FROM_URDF.read("limits.velocity", self.velocity),
+            chaser_attitude=self.chaser_attitude or math.inf,
+            chaser_rotation=self.chaser_rotation or math.inf,
+            joint_accelerations=self.accelerations,
+            joint_torques=FROM_URDF.read("limits.effort", self.effort),
         )
 
 

@@ -27,38 +27,6 @@ from ff_planner_ros.robot.model import Robot, load_robot, robot_from_urdf_text
 TIERS = ("everyday", "ci", "nightly")
 SLOWEST_FILES = 20  # told by the longer tiers, so that growth is seen
 
-# They repeat at length what other files run, too: coverage, whose tracing takes time, leaves them
-# and the processes that they start out.
-NOT_MEASURED = (
-    "test_any_file",
-    "test_bag_fuzz",
-    "test_bag_without_ros",
-    "test_bench_report",
-    "test_bench_success",
-    "test_demo",
-    "test_docs",
-    "test_dynamics",
-    "test_examples",
-    "test_foreign_readers",
-    "test_forward",
-    "test_interoperation",
-    "test_model_errors",
-    "test_node_action",
-    "test_node_answers",
-    "test_node_hard_life",
-    "test_node_lifecycle",
-    "test_node_refusals",
-    "test_node_robustness",
-    "test_planner",
-    "test_planner_determinism",
-    "test_publish",
-    "test_recorder_killed",
-    "test_rollout",
-    "test_typed_commands",
-    "test_urdf_fuzz",
-    "test_without_ros",
-)
-
 
 _left_out = pytest.StashKey[Counter[str]]()
 
@@ -111,9 +79,10 @@ def pytest_terminal_summary(terminalreporter: Any, config: pytest.Config) -> Non
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, Any, Any]:
+    """Leave out of the coverage, whose tracing takes time, what is tried at length in CI."""
     coverage: Any = sys.modules.get("coverage")
     measuring = coverage and coverage.Coverage.current()
-    if not measuring or item.path.stem not in NOT_MEASURED:
+    if not measuring or not _is_long(item):
         return (yield)
     with pytest.MonkeyPatch.context() as patch:
         patch.delenv("COVERAGE_PROCESS_CONFIG", raising=False)  # for the processes it starts
@@ -122,6 +91,10 @@ def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, Any, Any]:
             return (yield)
         finally:
             measuring.start()
+
+
+def _is_long(item: pytest.Item) -> bool:
+    return item.get_closest_marker("ci") is not None or "times" in getattr(item, "fixturenames", ())
 
 
 @pytest.hookimpl(wrapper=True, trylast=True)  # pytest-cov combines right after it

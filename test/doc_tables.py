@@ -5,9 +5,16 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import ff_planner_ros
+from ff_planner_ros.declared import places_in
 from ff_planner_ros.parameters import DECLARATIONS, Declaration, default_values
+from ff_planner_ros.planning.problem import DurationRange, PlanningProblem, Sphere
+from ff_planner_ros.planning.scenario import scenario_schema
+from ff_planner_ros.planning.target_body import AttachedSphere, TargetBody
+from ff_planner_ros.planning.task import PlanningTask
+from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.ros.parameters import _AT_START, _PATHS, _WHILE_CONFIGURED
 
 SOURCE_TREE = Path(__file__).resolve().parents[1]
@@ -55,6 +62,51 @@ def _when(name: str, declared: Declaration) -> str:
     if name.startswith(_WHILE_CONFIGURED):
         return " *"
     return f" {declared.strictness.mark}" if declared.strictness else ""
+
+
+def scenario() -> Iterator[tuple[str, ...]]:
+    yield "key", "value", "in messages"
+    places = {
+        key: place
+        for kind, block, place in (
+            (SystemState, "", "start_state"),
+            (PlanningProblem, "", ""),
+            (PlanningTask, "", ""),
+            (DurationRange, "duration", ""),
+            (TargetBody, "target_body", "target_body"),
+            (AttachedSphere, "target_body.obstacles[]", "target_body.obstacles[]"),
+            (Sphere, "obstacles[]", "obstacles.spheres[]"),
+        )
+        for key, place, _ in places_in(kind, block, place)
+    }
+    for key, schema, required in _keys(scenario_schema()):
+        words = re.sub(r"(\. Since version [\d.]+)?\.$", "", schema.get("description", ""))
+        words += _choices(schema)
+        if "default" in schema:
+            usual = schema["default"]
+            words += f"; default `{f'{usual:.4g}' if isinstance(usual, float) else usual}`"
+        words += "; required" if required else ""
+        place = places.get(key)
+        yield f"`{key}`", words.lstrip("; "), f"`{place}`" if place else ""
+
+
+def _keys(schema: Any, block: str = "") -> Iterator[tuple[str, Any, bool]]:
+    """Yield every key of a scenario with its schema, and whether its block must have it."""
+    for name, inner in schema["properties"].items():
+        yield f"{block}{name}", inner, name in schema.get("required", ())
+        for option in (inner, *inner.get("anyOf", ())):
+            if "properties" in option and name != "planner":  # its keys are parameters
+                yield from _keys(option, f"{block}{name}.")
+            elif "properties" in option.get("items", {}):
+                yield from _keys(option["items"], f"{block}{name}[].")
+
+
+def _choices(schema: Any) -> str:
+    """Return the words that a value may be, as they stand behind what it is."""
+    if other := [option["const"] for option in schema.get("anyOf", ()) if "const" in option]:
+        return f", or `{other[0]}`"
+    words = ", ".join(f"`{word}`" for word in schema.get("enum", ()))
+    return words and f": {words}"
 
 
 def public() -> Iterator[tuple[str, ...]]:

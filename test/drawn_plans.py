@@ -18,6 +18,7 @@ POINTS, DURATION = 40, 10.0
 SOUND = Metrics(
     joint_path_length=1.5,
     max_chaser_euler=np.deg2rad(12.0),
+    max_chaser_rotation=np.deg2rad(14.0),
     min_clearance=0.0123,
     min_joint_margin=0.5,
     min_velocity_margin=0.1,

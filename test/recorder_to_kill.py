@@ -2,7 +2,8 @@
 
 Run as `recorder_to_kill.py DIRECTORY SEED KILLS`; `DIRECTORY/N` is the bag of the Nth run and
 `DIRECTORY/N.published` holds, for each of its messages, number and time of publication [ns], then
-that of the kill. Imports once: a fork of this process is what gets killed.
+that of the kill; and, numbered 0, when a thread beside the recorder's woke that wakes as often: on
+a busy machine both do so late. Imports once: a fork of this process is what gets killed.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ import struct
 import sys
 import time
 from pathlib import Path
+from threading import Thread
 
 import rclpy
 from rclpy.qos import QoSProfile
@@ -44,6 +46,7 @@ def record(directory: Path, max_duration: float, published: int, ready: int) -> 
     )
     assert not recorder.health.failure
     publisher = node.create_publisher(String, "/text", QUEUE)
+    Thread(target=wake, args=(published,), daemon=True).start()
     os.write(ready, b"!")
     begun, number = time.monotonic(), 0
     while True:
@@ -52,6 +55,13 @@ def record(directory: Path, max_duration: float, published: int, ready: int) -> 
             publisher.publish(String(data=str(number)))
             os.write(published, ENTRY.pack(number, time.time_ns()))
         time.sleep(0.0005)
+
+
+def wake(published: int) -> None:
+    """Write down when a thread wakes that sleeps for as long as the recorder's."""
+    while True:
+        time.sleep(FLUSH_INTERVAL / 2)
+        os.write(published, ENTRY.pack(0, time.time_ns()))
 
 
 def main(directory: Path, seed: int, kills: int) -> None:

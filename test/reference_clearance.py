@@ -3,20 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 import pinocchio as pin
+from dense_motion import centers_of, to_lines
 from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.arrays import Array, Indices
-from ff_planner_ros.planning.certificate import (
-    CERTIFICATE_GAP,
-    SHORTEST_PIECE,
-    cubics_between,
-    way_bounds,
-)
+from ff_planner_ros.planning.certificate import CERTIFICATE_GAP, SHORTEST_PIECE
 from ff_planner_ros.planning.clearance import (
-    arm_points,
     clearance_gradients,
     clearances,
     segments,
@@ -114,13 +110,13 @@ def search_certificate(
     if not spheres:
         return np.inf
     steps = np.diff(times)
-    positions = arm_points(robot, q)
-    starts = segments(positions)
-    by_sphere = clearances(positions, times, starts, spheres).distance.min(axis=1)
-    cubics = cubics_between(robot, q, v, steps)
+    by_sphere = _distances(robot, q, times, spheres)
+    cubics = _cubics(robot, q, v, steps)
+    points, _, _ = _arm_kinematics(robot, q[:1])
+    of_arm = np.array([way_and_bend(points[0], q[0, :3], cubic)[0] for cubic in cubics])
     speeds = np.array([sphere.highest_speed for sphere in spheres])
     # Of arm and sphere together, from each point to the next. Shape (points - 1, spheres).
-    ways = way_bounds(positions[0], q[0], cubics)[:, None] + steps[:, None] * speeds
+    ways = of_arm[:, None] + steps[:, None] * speeds
     index, begin, end = np.arange(len(cubics)), np.zeros(len(cubics)), np.ones(len(cubics))
     lowest = certified = float(by_sphere.min())
     # What no step can bring nearer than the nearest point need not be looked at again.
@@ -143,10 +139,52 @@ def search_certificate(
             [pin.integrate(robot.model, *at) for at in zip(q[index], moved, strict=True)]
         )
         then = times[index] + middle * steps[index]
-        at_middle = clearances(arm_points(robot, between), then, starts, spheres).distance
-        at_middle = at_middle.min(axis=1)
+        at_middle = _distances(robot, between, then, spheres)
         lowest = min(lowest, float(at_middle.min()))
         index = np.concatenate([index, index])
         begin, end = np.concatenate([begin, middle]), np.concatenate([middle, end])
         at_begin = np.concatenate([at_begin[open_], at_middle])
         at_end = np.concatenate([at_middle, at_end[open_]])
+
+
+def way_and_bend(points: Array, base: Array, cubic: Array) -> tuple[float, float]:
+    """Return what `way_bounds` and `bend_bounds` do, one joint and one link after the other.
+
+    Args:
+        points: Joint origins and end effector. Shape (joints + 1, 3) [m].
+        base: Its origin. Shape (3,) [m].
+        cubic: Coefficients of s, s^2 and s^3. Shape (3, 6 + joints).
+    """
+    first, second, third = np.abs(cubic)
+    rate, change = first + 2 * second + 3 * third, 2 * second + 6 * third
+    moving, turning = (float(np.linalg.norm(rate[rows])) for rows in (slice(3), slice(3, 6)))
+    faster, tumbling = (float(np.linalg.norm(change[rows])) for rows in (slice(3), slice(3, 6)))
+    way = float(np.linalg.norm((first + second + third)[:3]))
+    links = [float(np.linalg.norm(b - a)) for a, b in pairwise(points)]
+    from_base = float(np.linalg.norm(points[0] - base))
+    speed = moving + turning * (way / 2 + from_base + sum(links))
+    bend = faster + turning * moving + tumbling * way / 2 + turning**2 * way / 2
+    bend += from_base * (tumbling + 1.5 * turning**2)
+    for k, length in enumerate(links):
+        speed += float(rate[6 + k]) * sum(links[k:])
+        turned = turning + float(rate[6 : 7 + k].sum())
+        bend += length * (tumbling + float(change[6 : 7 + k].sum()) + 1.5 * turned**2)
+    return speed, bend
+
+
+def _cubics(robot: Robot, q: Array, v: Array, steps: Array) -> Array:
+    """Return what `cubics_between` does, by Pinocchio's derivative of a difference."""
+    model, found = robot.model, []
+    for k, step in enumerate(steps):
+        whole = pin.difference(model, q[k], q[k + 1])
+        by_end = pin.dDifference(model, q[k], q[k + 1], pin.ArgumentPosition.ARG1)
+        first, last = step * v[k], step * by_end @ v[k + 1]
+        found.append([first, 3 * whole - 2 * first - last, first + last - 2 * whole])
+    return np.array(found)
+
+
+def _distances(robot: Robot, q: Array, times: Array, spheres: Sequence[Sphere]) -> Array:
+    """Return how far the arm is from spheres at their times. Shape (points, spheres) [m]."""
+    points, _, _ = _arm_kinematics(robot, q)
+    columns = [to_lines(points, centers_of(one, times)) - one.radius for one in spheres]
+    return np.array(columns).T

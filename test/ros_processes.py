@@ -142,6 +142,10 @@ class Client:
     def wait_for_planner(self) -> None:
         assert self._service.wait_for_service(DEADLINE), "no planner appeared"
 
+    def wait_for_an_answer(self) -> None:
+        """Wait until the planner answers: on a busy machine seconds after it appeared."""
+        self.plan(PlanTrajectory.Request())  # refused
+
     def publish_state(self, message: ChaserState) -> None:
         self._states.publish(message)
 

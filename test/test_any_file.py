@@ -102,7 +102,7 @@ def on_bag(bag: Path) -> Iterator[Sequence[object]]:
             ("report", bag, "--output", "new"),
             ("verify", bag),
             ("replay", bag),
-            ("replay", bag, "--with", "points=9"),
+            ("replay", bag, "--set", "points=9"),
         )
     ):
         yield [bag.parent / f"new_{number}" if word == "new" else word for word in command]
@@ -336,7 +336,7 @@ def test_documents_in_a_bag_are_bounded_like_files(
     "setting", ["planner.starts=abc", "points=" + "9" * 5_000, "points=[" * 20_000, "duration=.nan"]
 )
 def test_a_setting_that_makes_no_sense_is_refused(run: Run, setting: str) -> None:
-    done = run(["replay", GOLDEN, "--with", setting])
+    done = run(["replay", GOLDEN, "--set", setting])
     require_law(done, setting[:50])
     assert done.code in (0, 2), done  # a duration that is no number is answered so
 

@@ -247,7 +247,7 @@ def dense_clearance(problem: PlanningProblem, plan: Plan) -> float:
     positions, attitudes = planned_poses(motion, "chaser", time)
     joints, rates, _ = joint_motion(motion).at(time)
     still = np.zeros(3)
-    states = zip(positions, attitudes.as_quat(), joints, rates, strict=True)
+    states = zip(positions, attitudes, joints, rates, strict=True)
     q = [configuration(robot, SystemState(x, o, still, still, *j))[0] for x, o, *j in states]
     points = arm_points(robot, np.array(q))
     gaps = []

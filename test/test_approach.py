@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from dense_motion import truth
+from dense_motion import arms, truth
 from robots import LEMUR_SCENARIO
 from scipy.spatial.transform import Rotation
 from test_any_frame import FRAMES
@@ -24,7 +24,6 @@ from ff_planner_ros.errors import InvalidInput, NoPlanFound, Status
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.approach import CONE, RADIUS_AT_GRASP, Approach
 from ff_planner_ros.planning.check import failures
-from ff_planner_ros.planning.clearance import arm_points
 from ff_planner_ros.planning.end_effector_polynomial import end_effector_paths
 from ff_planner_ros.planning.grasp_seen import GraspSeen
 from ff_planner_ros.planning.joint_spline import joint_splines
@@ -69,7 +68,7 @@ def seen_from_grasp(problem: PlanningProblem, plan: Plan) -> tuple[Array, Array]
     """
     problem = lasting(problem, plan.duration)
     found = truth(problem, plan.trajectory)
-    points = arm_points(problem.robot, found.q)[:, -1]
+    points = arms(problem.robot, found.q)[0][:, -1]
     body, target = problem.target_body, problem.target
     if body is None:
         later = found.time - problem.duration
@@ -124,6 +123,31 @@ def test_margins_tell_inside_from_outside_and_change_by_no_more_than_the_place()
         assert (change <= np.linalg.norm(others - places, axis=1) + 1e-12).all()
         told = np.rad2deg(approach.angles(places))
         assert told == pytest.approx(degrees_off(approach, places), abs=1e-4)
+
+
+def test_planes_touch_the_cone_and_the_first_is_the_nearest() -> None:
+    """The way to a cone's wall is concave: planes that touch it are never below it."""
+    rng = np.random.default_rng(3)
+    approach = Approach(rng.normal(size=3), 0.2, 0.4)
+
+    def inside(places: Array) -> Array:
+        along = -(places @ approach.direction)
+        aside = np.linalg.norm(np.cross(places, approach.direction), axis=1)
+        return np.asarray((RADIUS_AT_GRASP - aside) * np.cos(0.4) + along * np.sin(0.4))
+
+    places, others = rng.normal(scale=0.2, size=(2, 100, 3))
+    values, gradients = approach.planes(places)
+    assert values[:, 0] == pytest.approx(inside(places), abs=1e-12)
+    assert (values >= values[:, :1] - 1e-12).all()
+    there = values[:, None] + np.einsum("tpi,toi->top", gradients, others - places[:, None])
+    assert (there.min(axis=2) >= inside(others) - 1e-12).all()
+    # Between two of the planes it is nearer by less than a hundredth of the way aside.
+    aside = np.linalg.norm(np.cross(others, approach.direction), axis=1)
+    assert (there.min(axis=2) <= inside(others) + 0.01 * aside).all()
+    # On the axis no side is the nearest.
+    axis = -0.1 * approach.direction[None]
+    same, _ = approach.planes(axis)
+    assert same == pytest.approx(np.full((1, values.shape[1]), inside(axis)[0]), abs=1e-12)
 
 
 def test_gradients_of_margins_agree_with_differences() -> None:
@@ -363,7 +387,7 @@ def test_an_impossible_approach_is_refused_by_name(
 
 
 def test_directions_of_any_length_are_one_direction() -> None:
-    for length in (1e-5, 3.0, 1e99):
+    for length in (1e-5, 0.3, 3.0, 1e99):
         made = Approach(length * np.array([0.0, 0.6, -0.8]), 0.1)
         assert made.direction == pytest.approx([0.0, 0.6, -0.8], abs=1e-15)
         assert Approach(made.direction, 0.1).direction.tobytes() == made.direction.tobytes()

@@ -160,15 +160,15 @@ def test_a_bag_holds_corridor_and_limits_and_gives_the_plan_again(
 def test_a_corridor_that_no_path_keeps_to_is_another_answer(
     bag: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["replay", str(bag), "--with", "approach.distance=-1"]) == 0
+    assert main(["replay", str(bag), "--set", "approach.distance=-1"]) == 0
     assert "OUT_OF_RANGE" in capsys.readouterr().out
-    sideways = ["--with", "approach.direction=[1, 0, 0]", "--with", "limits.acceleration=2.4"]
-    assert main(["replay", str(bag), *sideways, "--with", "approach.distance=0.02"]) == 0
+    sideways = ["--set", "approach.direction=[1, 0, 0]", "--set", "limits.acceleration=2.4"]
+    assert main(["replay", str(bag), *sideways, "--set", "approach.distance=0.02"]) == 0
     told = capsys.readouterr().out
     assert "with approach.direction=[1.0, 0.0, 0.0], limits.acceleration=[2.4]," in told
     assert "SOLVED > SOLVED" in told
     for setting in ("approach.direction=[1, 0]", "limits.acceleration=all", "approach.cone=wide"):
-        assert main(["replay", str(bag), "--with", setting]) == 2
+        assert main(["replay", str(bag), "--set", setting]) == 2
 
 
 def test_the_report_says_and_draws_the_corridor(

@@ -145,7 +145,7 @@ def test_a_search_that_is_ended_tells_that_there_is_a_shortest_plan():
     needed = plan(replace(problem, objective=LENGTH), SETTINGS).solver.rollouts
     with pytest.raises(NoPlanFound, match="a plan of least joint path was found") as refused:
         plan(problem, SETTINGS, Patience(needed + 20))
-    assert refused.value.status is Status.OUT_OF_TIME
+    assert refused.value.status is Status.TIMED_OUT
     assert refused.value.attempt.metrics.joint_path_length < 1.2
     with pytest.raises(NoPlanFound, match="whether there is a plan is not known"):
         plan(problem, SETTINGS, Patience(needed - 5))

@@ -183,9 +183,10 @@ def test_messages_of_several_files_are_merged_by_time(
             schema = writer.register_schema(STRING, "ros2msg", b"string data\n")
             channel = writer.register_channel("/text", "cdr", schema)
             for stamp in stamps:
-                writer.add_message(channel, stamp, WORDS[0], stamp)
+                writer.add_message(channel, stamp, WORDS[0], 100 - stamp)  # when it was published
             writer.finish()
     with open_bag(directory) as bag:
+        assert (bag.start_ns, bag.end_ns) == (1, 9)
         assert [file.name for file in bag.files] == ["run_9.mcap", "run_10.mcap", "run_11.mcap"]
         assert [message.log_time_ns for message in bag.messages()] == list(range(1, 10))
         assert bag.topics["/text"].message_count == bag.message_count == 9

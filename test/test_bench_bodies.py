@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -21,12 +19,16 @@ FINE = 250
 STRAIGHT = np.zeros((6, 3))
 
 
-@pytest.fixture(scope="module", params=[(robot, number) for robot in ROBOTS for number in (0, 1)])
-def drawn(request: pytest.FixtureRequest, times: Callable[[int, int], int]) -> BodiesProblem:
-    robot, number = request.param
-    if number >= times(1, 2):
-        pytest.skip("at night")
-    return bodies.problem(robot, number)
+@pytest.fixture(
+    scope="module",
+    params=[
+        *((robot, 0) for robot in ROBOTS),
+        *(pytest.param((robot, 1), marks=pytest.mark.nightly) for robot in ROBOTS),
+    ],
+    ids=lambda drawn: f"{drawn[0]}-{drawn[1]}",
+)
+def drawn(request: pytest.FixtureRequest) -> BodiesProblem:
+    return bodies.problem(*request.param)
 
 
 def least_distances(problem: PlanningProblem, way: Array) -> tuple[float, float]:

@@ -15,6 +15,7 @@ from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 
 from ff_planner_ros.cli import main
+from ff_planner_ros.commands.parser import command_parser
 from ff_planner_ros.planning.polynomial import PARAMETERS
 from ff_planner_ros.share import share_directory
 
@@ -38,6 +39,7 @@ SHAPES = {
 METRICS = {
     "joint_path_length",
     "max_chaser_euler",
+    "max_chaser_rotation",
     "min_clearance",
     "min_joint_margin",
     "min_velocity_margin",
@@ -183,7 +185,7 @@ def test_a_time_budget_that_is_used_up_ends_with_3(tmp_path, capsys):
     command = ["plan", str(CAPTURE), "--json", str(answer), "--time-budget"]
     assert main([*command, "1e-6"]) == 3
     assert "the time budget of 1e-06 s is used up" in capsys.readouterr().err
-    assert json.loads(answer.read_text())["status"] == "out_of_time"
+    assert json.loads(answer.read_text())["status"] == "timed_out"
     assert main([*command, "600"]) == 0
 
 
@@ -384,3 +386,23 @@ def test_a_defect_is_told_in_one_line_with_its_place(monkeypatch, capsys):
     assert "this is a defect of ff-planner, please report it: ZeroDivisionError at planning" in line
     assert "long?[31m" in line
     assert len(line) <= 1000
+
+
+@pytest.mark.parametrize(
+    ("command", "old", "new"),
+    [
+        ("replay BAG", "--with points=20 --with duration=9", "--set points=20 --set duration=9"),
+        ("plan SCENARIO", "--front", "--pareto"),
+        ("bench", "--fly 3", "--simulate 3"),
+        ("demo", "--scene planar", "--testbed planar"),
+    ],
+)
+def test_an_old_name_of_an_option_still_works_and_says_the_new_one(command, old, new, capsys):
+    read = command_parser().parse_args([*command.split(), *new.split()])
+    assert capsys.readouterr().err == ""
+    assert command_parser().parse_args([*command.split(), *old.split()]) == read
+    said = capsys.readouterr().err
+    assert f"{old.split()[0]} is deprecated: say {new.split()[0]}" in said
+    with pytest.raises(SystemExit):
+        command_parser().parse_args([command.split()[0], "--help"])
+    assert old.split()[0] not in capsys.readouterr().out

@@ -74,7 +74,7 @@ def test_a_row_holds_the_methods_metrics_in_the_units_of_the_header(
     assert rows["min(L)"] == {
         "method": "min(L)",
         "joint path [rad]": "1.5000",
-        "attitude [deg]": "12.00",
+        "Euler angle [deg]": "12.00",
         "clearance [mm]": "12.3",
         "peak torque [N m]": "2.25",
         "miss [mm]": "0.40",

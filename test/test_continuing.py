@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from robots import LEMUR_SCENARIO
 
@@ -16,6 +19,7 @@ from ff_planner_ros.demo.following import miss_by_torques_alone
 from ff_planner_ros.demo.testbed import with_heavier_arm
 from ff_planner_ros.errors import FfPlannerError, InvalidInput, Status
 from ff_planner_ros.parameters import load_parameters
+from ff_planner_ros.planning.continuing import Remainder, joined
 from ff_planner_ros.planning.forward import carried_forward
 from ff_planner_ros.planning.joint_motion import JointMotion, joint_motion
 from ff_planner_ros.planning.plan import Plan
@@ -88,6 +92,56 @@ def first_state(plan: Plan) -> SystemState:
         motion.joint_positions[0],
         motion.joint_velocities[0],
     )
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_joints_that_go_over_to_the_plan_leave_the_momentum_as_it_was_measured(
+    problem: PlanningProblem, running: Plan, sign: float
+) -> None:
+    """About the centre of mass: nothing pushes the system."""
+    motion, robot = joint_motion(running.trajectory), problem.robot
+    truth = carried_forward(robot, problem.start, 4.0, motion)
+    off_by = sign * np.linspace(0.01, 0.07, robot.joints)
+    measured = replace(
+        truth,
+        joint_positions=truth.joint_positions + off_by,
+        joint_velocities=truth.joint_velocities - off_by,
+    )
+    found = joined(robot, measured, 0.0, replace(motion, time=motion.time - 4.0))
+    before, after = (
+        pin.computeCentroidalMomentum(
+            robot.model, robot.model.createData(), *configuration(robot, state)
+        ).vector
+        for state in (measured, found)
+    )
+    np.testing.assert_allclose(found.joint_velocities, truth.joint_velocities, atol=1e-9)
+    np.testing.assert_allclose(after, before, rtol=0.0, atol=1e-8 * np.abs(before).max())
+
+
+@pytest.mark.parametrize("point", [3, 30])
+def test_what_runs_as_planned_is_joined_where_the_plan_says_that_it_will_be(
+    problem: PlanningProblem, running: Plan, point: int
+) -> None:
+    """From one point of it to the next; the chaser drifts meanwhile."""
+    motion, since = running.trajectory, running.trajectory.time[point]
+    now, then = (
+        SystemState(
+            motion.chaser_positions[at],
+            motion.chaser_quaternions_xyzw[at],
+            motion.chaser_linear_velocities[at],
+            motion.chaser_angular_velocities[at],
+            motion.joint_positions[at],
+            motion.joint_velocities[at],
+            motion.joint_accelerations[at],
+        )
+        for at in (point, point + 1)
+    )
+    ahead = float(motion.time[point + 1] - since)
+    found = joined(problem.robot, now, ahead, joint_motion(motion, -since))
+    assert np.linalg.norm(then.position_chaser_in_inertial - now.position_chaser_in_inertial) > 1e-3
+    for item in fields(SystemState):
+        wanted = getattr(then, item.name)
+        np.testing.assert_allclose(getattr(found, item.name), wanted, rtol=0.0, atol=1e-6)
 
 
 @pytest.mark.parametrize("since", [0.7, 4.0, 8.5])
@@ -236,6 +290,37 @@ def test_the_same_task_gives_the_same_plan_and_has_a_digest_of_its_own(
         assert (one == other).all(), name
 
 
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize("joint", [0, 6])
+def test_how_far_a_path_is_from_the_remainder_is_told_to_both_sides(
+    lemur_capture: PlanningProblem, lemur_plan: Plan, joint: int, sign: float
+) -> None:
+    """Of a path that is beside it in one joint, at one time; one that is singular is far off."""
+    motion = joint_motion(lemur_plan.trajectory)
+    remainder = Remainder(replace(motion, time=motion.time - 4.0), 6.0)
+    truth = carried_forward(lemur_capture.robot, lemur_capture.start, 4.0, motion)
+    problem = replace(lemur_capture, start=truth, duration=6.0)
+    seen: list[Array] = []
+
+    def near(q: Array) -> Array:
+        seen.append(q)
+        return np.zeros(3)
+
+    def path(_: Array, points: int) -> Any:
+        q = seen[-1].copy()
+        assert len(q) == points
+        q[5, 7 + joint] += 0.3 * sign
+        return SimpleNamespace(singular_at=None, q=q)
+
+    family: Any = SimpleNamespace(near=near, motion=path)
+    assert remainder.path_near(problem, family).off == pytest.approx(0.3)
+    # What is looked at is the whole of what remains.
+    ends, _, _ = motion.at(np.array([4.0, 10.0]))
+    np.testing.assert_allclose(seen[-1][[0, -1], 7:], ends, atol=1e-9)
+    family.motion = lambda *_: SimpleNamespace(singular_at=3, q=seen[-1])
+    assert remainder.path_near(problem, family).off == np.inf
+
+
 @pytest.mark.parametrize(("ahead", "goal"), [(0.2, 0.1), (0.2, 0.2), (0.2, np.nan), (0.2, 50.0)])
 def test_a_goal_that_the_running_motion_does_not_have_is_refused(
     problem: PlanningProblem, running: Plan, ahead: float, goal: float
@@ -245,7 +330,7 @@ def test_a_goal_that_the_running_motion_does_not_have_is_refused(
         PlanningTask(problem, SETTINGS, ahead=ahead, running=motion, running_goal=goal)
     with pytest.raises(InvalidInput, match="running_goal") as refused:
         PlanningTask(problem, SETTINGS, ahead=ahead, running_goal=5.0)
-    assert refused.value.status is Status.NO_PLAN_RUNS
+    assert refused.value.status is Status.NO_ACTIVE_PLAN
 
 
 def test_where_nothing_is_near_the_remainder_it_is_planned_as_ever(

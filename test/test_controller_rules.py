@@ -64,6 +64,7 @@ def test_a_sound_trajectory_is_taken(change: dict[str, Any]) -> None:
         ({"joint_names": []}, "joint_names misses shoulder"),
         ({"time_from_start_ns": []}, "points is empty"),
         ({"time_from_start_ns": [-1, 1, 2]}, r"points\[0\].time_from_start is -1 ns"),
+        ({"time_from_start_ns": [1, 1, 2]}, r"points\[1\].time_from_start is 1 ns: .* the 1 ns"),
         ({"time_from_start_ns": [0, 2, 2]}, r"points\[2\].time_from_start is 2 ns: .* the 2 ns"),
         ({"time_from_start_ns": [0, 2, 1]}, r"points\[2\].time_from_start is 1 ns"),
         ({"positions": SOUND.positions[:2]}, "positions are given for 2 points: there are 3"),
@@ -101,7 +102,7 @@ def test_a_sound_trajectory_is_taken(change: dict[str, Any]) -> None:
 def test_each_rule_is_named(change: dict[str, Any], words: str) -> None:
     with pytest.raises(NoPlanFound, match=words) as refused:
         require_acceptable(STRICT, replace(SOUND, **change))
-    assert refused.value.status is Status.CONTROLLER_RULE
+    assert refused.value.status is Status.CONTROLLER_CONSTRAINT
     assert str(refused.value).startswith("a joint_trajectory_controller would not take the plan: ")
 
 

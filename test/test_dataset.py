@@ -186,7 +186,7 @@ def test_seeds_are_two_names_or_a_whole_number(word):
 REFUSED = {
     "--scenarios is 0": ["--scenarios", "0"],
     "--workers is 0": ["--workers", "0"],
-    "--fly is -1": ["--fly", "-1"],
+    "--simulate is -1": ["--simulate", "-1"],
     "--seconds is -1": ["--seconds", "-1"],
     "--seconds is nan": ["--seconds", "nan"],
     "--seeds is x": ["--seeds", "x"],

@@ -12,7 +12,7 @@ from ff_planner_msgs.srv import PlanTrajectory
 from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.errors import NoPlanFound, Status
-from ff_planner_ros.planning.metrics import Metrics
+from ff_planner_ros.planning.metrics import METRICS, Metrics
 from ff_planner_ros.planning.plan import Plan, Trajectory
 from ff_planner_ros.ros.messages.to_messages import response_from_error, response_from_plan
 from ff_planner_ros.runs.differences import QUANTITIES, differences
@@ -43,6 +43,49 @@ def test_one_bit_of_any_sample_is_told_and_tolerated_and_a_thousandth_is_not(
         assert found.quantity == name
         assert found.is_tolerable == is_tolerable
         assert "point 20" in found.where
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize("item", fields(Trajectory), ids=lambda item: item.name)
+def test_a_sample_may_differ_by_its_tolerance_to_either_side_and_by_no_more(
+    lemur_plan: Plan, item: object, sign: float
+) -> None:
+    """Of one entry alone, whichever it is; attitudes by half the angle of their turn."""
+    name = item.name  # type: ignore[attr-defined]
+    tolerance, before = QUANTITIES[name].tolerance, answered(lemur_plan)
+    for part in (0.9, 1.1):
+        samples = np.array(getattr(lemur_plan.trajectory, name))
+        if name.endswith("quaternions_xyzw"):
+            turn = Rotation.from_rotvec([0.0, sign * part * tolerance, 0.0])
+            samples[20] = (turn * Rotation.from_quat(samples[20])).as_quat()
+        else:
+            samples.reshape(len(samples), -1)[20, -1] += sign * part * tolerance
+        changed = replace(lemur_plan, trajectory=replace(lemur_plan.trajectory, **{name: samples}))
+        (found,) = differences(before, answered(changed))
+        # Of times a message counts nanoseconds.
+        assert found.amount == pytest.approx(part * tolerance, abs=2e-9)
+        assert found.is_tolerable == (part < 1.0)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_what_a_metric_may_differ_by_is_its_own_tolerance_to_either_side(
+    lemur_plan: Plan, sign: float
+) -> None:
+    for metric in METRICS:
+        value = getattr(lemur_plan.metrics, metric.name)
+        if not isinstance(value, float) or not math.isfinite(value):
+            continue
+        for part in (0.5, 2.0):
+            changed = replace(
+                lemur_plan.metrics, **{metric.name: value + sign * part * metric.tolerance}
+            )
+            found = differences(
+                answered(lemur_plan), answered(replace(lemur_plan, metrics=changed))
+            )
+            if metric.tolerance == 0.0 or math.isinf(metric.tolerance):
+                continue
+            (one,) = found
+            assert one.is_tolerable == (part < 1.0), metric.name
 
 
 def test_attitudes_differ_by_the_angle_of_the_turn_between_them(lemur_plan: Plan) -> None:

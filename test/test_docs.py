@@ -18,7 +18,7 @@ from ff_planner_ros.cli import main
 from ff_planner_ros.commands.parser import command_parser
 from ff_planner_ros.errors import InvalidInput
 from ff_planner_ros.parameters import load_parameters
-from ff_planner_ros.planning.scenario import load_task
+from ff_planner_ros.planning.scenario import load_task, scenario_schema
 
 BENCHMARK = SOURCE_TREE / "docs" / "benchmark.md"
 INTERFACES = SOURCE_TREE / "docs" / "interfaces.md"
@@ -89,9 +89,29 @@ def test_every_generated_table_is_what_the_code_declares(page: Path) -> None:
 def rows_under(heading: str) -> list[str]:
     """First column of the table under a heading of interfaces.md."""
     section = text_of(INTERFACES).partition(f"## {heading}\n")[2].partition("\n## ")[0]
-    rows = re.findall(r"^\| `([^`]+)` \|", section, re.MULTILINE)
+    rows = re.findall(r"^\| `([^`]+)`(?: \*)? \|", section, re.MULTILINE)
     assert len(rows) == len(set(rows)), rows
     return rows
+
+
+def required_in(schema: dict[str, Any], prefix: str = "") -> Iterator[str]:
+    """Keys without which a mapping is refused."""
+    for key, inner in schema.get("properties", {}).items():
+        if key in schema.get("required", ()):
+            yield prefix + key
+        yield from required_in(inner, f"{prefix}{key}.")
+    for inner in schema.get("anyOf", ()):
+        yield from required_in(inner, prefix)
+    if "items" in schema:
+        yield from required_in(schema["items"], f"{prefix.removesuffix('.')}[].")
+
+
+def test_required_keys_of_a_scenario_are_marked_and_no_others() -> None:
+    rows = set(rows_under("Scenario files"))
+    marked = re.findall(r"^\| `([^`]+)` \|.*\brequired \|", text_of(INTERFACES), re.MULTILINE)
+    assert set(marked) == rows & set(required_in(scenario_schema()))
+    assert "robot.urdf" in marked
+    assert "obstacles[].radius" in marked
 
 
 @pytest.fixture

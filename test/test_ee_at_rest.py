@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from robots import CANADARM2_URDF, LEMUR_URDF, random_state, random_urdf
 
@@ -46,6 +47,30 @@ def test_the_velocity_map_at_rest_gives_the_same_rates_and_chaser_twist(
         momentum = total_momentum(robot, robot.model.createData(), q, v)
         at_rest = velocity(robot, q, momentum, np.zeros(6))
         np.testing.assert_allclose(at_rest.v, v, rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize("part", ["linear", "angular"])
+@pytest.mark.parametrize("axis", range(3))
+@pytest.mark.parametrize("side", [0.02, -0.02])
+def test_while_the_chaser_drifts_or_turns_about_one_axis_alone_the_end_effector_rests(
+    part: str, axis: int, side: float, lemur_capture: PlanningProblem
+) -> None:
+    """The end effector's place by differences: it stays, and its attitude does."""
+    robot, still = lemur_capture.robot, np.zeros(3)
+    moving = {
+        "linear_velocity_chaser_in_inertial": still,
+        "angular_velocity_chaser_in_inertial": still,
+        f"{part}_velocity_chaser_in_inertial": side * np.eye(3)[axis],
+    }
+    state = replace(lemur_capture.start, **moving)
+    rates = joint_rates_with_ee_at_rest(robot, state)
+    assert np.abs(rates).max() > 1e-3
+    q, v = configuration(robot, replace(state, joint_velocities=rates))
+    data, places = robot.model.createData(), []
+    for time in (-1e-4, 1e-4):
+        pin.forwardKinematics(robot.model, data, pin.integrate(robot.model, q, time * v))
+        places.append(pin.updateFramePlacement(robot.model, data, robot.tip_frame_id).copy())
+    assert np.abs(pin.log6(places[0].actInv(places[1])).vector).max() < 1e-9
 
 
 def test_a_singular_posture_is_refused(lemur_capture: PlanningProblem) -> None:

@@ -116,15 +116,6 @@ def test_a_planner_in_a_namespace_is_flown_from_there(tmp_path: Path) -> None:
 
 @pytest.mark.ci
 @pytest.mark.usefixtures("world")
-def test_a_plan_that_is_only_asked_for_is_not_committed(tmp_path: Path) -> None:
-    scenario = quick_capture(tmp_path)
-    code, report, said = fly(tmp_path, scenario, "--plan-only")
-    assert (code, report["status"]) == (0, Status.SOLVED), said
-    assert "committed" not in said
-
-
-@pytest.mark.ci
-@pytest.mark.usefixtures("world")
 def test_a_mission_refuses_a_plan_that_turns_the_chaser_too_far(tmp_path: Path) -> None:
     scenario = quick_capture(tmp_path)
     code, report, said = fly(tmp_path, scenario, "--max-attitude-deg", "0.001")

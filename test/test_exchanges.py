@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from ff_planner_msgs.srv import PlanTrajectory
 from service_msgs.msg import ServiceEventInfo
 
@@ -17,9 +19,11 @@ TOPIC = f"/plan_trajectory{SERVICE_EVENTS}"
 RECEIVED, SENT = ServiceEventInfo.REQUEST_RECEIVED, ServiceEventInfo.RESPONSE_SENT
 
 
-def event(kind: int, number: int, word: str) -> PlanTrajectory.Event:
+def event(kind: int, number: int, word: str, client: int = 0, ns: int = 0) -> PlanTrajectory.Event:
     told = PlanTrajectory.Event()
     told.info.event_type, told.info.sequence_number = kind, number
+    told.info.client_gid = np.full(16, client, np.uint8)
+    told.info.stamp.nanosec = ns
     if kind == RECEIVED:
         told.request = [PlanTrajectory.Request(end_behaviour=word)]
     else:
@@ -27,11 +31,15 @@ def event(kind: int, number: int, word: str) -> PlanTrajectory.Event:
     return told
 
 
-def read(directory: Path, *events: PlanTrajectory.Event) -> list[Exchange[Any, Any]]:
+def read(
+    directory: Path, *events: PlanTrajectory.Event, topics: Sequence[str] = (TOPIC,)
+) -> list[Exchange[Any, Any]]:
+    """The events go to the topics in turn."""
     with BagWriter(directory, flush_interval=0.0) as bag:
-        bag.add_topic(TOPIC, SERVICE_EVENT, [])
+        for topic in topics:
+            bag.add_topic(topic, SERVICE_EVENT, [])
         for time, told in enumerate(events):
-            bag.write(TOPIC, encode(told), time, time)
+            bag.write(topics[time % len(topics)], encode(told), time, time)
     with open_bag(directory) as opened:
         return exchanges(
             opened, lambda request: request.end_behaviour, lambda _, response: response.plan_id
@@ -70,3 +78,72 @@ def test_what_has_no_partner_stands_alone(tmp_path: Path) -> None:
         ("question", None),
         (None, "answered twice"),
     ]
+
+
+def test_two_clients_may_count_alike(tmp_path: Path) -> None:
+    found = read(
+        tmp_path / "bag",
+        event(RECEIVED, 1, "one", client=7),
+        event(RECEIVED, 1, "other", client=8),
+        event(SENT, 1, "to other", client=8),
+        event(SENT, 1, "to one", client=7),
+    )
+    assert [(one.request, one.response) for one in found] == [
+        ("one", "to one"),
+        ("other", "to other"),
+    ]
+
+
+def test_two_planners_may_be_asked_by_one_client_under_one_number(tmp_path: Path) -> None:
+    found = read(
+        tmp_path / "bag",
+        event(RECEIVED, 1, "one", client=7),
+        event(RECEIVED, 1, "other", client=7),
+        event(SENT, 9, "to nobody", client=7),
+        event(SENT, 1, "to other", client=7),
+        event(SENT, 1, "to one", client=7),
+        topics=[f"/{name}{TOPIC}" for name in ("first", "second")],
+    )
+    assert [(one.namespace, one.request, one.response) for one in found] == [
+        ("/first", "one", "to one"),
+        ("/second", "other", "to other"),
+        ("/first", None, "to nobody"),
+    ]
+
+
+def test_a_number_that_is_used_again_is_answered_in_the_order_of_asking(tmp_path: Path) -> None:
+    """A client that began anew, and events of other kinds between."""
+    found = read(
+        tmp_path / "bag",
+        event(RECEIVED, 1, "before"),
+        event(ServiceEventInfo.REQUEST_SENT, 1, "of the client"),
+        event(RECEIVED, 1, "after"),
+        event(SENT, 1, "to before"),
+        event(SENT, 1, "to after"),
+        event(ServiceEventInfo.RESPONSE_RECEIVED, 1, "of the client"),
+    )
+    assert [(one.request, one.response) for one in found] == [
+        ("before", "to before"),
+        ("after", "to after"),
+    ]
+
+
+def test_each_has_the_times_of_the_node_and_of_the_recorder(tmp_path: Path) -> None:
+    """They come in the order of recording, whatever the node's clock says."""
+    late, early, alone = read(
+        tmp_path / "bag",
+        event(RECEIVED, 1, "first", ns=900),
+        event(RECEIVED, 2, "second", ns=100),
+        event(SENT, 2, "to second", ns=150),
+        event(SENT, 1, "to first", ns=950),
+        event(SENT, 3, "to nobody", ns=50),
+    )
+    times = [(one.logged_ns, one.received_ns, one.answered_ns) for one in (late, early, alone)]
+    assert times == [(0, 900, 950), (1, 100, 150), (4, 0, 50)]
+    assert (late.response, early.response, alone.response) == (
+        "to first",
+        "to second",
+        "to nobody",
+    )
+    assert late.answered_by is not None
+    assert late.answered_by.log_time_ns == 3

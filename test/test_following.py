@@ -6,15 +6,29 @@ import json
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from ros_processes import DEADLINE
 from test_examples import EXAMPLES
 
+from ff_planner_ros.demo import following
 from ff_planner_ros.demo.flights import TESTBEDS
-from ff_planner_ros.demo.following import HEADER, OPEN_LOOP, REPLANNED, following_figure, rows
+from ff_planner_ros.demo.following import (
+    HEADER,
+    OPEN_LOOP,
+    RATE_BIAS,
+    REPLANNED,
+    following_figure,
+    miss_by_torques_alone,
+    rows,
+)
 from ff_planner_ros.errors import Status
+from ff_planner_ros.planning.plan import Plan
+from ff_planner_ros.robot.model import Robot
+from ff_planner_ros.robot.state import SystemState
+from ff_planner_ros.simulation import execution as execution_module
 
 REPORTS = {
     OPEN_LOOP: {
@@ -74,3 +88,30 @@ def test_a_follower_that_cannot_begin_says_why_and_writes_it(tmp_path: Path) -> 
     report = json.loads(file.read_text("utf-8"))
     assert report["status"] != Status.SOLVED
     assert "none.yaml" in report["message"]
+
+
+def test_torques_alone_drive_a_heavier_arm_on_a_chaser_that_turns_otherwise(
+    lemur: Robot, lemur_plan: Plan, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The measured turn is the true one and the error; the chaser weighs what it should."""
+    starts: list[SystemState] = []
+    execute = execution_module.execute
+
+    def kept(engine: Any, start: SystemState, torques: Any) -> Any:
+        starts.append(start)
+        return execute(engine, start, torques)
+
+    monkeypatch.setattr(execution_module, "execute", kept)
+    motion = lemur_plan.trajectory
+    missed = miss_by_torques_alone(lemur, motion)
+    assert missed is not None
+    assert missed > 0.04
+    turning = starts[0].angular_velocity_chaser_in_inertial - motion.chaser_angular_velocities[0]
+    np.testing.assert_allclose(turning, -RATE_BIAS, atol=1e-12)
+    monkeypatch.setattr(following, "RATE_BIAS", 0.0)
+    by_the_arm = miss_by_torques_alone(lemur, motion)
+    monkeypatch.setattr(following, "ARM_HEAVIER", 0.0)
+    as_modelled = miss_by_torques_alone(lemur, motion)
+    assert by_the_arm is not None
+    assert as_modelled is not None
+    assert as_modelled < 1e-3 < 0.01 < by_the_arm

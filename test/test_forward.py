@@ -364,6 +364,22 @@ def test_the_accelerations_are_those_of_the_velocities(robot: Robot) -> None:
     assert accelerations[1:-1] == pytest.approx(differences, abs=1e-4)
 
 
+@pytest.mark.parametrize("begin", [-2.0, 3.0])
+def test_it_does_not_matter_what_the_clock_says_when_a_motion_begins(
+    robot: Robot, begin: float
+) -> None:
+    """A system that drifts, too, is where it is at the first time, and goes on from there."""
+    state = moving(robot)
+    q, _ = configuration(robot, state)
+    momentum, time = momentum_of(robot, state), np.linspace(0.0, 1.9, 40)
+    expected = driven(robot, q, momentum, swinging(robot, state.joint_positions, 0.0), time)
+    later = swinging(robot, state.joint_positions, begin)
+    found = driven(robot, q, momentum, later, begin + time)
+    assert np.linalg.norm(momentum[:3]) > 1.0
+    for one, other in zip(found, expected, strict=True):
+        assert one == pytest.approx(other, abs=1e-9)
+
+
 @pytest.mark.parametrize("seconds", [-1e-9, np.nan, np.inf])
 def test_a_time_that_is_none_is_refused(lemur: Robot, seconds: float) -> None:
     with pytest.raises(InvalidInput, match="seconds") as refused:

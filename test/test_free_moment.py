@@ -80,9 +80,9 @@ def moving_scene() -> PlanningProblem:
 
 
 def with_all_limits() -> PlanningProblem:
-    """A scene with a corridor of the approach, and limits of accelerations and attitude."""
+    """A scene with a corridor, and limits of accelerations and of the chaser's angles."""
     given = moving_scene()
-    limits = Limits(True, chaser_attitude=0.3, joint_accelerations=(0.2,))
+    limits = Limits(True, 0.3, joint_accelerations=(0.2,), chaser_rotation=0.3)
     return replace(given, limits=limits, approach=Approach(np.array([0.0, 0.6, 0.8]), 0.4))
 
 
@@ -329,7 +329,7 @@ def test_the_search_for_a_moment_ends_when_its_time_is_over(resting: PlanningPro
 
     with pytest.raises(NoPlanFound) as refused:
         perform(PlanningTask(free(resting, 5.0, 20.0), SETTINGS), Impatient())
-    assert refused.value.status is Status.OUT_OF_TIME
+    assert refused.value.status is Status.TIMED_OUT
     assert not isinstance(NOBODY, Impatient)
 
 
@@ -350,7 +350,7 @@ def test_a_search_that_is_ended_after_a_plan_was_made_says_its_duration(
     problem = free(papers, 3.0, 15.0, Objective(1.0, 0.0, 0.05))
     with pytest.raises(NoPlanFound, match="the time is over") as refused:
         perform(PlanningTask(problem, QUICK), Impatient())
-    assert refused.value.status is Status.OUT_OF_TIME
+    assert refused.value.status is Status.TIMED_OUT
     made = refused.value.attempt
     assert isinstance(made, Plan)
     assert made.duration is not None

@@ -111,7 +111,7 @@ def test_damaged_messages_and_documents_never_end_in_a_traceback(
     spoilt = tmp_path / "spoilt.mcap"
     copy_spoilt(next((GOLDEN / "node").glob("*.mcap")), spoilt, random.Random(seed))
     assert main(["replay", str(spoilt)]) in (2, 3)
-    assert main(["replay", str(spoilt), "--with", "points=20"]) in (0, 2)
+    assert main(["replay", str(spoilt), "--set", "points=20"]) in (0, 2)
     capsys.readouterr()
 
 

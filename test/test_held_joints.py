@@ -111,16 +111,19 @@ def test_what_is_held_must_be_somewhere_that_it_can_be() -> None:
 
 def test_a_finger_that_moves_along_with_one_that_is_held_is_where_that_one_takes_it() -> None:
     parts = [two_arms().replace("</robot>", "")]
-    for finger, side, along in (
-        ("left", 1, ""),
-        ("right", -1, '<mimic joint="left" multiplier="-0.5" offset="0.01"/>'),
+    for finger, side, range_, along in (
+        ("left", 1, (0.0, 0.04), ""),
+        ("right", -1, (0.0, 0.04), '<mimic joint="left" multiplier="-0.5" offset="0.01"/>'),
+        ("third", 1, (0.0, 0.04), '<mimic joint="right" multiplier="2" offset="0.03"/>'),
+        ("below", 1, (-0.04, -0.02), ""),
     ):
         parts.append(
             f'<link name="{finger}_finger"><inertial><mass value="0.2"/><inertia ixx="1e-4" '
             'iyy="1e-4" izz="1e-4" ixy="0" ixz="0" iyz="0"/></inertial></link>'
             f'<joint name="{finger}" type="prismatic"><parent link="tip"/>'
             f'<child link="{finger}_finger"/><axis xyz="0 {side} 0"/>'
-            f'<limit lower="0" upper="0.04" velocity="1" effort="1"/>{along}</joint>'
+            f'<limit lower="{range_[0]}" upper="{range_[1]}" velocity="1" effort="1"/>{along}'
+            "</joint>"
         )
     robot = robot_from_urdf_text(
         "".join(parts) + "</robot>", "body_0", "tip", held_at={"left": 0.04}
@@ -128,6 +131,9 @@ def test_a_finger_that_moves_along_with_one_that_is_held_is_where_that_one_takes
     (note, _) = robot.notes
     assert "left at 0.04 m" in note
     assert "right at -0.01 m" in note
+    # One that moves along with that one, and one that comes as near to zero as it can.
+    assert "third at 0.01 m" in note
+    assert "below at -0.02 m" in note
 
 
 def test_the_node_is_told_of_held_joints_in_one_line() -> None:

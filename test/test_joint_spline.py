@@ -263,6 +263,26 @@ def test_no_joint_leaves_the_hull_at_any_time() -> None:
         assert (np.ptp(hull, axis=0) <= 1.5 * spread).all()
 
 
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_the_hull_of_a_motion_holds_all_but_what_the_start_decides_alone(side: float) -> None:
+    """One control point after the other is far off: each makes extremes at a place of its own."""
+    family, x = drawn_splines()
+    basis, s = family.basis, np.linspace(0.0, 1.0, 501)
+    hold = np.repeat(family.fixed[-1], len(x) // family.robot.joints)
+    for number in range(len(x) // family.robot.joints):
+        x = hold.copy()
+        x[number] += 3.0 * side  # of the first joint
+        controls, hull = family.control_points(x), family.motion(x, POINTS).hull
+        assert hull is not None
+        for order, told in enumerate((hull.positions, hull.rates)):
+            values = basis.rows(s, order) @ controls
+            of_start = basis.hull(order)[: 3 - order] @ controls
+            both = np.concatenate([told, of_start])[:, 0]
+            assert both.max() >= values[:, 0].max() - 1e-9
+            assert both.min() <= values[:, 0].min() + 1e-9
+            assert np.ptp(both) <= 2.0 * np.ptp(values[:, 0])
+
+
 @pytest.mark.parametrize("joints", [6, 10, 14])
 def test_arms_of_any_length_of_chain_are_planned_from_any_start(joints: int) -> None:
     robot, rng = bench_robot(f"arm{joints}"), np.random.default_rng(joints)

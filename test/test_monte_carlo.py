@@ -16,7 +16,14 @@ from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.approach import Approach
 from ff_planner_ros.planning.base_spread import base_spread, tracked_motion
 from ff_planner_ros.planning.clearance import arm_points, clearances, segments
-from ff_planner_ros.planning.margins import ATTITUDE, CLEARANCE, CORRIDOR, TORQUE, margins
+from ff_planner_ros.planning.margins import (
+    ATTITUDE,
+    CLEARANCE,
+    CORRIDOR,
+    ROTATION,
+    TORQUE,
+    margins,
+)
 from ff_planner_ros.planning.nearness import nearness
 from ff_planner_ros.planning.plan import Plan
 from ff_planner_ros.planning.planner import plan
@@ -82,7 +89,10 @@ def test_at_one_percent_the_linear_prediction_holds_within_a_tenth(
 ) -> None:
     problem, made = planned
     turned = made.metrics.max_chaser_euler
-    limits = replace(problem.limits, chaser_attitude=1.001 * turned)
+    rotated = made.metrics.max_chaser_rotation
+    limits = replace(
+        problem.limits, chaser_attitude=1.001 * turned, chaser_rotation=1.001 * rotated
+    )
     found = run(planned, Uncertainty(), 400, limits=limits)
     for one in found.numbers:
         assert one.linear is not None
@@ -141,16 +151,16 @@ def test_the_least_distance_of_a_run_is_that_of_all_lines_and_spheres(
 def test_margins_change_as_the_finite_differences_of_runs(
     planned: tuple[PlanningProblem, Plan],
 ) -> None:
-    """Of distances, of the attitude and of the corridor, one error at a time."""
+    """Of distances, of the chaser's angles and of the corridor, one error at a time."""
     problem, made = planned
     robot, motion = problem.robot, tracked_motion(problem.robot, made.trajectory)
     scene = replace(scene_of(problem), approach=Approach(np.array([1.0, 0.2, 0.1]), 0.3))
     scene = scene.seen_from(motion.origin, motion.velocity)
-    limits = Limits(chaser_attitude=1.0)
+    limits = Limits(chaser_attitude=1.0, chaser_rotation=1.0)
     of = directions(robot, Uncertainty())
     near, spread = nearness(robot, motion.q, motion.time, scene), base_spread(motion, of)
     kept = {one.kind: one for one in margins(motion, scene, near, limits, of, spread)}
-    assert set(kept) == {CLEARANCE, ATTITUDE, CORRIDOR, TORQUE}
+    assert set(kept) == {CLEARANCE, ATTITUDE, ROTATION, CORRIDOR, TORQUE}
     total = 40
     errors = draws(robot, Uncertainty(), range(total), 0).errors
     small = Uncertainty(*(1e-2 * value for value in vars(Uncertainty()).values()))

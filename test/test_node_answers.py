@@ -47,7 +47,7 @@ SPOKEN_ON = {
 ALLOWANCE = 10_000_000_000
 # State and plan are of this much ahead of the beginning, in times that one plan takes here and now,
 # and at least so many seconds.
-LEAD_IN_PLANS, LEAST_LEAD = 6.0, 6.0
+LEAD_IN_PLANS, LEAST_LEAD = 10.0, 8.0
 
 
 @dataclass(frozen=True)
@@ -79,6 +79,7 @@ def run(lemur_capture: PlanningProblem, tmp_path_factory: pytest.TempPathFactory
         with connected_client() as client:
             client.publish_obstacles(scene.obstacles())
             client.wait_for_planner()
+            client.wait_for_an_answer()
             begun = time.monotonic()
             plan(lemur_capture, load_parameters().planner)
             lead = max(LEAD_IN_PLANS * (time.monotonic() - begun), LEAST_LEAD)
@@ -89,6 +90,7 @@ def run(lemur_capture: PlanningProblem, tmp_path_factory: pytest.TempPathFactory
             from_the_state.start_time = state.header.stamp
             from_topics = client.plan(from_the_state)
             again = client.plan(from_the_state)
+            assert again.status.code == Status.SOLVED, again.status.message  # as late as it gets
             client.wait_until(
                 lambda: len(client.received["predicted_chaser_pose"]) >= 3, "a stream of poses"
             )

@@ -92,7 +92,7 @@ CASES = {
         _in_a_hurry,
         ("limits.velocity", "none", "from_urdf"),
     ),
-    Status.CONTROLLER_RULE: Case(
+    Status.CONTROLLER_CONSTRAINT: Case(
         ("a joint_trajectory_controller would not take the plan", "choose the end_behaviour"),
         _nothing,
         (NOT_AT_END, False, True),
@@ -108,13 +108,13 @@ ELSEWHERE: dict[Status, Callable[..., object]] = {
     Status.UNKNOWN_PLAN: (
         test_node_publish_plan.test_a_plan_that_is_only_asked_for_goes_out_by_its_id
     ),
-    Status.NO_PLAN_RUNS: test_node_publish_plan.test_a_plan_takes_over_from_the_one_that_runs,
-    Status.PLAN_ENDS: test_node_publish_plan.test_a_plan_takes_over_from_the_one_that_runs,
+    Status.NO_ACTIVE_PLAN: test_node_publish_plan.test_a_plan_takes_over_from_the_one_that_runs,
+    Status.PLAN_ENDING: test_node_publish_plan.test_a_plan_takes_over_from_the_one_that_runs,
     Status.STATE_MOVED: test_node_publish_plan.test_a_plan_goes_out_only_from_where_it_begins,
     Status.NO_OBSTACLES: (
         test_node_refusals.test_what_is_or_is_not_published_is_refused_with_its_cause
     ),
-    Status.STATE_UNPAIRED: (
+    Status.STATE_NOT_SYNCHRONIZED: (
         test_node_odometry.test_a_plan_starts_from_the_centre_of_mass_that_odometry_and_mounting_tell
     ),
     Status.TOO_LATE: test_node_action.test_a_plan_that_is_ready_too_late_is_refused_as_such,

@@ -104,8 +104,8 @@ def test_a_node_plans_from_its_library_and_the_bag_replays_without_it(
     # The other way: what a bag's plan would have been without, and with another library.
     for named in ("", str(tmp_path / "again")):
         write_library(tmp_path / "again")
-        assert main(["replay", str(bag), "--with", f"planner.library={named}"]) == 0
-    assert main(["replay", str(bag), "--with", f"planner.library={tmp_path}"]) == 2
+        assert main(["replay", str(bag), "--set", f"planner.library={named}"]) == 0
+    assert main(["replay", str(bag), "--set", f"planner.library={tmp_path}"]) == 2
 
 
 def test_a_plan_that_is_written_to_a_bag_keeps_its_first_guess(

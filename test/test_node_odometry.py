@@ -56,6 +56,7 @@ def test_a_plan_starts_from_the_centre_of_mass_that_odometry_and_mounting_tell(
     ):
         client.wait_for_planner()
         # Stamped ahead of now, so that the plan can start right from it.
+        client.wait_for_an_answer()
         stamp_ns = client.now_ns() + LEAD_NS
         request = scene.request()
         request.start_time = time_message(stamp_ns)
@@ -65,9 +66,9 @@ def test_a_plan_starts_from_the_centre_of_mass_that_odometry_and_mounting_tell(
         testbed.joints_behind(1_000_000_000)
         apart = testbed.plan(request, "imu", {Status.NO_STATE})
         testbed.joints_behind(JOINTS_LATER_NS)
-        lost = testbed.plan(request, "base_link", {Status.NO_STATE, Status.STATE_UNPAIRED})
+        lost = testbed.plan(request, "base_link", {Status.NO_STATE, Status.STATE_NOT_SYNCHRONIZED})
         solved = testbed.plan(
-            request, "imu", {Status.NO_STATE, Status.WRONG_FRAME, Status.STATE_UNPAIRED}
+            request, "imu", {Status.NO_STATE, Status.WRONG_FRAME, Status.STATE_NOT_SYNCHRONIZED}
         )
         assert planner.stop(signal.SIGTERM) == 0
     assert missing.status.code == Status.NO_STATE
@@ -75,7 +76,7 @@ def test_a_plan_starts_from_the_centre_of_mass_that_odometry_and_mounting_tell(
     assert lost.status.code == Status.WRONG_FRAME
     assert "odometry.child_frame_id is 'base_link': it must be 'imu'" in lost.status.message
 
-    assert apart.status.code == Status.STATE_UNPAIRED
+    assert apart.status.code == Status.STATE_NOT_SYNCHRONIZED
     assert "1.000 s apart" in apart.status.message
     assert solved.status.code == Status.SOLVED, solved.status.message
     first = solved.predicted_chaser_path.poses[0].pose

@@ -77,6 +77,7 @@ def test_a_node_plans_on_a_table_from_odometry_and_joint_states(tmp_path: Path) 
         connected_client() as client,
     ):
         client.wait_for_planner()
+        client.wait_for_an_answer()
         stamp_ns = client.now_ns() + LEAD_NS
         scene = Scene(problem)
         whole = scene.request()
@@ -108,7 +109,7 @@ def test_a_node_plans_on_a_table_from_odometry_and_joint_states(tmp_path: Path) 
 
             return client.plan_until(request, heard)
 
-        waiting = {Status.NO_STATE, Status.STATE_UNPAIRED}
+        waiting = {Status.NO_STATE, Status.STATE_NOT_SYNCHRONIZED}
         solved = {"whole": answer(whole, LEAN, waiting), "part": answer(part, LEAN, waiting)}
         off_plane = answer(above, LEAN, waiting)
         # Until the message arrives, the one before is taken.

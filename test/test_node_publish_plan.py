@@ -172,7 +172,7 @@ def test_a_plan_takes_over_from_the_one_that_runs(client: Client) -> None:
     assert third.following == second.plan_id
 
     ends = client.plan(request(client, **continuing(second, 6.9, start_state=state_in(first, 4.0))))
-    assert ends.status.code == Status.PLAN_ENDS
+    assert ends.status.code == Status.PLAN_ENDING
     assert "0.100 s after the switch-over" in ends.status.message
     moved = client.plan(
         request(client, **continuing(first, 3.5, start_state=state_in(first, 3.4, turned=0.1)))
@@ -182,7 +182,7 @@ def test_a_plan_takes_over_from_the_one_that_runs(client: Client) -> None:
     early = request(client, continue_plan=True)
     early.start_state.header.stamp = time_message(client.now_ns())
     nothing = client.plan(early)
-    assert nothing.status.code == Status.NO_PLAN_RUNS
+    assert nothing.status.code == Status.NO_ACTIVE_PLAN
     assert third.plan_id in nothing.status.message
 
 

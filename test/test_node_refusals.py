@@ -229,7 +229,7 @@ CASES = {
         Status.NO_TARGET_BODY, ("target_body is missing", "publish it"), _set("capture", True)
     ),
     "a stale target body": Case(
-        Status.TARGET_STALE, ("target_body.header.stamp", "target_max_age"), _of_a_body(1)
+        Status.TARGET_TOO_OLD, ("target_body.header.stamp", "target_max_age"), _of_a_body(1)
     ),
     "a target body of tomorrow": Case(
         Status.TARGET_IN_FUTURE, ("target_body.header.stamp", "ahead of now"), _of_a_body(2**31 - 1)
@@ -280,7 +280,7 @@ CASES = {
         Status.NOT_FINITE, ("time_budget", "nan"), _set("time_budget", NAN)
     ),
     "a time budget of a microsecond": Case(
-        Status.OUT_OF_TIME, ("time budget of 1e-06 s is used up",), _set("time_budget", 1e-6)
+        Status.TIMED_OUT, ("time budget of 1e-06 s is used up",), _set("time_budget", 1e-6)
     ),
     "a duration too short for the arm": Case(
         Status.LIMIT_VIOLATED,
@@ -427,7 +427,7 @@ def test_the_node_lives_on_and_answers_a_good_request(run: Run) -> None:
 def test_a_refusal_comes_again_from_the_bag_in_the_same_words(run: Run, name: str) -> None:
     found, refusal = run.replayed[run.refusals[name].plan_id], run.refusals[name].status
     assert found.answer is not None
-    if refusal.code == Status.OUT_OF_TIME:
+    if refusal.code == Status.TIMED_OUT:
         assert (found.verdict, found.answer.status.code) == (Verdict.WITHOUT_CLOCK, Status.SOLVED)
     else:
         assert found.verdict is Verdict.IDENTICAL, (found.words, *map(str, found.differences))

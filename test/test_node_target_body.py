@@ -85,7 +85,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Run]:
 
                 return client.plan_until(request, arrived)
 
-            stale = answered(3600.0, Status.TARGET_STALE)
+            stale = answered(3600.0, Status.TARGET_TOO_OLD)
             ask_for_corridor(request, problem)
             captured = answered(SEEN_BEFORE, Status.SOLVED)
             request.approach_direction, request.approach_distance = Vector3(), 0.0
@@ -97,7 +97,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Run]:
             shortest, longest = window(problem)
             request.duration, request.duration_max = shortest, longest
             request.time_budget = 0.01
-            hurried = answered(SEEN_BEFORE, Status.OUT_OF_TIME)
+            hurried = answered(SEEN_BEFORE, Status.TIMED_OUT)
             request.time_budget = 0.0
             free = answered(SEEN_BEFORE, Status.SOLVED)
         planner.stop(signal.SIGTERM)
@@ -140,7 +140,7 @@ def _listens(client: Client) -> Any:
 
 
 def test_a_body_that_was_seen_an_hour_ago_is_refused(run: Run) -> None:
-    assert run.stale.status.code == Status.TARGET_STALE
+    assert run.stale.status.code == Status.TARGET_TOO_OLD
     assert "target_body.header.stamp" in run.stale.status.message
 
 
@@ -152,7 +152,7 @@ def test_the_end_effector_meets_the_grasp_that_was_seen_before_the_plan(run: Run
     assert run.free.duration != run.captured.duration
     for answer in (run.captured, run.free):
         require_met(run, answer, body)
-    assert run.hurried.status.code == Status.OUT_OF_TIME
+    assert run.hurried.status.code == Status.TIMED_OUT
 
 
 def require_met(run: Run, answer: PlanTrajectory.Response, body: FreeBody) -> None:

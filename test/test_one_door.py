@@ -75,7 +75,7 @@ def test_every_other_command_enters_it_too(
         assert main([*arguments, str(scenario)]) == 3
     assert len(set(entered)) == 1
     assert main(["plan", str(scenario), "--bag", str(tmp_path / "bag")]) == 3
-    assert main(["replay", str(tmp_path / "bag"), "--with", "points=20"]) == 0
+    assert main(["replay", str(tmp_path / "bag"), "--set", "points=20"]) == 0
     assert len(set(entered)) == 2
     before = len(entered)
     main(["compare", str(LEMUR_SCENARIO), "--output", str(tmp_path)])

@@ -219,6 +219,7 @@ def test_paths_are_those_of_the_start_unless_a_parameter_at_the_start_says_other
     assert not result.successful, "whoever can set parameters cannot allow it"
 
 
+ANGLES = ("limits.chaser_attitude", "limits.chaser_rotation")
 STRICT = {name: one.strictness for name, one in DECLARATIONS.items() if one.strictness}
 
 
@@ -240,7 +241,7 @@ def _other_values(name: str) -> tuple[Any, Any]:
         return None, [0.4]
     if default is True:  # allow_nonzero_velocity_at_trajectory_end
         return None, False
-    if name == "limits.chaser_attitude":
+    if name in ANGLES:
         return None, 0.4
     if default == 0.0:  # of planner.robust
         return None, 0.5
@@ -332,7 +333,7 @@ def test_a_number_that_is_none_loosens_nothing(value: float) -> None:
             "planner.singular_value_threshold",
         ):
             (result,) = node.set_parameters([Parameter(name, value=value)])
-            unlimited = name == "limits.chaser_attitude" and value == math.inf
+            unlimited = name in ANGLES and value == math.inf
             assert result.successful == unlimited, (name, result)
 
 

@@ -62,6 +62,7 @@ def test_a_file_of_some_parameters_leaves_the_others_at_their_defaults(tmp_path:
         ("{state_max_age: .nan}", "state_max_age is nan"),
         ("{time_budget: soon}", "time_budget is 'soon': it must be a number"),
         ("{limits: {chaser_attitude: -0.1}}", "limits.chaser_attitude is -0.1"),
+        ("{limits: {chaser_rotation: -0.1}}", "limits.chaser_rotation is -0.1"),
         ("{limits: {velocity: fast}}", "limits.velocity is fast: it must be from_urdf or none"),
         ("{limits: 3}", "limits is 3"),
         ("{autostart: 1}", "autostart is 1: it must be true or false"),
@@ -96,11 +97,13 @@ def test_a_value_is_returned_as_declared() -> None:
 
 
 def test_no_limit_of_the_attitude_is_an_infinite_one() -> None:
-    assert LimitParameters("none", (0.0,), "none", 0.0).limits() == Limits(
+    assert LimitParameters("none", (0.0,), "none", 0.0, 0.0).limits() == Limits(
         False, math.inf, None, False
     )
-    assert LimitParameters("from_urdf", (), "from_urdf", 0.2).limits() == Limits(True, 0.2)
-    each = LimitParameters("from_urdf", (0.5, 0.25), "from_urdf", 0.2).limits()
+    assert LimitParameters("from_urdf", (), "from_urdf", 0.2, 0.0).limits() == Limits(True, 0.2)
+    rotating = LimitParameters("from_urdf", (), "from_urdf", 0.0, 0.3).limits()
+    assert rotating == Limits(True, chaser_rotation=0.3)
+    each = LimitParameters("from_urdf", (0.5, 0.25), "from_urdf", 0.2, 0.0).limits()
     assert each.joint_accelerations == (0.5, 0.25)
 
 

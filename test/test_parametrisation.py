@@ -137,7 +137,7 @@ def test_a_scenario_and_the_command_line_name_the_family_and_the_answer_says_it(
         assert json.loads(answer.read_text())["parametrisation"] == family
         assert family in capsys.readouterr().out
     scenario.write_text(text + "\nparametrisation: splines\n")
-    with pytest.raises(InvalidInput, match="auto, end_effector_polynomial, joint_spline"):
+    with pytest.raises(InvalidInput, match="auto, end_effector_polynomial or joint_spline"):
         load_scenario(scenario)
 
 

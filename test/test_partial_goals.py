@@ -28,6 +28,7 @@ from ff_planner_ros.planning.problem import (
 from ff_planner_ros.planning.requirements.goal import miss
 from ff_planner_ros.planning.scenario import load_scenario
 from ff_planner_ros.planning.steered import steered
+from ff_planner_ros.planning.target import conditions_of
 from ff_planner_ros.planning.task import PlanningTask, perform
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import Base, Robot, load_robot, robot_from_urdf_text
@@ -245,6 +246,72 @@ def test_what_leaves_the_plane_is_refused_in_words(planar: PlanningProblem, name
         replace(planar, **{part: replace(getattr(planar, part), **changes)})
 
 
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_target_may_be_off_the_plane_to_no_side(planar: PlanningProblem, sign: float) -> None:
+    """By more than a camera is off, whichever way the target goes or leans."""
+    target = planar.target
+    z = np.array([0.0, 0.0, sign])
+    for field, changes in (
+        ("position", {"position": target.position + 0.011 * z}),
+        ("linear_velocity", {"linear_velocity": 0.011 * z}),
+        ("linear_acceleration", {"linear_acceleration": 0.011 * z}),
+        *(
+            (f"angular_{what}", {f"angular_{what}": 0.011 * sign * axis})
+            for what in ("velocity", "acceleration")
+            for axis in np.eye(3)[:2]
+        ),
+        *(
+            ("quaternion_xyzw", {"quaternion_xyzw": leaning.as_quat()})
+            for leaning in (
+                Rotation.from_euler("zx", [2.5, 0.021 * sign]),
+                Rotation.from_euler("zy", [-1.0, 0.021 * sign]),
+            )
+        ),
+    ):
+        with pytest.raises(InvalidInput, match=f"target.{field}"):
+            targeted(planar, **changes)
+    kept = targeted(
+        planar,
+        position=target.position + 0.009 * z,
+        quaternion_xyzw=Rotation.from_euler("zx", [2.5, 0.019 * sign]).as_quat(),
+        linear_velocity=0.009 * z + [0.01, -0.02, 0.0],
+        angular_velocity=np.array([0.006, -0.006, -0.3 * sign]),
+    ).target
+    assert kept.position.tolist() == [*target.position[:2], 0.0]
+    assert kept.linear_velocity.tolist() == [0.01, -0.02, 0.0]
+    assert kept.angular_velocity.tolist() == [0.0, 0.0, -0.3 * sign]
+    turn = Rotation.from_quat(kept.quaternion_xyzw).as_matrix()
+    np.testing.assert_allclose(turn[2], [0.0, 0.0, 1.0], atol=1e-12)
+    assert np.arctan2(turn[1, 0], turn[0, 0]) == pytest.approx(2.5, abs=1e-3)
+
+
+@pytest.mark.parametrize("length", [1e-5, 0.3, 4.0])
+def test_a_free_axis_of_any_length_is_one_direction(
+    lemur_capture: PlanningProblem, length: float
+) -> None:
+    free = {"orientation": Orientation.ABOUT_AXIS, "free_axis_in_ee": -length * AXIS}
+    axis = targeted(lemur_capture, **free).target.free_axis_in_ee
+    np.testing.assert_allclose(axis, -AXIS, rtol=1e-12)
+
+
+def test_the_normal_of_the_table_is_told_in_the_end_effectors_axes(
+    planar: PlanningProblem,
+) -> None:
+    """An end effector that lies on its side turns about another of its own axes."""
+    text = (CONFIG / "robots/planar_testbed/planar_testbed.urdf").read_text()
+    hand = '<origin xyz="0.3545 0 0"/>'
+    lying = text.replace(hand, hand.replace("/>", ' rpy="1.5707963267948966 0 0"/>'))
+    robot = robot_from_urdf_text(lying, "satellite", "end_effector", Base.PLANAR)
+    wrong, normal = np.array([0.0, 0.0, 1.0]), np.array([0.0, 1.0, 0.0])
+    about = replace(planar.target, orientation=Orientation.ABOUT_AXIS, free_axis_in_ee=normal)
+    for sign in (1.0, -1.0):
+        found = replace(planar, robot=robot, target=replace(about, free_axis_in_ee=sign * normal))
+        assert found.target.orientation is Orientation.FREE
+        assert found.target.free_axis_in_ee is None
+        with pytest.raises(InvalidInput, match=r"target\.free_axis.*normal of the table only"):
+            replace(planar, robot=robot, target=replace(about, free_axis_in_ee=sign * wrong))
+
+
 def test_what_a_camera_is_off_by_is_left_out(planar: PlanningProblem) -> None:
     lean = Rotation.from_euler("xyz", [0.01, -0.008, 0.7])
     start = replace(
@@ -407,3 +474,16 @@ def test_a_plan_that_leaves_the_plane_does_not_pass_the_check(planar: PlanningPr
     ]
     assert any(re.search(r"leaves the plane.*0\.002 m", finding) for finding in findings)
     assert not list(failures(planar, found, SETTINGS))
+
+
+@pytest.mark.parametrize(
+    ("orientation", "count"),
+    [(Orientation.FIXED, 6), (Orientation.ABOUT_AXIS, 5), (Orientation.FREE, 3)],
+)
+def test_each_kind_of_goal_has_so_many_conditions(
+    lemur_capture: PlanningProblem, orientation: Orientation, count: int
+) -> None:
+    axis = AXIS if orientation is Orientation.ABOUT_AXIS else None
+    target = replace(lemur_capture.target, orientation=orientation, free_axis_in_ee=axis)
+    assert sum(conditions_of(lemur_capture.robot, target).values()) == count
+    assert steered(lemur_capture.robot, target) == count

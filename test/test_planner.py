@@ -252,7 +252,7 @@ def test_a_search_that_is_ended_tells_how_far_it_came(capture, settings, allowed
 
     with pytest.raises(NoPlanFound, match=r"patience of this test.*more time") as refusal:
         plan(replace(capture, objective=LENGTH), settings, Impatient())
-    assert refusal.value.status is Status.OUT_OF_TIME
+    assert refusal.value.status is Status.TIMED_OUT
     assert next(calls) == allowed + 2
     attempt = refusal.value.attempt
     assert (None if attempt is None else len(attempt.trajectory.time)) == points

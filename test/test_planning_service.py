@@ -86,10 +86,10 @@ def test_the_budget_is_the_requests_or_else_the_parameters(
     granted: float,
 ) -> None:
     with service(lemur_capture, monkeypatch, time_budget=7.5) as (answering, worker, _):
-        worker.solve.side_effect = NoPlanFound(Status.OUT_OF_TIME, "too slow")
+        worker.solve.side_effect = NoPlanFound(Status.TIMED_OUT, "too slow")
         request = Scene(lemur_capture).complete_request()
         request.time_budget = asked
-        assert answer(answering, request).status.code == Status.OUT_OF_TIME
+        assert answer(answering, request).status.code == Status.TIMED_OUT
         task, budget, *_ = worker.solve.call_args.args
     assert budget == granted
     assert task.problem.duration == request.duration

@@ -164,3 +164,23 @@ def test_tracking_error_is_the_distance_and_the_turn_from_the_prediction(lemur: 
     assert error.position == pytest.approx(0.13, abs=1e-9)
     assert error.angle == pytest.approx(0.1, abs=1e-9)
     assert tracking_error(spinning(lemur), START_NS, state, START_NS - 1) is None
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize("axis", range(3))
+def test_a_tracking_error_is_the_same_to_every_side(lemur: Robot, axis: int, sign: float) -> None:
+    off = sign * np.eye(3)[axis]
+    for time in (0.0, 10.0):  # at the first and at the last moment of the plan, too
+        attitude = Rotation.from_rotvec(time * OMEGA) * FIRST
+        state = replace(
+            random_state(lemur, np.random.default_rng(5)),
+            position_chaser_in_inertial=START + time * VELOCITY + 0.02 * off,
+            quaternion_chaser_to_inertial_xyzw=(
+                Rotation.from_rotvec(0.3 * off) * attitude
+            ).as_quat(),
+        )
+        stamp_ns = START_NS + round(time * 1e9)
+        error = tracking_error(spinning(lemur), START_NS, state, stamp_ns)
+        assert error is not None
+        assert error.position == pytest.approx(0.02, abs=1e-9)
+        assert error.angle == pytest.approx(0.3, abs=1e-9)

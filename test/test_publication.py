@@ -172,21 +172,60 @@ AWAY = {
 }
 
 
+@pytest.mark.parametrize("sign", [1.0, -1.0])
 @pytest.mark.parametrize("tolerance", AWAY)
 def test_a_plan_goes_out_only_while_the_system_will_be_where_it_begins(
-    world: World, tolerance: str
+    world: World, tolerance: str, sign: float
 ) -> None:
     """What is off by this much now is off by as much, and a little more, when the plan begins."""
     most = getattr(world.parameters.publication, tolerance)
     sound = world.state
-    world.state = AWAY[tolerance](1.3 * most)(sound)
+    world.state = AWAY[tolerance](1.3 * sign * most)(sound)
     status = world.ask()
     assert status.code == Status.STATE_MOVED, status
     assert f"publication.{tolerance}, {most:g}" in status.message
     assert "run.1" in status.message
     assert world.out == []
-    world.state = AWAY[tolerance](0.7 * most)(sound)
+    world.state = AWAY[tolerance](0.7 * sign * most)(sound)
     assert world.ask().code == Status.SOLVED, "it waits on, and goes out as soon as it fits"
+
+
+def test_nothing_but_the_plans_first_point_says_where_it_begins(world: World) -> None:
+    """A system that is where the plan ends has moved, in every quantity that changes on the way."""
+    motion = world.plan.trajectory
+    world.state = SystemState(
+        motion.chaser_positions[-1],
+        motion.chaser_quaternions_xyzw[-1],
+        motion.chaser_linear_velocities[0],
+        motion.chaser_angular_velocities[0],
+        motion.joint_positions[-1],
+        motion.joint_velocities[0],
+    )
+    status = world.ask()
+    assert status.code == Status.STATE_MOVED
+    for name in ("max_position", "max_angle", "max_joint_position"):
+        assert f"publication.{name}" in status.message
+
+
+def test_a_plan_goes_out_with_all_that_was_made_of_it(world: World) -> None:
+    """What it follows, and what screens show of it."""
+    made = replace(world.made("run.2"), following="run.1", end_behaviour="stop_joints")
+    world.publication.keep(made)
+    assert world.ask("run.2").code == Status.SOLVED
+    plan, _, _, _, end_behaviour, body, following = world.output.publish.call_args.args
+    assert (plan, end_behaviour, body, following) == (made.plan, "stop_joints", None, "run.1")
+    executor: Any = world.publication._node.executor
+    shown = executor.create_task.call_args.args[0]
+    shown()
+    world.output.show.assert_called_once_with(made.plan, made.obstacles, None, None)
+
+
+def test_torques_go_to_a_controller_that_takes_them(world: World) -> None:
+    world.parameters = replaced(world.parameters, "controller.effort_interface", True)
+    assert world.ask().code == Status.SOLVED
+    _, _, trajectory, *_ = world.output.publish.call_args.args
+    efforts = np.array([point.effort for point in trajectory.points])
+    np.testing.assert_array_equal(efforts, world.plan.trajectory.joint_torques)
 
 
 def test_a_velocity_that_is_a_little_off_counts_for_as_long_as_the_plan_is_ahead(

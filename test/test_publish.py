@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import signal
 import subprocess
 import sys
@@ -155,7 +156,7 @@ def test_a_signal_ends_it_cleanly_in_the_middle(
         process.send_signal(signal.SIGINT)
         printed, errors = process.communicate(timeout=DEADLINE)
     assert (process.returncode, errors) == (0, "")
-    assert printed == "published 2 messages of 3 topics\n"
+    assert re.fullmatch("published [2-9] messages of 3 topics\n", printed)  # of 42 in all
     assert offered == [
         (qos.reliability, qos.durability) for qos in (RELIABLE, LATCHED, BEST_EFFORT)
     ]
@@ -167,7 +168,7 @@ def test_a_signal_ends_it_cleanly_in_the_middle(
     [
         (("--publish", "--topics", "nothing"), "has no topic /nothing; it has /robot/chaser_state"),
         (("--publish", "--rate", "0"), "--rate is 0.0: it must be greater than 0"),
-        (("--publish", "--with", "points=20"), "--with is points=20: a bag is published as it is"),
+        (("--publish", "--set", "points=20"), "--set is points=20: a bag is published as it is"),
         (("--clock",), "--clock is True: it goes with --publish"),
     ],
 )

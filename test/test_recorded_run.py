@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 import yaml
 from ff_planner_msgs.srv import PlanTrajectory
+from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.msg import ParameterEvent
 from rclpy.parameter import Parameter
 from ros_processes import FRAME, Scene
@@ -20,6 +21,7 @@ from ff_planner_ros.bag.reader import open_bag
 from ff_planner_ros.bag.writer import BagWriter
 from ff_planner_ros.cli import main
 from ff_planner_ros.errors import BagError, FfPlannerError, InvalidInput, Status
+from ff_planner_ros.parameters import value_of
 from ff_planner_ros.planning.plan import Plan
 from ff_planner_ros.planning.problem import PlanningProblem
 from ff_planner_ros.ros.inputs.scene_input import SceneInput
@@ -54,6 +56,12 @@ class World:
 
     def put(self, topic: str, type_name: str, message: Any, at_ns: int) -> None:
         self._messages.append((topic, type_name, message, at_ns))
+
+    def change_parameter(
+        self, changed: ParameterMessage, at_ns: int, node: str = "/ff_planner"
+    ) -> None:
+        event = ParameterEvent(stamp=time_message(at_ns), node=node, changed_parameters=[changed])
+        self.put("/parameter_events", "rcl_interfaces/msg/ParameterEvent", event, at_ns)
 
     def ask(
         self, at_ns: int, response: PlanTrajectory.Response | None, topic: str = EVENTS
@@ -161,9 +169,8 @@ def test_parameters_are_those_of_the_moment_and_of_the_node(world: World) -> Non
     changes = (("/ff_planner", 7, 10), ("/another", 9, 20), ("/ff_planner", 8, 30))
     for node, starts, seconds in changes:
         at_ns = START + seconds * NANOSECONDS
-        changed = [Parameter("planner.starts", value=starts).to_parameter_msg()]
-        event = ParameterEvent(stamp=time_message(at_ns), node=node, changed_parameters=changed)
-        world.put("/parameter_events", "rcl_interfaces/msg/ParameterEvent", event, at_ns)
+        changed = Parameter("planner.starts", value=starts).to_parameter_msg()
+        world.change_parameter(changed, at_ns, node)
     for seconds in (5, 10, 25, 31):
         at_ns = START + seconds * NANOSECONDS
         world.ask(at_ns, refused(at_ns))
@@ -172,6 +179,37 @@ def test_parameters_are_those_of_the_moment_and_of_the_node(world: World) -> Non
     assert [one.planner.starts for one in known] == [3, 7, 7, 8]
     assert {(one.points, one.inertial_frame) for one in known} == {(40, FRAME)}
     assert "parameters that this version does not know are left out: once.upon" in run.notes
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("bag.owner_only", True),
+        ("planner.starts", 7),
+        ("state_max_age", 0.25),
+        ("bag.directory", "elsewhere"),
+        ("limits.acceleration", (0.5, 0.25)),
+    ],
+    ids=lambda value: type(value).__name__,
+)
+def test_a_changed_parameter_of_any_type_is_read(world: World, name: str, value: object) -> None:
+    world.set_parameters({})
+    changed = Parameter(name, value=value).to_parameter_msg()
+    world.change_parameter(changed, START - NANOSECONDS)
+    world.ask(START, refused(START))
+    (request,) = world.run(node="/ff_planner").requests
+    assert request.inputs is not None
+    assert value_of(request.inputs.parameters, name) == value
+
+
+def test_a_changed_parameter_of_no_type_is_refused(world: World) -> None:
+    world.set_parameters({})
+    changed = Parameter("planner.starts", value=7).to_parameter_msg()
+    changed.value.type = 10
+    world.change_parameter(changed, START - NANOSECONDS)
+    world.ask(START, refused(START))
+    with pytest.raises(BagError, match=r"parameter_events: value\.type is 10: .* 0 to 9"):
+        world.run(node="/ff_planner")
 
 
 def test_a_parameter_that_makes_no_sense_is_named(world: World) -> None:

@@ -115,7 +115,7 @@ def test_a_bag_or_an_answer_of_an_earlier_version_means_lines(directory: Path) -
     answer["robot"] = {"urdf": robot.drawn_urdf} | links
     assert planned_motion(answer)[0].geometry is Geometry.SHAPES
     assert planned_motion(answer | {"geometry": "lines"})[0].geometry is Geometry.LINES
-    with pytest.raises(InvalidInput, match="geometry is 'skin': it must be shapes, lines"):
+    with pytest.raises(InvalidInput, match="geometry is 'skin': it must be shapes or lines"):
         planned_motion(answer | {"geometry": "skin"})
 
 

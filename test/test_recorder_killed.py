@@ -35,10 +35,14 @@ def killed(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def _published(directory: Path, number: int) -> tuple[dict[int, int], int]:
-    """When each message was published, by its number, and when the recorder was killed [ns]."""
+    """When each message was published, by its number, and until when they must be there [ns]."""
     entries = list(ENTRY.iter_unpack((directory / f"{number}.published").read_bytes()))
-    assert entries[-1][0] == -1
-    return dict(entries[:-1]), entries[-1][1]
+    killed_number, killed_ns = entries.pop()
+    assert killed_number == -1
+    woken = [stamp for message, stamp in entries if message == 0]
+    assert len(woken) > 1
+    until = min(killed_ns - round(FLUSH_INTERVAL * 1e9), woken[-2])
+    return {message: stamp for message, stamp in entries if message}, until
 
 
 def _left(bag: Path) -> list[tuple[int, int]]:
@@ -57,13 +61,12 @@ def _left(bag: Path) -> list[tuple[int, int]]:
 
 @pytest.mark.parametrize("number", range(KILLS))
 def test_only_the_last_flush_interval_is_lost(killed: Path, number: int) -> None:
-    published, killed_ns = _published(killed, number)
+    published, until = _published(killed, number)
     left = _left(killed / str(number))
     assert [found for found, _ in left] == list(published)[: len(left)]
     for found, publish_time in left:
         assert published.get(found - 1, 0) <= publish_time <= published[found]
-    last_ns = killed_ns - round(FLUSH_INTERVAL * 1e9)
-    assert {n for n, stamp in published.items() if stamp <= last_ns} <= {n for n, _ in left}
+    assert {n for n, stamp in published.items() if stamp <= until} <= {n for n, _ in left}
 
 
 @pytest.mark.parametrize("number", range(KILLS))

@@ -185,10 +185,10 @@ def test_the_run_had_everything_that_a_replay_must_cope_with(run: Run) -> None:
         "action": Status.SOLVED,
         "negative": Status.OUT_OF_RANGE,
         "blocked": Status.START_IN_COLLISION,
-        "hasty": Status.OUT_OF_TIME,
+        "hasty": Status.TIMED_OUT,
         "robust": Status.SOLVED,
         "margin": Status.SOLVED,
-        "controller": Status.CONTROLLER_RULE,
+        "controller": Status.CONTROLLER_CONSTRAINT,
         "busy": Status.BUSY,
         "cancelled": Status.CANCELLED,
     }

@@ -213,9 +213,9 @@ def told(
 def test_every_request_is_listed_with_door_time_status_and_numbers(told: Told) -> None:
     assert told.page.row("run.1") == [
         *("run.1", "service", "11:06:41.000", "0 SOLVED", "1, 0, 0", "10", "50"),
-        *("1.1072", "15.63", "1.8", "0.250", told.page.row("run.1")[-1]),
+        *("1.1072", "15.63", "19.40", "1.8", "0.250", told.page.row("run.1")[-1]),
     ]
-    listed = [(row[0], row[1], row[3]) for row in told.page.rows if len(row) == 12][1:]
+    listed = [(row[0], row[1], row[3]) for row in told.page.rows if len(row) == 13][1:]
     assert listed == [
         ("run.1", "service", "0 SOLVED"),
         ("run.2", "service", "100 NO_STATE"),
@@ -239,8 +239,8 @@ def test_refusals_have_their_reasons_in_full_and_their_attempts_numbers_marked(t
     rows = told.page.rows
     for plan_id, reason in (("run.2", EVIL), ("run.3", "c1 is in the way")):
         assert rows[rows.index(told.page.row(plan_id)) + 1] == [reason]
-    assert told.page.row("run.3")[7:10] == ["1.1072 *", "15.63 *", "1.8 *"]
-    assert told.page.row("run.2")[7:] == ["-", "-", "-", "-", "-"]
+    assert told.page.row("run.3")[7:11] == ["1.1072 *", "15.63 *", "19.40 *", "1.8 *"]
+    assert told.page.row("run.2")[7:] == 6 * ["-"]
 
 
 def test_the_header_says_which_bag_of_what_robot_and_node_it_is(told: Told) -> None:
@@ -676,7 +676,7 @@ def test_an_answer_in_json_gives_the_same_plots(
     page = page_of(report_of(answer, tmp_path), tmp_path)
     assert page.row("answer")[1:] == [
         *("command line", "-", "0 SOLVED", "1, 0, 0", "10", "50"),
-        *("1.1072", "15.63", "1.8", "0.500", page.row("answer")[-1]),
+        *("1.1072", "15.63", "19.40", "1.8", "0.500", page.row("answer")[-1]),
     ]
     assert sorted(page.plots) == sorted(f"plan-0-{name}" for name in PLOTS)
     for name in PLOTS[1:]:
@@ -696,6 +696,14 @@ def test_an_answer_of_an_earlier_version_lacks_only_what_it_does_not_tell(
     page = page_of(report, tmp_path)
     assert sorted(page.plots) == sorted(f"plan-0-{n}" for n in PLOTS if n != "clearance")
     assert "Which obstacles it avoids is not known." in page.words
+
+
+def test_a_refusal_in_json_of_an_earlier_version_has_the_present_name_of_its_status(
+    tmp_path: Path,
+) -> None:
+    old = {"status": "out_of_time", "message": "the time budget is over"}
+    page = page_of(report_of(old, tmp_path), tmp_path)
+    assert "TIMED_OUT" in page.words
 
 
 def test_a_refusal_in_json_gives_its_reason(tmp_path: Path) -> None:
@@ -722,7 +730,7 @@ def changed(answer: dict[str, Any], path: Sequence[str], value: Any) -> dict[str
         (["metrics"], 3, "metrics.joint_path_length is missing"),
         (["metrics", "penalty"], "no", "metrics.penalty"),
         (["solver", "iterations"], [1, 2], "solver.iterations"),
-        (["obstacles"], [{"id": "c1"}], "objective or obstacles"),
+        (["obstacles"], [{"id": "c1"}], "obstacles[0].center is missing"),
         (["obstacles"], [{"id": "c1", "center": [0, 0], "radius": 1}], "center"),
         (["objective"], {"joint_path_length": -1, "chaser_attitude": 0}, "negative"),
         (["status"], "excellent", "status is excellent"),

@@ -30,6 +30,7 @@ from ff_planner_ros.ros.requests.reading import (
 )
 
 NOW = 1_000 * NANOSECONDS
+ANGLES = ("chaser_attitude", "chaser_rotation")  # that a request may limit
 PARAMETERS = {
     "inertial_frame": FRAME,
     "points": 50,
@@ -42,6 +43,12 @@ PARAMETERS = {
     "state_max_age": 0.5,
     "state_max_lead": 0.05,
 }
+
+
+def limiting(**angles: float) -> LimitParameters:
+    """Return limits as the parameters have them, with some of the chaser's angles."""
+    told = dict.fromkeys(ANGLES, 0.0) | angles
+    return LimitParameters("from_urdf", (0.0,), "from_urdf", **told)
 
 
 def asked(
@@ -143,7 +150,11 @@ def test_the_requests_end_behaviour_goes_before_the_parameters(
 
 @pytest.mark.parametrize(
     ("since", "off", "follows"),
-    [(4.0, 0.0, True), (4.0, 0.019, True), (4.0, 0.021, False), (-0.1, 0.0, False), (11, 0, False)],
+    [
+        *((4.0, 0.0, True), (4.0, 0.019, True), (4.0, 0.021, False)),
+        *((4.0, -0.019, True), (4.0, -0.021, False), (-0.1, 0.0, False), (11, 0, False)),
+        *((-0.001, 0.0, False), (10.001, 0.0, False), (9.999, 0.0, True)),
+    ],
 )
 def test_the_joints_follow_the_last_plan_if_that_is_where_they_are(
     lemur_capture: PlanningProblem, lemur_plan: Plan, since: float, off: float, follows: bool
@@ -164,31 +175,125 @@ def test_the_joints_follow_the_last_plan_if_that_is_where_they_are(
         assert running.time[0] == pytest.approx(-since)
 
 
+def test_every_joint_must_be_where_the_last_plan_wants_it(
+    lemur_capture: PlanningProblem, lemur_plan: Plan
+) -> None:
+    motion = lemur_plan.trajectory
+    published = PublishedPlan("run.1", motion, NOW - round(motion.time[20] * NANOSECONDS))
+    for joint in range(7):
+        for off in (0.03, -0.03):
+            joints = motion.joint_positions[20] + off * np.eye(7)[joint]
+            problem = replace(
+                lemur_capture, start=replace(lemur_capture.start, joint_positions=joints)
+            )
+            found = asked(problem, Scene(problem).request(), published=published)
+            assert found.task.running is None, (joint, off)
+
+
+def test_a_plan_that_begins_with_the_new_one_moves_nothing_before(
+    lemur_capture: PlanningProblem, lemur_plan: Plan
+) -> None:
+    """It was published, and is to be replaced: until then the joints rest, or go on as they do."""
+    motion = lemur_plan.trajectory
+    joints = motion.joint_positions[0]
+    problem = replace(lemur_capture, start=replace(lemur_capture.start, joint_positions=joints))
+    begins = PublishedPlan("run.1", motion, NOW + 2 * NANOSECONDS)
+    assert asked(problem, Scene(problem).request(), published=begins).task.running is None
+    request = Scene(problem).request()
+    request.start_time = time_message(NOW + NANOSECONDS)
+    begun = PublishedPlan("run.1", motion, NOW)
+    assert asked(problem, request, published=begun).task.running is not None
+    request.start_time = time_message(NOW)
+    assert asked(problem, request, published=begun).task.running is None
+
+
+@pytest.mark.parametrize(
+    ("age", "status"),
+    [(0.49, None), (0.51, Status.STATE_TOO_OLD), (-0.04, None), (-0.06, Status.STATE_IN_FUTURE)],
+)
+def test_a_state_that_a_request_brings_is_as_old_and_as_early_as_one_heard_may_be(
+    lemur_capture: PlanningProblem, age: float, status: Status | None
+) -> None:
+    request = Scene(lemur_capture).complete_request()
+    request.start_state.header.stamp = time_message(NOW - round(age * NANOSECONDS))
+    if status is None:
+        found = asked(lemur_capture, request)
+        assert found.provenance.state_stamp_ns == NOW - round(age * NANOSECONDS)
+        assert found.provenance.state_source == "start_state"
+        return
+    with pytest.raises(InvalidInput, match=r"start_state\.header\.stamp") as refusal:
+        asked(lemur_capture, request)
+    assert refusal.value.status is status
+
+
+def test_a_state_that_is_brought_without_a_stamp_is_of_now(lemur_capture: PlanningProblem) -> None:
+    request = Scene(lemur_capture).complete_request()
+    request.start_state.header.stamp = time_message(0)
+    found = asked(lemur_capture, request)
+    assert found.provenance.state_stamp_ns == NOW
+    assert found.task.ahead == pytest.approx(2.0)
+
+
+def test_what_the_arm_does_after_the_goal_lasts_as_long_as_the_parameter_says_or_not_at_all(
+    lemur_capture: PlanningProblem,
+) -> None:
+    request = Scene(lemur_capture).request()
+    assert asked(lemur_capture, request, end_behaviour="as_planned").task.tail == 0.0
+    assert asked(lemur_capture, request, end_behaviour="stop_joints").task.tail == 1.5
+    request.end_behaviour = "come_home"
+    with pytest.raises(InvalidInput, match=r"end_behaviour is 'come_home'"):
+        asked(lemur_capture, request)
+
+
+@pytest.mark.parametrize("joint", range(7))
+@pytest.mark.parametrize("over", [False, True])
+def test_no_joint_is_given_more_acceleration_than_the_parameter_says(
+    lemur_capture: PlanningProblem, joint: int, over: bool
+) -> None:
+    most = 1.0 + np.arange(7.0)[::-1]
+    limits = replace(limiting(), acceleration=tuple(most.tolist()))
+    wanted = 0.5 * most
+    wanted[joint] = (1.01 if over else 0.99) * most[joint]
+    request = Scene(lemur_capture).request()
+    request.limit_accelerations = wanted.tolist()
+    if not over:
+        found = asked(lemur_capture, request, limits=limits)
+        assert found.task.problem.limits.joint_accelerations == tuple(wanted.tolist())
+        return
+    name = lemur_capture.robot.joint_names[joint]
+    with pytest.raises(InvalidInput, match=f"limit_accelerations.*joint {name} .*{most[joint]:g}"):
+        asked(lemur_capture, request, limits=limits)
+
+
 @pytest.mark.parametrize(
     ("asked_for", "parameter", "kept"),
     [(0.0, 0.0, np.inf), (0.0, 0.3, 0.3), (0.2, 0.3, 0.2), (0.3, 0.3, 0.3), (0.2, 0.0, 0.2)],
 )
-def test_a_request_may_ask_for_a_smaller_limit_of_the_attitude_than_the_parameters(
+def test_a_request_may_ask_for_a_smaller_limit_of_an_angle_than_the_parameters(
     lemur_capture: PlanningProblem, asked_for: float, parameter: float, kept: float
 ) -> None:
-    request = Scene(lemur_capture).request()
-    request.limit_chaser_attitude = asked_for
-    limits = LimitParameters("from_urdf", (0.0,), "from_urdf", parameter)
-    assert asked(lemur_capture, request, limits=limits).task.problem.limits == Limits(True, kept)
+    for name in ANGLES:
+        request = Scene(lemur_capture).request()
+        setattr(request, f"limit_{name}", asked_for)
+        limits = limiting(**{name: parameter})
+        found = asked(lemur_capture, request, limits=limits).task.problem.limits
+        assert found == Limits(True, **{name: kept})
 
 
 @pytest.mark.parametrize(
     ("value", "parameter"), [(-0.1, 0.0), (np.nan, 0.0), (np.nan, 0.3), (0.301, 0.3), (np.inf, 0.3)]
 )
-def test_a_limit_of_the_attitude_that_is_none_or_more_than_the_parameters_is_refused_by_name(
+def test_a_limit_of_an_angle_that_is_none_or_more_than_the_parameters_is_refused_by_name(
     lemur_capture: PlanningProblem, value: float, parameter: float
 ) -> None:
-    request = Scene(lemur_capture).request()
-    request.limit_chaser_attitude = value
-    limits = LimitParameters("from_urdf", (0.0,), "from_urdf", parameter)
-    with pytest.raises(InvalidInput, match=rf"limit_chaser_attitude is {value}") as refused:
-        asked(lemur_capture, request, limits=limits)
-    assert ("at most 0.3 rad" in refused.value.allowed) == (parameter == 0.3)
+    for name in ANGLES:
+        request = Scene(lemur_capture).request()
+        setattr(request, f"limit_{name}", value)
+        limits = limiting(**{name: parameter})
+        with pytest.raises(InvalidInput, match=rf"limit_{name} is {value}") as refused:
+            asked(lemur_capture, request, limits=limits)
+        assert ("at most 0.3 rad" in refused.value.allowed) == (parameter == 0.3)
+        assert f"the parameter limits.{name}," in refused.value.allowed
 
 
 @pytest.mark.parametrize("name", ["two\nlines", "\x1b[31m", "n" * 201])

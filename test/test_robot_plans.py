@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import fields
 from pathlib import Path
 
@@ -17,8 +18,9 @@ from ff_planner_ros.bag.writer import BagWriter
 from ff_planner_ros.errors import BagError, InvalidInput, NoPlanFound, Status
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.plan import Plan
-from ff_planner_ros.planning.problem import PlanningProblem
+from ff_planner_ros.planning.problem import Limits, PlanningProblem
 from ff_planner_ros.planning.task import PlanningTask
+from ff_planner_ros.planning.uncertainty import Uncertainty
 from ff_planner_ros.ros.messages.to_messages import (
     obstacles_message,
     response_from_error,
@@ -181,3 +183,49 @@ def test_a_plan_comes_with_the_scene_that_it_was_made_among(
     np.testing.assert_array_equal(asked.target.position, lemur_capture.target.position)
     assert asked.capture_time == lemur_capture.duration
     assert robot_plans(alone).scenes == {}
+
+
+@pytest.mark.parametrize("angle", ["chaser_attitude", "chaser_rotation"])
+@pytest.mark.parametrize("effort", ["from_urdf", "none"])
+@pytest.mark.parametrize(
+    ("asked", "parameter", "kept"),
+    [(0.0, 0.0, math.inf), (0.0, 0.3, 0.3), (0.2, 0.3, 0.2), (0.2, 0.0, 0.2)],
+)
+def test_a_plan_comes_with_the_limits_of_the_node_and_of_its_request(
+    lemur_capture: PlanningProblem,
+    lemur_plan: Plan,
+    tmp_path: Path,
+    asked: float,
+    parameter: float,
+    kept: float,
+    effort: str,
+    angle: str,
+) -> None:
+    robust = {"sigmas": 3.0, "mass": 0.25, "angular_velocity": 0.5}
+    told = {
+        "robot": LINKS,
+        "limits": {angle: parameter, "effort": effort},
+        "planner": {"robust": robust},
+    }
+    attached = {
+        "robot.urdf": lemur_capture.robot.urdf.encode(),
+        "parameters.yaml": yaml.safe_dump({"/**": {"ros__parameters": told}}).encode(),
+    }
+    directory = tmp_path / "bag"
+    response = response_from_plan(lemur_plan, "run.1", 10**18, "inertial", 0.1)
+    request = PlanTrajectory.Request(**{f"limit_{angle}": asked})
+    with BagWriter(directory, flush_interval=0.0) as bag:
+        for name, content in attached.items():
+            bag.attach(name, "text/plain", content)
+        bag.add_topic(EVENTS, EVENT, [])
+        for time, event in enumerate(
+            (PlanTrajectory.Event(request=[request]), PlanTrajectory.Event(response=[response]))
+        ):
+            event.info.event_type = (
+                ServiceEventInfo.RESPONSE_SENT if time else ServiceEventInfo.REQUEST_RECEIVED
+            )
+            bag.write(EVENTS, encode(event), time, time)
+    found = robot_plans(directory)
+    limits = found.limits["run.1"]
+    assert limits == Limits(**{angle: kept}, joint_torques=effort == "from_urdf")
+    assert found.uncertainty == Uncertainty(mass=0.25, angular_velocity=0.5)

@@ -118,10 +118,24 @@ def test_the_chaser_s_attitude_keeps_its_deviations_too(lemur_plan: Plan) -> Non
     assert share_of_violations(task.problem, robust, seed=13) <= 0.01
 
 
-def test_what_cannot_be_kept_is_refused_with_what_is_lacking() -> None:
+def test_the_chaser_s_rotation_keeps_its_deviations_too(lemur_plan: Plan) -> None:
+    task = task_of("lemur_capture")
+    limit = lemur_plan.metrics.max_chaser_rotation * 0.98
+    limits = replace(task.problem.limits, chaser_rotation=limit)
+    task = replace(task, problem=replace(task.problem, limits=limits))
+    plain, robust = perform(asking(task, 0.0)), perform(task)
+    assert robust.robust is not None
+    assert robust.robust.chaser_rotation > 0.0
+    assert robust.metrics.max_chaser_rotation < limit - robust.robust.chaser_rotation + 1e-4
+    assert share_of_violations(task.problem, plain, seed=13) > 0.05
+    assert share_of_violations(task.problem, robust, seed=13) <= 0.01
+
+
+@pytest.mark.parametrize(("name", "limit"), [("chaser_attitude", 0.5), ("chaser_rotation", 0.36)])
+def test_what_cannot_be_kept_is_refused_with_what_is_lacking(name: str, limit: float) -> None:
     task = task_of("lemur_capture", 10.0, mass=0.5, inertia=0.5)
-    problem = replace(task.problem, limits=Limits(chaser_attitude=0.5), obstacles=())
-    lacks = r"robust: the margin of limits\.chaser_attitude is .* 10 are to be kept"
+    problem = replace(task.problem, limits=Limits(**{name: limit}), obstacles=())
+    lacks = rf"robust: the margin of limits\.{name} is .* 10 are to be kept"
     with pytest.raises(NoPlanFound, match=lacks) as refused:
         perform(replace(task, problem=problem, settings=replace(task.settings, starts=1)))
     assert refused.value.status is Status.LIMIT_VIOLATED

@@ -13,8 +13,9 @@ from robots import LEMUR_URDF
 from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.problem import PlanningProblem
-from ff_planner_ros.planning.scenario import load_scenario
+from ff_planner_ros.planning.scenario import Defaults, load_scenario, load_task
 
 # Every key of the format; the robot lies in the directory that `saved` writes to.
 SCENARIO: dict[str, Any] = {
@@ -106,6 +107,30 @@ def test_every_value_of_a_file_arrives(directory: Path) -> None:
     assert problem.limits.joint_velocities
 
 
+def test_every_value_of_a_body_arrives(directory: Path) -> None:
+    body = {
+        "position": [1.5, 2.5, 3.5],
+        "quaternion_xyzw": [0.6, 0.0, 0.8, 0.0],
+        "linear_velocity": [0.01, -0.02, 0.03],
+        "angular_velocity": [-0.04, 0.05, 0.06],
+    }
+    inertia = {"ixx": 3.0, "ixy": 0.1, "ixz": -0.2, "iyy": 4.0, "iyz": 0.3, "izz": 5.0}
+    grasp = {"position": [0.5, 0.6, -0.7], "quaternion_xyzw": [0.0, 0.6, 0.0, -0.8]}
+    mast = {"id": "boom", "center": [-1.0, -1.5, 2.5], "radius": 0.2}
+    scenario = yaml.safe_load(saved(directory, "target").read_text())
+    scenario["target_body"] = body | {"inertia": inertia, "grasp": grasp, "obstacles": [mast]}
+    (directory / "body.yaml").write_text(yaml.safe_dump(scenario))
+    found = load_scenario(directory / "body.yaml").target_body
+    assert found is not None
+    for name, wanted in body.items():
+        np.testing.assert_allclose(getattr(found, name), wanted, rtol=1e-15)
+    assert found.inertia.tolist() == [[3.0, 0.1, -0.2], [0.1, 4.0, 0.3], [-0.2, 0.3, 5.0]]
+    np.testing.assert_allclose(found.grasp_position, grasp["position"])
+    np.testing.assert_allclose(found.grasp_quaternion_xyzw, grasp["quaternion_xyzw"], rtol=1e-15)
+    (sphere,) = found.obstacles
+    assert (sphere.id, *sphere.center, sphere.radius) == ("boom", -1.0, -1.5, 2.5, 0.2)
+
+
 def test_a_target_that_names_no_twist_is_at_rest(directory: Path) -> None:
     target = {key: SCENARIO["target"][key] for key in ("position", "quaternion_xyzw")}
     problem = load_scenario(saved(directory, "target", target))
@@ -175,7 +200,7 @@ def test_the_reference_scenario_is_the_paper_s(lemur_capture: PlanningProblem) -
 @pytest.mark.parametrize(
     "name",
     [
-        *(key for key in SCENARIO if key != "limits"),
+        *(key for key in SCENARIO if key not in ("limits", "points")),
         *(f"{key}.{name}" for key in ("robot", "chaser", "objective") for name in SCENARIO[key]),
         "joints.position",
         "joints.velocity",
@@ -186,6 +211,12 @@ def test_the_reference_scenario_is_the_paper_s(lemur_capture: PlanningProblem) -
 def test_a_missing_key_is_named(directory: Path, name: str) -> None:
     error = refusal_of(saved(directory, name))
     assert (error.field, error.value) == (name, "missing")
+
+
+def test_points_that_a_scenario_leaves_out_are_those_of_the_parameter(directory: Path) -> None:
+    path = saved(directory, "points")
+    told = load_task(path, Defaults(load_parameters().planner)).problem.points
+    assert load_scenario(path).points == told == load_parameters().points
 
 
 def test_accelerations_of_the_joints_may_be_given(directory: Path) -> None:

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import yaml
 from robots import LEMUR_SCENARIO
 
 from ff_planner_ros.arrays import normalising_to, unit_quaternion
@@ -76,7 +77,11 @@ def random_task(robot: Robot, seed: int) -> PlanningTask:
                 for name in rng.choice(IDS, rng.integers(len(IDS)), replace=False).tolist()
             ),
             objective=Objective(1.0, abs(number(rng))),
-            limits=Limits(bool(rng.random() < 0.5), float(rng.choice([math.inf, 5e-324, 0.2]))),
+            limits=Limits(
+                bool(rng.random() < 0.5), float(rng.choice([math.inf, 5e-324, 0.2])),
+                joint_torques=seed % 2 == 0,
+                joint_accelerations=None if seed % 3 else tuple(np.arange(1.0, joints + 1.0)),
+            ),
         ),
         settings=replace(SETTINGS, penalty_gain=abs(number(rng)), starts=int(rng.integers(1, 9))),
         ahead=abs(number(rng)),
@@ -165,7 +170,7 @@ def written(tmp_path: Path, more: str) -> Path:
     [
         ("start_after: -1.0", "start_after is -1.0"),
         ("end_behaviour: rest", "end_behaviour is 'rest'"),
-        ("end_behaviour: stop_joints", "tail_duration is None"),
+        ("end_behaviour: stop_joints", "tail_duration is missing: .* stop_joints needs it"),
         ("controller: {effort_interface: false}", "allow_nonzero_velocity_at_trajectory_end"),
         ("controller: {allow_nonzero_velocity_at_trajectory_end: 1, effort_interface: false}",
          "controller.allow_nonzero_velocity_at_trajectory_end is 1"),
@@ -183,6 +188,30 @@ def test_a_value_that_makes_no_sense_is_refused_by_name(
 ) -> None:
     with pytest.raises(InvalidInput, match=words):
         load_task(written(tmp_path, more), Defaults(SETTINGS))
+
+
+@pytest.mark.parametrize(
+    ("time", "grows"),
+    [
+        ([0.0, 1.0, 1.5], True),
+        ([0.0, 2.0, 1.0], False),
+        ([0.0, 1.0, 1.0], False),
+        ([2.0, 1.0, 0.0], False),
+    ],
+)
+def test_each_time_of_a_running_motion_is_later_than_the_one_before(
+    tmp_path: Path, time: list[float], grows: bool
+) -> None:
+    rows = [[0.0] * 7 for _ in time]
+    running = {"time": time} | {item.name: rows for item in fields(JointMotion)[1:]}
+    path = written(tmp_path, yaml.safe_dump({"running": running}))
+    if grows:
+        found = load_task(path, Defaults(SETTINGS)).running
+        assert found is not None
+        assert found.time.tolist() == time
+        return
+    with pytest.raises(InvalidInput, match=r"running\.time is .* each later than the one before"):
+        load_task(path, Defaults(SETTINGS))
 
 
 def test_what_a_scenario_does_not_say_is_the_formats_default_or_the_parameters(

@@ -6,8 +6,10 @@ import pytest
 from ff_planner_msgs.msg import ObstacleSphere, ObstacleSphereArray
 from rclpy.serialization import serialize_message
 
+from ff_planner_ros.bench import tumbling
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.ros.inputs.scene_input import SceneInput
+from ff_planner_ros.ros.messages.to_messages import target_body_message
 
 FRAME = "inertial"
 SECOND = 1_000_000_000
@@ -134,3 +136,77 @@ def test_an_id_given_twice_is_told_with_the_place_of_the_first(scene_input: Scen
         "obstacles.spheres[2].id is 'c1': "
         "every id must be given once, and spheres[1] has it already"
     )
+
+
+def _moving_among_still(sec: int) -> ObstacleSphereArray:
+    message = _array(0.1, 0.2, 0.3, sec=sec)
+    message.spheres[1].twist.linear.x = -0.5
+    return message
+
+
+@pytest.mark.parametrize("own", [False, True])
+@pytest.mark.parametrize(
+    ("sec", "status"),
+    [(100, None), (1, None), (101, None), (102, Status.STATE_IN_FUTURE)],
+)
+def test_one_sphere_that_moves_is_enough_to_need_the_time_when_it_was_there(
+    scene_input: SceneInput, own: bool, sec: int, status: Status | None
+) -> None:
+    """However long ago, for it moves uniformly; ahead of now by so much at most."""
+    message, now_ns = _moving_among_still(sec), 100 * SECOND
+    if not own:
+        scene_input.keep(message)
+    asked = (message if own else None, now_ns, 1.0)
+    if status is None:
+        assert scene_input.moving_scene(*asked).stamp_ns == sec * SECOND
+        return
+    with pytest.raises(InvalidInput) as refused:
+        scene_input.moving_scene(*asked)
+    assert (refused.value.status, refused.value.field) == (status, "obstacles.header.stamp")
+
+
+def test_without_a_stamp_a_requests_moving_spheres_are_of_now_and_others_of_nobody_knows_when(
+    scene_input: SceneInput,
+) -> None:
+    now_ns = 100 * SECOND
+    assert scene_input.moving_scene(_moving_among_still(0), now_ns, 1.0).stamp_ns == now_ns
+    assert scene_input.moving_scene(_array(0.1, sec=0), now_ns, 1.0).stamp_ns == 0
+    scene_input.keep(_moving_among_still(0))
+    with pytest.raises(InvalidInput, match="when the spheres that move were there"):
+        scene_input.moving_scene(None, now_ns, 1.0)
+
+
+def test_what_rests_needs_no_time_and_may_be_of_any(scene_input: SceneInput) -> None:
+    for sec in (0, 1, 100_000):
+        scene_input.keep(_array(0.1, sec=sec))
+        assert scene_input.moving_scene(None, 100 * SECOND, 1.0).stamp_ns == sec * SECOND
+
+
+@pytest.mark.parametrize("own", [False, True])
+@pytest.mark.parametrize(
+    ("age", "status"),
+    [
+        *((0.0, None), (4.9, None), (-0.9, None)),
+        *((5.1, Status.TARGET_TOO_OLD), (-1.1, Status.TARGET_IN_FUTURE)),
+    ],
+)
+def test_a_target_body_is_as_old_and_as_early_as_it_may_be_and_no_more(
+    scene_input: SceneInput, own: bool, age: float, status: Status | None
+) -> None:
+    body = tumbling.problem("tumbling", 0).target_body
+    assert body is not None
+    now_ns = 100 * SECOND
+    stamp_ns = now_ns - round(age * SECOND)
+    message = target_body_message(body, stamp_ns, FRAME)
+    if not own:
+        scene_input.callbacks()["target_body"](message)
+    asked = (message if own else None, now_ns, 5.0, 1.0)
+    if status is None:
+        assert scene_input.target_body(*asked).stamp_ns == stamp_ns
+        return
+    with pytest.raises(InvalidInput) as refused:
+        scene_input.target_body(*asked)
+    assert (refused.value.status, refused.value.field) == (status, "target_body.header.stamp")
+    limit, name = ("5", "target_max_age") if age > 0.0 else ("1", "state_max_lead")
+    assert f"at most {limit} s" in refused.value.allowed
+    assert name in refused.value.allowed

@@ -4,14 +4,19 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from argparse import ArgumentParser
+from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+from ff_planner_ros.commands.parser import ADDERS
 from ff_planner_ros.share import share_directory
 
 CAPTURE = str(share_directory() / "config" / "scenarios" / "lemur_capture.yaml")
 GOLDEN_BAG = str(Path(__file__).parent / "golden_bags" / "node")
+ANSWER = "answer.json"  # of a plan of the capture
 # Runs a command line and prints the names of all modules that were loaded for it, in one last line.
 COMMAND = """
 import sys
@@ -23,17 +28,16 @@ except SystemExit:
 print("\\n", *sys.modules)
 """
 PAGES = {"matplotlib", "plotly"}
-ROS = {"rclpy", "rpyutils", "ff_planner_msgs", "rosidl_parser"}
+MIDDLEWARE = {"rclpy", "rpyutils"}
+ROS = {*MIDDLEWARE, "ff_planner_msgs", "rosidl_parser"}
 NUMERICS = {"numpy", "scipy", "pinocchio", "coal", "piqp", "ff_planner_ros.core.compiled"}
 BAGS = {"mcap", "rosbags", "lz4", "zstandard"}
-# Half of the time that a plan's imports took; of them only some searches use something.
-SOME_SEARCHES = {"scipy.stats", "scipy.interpolate", "scipy.optimize", "scipy.integrate"}
 
 
-def loaded_by(*arguments: str) -> set[str]:
+def loaded_by(*arguments: str, cwd: Path) -> set[str]:
     """Run a command in a process of its own, and return what it loaded."""
     command = [sys.executable, "-c", COMMAND, *arguments]
-    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    done = subprocess.run(command, capture_output=True, text=True, cwd=cwd, check=True)
     return set(done.stdout.splitlines()[-1].split())
 
 
@@ -42,12 +46,31 @@ def loaded_by(*arguments: str) -> set[str]:
     [
         (("--help",), {*PAGES, *ROS, *NUMERICS, *BAGS, "yaml", "importlib.metadata"}),
         (("plan", "--help"), {*PAGES, *ROS, *NUMERICS, *BAGS, "yaml", "importlib.metadata"}),
-        (("plan", CAPTURE), {*PAGES, *ROS, *BAGS, *SOME_SEARCHES}),
+        (("plan", CAPTURE), {*PAGES, *ROS, *BAGS, "scipy"}),
         (("info", GOLDEN_BAG), {*PAGES, *ROS, "pinocchio", "coal", "piqp", "scipy"}),
+        (("report", GOLDEN_BAG, "--plans", "0"), {"matplotlib", *MIDDLEWARE}),
+        (("report", ANSWER), {"matplotlib", *ROS}),
     ],
-    ids=["--help", "plan --help", "plan", "info"],
+    ids=["--help", "plan --help", "plan", "info", "report of a bag", "report of an answer"],
 )
 def test_a_command_loads_nothing_that_it_does_not_use(
-    arguments: tuple[str, ...], unused: set[str]
+    arguments: tuple[str, ...], unused: set[str], tmp_path: Path
 ) -> None:
-    assert not loaded_by(*arguments) & unused
+    if ANSWER in arguments:
+        loaded_by("plan", CAPTURE, "--json", ANSWER, cwd=tmp_path)
+    assert not loaded_by(*arguments, cwd=tmp_path) & unused
+
+
+def test_every_verb_names_a_function_of_a_module() -> None:
+    named: list[str] = []
+
+    def add(_verb: str, function: str, *_more: Any, **_options: Any) -> ArgumentParser:
+        named.append(function)
+        return ArgumentParser()
+
+    for adder in ADDERS:
+        adder(add)
+    assert len(named) == len(ADDERS)
+    for name in named:
+        module, _, function = name.partition(":")
+        assert callable(getattr(import_module(module), function, None)), name

@@ -284,7 +284,7 @@ def test_halves_of_different_moments_are_refused_with_their_difference(
     testbed.keep["odometry"](_odometry(NOW_NS - SECOND // 5))
     testbed.keep["joint_states"](_joints(lemur, NOW_NS))
     refusal = testbed.refusal()
-    assert refusal.status is Status.STATE_UNPAIRED
+    assert refusal.status is Status.STATE_NOT_SYNCHRONIZED
     assert "odometry and joint_states is 0.200 s apart" in str(refusal)
     assert "odometry.pairing_tolerance" in refusal.allowed
 
@@ -292,7 +292,7 @@ def test_halves_of_different_moments_are_refused_with_their_difference(
 def test_halves_may_be_as_far_apart_as_declared_and_no_more(testbed: Fed, lemur: Robot) -> None:
     testbed.keep["odometry"](_odometry(NOW_NS))
     testbed.keep["joint_states"](_joints(lemur, NOW_NS + SECOND // 100 + 1_500))
-    assert testbed.refusal().status is Status.STATE_UNPAIRED
+    assert testbed.refusal().status is Status.STATE_NOT_SYNCHRONIZED
     testbed.keep["joint_states"](_joints(lemur, NOW_NS + SECOND // 100 + 900, first=0.5))
     assert testbed.ask().state.joint_positions[0] == 0.5
 
@@ -305,7 +305,7 @@ def test_a_pair_of_long_ago_is_no_state_though_both_halves_go_on(
     testbed.keep["odometry"](_odometry(NOW_NS - SECOND // 10))
     testbed.keep["joint_states"](_joints(lemur, NOW_NS))
     refusal = testbed.refusal()
-    assert (refusal.status, refusal.value) == (Status.STATE_UNPAIRED, "0.100 s apart")
+    assert (refusal.status, refusal.value) == (Status.STATE_NOT_SYNCHRONIZED, "0.100 s apart")
 
 
 @pytest.mark.parametrize("seed", range(20))
@@ -344,7 +344,7 @@ def test_any_interleaving_gives_the_newest_odometry_that_has_a_partner_and_its_n
             assert snapshot.state.joint_positions[0] == joints_ns / SECOND
             paired += 1
         else:
-            assert fed.refusal(now_ns).status in (Status.NO_STATE, Status.STATE_UNPAIRED)
+            assert fed.refusal(now_ns).status in (Status.NO_STATE, Status.STATE_NOT_SYNCHRONIZED)
     assert paired > 0
 
 
@@ -398,7 +398,7 @@ def test_a_pair_from_before_a_jump_is_not_used_where_the_newest_messages_do_not_
     testbed.keep["odometry"](_odometry(NOW_NS - jump_ns))
     testbed.keep["joint_states"](_joints(lemur, NOW_NS - jump_ns - SECOND // 20))
     refusal = testbed.refusal(NOW_NS - jump_ns)
-    assert (refusal.status, refusal.value) == (Status.STATE_UNPAIRED, "0.050 s apart")
+    assert (refusal.status, refusal.value) == (Status.STATE_NOT_SYNCHRONIZED, "0.050 s apart")
 
 
 def test_of_two_messages_with_one_stamp_the_last_one_counts(testbed: Fed, lemur: Robot) -> None:
@@ -433,7 +433,7 @@ def test_the_memory_of_a_topic_ends(testbed: Fed, lemur: Robot) -> None:
         testbed.keep["odometry"](_odometry(NOW_NS + late + 2 * SECOND // 100))
     assert testbed.ask().state.position_chaser_in_inertial[0] == 3.0
     testbed.keep["odometry"](_odometry(NOW_NS + 2 * SECOND // 100))
-    assert testbed.refusal().status is Status.STATE_UNPAIRED
+    assert testbed.refusal().status is Status.STATE_NOT_SYNCHRONIZED
 
 
 def test_a_huge_message_is_refused_and_let_go(testbed: Fed, lemur: Robot) -> None:

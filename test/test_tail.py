@@ -16,10 +16,10 @@ from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.certificate import certified_clearance
 from ff_planner_ros.planning.check import measure
 from ff_planner_ros.planning.motion import from_trajectory
-from ff_planner_ros.planning.plan import Plan
+from ff_planner_ros.planning.plan import Plan, Trajectory
 from ff_planner_ros.planning.planner import plan
-from ff_planner_ros.planning.problem import Limits, PlanningProblem, Sphere
-from ff_planner_ros.planning.tail import EndBehaviour, with_tail
+from ff_planner_ros.planning.problem import MAX_POINTS, Limits, PlanningProblem, Sphere
+from ff_planner_ros.planning.tail import EndBehaviour, _intervals, with_tail
 from ff_planner_ros.robot.momentum import total_momentum
 from ff_planner_ros.simulation.verification import verify
 
@@ -216,6 +216,7 @@ def test_an_obstacle_beside_the_goal_is_found_by_the_tail_that_drifts_into_it(
     )
     assert isinstance(error.attempt, Plan)
     assert error.attempt.metrics.min_clearance < -0.02
+    assert error.attempt.trajectory.time[-1] == 18.0
     with_tail(problem, lemur_plan, HOLD, 8.0, SETTINGS)
 
 
@@ -275,7 +276,32 @@ def test_holding_until_the_arm_is_stretched_is_found(
         with_tail(problem, lemur_plan, HOLD, 90.0, settings)
     assert refused.value.status is Status.SINGULAR
     assert "tail (hold_end_effector, 90 s)" in str(refused.value)
-    assert "dynamic singularity at t = " in str(refused.value)
+    told = str(refused.value).partition("dynamic singularity at t = ")[2]
+    # That is from the first point on: a hold that lasts a little longer is refused, too.
+    after_goal = float(told.partition(" s")[0]) - problem.duration
+    with pytest.raises(NoPlanFound, match="dynamic singularity"):
+        with_tail(problem, lemur_plan, HOLD, 1.03 * after_goal, settings)
+    with_tail(problem, lemur_plan, HOLD, 0.9 * after_goal, settings)
+
+
+@TAILS
+def test_few_points_are_few_points_told_and_no_coarser_motion(
+    lemur_capture: PlanningProblem, behaviour: EndBehaviour
+) -> None:
+    """Every eighth point of a plan, and a tail that is told once a second."""
+    problem = replace(lemur_capture, obstacles=(), points=81)
+    fine = plan(problem, SETTINGS)
+    told = Trajectory(**{name: rows[::8] for name, rows in vars(fine.trajectory).items()})
+    few = replace(fine, trajectory=told)
+    finer, coarse = (
+        with_tail(asked, answer, behaviour, 8.0, SETTINGS).trajectory
+        for asked, answer in ((problem, fine), (replace(problem, points=11), few))
+    )
+    assert len(coarse.time) == 19
+    shared = np.searchsorted(finer.time, coarse.time - 1e-6)
+    for name in ("joint_positions", "chaser_quaternions_xyzw", "ee_positions"):
+        there = getattr(finer, name)[shared]
+        np.testing.assert_allclose(getattr(coarse, name), there, rtol=0.0, atol=1e-6)
 
 
 @pytest.mark.parametrize("quantity", ["position", "orientation"])
@@ -315,3 +341,14 @@ def test_a_length_that_is_none_is_refused_by_name(
 ) -> None:
     with pytest.raises(InvalidInput, match="tail_duration"):
         with_tail(lemur_capture, lemur_plan, behaviour, seconds, SETTINGS)
+
+
+def test_a_plan_has_no_more_points_with_its_tail_than_a_plan_may(
+    lemur_capture: PlanningProblem, lemur_plan: Plan
+) -> None:
+    """Of 50 points in 10 s: with 9950 more it has as many as it may."""
+    motion = lemur_plan.trajectory
+    assert _intervals(lemur_capture, motion, 9950 * 10.0 / 49) == MAX_POINTS - 50
+    with pytest.raises(InvalidInput, match="10000 at most") as refused:
+        with_tail(lemur_capture, lemur_plan, STOP, 9951 * 10.0 / 49, SETTINGS)
+    assert refused.value.field == "tail_duration"

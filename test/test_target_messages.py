@@ -219,7 +219,12 @@ def _same_names(body: TargetBody) -> None:
         (_same_names, Status.OUT_OF_RANGE, "obstacles"),
         (_set("obstacles.2.radius", 0.0), Status.OUT_OF_RANGE, "obstacles[2].radius"),
         (_set("obstacles.2.center.x", math.nan), Status.NOT_FINITE, "obstacles[2].center"),
-        (_set("obstacles.2.twist.linear.x", 0.1), Status.UNSUPPORTED, "obstacles[2].twist"),
+        (_set("obstacles.2.twist.linear.x", 0.1), Status.UNSUPPORTED, "obstacles[2].twist.linear"),
+        (
+            _set("obstacles.0.twist.angular.y", -0.1),
+            Status.UNSUPPORTED,
+            "obstacles[0].twist.angular",
+        ),
     ],
 )
 @pytest.mark.parametrize("own", [False, True])
@@ -241,8 +246,8 @@ def test_what_is_no_body_is_refused_by_its_field(
 @pytest.mark.parametrize(
     ("stamp", "status"),
     [
-        (-1.01 * MAX_AGE, Status.TARGET_STALE),
-        (-NOW / NANOSECONDS, Status.TARGET_STALE),  # none at all
+        (-1.01 * MAX_AGE, Status.TARGET_TOO_OLD),
+        (-NOW / NANOSECONDS, Status.TARGET_TOO_OLD),  # none at all
         (2.0 * MAX_LEAD, Status.TARGET_IN_FUTURE),
     ],
 )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import pickle
 import subprocess
@@ -19,10 +20,10 @@ from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.controller_rules import Controller
 from ff_planner_ros.planning.joint_motion import joint_motion
 from ff_planner_ros.planning.plan import Plan
-from ff_planner_ros.planning.problem import Limits, Objective, PlanningProblem
+from ff_planner_ros.planning.problem import Limits, Objective, PlanningProblem, Sphere
 from ff_planner_ros.planning.settings import PlannerSettings
 from ff_planner_ros.planning.tail import EndBehaviour
-from ff_planner_ros.planning.task import PlanningTask, attempted, perform, without_search
+from ff_planner_ros.planning.task import PlanningTask, attempted, canonical, perform, without_search
 from ff_planner_ros.planning.watch import Progress, Watch
 from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.simulation.engine import Engine
@@ -144,6 +145,7 @@ def test_equal_tasks_have_equal_digests_and_every_difference_counts(
         "objective": replace(lemur_capture, objective=Objective(1.0, 1e-300)),
         "limits": replace(lemur_capture, limits=Limits(joint_velocities=True)),
         "attitude": replace(lemur_capture, limits=Limits(chaser_attitude=0.2)),
+        "rotation": replace(lemur_capture, limits=Limits(chaser_rotation=0.2)),
     }
     tasks = {name: PlanningTask(problem, settings) for name, problem in problems.items()} | {
         "settings": replace(task, settings=replace(settings, starts=settings.starts + 1)),
@@ -187,7 +189,7 @@ def test_the_controllers_rules_are_kept(
     strict = Controller(lemur_capture.robot.joint_names, False, False)
     with pytest.raises(NoPlanFound, match="still moves at") as refusal:
         perform(PlanningTask(lemur_capture, settings, controller=strict))
-    assert refusal.value.status is Status.CONTROLLER_RULE
+    assert refusal.value.status is Status.CONTROLLER_CONSTRAINT
     stops = EndBehaviour.STOP_JOINTS
     perform(PlanningTask(lemur_capture, settings, end_behaviour=stops, tail=2.0, controller=strict))
 
@@ -212,3 +214,19 @@ def test_a_first_guess_that_is_none_is_refused(
 ) -> None:
     with pytest.raises(InvalidInput, match="first_guess"):
         PlanningTask(lemur_capture, settings, first_guess=guess)
+
+
+def test_a_digest_says_what_digests_always_said_and_leaves_out_what_came_later() -> None:
+    told = {
+        Limits(): {"joint_velocities": False, "chaser_attitude": math.inf},
+        Limits(joint_torques=False): {
+            "joint_velocities": False,
+            "chaser_attitude": math.inf,
+            "joint_torques": False,
+        },
+        Objective(1.0, 0.0): {"joint_path_length": 1.0, "chaser_attitude": 0.0},
+        Sphere("c1", np.ones(3), 0.5): {"id": "c1", "center": np.ones(3), "radius": 0.5},
+    }
+    for value, fields_said in told.items():
+        expected = [part for pair in fields_said.items() for one in pair for part in canonical(one)]
+        assert b"".join(canonical(value)) == b"".join(expected)

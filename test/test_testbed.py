@@ -100,12 +100,12 @@ def not_a_number(message: JointTrajectory) -> None:
     ("spoil", "field", "status"),
     [
         (lambda m: m.joint_names.__setitem__(0, "c"), "joint_names", Status.UNKNOWN_JOINT),
-        (lambda m: m.points.__delitem__(slice(1, None)), "points", Status.CONTROLLER_RULE),
-        (lambda m: m.points.reverse(), "points", Status.CONTROLLER_RULE),
-        (without("positions"), "points[].positions", Status.CONTROLLER_RULE),
-        (without("velocities"), "points[].velocities", Status.CONTROLLER_RULE),
-        (without("accelerations"), "points[].accelerations", Status.CONTROLLER_RULE),
-        (not_a_number, "points[].positions", Status.CONTROLLER_RULE),
+        (lambda m: m.points.__delitem__(slice(1, None)), "points", Status.CONTROLLER_CONSTRAINT),
+        (lambda m: m.points.reverse(), "points", Status.CONTROLLER_CONSTRAINT),
+        (without("positions"), "points[].positions", Status.CONTROLLER_CONSTRAINT),
+        (without("velocities"), "points[].velocities", Status.CONTROLLER_CONSTRAINT),
+        (without("accelerations"), "points[].accelerations", Status.CONTROLLER_CONSTRAINT),
+        (not_a_number, "points[].positions", Status.CONTROLLER_CONSTRAINT),
     ],
 )
 def test_a_trajectory_that_cannot_be_followed_is_refused_by_name(

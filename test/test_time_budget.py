@@ -24,7 +24,7 @@ def test_a_budget_lasts_until_it_is_used_up(clock: list[float]) -> None:
     clock[0] = 1002.6
     with pytest.raises(OutOfTime, match=r"the time budget of 2\.5 s is used up") as end:
         watch.require_time()
-    assert end.value.status is Status.OUT_OF_TIME
+    assert end.value.status is Status.TIMED_OUT
 
 
 def test_time_that_went_by_before_counts(clock: list[float]) -> None:

@@ -37,8 +37,8 @@ def test_the_answer_is_that_of_the_changed_problem(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     changes = ("objective.joint_path_length=0", "objective.chaser_attitude=1", "points=30")
-    options = [word for change in changes for word in ("--with", change)]
-    assert main(["replay", str(bag), *options, "--with", "planner.joint_path_tie_break=0.01"]) == 0
+    options = [word for change in changes for word in ("--set", change)]
+    assert main(["replay", str(bag), *options, "--set", "planner.joint_path_tie_break=0.01"]) == 0
     changed = replace(lemur_capture, objective=Objective(0.0, 1.0), points=30)
     wanted = perform(PlanningTask(changed, replace(SETTINGS, joint_path_tie_break=0.01)))
     lengths = [one.metrics.joint_path_length for one in (lemur_plan, wanted)]
@@ -52,9 +52,9 @@ def test_the_answer_is_that_of_the_changed_problem(
 def test_limits_and_duration_are_changed_in_every_request(
     bag: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    hurried = ["--with", "duration=1.5", "--with", "planner.starts=1"]
+    hurried = ["--set", "duration=1.5", "--set", "planner.starts=1"]
     for limits, status in (("none", "SOLVED"), ("from_urdf", "COLLISION")):
-        options = [*hurried, "--with", f"limits.velocity={limits}"]
+        options = [*hurried, "--set", f"limits.velocity={limits}"]
         assert main(["replay", str(bag), *options]) == 0
         assert f"SOLVED > {status}" in capsys.readouterr().out
 
@@ -62,9 +62,9 @@ def test_limits_and_duration_are_changed_in_every_request(
 @pytest.mark.parametrize(
     ("setting", "words"),
     [
-        ("planner.start=5", ("--with planner.start", "unknown", "planner.starts", "duration")),
-        ("robot.urdf=other.urdf", ("--with robot.urdf", "unknown")),
-        ("points", ("--with is points", "key=value")),
+        ("planner.start=5", ("--set planner.start", "unknown", "planner.starts", "duration")),
+        ("robot.urdf=other.urdf", ("--set robot.urdf", "unknown")),
+        ("points", ("--set is points", "key=value")),
         ("planner.starts=0", ("planner.starts is 0", "at least 1")),
         ("planner.starts=2.5", ("planner.starts is 2.5", "whole number")),
         ("points=many", ("points is 'many'", "whole number")),
@@ -88,14 +88,14 @@ def test_what_may_touch_at_the_goal_is_changed(
     changes = ("allowed_at_goal=[link_7/c1]", "contact_distance=0.2")
     assert [parsed(change).value for change in changes] == [["link_7/c1"], 0.2]
     for change in (changes[0], "contact_distance=-1"):
-        assert main(["replay", str(bag), "--with", change]) == 0
+        assert main(["replay", str(bag), "--set", change]) == 0
         assert "SOLVED > OUT_OF_RANGE" in capsys.readouterr().out
 
 
 def test_a_word_that_is_none_is_refused_before_anything_is_planned(
     bag: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["replay", str(bag), "--with", "limits.velocity=no"]) == 2
+    assert main(["replay", str(bag), "--set", "limits.velocity=no"]) == 2
     assert "limits.velocity is no: it must be from_urdf or none" in capsys.readouterr().err
 
 
@@ -108,7 +108,7 @@ def test_refused_attempts_have_numbers_and_others_have_none(
     attempt = NoPlanFound(Status.COLLISION, "too near", lemur_plan)
     record_answer(tmp_path / "bag", PlanningTask(lemur_capture, SETTINGS), attempt, 0.5)
     far = ("planner.singular_value_threshold=0.9", "parametrisation=end_effector_polynomial")
-    changes = [word for change in far for word in ("--with", change)]
+    changes = [word for change in far for word in ("--set", change)]
     assert main(["replay", str(tmp_path / "bag"), *changes]) == 0
     (row,) = (line for line in capsys.readouterr().out.splitlines() if line.startswith("bag "))
     assert f"COLLISION > START_SINGULAR  {lemur_plan.metrics.joint_path_length:.4f} > -" in row
@@ -124,7 +124,7 @@ def test_the_report_lays_the_changed_plan_over_the_recorded_one(
     bag: Path, lemur_capture: PlanningProblem, lemur_plan: Plan, tmp_path: Path
 ) -> None:
     file = tmp_path / "changed.html"
-    changes = ["--with", "duration=15", "--with", "points=30"]
+    changes = ["--set", "duration=15", "--set", "points=30"]
     assert main(["replay", str(bag), *changes, "--report", str(file)]) == 0
     page = Page(file.read_text(encoding="utf-8"))
     changed = perform(PlanningTask(replace(lemur_capture, duration=15.0, points=30), SETTINGS))
@@ -150,7 +150,7 @@ def test_a_changed_request_without_a_plan_is_reported_beside_the_recorded_plan(
 ) -> None:
     file = tmp_path / "changed.html"
     changes = ["duration=1.5", "planner.starts=1", "limits.velocity=from_urdf"]
-    options = [word for change in changes for word in ("--with", change)]
+    options = [word for change in changes for word in ("--set", change)]
     assert main(["replay", str(bag), *options, "--report", str(file)]) == 0
     page = Page(file.read_text(encoding="utf-8"))
     assert page.row("bag, changed")[3] == "301 COLLISION"
@@ -165,7 +165,7 @@ def test_a_refused_request_that_a_change_makes_possible_is_reported(
     task = PlanningTask(lemur_capture, SETTINGS)
     record_answer(tmp_path / "bag", task, NoPlanFound(Status.COLLISION, "in the way"), 0.5)
     file = tmp_path / "changed.html"
-    options = ["--with", "planner.starts=7", "--report", str(file)]
+    options = ["--set", "planner.starts=7", "--report", str(file)]
     assert main(["replay", str(tmp_path / "bag"), *options]) == 0
     page = Page(file.read_text(encoding="utf-8"))
     assert page.row("bag, recorded")[3] == "301 COLLISION"
@@ -181,5 +181,5 @@ def test_a_report_goes_with_changes_only(
 ) -> None:
     file = tmp_path / "report.html"
     assert main(["replay", str(bag), *more, "--report", str(file)]) == 2
-    assert "it goes with --with" in capsys.readouterr().err
+    assert "it goes with --set" in capsys.readouterr().err
     assert not file.exists()

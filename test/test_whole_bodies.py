@@ -49,7 +49,10 @@ def test_a_plan_of_lines_touches_what_bench_says(
     for number in range(times(1, 10)):
         problem = bodies.problem(name, number).problem
         as_lines = replace(problem, robot=bench_robot(name))
-        motion = perform(PlanningTask(as_lines, SETTINGS)).trajectory
+        try:
+            motion = perform(PlanningTask(as_lines, SETTINGS)).trajectory
+        except NoPlanFound:  # that one is found is test_bench_success.py's law
+            continue
         found = judges[name].touching(motion, problem.obstacles)
         told = touching(problem.robot, motion, problem.obstacles)
         assert set(found) == {link_names(problem.robot, pair) for pair in told}, (name, number)

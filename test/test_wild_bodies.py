@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree
@@ -29,7 +28,10 @@ BOX = (
     '<collision><geometry><box size="0.8 0.8 1.0"/></geometry></collision>'
     '<collision><origin xyz="0 1.2 0"/><geometry><box size="0.6 1.4 0.03"/></geometry></collision>'
 )
-WILD = ("ur5", "ur10", "panda", "xarm7")
+WILD = (
+    "ur5",
+    *(pytest.param(name, marks=pytest.mark.nightly) for name in ("ur10", "panda", "xarm7")),
+)
 
 
 def urdf_of(name: str, directory: Path) -> Path:
@@ -45,13 +47,7 @@ def urdf_of(name: str, directory: Path) -> Path:
 
 
 @pytest.fixture(scope="module", params=WILD)
-def urdf(
-    request: pytest.FixtureRequest,
-    times: Callable[[int, int], int],
-    tmp_path_factory: pytest.TempPathFactory,
-) -> Path:
-    if request.param not in WILD[: times(1, len(WILD))]:
-        pytest.skip("at night")
+def urdf(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return urdf_of(request.param, tmp_path_factory.mktemp("wild"))
 
 
@@ -71,13 +67,13 @@ def test_every_mesh_is_a_body(urdf: Path, robot: Robot) -> None:
     assert sum(isinstance(body.solid, coal.Convex) for body in robot.bodies) == len(meshes) > 5
 
 
-@pytest.mark.parametrize("objective", ["min(L)", "min(Theta)"])
+@pytest.mark.parametrize(
+    "objective", ["min(L)", pytest.param("min(Theta)", marks=pytest.mark.nightly)]
+)
 def test_a_plan_among_obstacles_comes_true_without_contact(
-    objective: str, urdf: Path, robot: Robot, drawn: BodiesProblem, times: Callable[[int, int], int]
+    objective: str, urdf: Path, robot: Robot, drawn: BodiesProblem
 ) -> None:
     """In MuJoCo with contacts, and as Coal sees the meshes themselves, hulls or not."""
-    if times(1, 2) == 1 and objective == "min(Theta)":
-        pytest.skip("at night")
     problem = replace(drawn.problem, objective=OBJECTIVES[objective])
     plan = perform(PlanningTask(problem, SETTINGS))
     found = verify(robot, plan.trajectory, Scene(problem.obstacles))

@@ -6,6 +6,7 @@ import json
 import re
 import subprocess
 import sys
+from collections.abc import Collection
 from pathlib import Path
 
 import pytest
@@ -21,27 +22,22 @@ ROS = {"rclpy", "rpyutils", "launch", "launch_ros"} | {
     for prefix in installation_prefixes()
     for package in (prefix / "share/ament_index/resource_index/packages").glob("*")
 } - {"ff_planner_ros"}
-# Refuses every package of ROS as if it were not there, then runs the command line.
-WITHOUT_ROS = f"""
-import sys
-
-class NoRos:
-    def find_spec(self, name, path=None, target=None):
-        if name.partition(".")[0] in {ROS!r}:
-            raise ModuleNotFoundError(f"No module named {{name!r}}", name=name)
-
-sys.meta_path.insert(0, NoRos())
-"""
 
 
-def python(code: str, *arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-c", WITHOUT_ROS + code, *arguments]
+def python(
+    code: str, *arguments: str, cwd: Path, hidden: Collection[str] = ROS
+) -> subprocess.CompletedProcess[str]:
+    """Run code in a process to which the hidden modules are not there."""
+    hide = f"import sys; sys.modules.update(dict.fromkeys({sorted(hidden)}))\n"
+    command = [sys.executable, "-c", hide + code, *arguments]
     return subprocess.run(command, capture_output=True, text=True, cwd=cwd, check=False)
 
 
-def ff_planner(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
+def ff_planner(
+    *arguments: str, cwd: Path, hidden: Collection[str] = ROS
+) -> subprocess.CompletedProcess[str]:
     code = "from ff_planner_ros.cli import main; sys.exit(main(sys.argv[1:]))"
-    return python(code, *arguments, cwd=cwd)
+    return python(code, *arguments, cwd=cwd, hidden=hidden)
 
 
 @pytest.fixture(scope="module")
@@ -57,7 +53,8 @@ def test_the_packages_of_ros_are_really_refused(tmp_path: Path) -> None:
     assert {"rclpy", "ff_planner_msgs", "nav_msgs", "rosidl_parser"} <= ROS
     for package in ("rclpy", "ff_planner_msgs.srv", "nav_msgs.msg"):
         refused = python(f"import {package}", cwd=tmp_path)
-        assert f"No module named '{package.partition('.')[0]}" in refused.stderr
+        assert "ModuleNotFoundError" in refused.stderr
+        assert package.partition(".")[0] in refused.stderr
 
 
 def test_a_scenario_is_planned(answer: Path) -> None:

@@ -115,7 +115,7 @@ def test_a_budget_that_is_used_up_ends_the_search_and_nothing_else(
 ) -> None:
     with pytest.raises(NoPlanFound, match=r"time budget of 1e-06 s is used up") as end:
         solve(worker, lemur_capture, settings, 1e-6)
-    assert end.value.status is Status.OUT_OF_TIME
+    assert end.value.status is Status.TIMED_OUT
     assert solve(worker, lemur_capture, settings).metrics.min_clearance >= 0.0
 
 
@@ -143,7 +143,7 @@ def test_a_search_that_does_not_look_at_the_clock_is_ended_with_its_process(
 
     with pytest.raises(NoPlanFound, match=r"\b3 s is used up within a single") as end:
         solve(worker, lemur_capture, settings, 3.0, report=freeze)
-    assert end.value.status is Status.OUT_OF_TIME
+    assert end.value.status is Status.TIMED_OUT
     assert solve(worker, lemur_capture, settings).metrics.min_clearance >= 0.0
     assert server(worker) == before, "only the plan's own process had to go"
 
@@ -173,7 +173,7 @@ def test_the_budget_runs_from_when_it_is_told_to_have_begun(
     task, over = PlanningTask(lemur_capture, settings), time.monotonic() - 2 * LONG
     with pytest.raises(NoPlanFound) as end:
         worker.solve(task, LONG, over, nothing, nothing)
-    assert end.value.status is Status.OUT_OF_TIME
+    assert end.value.status is Status.TIMED_OUT
 
 
 def test_given_up_at_any_moment_again_and_again_the_server_stays_and_the_next_plan_is_made(

@@ -8,15 +8,8 @@ import numpy as np
 import pytest
 
 from ff_planner_ros.errors import InvalidInput
-from ff_planner_ros.planning.yaml_file import (
-    integer,
-    mapping,
-    number,
-    numbers,
-    read_yaml,
-    sequence,
-    text,
-)
+from ff_planner_ros.plain_values import integer, mapping, number, numbers, sequence, text
+from ff_planner_ros.planning.yaml_file import read_yaml
 
 
 def written(directory: Path, content: bytes) -> Path:

@@ -21,7 +21,7 @@ from ff_planner_ros.planning.problem import PlanningProblem
 COLUMNS = (
     "method",
     "joint path [rad]",
-    "attitude [deg]",
+    "Euler angle [deg]",
     "clearance [mm]",
     "peak torque [N m]",
     "miss [mm]",

@@ -199,8 +199,7 @@ def _between_points(robot: Robot, motion: Trajectory) -> tuple[Array, Array]:
         )
         joints = joint_motion(motion).at(time)[0]
         twists = (motion.chaser_linear_velocities, motion.chaser_angular_velocities)
-        chaser, rotations = poses_between(motion.time, chaser, attitudes, *twists, time)
-        attitudes = rotations.as_quat()
+        chaser, attitudes = poses_between(motion.time, chaser, attitudes, *twists, time)
     none, no_rates = np.zeros(3), np.zeros(robot.joints)
     q = [
         configuration(robot, SystemState(position, attitude, none, none, angles, no_rates))[0]

@@ -3,33 +3,24 @@
 from __future__ import annotations
 
 import math
-from dataclasses import MISSING, asdict, astuple, dataclass, fields
+from dataclasses import MISSING, asdict, astuple, dataclass, fields, replace
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.arrays import Array, finite_number, finite_vector, frozen
-from ff_planner_ros.errors import FfPlannerError, InvalidInput, NoPlanFound, Status
+from ff_planner_ros.declared import DeclaredFields, declared, read_keys, written, written_object
+from ff_planner_ros.errors import Faults, FfPlannerError, InvalidInput, NoPlanFound, Status
+from ff_planner_ros.forms import a_word
 from ff_planner_ros.planning.metrics import Metrics
 from ff_planner_ros.planning.plan import Plan, RobustReport, SolverReport, Trajectory
 from ff_planner_ros.planning.problem import (
-    CONTACT_DISTANCE,
     Approach,
-    Objective,
-    Orientation,
     PlanningProblem,
     Sphere,
     Target,
     attached_spheres,
     lasting,
-)
-from ff_planner_ros.planning.scenario import approach_of, target_body_of
-from ff_planner_ros.planning.scenario_writer import (
-    described_approach,
-    described_body,
-    limits_of,
-    weights_of,
 )
 from ff_planner_ros.planning.scene import Scene
 from ff_planner_ros.planning.sound_samples import require_sound_samples
@@ -38,10 +29,19 @@ from ff_planner_ros.planning.task import PlanningTask
 from ff_planner_ros.planning.uncertainty import Uncertainty, uncertainty_from
 from ff_planner_ros.robot.bodies import Geometry
 from ff_planner_ros.robot.model import Base, Robot, robot_from_urdf_text
-from ff_planner_ros.shown import quoted
+from ff_planner_ros.robot.quaternion import quaternion_from_rotation
 
 _ROBOT = ("urdf", "base_link", "tip_link")
-_MOVING = ("linear_velocity", "angular_velocity")
+# Of the problem, as a scenario has it.
+_ASKED = (
+    *("target", "target_body", "duration", "objective", "obstacles", "allowed_at_goal"),
+    *("contact_distance", "approach"),
+)
+_KEYS: DeclaredFields = {
+    key: replace(one, optional=True)  # older dictionaries tell less
+    for key, one in declared(PlanningProblem).items()
+    if key in _ASKED
+}
 # Of a target body at each point.
 _ROWS = ("positions", "quaternions_xyzw", "linear_velocities", "angular_velocities")
 
@@ -77,19 +77,8 @@ def plan_dictionary(plan: Plan, task: PlanningTask, solve_time: float) -> dict[s
             "tip_link": problem.robot.tip_link,
             "base": problem.robot.base.value,
         },
-        "target": _target(problem.target),
-        "duration": problem.duration,
-        "objective": weights_of(problem.objective),
-        "obstacles": [
-            {"id": sphere.id, "center": sphere.center.tolist(), "radius": sphere.radius}
-            | ({"velocity": sphere.velocity.tolist()} if sphere.velocity.any() else {})
-            for sphere in problem.obstacles
-            if sphere.body is None
-        ],
-        **_allowed(problem),
-        **described_approach(problem.approach),
-        **({} if (body := problem.target_body) is None else _body_rows(body, motion.time)),
-        "limits": limits_of(problem.limits),
+        **_asked(problem, motion.time),
+        "limits": written_object(problem.limits),
         "joint_names": list(plan.joint_names),
         **{item.name: getattr(motion, item.name).tolist() for item in fields(motion)},
         "parametrisation": plan.family,
@@ -121,16 +110,6 @@ def uncertainty_in(answer: object) -> Uncertainty:
     return uncertainty_from("robust.deviations", told)
 
 
-def _allowed(problem: PlanningProblem) -> dict[str, Any]:
-    """Return what may touch at the goal; nothing where nothing may."""
-    if not problem.allowed_at_goal:
-        return {}
-    return {
-        "allowed_at_goal": list(problem.allowed_at_goal),
-        "contact_distance": problem.contact_distance,
-    }
-
-
 def refusal_dictionary(
     error: FfPlannerError, solve_time: float, digest: str | None = None
 ) -> dict[str, Any]:
@@ -149,22 +128,16 @@ def planned_scene(answer: object) -> Scene | None:
     Raises:
         InvalidInput: That is something else.
     """
-    body = captured_body(answer)
-    obstacles, goal = _asked_for(answer, body)[1], _goal(answer)
-    if obstacles is None or goal is None or not isinstance(answer, dict):
+    asked = _asked_in(answer)
+    if not {"target", "obstacles"} <= asked.keys():
         return None
-    allowed = answer.get("allowed_at_goal", [])
-    if not isinstance(allowed, list) or not all(isinstance(one, str) for one in allowed):
-        raise InvalidInput(Status.WRONG_SIZE, "allowed_at_goal", "something else", "a list of text")
-    distance = _number("contact_distance", answer.get("contact_distance", CONTACT_DISTANCE))
+    body = asked.get("target_body")
+    more = ("obstacles", "allowed_at_goal", "contact_distance", "approach")
     return Scene(
-        obstacles,
-        tuple(allowed),
-        distance,
-        goal if body is None else None,
+        **{name: asked[name] for name in more if name in asked},
+        target=asked["target"] if body is None else None,
         target_body=body,
-        capture_time=_number("duration", answer["duration"]) if "duration" in answer else None,
-        approach=_approach(answer),
+        capture_time=asked.get("duration"),
     )
 
 
@@ -180,18 +153,11 @@ def planned_motion(answer: object) -> tuple[Robot, Trajectory]:
         raise InvalidInput(Status.UNSUPPORTED, "status", found, "only a plan has a motion")
     described = _entry(answer, "robot")
     urdf, base_link, tip_link = (str(_entry(described, name, "robot.")) for name in _ROBOT)
-    base = described.get("base", Base.FREE_FLYER)
-    if base not in tuple(Base):
-        allowed = f"it must be {', '.join(Base)}"
-        raise InvalidInput(Status.OUT_OF_RANGE, "robot.base", quoted(base), allowed)
+    base = a_word(Base).read("robot.base", described.get("base", Base.FREE_FLYER))
     kept_clear = None  # what the URDF has: none of earlier versions' answers has a <collision>
     if isinstance(answer, dict) and "geometry" in answer:
-        geometry = answer["geometry"]
-        if geometry not in tuple(Geometry):
-            allowed = f"it must be {', '.join(Geometry)}"
-            raise InvalidInput(Status.OUT_OF_RANGE, "geometry", quoted(geometry), allowed)
-        kept_clear = Geometry(geometry)
-    robot = robot_from_urdf_text(urdf, base_link, tip_link, Base(base), geometry=kept_clear)
+        kept_clear = a_word(Geometry).read("geometry", answer["geometry"])
+    robot = robot_from_urdf_text(urdf, base_link, tip_link, base, geometry=kept_clear)
     names = _entry(answer, "joint_names")
     if names != list(robot.joint_names):
         allowed = f"they must be those of the robot, {', '.join(robot.joint_names)}"
@@ -226,6 +192,7 @@ def plan_document(answer: Any) -> PlanDocument:
         told[name] = int(finite_number(f"solver.{name}", told[name]))
     told["optimality"] = _number("solver.optimality", told["optimality"])
     told["stop_reason"] = str(told["stop_reason"])
+    asked = _asked_in(answer)
     plan = Plan(
         joint_names=robot.joint_names,
         trajectory=trajectory,
@@ -233,102 +200,52 @@ def plan_document(answer: Any) -> PlanDocument:
         orientation_reading=str(_entry(answer, "orientation_reading")),
         metrics=Metrics(peak_joint_torques=tuple(peaks.tolist()), **values),
         solver=SolverReport(**told),
-        duration=_number("duration", answer["duration"]) if "duration" in answer else None,
+        duration=asked.get("duration"),
     )
     solve_time = _number("solver.solve_time", _entry(solver, "solve_time", "solver."))
-    body = captured_body(answer)
-    weights, obstacles = _asked_for(answer, body)
-    goal, approach = _goal(answer), _approach(answer)
-    return PlanDocument(robot, plan, solve_time, weights, obstacles, goal, body, approach)
+    return PlanDocument(
+        robot,
+        plan,
+        solve_time,
+        weights=astuple(asked["objective"]) if "objective" in asked else None,
+        obstacles=asked.get("obstacles"),
+        goal=asked.get("target"),
+        target_body=asked.get("target_body"),
+        approach=asked.get("approach"),
+    )
 
 
-def _approach(answer: Any) -> Approach | None:
-    """Return the corridor of a plan's dictionary; None: it has none."""
-    return approach_of(answer["approach"]) if "approach" in answer else None
+def _asked(problem: PlanningProblem, times: Array) -> dict[str, Any]:
+    """Return what a scenario says of a problem, and where its target body is at some times."""
+    values = {key: getattr(problem, one.name) for key, one in _KEYS.items()}
+    values["obstacles"] = [sphere for sphere in problem.obstacles if sphere.body is None]
+    asked = written(_KEYS, values)
+    if problem.target_body is not None:
+        motion = problem.target_body.motion(np.zeros(3), times)
+        quaternions = quaternion_from_rotation(motion.rotations)
+        rows = (motion.positions, quaternions, motion.twists[:, :3], motion.twists[:, 3:])
+        asked["target_body"] |= {
+            name: values.tolist() for name, values in zip(_ROWS, rows, strict=True)
+        }
+    return asked
 
 
-def captured_body(answer: Any) -> TargetBody | None:
-    """Return the target body of a plan's dictionary; None: it has none.
+def _asked_in(answer: Any) -> dict[str, Any]:
+    """Return what a plan's dictionary says of its problem, by key.
 
     Raises:
-        InvalidInput: It is something else.
+        InvalidInput: That is something else.
     """
-    told = answer.get("target_body")
-    if not isinstance(told, dict):
-        return None if told is None else target_body_of(told)
-    return target_body_of({name: value for name, value in told.items() if name not in _ROWS})
-
-
-def _asked_for(
-    answer: Any, body: TargetBody | None
-) -> tuple[tuple[float, ...] | None, tuple[Sphere, ...] | None]:
-    """Return what was minimised and what was avoided; older dictionaries tell neither."""
-    objective, obstacles = answer.get("objective"), answer.get("obstacles")
-    attached = () if body is None else tuple(attached_spheres(body))
-    try:
-        return (
-            None if objective is None else astuple(Objective(**objective)),
-            None if obstacles is None else (*map(_sphere, obstacles), *attached),
-        )
-    except (TypeError, LookupError):
-        allowed = "`ff-planner plan --json` writes them"
-        raise InvalidInput(
-            Status.WRONG_SIZE, "objective or obstacles", "something else", allowed
-        ) from None
-
-
-def _sphere(sphere: Any) -> Sphere:
-    if not isinstance(sphere["id"], str):
-        raise InvalidInput(Status.WRONG_SIZE, "obstacles", sphere["id"], "an id must be text")
-    return Sphere(**sphere)
-
-
-def _body_rows(body: TargetBody, times: Array) -> dict[str, Any]:
-    """Return a target body as a scenario has it, and where it is at each point."""
-    motion = body.motion(np.zeros(3), times)
-    quaternions = Rotation.from_matrix(motion.rotations).as_quat()
-    rows = (motion.positions, quaternions, motion.twists[:, :3], motion.twists[:, 3:])
-    told = {name: values.tolist() for name, values in zip(_ROWS, rows, strict=True)}
-    return {"target_body": described_body(body) | told}
-
-
-def _target(target: Target) -> dict[str, Any]:
-    """Return a target as a scenario has it, without accelerations."""
-    told = {
-        "position": target.position.tolist(),
-        "quaternion_xyzw": target.quaternion_xyzw.tolist(),
-    }
-    for name in _MOVING:
-        if (velocity := getattr(target, name)).any():
-            told[name] = velocity.tolist()
-    if target.orientation is Orientation.FIXED:
-        return told
-    free_axis = target.free_axis_in_ee
-    about = {} if free_axis is None else {"free_axis": free_axis.tolist()}
-    return told | {"orientation": target.orientation.value} | about
-
-
-def _goal(answer: Any) -> Target | None:
-    target = answer.get("target")
-    if target is None:
-        return None
-    position, quaternion = (
-        _entry(target, name, "target.") for name in ("position", "quaternion_xyzw")
-    )
-    orientation = target.get("orientation", Orientation.FIXED)
-    if orientation not in tuple(Orientation):
-        allowed = f"it must be {', '.join(Orientation)}"
-        raise InvalidInput(Status.OUT_OF_RANGE, "target.orientation", quoted(orientation), allowed)
-    free_axis = target.get("free_axis")
-    return Target(
-        _numbers("target.position", position),
-        _numbers("target.quaternion_xyzw", quaternion),
-        **{name: _numbers(f"target.{name}", target[name]) for name in _MOVING if name in target},
-        orientation=Orientation(orientation),
-        free_axis_in_ee=None
-        if free_axis is None
-        else finite_vector("target.free_axis", free_axis, 3),
-    )
+    given = answer if isinstance(answer, dict) else {}
+    told = {key: given[key] for key in _KEYS if given.get(key) is not None}
+    if isinstance(body := told.get("target_body"), dict):
+        told["target_body"] = {name: body[name] for name in body if name not in _ROWS}
+    faults = Faults()
+    asked = read_keys(_KEYS, "", told, faults)
+    faults.refuse()
+    if {"obstacles", "target_body"} <= asked.keys():
+        asked["obstacles"] += tuple(attached_spheres(asked["target_body"]))
+    return asked
 
 
 def _number(name: str, value: Any) -> float:

@@ -16,7 +16,8 @@ from ff_planner_ros.robot.model import Robot
 
 # Of the metrics, what a user wants to know first.
 _TOLD = (
-    *("joint_path_length", "max_chaser_euler", "min_clearance", "min_self_clearance"),
+    *("joint_path_length", "max_chaser_euler", "max_chaser_rotation"),
+    *("min_clearance", "min_self_clearance"),
     *("min_joint_margin", "min_velocity_margin", "min_acceleration_margin", "min_torque_margin"),
     *("peak_joint_torques", "final_position_error", "final_orientation_error", "momentum_error"),
 )
@@ -54,7 +55,9 @@ def _limits(limits: Limits) -> str:
     if limits.joint_torques:
         kept.append("joint torques")
     if np.isfinite(limits.chaser_attitude):
-        kept.append(f"chaser attitude {np.rad2deg(limits.chaser_attitude):.2f} deg")
+        kept.append(f"chaser Euler angle {np.rad2deg(limits.chaser_attitude):.2f} deg")
+    if np.isfinite(limits.chaser_rotation):
+        kept.append(f"chaser rotation {np.rad2deg(limits.chaser_rotation):.2f} deg")
     return ", ".join(kept)
 
 

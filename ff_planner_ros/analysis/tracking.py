@@ -7,7 +7,6 @@ from typing import Literal
 
 import numpy as np
 import pinocchio as pin
-from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.analysis.methods import DEVIATION
 from ff_planner_ros.analysis.panels import Panel
@@ -18,6 +17,11 @@ from ff_planner_ros.planning.plan import Trajectory
 from ff_planner_ros.planning.pose_motion import poses_between
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import Robot
+from ff_planner_ros.robot.quaternion import (
+    quaternion_inverse,
+    quaternion_product,
+    rotation_vector_from_quaternion,
+)
 from ff_planner_ros.robot.state import SystemState
 
 
@@ -80,7 +84,7 @@ def planned_poses(
     frame: Literal["chaser", "ee"],
     at: Array,
     points: slice = slice(None),
-) -> tuple[Array, Rotation]:
+) -> tuple[Array, Array]:
     """Return the poses of a frame at some times, also between the points of the plan.
 
     Args:
@@ -88,7 +92,7 @@ def planned_poses(
         points: Of the plan; those that are needed for these times.
 
     Returns:
-        Positions, shape (times, 3) [m], and as many rotations to inertial axes.
+        Positions, shape (times, 3) [m], and quaternions to inertial axes, shape (times, 4).
     """
     parts = ("positions", "quaternions_xyzw", "linear_velocities", "angular_velocities")
     x, q, v, omega = (getattr(planned, f"{frame}_{part}")[points] for part in parts)
@@ -113,6 +117,7 @@ def deviation_panels(found: Deviations, rows: slice | Array = slice(None)) -> li
     return [Panel(label, {DEVIATION: (time, values[rows])}) for label, values in shown]
 
 
-def _turn(planned: Rotation, measured_xyzw: Array) -> Array:
-    angle: Array = (planned.inv() * Rotation.from_quat(measured_xyzw)).magnitude()
+def _turn(planned_xyzw: Array, measured_xyzw: Array) -> Array:
+    turn = quaternion_product(quaternion_inverse(planned_xyzw), measured_xyzw)
+    angle: Array = np.linalg.norm(rotation_vector_from_quaternion(turn), axis=1)
     return angle

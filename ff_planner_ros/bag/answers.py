@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, TypeAlias
 
+from ff_planner_ros.declared import value_at
 from ff_planner_ros.planning.metrics import METRICS
 
 if TYPE_CHECKING:
@@ -28,6 +29,7 @@ _ASKED = {
     "asked_points": "points",
     "time_budget_s": "time_budget",
     "limit_chaser_attitude_rad": "limit_chaser_attitude",
+    "limit_chaser_rotation_rad": "limit_chaser_rotation",
     "end_behaviour": "end_behaviour",
     "capture": "capture",
     **{f"approach_direction_{axis}": f"approach_direction.{axis}" for axis in "xyz"},
@@ -37,7 +39,8 @@ _ASKED = {
 # Zero stands for the node's parameter, for a duration that is given, or for no corridor: nothing
 # was asked.
 _ZERO_IS_NONE = (
-    *("asked_points", "time_budget_s", "limit_chaser_attitude_rad", "duration_max_s"),
+    *("asked_points", "time_budget_s", "duration_max_s"),
+    *("limit_chaser_attitude_rad", "limit_chaser_rotation_rad"),
     *("approach_distance_m", "approach_cone_rad"),
 )
 _SOLVER = {
@@ -52,15 +55,18 @@ _GUESS, _LIBRARY = "first_guess", "library"
 
 def asked_in(request: Any) -> dict[str, Cell]:
     """Return what a request asks for, decoded by whatever definition, by column."""
-    row = {column: _cell(_at(request, path)) for column, path in _ASKED.items()}
+    row = {column: _cell(value_at(request, path, None)) for column, path in _ASKED.items()}
     return row | {column: row[column] or None for column in _ZERO_IS_NONE}
 
 
 def solver_in(response: Any) -> dict[str, Cell]:
     """Return how an answer was found, decoded by whatever definition, by column."""
-    row = {column: _cell(_at(response, f"solver.{name}")) for column, name in _SOLVER.items()}
+    row = {
+        column: _cell(value_at(response, f"solver.{name}", None))
+        for column, name in _SOLVER.items()
+    }
     # Answers of earlier versions have none.
-    guess = {_GUESS: _LIBRARY if len(getattr(response, "first_guess", ())) else None}
+    guess = {_GUESS: _LIBRARY if len(value_at(response, "first_guess", ())) else None}
     if row["rollouts"]:
         return row | guess
     # A refusal without an attempt has zeros in their place, which mean nothing.
@@ -93,13 +99,6 @@ def answer_row(plan: RecordedPlan) -> dict[str, Cell]:
 def _behind(unit: str) -> str:
     """Return a unit as it stands behind the name of a column."""
     return f"_{unit.replace('/', '_per_').replace(' ', '')}" if unit else ""
-
-
-def _at(message: Any, path: str) -> Any:
-    """Return what is at a place of a message; None where its definition has no such field."""
-    for name in path.split("."):
-        message = getattr(message, name, None)
-    return message
 
 
 def _cell(value: Any) -> Cell:

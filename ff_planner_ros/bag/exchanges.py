@@ -9,6 +9,7 @@ from typing import Any, Generic, TypeVar
 
 from ff_planner_ros.bag.decoding import nanoseconds
 from ff_planner_ros.bag.reader import Bag, Message
+from ff_planner_ros.declared import value_at
 
 SERVICE_EVENT = "ff_planner_msgs/srv/PlanTrajectory_Event"
 GOAL_EVENT = "ff_planner_msgs/action/PlanTrajectory_SendGoal_Event"
@@ -104,7 +105,7 @@ def _parts(message: Message, event: Any) -> Iterator[tuple[str, str, object, Any
 def response_in(event: Any) -> Any:
     """Return the response in a decoded event that holds one; an action's is the result."""
     response = event.response[0]
-    return getattr(response, "result", response)
+    return value_at(response, "result", response)
 
 
 def _bytes(values: Any) -> bytes:

@@ -15,6 +15,7 @@ from ff_planner_ros.bag.answers import Cell, answer_row, asked_in, solver_in
 from ff_planner_ros.bag.decoding import NANOSECONDS, nanoseconds
 from ff_planner_ros.bag.exchanges import Exchange, exchanges
 from ff_planner_ros.bag.reader import Bag, Message, open_bag
+from ff_planner_ros.declared import value_at
 from ff_planner_ros.errors import BagError, Status
 from ff_planner_ros.planning.plan import Trajectory
 
@@ -168,7 +169,7 @@ def recorded_plan(message: Message, response: Any) -> RecordedPlan:
     try:
         return _recorded_plan(message, response)
     except (AttributeError, TypeError, ValueError, LookupError, OverflowError) as error:
-        name = getattr(response, "plan_id", "") or "an answer"
+        name = value_at(response, "plan_id", "") or "an answer"
         raise BagError(f"{name} on {message.topic} cannot be understood: {error}") from None
 
 
@@ -193,7 +194,7 @@ def _recorded_plan(message: Message, response: Any) -> RecordedPlan:
         trajectory=trajectory_in(response) if is_solved else None,
         metrics=_metrics(response.metrics) if is_solved or response.solver.rollouts else {},
         solver=solver_in(response),
-        duration=(getattr(response, "duration", 0.0) or None) if is_solved else None,
+        duration=(value_at(response, "duration", 0.0) or None) if is_solved else None,
         target_body=_target_body(response) if is_solved else {},
     )
 
@@ -232,7 +233,7 @@ def trajectory_in(response: Any) -> Trajectory:
 def _target_body(response: Any) -> dict[str, Array]:
     """Return the predicted motion of the body that is captured; empty: none is."""
     # Answers of earlier versions capture none.
-    if not hasattr(response, "predicted_target_path") or not response.predicted_target_path.poses:
+    if not value_at(response, "predicted_target_path.poses", ()):
         return {}
     points = len(response.joint_trajectory.points)
     poses = _poses(response.predicted_target_path, points)

@@ -19,6 +19,7 @@ from ff_planner_ros.bag.scenes import (
     scene_at_start,
     stamps_of,
 )
+from ff_planner_ros.declared import value_at
 from ff_planner_ros.errors import BagError, InvalidInput
 from ff_planner_ros.parameters import RobotParameters
 from ff_planner_ros.planning.plan import Trajectory
@@ -28,6 +29,8 @@ from ff_planner_ros.planning.uncertainty import Uncertainty, uncertainty_from
 from ff_planner_ros.planning.yaml_file import yaml_document
 from ff_planner_ros.robot.bodies import Geometry
 from ff_planner_ros.robot.model import Base, Robot
+
+_ANGLES = ("chaser_attitude", "chaser_rotation")  # of the chaser, that have limits
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +42,8 @@ class RobotPlans:
     # By plan id, as in `PlanMetrics.msg`
     metrics: Mapping[str, Mapping[str, float | str | tuple[float, ...]]]
     scenes: Mapping[str, Scene]  # by plan id, where the bag tells
-    # By plan id, of what the node was started with and the request asks: attitude and torques
+    # By plan id, of what the node was started with and the request asks: the chaser's angles and
+    # torques
     limits: Mapping[str, Limits]
     uncertainty: Uncertainty  # of `planner.robust` that the node was started with, or the usual one
     notes: tuple[str, ...]  # what is wrong with the bag
@@ -82,7 +86,7 @@ def robot_plans(bag: Path) -> RobotPlans:
     parameters = _parameters(bag, attachments)
     limits = {
         exchange.response[0].plan_id: _limits(
-            parameters, 0.0 if exchange.request is None else exchange.request[1]
+            parameters, {} if exchange.request is None else exchange.request[1]
         )
         for exchange in found
         if exchange.response is not None
@@ -90,9 +94,10 @@ def robot_plans(bag: Path) -> RobotPlans:
     return RobotPlans(robot, motions, metrics, scenes, limits, _uncertainty(parameters), notes)
 
 
-def _asked(request: Any) -> tuple[AskedScene, float]:
-    """Return the scene of a request, and the largest Euler angle that it asks for; zero: any."""
-    return asked_scene(request), float(getattr(request, "limit_chaser_attitude", 0.0))
+def _asked(request: Any) -> tuple[AskedScene, Mapping[str, float]]:
+    """Return the scene of a request, and the angles that it limits, by name; zero: any."""
+    angles = {name: float(value_at(request, f"limit_{name}", 0.0)) for name in _ANGLES}
+    return asked_scene(request), angles
 
 
 def _uncertainty(parameters: Mapping[str, Any]) -> Uncertainty:
@@ -105,17 +110,23 @@ def _uncertainty(parameters: Mapping[str, Any]) -> Uncertainty:
         return Uncertainty()
 
 
-def _limits(parameters: Mapping[str, Any], attitude: float) -> Limits:
-    """Return the limits of attitude and torques; what the parameters do not tell is as usual.
+def _limits(parameters: Mapping[str, Any], asked: Mapping[str, float]) -> Limits:
+    """Return the limits of angles and torques; what the parameters do not tell is as usual.
 
     Args:
-        attitude: That the request asks for; zero: none [rad].
+        asked: Angles that the request asks for, by name; zero: none [rad].
     """
     told = parameters.get("limits", {})
     told = told if isinstance(told, dict) else {}
     try:
-        attitude = attitude or float(told.get("chaser_attitude", 0.0)) or math.inf
-        return Limits(chaser_attitude=attitude, joint_torques=told.get("effort") != "none")
+        angles = {
+            name: asked.get(name, 0.0) or float(told.get(name, 0.0)) or math.inf for name in _ANGLES
+        }
+        return Limits(
+            chaser_attitude=angles["chaser_attitude"],
+            chaser_rotation=angles["chaser_rotation"],
+            joint_torques=told.get("effort") != "none",
+        )
     except (InvalidInput, TypeError, ValueError):
         return Limits()
 

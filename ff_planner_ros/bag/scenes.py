@@ -2,24 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-import numpy as np
-
-from ff_planner_ros.arrays import Array
-from ff_planner_ros.bag.approaches import approach_in
 from ff_planner_ros.bag.decoding import NANOSECONDS, nanoseconds
 from ff_planner_ros.bag.reader import Bag
 from ff_planner_ros.bag.target_bodies import target_body_in
+from ff_planner_ros.declared import value_at, values_in
 from ff_planner_ros.errors import InvalidInput
 from ff_planner_ros.planning.problem import (
-    CONTACT_DISTANCE,
-    Approach,
-    Orientation,
+    PlanningProblem,
     Sphere,
-    Target,
     TargetBody,
     carried_spheres,
     with_attached_spheres,
@@ -63,30 +57,36 @@ class Received:
 
 def asked_scene(request: Any) -> AskedScene:
     """Return what a request says of the scene."""
-    brings = bool(getattr(request, "use_obstacles", False))
-    spheres = spheres_in(getattr(request, "obstacles", None)) if brings else None
-    allowed: Sequence[str] = getattr(request, "allowed_at_goal", ())
-    captures = bool(getattr(request, "capture", False))
+    captures = bool(value_at(request, "capture", False))
+    names = ("allowed_at_goal", "contact_distance", "approach", *(() if captures else ("target",)))
+    told = {name: _told(request, name) for name in names}
     return AskedScene(
         scene=Scene(
-            allowed_at_goal=tuple(map(str, allowed)),
-            contact_distance=getattr(request, "contact_distance", 0.0) or CONTACT_DISTANCE,
-            target=None if captures else _target(request),
-            capture_time=getattr(request, "duration", None),
-            approach=_approach(request),
+            **{name: value for name, value in told.items() if value is not None},
+            capture_time=value_at(request, "duration", None),
         ),
-        obstacles=spheres,
+        obstacles=spheres_in(request.obstacles)
+        if value_at(request, "use_obstacles", False)
+        else None,
         captures=captures,
         body=_body_in(request.target_body) if captures and request.use_target_body else None,
     )
 
 
+def _told(request: Any, name: str) -> Any:
+    """Return a field of the problem that a request asks for; None: it has none, or a wrong one."""
+    try:
+        return values_in(PlanningProblem, request, names=(name,)).get(name)
+    except (AttributeError, InvalidInput):
+        return None
+
+
 def stamps_of(response: Any) -> Stamps:
     """Return the times in a response; those of earlier versions tell fewer."""
     names = ("obstacles_stamp", "target_body_stamp")
-    times = (getattr(response, name, None) for name in names)
+    times = (value_at(response, name, None) for name in names)
     obstacles_ns, body_ns = (0 if time is None else nanoseconds(time) for time in times)
-    return Stamps(obstacles_ns, body_ns, getattr(response, "duration", 0.0))
+    return Stamps(obstacles_ns, body_ns, value_at(response, "duration", 0.0))
 
 
 def scene_at_start(
@@ -143,10 +143,7 @@ def received_scenes(bag: Bag) -> Received:
 def spheres_in(scene: Any) -> Spheres | None:
     """Return the obstacles in a message, at its stamp."""
     try:
-        return tuple(
-            Sphere(one.id, _vector(one.center), one.radius, _vector(one.twist.linear))
-            for one in scene.spheres
-        )
+        return tuple(Sphere(**values_in(Sphere, one)) for one in scene.spheres)
     except (AttributeError, InvalidInput):
         return None
 
@@ -156,31 +153,3 @@ def _body_in(message: Any) -> TargetBody | None:
         return target_body_in(message)
     except (AttributeError, InvalidInput):
         return None
-
-
-def _target(request: Any) -> Target | None:
-    try:
-        pose, twist = request.target_pose.pose, request.target_twist
-        turn = pose.orientation
-        return Target(
-            _vector(pose.position),
-            np.array([turn.x, turn.y, turn.z, turn.w]),
-            _vector(twist.linear),
-            _vector(twist.angular),
-            orientation=Orientation.FREE
-            if getattr(request, "orientation", "") == Orientation.FREE
-            else Orientation.FIXED,
-        )
-    except (AttributeError, InvalidInput):
-        return None
-
-
-def _approach(request: Any) -> Approach | None:
-    try:
-        return approach_in(request)
-    except InvalidInput:
-        return None
-
-
-def _vector(point: Any) -> Array:
-    return np.array([point.x, point.y, point.z])

@@ -4,20 +4,14 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
-
-from ff_planner_ros.arrays import Array, finite_vector
+from ff_planner_ros.arrays import finite_vector
+from ff_planner_ros.declared import names_in, value_at, values_in
 from ff_planner_ros.errors import InvalidInput, Status, fields_named
 from ff_planner_ros.planning.target_body import AttachedSphere, TargetBody
 
-# Fields of the message, by those of a scenario.
-NAMED_AS = {
-    "target_body.position": "target_body.pose.position",
-    "target_body.quaternion_xyzw": "target_body.pose.orientation",
-    "target_body.linear_velocity": "target_body.twist.linear",
-    "target_body.angular_velocity": "target_body.twist.angular",
-    "target_body.grasp.quaternion_xyzw": "target_body.grasp.orientation",
-}
+FIELD = "target_body"  # as topic and field of a request are called
+NAMED_AS = names_in(TargetBody, FIELD, FIELD)  # fields of the message, by those of a scenario
+_FIXED = "the sphere is fixed to the body"
 
 
 def target_body_in(message: Any) -> TargetBody:
@@ -25,52 +19,22 @@ def target_body_in(message: Any) -> TargetBody:
 
     Raises:
         InvalidInput: It describes no body; the field is named as if the message's were
-            `target_body`, as topic and field of a request are.
+            `target_body`.
     """
-    inertia = message.inertia
-    _require_zero("inertia.com", [_vector(inertia.com)], "the frame is at the centre of mass")
-    products = inertia.ixy, inertia.ixz, inertia.iyz
-    with fields_named(NAMED_AS):
-        return TargetBody(
-            position=_vector(message.pose.position),
-            quaternion_xyzw=_quaternion(message.pose.orientation),
-            linear_velocity=_vector(message.twist.linear),
-            angular_velocity=_vector(message.twist.angular),
-            inertia=_tensor((inertia.ixx, inertia.iyy, inertia.izz), products),
-            grasp_position=_vector(message.grasp.position),
-            grasp_quaternion_xyzw=_quaternion(message.grasp.orientation),
-            obstacles=tuple(_attached(number, one) for number, one in enumerate(message.obstacles)),
-        )
+    _require_zero(message, "inertia.com", "the frame is at the centre of mass")
+    names = dict(NAMED_AS)
+    for index, sphere in enumerate(message.obstacles):
+        place = f"{FIELD}.obstacles[{index}]"
+        _require_zero(sphere, "twist.linear", _FIXED, place)
+        _require_zero(sphere, "twist.angular", _FIXED, place)
+        names |= names_in(AttachedSphere, f"{FIELD}.obstacles[{sphere.id}]", place)
+    with fields_named(names):
+        return TargetBody(**values_in(TargetBody, message, FIELD))
 
 
-def _attached(number: int, message: Any) -> AttachedSphere:
-    field = f"obstacles[{number}]"
-    twist = [_vector(message.twist.linear), _vector(message.twist.angular)]
-    _require_zero(f"{field}.twist", twist, "the sphere is fixed to the body")
-    by_id = f"target_body.obstacles[{message.id}]"
-    with fields_named({f"{by_id}.{one}": f"target_body.{field}.{one}" for one in _OF_SPHERE}):
-        return AttachedSphere(message.id, _vector(message.center), message.radius)
-
-
-_OF_SPHERE = ("center", "radius")
-
-
-def _require_zero(field: str, parts: list[Array], why: str) -> None:
-    numbers = np.concatenate(parts)
-    if finite_vector(f"target_body.{field}", numbers, len(numbers)).any():
+def _require_zero(message: Any, path: str, why: str, field: str = FIELD) -> None:
+    vector = value_at(message, path)
+    numbers = finite_vector(f"{field}.{path}", (vector.x, vector.y, vector.z), 3)
+    if numbers.any():
         allowed = f"it must be zero: {why}"
-        raise InvalidInput(Status.UNSUPPORTED, f"target_body.{field}", numbers.tolist(), allowed)
-
-
-def _tensor(moments: tuple[float, ...], products: tuple[float, ...]) -> Array:
-    xy, xz, yz = products
-    xx, yy, zz = moments
-    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-
-
-def _vector(message: Any) -> Array:
-    return np.array([message.x, message.y, message.z])
-
-
-def _quaternion(message: Any) -> Array:
-    return np.array([message.x, message.y, message.z, message.w])
+        raise InvalidInput(Status.UNSUPPORTED, f"{field}.{path}", numbers.tolist(), allowed)

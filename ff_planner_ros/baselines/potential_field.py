@@ -15,6 +15,8 @@ from pathlib import Path
 import numpy as np
 
 from ff_planner_ros.arrays import Array
+from ff_planner_ros.declared import check_declared
+from ff_planner_ros.plain_values import mapping
 from ff_planner_ros.planning.clearance import (
     arm_points_with_derivatives,
     clearance_gradients,
@@ -22,8 +24,8 @@ from ff_planner_ros.planning.clearance import (
     segments,
 )
 from ff_planner_ros.planning.problem import PlanningProblem
-from ff_planner_ros.planning.settings import check_tunables, tunable
-from ff_planner_ros.planning.yaml_file import mapping, read_yaml
+from ff_planner_ros.planning.settings import tunable
+from ff_planner_ros.planning.yaml_file import read_yaml
 
 _BLOCK = "artificial_potential_field"
 
@@ -62,7 +64,7 @@ class PotentialFieldParameters:
 
     def __post_init__(self) -> None:
         """Check every value against its declaration."""
-        check_tunables(_BLOCK, self)
+        check_declared(self, _BLOCK)
 
 
 def load_parameters(path: Path) -> PotentialFieldParameters:

@@ -17,7 +17,7 @@ from ff_planner_ros.errors import FfPlannerError, InvalidInput, Status
 from ff_planner_ros.planning.scenario import Defaults, load_task
 from ff_planner_ros.planning.scenario_writer import write_scenario
 from ff_planner_ros.planning.task import PlanningTask
-from ff_planner_ros.planning.yaml_file import read_yaml
+from ff_planner_ros.planning.yaml_file import located, read_yaml
 from ff_planner_ros.robot.bodies import Geometry
 
 BODIES = "bodies"
@@ -98,8 +98,7 @@ def written(path: Path, name: str, defaults: Defaults) -> Written:
     try:
         task = load_task(path, defaults)
     except InvalidInput as error:
-        field = f"{path}: {error.field}"
-        raise InvalidInput(error.status, field, error.value, error.allowed) from None
+        raise located(path, error) from None
     robot, document = task.problem.robot, read_yaml(path)
     entry = {
         key: document["robot"][key]
@@ -160,7 +159,7 @@ def _scenarios(directory: Path) -> Iterator[Path]:
     yield from sorted(directory.glob("*.yaml"))
 
 
-def require_robot(name: str) -> None:
+def require_robot(field: str, name: str) -> None:
     """Refuse a robot that the generator does not know.
 
     Raises:
@@ -170,7 +169,7 @@ def require_robot(name: str) -> None:
         bench_robot(name)
     except (ValueError, FfPlannerError, OSError):
         allowed = "it must be lemur, canadarm2, off7, or an arm by its joints: arm6, arm7, ..."
-        raise InvalidInput(Status.OUT_OF_RANGE, "generated.robots", name, allowed) from None
+        raise InvalidInput(Status.OUT_OF_RANGE, field, name, allowed) from None
 
 
 @cache

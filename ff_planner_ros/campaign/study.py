@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 from ff_planner_ros.campaign.changes import (
     CHOICE,
@@ -28,47 +28,196 @@ from ff_planner_ros.campaign.sources import (
     require_robot,
     written,
 )
-from ff_planner_ros.errors import InvalidInput, Status
-from ff_planner_ros.parameters import load_parameters
-from ff_planner_ros.planning.scenario import Defaults
-from ff_planner_ros.planning.yaml_file import (
-    boolean,
-    integer,
-    mapping,
-    number,
-    read_yaml,
-    sequence,
-    text,
+from ff_planner_ros.declared import declare, declared, part, schema_of
+from ff_planner_ros.errors import Faults, InvalidInput, Status
+from ff_planner_ros.forms import (
+    DIALECT,
+    TEXT,
+    TRUTH,
+    Form,
+    Schema,
+    a_whole_number,
+    a_word,
+    each,
+    of_mapping,
 )
+from ff_planner_ros.parameters import load_parameters
+from ff_planner_ros.plain_values import mapping, number, sequence, text
+from ff_planner_ros.planning.scenario import Defaults
+from ff_planner_ros.planning.yaml_file import read_yaml
 from ff_planner_ros.shown import quoted
 
 _SOURCES = ("scenarios", "generated", "bag")
 _DISTRIBUTIONS = (UNIFORM, NORMAL, CHOICE)
 # Larger numbers are mistakes: they would take months, or all memory before the first plan.
 _MOST = 10_000_000
+_KINDS_TURNED = ("ordinary", "cluttered")
+_ANY_LIST: Schema = {"type": "array", "minItems": 1}
+
+
+def by_key(read: Callable[[str, str, object], Any], written: Any, schema: Schema) -> Form:
+    """Return the form of values by keys of a scenario.
+
+    Args:
+        read: Returns what is made of a key's value; given where it is, and the key.
+    """
+
+    def entries(field: str, value: object) -> tuple[Any, ...]:
+        if not isinstance(value, dict):
+            allowed = "it must hold values by keys of a scenario, such as planner.starts"
+            raise InvalidInput(Status.OUT_OF_RANGE, field, quoted(value), allowed)
+        faults, found = Faults(), []
+        for key, given in value.items():
+            with faults.gathered():
+                found.append(read(f"{field}.{require_key(field, key)}", key, given))
+        faults.refuse()
+        return tuple(found)
+
+    return Form(
+        entries,
+        lambda: {"type": "object", "additionalProperties": schema},
+        written=lambda found: dict(map(written, found)),
+    )
+
+
+def _changed_by(schema: Schema) -> Schema:
+    """Return the schema of values that replace, multiply or add to what is there."""
+    return {"anyOf": [schema, *(of_mapping({how: schema}) for how in (TIMES, PLUS))]}
+
+
+def _axis(field: str, key: str, given: object) -> tuple[Change, ...]:
+    how, values = _how(field, given)
+    return tuple(Change(key, how, one) for one in _list(field, values))
+
+
+def _drawn(field: str, key: str, given: object) -> tuple[str, str, str, tuple[Any, ...]]:
+    how, drawn = _how(field, given)
+    return (key, how, *_distribution(field, drawn))
+
+
+def _robot(field: str, value: object) -> str:
+    name = text(field, value)
+    require_robot(field, name)
+    return name
+
+
+SET_VALUES = by_key(
+    lambda _field, key, given: Change(key, SET, given), lambda one: (one.key, one.value), {}
+)
+GRID = by_key(
+    _axis,
+    lambda axis: (axis[0].key, {axis[0].how: [one.value for one in axis]}),
+    _changed_by(_ANY_LIST),
+)
+DRAWN = by_key(
+    _drawn,
+    lambda one: (one[0], {one[1]: {one[2]: list(one[3])}}),
+    _changed_by({"anyOf": [of_mapping({name: _ANY_LIST}) for name in _DISTRIBUTIONS]}),
+)
+
+
+@dataclass(frozen=True)
+class GeneratedSources:
+    """Problems that are generated.
+
+    Raises:
+        InvalidInput: A value that is none, or a turned frame of a kind that has none.
+    """
+
+    SINCE: ClassVar[str] = "0.3"
+
+    kind: str = declare(a_word(KINDS), "kind of problem")
+    robots: tuple[str, ...] = declare(
+        each(replace(TEXT, read=_robot), least=1), "lemur, canadarm2, off7, or arm6, arm7, ..."
+    )
+    count: int = declare(a_whole_number(1, _MOST), "number of problems for each robot")
+    first: int = declare(a_whole_number(0, _MOST), "seed of the first problem", default=0)
+    turned: bool = declare(TRUTH, "whether the inertial frame is turned", default=False)
+
+    def __post_init__(self) -> None:
+        """Refuse what no generator makes."""
+        if self.turned and self.kind not in _KINDS_TURNED:
+            allowed = f"there are no turned frames of kind {self.kind}"
+            raise InvalidInput(Status.UNSUPPORTED, "generated.turned", self.turned, allowed)
+
+    def sources(self) -> Iterator[Source]:
+        """Yield one for each seed and robot."""
+        for seed in range(self.first, self.first + self.count):
+            for robot in self.robots:
+                yield Generated(self.kind, robot, seed, self.turned)
 
 
 @dataclass(frozen=True, eq=False)
 class MethodOfStudy:
     """A method with settings of its own."""
 
-    name: str  # in the table of plans
-    method: str  # of `METHODS`
-    changes: tuple[Change, ...]  # of the scenario, for this method alone
+    SINCE: ClassVar[str] = "0.3"
+
+    name: str = declare(TEXT, "name in the table of plans")
+    method: str = declare(a_word(METHODS), "method that plans", default=OPTIMAL)
+    changes: tuple[Change, ...] = declare(
+        SET_VALUES,
+        "values of the scenario, for this method alone",
+        key="set",
+        brief=True,
+        default=(),
+    )
 
 
 @dataclass(frozen=True, eq=False)
 class Randomly:
     """What is drawn at random: each draw changes all of these values."""
 
-    count: int  # draws
-    seed: int
-    values: tuple[tuple[str, str, str, tuple[Any, ...]], ...]  # key, how, distribution, parameters
+    SINCE: ClassVar[str] = "0.3"
+
+    count: int = declare(a_whole_number(1, _MOST), "number of draws")
+    seed: int = declare(a_whole_number(0, _MOST), "seed of the draws")
+    # Of each: key, how, distribution, parameters
+    values: tuple[tuple[str, str, str, tuple[Any, ...]], ...] = declare(
+        DRAWN, "by key, uniform: [low, high], normal: [mean, deviation], or choice: [...]"
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class StudyFile:
+    """A study as its file says it."""
+
+    SINCE: ClassVar[str] = "0.3"
+
+    scenarios: tuple[str, ...] = declare(
+        each(TEXT), "scenario files, relative to this file; * stands for any text", default=()
+    )
+    generated: GeneratedSources | None = declare(
+        part(GeneratedSources),
+        "problems of the benchmark, which are known to have a plan",
+        default=None,
+    )
+    bag: str | None = declare(TEXT, "a bag, whose requests are planned again", default=None)
+    parameters: str | None = declare(
+        TEXT, "the node's parameters: they count where a scenario does not say", default=None
+    )
+    grid: tuple[tuple[Change, ...], ...] = declare(
+        GRID, "by key, a list of values", key="variations.grid", default=()
+    )
+    random: Randomly = declare(
+        part(Randomly),
+        "values that are drawn at random",
+        key="variations.random",
+        default=Randomly(1, 0, ()),
+    )
+    methods: tuple[MethodOfStudy, ...] = declare(
+        each(part(MethodOfStudy), least=1, unique="name"),
+        "methods that are compared",
+        default=(MethodOfStudy(OPTIMAL),),
+    )
+    trajectories: bool = declare(
+        TRUTH, "whether every point of every plan is kept", key="keep.trajectories", default=False
+    )
 
 
 @dataclass(frozen=True, eq=False)
 class Study:
-    """What a study file says."""
+    """What is planned for a study."""
 
     sources: tuple[Source, ...]
     defaults: Defaults  # of what scenarios leave out
@@ -80,57 +229,52 @@ class Study:
     notes: tuple[str, ...]  # on what is left out
 
 
+def study_schema() -> Schema:
+    """Return the JSON Schema of a study file."""
+    some = {"anyOf": [{"required": [name]} for name in _SOURCES]}
+    return {"$schema": DIALECT, "title": "a study"} | schema_of(declared(StudyFile)) | some
+
+
 def load_study(path: Path) -> Study:
     """Read a study file; the files that it names are relative to it.
 
     Raises:
         InvalidInput: It cannot be read, names what does not exist, or a value is unknown, missing
-            or of the wrong type.
+            or of the wrong type; its `faults` are all that is wrong.
         BagError: Its bag cannot be read.
     """
-    optional = (*_SOURCES, "parameters", "variations", "methods", "keep")
-    study = mapping("", read_yaml(path), (), optional=optional)
-    if not any(name in study for name in _SOURCES):
+    document = read_yaml(path)
+    told: StudyFile = part(StudyFile).read("", document)
+    if not any(name in document for name in _SOURCES):
         found, allowed = "missing", f"a study needs one or more of {', '.join(_SOURCES)}"
         raise InvalidInput(Status.OUT_OF_RANGE, "scenarios", found, allowed)
     directory, parameters = path.parent, None
     defaults = Defaults(load_parameters().planner)
-    if "parameters" in study:
-        parameters = directory / text("parameters", study["parameters"])
+    if told.parameters is not None:
+        parameters = directory / told.parameters
         defaults = load_parameters(parameters).of_scenarios()
-    variations = mapping("variations", study.get("variations", {}), (), ("grid", "random"))
-    keep = mapping("keep", study.get("keep", {}), (), ("trajectories",))
-    sources = list(_scenarios(study.get("scenarios", []), directory, defaults))
-    sources += _generated(study["generated"]) if "generated" in study else []
+    sources = list(_scenarios(told.scenarios, directory, defaults))
+    sources += [] if told.generated is None else told.generated.sources()
     notes: tuple[str, ...] = ()
-    if "bag" in study:
-        of_requests, notes = of_bag(directory / text("bag", study["bag"]), defaults)
+    if told.bag is not None:
+        of_requests, notes = of_bag(directory / told.bag, defaults)
         sources += of_requests
     if not sources:
         raise InvalidInput(Status.OUT_OF_RANGE, "scenarios", "empty", "there is nothing to plan")
-    grid, random = _grid(variations.get("grid", {})), _random(variations.get("random"))
-    methods = _methods(study.get("methods", [{"name": OPTIMAL}]))
-    _require_one_change_a_key(grid, random, methods)
-    points = math.prod(map(len, grid))
-    if (count := len(sources) * points * random.count * len(methods)) > _MOST:
+    _require_one_change_a_key(told.grid, told.random, told.methods)
+    points = math.prod(map(len, told.grid))
+    if (count := len(sources) * points * told.random.count * len(told.methods)) > _MOST:
         allowed = f"a campaign has {_MOST} cases at most"
         raise InvalidInput(Status.OUT_OF_RANGE, "variations", f"{count} cases", allowed)
+    kept = {name: getattr(told, name) for name in ("grid", "random", "methods", "trajectories")}
     return Study(
-        sources=tuple(sources),
-        defaults=defaults,
-        grid=grid,
-        random=random,
-        methods=methods,
-        trajectories=boolean("keep.trajectories", keep.get("trajectories", False)),
-        parameters=parameters,
-        notes=notes,
+        sources=tuple(sources), defaults=defaults, parameters=parameters, notes=notes, **kept
     )
 
 
-def _scenarios(value: object, directory: Path, defaults: Defaults) -> Iterator[Source]:
-    for place, entry in enumerate(sequence("scenarios", value)):
+def _scenarios(names: Sequence[str], directory: Path, defaults: Defaults) -> Iterator[Source]:
+    for place, named in enumerate(names):
         field = f"scenarios[{place}]"
-        named = text(field, entry)
         paths = [directory / named]
         if "*" in named:
             root = Path(named).anchor
@@ -139,50 +283,6 @@ def _scenarios(value: object, directory: Path, defaults: Defaults) -> Iterator[S
             raise InvalidInput(Status.OUT_OF_RANGE, field, named, "there is no such file")
         for path in paths:
             yield written(path, path.stem, defaults)
-
-
-def _generated(value: object) -> Iterator[Source]:
-    optional = ("first", "turned")
-    entry = mapping("generated", value, ("kind", "robots", "count"), optional)
-    kind = text("generated.kind", entry["kind"])
-    if kind not in KINDS:
-        allowed = f"it must be {', '.join(KINDS)}"
-        raise InvalidInput(Status.OUT_OF_RANGE, "generated.kind", kind, allowed)
-    robots = [text("generated.robots", name) for name in _list("generated.robots", entry["robots"])]
-    for name in robots:
-        require_robot(name)
-    first = _whole("generated.first", entry.get("first", 0), 0)
-    count = _whole("generated.count", entry["count"], 1)
-    turned = boolean("generated.turned", entry.get("turned", False))
-    if turned and kind not in ("ordinary", "cluttered"):
-        allowed = f"there are no turned frames of kind {kind}"
-        raise InvalidInput(Status.UNSUPPORTED, "generated.turned", turned, allowed)
-    for seed in range(first, first + count):
-        for robot in robots:
-            yield Generated(kind, robot, seed, turned)
-
-
-def _grid(value: object) -> tuple[tuple[Change, ...], ...]:
-    axes = []
-    for key, given in _by_key("variations.grid", value):
-        field = f"variations.grid.{key}"
-        how, values = _how(field, given)
-        axes.append(tuple(Change(key, how, one) for one in _list(field, values)))
-    return tuple(axes)
-
-
-def _random(value: object) -> Randomly:
-    field = "variations.random"
-    if value is None:
-        return Randomly(1, 0, ())
-    entry = mapping(field, value, ("count", "seed", "values"))
-    values = []
-    for key, given in _by_key(f"{field}.values", entry["values"]):
-        of_key = f"{field}.values.{key}"
-        how, drawn = _how(of_key, given)
-        values.append((key, how, *_distribution(of_key, drawn)))
-    count = _whole(f"{field}.count", entry["count"], 1)
-    return Randomly(count, _whole(f"{field}.seed", entry["seed"], 0), tuple(values))
 
 
 def _how(field: str, given: object) -> tuple[str, Any]:
@@ -214,25 +314,6 @@ def _distribution(field: str, value: object) -> tuple[str, tuple[Any, ...]]:
     return name, (low, high)
 
 
-def _methods(value: object) -> tuple[MethodOfStudy, ...]:
-    methods: dict[str, MethodOfStudy] = {}
-    for place, given in enumerate(_list("methods", value)):
-        field = f"methods[{place}]"
-        entry = mapping(field, given, ("name",), ("method", "set"))
-        name = text(f"{field}.name", entry["name"])
-        method = text(f"{field}.method", entry.get("method", OPTIMAL))
-        if method not in METHODS:
-            allowed = f"it must be {', '.join(METHODS)}"
-            raise InvalidInput(Status.OUT_OF_RANGE, f"{field}.method", method, allowed)
-        if name in methods:
-            raise InvalidInput(Status.OUT_OF_RANGE, f"{field}.name", name, "it must be unique")
-        changes = tuple(
-            Change(key, SET, one) for key, one in _by_key(f"{field}.set", entry.get("set", {}))
-        )
-        methods[name] = MethodOfStudy(name, method, changes)
-    return tuple(methods.values())
-
-
 def _require_one_change_a_key(
     grid: tuple[tuple[Change, ...], ...], random: Randomly, methods: tuple[MethodOfStudy, ...]
 ) -> None:
@@ -245,25 +326,9 @@ def _require_one_change_a_key(
                 raise InvalidInput(Status.OUT_OF_RANGE, key, "varied twice", allowed)
 
 
-def _by_key(field: str, value: object) -> Iterator[tuple[str, Any]]:
-    if not isinstance(value, dict):
-        allowed = "it must hold values by keys of a scenario, such as planner.starts"
-        raise InvalidInput(Status.OUT_OF_RANGE, field, quoted(value), allowed)
-    for key, given in value.items():
-        yield require_key(field, key), given
-
-
 def _list(field: str, value: object) -> list[Any]:
     if not (found := sequence(field, value)):
         raise InvalidInput(Status.WRONG_SIZE, field, "empty", "it must have one entry or more")
-    return found
-
-
-def _whole(field: str, value: object, least: int) -> int:
-    found = integer(field, value)
-    if not least <= found <= _MOST:
-        allowed = f"it must be from {least} to {_MOST}"
-        raise InvalidInput(Status.OUT_OF_RANGE, field, found, allowed)
     return found
 
 

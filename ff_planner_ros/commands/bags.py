@@ -26,11 +26,11 @@ def replay_bag(options: argparse.Namespace) -> int:
     only_published = {"--rate": options.rate, "--topics": options.topics, "--clock": options.clock}
     if options.publish:
         if options.report is not None:
-            allowed = "it goes with --with, and not with --publish"
+            allowed = "it goes with --set, and not with --publish"
             raise InvalidInput(Status.OUT_OF_RANGE, "--report", options.report, allowed)
         if options.changes:
-            allowed = "a bag is published as it is: leave out --with or --publish"
-            raise InvalidInput(Status.OUT_OF_RANGE, "--with", options.changes[0], allowed)
+            allowed = "a bag is published as it is: leave out --set or --publish"
+            raise InvalidInput(Status.OUT_OF_RANGE, "--set", options.changes[0], allowed)
         from ff_planner_ros.runs.publish import publish_bag
 
         rate = 1.0 if options.rate is None else finite_number("--rate", options.rate, above=0.0)
@@ -43,7 +43,7 @@ def replay_bag(options: argparse.Namespace) -> int:
 
         return print_what_if(options.bag, options.changes, options.report)
     if options.report is not None:
-        allowed = "it goes with --with: `ff-planner report` shows a bag as it is"
+        allowed = "it goes with --set: `ff-planner report` shows a bag as it is"
         raise InvalidInput(Status.OUT_OF_RANGE, "--report", options.report, allowed)
     from ff_planner_ros.runs.replay import print_replay
 

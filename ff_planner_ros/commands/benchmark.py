@@ -29,7 +29,7 @@ def run_benchmark(options: argparse.Namespace) -> int:
     if options.score is not None:
         return _score(*options.score)
     if options.dataset is None:
-        for name in ("method", "seeds", "fly"):
+        for name in ("method", "seeds", "simulate"):
             if getattr(options, name):
                 raise InvalidInput(Status.UNSUPPORTED, f"--{name}", "given", "it needs --dataset")
         from ff_planner_ros.bench.report import run_on_one_core
@@ -37,13 +37,13 @@ def run_benchmark(options: argparse.Namespace) -> int:
         return run_on_one_core(options.quick, options.scenarios, options.json)
     _limit_threads()
     found = _require_dataset(options)
-    if options.fly:
+    if options.simulate:
         _fly(options)
     return _table(options, found) if options.method else 0
 
 
 def _require_in_range(options: argparse.Namespace) -> None:
-    for name in ("scenarios", "workers", "fly"):
+    for name in ("scenarios", "workers", "simulate"):
         value = getattr(options, name)
         if value is not None and not 1 <= value <= _MOST:
             allowed = f"it must be from 1 to {_MOST}"
@@ -135,7 +135,7 @@ def _table(options: argparse.Namespace, dataset_hash: str) -> int:
 def _fly(options: argparse.Namespace) -> None:
     from ff_planner_ros.bench.flown import HEADER, flown_rows
 
-    print_table("Plans in two engines", HEADER, list(flown_rows(options.dataset, options.fly)))
+    print_table("Plans in two engines", HEADER, list(flown_rows(options.dataset, options.simulate)))
 
 
 def _limit_threads() -> None:

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
-from collections.abc import Callable
+from importlib import import_module
 from typing import Any
 
-from ff_planner_ros.commands.verbs import bags, planning, studies
+from ff_planner_ros.commands.verbs import bags, files, planning, studies
 
 ADDERS = (
     studies.add_bench,
     studies.add_campaign,
+    files.add_check,
     planning.add_compare,
     planning.add_demo,
     studies.add_doctor,
@@ -22,26 +23,31 @@ ADDERS = (
     bags.add_replay,
     bags.add_report,
     planning.add_robot,
+    files.add_schema,
     planning.add_verify,
 )
 
 
 def command_parser() -> ArgumentParser:
-    """Return the parser; what it reads holds the function of the command as `command`."""
+    """Return the parser; what it reads holds `verb` and, for `run`, the name of its `function`."""
     parser = ArgumentParser(
         prog="ff-planner",
         description="Trajectory planning for free-floating space manipulators.",
         epilog="Exit code: 0 done, 2 bad input, 3 no plan found, or one that does not come true.",
     )
-    commands = parser.add_subparsers(metavar="COMMAND", required=True)
+    commands = parser.add_subparsers(metavar="COMMAND", dest="verb", required=True)
 
-    def add(
-        name: str, function: Callable[[Namespace], int], summary: str, **more: Any
-    ) -> ArgumentParser:
-        command = commands.add_parser(name, help=summary, **more)
-        command.set_defaults(command=function)
+    def add(verb: str, function: str, summary: str, **more: Any) -> ArgumentParser:
+        command = commands.add_parser(verb, help=summary, **more)
+        command.set_defaults(function=function)
         return command
 
     for adder in ADDERS:
         adder(add)
     return parser
+
+
+def run(options: Namespace) -> int:
+    """Run what was read and return its exit code; only now the verb's module is imported."""
+    module, _, function = options.function.partition(":")
+    return int(getattr(import_module(module), function)(options))

@@ -48,8 +48,8 @@ OBJECTIVES = {"length": Objective(1.0, 0.0), "attitude": Objective(0.0, 1.0)}
 
 def plan_scenario(options: argparse.Namespace) -> int:
     """Plan a scenario file, print what came of it, and write it down."""
-    if options.front:
-        return _plan_front(options)
+    if options.pareto:
+        return _plan_pareto_front(options)
     try:
         task, watch = _task(options.scenario, options)
         if options.bag is not None:
@@ -79,27 +79,27 @@ def plan_scenario(options: argparse.Namespace) -> int:
     return SOLVED
 
 
-def _plan_front(options: argparse.Namespace) -> int:
+def _plan_pareto_front(options: argparse.Namespace) -> int:
     """Plan a scenario with one pair of weights after the other, and show what they trade."""
-    from ff_planner_ros.analysis import front
+    from ff_planner_ros.analysis import pareto_front
     from ff_planner_ros.text_table import print_table as print_columns
 
     for name, default in (("objective", None), ("method", OPTIMAL), ("bag", None)):
         value = getattr(options, name)
         if value != default:
-            allowed = "not beside --front, which plans with weights of its own"
+            allowed = "not beside --pareto, which plans with weights of its own"
             raise InvalidInput(Status.UNSUPPORTED, f"--{name}", value, allowed)
     begun = time.perf_counter()
     try:
-        points = front.front(*_task(options.scenario, options), time.perf_counter)
+        points = pareto_front.pareto_front(*_task(options.scenario, options), time.perf_counter)
     except FfPlannerError as error:
         _write_json(options.json, refusal_dictionary(error, time.perf_counter() - begun))
         raise
-    _write_json(options.json, front.front_dictionary(points))
+    _write_json(options.json, pareto_front.front_dictionary(points))
     title = "Joint path against chaser attitude"
-    print_columns(title, front.COLUMNS, front.front_rows(points))
+    print_columns(title, pareto_front.COLUMNS, pareto_front.front_rows(points))
     print()
-    print(front.save_front(points, options.output))
+    print(pareto_front.save_front(points, options.output))
     return SOLVED
 
 

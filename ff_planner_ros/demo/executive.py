@@ -53,8 +53,8 @@ NAME = "mission_executive"  # of the node, and of who asks
 # another try at the next state.
 _NOT_YET = frozenset(
     {
-        *(Status.NO_STATE, Status.STATE_TOO_OLD, Status.STATE_UNPAIRED),
-        *(Status.NO_OBSTACLES, Status.NO_TARGET_BODY, Status.TARGET_STALE),
+        *(Status.NO_STATE, Status.STATE_TOO_OLD, Status.STATE_NOT_SYNCHRONIZED),
+        *(Status.NO_OBSTACLES, Status.NO_TARGET_BODY, Status.TARGET_TOO_OLD),
     }
 )
 _CHECK_INTERVAL = 0.2  # [s] between looks at the caller's check while waiting

@@ -10,25 +10,26 @@ import sys
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from ff_planner_ros.analysis.methods import SHORTEST, SOONER, STEADIEST, Method
+from ff_planner_ros.analysis.methods import OBJECTIVES, SHORTEST, SOONER, STEADIEST, Method
 from ff_planner_ros.demo.following import ARM_HEAVIER, OPEN_LOOP, RATE_BIAS, REPLANNED
 from ff_planner_ros.errors import FfPlannerError, Status
+from ff_planner_ros.planning.problem import DurationRange, Objective, PlanningProblem
+from ff_planner_ros.planning.task import PlanningTask, perform
 from ff_planner_ros.robot.bodies import Geometry
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.ros.background import StopRequest
 from ff_planner_ros.share import share_directory
 
-# A plan is made on trial before each flight: how long that takes from the start of the processes to
-# the plan is measured. The plan that is flown begins so many times as long after their start, so
-# that it is there in time even if only half as much of the machine is free by then.
-_LEAD_PER_MEASURED = 2.0
-_TRIAL_LEAD = 180  # until the plan on trial would begin: it is not to be late on any machine [s]
-# A machine that has become far slower since is measured once more.
-_ATTEMPTS = 2
-_TOO_SLOW = (Status.TOO_LATE, Status.START_IN_PAST, Status.OUT_OF_TIME)
+# How long a process of ROS takes to start and a plan to be made is measured, both at once. A plan
+# that is flown begins this many times as long after the start of its processes, so that it is there
+# in time even if less of the machine is free by then. After a plan that was late, twice as many.
+_LEAD_PER_MEASURED = 1.5
+_ATTEMPTS = 3
+_TOO_SLOW = (Status.TOO_LATE, Status.START_IN_PAST, Status.TIMED_OUT)
 _GRACE = 60.0  # [s] for a process to end after it was asked to: on a slow machine, too
 _LOOK_INTERVAL = 0.1  # [s] between looks at the processes
 _READY = "]: ready; "  # says the node's log when it answers requests
@@ -39,13 +40,19 @@ class Flight(NamedTuple):
 
     name: str  # of its files
     options: tuple[str, ...]  # of the example
+    changes: Mapping[str, Any]  # of the scenario's problem, which the options ask for
     example: str = "mission_executive"
+
+    def problem(self, scenario: PlanningProblem) -> PlanningProblem:
+        """Return what is planned before the example begins."""
+        return replace(scenario, **self.changes)
 
 
 _BOTH_OBJECTIVES: Mapping[Method, Flight] = {
-    SHORTEST: Flight("length", ("--objective", "length")),
-    STEADIEST: Flight("attitude", ("--objective", "attitude")),
+    method: Flight(name, ("--objective", name), {"objective": OBJECTIVES[method]})
+    for method, name in ((SHORTEST, "length"), (STEADIEST, "attitude"))
 }
+_DURATIONS = DurationRange(8.0, 12.0)  # [s]
 
 
 class Testbed(NamedTuple):
@@ -74,7 +81,18 @@ TESTBEDS: Mapping[str, Testbed] = {
         "planner.yaml",
         {
             SHORTEST: _BOTH_OBJECTIVES[SHORTEST],
-            SOONER: Flight("sooner", ("--objective", "sooner", "--durations", "8.0", "12.0")),
+            SOONER: Flight(
+                "sooner",
+                (
+                    *("--objective", "sooner"),
+                    *("--durations", f"{_DURATIONS.minimum}", f"{_DURATIONS.maximum}"),
+                ),
+                {
+                    "objective": Objective(1.0, 0.0, 0.02),  # as the example has it
+                    "duration": _DURATIONS.maximum,
+                    "duration_range": _DURATIONS,
+                },
+            ),
         },
     ),
     "following": Testbed(
@@ -82,8 +100,8 @@ TESTBEDS: Mapping[str, Testbed] = {
         "lemur_capture.yaml",
         "planner.yaml",
         {
-            OPEN_LOOP: Flight("open_loop", ("--rate", "0"), "follower"),
-            REPLANNED: Flight("replanned", ("--rate", "5"), "follower"),
+            OPEN_LOOP: Flight("open_loop", ("--rate", "0"), {}, "follower"),
+            REPLANNED: Flight("replanned", ("--rate", "5"), {}, "follower"),
         },
         ("--arm-heavier", f"{ARM_HEAVIER}", "--rate-bias", f"{RATE_BIAS:.6f}"),
     ),
@@ -100,46 +118,55 @@ class Stage(NamedTuple):
     stop: StopRequest
 
 
-def fly(method: Method, flight: Flight, stage: Stage) -> dict[str, Any]:
-    """Measure how long a plan takes, fly one that begins when it will be there; return its report.
+def fly(method: Method, flight: Flight, stage: Stage, seconds: float) -> dict[str, Any]:
+    """Fly a plan that begins when it will be there, and return the report of its flight.
+
+    Args:
+        seconds: That the start of a process and the plan were measured to take.
 
     Raises:
-        FfPlannerError: A plan is refused, or a process ended.
+        FfPlannerError: The plan is refused, or a process ended.
     """
-    _wait_for_node(stage)
     for attempt in range(1, _ATTEMPTS + 1):
         name = flight.name if attempt == 1 else f"{flight.name}_{attempt}"
-        print(f"\nplanning {method.name} on trial", flush=True)
-        begun = time.monotonic()
-        trial = _run_example(f"{name}_trial", flight, stage, _TRIAL_LEAD, "--plan-only")
-        _require_solved(trial)
-        measured = time.monotonic() - begun
-        lead = math.ceil(_LEAD_PER_MEASURED * measured)
-        print(
-            f"measured {measured:.1f} s with the start and the end of testbed and executive, "
-            f"{trial['solve_time']:.2f} s for the plan alone\n"
-            f"flying {method.name}: the plan begins in {lead} s",
-            flush=True,
-        )
+        lead = math.ceil(_LEAD_PER_MEASURED * 2 ** (attempt - 1) * seconds)
+        print(f"\nflying {method.name}: the plan begins in {lead} s", flush=True)
         report = _run_example(name, flight, stage, lead)
         if report["status"] not in _TOO_SLOW or attempt == _ATTEMPTS:
             break
-        print(f"too late, measuring again; end other programs if you can: {report['message']}")
-    _require_solved(report)
+        print(f"too late, later once more; end other programs if you can: {report['message']}")
+    if report["status"] != Status.SOLVED:
+        raise FfPlannerError(Status(report["status"]), report["message"])
     return report
 
 
-def _wait_for_node(stage: Stage) -> None:
-    """Wait until the planner node is ready: its start is not a part of what is measured."""
+def plans_on_trial(flights: Mapping[Method, Flight], task: PlanningTask) -> dict[Method, float]:
+    """Make each plan once, and return how long it takes [s].
+
+    Raises:
+        FfPlannerError: One is refused.
+    """
+    seconds = {}
+    for method, flight in flights.items():
+        begun = time.monotonic()
+        perform(replace(task, problem=flight.problem(task.problem)))
+        seconds[method] = time.monotonic() - begun
+    return seconds
+
+
+def wait_for_node(stage: Stage) -> None:
+    """Wait until the planner node is ready.
+
+    Raises:
+        FfPlannerError: It ended.
+    """
     log = stage.directory / "node.log"
     while _READY not in log.read_text(encoding="utf-8"):
         _check({log: stage.node}, stage.stop)
         time.sleep(_LOOK_INTERVAL)
 
 
-def _run_example(
-    name: str, flight: Flight, stage: Stage, lead: int, *options: str
-) -> dict[str, Any]:
+def _run_example(name: str, flight: Flight, stage: Stage, lead: int) -> dict[str, Any]:
     """Run a testbed and an example whose plan begins in so long [s]; return the latter's report.
 
     Report and logs have files of their own: none is taken for another run's.
@@ -148,7 +175,7 @@ def _run_example(
     epoch = str(math.ceil(time.time()) + lead)
     testbed = [*_example("simulated_testbed"), str(stage.scenario), "--epoch", epoch]
     testbed += stage.shown.imperfections
-    executive = [*_example(flight.example), str(stage.scenario), *flight.options, *options]
+    executive = [*_example(flight.example), str(stage.scenario), *flight.options]
     executive += ["--start", epoch, "--json", str(report)]
     with ExitStack() as stack:
         logs = {word: stage.directory / f"{name}_{word}.log" for word in ("testbed", "executive")}
@@ -165,11 +192,6 @@ def _run_example(
         _check(needed={logs["executive"]: flying}, stop=stage.stop)
     told: dict[str, Any] = json.loads(report.read_text(encoding="utf-8"))
     return told
-
-
-def _require_solved(report: Mapping[str, Any]) -> None:
-    if report["status"] != Status.SOLVED:
-        raise FfPlannerError(Status(report["status"]), report["message"])
 
 
 def node_command(directory: Path, parameters: Path, robot: Robot) -> list[str]:

@@ -56,19 +56,13 @@ def _said(error: FfPlannerError) -> str:
     return f"refused {int(error.status)} {error.status.name}: {error}"
 
 
-def plan_report(answer: PlanTrajectory.Result) -> dict[str, Any]:
-    """Return what a plan is that was found, for JSON."""
+def mission_report(answer: PlanTrajectory.Result, flown: FlownPlan) -> dict[str, Any]:
+    """Return what became of a plan that was committed, for JSON."""
     return {
         "status": int(answer.status.code),
         "plan_id": answer.plan_id,
         "solve_time": answer.solver.solve_time,
         "duration": answer.duration,
-    }
-
-
-def mission_report(answer: PlanTrajectory.Result, flown: FlownPlan) -> dict[str, Any]:
-    """Return what became of a plan that was committed, for JSON."""
-    return plan_report(answer) | {
         "predicted": _numbers(flown.predicted),
         "reached": _numbers(flown.reached),
         "error": flown.error._asdict(),

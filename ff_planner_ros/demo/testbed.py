@@ -206,7 +206,9 @@ def motion_from_message(message: JointTrajectory, joint_names: Sequence[str]) ->
     times = np.array([nanoseconds(point.time_from_start) for point in message.points]) / NANOSECONDS
     if len(times) < 2 or not (np.diff(times) > 0.0).all():
         allowed = "it must have two points or more, at times that increase"
-        raise InvalidInput(Status.CONTROLLER_RULE, "points", f"at {times.tolist()} s", allowed)
+        raise InvalidInput(
+            Status.CONTROLLER_CONSTRAINT, "points", f"at {times.tolist()} s", allowed
+        )
     columns: list[Array] = []
     for name in ("positions", "velocities", "accelerations"):
         rows = [getattr(point, name) for point in message.points]
@@ -214,7 +216,7 @@ def motion_from_message(message: JointTrajectory, joint_names: Sequence[str]) ->
         if sizes != {len(order)} or not np.isfinite(rows).all():
             allowed = f"it must be {len(order)} finite numbers in every point"
             found = f"of {', '.join(map(str, sorted(sizes)))} numbers"
-            raise InvalidInput(Status.CONTROLLER_RULE, f"points[].{name}", found, allowed)
+            raise InvalidInput(Status.CONTROLLER_CONSTRAINT, f"points[].{name}", found, allowed)
         columns.append(np.array(rows)[:, order])
     return JointMotion(times, *columns)
 

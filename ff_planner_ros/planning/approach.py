@@ -10,12 +10,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from ff_planner_ros.arrays import Array, finite_number, finite_vector, frozen
+from ff_planner_ros.arrays import Array, frozen
+from ff_planner_ros.declared import check_declared, declare
 from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.forms import a_number, a_vector
 
 # Half angle of a corridor that none is given for [rad]: half as much again as what vehicles that
 # dock keep over hundreds of metres, for over decimetres an arm has less room to steer.
@@ -47,13 +49,32 @@ class Approach:
             positive, or a cone that is none.
     """
 
-    direction: Array  # in which the end effector comes, unit length; shape (3,)
-    distance: float  # from the grasp, within which it keeps to the corridor [m]
-    cone: float = CONE  # half angle of the corridor [rad]
+    SINCE: ClassVar[str] = "0.3"
+
+    direction: Array = declare(  # kept of unit length
+        a_vector(),
+        "in which the end effector comes, any length but zero",
+        frame="in its frame at the goal",
+        message="approach_direction",
+    )
+    distance: float = declare(
+        a_number(above=0.0),
+        "from the goal, within which it keeps to the corridor",
+        unit="m",
+        message="approach_distance",
+    )
+    cone: float = declare(
+        a_number(above=0.0),
+        "half angle of the corridor, below a right angle; 0.2618 is 15 deg",
+        unit="rad",
+        default=CONE,
+        message="approach_cone",
+    )
 
     def __post_init__(self) -> None:
         """Check every value, and make the direction one of unit length."""
-        direction = finite_vector("approach.direction", self.direction, 3)
+        check_declared(self, "approach")
+        direction = self.direction
         largest = float(np.abs(direction).max())
         if not largest >= _SHORTEST:
             allowed = f"it must be longer than {_SHORTEST:g}: it has no direction"
@@ -65,13 +86,9 @@ class Approach:
         if abs(length * largest - 1.0) > _UNIT:
             direction = frozen(direction / largest / length)
         object.__setattr__(self, "direction", direction)
-        distance = finite_number("approach.distance", self.distance, above=0.0)
-        object.__setattr__(self, "distance", distance)
-        cone = finite_number("approach.cone", self.cone, above=0.0)
-        if not cone < math.pi / 2:
+        if not self.cone < math.pi / 2:
             allowed = "it must be less than a right angle, 1.5708 rad"
-            raise InvalidInput(Status.OUT_OF_RANGE, "approach.cone", cone, allowed)
-        object.__setattr__(self, "cone", cone)
+            raise InvalidInput(Status.OUT_OF_RANGE, "approach.cone", self.cone, allowed)
 
     def _along_and_aside(self, places: Array) -> tuple[Array, Array]:
         """Return how far places are before the grasp, and their way aside; (places, 3) [m]."""

@@ -18,7 +18,6 @@ from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
-from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.arrays import Array, Indices
 from ff_planner_ros.planning.followed import steps_of
@@ -31,6 +30,7 @@ from ff_planner_ros.robot.dynamics import accelerations
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.momentum import total_momentum
 from ff_planner_ros.robot.momentum_regressor import inertial_parameters, momentum_regressors
+from ff_planner_ros.robot.quaternion import rotation_from_quaternion
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +74,7 @@ def tracked_motion(robot: Robot, trajectory: Trajectory) -> TrackedMotion:
     q_start, v_start = q[0].copy(), v[0].copy()
     # Relative to the base first: far away, or where everything moves fast, digits would be lost.
     place, q_start[:3] = q_start[:3].copy(), 0.0
-    to_inertial = Rotation.from_quat(q_start[3:7]).as_matrix()
+    to_inertial = rotation_from_quaternion(q_start[3:7])
     drift, v_start[:3] = to_inertial @ v_start[:3], 0.0
     data = robot.model.createData()
     pin.centerOfMass(robot.model, data, q_start, v_start)

@@ -62,7 +62,7 @@ class _Asked:
         try:
             found = self.plan(fixed, settings, self.watch, guess)
         except NoPlanFound as refused:
-            if refused.status is Status.OUT_OF_TIME:
+            if refused.status is Status.TIMED_OUT:
                 raise (self._unfinished(duration, refused) if self.made else refused) from None
             return refused
         self.effort.add(found.solver)
@@ -86,7 +86,7 @@ class _Asked:
             f"{duration:.4g} s, {refused.constraint}"
         )
         return NoPlanFound(
-            Status.OUT_OF_TIME, message, replace(best, solver=self.effort.report(best.solver))
+            Status.TIMED_OUT, message, replace(best, solver=self.effort.report(best.solver))
         )
 
 

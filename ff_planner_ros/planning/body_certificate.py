@@ -15,7 +15,6 @@ from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
-from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.arrays import Array, Indices
 from ff_planner_ros.planning.bodies import Placed, placed_bodies
@@ -31,6 +30,7 @@ from ff_planner_ros.planning.clearance import centers_at
 from ff_planner_ros.planning.followed import FollowedMotion
 from ff_planner_ros.planning.problem import Sphere
 from ff_planner_ros.robot.model import Robot
+from ff_planner_ros.robot.quaternion import rotation_from_quaternion
 
 # What is far apart need not be known to half a millimetre, but to this part of the distance.
 EXACT_PART = 0.02
@@ -189,7 +189,7 @@ def _placed_at_points(robot: Robot, motion: FollowedMotion) -> Placed:
 
 def centers_in_base(q: Array, centers: Array) -> Array:
     """Return points as the chaser sees them. Shape (configurations, points, 3)."""
-    turns = Rotation.from_quat(q[:, 3:7]).as_matrix()
+    turns = rotation_from_quaternion(q[:, 3:7])
     return np.asarray((centers - q[:, None, :3]) @ turns, np.float64)
 
 
@@ -202,8 +202,10 @@ def _least(kind: _Kind, chosen: Indices, last: int, time: Array, part: float) ->
     candidate = int(bounds.min(axis=0).argmin())
     met = kind.distances(steps[first_look[[candidate]]], chosen[[candidate]])[0]
     ways = np.diff(kind.ways(steps[:, None], chosen[None]), axis=0)
-    lowest = (bounds[:-1] + bounds[1:] - ways) / 2
-    within = np.flatnonzero(lowest.min(axis=0, initial=np.inf) <= met)
+    between = ((bounds[:-1] + bounds[1:] - ways) / 2).min(axis=0, initial=np.inf)
+    lowest = np.minimum(bounds.min(axis=0), between)
+    # A bound that is exact may be above what is met, by rounding.
+    within = np.flatnonzero(lowest <= max(met, float(lowest.min())))
     which = np.repeat(chosen[within], len(steps))
     at = np.tile(steps, len(within))
     distance = kind.distances(at, which)

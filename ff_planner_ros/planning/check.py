@@ -78,7 +78,7 @@ def out_of_time(
             _findings(found) or "it keeps every constraint, but was not yet optimised to the end"
         )
         message += f"; {points}: {state}"
-    return NoPlanFound(Status.OUT_OF_TIME, message, plan, found)
+    return NoPlanFound(Status.TIMED_OUT, message, plan, found)
 
 
 def out_of_time_beside(end: OutOfTime, shortest: Plan) -> NoPlanFound:
@@ -87,7 +87,7 @@ def out_of_time_beside(end: OutOfTime, shortest: Plan) -> NoPlanFound:
         f"{end}; a plan of least joint path was found, but the search for a better attitude was "
         "not finished: give it more time or fewer points, or fewer planner.attitude_rounds"
     )
-    return NoPlanFound(Status.OUT_OF_TIME, message, shortest)
+    return NoPlanFound(Status.TIMED_OUT, message, shortest)
 
 
 def _findings(found: Sequence[Failure]) -> str:

@@ -22,10 +22,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
+from ff_planner_ros.declared import declare
 from ff_planner_ros.errors import NoPlanFound, Status
+from ff_planner_ros.forms import TRUTH
 
 # The controller's own: single precision's [rad/s].
 _REST = float(np.finfo(np.float32).eps)
@@ -37,9 +40,13 @@ _Rows = Sequence[Sequence[float]]
 class Controller:
     """How the controller is set up."""
 
+    SINCE: ClassVar[str] = "0.3"
+
     joints: Sequence[str]  # its parameter `joints`
-    allow_nonzero_velocity_at_trajectory_end: bool  # its parameter of this name
-    effort_interface: bool  # whether `effort` is among its parameter `command_interfaces`
+    allow_nonzero_velocity_at_trajectory_end: bool = declare(TRUTH, "its parameter of this name")
+    effort_interface: bool = declare(
+        TRUTH, "whether effort is among its parameter command_interfaces"
+    )
 
 
 @dataclass(frozen=True)
@@ -58,7 +65,7 @@ def require_acceptable(controller: Controller, command: Command) -> None:
     """Refuse a trajectory that the controller would not take, or would not execute as it is.
 
     Raises:
-        NoPlanFound: Names the rule that is broken, and where (CONTROLLER_RULE).
+        NoPlanFound: Names the rule that is broken, and where (CONTROLLER_CONSTRAINT).
     """
     _require_joints(controller.joints, command.joint_names)
     _require_times(command.time_from_start_ns)
@@ -138,5 +145,6 @@ def _require_rows(name: str, rows: _Rows, command: Command, mandatory: bool) -> 
 
 def _refusal(finding: str) -> NoPlanFound:
     return NoPlanFound(
-        Status.CONTROLLER_RULE, f"a joint_trajectory_controller would not take the plan: {finding}"
+        Status.CONTROLLER_CONSTRAINT,
+        f"a joint_trajectory_controller would not take the plan: {finding}",
     )

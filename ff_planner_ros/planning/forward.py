@@ -18,6 +18,7 @@ from ff_planner_ros.robot.configuration import configuration, system_state
 from ff_planner_ros.robot.dynamics import accelerations
 from ff_planner_ros.robot.model import Base, Robot
 from ff_planner_ros.robot.momentum import base_twist, momentum_maps, total_momentum
+from ff_planner_ros.robot.quaternion import rotation_from_quaternion
 from ff_planner_ros.robot.state import SystemState
 
 # In one step nothing turns further [rad]. RK4 is off by about the fourth power of this in a radian,
@@ -118,10 +119,10 @@ def carried_base_and_maps(
     attitude = pin.XYZQUATToSE3(q_start[:7]).rotation
     steps = np.diff(time)
     turned = turned_by_momentum(attitude, constant, of_momentum, of_rates, steps)
-    base_to_inertial = turned.as_matrix()
+    base_to_inertial = rotation_from_quaternion(turned)
     q, v = np.empty((points, model.nq)), np.empty((points, model.nv))
     q[:, :3] = centers - (base_to_inertial @ in_base[:, :, None])[:, :, 0]
-    q[:, 3:7] = turned.as_quat()
+    q[:, 3:7] = turned
     q[:, 7:], v[:, 6:] = positions[::2], rates[::2]
     seen = (constant @ base_to_inertial)[:, :, None]
     v[:, 3:6] = (of_momentum[::2] @ seen)[:, :, 0] - of_rates[::2]

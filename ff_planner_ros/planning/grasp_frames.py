@@ -5,11 +5,15 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.planning.scene import Scene
 from ff_planner_ros.robot.model import Base
+from ff_planner_ros.robot.quaternion import (
+    quaternion_from_rotation_vector,
+    quaternion_product,
+    rotation_from_quaternion,
+)
 
 
 class GraspFrames(NamedTuple):
@@ -47,7 +51,7 @@ def grasp_frames(scene: Scene, base: Base, times: Array) -> GraspFrames | None:
     if target is None:
         return None
     later = times - captured
-    turned = Rotation.from_rotvec(np.outer(later, target.angular_velocity))
-    rotations = (turned * Rotation.from_quat(target.quaternion_xyzw.copy())).as_matrix()
+    turned = quaternion_from_rotation_vector(np.outer(later, target.angular_velocity))
+    rotations = rotation_from_quaternion(quaternion_product(turned, target.quaternion_xyzw))
     positions = target.position + np.outer(later, target.linear_velocity)
     return GraspFrames(positions, counts * rotations)

@@ -8,10 +8,13 @@ from __future__ import annotations
 
 import numpy as np
 import pinocchio as pin
-from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.planning.problem import PlanningProblem
+from ff_planner_ros.robot.quaternion import (
+    quaternion_from_rotation_vector,
+    rotation_from_quaternion,
+)
 
 
 class GraspSeen:
@@ -29,10 +32,10 @@ class GraspSeen:
             self._twists = motion.twists
             return
         later = times - problem.duration
-        turned = Rotation.from_rotvec(np.outer(later, target.angular_velocity))
+        turned = quaternion_from_rotation_vector(np.outer(later, target.angular_velocity))
         at_goal = pin.Quaternion(target.quaternion_xyzw).toRotationMatrix()
         self._positions = target.position + np.outer(later, target.linear_velocity)
-        self._rotations = turned.as_matrix() @ at_goal
+        self._rotations = rotation_from_quaternion(turned) @ at_goal
         twist = np.concatenate([target.linear_velocity, target.angular_velocity])
         self._twists = np.broadcast_to(twist, (len(times), 6))
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pinocchio as pin
-from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.planning.path_family import singular_refusal
@@ -13,6 +12,11 @@ from ff_planner_ros.planning.runge_kutta import runge_kutta_step
 from ff_planner_ros.planning.steered import twist_conditions
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.momentum import base_twist, generalised_jacobian
+from ff_planner_ros.robot.quaternion import (
+    quaternion_from_rotation,
+    quaternion_from_rotation_vector,
+    quaternion_product,
+)
 
 # Faster than this [rad/s] rates are those of a dynamic singularity.
 _SINGULAR_RATE = 10.0
@@ -81,10 +85,10 @@ def poses_held(problem: PlanningProblem, seconds: Array) -> tuple[Array, Array]:
     target, body = problem.target, problem.target_body
     if body is not None:
         grasp = body.grasp(problem.duration + seconds)
-        return grasp.positions, Rotation.from_matrix(grasp.rotations).as_quat()
+        return grasp.positions, quaternion_from_rotation(grasp.rotations)
     positions = target.position + np.outer(seconds, target.linear_velocity)
-    turns = Rotation.from_rotvec(np.outer(seconds, target.angular_velocity))
-    return positions, (turns * Rotation.from_quat(target.quaternion_xyzw)).as_quat()
+    turns = quaternion_from_rotation_vector(np.outer(seconds, target.angular_velocity))
+    return positions, quaternion_product(turns, target.quaternion_xyzw)
 
 
 def _twist_held(problem: PlanningProblem, seconds: float) -> Array:

@@ -5,10 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cache, cached_property
 from math import comb
+from typing import ClassVar
 
 import numpy as np
 
 from ff_planner_ros.arrays import Array
+from ff_planner_ros.declared import declare
+from ff_planner_ros.forms import ROWS, a_vector
 from ff_planner_ros.planning.plan import Trajectory
 
 # Extremes are found to this [rad, rad/s, rad/s2]: far below what any limit is measured to.
@@ -24,10 +27,17 @@ class JointMotion:
     This is how ROS's `joint_trajectory_controller` interpolates a trajectory that has all three.
     """
 
-    time: Array  # strictly increasing, two or more; shape (points,) [s]
-    positions: Array  # shape (points, joints) [rad]
-    velocities: Array  # shape (points, joints) [rad/s]
-    accelerations: Array  # shape (points, joints) [rad/s2]
+    SINCE: ClassVar[str] = "0.3"
+
+    time: Array = declare(  # shape (points,)
+        a_vector(None),
+        "from the state, strictly increasing, two or more",
+        unit="s",
+    )
+    # All three have the shape (points, joints)
+    positions: Array = declare(ROWS, "a row per time", unit="rad")
+    velocities: Array = declare(ROWS, "a row per time", unit="rad/s")
+    accelerations: Array = declare(ROWS, "a row per time", unit="rad/s2")
 
     def at(self, time: Array) -> tuple[Array, Array, Array]:
         """Return positions, velocities and accelerations, each of shape (times, joints).

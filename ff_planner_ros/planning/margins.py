@@ -1,9 +1,9 @@
 """What is left of everything that a plan must keep, and how it changes with the errors.
 
 Each margin is a number that must not be negative, at some time of a plan whose joints are
-controlled: of the distance from obstacles, the chaser's attitude, the corridor of the approach and
-the joints' torques. Joint positions, rates and accelerations, and distances of the robot's bodies
-from each other, are those of the plan in every run.
+controlled: of the distance from obstacles, the chaser's Euler angles and the angle of its rotation,
+the corridor of the approach and the joints' torques. Joint positions, rates and accelerations, and
+distances of the robot's bodies from each other, are those of the plan in every run.
 """
 
 from __future__ import annotations
@@ -21,17 +21,28 @@ from ff_planner_ros.planning.problem import Limits
 from ff_planner_ros.planning.scene import Scene
 from ff_planner_ros.planning.uncertainty import Directions
 from ff_planner_ros.robot.kinematics import rotation_base_to_inertial
+from ff_planner_ros.robot.quaternion import (
+    angle_of_quaternion,
+    quaternion_from_rotation,
+    rotation_vector_from_quaternion,
+)
 from ff_planner_ros.robot.rotation import euler_from_rotation, euler_rate_map
 
-CLEARANCE, ATTITUDE, CORRIDOR, TORQUE = "clearance", "chaser_attitude", "corridor", "torque"
+CLEARANCE, CORRIDOR, TORQUE = "clearance", "corridor", "torque"
+ATTITUDE, ROTATION = "chaser_attitude", "chaser_rotation"
 # Unit, and how a message names the margin.
-UNITS = {CLEARANCE: "m", ATTITUDE: "rad", CORRIDOR: "m", TORQUE: "N m"}
+UNITS = {CLEARANCE: "m", ATTITUDE: "rad", ROTATION: "rad", CORRIDOR: "m", TORQUE: "N m"}
 WORDS = {
     CLEARANCE: "the clearance from obstacle",
     ATTITUDE: "the margin of limits.chaser_attitude",
+    ROTATION: "the margin of limits.chaser_rotation",
     CORRIDOR: "the margin of the approach",
     TORQUE: "the torque margin of joint",
 }
+
+
+# A smaller angle has no axis [rad].
+_NO_ANGLE = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +52,7 @@ class Margins:
     kind: str
     values: Array  # as planned; shape (rows,)
     by_errors: Array  # shape (rows, errors)
-    which: Indices  # sphere, joint or Euler angle that each is of; shape (rows,)
+    which: Indices  # sphere, joint or Euler angle that each is of, or zero; shape (rows,)
     time: Array  # shape (rows,) [s]
 
     @property
@@ -80,6 +91,10 @@ def margins(
         euler, by_errors = _attitude(motion, spread)
         most = np.full(3, limits.chaser_attitude)
         found.append(_both_ways(ATTITUDE, euler, by_errors, most, np.arange(3), motion.time))
+    if limits.chaser_rotation < np.pi:
+        angles, by_errors = _rotation(motion, spread)
+        values, which = limits.chaser_rotation - angles, np.zeros(len(angles), np.intp)
+        found.append(Margins(ROTATION, values, -by_errors, which, motion.time))
     corridor = _corridor(motion, scene, spread)
     if corridor is not None:
         found.append(corridor)
@@ -120,6 +135,29 @@ def _attitude(motion: TrackedMotion, spread: BaseSpread) -> tuple[Array, Array]:
     euler = turned_from_start(motion, rotations)
     start = rotations[0] @ motion.robot.rotation_chaser_to_base
     return euler, np.linalg.solve(euler_rate_map(euler), start.T @ spread.pose[:, 3:])
+
+
+def rotated_since_start(motion: TrackedMotion, rotations: Array) -> Array:
+    """Return the angles between the chaser's attitudes and its planned start. Shape (...) [rad].
+
+    Args:
+        rotations: Base to inertial. Shape (..., 3, 3).
+    """
+    start = rotation_base_to_inertial(motion.q[:1])[0]
+    return angle_of_quaternion(quaternion_from_rotation(start.T @ rotations))
+
+
+def _rotation(motion: TrackedMotion, spread: BaseSpread) -> tuple[Array, Array]:
+    """Return the angles of the chaser's rotation, and how they change with the errors.
+
+    The angle changes by what the chaser rotates about the axis of its rotation. At the start it has
+    none, and is taken for one that no error changes: it keeps its limit there by all of it.
+    """
+    rotations = rotation_base_to_inertial(motion.q)
+    since = quaternion_from_rotation(rotations[0].T @ rotations)
+    vectors, angles = rotation_vector_from_quaternion(since), angle_of_quaternion(since)
+    axes = vectors / np.maximum(angles, _NO_ANGLE)[:, None]  # in those of the start
+    return angles, np.einsum("ti,ji,tje->te", axes, rotations[0], spread.pose[:, 3:])
 
 
 def _corridor(motion: TrackedMotion, scene: Scene, spread: BaseSpread) -> Margins | None:

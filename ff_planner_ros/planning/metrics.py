@@ -49,10 +49,16 @@ class Metric:
 
 
 def _metric(
-    unit: str, label: str, tolerance: float, shown_unit: str, digits: str, default: Any = MISSING
+    unit: str,
+    label: str,
+    tolerance: float,
+    shown_unit: str,
+    digits: str,
+    default: Any = MISSING,
+    kw_only: bool = False,
 ) -> Any:
     said = {"metric": (unit, label, tolerance, shown_unit, digits)}
-    return field(default=default, metadata=said)
+    return field(default=default, metadata=said, kw_only=kw_only)
 
 
 @dataclass(frozen=True)
@@ -64,7 +70,11 @@ class Metrics:
     """
 
     joint_path_length: float = _metric("rad", "joint path length", 10 * _RAD, "rad", ".4f")
-    max_chaser_euler: float = _metric("rad", "largest chaser attitude", _RAD, "deg", ".2f")
+    max_chaser_euler: float = _metric("rad", "largest chaser Euler angle", _RAD, "deg", ".2f")
+    # Of the chaser since the first point, at any time; NaN: not known.
+    max_chaser_rotation: float = _metric(
+        "rad", "largest chaser rotation", _RAD, "deg", ".2f", np.nan, kw_only=True
+    )
     # Of any body, or link line, from any sphere, between the points too; infinite: no obstacles.
     min_clearance: float = _metric("m", "clearance", _METRE, "mm", ".1f")
     # At any time: between two points the joints are on the quintics through them.

@@ -6,13 +6,13 @@ from collections.abc import Sequence
 
 import numpy as np
 import pinocchio as pin
-from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.planning.plan import Trajectory
 from ff_planner_ros.robot.dynamics import inverse_dynamics
 from ff_planner_ros.robot.kinematics import rotation_base_to_inertial
 from ff_planner_ros.robot.model import Robot
+from ff_planner_ros.robot.quaternion import quaternion_from_rotation, rotation_from_quaternion
 from ff_planner_ros.robot.state import SystemState
 
 
@@ -81,7 +81,7 @@ def _chaser(robot: Robot, q: Array, v: Array) -> dict[str, Array]:
 def from_trajectory(robot: Robot, trajectory: Trajectory) -> tuple[Array, Array]:
     """Return configurations, (points, 7 + joints), and tangent velocities, (points, 6 + joints)."""
     motion = trajectory
-    attitudes = Rotation.from_quat(motion.chaser_quaternions_xyzw).as_matrix()
+    attitudes = rotation_from_quaternion(motion.chaser_quaternions_xyzw)
     base_to_inertial = attitudes @ robot.rotation_chaser_to_base.T
     base_from_chaser = -base_to_inertial @ robot.position_chaser_in_base
     omega = motion.chaser_angular_velocities
@@ -89,7 +89,7 @@ def from_trajectory(robot: Robot, trajectory: Trajectory) -> tuple[Array, Array]
     q = np.hstack(
         [
             motion.chaser_positions + base_from_chaser,
-            Rotation.from_matrix(base_to_inertial).as_quat(),
+            quaternion_from_rotation(base_to_inertial),
             motion.joint_positions,
         ]
     )

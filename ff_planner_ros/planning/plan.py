@@ -59,9 +59,10 @@ class RobustReport:
     plain_joint_path_length: float  # of the plan without [rad]
     # Of what the solver kept back beyond the limits themselves
     clearance: tuple[tuple[str, float], ...] = ()  # obstacle and distance [m]
-    chaser_attitude: float = 0.0  # [rad]
+    chaser_attitude: float = 0.0  # of the Euler angles [rad]
     torques: tuple[tuple[str, float], ...] = ()  # joint and torque [N m]
     corridor: float = 0.0  # of the approach [m]
+    chaser_rotation: float = 0.0  # [rad]
     # Standard deviations that were asked for, by name of `Uncertainty`
     deviations: tuple[tuple[str, float], ...] = ()
 

@@ -98,7 +98,7 @@ def plan(
         try:
             return _plan_in_time(lasting(problem, kept), settings, watch, first_guess)
         except NoPlanFound as refused:
-            if refused.status is Status.OUT_OF_TIME:
+            if refused.status is Status.TIMED_OUT:
                 raise
     return plan_at_best_moment(problem, settings, watch, None, _plan_in_time)
 
@@ -118,7 +118,7 @@ def _plan_beside_guess(
         once = replace(settings, starts=1)
         return plan_at_best_moment(problem, once, allowance, guess, _plan_near_guess)
     except NoPlanFound as refused:
-        if refused.status is Status.OUT_OF_TIME and not allowance.used_up:
+        if refused.status is Status.TIMED_OUT and not allowance.used_up:
             raise
     found = plan(problem, settings, watch)
     return replace(found, solver=replace(found.solver, starts=found.solver.starts + 1))
@@ -154,7 +154,7 @@ def _plan_near_guess(
         try:
             return _plan_near_in_family(problem, settings, family, watch, guess)
         except NoPlanFound as refused:
-            if refused.status is Status.OUT_OF_TIME:
+            if refused.status is Status.TIMED_OUT:
                 raise
             refusals.append(refused)
     raise refusals[0]
@@ -216,7 +216,7 @@ def _plan_in_time(
         try:
             return _best_plan(problem, settings, ways, watch, first_guess if fits else None)
         except NoPlanFound as refused:
-            if refused.status is Status.OUT_OF_TIME:
+            if refused.status is Status.TIMED_OUT:
                 raise
             refusals.append(refused)
     if too_many:
@@ -274,7 +274,7 @@ def _best_plan(
         try:
             plans.append(_plan_in_family(problem, settings, family, watch, first_guess))
         except NoPlanFound as refused:
-            if refused.status is Status.OUT_OF_TIME:
+            if refused.status is Status.TIMED_OUT:
                 raise
             refusals.append(refused)
     if not plans:

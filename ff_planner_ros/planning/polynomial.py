@@ -22,11 +22,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pinocchio as pin
-from scipy.spatial.transform import Rotation
-from scipy.special import beta
 
 from ff_planner_ros.arrays import Array, frozen
 from ff_planner_ros.core import compiled
+from ff_planner_ros.robot.quaternion import canonical_quaternion, quaternion_from_rotation
 from ff_planner_ros.robot.rotation import (
     euler_from_rotation,
     euler_rate_map,
@@ -46,7 +45,8 @@ _FREE_TERM_COEFFICIENTS = np.array(
 ).T
 # Changes of the three coefficients, a column each, whose paths have the same mean square and are
 # orthogonal over the duration: a Gram-Schmidt process from the first term on.
-_GRAM = beta(np.add.outer(np.arange(7.0, 10.0), np.arange(3.0)), 7.0) / beta(7.0, 7.0)
+_MEANS = np.cumprod([1.0, 7 / 14, 8 / 15, 9 / 16, 10 / 17])  # of s^n, weighted by s^6 (1 - s)^6
+_GRAM = _MEANS[np.add.outer(np.arange(3), np.arange(3))]
 _OWN_WAYS = np.linalg.inv(np.linalg.cholesky(_GRAM)).T
 DIRECTIONS = frozen(np.kron(np.eye(COMPONENTS), _OWN_WAYS))  # of all components
 # Beyond this pitch on the straight path the paper's angles are too near their singularity at
@@ -240,7 +240,7 @@ def end_effector_polynomial(
 
 def _turns(rotation: Array) -> tuple[Array, list[float]]:
     """Return a rotation's axis, shape (3,), and angle, within +-pi; both angles of half a turn."""
-    quaternion = Rotation.from_matrix(rotation).as_quat(canonical=True)
+    quaternion = canonical_quaternion(quaternion_from_rotation(rotation))
     sine = float(np.linalg.norm(quaternion[:3]))
     angle = 2.0 * np.arctan2(sine, quaternion[3])
     if angle < _ROUNDING:

@@ -4,9 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 import pinocchio as pin
-from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.arrays import Array
+from ff_planner_ros.robot.quaternion import (
+    quaternion_from_rotation_vector,
+    quaternion_inverse,
+    quaternion_product,
+    rotation_from_quaternion,
+    rotation_vector_from_quaternion,
+)
 
 
 def poses_between(
@@ -16,7 +22,7 @@ def poses_between(
     linear_velocities: Array,
     angular_velocities: Array,
     at: Array,
-) -> tuple[Array, Rotation]:
+) -> tuple[Array, Array]:
     """Interpolate a frame's poses with their twists in the inertial frame.
 
     Cubic Hermite polynomials between two neighbours for the positions; `attitudes_between` for the
@@ -31,7 +37,7 @@ def poses_between(
         at: Between the first and the last of `times`. Shape (times,) [s].
 
     Returns:
-        Positions, shape (times, 3) [m], and as many rotations to inertial axes.
+        Positions, shape (times, 3) [m], and quaternions to inertial axes, shape (times, 4).
     """
     from scipy.interpolate import CubicHermiteSpline  # slow to load, and no check comes here
 
@@ -41,7 +47,7 @@ def poses_between(
 
 def attitudes_between(
     times: Array, quaternions_xyzw: Array, angular_velocities: Array, at: Array
-) -> Rotation:
+) -> Array:
     """Interpolate a frame's attitudes with their rates in the inertial frame.
 
     A cubic Hermite polynomial between two neighbours, on the rotation vector from the first of
@@ -55,21 +61,25 @@ def attitudes_between(
         at: Between the first and the last of `times`. Shape (times,) [s].
 
     Returns:
-        As many rotations to inertial axes as there are times.
+        Quaternions (x, y, z, w) to inertial axes. Shape (times, 4).
     """
-    rotations = Rotation.from_quat(quaternions_xyzw)
-    matrices = rotations.as_matrix()
-    turns = rotations[:-1].inv() * rotations[1:]
+    rotations = rotation_from_quaternion(quaternions_xyzw)
+    turns = quaternion_product(quaternion_inverse(quaternions_xyzw[:-1]), quaternions_xyzw[1:])
     # In axes of the point before; a rotation vector's rate is Jlog3 times the body's own.
-    rates_before = np.einsum("pi,pij->pj", angular_velocities[:-1], matrices[:-1])
-    body_rates = np.einsum("pi,pij->pj", angular_velocities[1:], matrices[1:])
+    rates_before = np.einsum("pi,pij->pj", angular_velocities[:-1], rotations[:-1])
+    body_rates = np.einsum("pi,pij->pj", angular_velocities[1:], rotations[1:])
     rates_after = np.array(
-        [pin.Jlog3(turn) @ rate for turn, rate in zip(turns.as_matrix(), body_rates, strict=True)]
+        [
+            pin.Jlog3(turn) @ rate
+            for turn, rate in zip(rotation_from_quaternion(turns), body_rates, strict=True)
+        ]
     )
     before = np.clip(np.searchsorted(times, at, side="right") - 1, 0, len(times) - 2)
     step = np.diff(times)[before, None]
     s = (at - times[before])[:, None] / step
-    rotation_vectors = s**2 * (3.0 - 2.0 * s) * turns.as_rotvec()[before] + step * (
-        s * (1.0 - s) ** 2 * rates_before[before] - s**2 * (1.0 - s) * rates_after[before]
+    rotation_vectors = s**2 * (3.0 - 2.0 * s) * rotation_vector_from_quaternion(turns)[
+        before
+    ] + step * (s * (1.0 - s) ** 2 * rates_before[before] - s**2 * (1.0 - s) * rates_after[before])
+    return quaternion_product(
+        quaternions_xyzw[before], quaternion_from_rotation_vector(rotation_vectors)
     )
-    return rotations[before] * Rotation.from_rotvec(rotation_vectors)

@@ -3,14 +3,30 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import ClassVar
 
 import numpy as np
 import pinocchio as pin
 
-from ff_planner_ros.arrays import Array, finite_number, finite_vector
+from ff_planner_ros.arrays import Array, finite_vector
+from ff_planner_ros.declared import DeclaredField, changes, check_declared, declare, part
 from ff_planner_ros.errors import InvalidInput, Status, fields_named
+from ff_planner_ros.forms import (
+    ALWAYS_FROM_URDF,
+    FROM_URDF,
+    NAME,
+    ONE_OR_EACH,
+    TEXT,
+    a_number,
+    a_vector,
+    a_whole_number,
+    a_word,
+    each,
+    or_none,
+    or_part,
+)
 from ff_planner_ros.planning.approach import Approach
 from ff_planner_ros.planning.parametrisation import Parametrisation
 from ff_planner_ros.planning.target import (
@@ -49,6 +65,8 @@ __all__ = [
 # Five points hold a plan's start, end and middle; above ten thousand the answer no longer
 # fits a service response that a mission executive would want to read.
 MIN_POINTS, MAX_POINTS = 5, 10_000
+# Where nobody says it; the parameter `points` has the same default.
+USUAL_POINTS = 50
 
 # What a tool closes on is within its reach: so near its goal the end effector may touch, where the
 # problem does not say it [m].
@@ -78,21 +96,40 @@ class Sphere:
         InvalidInput: Wrong size, not finite, or a radius that is not positive.
     """
 
-    id: str  # name in messages
-    center: Array  # at the plan's first point, in the inertial frame; shape (3,) [m]
-    radius: float  # greater than zero [m]
-    # At the plan's first point, and from then on unless it is fixed to a body; shape (3,) [m/s]
-    velocity: Array = field(default_factory=_zeros)
+    id: str = declare(
+        NAME,
+        "name in messages, unique",
+        message="id",
+    )
+    center: Array = declare(
+        a_vector(),
+        "at the plan's first point, not when the state was measured",
+        unit="m",
+        message="center",
+    )
+    radius: float = declare(
+        a_number(above=0.0),
+        "obstacle plus link",
+        unit="m",
+        message="radius",
+    )
+    # Of one that is fixed to a body, at the plan's first point
+    velocity: Array = declare(
+        a_vector(),
+        "constant",
+        unit="m/s",
+        since="0.3",
+        brief=True,
+        default_factory=_zeros,
+        message="twist.linear",
+        late=True,
+    )
     body: TargetBody | None = None  # that it is fixed to; None: to none
     place_in_body: Array | None = None  # of its centre then; shape (3,) [m]
 
     def __post_init__(self) -> None:
         """Check every value and replace it by a read-only copy."""
-        name = f"obstacles[{self.id}]"
-        for part in ("center", "velocity"):
-            checked = finite_vector(f"{name}.{part}", getattr(self, part), 3)
-            object.__setattr__(self, part, checked)
-        object.__setattr__(self, "radius", finite_number(f"{name}.radius", self.radius, above=0.0))
+        check_declared(self, f"obstacles[{self.id}]")
 
     @property
     def moves(self) -> bool:
@@ -135,18 +172,30 @@ class Objective:
         InvalidInput: Not finite, negative, or all zero.
     """
 
-    joint_path_length: float
-    chaser_attitude: float
-    duration: float = 0.0  # [rad/s]; of no effect where the duration is given
+    joint_path_length: float = declare(
+        a_number(at_least=0.0),
+        "weight of Eq. (44)",
+        message="weight_joint_path_length",
+    )
+    chaser_attitude: float = declare(
+        a_number(at_least=0.0),
+        "weight of Eq. (45)",
+        message="weight_chaser_attitude",
+    )
+    duration: float = declare(
+        a_number(at_least=0.0),
+        "weight of the duration; of no effect where the duration is given",
+        unit="rad/s",
+        since="0.3",
+        brief=True,
+        default=0.0,
+        message="weight_duration",
+        late=True,
+    )
 
     def __post_init__(self) -> None:
         """Check the weights."""
-        for name in ("joint_path_length", "chaser_attitude", "duration"):
-            weight = finite_number(f"objective.{name}", getattr(self, name))
-            if weight < 0.0:
-                raise InvalidInput(
-                    Status.OUT_OF_RANGE, f"objective.{name}", weight, "it must not be negative"
-                )
+        check_declared(self, "objective")
         if self.joint_path_length == self.chaser_attitude == self.duration == 0.0:
             raise InvalidInput(
                 Status.OUT_OF_RANGE, "objective", "all zero", "one weight must be positive"
@@ -166,27 +215,61 @@ class Limits:
         InvalidInput: An angle or an acceleration that is not positive.
     """
 
-    joint_velocities: bool = False  # whether to keep the velocity limits of the URDF
-    chaser_attitude: float = math.inf  # largest Euler angle, Eq. (45) [rad]; infinite: any
-    # Largest joint accelerations either way, one for each joint or one for all [rad/s2]; None: any
-    joint_accelerations: tuple[float, ...] | None = None
-    joint_torques: bool = True  # whether to keep the effort limits of the URDF
+    FIRST: ClassVar[Sequence[str]] = ("position", "velocity", "acceleration", "effort")
+    BESIDE: ClassVar[Mapping[str, DeclaredField]] = {
+        "position": DeclaredField(
+            ALWAYS_FROM_URDF, "joint positions are always kept", optional=True, default=True
+        )
+    }
+
+    joint_velocities: bool = declare(
+        FROM_URDF,
+        "whether joints keep their velocities' limits",
+        key="velocity",
+        since="0.2",
+        default=False,
+    )
+    chaser_attitude: float = declare(  # infinite: any
+        or_none(a_number(above=0.0), math.inf),
+        "largest Euler angle of the chaser, Eq. (45)",
+        unit="rad",
+        since="0.3",
+        default=math.inf,
+        message="limit_chaser_attitude",
+    )
+    joint_accelerations: tuple[float, ...] | None = declare(  # None: any
+        or_none(ONE_OR_EACH),
+        "largest joint acceleration either way, one for each joint or one for all",
+        key="acceleration",
+        unit="rad/s2",
+        since="0.3",
+        default=None,
+        message="limit_accelerations",
+        late=True,
+    )
+    joint_torques: bool = declare(
+        FROM_URDF,
+        "whether joints keep their torques' limits",
+        key="effort",
+        since="0.3",
+        default=True,
+        late=True,
+    )
+    chaser_rotation: float = declare(  # infinite: any
+        or_none(a_number(above=0.0), math.inf),
+        "largest angle of the chaser's rotation since the plan's first point, in any frame the "
+        "same; mostly more than its largest Euler angle",
+        unit="rad",
+        since="0.3",
+        default=math.inf,
+        message="limit_chaser_rotation",
+        brief=True,
+        late=True,
+    )
 
     def __post_init__(self) -> None:
         """Check every value."""
-        if not self.chaser_attitude > 0.0:
-            raise InvalidInput(
-                Status.OUT_OF_RANGE,
-                "limits.chaser_attitude",
-                self.chaser_attitude,
-                "it must be greater than 0 rad, or none",
-            )
-        if self.joint_accelerations is not None:
-            checked = tuple(
-                finite_number(f"limits.acceleration[{index}]", limit, above=0.0)
-                for index, limit in enumerate(self.joint_accelerations)
-            )
-            object.__setattr__(self, "joint_accelerations", checked)
+        check_declared(self, "limits")
 
     def of_joints(self, count: int) -> Limits:
         """Return the limits of a robot with so many joints, one acceleration for each.
@@ -211,18 +294,19 @@ class DurationRange:
         InvalidInput: Not positive, or in the wrong order.
     """
 
-    minimum: float  # greater than zero [s]
-    maximum: float  # [s]
+    SINCE: ClassVar[str] = "0.3"
+
+    minimum: float = declare(
+        a_number(above=0.0), "the shortest", key="min", unit="s", message="duration"
+    )
+    maximum: float = declare(a_number(), "the longest", key="max", unit="s", message="duration_max")
     # Of the target's place by the duration: it rests where it is told, but a frame that moves sees
     # it elsewhere if the duration is another; shape (3,) [m/s]
     target_velocity: Array = field(default_factory=_zeros)
 
     def __post_init__(self) -> None:
         """Check every value."""
-        for name, above in (("minimum", 0.0), ("maximum", None)):
-            told = f"duration.{name[:3]}"
-            checked = finite_number(told, getattr(self, name), above=above)
-            object.__setattr__(self, name, checked)
+        check_declared(self, "duration")
         if self.maximum < self.minimum:
             allowed = f"it must not be less than the shortest, {self.minimum:g} s"
             raise InvalidInput(Status.OUT_OF_RANGE, "duration.max", self.maximum, allowed)
@@ -241,39 +325,93 @@ class PlanningProblem:
             joints is not the robot's, or a state that leaves the plane of a planar base.
     """
 
+    FIRST: ClassVar[Sequence[str]] = ("target", "target_body")
+
     robot: Robot
     start: SystemState  # state at the first point of the plan
-    target: Target  # end effector at the last point of the plan; by `capturing` that of a body
-    duration: float  # time between the two, greater than zero [s]
-    points: int  # number of points of the plan, n_p in the paper
-    obstacles: tuple[Sphere, ...]
-    objective: Objective
-    limits: Limits = Limits()  # what to keep beside the joints' position limits
-    parametrisation: Parametrisation = Parametrisation.AUTO
-    # What may touch at the goal, `link/obstacle` or `link/link`: from when on the end effector
-    # stays within the contact distance from its target, and in the tail
-    allowed_at_goal: tuple[str, ...] = ()
-    contact_distance: float = CONTACT_DISTANCE  # greater than zero [m]
+    # By `capturing` that of a body
+    target: Target = declare(
+        part(Target),
+        "what the end effector shall do at the last point of the plan",
+        optional=True,
+        message="",
+    )
+    duration: float = declare(
+        or_part(a_number(above=0.0), part(DurationRange)),
+        "from the first point to the goal; of a range the planner chooses it",
+        unit="s",
+        message="duration",
+    )
+    points: int = declare(
+        a_whole_number(MIN_POINTS, MAX_POINTS),
+        f"number of points of the plan; default {USUAL_POINTS}",
+        optional=True,
+        message="points",
+    )
+    obstacles: tuple[Sphere, ...] = declare(each(part(Sphere)), "spheres to stay out of")
+    objective: Objective = declare(
+        part(Objective),
+        "what is minimised",
+        message="",
+    )
+    limits: Limits = declare(
+        changes(Limits),
+        "what is kept beside the joints' position limits",
+        default=Limits(),
+        message="",
+    )
+    parametrisation: Parametrisation = declare(
+        a_word(Parametrisation),
+        "which paths the plan is looked for among",
+        since="0.3",
+        default=Parametrisation.AUTO,
+        message="parametrisation",
+        late=True,
+    )
+    # From when on the end effector stays within the contact distance, and in the tail
+    allowed_at_goal: tuple[str, ...] = declare(
+        each(TEXT),
+        "what may touch at the goal, link/obstacle or link/link",
+        since="0.3",
+        brief=True,
+        default=(),
+        message="allowed_at_goal",
+    )
+    contact_distance: float = declare(
+        a_number(above=0.0),
+        "of the end effector from its goal, within which they may",
+        unit="m",
+        since="0.3",
+        brief=True,
+        default=CONTACT_DISTANCE,
+        message="contact_distance",
+    )
     # Whose grasp the target is, and to which some of the obstacles are fixed; None: to none
-    target_body: TargetBody | None = None
+    target_body: TargetBody | None = declare(
+        part(TargetBody),
+        "instead of target: a body that moves freely, as it is at the plan's first point",
+        since="0.3",
+        default=None,
+        late=True,
+    )
     # Of which the planner chooses a duration; None: the duration is given
     duration_range: DurationRange | None = None
-    approach: Approach | None = None  # of the last stretch to the target; None: any way
+    approach: Approach | None = declare(
+        part(Approach),
+        "of the last stretch: along a straight corridor; default: any way",
+        since="0.3",
+        default=None,
+        message="",
+        late=True,
+    )
 
     def __post_init__(self) -> None:
         """Check what the parts cannot check by themselves."""
-        object.__setattr__(self, "duration", finite_number("duration", self.duration, above=0.0))
+        check_declared(self, "")
         window = self.duration_range
         if window is not None and not window.minimum <= self.duration <= window.maximum:
             allowed = f"it must be from {window.minimum:g} s to {window.maximum:g} s"
             raise InvalidInput(Status.OUT_OF_RANGE, "duration", self.duration, allowed)
-        if not MIN_POINTS <= self.points <= MAX_POINTS:
-            raise InvalidInput(
-                Status.OUT_OF_RANGE,
-                "points",
-                self.points,
-                f"it must be from {MIN_POINTS} to {MAX_POINTS}",
-            )
         finite_vector("joints.position", self.start.joint_positions, self.robot.joints)
         object.__setattr__(self, "limits", self.limits.of_joints(self.robot.joints))
         if self.robot.base is Base.PLANAR:
@@ -282,8 +420,6 @@ class PlanningProblem:
                 target = target_on_the_table(self.robot, self.start, self.target)
             object.__setattr__(self, "target", target)
         require_enough_joints(self.robot, self.target)
-        distance = finite_number("contact_distance", self.contact_distance, above=0.0)
-        object.__setattr__(self, "contact_distance", distance)
         # In one order, so that equal problems are equal.
         object.__setattr__(self, "allowed_at_goal", tuple(sorted(set(self.allowed_at_goal))))
         if self.allowed_at_goal:

@@ -1,9 +1,10 @@
 """A plan that keeps so many deviations from everything that errors of the model could break.
 
 It is a fixed point: plan, foretell the deviation of every margin (`margins`), keep back what they
-lack, and plan again. What is kept back only grows: obstacles by a radius each, the chaser's
-attitude, the corridor of the approach and the joints' torques. Rates and accelerations of joints
-that are controlled are those of the plan, whatever the errors: nothing is kept back of them.
+lack, and plan again. What is kept back only grows: obstacles by a radius each, the chaser's Euler
+angles and its rotation, the corridor of the approach and the joints' torques. Rates and
+accelerations of joints that are controlled are those of the plan, whatever the errors: nothing is
+kept back of them.
 """
 
 from __future__ import annotations
@@ -14,7 +15,6 @@ from dataclasses import dataclass, fields, replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.special import log_ndtr
 
 from ff_planner_ros.arrays import Array, Indices
 from ff_planner_ros.errors import Failure, InvalidInput, NoPlanFound, Status
@@ -28,6 +28,7 @@ from ff_planner_ros.planning.margins import (
     ATTITUDE,
     CLEARANCE,
     CORRIDOR,
+    ROTATION,
     TORQUE,
     UNITS,
     WORDS,
@@ -58,6 +59,7 @@ _HALVINGS, _STARTS = 3, 3
 _STATUS = {
     CLEARANCE: Status.COLLISION,
     ATTITUDE: Status.LIMIT_VIOLATED,
+    ROTATION: Status.LIMIT_VIOLATED,
     CORRIDOR: Status.LIMIT_VIOLATED,
     TORQUE: Status.TORQUE_TOO_HIGH,
 }
@@ -80,7 +82,8 @@ class _Back(NamedTuple):
     """What is kept back of each limit."""
 
     spheres: Array  # shape (spheres,) [m]
-    attitude: float  # [rad]
+    attitude: float  # of the Euler angles [rad]
+    rotation: float  # [rad]
     corridor: float  # [m]
     torques: Array  # shape (joints,) [N m]
 
@@ -145,7 +148,7 @@ def robust_plan(
 def _keeping(asked: _Asked, sigmas: float) -> Plan | NoPlanFound:
     """Return a plan that keeps so many deviations, or what it lacks."""
     problem, found = asked.problem, asked.plain
-    back = _Back(np.zeros(len(problem.obstacles)), 0.0, 0.0, np.zeros(problem.robot.joints))
+    back = _Back(np.zeros(len(problem.obstacles)), 0.0, 0.0, 0.0, np.zeros(problem.robot.joints))
     for rounds in range(_ROUNDS + 1):
         kept = _margins(asked, found)
         lacking = [one for one in kept if _lacking(sigmas, one).size]
@@ -163,7 +166,7 @@ def _keeping(asked: _Asked, sigmas: float) -> Plan | NoPlanFound:
         try:
             found, back = _planned(asked, more, again), more
         except (InvalidInput, NoPlanFound) as refused:
-            if refused.status is Status.OUT_OF_TIME:
+            if refused.status is Status.TIMED_OUT:
                 raise
             return _short_of(problem, sigmas, lacking, found, refused)
     raise AssertionError  # the last round returns
@@ -212,6 +215,8 @@ def _deviations(sigmas: float, one: Margins) -> Array:
     """
     if one.kind != CORRIDOR:
         return one.sigmas
+    from scipy.special import log_ndtr  # slow to load, and only robust plans come here
+
     return float(np.sqrt(-2.0 * log_ndtr(-sigmas))) / sigmas * one.sigmas
 
 
@@ -227,7 +232,7 @@ def _most(problem: PlanningProblem) -> _Back:
         place = frames.sees(arm_points(robot, q[None])[:, -1].repeat(frames.until, axis=0))[:1]
         corridor = float(problem.approach.margins(place).values[0]) - _AT_START
     joints = np.full(robot.joints, np.inf)
-    return _Back(np.maximum(spheres, 0.0), np.inf, max(corridor, 0.0), joints)
+    return _Back(np.maximum(spheres, 0.0), np.inf, np.inf, max(corridor, 0.0), joints)
 
 
 def _more(sigmas: float, back: _Back, lacking: Sequence[Margins], most: _Back) -> _Back:
@@ -235,6 +240,7 @@ def _more(sigmas: float, back: _Back, lacking: Sequence[Margins], most: _Back) -
     kept = {
         CLEARANCE: back.spheres.copy(),
         ATTITUDE: np.array([back.attitude]),
+        ROTATION: np.array([back.rotation]),
         CORRIDOR: np.array([back.corridor]),
         TORQUE: back.torques.copy(),
     }
@@ -245,6 +251,7 @@ def _more(sigmas: float, back: _Back, lacking: Sequence[Margins], most: _Back) -
     return _Back(
         spheres=np.minimum(kept[CLEARANCE], most.spheres),
         attitude=float(kept[ATTITUDE][0]),
+        rotation=float(kept[ROTATION][0]),
         corridor=min(float(kept[CORRIDOR][0]), most.corridor),
         torques=kept[TORQUE],
     )
@@ -255,6 +262,8 @@ def _beyond_all(problem: PlanningProblem, back: _Back) -> list[str]:
     found = []
     if not back.attitude < problem.limits.chaser_attitude:
         found.append(ATTITUDE)
+    if not back.rotation < problem.limits.chaser_rotation:
+        found.append(ROTATION)
     # At the grasp the corridor is narrow, and there the end effector has to be.
     if problem.approach is not None and not (
         back.corridor < problem.approach.margins(np.zeros((1, 3))).values[0]
@@ -281,7 +290,11 @@ def _planned(asked: _Asked, back: _Back, guess: Array | None) -> Plan:
     less = replace(
         problem,
         robot=robot,
-        limits=replace(limits, chaser_attitude=limits.chaser_attitude - back.attitude),
+        limits=replace(
+            limits,
+            chaser_attitude=limits.chaser_attitude - back.attitude,
+            chaser_rotation=limits.chaser_rotation - back.rotation,
+        ),
         approach=approach,
         obstacles=tuple(
             replace(sphere, radius=sphere.radius + float(grown))
@@ -291,7 +304,7 @@ def _planned(asked: _Asked, back: _Back, guess: Array | None) -> Plan:
     try:
         return asked.method(less, asked.settings, asked.watch, guess)
     except (InvalidInput, NoPlanFound) as refused:
-        if refused.status is Status.OUT_OF_TIME:
+        if refused.status is Status.TIMED_OUT:
             raise
         most = float(back.spheres.max(initial=0.0))
         why = str(refused).partition(". What may help")[0]
@@ -313,6 +326,7 @@ def _report(
             (name, float(grown)) for name, grown in zip(ids, back.spheres, strict=True) if grown
         ),
         chaser_attitude=back.attitude,
+        chaser_rotation=back.rotation,
         torques=tuple(
             (name, float(less)) for name, less in zip(names, back.torques, strict=True) if less
         ),
@@ -357,7 +371,7 @@ def _short_of(
     elif worst.kind == TORQUE:
         name = f" {problem.robot.joint_names[number]}"
     tail = plan.duration if plan.duration is not None else problem.duration
-    after = ", after the goal," if worst.time[row] > tail else ""
+    after = " after the goal," if worst.time[row] > tail else ""
     finding = (
         f"{WORDS[worst.kind]}{name} is {worst.values[row]:.3g} {UNITS[worst.kind]} at "
         f"t = {worst.time[row]:.2f} s,{after} {in_sigmas[row]:.2f} of its deviations, and "

@@ -13,9 +13,9 @@ from itertools import accumulate
 
 import numpy as np
 import pinocchio as pin
-from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.arrays import Array
+from ff_planner_ros.robot.quaternion import quaternion_from_rotation_vector, unit_quaternion
 
 
 def increment(step: float, velocities: Sequence[Array]) -> Array:
@@ -59,7 +59,7 @@ def runge_kutta_step(
 
 def turned_by_momentum(
     rotation: Array, momentum: Array, of_momentum: Array, of_rates: Array, steps: Array
-) -> Rotation:
+) -> Array:
     """Return how a base turns at omega = A R^T L - b: at the beginning and after each step.
 
     The momentum that the base sees, l = R^T L, changes by l x omega. With that known, and half-way
@@ -73,7 +73,7 @@ def turned_by_momentum(
         steps: Shape (steps,) [s].
 
     Returns:
-        Base to inertial axes, steps + 1 of them.
+        Quaternions (x, y, z, w), base to inertial axes. Shape (steps + 1, 4).
     """
     step, seen = steps[:, None], np.empty_like(of_rates)
     seen[::2] = _momentum_seen(momentum @ rotation, of_momentum, of_rates, steps)
@@ -82,9 +82,9 @@ def turned_by_momentum(
     omega = _omega(seen, of_momentum, of_rates)
     begin, middle, end = omega[:-1:2], omega[1::2], omega[2::2]
     whole = step / 6 * (begin + 4 * middle + end) + step**2 / 12 * np.cross(begin, end)
-    turns = Rotation.from_rotvec(np.vstack([np.zeros(3), whole])).as_quat()
+    turns = quaternion_from_rotation_vector(np.vstack([np.zeros(3), whole]))
     turns[0] = pin.Quaternion(rotation).coeffs()
-    return Rotation.from_quat(list(accumulate(turns.tolist(), _product)))
+    return unit_quaternion(np.array(list(accumulate(turns.tolist(), _product))))
 
 
 def _product(a: Sequence[float], b: Sequence[float]) -> tuple[float, float, float, float]:

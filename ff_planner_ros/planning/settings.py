@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from ff_planner_ros.arrays import finite_number
-from ff_planner_ros.errors import InvalidInput, Status
-from ff_planner_ros.planning.yaml_file import integer, number
+from ff_planner_ros.declared import changes, check_declared, declare
 
 
 class Strictness(NamedTuple):
@@ -115,7 +113,7 @@ class RobustSettings:
 
     def __post_init__(self) -> None:
         """Check every value against its declaration."""
-        check_tunables("planner.robust", self)
+        check_declared(self, "planner.robust")
 
 
 @dataclass(frozen=True)
@@ -126,7 +124,12 @@ class PlannerSettings:
         InvalidInput: A value of the wrong type or out of its range.
     """
 
-    robust: RobustSettings
+    robust: RobustSettings = declare(
+        changes(RobustSettings),
+        "what plans keep back for errors of the model",
+        since="0.3",
+        optional=True,
+    )
     clearance_margin: float = tunable(
         "Clearance that the solver keeps at the points, so that the certified clearance "
         "between them stays positive",
@@ -215,35 +218,4 @@ class PlannerSettings:
 
     def __post_init__(self) -> None:
         """Check every value against its declaration."""
-        check_tunables("planner", self)
-
-
-def check_tunables(block: str, settings: Any) -> None:
-    """Check every field of a frozen dataclass of tunables against its declaration.
-
-    Args:
-        block: What a parameters file calls it.
-        settings: Its fields are of `tunable`, or blocks that check themselves; whole numbers given
-            for real ones become real.
-
-    Raises:
-        InvalidInput: A value of the wrong type or out of its range.
-    """
-    for item in fields(settings):
-        if not item.metadata:
-            continue
-        name, value = f"{block}.{item.name}", getattr(settings, item.name)
-        checked = (
-            integer(name, value) if item.type == "int" else finite_number(name, number(name, value))
-        )
-        minimum, maximum = item.metadata["minimum"], item.metadata["maximum"]
-        if (minimum is not None and checked < minimum) or (
-            maximum is not None and checked > maximum
-        ):
-            allowed = " and ".join(
-                f"{word} {bound:g}"
-                for word, bound in (("at least", minimum), ("at most", maximum))
-                if bound is not None
-            )
-            raise InvalidInput(Status.OUT_OF_RANGE, name, value, f"it must be {allowed}")
-        object.__setattr__(settings, item.name, checked)
+        check_declared(self, "planner")

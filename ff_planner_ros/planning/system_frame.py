@@ -18,13 +18,18 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pinocchio as pin
-from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.planning.plan import Plan
 from ff_planner_ros.planning.problem import PlanningProblem, capturing
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import Robot
+from ff_planner_ros.robot.quaternion import (
+    canonical_quaternion,
+    quaternion_inverse,
+    quaternion_product,
+    rotation_from_quaternion,
+)
 from ff_planner_ros.robot.state import SystemState
 
 # To multiples of these: a thousand times what 7000 km and 8 km/s leave of double precision, and a
@@ -38,8 +43,13 @@ class SystemFrame:
 
     origin: Array  # at time zero, in the user's frame; shape (3,) [m]
     velocity: Array  # constant, in the user's frame; shape (3,) [m/s]
-    turn: Rotation  # its axes to the user's
+    quaternion_xyzw: Array  # its axes to the user's; shape (4,)
     start: SystemState  # of the system at time zero, in this frame
+
+    @property
+    def rotation(self) -> Array:
+        """Its axes to the user's. Shape (3, 3)."""
+        return rotation_from_quaternion(self.quaternion_xyzw)
 
     def problem(self, problem: PlanningProblem) -> PlanningProblem:
         """Return a problem of the user's frame, whose first point is at time zero, in this one."""
@@ -82,37 +92,39 @@ class SystemFrame:
 
     def state_seen_by_user(self, state: SystemState, time: float) -> SystemState:
         """Return a state of this frame at a time [s] in the user's."""
-        axes = self.turn.as_matrix()
+        axes = self.rotation
         place = axes @ state.position_chaser_in_inertial + self.velocity * time
-        attitude = self.turn * Rotation.from_quat(state.quaternion_chaser_to_inertial_xyzw)
+        attitude = quaternion_product(
+            self.quaternion_xyzw, state.quaternion_chaser_to_inertial_xyzw
+        )
         velocity = axes @ state.linear_velocity_chaser_in_inertial + self.velocity
         return replace(
             state,
             position_chaser_in_inertial=self.origin + place,
-            quaternion_chaser_to_inertial_xyzw=attitude.as_quat(),
+            quaternion_chaser_to_inertial_xyzw=attitude,
             linear_velocity_chaser_in_inertial=velocity,
             angular_velocity_chaser_in_inertial=axes @ state.angular_velocity_chaser_in_inertial,
         )
 
     def plan(self, plan: Plan) -> Plan:
         """Return a plan of the user's frame, its first point at time zero, in this one."""
-        axes = self.turn.as_matrix()
+        axes = self.rotation
 
         def here(time: Array, x: Array, q: Array, v: Array, omega: Array) -> tuple[Array, ...]:
             place = ((x - self.origin) - np.outer(time, self.velocity)) @ axes
-            attitude = self.turn.inv() * Rotation.from_quat(q)
-            return place, attitude.as_quat(), (v - self.velocity) @ axes, omega @ axes
+            attitude = quaternion_product(quaternion_inverse(self.quaternion_xyzw), q)
+            return place, attitude, (v - self.velocity) @ axes, omega @ axes
 
         return _with_motion(plan, here)
 
     def plan_seen_by_user(self, plan: Plan) -> Plan:
         """Return a plan of this frame, its first point at time zero, in the user's."""
-        axes = self.turn.as_matrix().T
+        axes = self.rotation.T
 
         def there(time: Array, x: Array, q: Array, v: Array, omega: Array) -> tuple[Array, ...]:
             place = self.origin + (np.outer(time, self.velocity) + x @ axes)
-            attitude = self.turn * Rotation.from_quat(q)
-            return place, attitude.as_quat(), v @ axes + self.velocity, omega @ axes
+            attitude = quaternion_product(self.quaternion_xyzw, q)
+            return place, attitude, v @ axes + self.velocity, omega @ axes
 
         return _with_motion(plan, there)
 
@@ -124,17 +136,17 @@ class SystemFrame:
         return self._vector_here(velocity - self.velocity, _SPEED)
 
     def _vector_here(self, vector: Array, grid: float) -> Array:
-        return _rounded(vector @ self.turn.as_matrix(), grid)
+        return _rounded(vector @ self.rotation, grid)
 
     def _attitude_here(self, quaternion_xyzw: Array) -> Array:
-        attitude = self.turn.inv() * Rotation.from_quat(quaternion_xyzw)
-        return _rounded(attitude.as_quat(canonical=True), _OTHER)
+        attitude = quaternion_product(quaternion_inverse(self.quaternion_xyzw), quaternion_xyzw)
+        return _rounded(canonical_quaternion(attitude), _OTHER)
 
 
 def system_frame(robot: Robot, state: SystemState) -> SystemFrame:
     """Return the frame of a system, the state being that at time zero."""
-    turn = Rotation.from_quat(state.quaternion_chaser_to_inertial_xyzw)
-    axes = turn.as_matrix()
+    quaternion = state.quaternion_chaser_to_inertial_xyzw
+    axes = rotation_from_quaternion(quaternion)
     # Relative to the chaser, so that no digit is lost to where the system is or how fast it moves.
     beside_chaser = replace(
         state,
@@ -151,7 +163,7 @@ def system_frame(robot: Robot, state: SystemState) -> SystemFrame:
     return SystemFrame(
         origin=state.position_chaser_in_inertial + axes @ place,
         velocity=state.linear_velocity_chaser_in_inertial + axes @ velocity,
-        turn=turn,
+        quaternion_xyzw=quaternion,
         start=replace(
             beside_chaser,
             position_chaser_in_inertial=-place,

@@ -4,17 +4,21 @@ from __future__ import annotations
 
 import enum
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
-from ff_planner_ros.arrays import Array, finite_vector, frozen, unit_quaternion
+from ff_planner_ros.arrays import Array, finite_vector, frozen
+from ff_planner_ros.declared import check_declared, declare
 from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.forms import QUATERNION, Form, a_vector, a_word, of_numbers
+from ff_planner_ros.plain_values import numbers
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import Base, Robot
 from ff_planner_ros.robot.plane import MAX_HEIGHT_ERROR, MAX_TILT, flattened, in_plane
+from ff_planner_ros.robot.rotation import rotation_from_euler
 from ff_planner_ros.robot.state import SystemState
 
 # A shorter axis is a rounded zero.
@@ -39,6 +43,15 @@ class Orientation(enum.StrEnum):
     ABOUT_AXIS = "about_axis"  # free to turn about one axis of the end effector
 
 
+def _euler_degrees(field: str, value: object) -> Array:
+    """Return the quaternion of three angles: R = Rz Ry Rx."""
+    euler = np.deg2rad(finite_vector(field, numbers(field, value), 3))
+    return frozen(pin.Quaternion(rotation_from_euler(euler)).coeffs())
+
+
+EULER_DEGREES = Form(_euler_degrees, lambda: of_numbers(3))
+
+
 @dataclass(frozen=True, eq=False)
 class Target:
     """What the end effector shall do at the end of the plan, in the inertial frame.
@@ -48,29 +61,71 @@ class Target:
             is missing, of no length or not asked for, or a turn wanted in a direction that is free.
     """
 
-    position: Array  # shape (3,) [m]
-    # Shape (4,), end effector to inertial, unit length; of no meaning where orientation is FREE
-    quaternion_xyzw: Array
-    linear_velocity: Array = field(default_factory=_zeros)  # shape (3,) [m/s]
-    angular_velocity: Array = field(default_factory=_zeros)  # shape (3,) [rad/s]
-    linear_acceleration: Array = field(default_factory=_zeros)  # shape (3,) [m/s2]
-    angular_acceleration: Array = field(default_factory=_zeros)  # shape (3,) [rad/s2]
-    orientation: Orientation = Orientation.FIXED
-    # That the end effector is free to turn about, unit length; None unless it is ABOUT_AXIS
-    free_axis_in_ee: Array | None = None
+    position: Array = declare(
+        a_vector(),
+        "of the end effector at the end, where it is then",
+        unit="m",
+        message="target_pose.pose.position",
+    )
+    # Of no meaning where orientation is FREE
+    quaternion_xyzw: Array = declare(
+        QUATERNION,
+        "end-effector axes to inertial axes",
+        instead=(
+            "euler_xyz_deg",
+            EULER_DEGREES,
+            "angles phi, theta, psi about x, y, z of the inertial frame: R = Rz Ry Rx [deg]",
+        ),
+        unless=("orientation", "free", (0.0, 0.0, 0.0, 1.0)),
+        message="target_pose.pose.orientation",
+    )
+    linear_velocity: Array = declare(
+        a_vector(),
+        "of the end effector at the end",
+        unit="m/s",
+        default_factory=_zeros,
+        message="target_twist.linear",
+    )
+    angular_velocity: Array = declare(
+        a_vector(),
+        "of the end effector at the end",
+        unit="rad/s",
+        default_factory=_zeros,
+        message="target_twist.angular",
+    )
+    linear_acceleration: Array = declare(
+        a_vector(), "of the end effector at the end", unit="m/s2", default_factory=_zeros
+    )
+    angular_acceleration: Array = declare(
+        a_vector(), "of the end effector at the end", unit="rad/s2", default_factory=_zeros
+    )
+    orientation: Orientation = declare(
+        a_word(Orientation),
+        "what of the attitude counts: fixed: all; free: nothing; about_axis: all but the turn "
+        "about free_axis",
+        since="0.3",
+        brief=True,
+        default=Orientation.FIXED,
+        message="orientation",
+        late=True,
+    )
+    # Of unit length; None unless orientation is ABOUT_AXIS
+    free_axis_in_ee: Array | None = declare(
+        a_vector(),
+        "about which the end effector may turn, any length but zero; only with about_axis",
+        key="free_axis",
+        frame="in the end effector's frame",
+        since="0.3",
+        default=None,
+        message="free_axis",
+        late=True,
+    )
 
     def __post_init__(self) -> None:
         """Check every value and replace it by a read-only copy."""
         if self.orientation is Orientation.FREE:
             object.__setattr__(self, "quaternion_xyzw", [0.0, 0.0, 0.0, 1.0])
-        for name in self.__dataclass_fields__:
-            if name in ("orientation", "free_axis_in_ee"):
-                continue
-            if name == "quaternion_xyzw":
-                checked = unit_quaternion("target.quaternion_xyzw", self.quaternion_xyzw)
-            else:
-                checked = finite_vector(f"target.{name}", getattr(self, name), 3)
-            object.__setattr__(self, name, checked)
+        check_declared(self, "target")
         self._check_free_axis()
         for name in ("angular_velocity", "angular_acceleration"):
             self._refuse_free_turn(name)
@@ -85,7 +140,6 @@ class Target:
         if axis is None:
             allowed = "orientation about_axis needs the axis, in the end effector's frame"
             raise InvalidInput(Status.OUT_OF_RANGE, name, "missing", allowed)
-        axis = finite_vector(name, axis, 3)
         largest = float(np.abs(axis).max())
         # First by its largest entry: the square of a length may be zero or infinite.
         if not largest >= SHORTEST_FREE_AXIS:

@@ -9,14 +9,18 @@ grasp and attached spheres, moves with it:
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 import pinocchio as pin
 
-from ff_planner_ros.arrays import Array, finite_number, finite_vector, frozen, unit_quaternion
+from ff_planner_ros.arrays import Array, finite_vector, frozen
+from ff_planner_ros.declared import check_declared, declare, part
 from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.forms import INERTIA, NAME, QUATERNION, a_number, a_vector, each
 from ff_planner_ros.planning.target import Target
 from ff_planner_ros.planning.torque_free import TorqueFreeMotion, Turning
 from ff_planner_ros.robot.rotation import cross
@@ -43,15 +47,28 @@ class AttachedSphere:
         InvalidInput: Wrong size, not finite, or a radius that is not positive.
     """
 
-    id: str  # name in messages
-    center: Array  # in axes of the body, from its centre of mass; shape (3,) [m]
-    radius: float  # greater than zero [m]
+    id: str = declare(
+        NAME,
+        "name in messages, unique among all obstacles",
+        message="id",
+    )
+    center: Array = declare(
+        a_vector(),
+        "from the body's centre of mass",
+        unit="m",
+        frame="in the body's frame",
+        message="center",
+    )
+    radius: float = declare(
+        a_number(above=0.0),
+        "obstacle plus link",
+        unit="m",
+        message="radius",
+    )
 
     def __post_init__(self) -> None:
         """Check every value and replace it by a read-only copy."""
-        name = f"target_body.obstacles[{self.id}]"
-        object.__setattr__(self, "center", finite_vector(f"{name}.center", self.center, 3))
-        object.__setattr__(self, "radius", finite_number(f"{name}.radius", self.radius, above=0.0))
+        check_declared(self, f"target_body.obstacles[{self.id}]")
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,26 +93,72 @@ class TargetBody:
             asked for, that it turns too far until then.
     """
 
-    position: Array  # of its centre of mass; shape (3,) [m]
-    quaternion_xyzw: Array  # body to inertial, unit length; shape (4,)
-    inertia: Array  # about the centre of mass, body axes; only ratios matter; shape (3, 3)
-    # End effector in the body's frame at capture: there it rests in it
-    grasp_position: Array  # shape (3,) [m]
-    grasp_quaternion_xyzw: Array  # end effector to body, unit length; shape (4,)
-    linear_velocity: Array = field(default_factory=_zeros)  # of the centre of mass; (3,) [m/s]
-    angular_velocity: Array = field(default_factory=_zeros)  # in inertial axes; (3,) [rad/s]
-    obstacles: tuple[AttachedSphere, ...] = ()
+    SINCE: ClassVar[str] = "0.3"
+
+    FIRST: ClassVar[Sequence[str]] = (
+        "position",
+        "quaternion_xyzw",
+        "linear_velocity",
+        "angular_velocity",
+    )
+
+    position: Array = declare(
+        a_vector(),
+        "of its centre of mass",
+        unit="m",
+        message="pose.position",
+    )
+    quaternion_xyzw: Array = declare(
+        QUATERNION,
+        "body axes to inertial axes",
+        message="pose.orientation",
+    )
+    inertia: Array = declare(  # shape (3, 3)
+        INERTIA,
+        "elements of the inertia tensor about the centre of mass, as in a URDF; only their ratios "
+        "matter",
+        frame="body axes",
+        message="inertia",
+    )
+    # There the end effector rests in the body
+    grasp_position: Array = declare(
+        a_vector(),
+        "of the end effector at capture",
+        key="grasp.position",
+        unit="m",
+        frame="in the body's frame",
+        message="grasp.position",
+    )
+    grasp_quaternion_xyzw: Array = declare(
+        QUATERNION,
+        "end-effector axes to body axes",
+        key="grasp.quaternion_xyzw",
+        message="grasp.orientation",
+    )
+    linear_velocity: Array = declare(
+        a_vector(),
+        "of its centre of mass",
+        unit="m/s",
+        default_factory=_zeros,
+        message="twist.linear",
+    )
+    angular_velocity: Array = declare(
+        a_vector(),
+        "in inertial axes",
+        unit="rad/s",
+        default_factory=_zeros,
+        message="twist.angular",
+    )
+    obstacles: tuple[AttachedSphere, ...] = declare(
+        each(part(AttachedSphere)),
+        "spheres that move with the body",
+        default=(),
+        message="obstacles",
+    )
 
     def __post_init__(self) -> None:
         """Check every value and replace it by a read-only copy."""
-        for name in ("position", "linear_velocity", "angular_velocity"):
-            checked = finite_vector(f"target_body.{name}", getattr(self, name), 3)
-            object.__setattr__(self, name, checked)
-        grasp = finite_vector("target_body.grasp.position", self.grasp_position, 3)
-        object.__setattr__(self, "grasp_position", grasp)
-        for name in ("quaternion_xyzw", "grasp_quaternion_xyzw"):
-            told = f"target_body.{name.replace('grasp_', 'grasp.')}"
-            object.__setattr__(self, name, unit_quaternion(told, getattr(self, name)))
+        check_declared(self, "target_body")
         object.__setattr__(self, "inertia", _possible_inertia(self.inertia))
         object.__setattr__(self, "obstacles", tuple(self.obstacles))
         self._check_obstacles()

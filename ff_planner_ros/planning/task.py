@@ -12,7 +12,9 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from ff_planner_ros.arrays import Array, finite_number, frozen
+from ff_planner_ros.declared import changes, check_declared, declare, declared_by_name
 from ff_planner_ros.errors import Failure, FfPlannerError, InvalidInput, NoPlanFound, Status
+from ff_planner_ros.forms import a_number, a_vector, a_word, or_none
 from ff_planner_ros.planning.check import failures, refusal
 from ff_planner_ros.planning.continuing import Remainder, joined
 from ff_planner_ros.planning.controller_rules import Command, Controller, require_acceptable
@@ -20,15 +22,7 @@ from ff_planner_ros.planning.forward import carried_forward
 from ff_planner_ros.planning.joint_motion import JointMotion
 from ff_planner_ros.planning.plan import Plan
 from ff_planner_ros.planning.planner import NOBODY, FirstGuess, plan
-from ff_planner_ros.planning.problem import (
-    Limits,
-    Objective,
-    Orientation,
-    Parametrisation,
-    PlanningProblem,
-    Sphere,
-    lasting,
-)
+from ff_planner_ros.planning.problem import PlanningProblem, Sphere, lasting
 from ff_planner_ros.planning.robust import robust_plan
 from ff_planner_ros.planning.settings import PlannerSettings
 from ff_planner_ros.planning.system_frame import SystemFrame, system_frame
@@ -59,23 +53,63 @@ class PlanningTask:
     """
 
     problem: PlanningProblem  # its start is the state as measured
-    settings: PlannerSettings
-    ahead: float = 0.0  # time from the measurement to the first point of the plan [s]
-    # Of the joints meanwhile, from the measurement on; None: they keep their measured rates
-    running: JointMotion | None = None
-    # Of the goal of the motion that runs, where the plan takes over from it: begins exactly on it
-    # and is looked for near what remains of it; None: a plan of its own
-    running_goal: float | None = None  # [s] from the measurement on
-    end_behaviour: EndBehaviour = EndBehaviour.AS_PLANNED  # what the arm does after the goal
-    tail: float = 0.0  # for how long [s]; zero for `as_planned`
-    controller: Controller | None = None  # whose rules the plan must keep; None: nobody's
-    first_guess: Array | None = None  # decision variables of the path family, tried first
+    settings: PlannerSettings = declare(
+        changes(PlannerSettings),
+        "settings of the planner, as the parameters of this group",
+        key="planner",
+        since="0.3",
+        optional=True,
+    )
+    ahead: float = declare(
+        a_number(at_least=0.0),
+        "time from the state to the first point of the plan, for which the state is carried "
+        "forward",
+        key="start_after",
+        unit="s",
+        since="0.3",
+        default=0.0,
+    )
+    running: JointMotion | None = declare(
+        changes(JointMotion),
+        "what the joints do until then; default: they keep their velocities",
+        since="0.3",
+        default=None,
+    )
+    # It begins exactly on that motion, and is looked for near what remains of it
+    running_goal: float | None = declare(
+        a_number(),
+        "when that motion is at its goal: the plan takes over from it; default: a plan of its own",
+        unit="s from the state",
+        since="0.3",
+        default=None,
+        late=True,
+    )
+    end_behaviour: EndBehaviour = declare(
+        a_word(EndBehaviour),
+        "what the arm does after the goal",
+        since="0.3",
+        default=EndBehaviour.AS_PLANNED,
+        message="end_behaviour",
+    )
+    tail: float = declare(  # zero for `as_planned`
+        a_number(), "how long it does so", key="tail_duration", unit="s", since="0.3", default=0.0
+    )
+    controller: Controller | None = declare(
+        or_none(changes(Controller)),
+        "rules that the plan must keep; none: nobody's",
+        since="0.3",
+        default=None,
+    )
+    first_guess: Array | None = declare(
+        a_vector(None),
+        "decision variables of the path family, tried before anything else",
+        since="0.3",
+        default=None,
+    )
 
     def __post_init__(self) -> None:
         """Check the times, and keep read-only copies of the arrays."""
-        if finite_number("start_after", self.ahead) < 0.0:
-            allowed = "it must not be negative: a plan starts from the state or later"
-            raise InvalidInput(Status.OUT_OF_RANGE, "start_after", self.ahead, allowed)
+        check_declared(self, "")
         if self.end_behaviour is EndBehaviour.AS_PLANNED:
             object.__setattr__(self, "tail", 0.0)
         if self.running is not None:
@@ -84,18 +118,12 @@ class PlanningTask:
             object.__setattr__(self, "running", copy)
         if self.running_goal is not None:
             self._require_remainder(self.running_goal)
-        if self.first_guess is not None:
-            guess = frozen(self.first_guess)
-            if guess.ndim != 1 or not np.isfinite(guess).all():
-                allowed = "it must be a list of finite numbers"
-                raise InvalidInput(Status.NOT_FINITE, "first_guess", guess, allowed)
-            object.__setattr__(self, "first_guess", guess)
 
     def _require_remainder(self, goal: float) -> None:
         """Refuse to take over from a motion that does not run then, or is at its goal already."""
         if self.running is None:
             allowed = "there is no running motion to go on from"
-            raise InvalidInput(Status.NO_PLAN_RUNS, "running_goal", goal, allowed)
+            raise InvalidInput(Status.NO_ACTIVE_PLAN, "running_goal", goal, allowed)
         first, last = self.running.time[[0, -1]].tolist()
         if not first <= self.ahead < finite_number("running_goal", goal) <= last + _ROUNDING:
             allowed = (
@@ -153,29 +181,21 @@ def _parts_of_robot(robot: Robot) -> list[Any]:
 
 def _is_absent(value: Any, name: str) -> bool:
     """Tell whether a field follows from others, or says what older versions took for granted."""
+    kind: Any = type(value)
+    given = getattr(value, name)
     if isinstance(value, Sphere) and value.body is not None:
         return name not in ("id", "radius")
-    if name == "target" and isinstance(value, PlanningProblem):
-        return value.target_body is not None
-    if name == "velocity" and isinstance(value, Sphere):
-        return not value.velocity.any()
-    if name == "parametrisation":
-        return getattr(value, name) is Parametrisation.AUTO
-    if name == "duration" and isinstance(value, Objective):
-        return value.duration == 0.0
-    if name == "joint_torques" and isinstance(value, Limits):
-        return value.joint_torques
-    if name == "orientation":
-        return getattr(value, name) is Orientation.FIXED
-    if name in ("allowed_at_goal", "contact_distance"):
-        return not value.allowed_at_goal
-    if name == "robust":
-        return isinstance(value, PlannerSettings) and not value.robust.sigmas
-    newer = (
-        *("joint_accelerations", "free_axis_in_ee", "target_body", "body", "place_in_body"),
-        *("duration_range", "approach", "running_goal"),
-    )
-    return name in newer and getattr(value, name) is None
+    if isinstance(value, PlanningProblem):
+        if name in ("allowed_at_goal", "contact_distance"):
+            return not value.allowed_at_goal
+        if name == "target":
+            return value.target_body is not None
+    if isinstance(value, PlannerSettings) and name == "robust":
+        return not value.robust.sigmas
+    said = declared_by_name(kind).get(name)
+    if said is None:
+        return given is None
+    return said.late and bool(np.all(given == said.default))
 
 
 def without_search(solve: Callable[[PlanningProblem, PlannerSettings], Plan]) -> Method:
@@ -298,7 +318,7 @@ def _at_another_moment(
         try:
             return _performed(task, lasting(problem, moment), watch, method, None)
         except (InvalidInput, NoPlanFound) as refused:
-            if refused.status is Status.OUT_OF_TIME:
+            if refused.status is Status.TIMED_OUT:
                 raise
     raise undrivable
 

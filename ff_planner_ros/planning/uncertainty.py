@@ -7,20 +7,20 @@ its principal moments keep the triangle inequality, however wide the draw.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
-from ff_planner_ros.arrays import Array, finite_number
-from ff_planner_ros.errors import InvalidInput, Status, fields_named
-from ff_planner_ros.planning.yaml_file import mapping, number
+from ff_planner_ros.arrays import Array
+from ff_planner_ros.declared import changes, check_declared, declare
+from ff_planner_ros.forms import a_number
 from ff_planner_ros.robot.model import Base, Robot
 from ff_planner_ros.robot.momentum_regressor import PARAMETERS
 
 # A mass that is known no better than by a factor of e, or a velocity than to 1 m/s, is not known.
-_WIDEST = 1.0  # [share, m, m/s or rad/s]
+_DEVIATION = a_number(at_least=0.0, at_most=1.0)  # [share, m, m/s or rad/s]
 
 
 @dataclass(frozen=True)
@@ -31,24 +31,33 @@ class Uncertainty:
         InvalidInput: Not finite, negative, or above 1.
     """
 
-    mass: float = 0.01  # of each body's mass [share]
-    inertia: float = 0.01  # of each body's inertia about its centre of mass [share]
-    center_of_mass: float = 0.0  # of each body, along each axis [m]
-    linear_velocity: float = 0.0  # of the chaser at the start, along each axis [m/s]
-    angular_velocity: float = 1.75e-4  # of the chaser at the start, likewise
+    mass: float = declare(_DEVIATION, "of each body's mass", unit="share", default=0.01)
+    inertia: float = declare(
+        _DEVIATION, "of each body's inertia about its centre of mass", unit="share", default=0.01
+    )
+    center_of_mass: float = declare(
+        _DEVIATION, "of each body, along each axis", unit="m", default=0.0
+    )
+    linear_velocity: float = declare(
+        _DEVIATION, "of the chaser at the start, along each axis", unit="m/s", default=0.0
+    )
+    angular_velocity: float = declare(
+        _DEVIATION, "of the chaser at the start, about each axis", unit="rad/s", default=1.75e-4
+    )
     # These two move nothing where joints are controlled: they count where torques alone are given
-    joint_velocity: float = 0.0  # of each joint at the start [rad/s]
-    friction: float = 0.0  # viscous, of each joint: share of its peak torque at the highest rate
+    joint_velocity: float = declare(
+        _DEVIATION, "of each joint at the start", unit="rad/s", default=0.0
+    )
+    friction: float = declare(
+        _DEVIATION,
+        "viscous friction of each joint, as a share of its peak torque at the highest rate",
+        unit="share",
+        default=0.0,
+    )
 
     def __post_init__(self) -> None:
         """Check every value."""
-        for item in fields(self):
-            name, value = f"uncertainty.{item.name}", getattr(self, item.name)
-            checked = finite_number(name, value)
-            if not 0.0 <= checked <= _WIDEST:
-                allowed = f"it must not be negative, nor above {_WIDEST:g}"
-                raise InvalidInput(Status.OUT_OF_RANGE, name, value, allowed)
-            object.__setattr__(self, item.name, checked)
+        check_declared(self, "uncertainty")
 
 
 def uncertainty_from(field: str, value: object) -> Uncertainty:
@@ -57,11 +66,7 @@ def uncertainty_from(field: str, value: object) -> Uncertainty:
     Raises:
         InvalidInput: It is no such mapping.
     """
-    names = [item.name for item in fields(Uncertainty)]
-    entry = mapping(field, value, (), optional=names)
-    told = {name: number(f"{field}.{name}", given) for name, given in entry.items()}
-    with fields_named({f"uncertainty.{name}": f"{field}.{name}" for name in names}):
-        return Uncertainty(**told)
+    return Uncertainty(**changes(Uncertainty).read(field, value))
 
 
 class Directions(NamedTuple):

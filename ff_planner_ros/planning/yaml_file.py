@@ -1,17 +1,15 @@
-"""YAML files read strictly: keys that are unknown, missing or given twice are refused by name."""
+"""YAML files read strictly: what is too large, or given twice, is refused."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Hashable, Mapping
-from contextlib import suppress
+import re
+from collections.abc import Hashable, Mapping
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import yaml
 
-from ff_planner_ros.arrays import Array
-from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.errors import InvalidInput, InvalidInputs, Status
 from ff_planner_ros.shown import quoted, shortened
 from ff_planner_ros.text_file import read_text
 
@@ -22,6 +20,7 @@ _DEEPEST = 32  # lists and mappings within each other; ours have five
 _LONGEST_NUMBER = 400  # [characters] enough for each that Python can hold
 _NUMBERS = ("tag:yaml.org,2002:int", "tag:yaml.org,2002:float")
 _LONGEST_REASON = 400  # [characters] of what the library says
+_STEP = re.compile(r"\[([^\]]*)\]|([^.\[\]]+)")  # of a field: `obstacles[1].center`
 # That of libyaml is ten times as fast; not every system has it.
 _Fast: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
@@ -58,6 +57,56 @@ def yaml_document(written: str | bytes, field: str, value: object) -> Any:
         reason = f"it is not YAML: {shortened(str(error), _LONGEST_REASON)}"
     reason = reason.replace('in "<unicode string>", ', "in ")
     raise InvalidInput(Status.OUT_OF_RANGE, field, value, reason)
+
+
+def located(path: Path, error: InvalidInput) -> InvalidInputs:
+    """Return an error of a YAML file whose faults name the file, and the line of each.
+
+    A key that is missing has the line of what it is missing in.
+    """
+    lines = _Lines(path)
+    return InvalidInputs(
+        [
+            InvalidInput(
+                one.status, f"{lines.place(one.field)}: {one.field}", one.value, one.allowed
+            )
+            for one in error.faults
+        ]
+    )
+
+
+class _Lines:
+    """Where the values of a YAML file stand."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        try:
+            self._root: Any = yaml.compose(read_text(path, _MOST_BYTES), Loader=_Fast)
+        except (yaml.YAMLError, ValueError, InvalidInput):
+            self._root = None
+
+    def place(self, field: str) -> str:
+        """Return file and line of a value; the file alone where it has no such line."""
+        node, line = self._root, 0
+        for index, key in _STEP.findall(field):
+            mark, node = _entry(node, index or key)
+            if mark is None:
+                break
+            line = mark.line + 1
+        return f"{self._path}:{line}" if line else str(self._path)
+
+
+def _entry(node: Any, name: str) -> tuple[Any, Any]:
+    """Return where an entry begins, and its value; None: there is none."""
+    if isinstance(node, yaml.MappingNode):
+        for key, value in node.value:
+            if key.value == name:
+                return key.start_mark, value
+    elif isinstance(node, yaml.SequenceNode):
+        for index, one in enumerate(node.value):
+            if str(index) == name or getattr(_entry(one, "id")[1], "value", None) == name:
+                return one.start_mark, one
+    return None, None
 
 
 def _require_moderate(text: str) -> None:
@@ -102,106 +151,6 @@ def _too_much(reason: str, at: Any) -> _TooMuch:
 
 class _TooMuch(yaml.MarkedYAMLError):
     """A document that is YAML, but too large or too deep."""
-
-
-def mapping(
-    field: str, value: object, required: Collection[str], optional: Collection[str] = ()
-) -> dict[str, Any]:
-    """Return `value` if it is a mapping with the right keys; field: empty for the whole file.
-
-    Raises:
-        InvalidInput: Not a mapping, a key unknown or missing.
-    """
-    known = [*required, *optional]
-    if not isinstance(value, dict):
-        raise InvalidInput(
-            Status.OUT_OF_RANGE, field or "file", value, f"it must hold {', '.join(known)}"
-        )
-    for key in value:
-        if key not in known:
-            raise InvalidInput(
-                Status.OUT_OF_RANGE, dotted(field, key), "unknown", f"known are {', '.join(known)}"
-            )
-    for key in required:
-        if key not in value:
-            raise InvalidInput(
-                Status.OUT_OF_RANGE, dotted(field, key), "missing", "it must be given"
-            )
-    return value
-
-
-def sequence(field: str, value: object) -> list[Any]:
-    """Return `value` if it is a list.
-
-    Raises:
-        InvalidInput: Not a list.
-    """
-    if not isinstance(value, list):
-        raise InvalidInput(Status.WRONG_SIZE, field, quoted(value), "it must be a list")
-    return value
-
-
-def numbers(field: str, value: object) -> Array:
-    """Return `value` as an array of shape (entries,) if it is a list of numbers.
-
-    Raises:
-        InvalidInput: Not a list, or an entry that is not a number.
-    """
-    entries = sequence(field, value)
-    return np.array([number(f"{field}[{index}]", entry) for index, entry in enumerate(entries)])
-
-
-def number(field: str, value: object) -> float:
-    """Return `value` if it is a number.
-
-    Raises:
-        InvalidInput: Not a number.
-    """
-    if not isinstance(value, bool) and isinstance(value, int | float):
-        with suppress(OverflowError):
-            return float(value)
-    # YAML reads 1e-3 as text: its numbers need the point.
-    allowed = "it must be a number, such as 1.0e-3"
-    raise InvalidInput(Status.OUT_OF_RANGE, field, quoted(value), allowed)
-
-
-def integer(field: str, value: object) -> int:
-    """Return `value` if it is a whole number.
-
-    Raises:
-        InvalidInput: Not a whole number.
-    """
-    if isinstance(value, bool) or not isinstance(value, int):
-        allowed = "it must be a whole number"
-        raise InvalidInput(Status.OUT_OF_RANGE, field, quoted(value), allowed)
-    return value
-
-
-def boolean(field: str, value: object) -> bool:
-    """Return `value` if it is true or false.
-
-    Raises:
-        InvalidInput: Neither.
-    """
-    if not isinstance(value, bool):
-        raise InvalidInput(Status.OUT_OF_RANGE, field, quoted(value), "it must be true or false")
-    return value
-
-
-def text(field: str, value: object) -> str:
-    """Return `value` if it is text.
-
-    Raises:
-        InvalidInput: Not text, or empty.
-    """
-    if not isinstance(value, str) or not value:
-        raise InvalidInput(Status.OUT_OF_RANGE, field, quoted(value), "it must be text")
-    return value
-
-
-def dotted(field: str, key: object) -> str:
-    """Return the name of `key` inside `field`."""
-    return f"{field}.{key}" if field else str(key)
 
 
 class _Loader(_Fast):  # type: ignore[misc]

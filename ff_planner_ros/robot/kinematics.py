@@ -10,10 +10,10 @@ from functools import lru_cache
 
 import numpy as np
 import pinocchio as pin
-from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.robot.model import Robot
+from ff_planner_ros.robot.quaternion import rotation_from_quaternion
 
 
 def joint_rotations(robot: Robot, angles: Array) -> Array:
@@ -44,7 +44,7 @@ def joint_offsets(robot: Robot) -> Array:
 
 def rotation_base_to_inertial(q: Array) -> Array:
     """Return the attitude of the base at each configuration. Shape (configurations, 3, 3)."""
-    return np.asarray(Rotation.from_quat(q[:, 3:7]).as_matrix(), np.float64)
+    return rotation_from_quaternion(q[:, 3:7])
 
 
 @lru_cache(maxsize=8)

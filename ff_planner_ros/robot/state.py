@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ff_planner_ros.arrays import Array, finite_vector, unit_quaternion
+from ff_planner_ros.arrays import Array, finite_vector
+from ff_planner_ros.declared import check_declared, declare
+from ff_planner_ros.forms import QUATERNION, TRUTH, a_vector
 
 
 @dataclass(frozen=True, eq=False)
@@ -19,31 +21,69 @@ class SystemState:
             of unit length.
     """
 
-    position_chaser_in_inertial: Array  # shape (3,) [m]
-    quaternion_chaser_to_inertial_xyzw: Array  # shape (4,), unit length
-    linear_velocity_chaser_in_inertial: Array  # shape (3,) [m/s]
-    angular_velocity_chaser_in_inertial: Array  # shape (3,) [rad/s]
-    joint_positions: Array  # shape (joints,) [rad]
-    joint_velocities: Array  # shape (joints,) [rad/s]
-    # Shape (joints,) [rad/s2]; None: not known, a plan begins with the end effector at zero
-    # acceleration and with null-space motion that does not change
-    joint_accelerations: Array | None = None
+    position_chaser_in_inertial: Array = declare(
+        a_vector(),
+        "of the chaser's centre of mass",
+        key="chaser.position",
+        unit="m",
+        message="pose.position",
+    )
+    quaternion_chaser_to_inertial_xyzw: Array = declare(
+        QUATERNION,
+        "chaser axes to inertial axes",
+        key="chaser.quaternion_xyzw",
+        message="pose.orientation",
+    )
+    linear_velocity_chaser_in_inertial: Array = declare(
+        a_vector(),
+        "of the chaser's centre of mass",
+        key="chaser.linear_velocity",
+        unit="m/s",
+        message="twist.linear",
+    )
+    angular_velocity_chaser_in_inertial: Array = declare(
+        a_vector(),
+        "of the chaser, in inertial axes",
+        key="chaser.angular_velocity",
+        unit="rad/s",
+        message="twist.angular",
+    )
+    # All three have the shape (joints,)
+    joint_positions: Array = declare(
+        a_vector(None),
+        "one number a joint",
+        key="joints.position",
+        unit="rad",
+        message="joint_positions",
+    )
+    joint_velocities: Array = declare(
+        a_vector(None),
+        "one number a joint",
+        key="joints.velocity",
+        unit="rad/s",
+        instead=(
+            "end_effector_at_rest",
+            TRUTH,
+            "the joint velocities that hold the end effector at rest",
+        ),
+        message="joint_velocities",
+    )
+    # None: a plan begins with null-space motion that does not change
+    joint_accelerations: Array | None = declare(
+        a_vector(None),
+        "one number a joint; default: not known, the end effector begins at zero acceleration",
+        key="joints.acceleration",
+        unit="rad/s2",
+        since="0.3",
+        default=None,
+        message="joint_accelerations",
+        late=True,
+    )
 
     def __post_init__(self) -> None:
         """Check every value and replace it by a read-only copy."""
+        check_declared(self, "")
         joints = len(self.joint_positions)
-        for name, field, size in (
-            ("position_chaser_in_inertial", "chaser.position", 3),
-            ("quaternion_chaser_to_inertial_xyzw", "chaser.quaternion_xyzw", 4),
-            ("linear_velocity_chaser_in_inertial", "chaser.linear_velocity", 3),
-            ("angular_velocity_chaser_in_inertial", "chaser.angular_velocity", 3),
-            ("joint_positions", "joints.position", joints),
-            ("joint_velocities", "joints.velocity", joints),
-            ("joint_accelerations", "joints.acceleration", joints),
-        ):
-            if getattr(self, name) is None and name == "joint_accelerations":
-                continue
-            values = finite_vector(field, getattr(self, name), size)
-            if field == "chaser.quaternion_xyzw":
-                values = unit_quaternion(field, values)
-            object.__setattr__(self, name, values)
+        finite_vector("joints.velocity", self.joint_velocities, joints)
+        if self.joint_accelerations is not None:
+            finite_vector("joints.acceleration", self.joint_accelerations, joints)

@@ -18,6 +18,7 @@ from trajectory_msgs.msg import JointTrajectoryPoint
 
 from ff_planner_ros.bag.exchanges import Exchange, exchanges, response_in
 from ff_planner_ros.bag.reader import Bag
+from ff_planner_ros.declared import value_at
 from ff_planner_ros.errors import BagError
 from ff_planner_ros.ros.messages.interfaces import type_name
 
@@ -78,10 +79,10 @@ def with_motion(bag: Bag, exchange: PlanExchange) -> PlanExchange:
 def _brief(response: Any) -> PlanTrajectory.Response:
     brief = as_installed(response, PlanTrajectory.Response, without=_MOTION)
     for name in ("joint_trajectory", "predicted_chaser_path"):
-        copied = getattr(brief, name)
-        recorded = getattr(response, name, copied)
+        copied = value_at(brief, name)
+        recorded = value_at(response, name, copied)
         setattr(brief, name, as_installed(recorded, type(copied), without=("points", "poses")))
-    points = getattr(getattr(response, "joint_trajectory", None), "points", ())
+    points = value_at(response, "joint_trajectory.points", ())
     brief.joint_trajectory.points = [
         as_installed(p, JointTrajectoryPoint, _NUMBERS) for p in points
     ]
@@ -101,7 +102,7 @@ def never_published(bag: Bag, found: Sequence[PlanExchange]) -> frozenset[str]:
     }
     if waiting:  # or else there is no need to look through the bag
         messages = bag.decoded(type_name(PublishedPlan))
-        waiting -= {str(getattr(message, "plan_id", "")) for _, message in messages}
+        waiting -= {str(value_at(message, "plan_id", "")) for _, message in messages}
     return frozenset(waiting)
 
 

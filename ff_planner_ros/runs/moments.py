@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from ff_planner_ros.bag.decoding import NANOSECONDS, nanoseconds
+from ff_planner_ros.declared import value_at
 from ff_planner_ros.errors import Status
 from ff_planner_ros.parameters import NodeParameters
 from ff_planner_ros.ros.inputs.input_topics import heard_with
@@ -44,10 +45,10 @@ def _stamps(exchange: PlanExchange, parameters: NodeParameters) -> dict[str, int
     if request is None or response is None:
         return {}
     stamps_ns = {
-        topic.name: nanoseconds(getattr(response, topic.stamp))
+        topic.name: nanoseconds(value_at(response, topic.stamp))
         for topic in heard_with(parameters.state_source)
-        if not getattr(request, topic.brought_by)
-        and (not topic.wanted_by or getattr(request, topic.wanted_by))
+        if not value_at(request, topic.brought_by)
+        and (not topic.wanted_by or value_at(request, topic.wanted_by))
     }
     # The recorder may have an input that the node did not have yet.
     said = response.status.message

@@ -13,7 +13,6 @@ from ff_planner_msgs.srv import PlanTrajectory
 from rclpy.qos import QoSProfile
 from service_msgs.msg import ServiceEventInfo
 
-from ff_planner_ros.arrays import normalising_to
 from ff_planner_ros.bag.decoding import NANOSECONDS
 from ff_planner_ros.bag.encoding import encode
 from ff_planner_ros.bag.provenance import PROVENANCE, provenance
@@ -25,7 +24,6 @@ from ff_planner_ros.planning.task import PlanningTask
 from ff_planner_ros.ros.messages.interfaces import type_name
 from ff_planner_ros.ros.messages.to_messages import (
     obstacles_message,
-    pose_message,
     request_message,
     response_from_error,
     response_from_plan,
@@ -66,14 +64,10 @@ def record_answer(
     problem, now = task.problem, time.time_ns()
     names = problem.robot.joint_names
     state = state_message(problem.start, names, now, SCENARIO_FRAME)
-    exact = normalising_to(problem.start.quaternion_chaser_to_inertial_xyzw)
-    state.pose = pose_message(problem.start.position_chaser_in_inertial.tolist(), exact.tolist())
     start_ns = now + round(task.ahead * NANOSECONDS)
     # As they are at the plan's first point, and so is the target body.
     obstacles = obstacles_message(problem.obstacles, start_ns, SCENARIO_FRAME)
     request = request_message(problem, SCENARIO_FRAME)
-    exact = normalising_to(problem.target.quaternion_xyzw)
-    request.target_pose.pose = pose_message(problem.target.position.tolist(), exact.tolist())
     request.use_start_state, request.start_state = True, state
     request.use_obstacles, request.obstacles = True, obstacles
     body = problem.target_body
@@ -148,7 +142,6 @@ def require_recordable(task: PlanningTask) -> None:
 def _used(task: PlanningTask) -> dict[str, Any]:
     """Return the parameters with which a node makes the same task of the request."""
     robot, limits, controller = task.problem.robot, task.problem.limits, task.controller
-    angle = limits.chaser_attitude
     return {
         "robot": {
             "urdf": "robot.urdf",
@@ -174,7 +167,11 @@ def _used(task: PlanningTask) -> dict[str, Any]:
             "velocity": "from_urdf" if limits.joint_velocities else "none",
             "acceleration": list(limits.joint_accelerations or (0.0,)),
             "effort": "from_urdf" if limits.joint_torques else "none",
-            "chaser_attitude": float(angle) if math.isfinite(angle) else 0.0,
+            **{
+                name: float(angle) if math.isfinite(angle) else 0.0
+                for name in ("chaser_attitude", "chaser_rotation")
+                for angle in (getattr(limits, name),)
+            },
         },
         "controller": {
             "allow_nonzero_velocity_at_trajectory_end": controller is None

@@ -37,8 +37,10 @@ ALL = "all"
 _CLOCK = "/clock"
 # Of the recorder's time: finer than any planner's allowance is counted in [ns].
 _CLOCK_STEP_NS = 10_000_000
-# Longest wait until present subscribers have found the new publishers [s].
+# Longest wait until present subscribers are found [s].
 _DISCOVERY, _DISCOVERY_POLL = 3.0, 0.02
+# Least time that these are given to find the publishers, too, which nothing tells [s].
+_FOUND_IN_TURN = 0.2
 # Longest wait until reliable messages have arrived.
 _LAST_ACKS = Duration(seconds=1)
 # For bags of other tools that hold no profile, or an unknown one.
@@ -218,9 +220,10 @@ def _is_latched(qos: QoSProfile) -> bool:
 
 def _wait_for_subscribers(publishers: dict[str, Publisher], stop: threading.Event) -> None:
     """Wait until present subscribers are found: volatile messages would be lost before."""
-    give_up = time.monotonic() + _DISCOVERY
-    while time.monotonic() < give_up and not stop.wait(_DISCOVERY_POLL):
+    begun = time.monotonic()
+    while (took := time.monotonic() - begun) < _DISCOVERY and not stop.wait(_DISCOVERY_POLL):
         if all(publisher.get_subscription_count() for publisher in publishers.values()):
+            stop.wait(max(took, _FOUND_IN_TURN))  # a busy machine takes as long both ways
             return
 
 

@@ -3,26 +3,35 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from typing import Any
 
-from rcl_interfaces.msg import ParameterEvent
-from rclpy.parameter import Parameter
+from rcl_interfaces.msg import ParameterEvent, ParameterType, ParameterValue
 
 from ff_planner_ros.bag.decoding import nanoseconds
 from ff_planner_ros.bag.reader import Bag
-from ff_planner_ros.errors import BagError, InvalidInput
+from ff_planner_ros.errors import BagError, InvalidInput, Status
 from ff_planner_ros.parameters import (
     DECLARATIONS,
     NodeParameters,
     default_values,
     flattened,
     parameters_of,
+    replaced,
 )
 from ff_planner_ros.planning.yaml_file import yaml_document
 from ff_planner_ros.ros.messages.interfaces import type_name
-from ff_planner_ros.ros.parameters import changed
 from ff_planner_ros.runs.installed import as_installed
 
 _ATTACHED = "parameters.yaml"
+# Where a message has the value of a parameter, by its type; rclpy, which knows this too, loads a
+# middleware.
+_FIELD_OF_TYPE = {
+    getattr(ParameterType, f"PARAMETER_{kind}"): f"{kind.lower()}_value"
+    for kind in (
+        *("BOOL", "INTEGER", "DOUBLE", "STRING"),
+        *("BYTE_ARRAY", "BOOL_ARRAY", "INTEGER_ARRAY", "DOUBLE_ARRAY", "STRING_ARRAY"),
+    )
+}
 
 
 class RecordedParameters:
@@ -44,7 +53,8 @@ class RecordedParameters:
             told = as_installed(event, ParameterEvent)
             values = [*told.new_parameters, *told.changed_parameters]
             try:
-                current = changed(current, [Parameter.from_parameter_msg(one) for one in values])
+                for one in values:
+                    current = replaced(current, one.name, _value(one.value))
             except (InvalidInput, TypeError) as error:
                 raise BagError(f"bag {bag.path}: {message.topic}: {error}") from None
             self._changes.append((nanoseconds(told.stamp), current))
@@ -78,6 +88,17 @@ class RecordedParameters:
             return parameters_of(assumed | values)
         except (InvalidInput, TypeError, ValueError, AttributeError) as error:
             raise BagError(f"bag {bag.path}: its {_ATTACHED}: {error}") from None
+
+
+def _value(message: ParameterValue) -> Any:
+    """Return a value; an array becomes a tuple, and None is a parameter that was not set."""
+    if message.type == ParameterType.PARAMETER_NOT_SET:
+        return None
+    if message.type not in _FIELD_OF_TYPE:
+        allowed = f"it must be a type of ParameterType.msg, 0 to {max(_FIELD_OF_TYPE)}"
+        raise InvalidInput(Status.OUT_OF_RANGE, "value.type", message.type, allowed)
+    value = getattr(message, _FIELD_OF_TYPE[message.type])
+    return tuple(value) if message.type >= ParameterType.PARAMETER_BYTE_ARRAY else value
 
 
 def _shortened(names: Sequence[str]) -> list[str]:

@@ -32,7 +32,7 @@ _NO_FUNCTIONS_OF_THE_PROBLEM = {
     Status.SOLVER_DIED: "the solver process died",
     Status.CLOCK_JUMPED: "the node's clock jumped back",
 }
-_FOR_LACK_OF_TIME = (Status.TOO_LATE, Status.OUT_OF_TIME)
+_FOR_LACK_OF_TIME = (Status.TOO_LATE, Status.TIMED_OUT)
 # Of the provenance: what cannot make a plan another one.
 _IRRELEVANT = ("host", "started")
 _WIDTH = 80  # of words in a table

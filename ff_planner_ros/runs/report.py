@@ -174,8 +174,8 @@ def clock_time(time_ns: int, with_date: bool = True) -> str:
 
 def _refused(answer: Mapping[str, Any]) -> bool:
     """Say whether a dictionary is a refusal's, as `refusal_dictionary` makes it."""
-    names = {status.name.lower() for status in Status if status is not Status.SOLVED}
-    return str(answer.get("status")) in names and "message" in answer
+    status = Status.__members__.get(str(answer.get("status")).upper(), Status.SOLVED)
+    return status is not Status.SOLVED and "message" in answer
 
 
 def _refusal(answer: Mapping[str, Any]) -> ReportedRequest:

@@ -14,16 +14,15 @@ from ff_planner_msgs.srv import PlanTrajectory
 
 from ff_planner_ros.analysis.methods import PLANNED
 from ff_planner_ros.analysis.tracking import deviations, measured_motion
-from ff_planner_ros.bag.approaches import approach_in
 from ff_planner_ros.bag.decoding import NANOSECONDS, nanoseconds
 from ff_planner_ros.bag.provenance import PROVENANCE
 from ff_planner_ros.bag.reader import Bag, Message, open_bag
 from ff_planner_ros.bag.robot_plans import attached_robot
+from ff_planner_ros.declared import value_at, values_in
 from ff_planner_ros.errors import BagError, FfPlannerError, InvalidInput, Status
 from ff_planner_ros.parameters import NodeParameters
 from ff_planner_ros.planning.problem import (
-    Orientation,
-    Target,
+    PlanningProblem,
     TargetBody,
     carried_spheres,
     with_attached_spheres,
@@ -37,8 +36,6 @@ from ff_planner_ros.ros.messages.from_messages import (
     solver_report_from_message,
     spheres_from_message,
     target_body_from_message,
-    xyz,
-    xyzw,
 )
 from ff_planner_ros.runs.installed import (
     PlanExchange,
@@ -199,8 +196,8 @@ def _heard(
     asked = {
         k: found[k]
         for k in drawn
-        if not getattr(found[k].request, topic.brought_by, False)
-        and (not topic.wanted_by or getattr(found[k].request, topic.wanted_by, False))
+        if not value_at(found[k].request, topic.brought_by, False)
+        and (not topic.wanted_by or value_at(found[k].request, topic.wanted_by, False))
     }
     for namespace in dict.fromkeys(one.namespace for one in asked.values()):
         here = {k: one for k, one in asked.items() if one.namespace == namespace}
@@ -216,7 +213,7 @@ def _heard(
 
 
 def _moment(exchange: PlanExchange, topic: InputTopic) -> Moment:
-    stamp_ns = nanoseconds(getattr(exchange.response, topic.stamp)) if exchange.response else 0
+    stamp_ns = nanoseconds(value_at(exchange.response, topic.stamp)) if exchange.response else 0
     stamps_ns = {topic.name: stamp_ns} if stamp_ns else {}
     return Moment(exchange.logged_ns, stamps_ns, (topic.name,))
 
@@ -240,7 +237,7 @@ def _plan(
         scene = request.obstacles if request.use_obstacles else scene
         body_message = request.target_body if request.use_target_body else body_message
         if not request.capture:
-            goal = _goal(request)
+            goal = values_in(PlanningProblem, request, names=("target",))["target"]
         elif body_message is not None and response is not None:
             body = target_body_from_message(body_message, body_message.header.frame_id)
             body = body.after(_since(response.target_body_stamp, response))
@@ -253,8 +250,8 @@ def _plan(
         obstacles = carried_spheres(obstacles, _since(stamp, response))
         if body is not None:
             obstacles = with_attached_spheres(obstacles, body)
-    approach = None if request is None else approach_in(request)
-    return reported_plan(robot, {PLANNED: plan.trajectory}, goal, obstacles, approach)
+    told = {} if request is None else values_in(PlanningProblem, request, names=("approach",))
+    return reported_plan(robot, {PLANNED: plan.trajectory}, goal, obstacles, told.get("approach"))
 
 
 def _since(stamp: Time, response: PlanTrajectory.Response | None) -> float:
@@ -263,19 +260,6 @@ def _since(stamp: Time, response: PlanTrajectory.Response | None) -> float:
         return 0.0
     start_ns = nanoseconds(response.joint_trajectory.header.stamp)
     return (start_ns - nanoseconds(stamp)) / NANOSECONDS
-
-
-def _goal(request: PlanTrajectory.Request) -> Target:
-    pose = request.target_pose.pose
-    # Requests of earlier versions ask for one orientation.
-    orientation = Orientation(getattr(request, "orientation", "") or Orientation.FIXED)
-    about_axis = orientation is Orientation.ABOUT_AXIS
-    return Target(
-        np.array(xyz(pose.position)),
-        np.array(xyzw(pose.orientation)),
-        orientation=orientation,
-        free_axis_in_ee=np.array(xyz(request.free_axis)) if about_axis else None,
-    )
 
 
 def _window(found: Sequence[PlanExchange], k: int) -> Window:

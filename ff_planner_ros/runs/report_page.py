@@ -19,7 +19,8 @@ from ff_planner_ros.runs.report_plots import solve_time_plot
 _NOTHING = "-"
 _COLUMNS = (
     *("plan id", "door", "asked [UTC]", "status", "weights L, Θ, T", "duration [s]", "points"),
-    *("joint path [rad]", "attitude [deg]", "clearance [mm]", "solve time [s]", "iterations"),
+    *("joint path [rad]", "Euler angle [deg]", "rotation [deg]", "clearance [mm]"),
+    *("solve time [s]", "iterations"),
 )
 _TIMING_COLUMNS = (
     *("plan id", "asked", "taken up after [s]", "answered after [s]", "start after [s]"),
@@ -81,7 +82,7 @@ def _cells(number: int, request: ReportedRequest) -> Iterator[Element | str]:
     metrics, solver = request.metrics, request.solver
     # Without a plan these are the values of the best attempt, and marked.
     of_attempt = "" if request.code == Status.SOLVED else " *"
-    for name in ("joint_path_length", "max_chaser_euler", "min_clearance"):
+    for name in ("joint_path_length", "max_chaser_euler", "max_chaser_rotation", "min_clearance"):
         if metrics is None:
             yield _NOTHING
         else:

@@ -3,65 +3,38 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from copy import deepcopy
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from ff_planner_msgs.srv import PlanTrajectory
-from geometry_msgs.msg import Vector3
 
 from ff_planner_ros.arrays import finite_vector
 from ff_planner_ros.bag.reader import open_bag
+from ff_planner_ros.declared import places_in, write_value
 from ff_planner_ros.errors import BagError, InvalidInput, Status
 from ff_planner_ros.library_file import load_library
 from ff_planner_ros.parameters import DECLARATIONS, checked, replaced
-from ff_planner_ros.planning.yaml_file import (
-    integer,
-    number,
-    numbers,
-    sequence,
-    text,
-    yaml_document,
-)
+from ff_planner_ros.planning.problem import PlanningProblem
+from ff_planner_ros.planning.task import PlanningTask
+from ff_planner_ros.planning.yaml_file import yaml_document
 from ff_planner_ros.runs.recorded_run import RecordedRequest, recorded_run
 from ff_planner_ros.runs.replay import answer_again, one_by_one, status_name
 from ff_planner_ros.runs.report_of_changes import Answered, report_of_changes
 from ff_planner_ros.runs.report_page import save_page
 from ff_planner_ros.text_table import print_table
 
-
-def _texts(field: str, value: object) -> list[str]:
-    return [text(f"{field}[{index}]", one) for index, one in enumerate(sequence(field, value))]
-
-
-def _accelerations(field: str, value: object) -> list[float]:
-    return list(map(float, numbers(field, value if isinstance(value, list) else [value])))
-
-
-def _direction(field: str, value: object) -> list[float]:
-    return list(map(float, finite_vector(field, numbers(field, value), 3)))
-
-
-# Of a request, by the name that a scenario file has for it: field, and what reads a value.
-_OF_REQUEST: Mapping[str, tuple[str, Callable[[str, object], object]]] = {
-    "objective.joint_path_length": ("weight_joint_path_length", number),
-    "objective.chaser_attitude": ("weight_chaser_attitude", number),
-    "objective.duration": ("weight_duration", number),
-    "duration": ("duration", number),
-    "duration.max": ("duration_max", number),
-    "points": ("points", integer),
-    "limits.chaser_attitude": ("limit_chaser_attitude", number),
-    "limits.acceleration": ("limit_accelerations", _accelerations),
-    "end_behaviour": ("end_behaviour", text),
-    "parametrisation": ("parametrisation", text),
-    "allowed_at_goal": ("allowed_at_goal", _texts),
-    "contact_distance": ("contact_distance", number),
-    "approach.direction": ("approach_direction", _direction),
-    "approach.distance": ("approach_distance", number),
-    "approach.cone": ("approach_cone", number),
+# Of a request, by the name that a scenario file has for it: place in the message, and declaration.
+# The goal stays what it is.
+_OF_REQUEST = {
+    key: (place, said)
+    for kind in (PlanningProblem, PlanningTask)
+    for key, place, said in places_in(kind)
+    if not key.startswith("target.")
 }
+_OF_REQUEST["duration.max"] = ("duration_max", _OF_REQUEST["duration"][1])
 # Of the node's parameters: those that planning depends on. The others say where messages go, or
 # what a request is given that leaves open what `_OF_REQUEST` changes in every request.
 _OF_NODE = (
@@ -97,16 +70,20 @@ def parsed(setting: str) -> Change:
     key, equals, written = setting.partition("=")
     if not equals:
         allowed = "it must read key=value, such as planner.starts=5"
-        raise InvalidInput(Status.OUT_OF_RANGE, "--with", setting, allowed)
+        raise InvalidInput(Status.OUT_OF_RANGE, "--set", setting, allowed)
     if key not in allowed_keys():
         allowed = f"allowed are {', '.join(allowed_keys())}"
-        raise InvalidInput(Status.OUT_OF_RANGE, f"--with {key}", "an unknown key", allowed)
+        raise InvalidInput(Status.OUT_OF_RANGE, f"--set {key}", "an unknown key", allowed)
     try:
         value = yaml_document(written, key, "no YAML")
     except InvalidInput:
         value = written
     if key in _OF_REQUEST:
-        return Change(key, _OF_REQUEST[key][1](key, value))
+        form = _OF_REQUEST[key][1].form
+        told = form.read(key, value)
+        if form.slots:
+            finite_vector(key, told, len(form.slots))
+        return Change(key, form.written(told))
     return Change(key, checked(key, written if DECLARATIONS[key].kind is str else value))
 
 
@@ -122,11 +99,9 @@ def changed_request(recorded: RecordedRequest, changes: Sequence[Change]) -> Rec
     request, parameters = deepcopy(recorded.request), recorded.inputs.parameters
     for change in changes:
         if change.key in _OF_REQUEST:
-            field, value = _OF_REQUEST[change.key][0], change.value
-            if isinstance(getattr(request, field), Vector3):
-                value = Vector3(**dict(zip("xyz", value, strict=True)))
+            place, said = _OF_REQUEST[change.key]
             try:
-                setattr(request, field, value)
+                write_value(request, said, change.value, place)
             except (AssertionError, OverflowError):
                 allowed = "it does not fit a request"
                 raise InvalidInput(Status.OUT_OF_RANGE, change.key, change.value, allowed) from None
@@ -135,7 +110,7 @@ def changed_request(recorded: RecordedRequest, changes: Sequence[Change]) -> Rec
     inputs = replace(recorded.inputs, parameters=parameters)
     if any(change.key == _LIBRARY for change in changes):
         named = parameters.library
-        library = load_library(Path(named), f"--with {_LIBRARY}") if named else None
+        library = load_library(Path(named), f"--set {_LIBRARY}") if named else None
         inputs = replace(inputs, guesses=library)
     return replace(recorded, request=request, inputs=inputs)
 
@@ -166,8 +141,8 @@ def print_what_if(bag: Path, settings: Sequence[str], report: Path | None = None
         answered.append(Answered(recorded, changed, answer))
     words = ", ".join(f"{change.key}={change.value}" for change in changes)
     header = (
-        *("request", "status", "joint path [rad]", "attitude [deg]", "clearance [mm]"),
-        "time [s]",
+        *("request", "status", "joint path [rad]", "Euler angle [deg]", "rotation [deg]"),
+        *("clearance [mm]", "time [s]"),
     )
     print_table(f"{bag} as recorded > with {words}", header, rows)
     for line in [*left_out, *(f"note: {note}" for note in run.notes)]:
@@ -191,12 +166,14 @@ def _compared(
 
 def _cells(response: PlanTrajectory.Response | None) -> tuple[str, ...]:
     if response is None or not response.solver.rollouts:
-        return status_name(response), _NONE, _NONE, _NONE, _NONE
-    metrics = response.metrics
+        return status_name(response), _NONE, _NONE, _NONE, _NONE, _NONE
+    metrics, rotation = response.metrics, response.metrics.max_chaser_rotation
     return (
         status_name(response),
         f"{metrics.joint_path_length:.4f}",
         f"{math.degrees(metrics.max_chaser_euler):.3f}",
+        # Not known of what an earlier version recorded.
+        _NONE if math.isnan(rotation) else f"{math.degrees(rotation):.3f}",
         f"{metrics.min_clearance * 1e3:.2f}",
         f"{response.solver.solve_time:.2f}",
     )

@@ -24,10 +24,12 @@ from ff_planner_ros.planning.margins import (
     ATTITUDE,
     CLEARANCE,
     CORRIDOR,
+    ROTATION,
     TORQUE,
     Margins,
     ee_by_errors,
     margins,
+    rotated_since_start,
     turned_from_start,
 )
 from ff_planner_ros.planning.nearness import Nearness, nearness
@@ -52,6 +54,7 @@ UNITS = {
     **dict(zip(_ENDS, ("m", "rad"), strict=True)),
     CLEARANCE: "m",
     ATTITUDE: "rad",
+    ROTATION: "rad",
     CORRIDOR: "m",
     TORQUE: "N m",
     JOINTS: "rad",
@@ -257,6 +260,9 @@ def _least_margins(
         elif kind == ATTITUDE:
             turned = np.abs(turned_from_start(motion, runs.rotations)).max(axis=(0, 2))
             yield kind, limits.chaser_attitude - turned
+        elif kind == ROTATION:
+            turned = rotated_since_start(motion, runs.rotations).max(axis=0)
+            yield kind, limits.chaser_rotation - turned
         elif kind == TORQUE:
             efforts = motion.robot.effort_limits
             torques = np.abs(run_torques(motion, drawn, runs))

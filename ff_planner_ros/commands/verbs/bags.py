@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from argparse import ArgumentParser, Namespace
+from argparse import ArgumentParser
 from pathlib import Path
 
-from ff_planner_ros.commands.verbs import Add
+from ff_planner_ros.commands.verbs import Add, add_renamed
 
 
 def add_replay(add: Add) -> None:
     """Add `replay`."""
     replay = add(
         "replay",
-        _replay,
+        "ff_planner_ros.commands.bags:replay_bag",
         "plan the requests of a bag again and compare",
         parents=[_bag()],
         description="Plan every request of a bag again: the recorded state, obstacles, parameters "
@@ -21,8 +21,8 @@ def add_replay(add: Add) -> None:
         "no function of its problem (BUSY, CANCELLED, ...); 3 one did not, or its problem is not "
         "all in the bag; 2 bad bag.",
     )
-    replay.add_argument(
-        "--with",
+    changes = replay.add_argument(
+        "--set",
         action="append",
         dest="changes",
         metavar="KEY=VALUE",
@@ -30,11 +30,12 @@ def add_replay(add: Add) -> None:
         "(objective.chaser_attitude=1, planner.starts=5, limits.velocity=none, ...; an unknown "
         "key gets the list)",
     )
+    add_renamed(replay, "--with", changes)
     replay.add_argument(
         "--report",
         type=Path,
         metavar="FILE",
-        help="with --with: write a page that lays the changed plans over the recorded ones",
+        help="with --set: write a page that lays the changed plans over the recorded ones",
     )
     replay.add_argument(
         "--publish", action="store_true", help="play the recorded messages into ROS instead"
@@ -48,17 +49,11 @@ def add_replay(add: Add) -> None:
     replay.add_argument("--clock", action="store_true", help=clock_help)
 
 
-def _replay(options: Namespace) -> int:
-    from ff_planner_ros.commands.bags import replay_bag
-
-    return replay_bag(options)
-
-
 def add_report(add: Add) -> None:
     """Add `report`."""
     report = add(
         "report",
-        _report,
+        "ff_planner_ros.commands.bags:report_run",
         "tell of a run in one HTML file",
         description="One HTML file that needs nothing else: every request with its answer, and of "
         "the plans figures over time, a 3-D view that plays, and what was measured against what "
@@ -73,16 +68,10 @@ def add_report(add: Add) -> None:
     report.add_argument("--plans", type=int, default=20, metavar="N", help=plans_help)
 
 
-def _report(options: Namespace) -> int:
-    from ff_planner_ros.commands.bags import report_run
-
-    return report_run(options)
-
-
 def add_export(add: Add) -> None:
     """Add `export`."""
     summary = "write the plans or the requests of a bag for other tools"
-    export = add("export", _export, summary, parents=[_bag()])
+    export = add("export", "ff_planner_ros.commands.bags:export_plans", summary, parents=[_bag()])
     form = export.add_mutually_exclusive_group(required=True)
     form.add_argument("--csv", type=Path, metavar="DIR", help="new directory, a table per plan")
     form.add_argument("--npz", type=Path, metavar="FILE", help="new file of numpy")
@@ -93,29 +82,19 @@ def add_export(add: Add) -> None:
     )
 
 
-def _export(options: Namespace) -> int:
-    from ff_planner_ros.commands.bags import export_plans
-
-    return export_plans(options)
-
-
 def add_info(add: Add) -> None:
     """Add `info`."""
-    info = add("info", _info, "show what is in a bag", parents=[_bag()])
+    info = add(
+        "info", "ff_planner_ros.commands.bags:show_bag", "show what is in a bag", parents=[_bag()]
+    )
     info.add_argument("--json", action="store_true", help="as JSON, with every answer")
-
-
-def _info(options: Namespace) -> int:
-    from ff_planner_ros.commands.bags import show_bag
-
-    return show_bag(options)
 
 
 def add_recover(add: Add) -> None:
     """Add `recover`."""
     recover = add(
         "recover",
-        _recover,
+        "ff_planner_ros.commands.bags:recover_bag",
         "save what a damaged bag still holds",
         parents=[_bag()],
         description="Write everything that can be read of a truncated, killed or damaged bag into "
@@ -125,12 +104,6 @@ def add_recover(add: Add) -> None:
     recover.add_argument(
         "--output", type=Path, metavar="DIR", help="the new bag (default: BAG_recovered beside it)"
     )
-
-
-def _recover(options: Namespace) -> int:
-    from ff_planner_ros.commands.bags import recover_bag
-
-    return recover_bag(options)
 
 
 def _bag() -> ArgumentParser:

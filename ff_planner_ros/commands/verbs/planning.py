@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from argparse import ArgumentParser, Namespace
+from argparse import ArgumentParser
 from pathlib import Path
 
 from ff_planner_ros.commands import METHODS, OPTIMAL
-from ff_planner_ros.commands.verbs import Add
+from ff_planner_ros.commands.verbs import Add, add_renamed
 from ff_planner_ros.planning.parametrisation import Parametrisation
 from ff_planner_ros.robot.geometry import Geometry
 
@@ -14,33 +14,33 @@ from ff_planner_ros.robot.geometry import Geometry
 def add_plan(add: Add) -> None:
     """Add `plan`."""
     summary = "plan a scenario file, without ROS"
-    plan = add("plan", _plan, summary, parents=[_how_to_plan(), _scenario()])
+    plan = add(
+        "plan",
+        "ff_planner_ros.commands.planning:plan_scenario",
+        summary,
+        parents=[_how_to_plan(), _scenario()],
+    )
     plan.add_argument("--json", type=Path, metavar="FILE", help="write the answer")
     plan.add_argument(
         "--bag", type=Path, metavar="DIR", help="write task and answer as a new bag (needs ROS)"
     )
-    plan.add_argument(
-        "--front",
+    pareto = plan.add_argument(
+        "--pareto",
         action="store_true",
         help="plan with several weights, from least joint path to least chaser attitude; print "
         "and draw what they trade",
     )
+    add_renamed(plan, "--front", pareto)
     plan.add_argument(
-        "--output", type=Path, default="front", metavar="DIR", help="of the picture of --front"
+        "--output", type=Path, default="pareto", metavar="DIR", help="of the picture of --pareto"
     )
-
-
-def _plan(options: Namespace) -> int:
-    from ff_planner_ros.commands.planning import plan_scenario
-
-    return plan_scenario(options)
 
 
 def add_verify(add: Add) -> None:
     """Add `verify`."""
     verify = add(
         "verify",
-        _verify,
+        "ff_planner_ros.commands.planning:verify_plans",
         "execute plans open loop in an independent physics engine",
         parents=[_how_to_plan()],
         description="Execute plans open loop in MuJoCo: joint torques only, nothing fed back. "
@@ -82,30 +82,27 @@ def add_verify(add: Add) -> None:
     verify.add_argument("--json", type=Path, metavar="FILE", help="write all numbers to a file")
 
 
-def _verify(options: Namespace) -> int:
-    from ff_planner_ros.commands.planning import verify_plans
-
-    return verify_plans(options)
-
-
 def add_compare(add: Add) -> None:
     """Add `compare`."""
     summary = "let every method plan a scenario: tables, figures, 3-D view"
-    compare = add("compare", _compare, summary, parents=[_scenario()])
+    compare = add(
+        "compare",
+        "ff_planner_ros.commands.planning:compare_methods",
+        summary,
+        parents=[_scenario()],
+    )
     compare.add_argument(
         "--output", type=Path, default="comparison", metavar="DIR", help="of the pictures"
     )
 
 
-def _compare(options: Namespace) -> int:
-    from ff_planner_ros.commands.planning import compare_methods
-
-    return compare_methods(options)
-
-
 def add_robot(add: Add) -> None:
     """Add `robot`."""
-    robot = add("robot", _robot, "show what the planner makes of a URDF")
+    robot = add(
+        "robot",
+        "ff_planner_ros.commands.planning:show_robot",
+        "show what the planner makes of a URDF",
+    )
     robot.add_argument("urdf", type=Path, metavar="URDF")
     robot.add_argument("--base-link", metavar="LINK", help="default: the root")
     tip_help = "default: the only link that moves and carries no other"
@@ -126,17 +123,15 @@ def add_robot(add: Add) -> None:
     )
 
 
-def _robot(options: Namespace) -> int:
-    from ff_planner_ros.commands.planning import show_robot
-
-    return show_robot(options)
-
-
 def add_demo(add: Add) -> None:
     """Add `demo`."""
-    demo = add("demo", _demo, "plan the paper's capture over ROS, show the result")
-    demo.add_argument(
-        *("--testbed", "--scene"),
+    demo = add(
+        "demo",
+        "ff_planner_ros.commands.planning:show_demo",
+        "plan the paper's capture over ROS, show the result",
+    )
+    testbed = demo.add_argument(
+        "--testbed",
         choices=("lemur", "lines", "planar", "tumbling", "following"),
         default="lemur",
         help="lemur: the paper's capture in space, the whole robot kept clear (default); lines: "
@@ -144,26 +139,14 @@ def add_demo(add: Add) -> None:
         "air-bearing table; tumbling: of a body that tumbles; following: by an arm that is heavier "
         "than its model, and planned again five times a second",
     )
+    add_renamed(demo, "--scene", testbed)
     demo.add_argument("--output", type=Path, default="demo_output", metavar="DIR")
-
-
-def _demo(options: Namespace) -> int:
-    from ff_planner_ros.commands.planning import show_demo
-
-    return show_demo(options)
 
 
 def add_node(add: Add) -> None:
     """Add `node`."""
     epilog = "Everything else goes to ROS (--ros-args ...)."
-    add("node", run_node, "run the planner node", epilog=epilog)
-
-
-def run_node(options: Namespace) -> int:
-    """Run the planner node."""
-    from ff_planner_ros.commands.planning import run_node as run
-
-    return run(options)
+    add("node", "ff_planner_ros.commands.planning:run_node", "run the planner node", epilog=epilog)
 
 
 def _scenario() -> ArgumentParser:
@@ -177,7 +160,7 @@ def _how_to_plan() -> ArgumentParser:
     options = ArgumentParser(add_help=False)
     options.add_argument(
         "--objective",
-        metavar="{length,attitude,L,THETA}",
+        metavar="{length,attitude,WEIGHTS}",
         help="instead of the scenario's weights: one of the two names, or a pair such as 1,10: "
         "weights of joint path length and chaser attitude, and of the duration if there is a third",
     )

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from argparse import Namespace
 from pathlib import Path
 
-from ff_planner_ros.commands.verbs import Add
+from ff_planner_ros.commands.verbs import Add, add_renamed
 
 
 def add_bench(add: Add) -> None:
     """Add `bench`."""
     bench = add(
         "bench",
-        _bench,
+        "ff_planner_ros.commands.benchmark:run_benchmark",
         "measure speed and success rate; write the benchmark's data set, or let methods plan it",
     )
     bench.add_argument("--quick", action="store_true", help="seconds instead of minutes")
@@ -28,25 +27,20 @@ def add_bench(add: Add) -> None:
     bench.add_argument("--seconds", type=float, default=10.0, metavar="S", help=seconds_help)
     workers_help = "processes at a time for the data set (default: %(default)s)"
     bench.add_argument("--workers", type=int, default=2, metavar="N", help=workers_help)
-    fly_help = "execute our plans of N scenarios of each class in MuJoCo and in Drake"
-    bench.add_argument("--fly", type=int, metavar="N", help=fly_help)
+    simulate_help = "execute our plans of N scenarios of each class in MuJoCo and in Drake"
+    simulate = bench.add_argument("--simulate", type=int, metavar="N", help=simulate_help)
+    add_renamed(bench, "--fly", simulate)
     score_help = "judge one answer to a scenario of the data set"
     bench.add_argument(
         "--score", type=Path, nargs=2, metavar=("SCENARIO", "ANSWER"), help=score_help
     )
 
 
-def _bench(options: Namespace) -> int:
-    from ff_planner_ros.commands.benchmark import run_benchmark
-
-    return run_benchmark(options)
-
-
 def add_campaign(add: Add) -> None:
     """Add `campaign`."""
     campaign = add(
         "campaign",
-        _campaign,
+        "ff_planner_ros.commands.campaigns:run_campaign",
         "plan the thousands of cases of a study, on one machine or a Dask cluster",
         usage="%(prog)s [-h] STUDY.yaml --out DIR [--scheduler ADDRESS] [--workers N]\n"
         "       %(prog)s [-h] report DIR [--output FILE.html]",
@@ -70,26 +64,14 @@ def add_campaign(add: Add) -> None:
     campaign.add_argument("--output", type=Path, metavar="FILE.html", help=page_help)
 
 
-def _campaign(options: Namespace) -> int:
-    from ff_planner_ros.commands.campaigns import run_campaign
-
-    return run_campaign(options)
-
-
 def add_doctor(add: Add) -> None:
     """Add `doctor`."""
     doctor = add(
         "doctor",
-        _doctor,
+        "ff_planner_ros.commands.doctor:examine",
         "say what is installed, what is missing, and how fast it plans",
         description="One screen for a report of a defect: versions, extras and the commands that "
         "bring them, the core, ROS, and one timed plan.",
         epilog="Exit code: 0 a plan can be made, 2 none can.",
     )
     doctor.add_argument("--json", type=Path, metavar="FILE", help="write it all")
-
-
-def _doctor(options: Namespace) -> int:
-    from ff_planner_ros.commands.doctor import examine
-
-    return examine(options)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from ff_planner_ros.planning.requirements.approach import ApproachCorridor
 from ff_planner_ros.planning.requirements.body_clearance import BodyClearance, SelfClearance
 from ff_planner_ros.planning.requirements.chaser_attitude import ChaserAttitude
+from ff_planner_ros.planning.requirements.chaser_rotation import ChaserRotation
 from ff_planner_ros.planning.requirements.clearance import Clearance
 from ff_planner_ros.planning.requirements.goal import Goal
 from ff_planner_ros.planning.requirements.joint_accelerations import JointAccelerations
@@ -26,6 +27,7 @@ REQUIREMENTS: tuple[Requirement, ...] = (
     JointRates(),
     JointAccelerations(),
     ChaserAttitude(),
+    ChaserRotation(),
     SingularValues(),
     Torques(),  # after the singularity, near which torques are a symptom
     Goal(),

@@ -1,14 +1,15 @@
-"""The chaser turns no further than the problem allows, between the points too.
+"""No Euler angle of the chaser exceeds what the problem allows, between the points too.
 
-Its attitude is the largest modulus of its Euler angles, as in Eq. (45), relative to the start.
+Its attitude is the largest modulus of its Euler angles, as in Eq. (45), relative to the start. The
+angle of its rotation, which is mostly larger, is the matter of `chaser_rotation`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import lru_cache
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.errors import Failure, Status
@@ -29,6 +30,7 @@ from ff_planner_ros.planning.requirements.requirement import (
 from ff_planner_ros.planning.settings import PlannerSettings
 from ff_planner_ros.robot.kinematics import rotation_base_to_inertial
 from ff_planner_ros.robot.model import Robot
+from ff_planner_ros.robot.quaternion import quaternion_from_rotation, rotation_from_quaternion
 from ff_planner_ros.robot.rotation import euler_from_rotation
 
 # The search keeps this much more at the points [rad], but never more than this part of the limit.
@@ -77,8 +79,9 @@ class ChaserAttitude(Requirement):
         if not angles[worst] <= limit + LIMIT_TOLERANCE:
             yield Failure(
                 Status.LIMIT_VIOLATED,
-                f"the chaser is turned by {angles[worst]:.4f} rad at {samples.at(times[worst])}, "
-                f"{angles[worst] - limit:.3g} rad more than limits.chaser_attitude, {limit:g} rad",
+                f"the chaser's largest Euler angle is {angles[worst]:.4f} rad at "
+                f"{samples.at(times[worst])}, {angles[worst] - limit:.3g} rad more "
+                f"than limits.chaser_attitude, {limit:g} rad",
                 (
                     "a larger limits.chaser_attitude",
                     "a weight on the chaser's attitude",
@@ -88,13 +91,19 @@ class ChaserAttitude(Requirement):
             )
 
 
-def _angles(robot: Robot, motion: FollowedMotion) -> tuple[Array, Array]:
-    """Return times along a motion, and the largest modulus of an Euler angle at each of them."""
+@lru_cache(maxsize=2)  # what is measured first is judged soon after
+def attitudes_along(robot: Robot, motion: FollowedMotion) -> tuple[Array, Array]:
+    """Return times along a motion, and the chaser's attitudes then: quaternions, (times, 4)."""
     rotations = rotation_base_to_inertial(motion.q)
     angular_velocities = np.einsum("pij,pj->pi", rotations, motion.v[:, 3:6])
-    axes = Rotation.from_matrix(rotations @ robot.rotation_chaser_to_base)
+    axes = quaternion_from_rotation(rotations @ robot.rotation_chaser_to_base)
     count = len(motion.time) - 1
     at = np.interp(np.arange(_TIMES * count + 1), _TIMES * np.arange(count + 1), motion.time)
-    between = attitudes_between(motion.time, axes.as_quat(), angular_velocities, at)
-    angles: Array = np.abs(euler_from_rotation(between.as_matrix())).max(axis=1)
+    return at, attitudes_between(motion.time, axes, angular_velocities, at)
+
+
+def _angles(robot: Robot, motion: FollowedMotion) -> tuple[Array, Array]:
+    """Return times along a motion, and the largest modulus of an Euler angle at each of them."""
+    at, between = attitudes_along(robot, motion)
+    angles: Array = np.abs(euler_from_rotation(rotation_from_quaternion(between))).max(axis=1)
     return at, angles

@@ -22,6 +22,9 @@ from ff_planner_ros.robot.model import Robot
 
 # A motion leaves its path where steps are long, or where a singularity lies between two.
 _FOLLOW = "more points, or a nearer goal if it is at the edge of the workspace"
+# Of two axes that are opposite but for less than this [rad] rounding says which one is across both,
+# and it may say one of theirs.
+_OPPOSITE = 1e-8
 
 
 class Goal(Requirement):
@@ -75,11 +78,12 @@ def _turn_to(target: Target, rotation: Array) -> Array:
         return np.asarray(pin.log3(to_inertial @ rotation.T), np.float64)
     here, there = rotation @ target.free_axis_in_ee, to_inertial @ target.free_axis_in_ee
     normal = np.cross(here, there)
-    sine = float(np.linalg.norm(normal))
-    if sine == 0.0:  # the same axis, or the opposite one: about any axis across it
+    sine, cosine = float(np.linalg.norm(normal)), float(here @ there)
+    # The same axis, or the opposite one: about any axis across it.
+    if sine == 0.0 or (sine < _OPPOSITE and cosine < 0.0):
         across = np.eye(3)[int(np.abs(here).argmin())]
         normal = np.cross(here, across)
-    angle = math.atan2(sine, float(here @ there))
+    angle = math.atan2(sine, cosine)
     return np.asarray(angle * normal / np.linalg.norm(normal), np.float64)
 
 

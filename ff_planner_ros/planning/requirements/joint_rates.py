@@ -58,8 +58,10 @@ class JointRates(Requirement):
         rates, accelerations = problem.start.joint_velocities, problem.start.joint_accelerations
         if accelerations is None:
             return
-        outward = np.copysign(1.0, rates)
-        highest = least_highest_rates(outward * rates, outward * accelerations)
+        # Either way: a joint that is slowed down may turn round.
+        highest = np.maximum(
+            least_highest_rates(rates, accelerations), least_highest_rates(-rates, -accelerations)
+        )
         joint = int((highest / robot.velocity_limits).argmax())
         if highest[joint] > (1.0 + ALLOWED_EXCESS) * robot.velocity_limits[joint]:
             raise InvalidInput(

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.errors import Failure, Status
 from ff_planner_ros.planning.metrics import Metrics
 from ff_planner_ros.planning.requirements.requirement import Requirement, Samples
 from ff_planner_ros.robot.model import Base
+from ff_planner_ros.robot.quaternion import rotation_from_quaternion
 
 # What rounding lifts or tilts a chaser that stays on its table [m], [rad], [m/s], [rad/s].
 _ROUNDING = 1e-6
@@ -26,7 +26,7 @@ class Plane(Requirement):
         problem, motion = samples.problem, samples.trajectory
         if problem.robot.base is Base.FREE_FLYER:
             return
-        normals = Rotation.from_quat(motion.chaser_quaternions_xyzw).as_matrix()[:, :, 2]
+        normals = rotation_from_quaternion(motion.chaser_quaternions_xyzw)[:, :, 2]
         for what, off, unit in (
             (
                 "rises or sinks by",

@@ -29,7 +29,7 @@ from ff_planner_ros.ros.messages.from_messages import (
     time_in_ns,
 )
 
-_OF_TARGETS = Status.TARGET_STALE, Status.TARGET_IN_FUTURE, "target_max_age"
+_OF_TARGETS = Status.TARGET_TOO_OLD, Status.TARGET_IN_FUTURE, "target_max_age"
 
 Seen = TypeVar("Seen")
 

@@ -109,7 +109,7 @@ class StateInput:
                 return Snapshot(SystemState(*chaser, *arm), stamp_ns, self._source, joints_stamp_ns)
             smallest = min(smallest, apart)
         raise InvalidInput(
-            Status.STATE_UNPAIRED,
+            Status.STATE_NOT_SYNCHRONIZED,
             "odometry and joint_states",
             f"{smallest:.3f} s apart",
             f"their stamps must be within {self._pairing_tolerance:g} s (parameter "

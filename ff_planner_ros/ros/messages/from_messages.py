@@ -4,26 +4,24 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Sequence
-from dataclasses import MISSING, fields, replace
-from typing import TYPE_CHECKING
+from collections.abc import Mapping, Sequence
+from dataclasses import fields, replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ff_planner_ros.arrays import Array, finite_number, finite_vector
-from ff_planner_ros.bag.approaches import APPROACH_NAMED_AS, approach_in
 from ff_planner_ros.bag.decoding import NANOSECONDS, nanoseconds
 from ff_planner_ros.bag.plans import trajectory_in
 from ff_planner_ros.bag.target_bodies import NAMED_AS, target_body_in
+from ff_planner_ros.declared import names_in, value_at, values_in
 from ff_planner_ros.errors import InvalidInput, Status, fields_named
 from ff_planner_ros.parameters import NodeParameters
 from ff_planner_ros.planning.metrics import Metrics
 from ff_planner_ros.planning.plan import Plan, SolverReport
 from ff_planner_ros.planning.problem import (
-    CONTACT_DISTANCE,
     DurationRange,
     Limits,
-    Objective,
     Orientation,
     PlanningProblem,
     Sphere,
@@ -31,7 +29,6 @@ from ff_planner_ros.planning.problem import (
     TargetBody,
     with_attached_spheres,
 )
-from ff_planner_ros.planning.scenario import orientation_of, parametrisation_of
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.state import SystemState
 
@@ -45,6 +42,7 @@ if TYPE_CHECKING:  # what is read may also be a message decoded where ROS is not
 
 # builtin_interfaces/Time counts seconds in an int32.
 MAX_MESSAGE_SECONDS = 2**31 - 1
+_JOINTS = ("joint_positions", "joint_velocities", "joint_accelerations")
 # Of joints at fault: more than any arm has would bury the message.
 _NAMES_SHOWN = 20
 
@@ -72,67 +70,48 @@ def problem_from_request(
     if body is None:
         target_frame = request.target_pose.header.frame_id
         require_frame("target_pose.header.frame_id", target_frame, parameters.inertial_frame)
-    named_as = NAMED_AS | {
-        "target.position": "target_pose.pose.position",
-        "target.quaternion_xyzw": "target_pose.pose.orientation",
-        "target.linear_velocity": "target_twist.linear",
-        "target.angular_velocity": "target_twist.angular",
-        "target.orientation": "orientation",
-        "target.free_axis": "free_axis",
-        "objective.joint_path_length": "weight_joint_path_length",
-        "objective.chaser_attitude": "weight_chaser_attitude",
-        "objective.duration": "weight_duration",
-        "objective": "weight_joint_path_length, weight_chaser_attitude and weight_duration",
-        "duration.min": "duration",
-        "duration.max": "duration_max",
-        **APPROACH_NAMED_AS,
-    }
-    limits = _limits(request, robot, parameters)
-    with fields_named(named_as):
-        duration, window = _duration(request, remaining)
+    most = parameters.limits.limits().of_joints(robot.joints)
+    names = names_in(PlanningProblem) | names_in(DurationRange, "duration")
+    with fields_named(NAMED_AS | names):
+        given = values_in(PlanningProblem, request, names=_names(request, body))
+        given["duration"], given["duration_range"] = _duration(request, remaining)
+        given["limits"] = _limits(given.get("limits", {}), robot, most)
+        given["points"] = request.points or parameters.points
+        if body is not None:
+            given["target"] = body.target(given["duration"])
+            obstacles = with_attached_spheres(obstacles, body)
         return PlanningProblem(
-            robot=robot,
-            start=start,
-            target=_target(request) if body is None else _grasp(request, body, duration),
-            duration=duration,
-            duration_range=window,
-            points=request.points or parameters.points,
-            obstacles=obstacles if body is None else with_attached_spheres(obstacles, body),
-            objective=Objective(
-                joint_path_length=request.weight_joint_path_length,
-                chaser_attitude=request.weight_chaser_attitude,
-                duration=getattr(request, "weight_duration", 0.0),
-            ),
-            limits=limits,
-            parametrisation=parametrisation_of(getattr(request, "parametrisation", "") or "auto"),
-            allowed_at_goal=tuple(getattr(request, "allowed_at_goal", ())),
-            contact_distance=getattr(request, "contact_distance", 0.0) or CONTACT_DISTANCE,
-            target_body=body,
-            approach=approach_in(request),
+            robot=robot, start=start, obstacles=obstacles, target_body=body, **given
         )
 
 
-def _limits(request: PlanTrajectory.Request, robot: Robot, parameters: NodeParameters) -> Limits:
+def _names(request: PlanTrajectory.Request, body: TargetBody | None) -> list[str]:
+    """Return the fields of the problem that are looked at; of a body the request has no target."""
+    names = [item.name for item in fields(PlanningProblem)]
+    if body is None:
+        return names
+    told = values_in(Target, request, "target", ("orientation", "free_axis_in_ee"))
+    if told not in ({}, {"orientation": Orientation.FIXED}):
+        allowed = "a capture has the grasp's orientation: it must be fixed or empty"
+        raise InvalidInput(Status.UNSUPPORTED, "orientation", request.orientation, allowed)
+    names.remove("target")
+    return names
+
+
+def _limits(asked: Mapping[str, Any], robot: Robot, kept: Limits) -> Limits:
     """Return the limits of a request: those of the parameters, or lower ones that it asks for."""
-    asked_attitude = request.limit_chaser_attitude
-    most = parameters.limits.chaser_attitude or math.inf
-    if not 0.0 <= asked_attitude <= most:
-        upper = f" and at most {most:g} rad" if math.isfinite(most) else ""
-        raise InvalidInput(
-            Status.OUT_OF_RANGE,
-            "limit_chaser_attitude",
-            asked_attitude,
-            f"it must be greater than 0 rad{upper}; 0 stands for the parameter "
-            "limits.chaser_attitude, which no request exceeds",
-        )
-    kept = parameters.limits.limits(asked_attitude).of_joints(robot.joints)
-    # A message decoded from a bag of an earlier version has no such field.
-    field, asked = "limit_accelerations", tuple(getattr(request, "limit_accelerations", ()))
-    if not asked:
-        return kept
-    parts = {f"limits.acceleration[{joint}]": f"{field}[{joint}]" for joint in range(len(asked))}
-    with fields_named({"limits.acceleration": field} | parts):
-        lower = replace(kept, joint_accelerations=asked).of_joints(robot.joints)
+    for name in ("chaser_attitude", "chaser_rotation"):
+        angle, most = asked.get(name, getattr(kept, name)), getattr(kept, name)
+        if not 0.0 < angle <= most:
+            upper = f" and at most {most:g} rad" if math.isfinite(most) else ""
+            raise InvalidInput(
+                Status.OUT_OF_RANGE,
+                f"limits.{name}",
+                angle,
+                f"it must be greater than 0 rad{upper}; 0 stands for the parameter "
+                f"limits.{name}, which no request exceeds",
+            )
+    lower = replace(kept, **asked).of_joints(robot.joints)
     highest = kept.joint_accelerations or (math.inf,) * robot.joints
     for joint, limit in enumerate(lower.joint_accelerations or ()):
         if limit > highest[joint]:
@@ -140,53 +119,22 @@ def _limits(request: PlanTrajectory.Request, robot: Robot, parameters: NodeParam
                 f"joint {robot.joint_names[joint]} must not be given more than {highest[joint]:g} "
                 "rad/s2, the parameter limits.acceleration, which no request exceeds"
             )
-            raise InvalidInput(Status.OUT_OF_RANGE, field, list(asked), allowed)
+            field, found = "limits.acceleration", list(asked["joint_accelerations"])
+            raise InvalidInput(Status.OUT_OF_RANGE, field, found, allowed)
     return lower
-
-
-def _target(request: PlanTrajectory.Request) -> Target:
-    """Return the target pose and twist of a request."""
-    orientation, axis = _orientation(request)
-    given = orientation is Orientation.ABOUT_AXIS or axis.any()
-    return Target(
-        position=xyz(request.target_pose.pose.position),
-        quaternion_xyzw=xyzw(request.target_pose.pose.orientation),
-        linear_velocity=xyz(request.target_twist.linear),
-        angular_velocity=xyz(request.target_twist.angular),
-        orientation=orientation,
-        free_axis_in_ee=axis if given else None,
-    )
 
 
 def _duration(
     request: PlanTrajectory.Request, remaining: float | None
 ) -> tuple[float, DurationRange | None]:
     """Return the duration and, where the planner is to choose one, its range, else None."""
-    if remaining is not None and request.duration == getattr(request, "duration_max", 0.0) == 0.0:
+    if remaining is not None and request.duration == request.duration_max == 0.0:
         return remaining, None
     shortest = finite_number("duration", request.duration, above=0.0)
-    # A message decoded from a bag of an earlier version has no such field.
-    longest = getattr(request, "duration_max", 0.0)
-    if longest == 0.0:
+    if request.duration_max == 0.0:
         return shortest, None
-    window = DurationRange(shortest, longest)
+    window = DurationRange(shortest, request.duration_max)
     return window.maximum, window
-
-
-def _grasp(request: PlanTrajectory.Request, body: TargetBody, duration: float) -> Target:
-    """Return the grasp of a body after a duration [s]."""
-    orientation, axis = _orientation(request)
-    if orientation is not Orientation.FIXED or axis.any():
-        allowed = "a capture has the grasp's orientation: it must be fixed or empty"
-        raise InvalidInput(Status.UNSUPPORTED, "orientation", request.orientation, allowed)
-    return body.target(duration)
-
-
-def _orientation(request: PlanTrajectory.Request) -> tuple[Orientation, Array]:
-    # A message decoded from a bag of an earlier version has no such fields.
-    orientation = orientation_of("orientation", getattr(request, "orientation", "") or "fixed")
-    axis = xyz(request.free_axis) if hasattr(request, "free_axis") else np.zeros(3)
-    return orientation, axis
 
 
 def time_in_ns(field: str, time: Time) -> int:
@@ -215,33 +163,13 @@ def state_from_message(
     """
     require_frame(f"{source}.header.frame_id", message.header.frame_id, inertial_frame)
     order = joint_order(f"{source}.joint_names", message.joint_names, robot.joint_names)
-    named_as = {
-        "chaser.position": f"{source}.pose.position",
-        "chaser.quaternion_xyzw": f"{source}.pose.orientation",
-        "chaser.linear_velocity": f"{source}.twist.linear",
-        "chaser.angular_velocity": f"{source}.twist.angular",
-    }
-    positions = finite_vector(
-        f"{source}.joint_positions", list(message.joint_positions), robot.joints
-    )
-    velocities = finite_vector(
-        f"{source}.joint_velocities", list(message.joint_velocities), robot.joints
-    )
-    accelerations = None
-    # A message decoded from a bag of an earlier version has no such field.
-    if len(given := getattr(message, "joint_accelerations", ())):
-        field = f"{source}.joint_accelerations"
-        accelerations = finite_vector(field, list(given), robot.joints)[order]
-    with fields_named(named_as):
-        return SystemState(
-            position_chaser_in_inertial=xyz(message.pose.position),
-            quaternion_chaser_to_inertial_xyzw=xyzw(message.pose.orientation),
-            linear_velocity_chaser_in_inertial=xyz(message.twist.linear),
-            angular_velocity_chaser_in_inertial=xyz(message.twist.angular),
-            joint_positions=positions[order],
-            joint_velocities=velocities[order],
-            joint_accelerations=accelerations,
-        )
+    with fields_named(names_in(SystemState, "", source)):
+        given = values_in(SystemState, message)
+        for name in _JOINTS:
+            if name in given:
+                numbers = finite_vector(f"{source}.{name}", given[name], robot.joints)
+                given[name] = numbers[order]
+        return SystemState(**given)
 
 
 def target_body_from_message(message: TargetBodyMessage, inertial_frame: str) -> TargetBody:
@@ -283,27 +211,23 @@ def plan_from_response(response: PlanTrajectory.Response) -> Plan:
         trajectory=trajectory_in(response),
         xi=np.array(response.xi),
         orientation_reading=response.orientation_reading,
-        family=getattr(response, "parametrisation", ""),
+        family=value_at(response, "parametrisation", ""),
         metrics=metrics_from_message(response.metrics),
         solver=solver_report_from_message(response.solver),
-        duration=getattr(response, "duration", 0.0) or None,
+        duration=value_at(response, "duration", 0.0) or None,
     )
 
 
 def metrics_from_message(message: PlanMetrics) -> Metrics:
     """Read the metrics of a plan or of the best attempt."""
-    values = {
-        item.name: getattr(message, item.name)
-        for item in fields(Metrics)
-        # A message decoded from a bag of an earlier version lacks what has a default.
-        if item.default is MISSING or hasattr(message, item.name)
-    }
+    # A message decoded from a bag of an earlier version lacks what has a default.
+    values = {item.name: value_at(message, item.name, item.default) for item in fields(Metrics)}
     return Metrics(**values | {"peak_joint_torques": tuple(message.peak_joint_torques)})
 
 
 def solver_report_from_message(message: SolverReportMessage) -> SolverReport:
     """Read how the search went."""
-    return SolverReport(**{one.name: getattr(message, one.name) for one in fields(SolverReport)})
+    return SolverReport(**{one.name: value_at(message, one.name) for one in fields(SolverReport)})
 
 
 def require_frame(field: str, frame_id: str, allowed: str) -> None:
@@ -361,15 +285,8 @@ def _sphere(field: str, message: ObstacleSphere) -> Sphere:
             "it must be zero: nothing says what the sphere goes round; a body that turns, with all "
             "that is fixed to it, is a target_body",
         )
-    parts = {"center": "center", "radius": "radius", "velocity": "twist.linear"}
-    name = f"obstacles[{message.id}]"
-    with fields_named({f"{name}.{part}": f"{field}.{told}" for part, told in parts.items()}):
-        return Sphere(
-            id=message.id,
-            center=xyz(message.center),
-            radius=message.radius,
-            velocity=xyz(message.twist.linear),
-        )
+    with fields_named(names_in(Sphere, f"obstacles[{message.id}]", field)):
+        return Sphere(**values_in(Sphere, message))
 
 
 def xyz(message: Point | Vector3) -> Array:

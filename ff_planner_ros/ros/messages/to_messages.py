@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any
@@ -20,14 +19,15 @@ from ff_planner_msgs.msg import (
 )
 from ff_planner_msgs.msg import TargetBody as TargetBodyMessage
 from ff_planner_msgs.srv import PlanTrajectory
-from geometry_msgs.msg import Inertia, Point, Pose, PoseStamped, Quaternion, Twist, Vector3
+from geometry_msgs.msg import Point, Pose, PoseStamped, Quaternion, Twist, Vector3
 from nav_msgs.msg import Path
 from scipy.spatial.transform import Rotation
 from std_msgs.msg import Header
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from ff_planner_ros.arrays import Array, normalising_to
+from ff_planner_ros.arrays import Array
 from ff_planner_ros.bag.decoding import NANOSECONDS
+from ff_planner_ros.declared import value_at, write_object
 from ff_planner_ros.errors import FfPlannerError, NoPlanFound, Status
 from ff_planner_ros.planning.plan import Plan
 from ff_planner_ros.planning.problem import PlanningProblem, Sphere, TargetBody
@@ -36,33 +36,12 @@ from ff_planner_ros.robot.state import SystemState
 
 def request_message(problem: PlanningProblem, inertial_frame: str) -> PlanTrajectory.Request:
     """Write a problem as a request for the latest published state, obstacles and target body."""
-    target, angle = problem.target, problem.limits.chaser_attitude
-    axis, window = target.free_axis_in_ee, problem.duration_range
-    approach = problem.approach
-    return PlanTrajectory.Request(
-        target_pose=PoseStamped(
-            header=Header(frame_id=inertial_frame),
-            pose=pose_message(target.position.tolist(), target.quaternion_xyzw.tolist()),
-        ),
-        target_twist=_twist(target.linear_velocity.tolist(), target.angular_velocity.tolist()),
-        duration=problem.duration if window is None else window.minimum,
-        duration_max=0.0 if window is None else window.maximum,
-        weight_joint_path_length=problem.objective.joint_path_length,
-        weight_chaser_attitude=problem.objective.chaser_attitude,
-        weight_duration=problem.objective.duration,
-        points=problem.points,
-        limit_chaser_attitude=angle if math.isfinite(angle) else 0.0,
-        limit_accelerations=list(problem.limits.joint_accelerations or ()),
-        parametrisation=problem.parametrisation.value,
-        allowed_at_goal=list(problem.allowed_at_goal),
-        contact_distance=problem.contact_distance,
-        capture=problem.target_body is not None,
-        orientation=target.orientation.value,
-        free_axis=_vector(axis.tolist() if axis is not None else [0.0] * 3),
-        approach_direction=_vector([0.0] * 3 if approach is None else approach.direction.tolist()),
-        approach_distance=0.0 if approach is None else approach.distance,
-        approach_cone=0.0 if approach is None else approach.cone,
-    )
+    request: PlanTrajectory.Request = write_object(problem, PlanTrajectory.Request())
+    request.target_pose.header.frame_id = inertial_frame
+    if problem.duration_range is not None:
+        write_object(problem.duration_range, request)
+    request.capture = problem.target_body is not None
+    return request
 
 
 def goal_message(problem: PlanningProblem, inertial_frame: str) -> PlanTrajectoryAction.Goal:
@@ -72,29 +51,18 @@ def goal_message(problem: PlanningProblem, inertial_frame: str) -> PlanTrajector
 
 def same_fields(message: Any, kind: Any) -> Any:
     """Return a message of another type that has the same fields."""
-    return kind(**{name: getattr(message, name) for name in kind.get_fields_and_field_types()})
+    return kind(**{name: value_at(message, name) for name in kind.get_fields_and_field_types()})
 
 
 def state_message(
     state: SystemState, joint_names: Sequence[str], stamp_ns: int, inertial_frame: str
 ) -> ChaserState:
     """Write a state at a time [ns] as a message."""
-    accelerations = state.joint_accelerations
-    return ChaserState(
-        header=Header(stamp=time_message(stamp_ns), frame_id=inertial_frame),
-        pose=pose_message(
-            state.position_chaser_in_inertial.tolist(),
-            state.quaternion_chaser_to_inertial_xyzw.tolist(),
-        ),
-        twist=_twist(
-            state.linear_velocity_chaser_in_inertial.tolist(),
-            state.angular_velocity_chaser_in_inertial.tolist(),
-        ),
-        joint_names=list(joint_names),
-        joint_positions=state.joint_positions.tolist(),
-        joint_velocities=state.joint_velocities.tolist(),
-        joint_accelerations=[] if accelerations is None else accelerations.tolist(),
+    header = Header(stamp=time_message(stamp_ns), frame_id=inertial_frame)
+    message: ChaserState = write_object(
+        state, ChaserState(header=header, joint_names=list(joint_names))
     )
+    return message
 
 
 def obstacles_message(
@@ -104,32 +72,18 @@ def obstacles_message(
     return ObstacleSphereArray(
         header=Header(stamp=time_message(stamp_ns), frame_id=inertial_frame),
         spheres=[
-            ObstacleSphere(
-                id=s.id,
-                center=point_message(s.center.tolist()),
-                radius=s.radius,
-                twist=_twist(s.velocity.tolist(), [0.0] * 3),
-            )
-            for s in spheres
-            if s.body is None
+            write_object(sphere, ObstacleSphere()) for sphere in spheres if sphere.body is None
         ],
     )
 
 
 def target_body_message(body: TargetBody, stamp_ns: int, inertial_frame: str) -> TargetBodyMessage:
     """Write a target body of a time [ns] as a message, without loss."""
-    (xx, xy, xz), (_, yy, yz), (_, _, zz) = body.inertia.tolist()
-    return TargetBodyMessage(
-        header=Header(stamp=time_message(stamp_ns), frame_id=inertial_frame),
-        pose=_exact_pose(body.position, body.quaternion_xyzw),
-        twist=_twist(body.linear_velocity.tolist(), body.angular_velocity.tolist()),
-        inertia=Inertia(ixx=xx, ixy=xy, ixz=xz, iyy=yy, iyz=yz, izz=zz),
-        grasp=_exact_pose(body.grasp_position, body.grasp_quaternion_xyzw),
-        obstacles=[
-            ObstacleSphere(id=s.id, center=point_message(s.center.tolist()), radius=s.radius)
-            for s in body.obstacles
-        ],
+    header = Header(stamp=time_message(stamp_ns), frame_id=inertial_frame)
+    message: TargetBodyMessage = write_object(
+        body, TargetBodyMessage(header=header), ObstacleSphere
     )
+    return message
 
 
 def response_from_plan(
@@ -223,10 +177,6 @@ def pose_message(position: Sequence[float], quaternion_xyzw: Sequence[float]) ->
     """Return a position, shape (3,) [m], and a quaternion, shape (4,), as a message's pose."""
     x, y, z, w = quaternion_xyzw
     return Pose(position=point_message(position), orientation=Quaternion(x=x, y=y, z=z, w=w))
-
-
-def _exact_pose(position: Array, quaternion_xyzw: Array) -> Pose:
-    return pose_message(position.tolist(), normalising_to(quaternion_xyzw).tolist())
 
 
 def point_message(position: Sequence[float]) -> Point:

@@ -43,10 +43,10 @@ def predicted_pose(
     if not times[0] <= time <= times[-1]:
         return None
     before = min(int(np.searchsorted(times, time, side="right")) - 1, len(times) - 2)
-    (position,), (rotation,) = planned_poses(
+    (position,), (quaternion,) = planned_poses(
         trajectory, frame, np.array([time]), slice(before, before + 2)
     )
-    return FramePose(position, rotation)
+    return FramePose(position, Rotation.from_quat(quaternion))
 
 
 def predicted_chaser_pose(

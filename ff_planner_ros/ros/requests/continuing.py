@@ -36,12 +36,12 @@ def continued_plan(
     """Return the published plan that another one takes over from at start_ns [ns].
 
     Raises:
-        InvalidInput: None runs (NO_PLAN_RUNS), it ends too soon (PLAN_ENDS), or the system is not
-            where it says (STATE_MOVED).
+        InvalidInput: None runs (NO_ACTIVE_PLAN), it ends too soon (PLAN_ENDING), or the system is
+            not where it says (STATE_MOVED).
     """
     if published is None:
         words = "no plan was published: ask for one without continue_plan first"
-        raise InvalidInput(Status.NO_PLAN_RUNS, _FIELD, True, words)
+        raise InvalidInput(Status.NO_ACTIVE_PLAN, _FIELD, True, words)
     joined_at = (start_ns - published.start_ns) / NANOSECONDS
     running = published.at(measured.stamp_ns)
     if running is None or joined_at < 0.0:
@@ -51,14 +51,14 @@ def continued_plan(
             f"{published.plan_id}, the last one, begins {begins:.3f} s after the state was "
             f"measured and lasts {lasts:.3f} s; measurement and switch-over must be while it runs"
         )
-        raise InvalidInput(Status.NO_PLAN_RUNS, _FIELD, True, words)
+        raise InvalidInput(Status.NO_ACTIVE_PLAN, _FIELD, True, words)
     remaining = published.seconds_to_goal - joined_at
     if not remaining >= allowed.min_remainder:
         words = (
             f"{published.plan_id} is at its goal {remaining:.3f} s after the switch-over, and less "
             f"than replanning.min_remainder, {allowed.min_remainder:g} s, is not planned again"
         )
-        raise InvalidInput(Status.PLAN_ENDS, _FIELD, True, words)
+        raise InvalidInput(Status.PLAN_ENDING, _FIELD, True, words)
     motion = _joints(running, published, measured.stamp_ns)
     off = list(_off(running, motion, measured, allowed))
     if off:

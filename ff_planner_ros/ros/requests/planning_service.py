@@ -339,7 +339,8 @@ class PlanningService:
         near = ", ".join(f"{label} {words}" for label, words in _clearances(response).items())
         self._logger.info(
             f"{response.plan_id}: SOLVED: joint path {metrics.joint_path_length:.4f} rad, "
-            f"largest attitude {math.degrees(metrics.max_chaser_euler):.2f} deg, "
+            f"largest Euler angle {math.degrees(metrics.max_chaser_euler):.2f} deg, "
+            f"rotation {math.degrees(metrics.max_chaser_rotation):.2f} deg, "
             f"{near}, {robust}{solver.iterations} iterations, {solver.solve_time:.2f} s; "
             f"{what} by {asked_by}"
         )

@@ -109,7 +109,7 @@ def read_request(request: PlanTrajectory.Request, knowledge: Knowledge) -> ReadR
     try:
         asked_by = asker(request.asked_by, "")
         budget = _time_budget(request, parameters)
-        continues = bool(getattr(request, "continue_plan", False))
+        continues = request.continue_plan
         start_ns = _start_time(request, parameters, knowledge.now_ns, continues)
         end_behaviour = _end_behaviour(request, parameters)
         measured = measured_state(request, knowledge)

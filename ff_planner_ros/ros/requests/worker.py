@@ -93,7 +93,7 @@ class Worker:
         Raises:
             Interrupted: By `interrupt`, which is heard from before `check` on, or `close`.
             FfPlannerError: What the planner raised; or the budget was used up before it answered
-                (OUT_OF_TIME), the process died (SOLVER_DIED) or failed in a way that the planner
+                (TIMED_OUT), the process died (SOLVER_DIED) or failed in a way that the planner
                 does not foresee (INTERNAL_ERROR).
         """
 
@@ -101,7 +101,7 @@ class Worker:
             check()
             if time.monotonic() > begun + budget:
                 raise NoPlanFound(
-                    Status.OUT_OF_TIME,
+                    Status.TIMED_OUT,
                     f"the time budget of {budget:g} s is used up within a single iteration; "
                     "whether there is a plan is not known: ask for fewer points or give it more "
                     "time",

@@ -24,13 +24,13 @@ WEIGHTS = (
     *(Objective(1.0, attitude) for attitude in (0.0, 2.0, 5.0, 10.0, 20.0, 50.0)),
     Objective(0.0, 1.0),
 )
-COLUMNS = ("--objective", "joint path [rad]", "attitude [deg]", "clearance [mm]", "time [s]")
+COLUMNS = ("--objective", "joint path [rad]", "Euler angle [deg]", "clearance [mm]", "time [s]")
 _DOTS_PER_INCH = 150
 
 
 @dataclass(frozen=True, eq=False)
 class Point:
-    """A plan of the front."""
+    """A plan of the Pareto front."""
 
     task: PlanningTask
     plan: Plan
@@ -48,7 +48,7 @@ class Point:
         return self.plan.metrics.joint_path_length, self.plan.metrics.max_chaser_euler
 
 
-def front(task: PlanningTask, watch: Watch, clock: Callable[[], float]) -> list[Point]:
+def pareto_front(task: PlanningTask, watch: Watch, clock: Callable[[], float]) -> list[Point]:
     """Return plans of which none is better than another in both, the shortest joint path first.
 
     Each is the plan that its weights give alone. Weights whose plan is refused are left out.
@@ -68,7 +68,7 @@ def front(task: PlanningTask, watch: Watch, clock: Callable[[], float]) -> list[
         try:
             points.append(Point(asked, perform(asked, watch), clock() - begun))
         except NoPlanFound as error:
-            if error.status is Status.OUT_OF_TIME:
+            if error.status is Status.TIMED_OUT:
                 raise
             refused.append(error)
     if not points:
@@ -100,10 +100,10 @@ def front_rows(points: Sequence[Point]) -> Iterator[tuple[str, ...]]:
 
 
 def front_dictionary(points: Sequence[Point]) -> dict[str, Any]:
-    """Return the front as JSON: each plan without its motion."""
+    """Return the Pareto front as JSON: each plan without its motion."""
     return {
         "status": Status.SOLVED.name.lower(),
-        "front": [
+        "pareto_front": [
             {
                 name: value
                 for name, value in plan_dictionary(point.plan, point.task, point.solve_time).items()
@@ -115,7 +115,7 @@ def front_dictionary(points: Sequence[Point]) -> dict[str, Any]:
 
 
 def save_front(points: Sequence[Point], directory: Path) -> Path:
-    """Draw the front into a directory, made if needed, and return the PNG file."""
+    """Draw the Pareto front into a directory, made if needed, and return the PNG file."""
     directory.mkdir(parents=True, exist_ok=True)
     figure = Figure(figsize=(6.4, 4.8), layout="constrained")
     axes = figure.subplots()
@@ -124,10 +124,10 @@ def save_front(points: Sequence[Point], directory: Path) -> Path:
     for point, length, angle in zip(points, lengths, np.rad2deg(angles), strict=True):
         axes.annotate(point.weights, (length, angle), (5, 5), textcoords="offset points")
     axes.set_xlabel("joint path length [rad]")
-    axes.set_ylabel("largest chaser attitude [deg]")
+    axes.set_ylabel("largest Euler angle of the chaser [deg]")
     axes.set_ylim(bottom=0.0)
     axes.grid(alpha=0.3)
     axes.set_title("weights of joint path, attitude", fontsize=11)
-    file = directory / "front.png"
+    file = directory / "pareto_front.png"
     figure.savefig(file, dpi=_DOTS_PER_INCH)
     return file

@@ -9,12 +9,12 @@ from ff_planner_ros.cli import main
 
 
 @pytest.mark.ci
-def test_the_front_is_drawn_and_its_weights_give_its_plans_again(tmp_path, capsys):
+def test_the_pareto_front_is_drawn_and_its_weights_give_its_plans_again(tmp_path, capsys):
     told, again = tmp_path / "front.json", tmp_path / "again.json"
     command = ["plan", str(LEMUR_SCENARIO)]
-    assert main([*command, "--front", "--json", str(told), "--output", str(tmp_path)]) == 0
-    assert (tmp_path / "front.png").read_bytes().startswith(b"\x89PNG")
-    rows = json.loads(told.read_text())["front"]
+    assert main([*command, "--pareto", "--json", str(told), "--output", str(tmp_path)]) == 0
+    assert (tmp_path / "pareto_front.png").read_bytes().startswith(b"\x89PNG")
+    rows = json.loads(told.read_text())["pareto_front"]
     trades = [(r["metrics"]["joint_path_length"], r["metrics"]["max_chaser_euler"]) for r in rows]
     assert len(rows) >= 4
     assert trades == sorted(trades), "the joint path grows"
@@ -34,8 +34,8 @@ def test_the_front_is_drawn_and_its_weights_give_its_plans_again(tmp_path, capsy
 @pytest.mark.parametrize(
     ("options", "complaint"),
     [
-        (["--front", "--objective", "length"], "--objective"),
-        (["--front", "--method", "apf"], "--method"),
+        (["--pareto", "--objective", "length"], "--objective"),
+        (["--pareto", "--method", "apf"], "--method"),
         (["--objective", "1;2"], "two weights such as 1,10"),
         (["--objective", "-1,2"], "must not be negative"),
         (["--objective", "0,0"], "one weight must be positive"),

@@ -1,0 +1,137 @@
+"""The chaser rotates no further than the problem allows, between the points and in the tail too.
+
+The angle is that of its rotation since the plan's first point, 2 atan2(|q_v|, |q_w|) of the
+relative quaternion: the same in any frame, and never more than pi. `chaser_attitude` limits the
+largest Euler angle, Eq. (45), which is another one, and mostly smaller.
+
+Where the chaser has not rotated, the angle has no derivative. The search therefore keeps Huber's
+function of it, a parabola up to half the limit and the angle itself beyond:
+
+    f = angle                              from the knee on, gradient  n
+    f = angle^2 / (2 knee) + knee / 2      below it, gradient          n angle / knee
+
+with n the axis of the rotation. It is smooth at zero and reaches the limit where the angle does.
+Beyond the knee it is as nearly linear in the path as an angle can be; 1 - cos(angle) would be
+smooth too, but a path far beyond the limit would halve its excess in each of the solver's steps.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+import numpy as np
+
+from ff_planner_ros.arrays import Array
+from ff_planner_ros.errors import Failure, Status
+from ff_planner_ros.planning.followed import FollowedMotion
+from ff_planner_ros.planning.metrics import Metrics
+from ff_planner_ros.planning.path_family import Motion, Sensitivity
+from ff_planner_ros.planning.problem import PlanningProblem
+from ff_planner_ros.planning.requirements.chaser_attitude import attitudes_along
+from ff_planner_ros.planning.requirements.requirement import (
+    LIMIT_TOLERANCE,
+    OF_INTEREST,
+    Requirement,
+    Rows,
+    Samples,
+)
+from ff_planner_ros.planning.settings import PlannerSettings
+from ff_planner_ros.robot.model import Robot
+from ff_planner_ros.robot.quaternion import (
+    angle_of_quaternion,
+    quaternion_inverse,
+    quaternion_product,
+    rotation_vector_from_quaternion,
+)
+
+# The search keeps this much more at the points [rad], but never more than this part of the limit.
+_MARGIN, _PART = 5e-4, 0.02
+# Where Huber's function becomes the angle, in parts of what the search keeps.
+_KNEE = 0.5
+
+
+class ChaserRotation(Requirement):
+    """The angle of the chaser's rotation since the first point is within its limit, if any."""
+
+    name = "chaser_rotation"
+
+    def margin(self, problem: PlanningProblem, settings: PlannerSettings) -> float:
+        """Return how far from the limit the search stays at the points [rad]."""
+        return min(_MARGIN, _PART * problem.limits.chaser_rotation)
+
+    def rows(
+        self, problem: PlanningProblem, motion: Motion, sensitivity: Sensitivity, margin: float
+    ) -> Rows | None:
+        """Return the distances of interest to the limit, at points and half-way between [rad]."""
+        if not _is_limited(problem):
+            return None
+        q = np.concatenate([motion.q[1:], motion.q_half_way])
+        of_q = np.concatenate([sensitivity.q[1:], sensitivity.q_half_way])
+        kept = problem.limits.chaser_rotation - margin
+        measure, gradient = huber(motion.q[0], q, _KNEE * kept)
+        (near,) = np.nonzero(kept - measure < OF_INTEREST)
+        jacobian = np.einsum("pi,pix->px", gradient[near], of_q[near, 3:6])
+        return Rows(kept - measure[near], -jacobian, near)
+
+    def slack(self, problem: PlanningProblem, motion: FollowedMotion) -> float:
+        """Return how far the chaser stays from the limit [rad]."""
+        if not _is_limited(problem):
+            return np.inf
+        _, angles = _angles(problem.robot, motion)
+        return problem.limits.chaser_rotation - float(angles.max())
+
+    def metrics(self, samples: Samples) -> Mapping[str, float]:
+        """Return the largest angle, at any time."""
+        _, angles = _angles(samples.problem.robot, samples.followed)
+        return {"max_chaser_rotation": float(angles.max())}
+
+    def failures(self, samples: Samples, metrics: Metrics) -> Iterator[Failure]:
+        """Yield the time at which the chaser has rotated furthest."""
+        if not _is_limited(samples.problem):
+            return
+        limit = samples.problem.limits.chaser_rotation
+        times, angles = _angles(samples.problem.robot, samples.followed)
+        worst = int(angles.argmax())
+        if not angles[worst] <= limit + LIMIT_TOLERANCE:
+            yield Failure(
+                Status.LIMIT_VIOLATED,
+                f"the chaser has rotated by {angles[worst]:.4f} rad at {samples.at(times[worst])}, "
+                f"{angles[worst] - limit:.3g} rad more than limits.chaser_rotation, {limit:g} rad",
+                (
+                    "a larger limits.chaser_rotation",
+                    "a weight on the chaser's attitude",
+                    "a longer duration",
+                    "more planner.starts",
+                ),
+            )
+
+
+def huber(q_start: Array, q: Array, knee: float) -> tuple[Array, Array]:
+    """Return Huber's function of the rotation since the start, and its gradient.
+
+    Args:
+        q_start: Configuration at the start. Shape (7 + joints,).
+        q: Configurations. Shape (points, 7 + joints).
+        knee: Angle from which on it is the angle itself, less than pi [rad].
+
+    Returns:
+        Values, shape (points,) [rad], and gradients by the base's rotation in its own axes, shape
+        (points, 3).
+    """
+    since = quaternion_product(quaternion_inverse(q_start[3:7]), q[:, 3:7])
+    vectors = rotation_vector_from_quaternion(since)  # n angle
+    angles = angle_of_quaternion(since)
+    values = np.where(angles < knee, angles**2 / (2.0 * knee) + knee / 2.0, angles)
+    return values, vectors / np.maximum(angles, knee)[:, None]
+
+
+def _is_limited(problem: PlanningProblem) -> bool:
+    """Tell whether there is a limit that a rotation can exceed."""
+    return problem.limits.chaser_rotation < np.pi
+
+
+def _angles(robot: Robot, motion: FollowedMotion) -> tuple[Array, Array]:
+    """Return times along a motion, and the angle since the first of them at each [rad]."""
+    at, attitudes = attitudes_along(robot, motion)
+    since = quaternion_product(quaternion_inverse(attitudes[0]), attitudes)
+    return at, angle_of_quaternion(since)

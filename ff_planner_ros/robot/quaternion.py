@@ -1,0 +1,107 @@
+"""Attitudes and turns as quaternions (x, y, z, w), many at once.
+
+What SciPy's `Rotation` does, of which half a second is loading and a plan needs six functions.
+Quaternions have the shape (..., 4), matrices (..., 3, 3), rotation vectors (..., 3) [rad].
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ff_planner_ros.arrays import Array
+from ff_planner_ros.robot.rotation import cross
+
+_SMALL = 1e-3  # [rad]: below, sines are replaced by their series, which are exact to rounding there
+
+
+def rotation_from_quaternion(quaternions: Array) -> Array:
+    """Return the rotation matrices of quaternions of any length but zero."""
+    x, y, z, w = np.moveaxis(unit_quaternion(quaternions), -1, 0)
+    rows = [
+        [x * x - y * y - z * z + w * w, 2.0 * (x * y - z * w), 2.0 * (x * z + y * w)],
+        [2.0 * (x * y + z * w), -x * x + y * y - z * z + w * w, 2.0 * (y * z - x * w)],
+        [2.0 * (x * z - y * w), 2.0 * (y * z + x * w), -x * x - y * y + z * z + w * w],
+    ]
+    return np.moveaxis(np.array(rows), (0, 1), (-2, -1))
+
+
+def quaternion_from_rotation(rotations: Array) -> Array:
+    """Return unit quaternions of rotation matrices, their largest entry positive."""
+    R = np.moveaxis(rotations, (-2, -1), (0, 1))
+    trace = R[0, 0] + R[1, 1] + R[2, 2]
+    x, y, z, w = (
+        1.0 - trace + 2.0 * R[0, 0],
+        1.0 - trace + 2.0 * R[1, 1],
+        1.0 - trace + 2.0 * R[2, 2],
+        1.0 + trace,
+    )
+    xy, xz, yz = R[1, 0] + R[0, 1], R[2, 0] + R[0, 2], R[2, 1] + R[1, 2]
+    xw, yw, zw = R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]
+    # Four times the products of a quaternion's entries with each of them: by the largest, no digit
+    # is lost.
+    products = np.array([[x, xy, xz, xw], [xy, y, yz, yw], [xz, yz, z, zw], [xw, yw, zw, w]])
+    largest = np.argmax(np.array([R[0, 0], R[1, 1], R[2, 2], trace]), axis=0)
+    chosen = np.take_along_axis(products, largest[None, None], axis=0)[0]
+    return unit_quaternion(np.moveaxis(chosen, 0, -1))
+
+
+def quaternion_from_rotation_vector(rotation_vectors: Array) -> Array:
+    """Return the unit quaternions of rotation vectors."""
+    angle = _length(rotation_vectors)
+    small = angle <= _SMALL
+    series = 0.5 - angle**2 / 48.0 + angle**4 / 3840.0
+    scale = np.where(small, series, np.sin(angle / 2.0) / np.where(small, 1.0, angle))
+    return np.concatenate([rotation_vectors * scale, np.cos(angle / 2.0)], axis=-1)
+
+
+def rotation_vector_from_quaternion(quaternions: Array) -> Array:
+    """Return the rotation vectors, pi at most, of unit quaternions."""
+    short = canonical_quaternion(quaternions)
+    angle = 2.0 * np.arctan2(_length(short[..., :3]), short[..., 3:])
+    small = angle <= _SMALL
+    series = 2.0 + angle**2 / 12.0 + 7.0 * angle**4 / 2880.0
+    scale = np.where(small, series, angle / np.where(small, 1.0, np.sin(angle / 2.0)))
+    vectors: Array = short[..., :3] * scale
+    return vectors
+
+
+def angle_of_quaternion(quaternions: Array) -> Array:
+    """Return the angles, pi at most, of unit quaternions. Shape (...)."""
+    sine = _length(quaternions[..., :3])[..., 0]
+    angles: Array = 2.0 * np.arctan2(sine, np.abs(quaternions[..., 3]))
+    return angles
+
+
+def quaternion_product(after: Array, before: Array) -> Array:
+    """Return unit quaternions of turns one after the other: matrices multiply in that order."""
+    a, s, b, t = after[..., :3], after[..., 3:], before[..., :3], before[..., 3:]
+    whole = np.empty(np.broadcast_shapes(after.shape, before.shape))
+    whole[..., :3] = s * b + t * a + cross(a, b)
+    whole[..., 3] = s[..., 0] * t[..., 0] - np.sum(a * b, axis=-1)
+    return unit_quaternion(whole)
+
+
+def quaternion_inverse(quaternions: Array) -> Array:
+    """Return the turns back."""
+    back: Array = quaternions * np.array([-1.0, -1.0, -1.0, 1.0])
+    return back
+
+
+def canonical_quaternion(quaternions: Array) -> Array:
+    """Return, of the two quaternions of a rotation, the one whose last non-zero is positive.
+
+    Of w, x, y, z in this order the first that is not zero decides.
+    """
+    w_first = np.roll(quaternions, 1, axis=-1)
+    deciding = np.take_along_axis(w_first, np.argmax(w_first != 0.0, axis=-1)[..., None], axis=-1)
+    return np.where(deciding < 0.0, -quaternions, quaternions)
+
+
+def unit_quaternion(quaternions: Array) -> Array:
+    """Return quaternions of length one."""
+    return quaternions / _length(quaternions)
+
+
+def _length(vectors: Array) -> Array:
+    length: Array = np.sqrt(np.sum(vectors * vectors, axis=-1, keepdims=True))
+    return length

@@ -1,0 +1,193 @@
+"""Which moment is the answer, with plans and refusals at moments of our own choice."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from ff_planner_ros.errors import NoPlanFound, Status
+from ff_planner_ros.parameters import load_parameters
+from ff_planner_ros.planning import best_moment, free_moment
+from ff_planner_ros.planning.best_moment import duration_of, plan_at_best_moment
+from ff_planner_ros.planning.free_moment import SOONER, moments_to_begin_at
+from ff_planner_ros.planning.free_search import PROMISING, Moment
+from ff_planner_ros.planning.plan import Plan
+from ff_planner_ros.planning.planner import NOBODY
+from ff_planner_ros.planning.problem import (
+    DurationRange,
+    Objective,
+    Parametrisation,
+    PlanningProblem,
+)
+
+SETTINGS = load_parameters().planner
+SPLINE = Parametrisation.JOINT_SPLINE
+BOTH, SHORTEST = Objective(1.0, 0.0, 0.1), Objective(0.0, 0.0, 1.0)
+
+
+class Asked:
+    """A planner whose paths are as long as a function of the duration says; NaN: it has none."""
+
+    def __init__(self, problem: PlanningProblem, plan: Plan, length: Callable[[float], float]):
+        self.problem, self.plan, self.length = problem, plan, length
+        self.tried = list[float]()
+
+    def __call__(self, problem: PlanningProblem, *_: Any) -> Plan:
+        self.tried.append(problem.duration)
+        length = self.length(problem.duration)
+        if math.isnan(length):
+            raise NoPlanFound(Status.COLLISION, f"no plan of {problem.duration:g} s")
+        if math.isinf(length):
+            raise NoPlanFound(Status.TIMED_OUT, "the time is over")
+        metrics = replace(self.plan.metrics, joint_path_length=length)
+        return replace(self.plan, metrics=metrics, duration=problem.duration, family=SPLINE.value)
+
+    def best(self, monkeypatch: pytest.MonkeyPatch, *promising: Moment) -> Plan:
+        monkeypatch.setattr(best_moment, "moments", lambda *_: list(promising))
+        return plan_at_best_moment(self.problem, SETTINGS, NOBODY, None, self)
+
+
+@pytest.fixture
+def asked(lemur_capture: PlanningProblem, lemur_plan: Plan) -> Callable[..., Asked]:
+    def made(
+        length: Callable[[float], float], objective: Objective = BOTH, longest: float = 20.0
+    ) -> Asked:
+        window = DurationRange(4.0, longest)
+        problem = replace(
+            lemur_capture, objective=objective, duration=longest, duration_range=window
+        )
+        return Asked(problem, lemur_plan, length)
+
+    return made
+
+
+def moment(duration: float, objective: float, violation: float = 0.0) -> Moment:
+    return Moment(duration, SPLINE, np.zeros(3), objective, violation)
+
+
+def steps(duration: float) -> float:
+    """Shorter plans have much longer paths."""
+    return 30.0 / duration
+
+
+def test_the_best_of_all_moments_is_the_answer_and_hopeless_ones_are_not_tried(
+    asked: Callable[..., Asked], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """At 17 s the sum of path and duration is least; few points promised more at 8 s."""
+    planner = asked(lambda duration: steps(duration) + abs(duration - 17.0))
+    promising = [moment(8.0, 2.0), moment(17.0, 2.5), moment(12.0, 3.0), moment(18.0, 50.0)]
+    found = planner.best(monkeypatch, *promising)
+    assert duration_of(found) == pytest.approx(17.0)
+    assert planner.tried[:3] == [8.0, 17.0, 12.0]
+    assert 18.0 not in planner.tried
+
+
+def test_the_attitude_and_the_duration_count_with_their_weights(
+    asked: Callable[..., Asked], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Paths alike, the sooner one is better."""
+    found = asked(lambda _: 1.0).best(monkeypatch, moment(12.0, 0.0), moment(8.0, 0.1))
+    assert duration_of(found) == pytest.approx(4.0), "and shorter ones are tried from there"
+    no_weight = asked(lambda _: 1.0, Objective(1.0, 0.0))
+    assert duration_of(no_weight.best(monkeypatch, moment(12.0, 0.0))) == 12.0
+
+
+def test_a_plan_gets_shorter_as_long_as_that_is_better_and_not_beyond_the_range(
+    asked: Callable[..., Asked], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    planner = asked(lambda duration: 0.0 if duration >= 9.5 else 10.0)
+    found = planner.best(monkeypatch, moment(12.0, 0.0))
+    assert 9.5 <= duration_of(found) <= 9.5 / (1.0 - SOONER)
+    refusing = asked(lambda duration: 0.0 if duration >= 9.5 else math.nan)
+    assert duration_of(refusing.best(monkeypatch, moment(12.0, 0.0))) == duration_of(found)
+    assert all(4.0 <= tried <= 20.0 for tried in planner.tried + refusing.tried)
+
+
+@pytest.mark.parametrize("possible_from", [8.2, 13.0, 19.99])
+def test_where_a_moment_has_no_plan_the_next_one_that_has_is_found_within_a_hundredth(
+    asked: Callable[..., Asked], monkeypatch: pytest.MonkeyPatch, possible_from: float
+) -> None:
+    """Later ones in larger and larger steps, none beyond the longest, then what lies between."""
+    planner = asked(
+        lambda duration: 1.0 if duration >= possible_from else math.nan, Objective(1.0, 0.0)
+    )
+    found = planner.best(monkeypatch, moment(8.0, 0.0))
+    assert possible_from <= duration_of(found) <= 1.0101 * possible_from
+    assert max(planner.tried) <= 20.0
+
+
+def test_where_no_moment_promises_a_plan_the_range_is_tried_the_shortest_first(
+    asked: Callable[..., Asked], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    planner = asked(lambda duration: 1.0 if duration >= 11.0 else math.nan, Objective(1.0, 0.0))
+    assert duration_of(planner.best(monkeypatch)) == 12.0
+    assert planner.tried == [4.0, 8.0, 12.0]
+    hopeless = asked(lambda _: math.nan)
+    with pytest.raises(NoPlanFound, match="no duration from 4 s to 20 s has a plan") as refused:
+        hopeless.best(monkeypatch)
+    assert hopeless.tried == [4.0, 8.0, 12.0, 16.0, 20.0]
+    assert "no plan of 20 s" in refused.value.constraint
+
+
+def test_a_search_that_is_ended_tells_the_best_plan_until_then(
+    asked: Callable[..., Asked], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    lengths = {8.0: 9.0, 17.0: 1.0, 12.0: 6.0}
+    planner = asked(lambda duration: lengths.get(duration, math.inf))
+    promising = [moment(duration, 0.0) for duration in (8.0, 17.0, 12.0, 10.0)]
+    with pytest.raises(NoPlanFound, match="a plan of 17 s was found") as refused:
+        planner.best(monkeypatch, *promising)
+    assert refused.value.status is Status.TIMED_OUT
+    assert isinstance(refused.value.attempt, Plan)
+    assert refused.value.attempt.duration == 17.0
+    first = asked(lambda _: math.inf)
+    with pytest.raises(NoPlanFound, match="the time is over") as alone:
+        first.best(monkeypatch, moment(8.0, 0.0))
+    assert alone.value.attempt is None
+
+
+def test_a_search_begins_all_over_the_range(asked: Callable[..., Asked]) -> None:
+    assert moments_to_begin_at(asked(steps).problem) == [4.0, 8.0, 12.0, 16.0, 20.0]
+    assert moments_to_begin_at(asked(steps, longest=4.0).problem) == [4.0]
+
+
+def test_only_moments_that_nearly_keep_everything_are_promising_and_the_best_come_first(
+    asked: Callable[..., Asked], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    found = [moment(9.0, 3.0), moment(6.0, 1.0, 2.0 * PROMISING), moment(12.0, 2.0, PROMISING)]
+    monkeypatch.setattr(free_moment, "_in_family", lambda *_: iter(found))
+    monkeypatch.setattr(free_moment, "require_plannable", lambda *_: None)
+    problem, effort = asked(steps, Objective(1.0, 0.0)).problem, best_moment.Effort()
+    chosen = free_moment.moments(problem, SETTINGS, NOBODY, None, effort)
+    assert [one.duration for one in chosen] == [12.0, 9.0]
+
+
+def test_what_is_sooner_keeps_the_range_and_the_velocity_of_its_target(
+    asked: Callable[..., Asked],
+) -> None:
+    """A target of the user's frame moves in the system's: it is elsewhere when it is met sooner."""
+    problem = asked(steps, SHORTEST).problem
+    velocity = np.array([0.1, -0.2, 0.3])
+    problem = replace(problem, duration_range=DurationRange(4.0, 20.0, velocity))
+    sooner = free_moment._before(problem, moment(10.0, 10.0))
+    assert sooner is not None
+    assert sooner.durations.minimum == 4.0
+    assert sooner.durations.maximum == sooner.duration == pytest.approx(9.8)
+    assert sooner.durations.target_velocity.tolist() == velocity.tolist()
+    way = sooner.target.position - problem.target.position
+    np.testing.assert_allclose(way, (9.8 - 20.0) * velocity, atol=1e-12)
+    assert free_moment._before(problem, moment(4.05, 4.05)) is None
+
+
+def test_the_first_guess_goes_before_all_others_in_the_family_that_it_fits() -> None:
+    own, given = [np.array([1.0, 2.0]), np.array([3.0, 4.0])], np.array([7.0, 8.0])
+    search: Any = SimpleNamespace(family=SimpleNamespace(variables=2), guesses=lambda: iter(own))
+    assert next(free_moment._guesses(search, given)).tolist() == [7.0, 8.0]
+    for other in (None, np.array([7.0])):
+        assert len(list(free_moment._guesses(search, other))) == 2

@@ -1,0 +1,111 @@
+"""How distances change with the times at which they are looked at: against differences.
+
+Where the duration is a variable, spheres that move are elsewhere at the same part of the motion.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from bodied_robots import random_robot, tumbling_spheres
+from dense_motion import centers_of, to_lines
+from test_body_distances import configurations
+from test_core import chain_robot
+
+from ff_planner_ros.arrays import Array
+from ff_planner_ros.core import compiled
+from ff_planner_ros.core.chain import chain_of
+from ff_planner_ros.planning.clearance import (
+    arm_points,
+    attached_to_bodies,
+    clearance_rows,
+    segments,
+    sphere_arrays,
+)
+from ff_planner_ros.planning.compiled_bodies import compiled_bodies
+from ff_planner_ros.planning.problem import Sphere
+
+STEP, POINTS, FAR = 1e-5, 8, 1e3
+# In which part of a second each point comes later by the last variable, some of them earlier.
+LATER = np.linspace(-1.0, 1.5, POINTS)
+TIMES = np.linspace(0.0, 2.5, POINTS) + 0.2
+
+
+def spheres_near(place: Array, seed: int) -> tuple[Sphere, ...]:
+    """Three on a body that drifts and tumbles, one that flies, one that rests."""
+    rng = np.random.default_rng(seed)
+    flying = Sphere("flying", place + rng.normal(size=3), 0.1, 0.4 * rng.normal(size=3))
+    resting = Sphere("resting", place + rng.normal(size=3), 0.1)
+    return (flying, *tumbling_spheres(rng, place, 3), resting)
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_distances_of_lines_change_with_their_times_as_their_differences(seed: int) -> None:
+    robot = chain_robot("free6")
+    q = configurations(robot, POINTS, seed)
+    spheres = spheres_near(arm_points(robot, q)[0, 3], seed)
+    none = np.zeros((POINTS, robot.model.nv, 2))
+
+    def rows(times: Array, later: Array | None) -> tuple[Array, Array, Array]:
+        return clearance_rows(robot, q, none, times, spheres, FAR, False, later)
+
+    distances, jacobian, names = rows(TIMES, LATER)
+    ahead, behind = (rows(TIMES + way * LATER, None) for way in (STEP, -STEP))
+    assert (ahead[2] == names).all()
+    expected = (ahead[0] - behind[0]) / (2 * STEP)
+    assert jacobian[:, 1] == pytest.approx(expected, abs=1e-6)
+    assert not jacobian[:, 0].any()
+    assert np.abs(expected).max() > 0.1
+    resting = names % len(spheres) == len(spheres) - 1
+    assert resting.any()
+    assert not jacobian[resting].any()
+    assert len(distances) == len(names)
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_spheres_on_a_body_that_has_tumbled_for_long_are_where_they_are(seed: int) -> None:
+    """Of a body that nobody has asked before where it is: up to the last of the times."""
+    robot, times = chain_robot("free6"), np.linspace(5.0, 90.0, POINTS)
+    q = configurations(robot, POINTS, seed)
+    spheres = spheres_near(arm_points(robot, q)[0, 3], seed)
+    none = np.zeros((POINTS, robot.model.nv, 1))
+    distances, _, names = clearance_rows(robot, q, none, times, spheres, FAR, False)
+    assert len(names) == POINTS * len(segments(arm_points(robot, q))) * len(spheres)
+    nearest = distances[np.argsort(names)].reshape(POINTS, -1, len(spheres)).min(axis=1)
+    for number, sphere in enumerate(spheres):
+        expected = to_lines(arm_points(robot, q), centers_of(sphere, times)) - sphere.radius
+        assert nearest[:, number] == pytest.approx(expected, abs=1e-9)
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_distances_of_bodies_change_with_their_times_as_their_differences(seed: int) -> None:
+    robot = random_robot(seed)
+    q = configurations(robot, POINTS, seed)
+    q[:, :3] = q[0, :3]
+    spheres = spheres_near(q[0, :3], seed)
+    none, of_robot = (
+        np.zeros((POINTS, robot.model.nv, 2)),
+        (chain_of(robot), compiled_bodies(robot)),
+    )
+    attached = attached_to_bodies(spheres, 10.0)
+
+    def rows(times: Array, later: Array) -> tuple[dict[int, float], dict[int, Array]]:
+        found = compiled.sphere_rows(
+            *of_robot, q, none, times, *sphere_arrays(spheres), FAR, attached, later
+        )
+        names = found[2].tolist()
+        return dict(zip(names, found[0].tolist(), strict=True)), dict(
+            zip(names, found[1], strict=True)
+        )
+
+    _, jacobian = rows(TIMES, LATER)
+    (ahead, _), (behind, _) = (rows(TIMES + way * LATER, np.zeros(0)) for way in (STEP, -STEP))
+    common = sorted(jacobian.keys() & ahead.keys() & behind.keys())
+    assert len(common) > 0.9 * POINTS * len(robot.bodies) * len(spheres)
+    expected = np.array([(ahead[k] - behind[k]) / (2 * STEP) for k in common])
+    found = np.array([jacobian[k] for k in common])
+    # Where a nearest point jumps there is no derivative: hardly ever.
+    assert np.mean(np.abs(found[:, 1] - expected) > 2e-3) < 0.01
+    assert np.median(np.abs(found[:, 1] - expected)) < 1e-7
+    assert not found[:, 0].any()
+    assert np.abs(expected).max() > 0.1

@@ -1,0 +1,26 @@
+"""How far a measured motion is from its plan."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ff_planner_ros.analysis.tracking import deviations
+from ff_planner_ros.planning.plan import Plan
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_joint_deviates_whether_it_lags_or_leads(lemur_plan: Plan, sign: float) -> None:
+    planned = lemur_plan.trajectory
+    off = sign * np.linspace(0.01, 0.07, planned.joint_positions.shape[1])
+    measured = replace(
+        planned,
+        joint_positions=planned.joint_positions + off,
+        joint_velocities=planned.joint_velocities + 2.0 * off,
+    )
+    found = deviations(planned, measured)
+    np.testing.assert_allclose(found.joint_position, 0.07, rtol=0.0, atol=1e-9)
+    np.testing.assert_allclose(found.joint_velocity, 0.14, rtol=0.0, atol=1e-9)
+    assert np.abs([found.chaser_position, found.ee_position]).max() < 1e-9

@@ -1,0 +1,104 @@
+"""When a recorded node read a request, and what it had heard by then."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+from ff_planner_msgs.srv import PlanTrajectory
+
+from ff_planner_ros.bag.decoding import NANOSECONDS
+from ff_planner_ros.errors import Status
+from ff_planner_ros.parameters import NodeParameters, load_parameters
+from ff_planner_ros.ros.messages.to_messages import time_message
+from ff_planner_ros.runs.installed import PlanExchange
+from ff_planner_ros.runs.moments import moment
+from ff_planner_ros.runs.recorded_inputs import Moment
+
+RECEIVED = 1_000 * NANOSECONDS  # by the node's clock
+LOGGED = RECEIVED + 3 * NANOSECONDS  # by the recorder's, which is ahead
+TAKEN_UP = RECEIVED + round(0.7 * NANOSECONDS)
+ALLOWANCE = 2.0
+PARAMETERS: NodeParameters = replace(
+    load_parameters(), planning_allowance=ALLOWANCE, state_source="odometry"
+)
+
+
+def found(
+    request: PlanTrajectory.Request | None, response: Any, **times: int
+) -> tuple[int, Moment]:
+    exchange = PlanExchange(
+        "service", "/plan_trajectory", LOGGED, times.get("received", RECEIVED), request, response
+    )
+    recorded: Any = SimpleNamespace(at=lambda _: PARAMETERS)
+    return moment(exchange, recorded)
+
+
+def answer(code: int = Status.SOLVED, **fields: Any) -> PlanTrajectory.Response:
+    response = PlanTrajectory.Response(**fields)
+    response.status.code = int(code)
+    return response
+
+
+def test_a_request_that_waited_was_read_so_much_later_by_both_clocks() -> None:
+    response = answer(taken_up=time_message(TAKEN_UP))
+    now_ns, what = found(PlanTrajectory.Request(), response)
+    assert now_ns == TAKEN_UP
+    assert what.logged_ns == LOGGED + round(0.7 * NANOSECONDS)
+
+
+def test_an_answer_alone_tells_when_its_request_was_read() -> None:
+    """Nobody knows how long that waited."""
+    now_ns, what = found(None, answer(taken_up=time_message(TAKEN_UP)), received=0)
+    assert (now_ns, what.logged_ns) == (TAKEN_UP, LOGGED)
+    assert (what.stamps_ns, what.inputs) == ({}, ())
+
+
+@pytest.mark.parametrize("code", [Status.SOLVED, Status.COLLISION])
+def test_of_an_earlier_version_the_start_of_a_plan_tells_when_its_request_was_read(
+    code: Status,
+) -> None:
+    """It begins so long after that as the parameter of then says; a refusal has no plan."""
+    response = answer(code)
+    response.joint_trajectory.header.stamp = time_message(TAKEN_UP + round(ALLOWANCE * 1e9))
+    now_ns, _ = found(PlanTrajectory.Request(), response)
+    assert now_ns == (TAKEN_UP if code == Status.SOLVED else RECEIVED)
+
+
+def test_of_an_earlier_version_a_state_without_a_stamp_was_of_when_it_was_read() -> None:
+    request = PlanTrajectory.Request(use_start_state=True)
+    response = answer(state_stamp=time_message(TAKEN_UP))
+    assert found(request, response)[0] == TAKEN_UP
+    request.start_state.header.stamp = time_message(5)
+    request.start_time = time_message(TAKEN_UP + NANOSECONDS)
+    assert found(request, response)[0] == RECEIVED
+
+
+def test_inputs_are_named_that_the_request_did_not_bring_and_that_counted() -> None:
+    stamps: dict[str, Any] = {
+        name: time_message(number)
+        for number, name in enumerate(
+            ("state_stamp", "joint_states_stamp", "obstacles_stamp", "target_body_stamp"), 1
+        )
+    }
+    response = answer(taken_up=time_message(TAKEN_UP), **stamps)
+    _, what = found(PlanTrajectory.Request(), response)
+    assert what.stamps_ns == {"odometry": 1, "joint_states": 2, "obstacles": 3}
+    _, what = found(PlanTrajectory.Request(capture=True), response)
+    assert what.stamps_ns["target_body"] == 4
+    brought = PlanTrajectory.Request(
+        use_start_state=True, use_obstacles=True, capture=True, use_target_body=True
+    )
+    assert found(brought, response)[1].inputs == ()
+    response.obstacles_stamp = time_message(0)
+    _, what = found(PlanTrajectory.Request(), response)
+    assert "obstacles" not in what.stamps_ns
+    assert set(what.inputs) == {"odometry", "joint_states", "obstacles"}, "the last one heard"
+
+
+def test_what_the_node_had_not_heard_is_no_input_though_the_recorder_heard_it() -> None:
+    response = answer(Status.NO_OBSTACLES, taken_up=time_message(TAKEN_UP))
+    response.status.message = "obstacles is missing: none were received yet"
+    assert set(found(PlanTrajectory.Request(), response)[1].inputs) == {"odometry", "joint_states"}

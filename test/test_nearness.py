@@ -1,0 +1,183 @@
+"""How near a robot's parts are to spheres where its base is elsewhere: against every part measured.
+
+Distances of lines by geometry, of bodies by Coal, all of them at all times; nothing is left out.
+"""
+
+from __future__ import annotations
+
+import coal
+import numpy as np
+import pinocchio as pin
+import pytest
+from bodied_robots import body_placements, coal_distance
+from straight_arms import ball, straight_arm
+
+from ff_planner_ros.arrays import Array
+from ff_planner_ros.planning.nearness import Nearness, nearness
+from ff_planner_ros.planning.problem import Sphere, Target
+from ff_planner_ros.planning.scene import Scene
+from ff_planner_ros.robot.model import Robot
+
+LINES = straight_arm(0.4, 1.0, 0.6)
+BODIES = straight_arm(
+    0.4,
+    1.0,
+    0.6,
+    solids=(("chaser", ball(0.2, 0.0)), ("link_1", ball(0.05, 1.0)), ("link_2", ball(0.1, 0.6))),
+)
+CASES = pytest.mark.parametrize("robot", [LINES, BODIES], ids=["lines", "bodies"])
+TIMES = np.linspace(0.0, 5.0, 6)
+SPHERES = (
+    Sphere("rock", [1.5, 1.0, 0.2], 0.3),
+    Sphere("debris", [-2.0, 1.0, 0.5], 0.2, [0.8, 0.1, 0.0]),
+    Sphere("mast", [0.3, -1.5, -0.6], 0.1, [0.0, 0.2, 0.0]),
+)
+
+
+def drawn(seed: int) -> Array:
+    """Configurations far from the origin of angles and turns. Shape (times, 7 + joints)."""
+    rng = np.random.default_rng(seed)
+    q = np.hstack([0.3 * rng.normal(size=(6, 3)), rng.normal(size=(6, 4)), rng.normal(size=(6, 2))])
+    q[:, 3:7] /= np.linalg.norm(q[:, 3:7], axis=1)[:, None]
+    return q
+
+
+def elsewhere(q: Array, turn: Array, way: Array) -> Array:
+    """A configuration whose base is turned about the inertial origin, and then moved."""
+    placed = pin.SE3(pin.exp3(turn), way) * pin.XYZQUATToSE3(q[:7])
+    return np.concatenate([pin.SE3ToXYZQUAT(placed), q[7:]])
+
+
+def distances(robot: Robot, q: Array, time: float) -> Array:
+    """Of every part from every sphere. Shape (parts, spheres)."""
+    centers = [sphere.center + time * sphere.velocity for sphere in SPHERES]
+    if robot.bodies:
+        return np.array(
+            [
+                [
+                    coal_distance(
+                        body.solid, at, coal.Sphere(ball.radius), pin.SE3(np.eye(3), center)
+                    )
+                    for ball, center in zip(SPHERES, centers, strict=True)
+                ]
+                for body, at in zip(robot.bodies, body_placements(robot, q), strict=True)
+            ]
+        )
+    data = robot.model.createData()
+    pin.forwardKinematics(robot.model, data, q)
+    tip = pin.updateFramePlacement(robot.model, data, robot.tip_frame_id)
+    ends = [data.oMi[2].translation, data.oMi[3].translation, tip.translation]
+    found = np.empty((2, len(SPHERES)))
+    for part, sphere in np.ndindex(found.shape):
+        along, way = ends[part + 1] - ends[part], centers[sphere] - ends[part]
+        foot = min(max(float(way @ along / (along @ along)), 0.0), 1.0) * along
+        found[part, sphere] = np.linalg.norm(way - foot) - SPHERES[sphere].radius
+    return found
+
+
+def near(robot: Robot, q: Array) -> Nearness:
+    return nearness(robot, q, TIMES, Scene(SPHERES))
+
+
+@CASES
+def test_every_part_is_as_far_from_every_sphere_as_geometry_says(robot: Robot) -> None:
+    q = drawn(1)
+    found = near(robot, q)
+    expected = np.array([distances(robot, *at) for at in zip(q, TIMES, strict=True)])
+    assert found.distance == pytest.approx(expected, abs=1e-6)
+    assert not found.is_empty
+    assert nearness(robot, q, TIMES, Scene()).is_empty
+
+
+@CASES
+@pytest.mark.parametrize("size", [0.01, 0.4])
+@pytest.mark.parametrize("seed", range(4))
+def test_the_least_of_each_run_is_that_of_all_parts_at_all_times(
+    robot: Robot, seed: int, size: float
+) -> None:
+    """Runs that go astray by centimetres and by more than a metre, now and then by much less."""
+    rng, q, runs = np.random.default_rng(seed), drawn(seed), 5
+    rotations, positions = np.empty((6, runs, 3, 3)), np.empty((6, runs, 3))
+    expected = np.full(runs, np.inf)
+    for time, run in np.ndindex(6, runs):
+        astray = size * rng.choice([0.1, 3.0]) * rng.normal(size=(2, 3))
+        moved = elsewhere(q[time], *astray)
+        placed = pin.XYZQUATToSE3(moved[:7])
+        rotations[time, run], positions[time, run] = placed.rotation, placed.translation
+        least = distances(robot, moved, float(TIMES[time])).min()
+        expected[run] = min(expected[run], float(least))
+    found = near(robot, q).least(rotations, positions)
+    assert found == pytest.approx(expected, abs=1e-6)
+
+
+def test_far_from_nothing_every_run_is_infinitely_far() -> None:
+    q = drawn(1)
+    empty = nearness(LINES, q, TIMES, Scene())
+    found = empty.least(np.broadcast_to(np.eye(3), (6, 2, 3, 3)), np.zeros((6, 2, 3)))
+    assert (found == np.inf).all()
+
+
+@CASES
+def test_distances_change_with_the_base_as_their_differences(robot: Robot) -> None:
+    """Each error moves the base by zeta_v + zeta_w x p, to either side."""
+    q, rng, step = drawn(2), np.random.default_rng(2), 1e-5
+    spread, found = rng.normal(size=(6, 6, 4)), near(robot, q)
+    rows = np.nonzero(np.ones_like(found.distance, bool))
+    by_errors = found.by_errors(spread, rows).reshape(*found.distance.shape, 4)
+    for time, error in np.ndindex(6, 4):
+        way, turn = np.split(spread[time, :, error], 2)
+        sides = [
+            distances(robot, elsewhere(q[time], sign * turn, sign * way), float(TIMES[time]))
+            for sign in (step, -step)
+        ]
+        expected = (sides[0] - sides[1]) / (2 * step)
+        assert by_errors[time, :, :, error] == pytest.approx(expected, abs=2e-3)
+    sigmas = np.linalg.norm(by_errors, axis=-1)
+    assert found.sigmas(spread) == pytest.approx(sigmas, rel=1e-12)
+
+
+@CASES
+def test_whatever_errors_within_ten_deviations_make_the_nearest_is_among_the_near(
+    robot: Robot,
+) -> None:
+    """And some never can be: those are left out."""
+    rng, found = np.random.default_rng(3), near(robot, drawn(3))
+    spread = 0.02 * rng.normal(size=(6, 6, 3))
+    everything = np.nonzero(np.ones_like(found.distance, bool))
+    by_errors = found.by_errors(spread, everything)
+    rows = set(zip(*found.rows_near(spread), strict=True))
+    errors = rng.normal(size=(3000, 3))
+    errors *= 9.9 / np.linalg.norm(errors, axis=1)[:, None]
+    least = (found.distance[everything] + errors @ by_errors.T).argmin(axis=1)
+    ever = {tuple(int(of[k]) for of in everything) for k in np.unique(least)}
+    assert len(ever) > 1
+    assert ever <= {tuple(int(number) for number in row) for row in rows}
+    assert len(rows) < found.distance.size
+
+
+def test_an_allowed_contact_counts_until_the_tool_stays_at_the_goal() -> None:
+    """It is near at the second time, away at the third, and there from the fourth on.
+
+    The target drifts along x, and at the capture, at 5 s, it is at 5 m.
+    """
+    goal = Target(
+        position=[5.0, 0.0, 0.0],
+        quaternion_xyzw=[0.0, 0.0, 0.0, 1.0],
+        linear_velocity=[0.5, 0.0, 0.0],
+    )
+    scene = Scene(SPHERES, ("link_2/rock",), 0.25, goal, capture_time=5.0)
+    q = np.zeros((6, 9))
+    q[:, 6] = 1.0
+    away = np.array([1.0, 0.2, 0.3, 0.2, -0.2, 0.0])
+    q[:, 0] = 2.5 + 0.5 * TIMES - 2.0 + away  # the stretched arm's tip is 2 m before the base
+    found = nearness(BODIES, q, TIMES, scene).distance
+    plain = nearness(BODIES, q, TIMES, Scene(SPHERES)).distance
+    touching = np.zeros(found.shape, bool)
+    touching[3:, 2, 0] = True
+    assert (np.isinf(found) == touching).all()
+    assert found[~touching] == pytest.approx(plain[~touching], abs=1e-12)
+    for unknown in (
+        Scene(SPHERES, ("link_2/rock",), 0.25),
+        Scene(SPHERES, ("link_2/moon",), 0.25, goal, capture_time=5.0),
+    ):
+        assert np.isfinite(nearness(BODIES, q, TIMES, unknown).distance).all()

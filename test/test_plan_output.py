@@ -1,0 +1,185 @@
+"""What the node remembers and streams of the last plan, without a node."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+from unittest.mock import Mock
+
+import numpy as np
+import pytest
+from drawn_plans import DURATION, drawn_plan
+from geometry_msgs.msg import PoseStamped
+from nav_msgs.msg import Path
+from rclpy.lifecycle import LifecycleNode
+from robots import random_state
+
+from ff_planner_ros.bag.decoding import NANOSECONDS, nanoseconds
+from ff_planner_ros.bench import tumbling
+from ff_planner_ros.parameters import load_parameters
+from ff_planner_ros.planning.plan import Plan
+from ff_planner_ros.planning.target_body import TargetBody
+from ff_planner_ros.robot.model import Robot
+from ff_planner_ros.ros.inputs.state_input import Snapshot
+from ff_planner_ros.ros.messages.to_messages import response_from_plan, time_message
+from ff_planner_ros.ros.outputs.plan_output import PlanOutput, PublishedPlan
+
+START = 1_000 * NANOSECONDS
+LAST = START + round(DURATION * NANOSECONDS)
+
+
+class Output:
+    """An output whose publishers keep what is published, by topic, and whose clock is set."""
+
+    def __init__(self, robot: Robot) -> None:
+        self.now_ns, self.heard = START, dict[str, list[Any]]()
+        node = Mock(spec=LifecycleNode)
+        node.get_clock.return_value.now = lambda: SimpleNamespace(
+            nanoseconds=self.now_ns, to_msg=lambda: time_message(self.now_ns)
+        )
+
+        def publisher(_: Any, topic: str, __: Any) -> Any:
+            kept = self.heard.setdefault(topic, [])
+            return SimpleNamespace(publish=kept.append)
+
+        node.create_lifecycle_publisher.side_effect = publisher
+        parameters = replace(load_parameters(), inertial_frame="inertial")
+        self.output = PlanOutput(node, robot, parameters)
+
+    def publish(
+        self,
+        plan: Plan,
+        plan_id: str,
+        start_ns: int = START,
+        body: TargetBody | None = None,
+        following: str = "",
+    ) -> None:
+        response = response_from_plan(plan, plan_id, start_ns, "inertial", 0.0, body)
+        trajectory = response.joint_trajectory
+        self.output.publish(plan, response, trajectory, "me", "as_planned", body, following)
+
+
+@pytest.fixture
+def output(lemur: Robot) -> Output:
+    return Output(lemur)
+
+
+@pytest.fixture
+def plan(lemur: Robot) -> Plan:
+    return drawn_plan(lemur, seed=4)
+
+
+def running(output: Output) -> PublishedPlan:
+    assert output.output.published is not None
+    return output.output.published
+
+
+@pytest.mark.parametrize(
+    ("time_ns", "runs"), [(START - 1, False), (START, True), (LAST, True), (LAST + 1, False)]
+)
+def test_a_plan_runs_from_its_first_to_its_last_point(
+    output: Output, plan: Plan, time_ns: int, runs: bool
+) -> None:
+    output.publish(plan, "run.1")
+    found = running(output).at(time_ns)
+    assert found is (running(output) if runs else None)
+
+
+def test_its_goal_is_where_its_tail_begins(output: Output, plan: Plan) -> None:
+    output.publish(plan, "run.1")
+    assert running(output).seconds_to_goal == DURATION
+    output.publish(replace(plan, duration=7.0), "run.2")
+    assert running(output).seconds_to_goal == 7.0
+
+
+@pytest.mark.parametrize("since", [-3.0, 0.0, 4.0])
+def test_its_joints_move_by_the_clock_of_who_asks(output: Output, plan: Plan, since: float) -> None:
+    output.publish(plan, "run.1")
+    motion = running(output).motion(START + round(since * NANOSECONDS))
+    np.testing.assert_allclose(motion.time, plan.trajectory.time - since, atol=1e-9)
+    np.testing.assert_array_equal(motion.positions, plan.trajectory.joint_positions)
+
+
+def test_a_plan_that_takes_over_remembers_the_one_before_until_then_and_no_other(
+    output: Output, plan: Plan
+) -> None:
+    output.publish(plan, "run.1")
+    output.publish(plan, "run.2", START + NANOSECONDS, following="run.1")
+    last = running(output)
+    assert last.before is not None
+    for time_ns, plan_id in ((START, "run.1"), (START + NANOSECONDS, "run.2")):
+        found = last.at(time_ns)
+        assert found is not None
+        assert found.plan_id == plan_id
+    output.publish(plan, "run.3", START + 2 * NANOSECONDS, following="run.2")
+    third = running(output)
+    assert third.before is not None
+    assert third.before.plan_id == "run.2"
+    assert third.before.before is None, "a flight of an hour would keep thousands of plans"
+    output.publish(plan, "run.4", START + 3 * NANOSECONDS, following="run.2")
+    assert running(output).before is None, "run.3 is not what the joints follow"
+    output.publish(plan, "run.5", START + 4 * NANOSECONDS)
+    assert running(output).before is None
+
+
+def test_who_hears_a_plan_hears_whose_it_is_and_when_it_begins(output: Output, plan: Plan) -> None:
+    output.now_ns = START - NANOSECONDS
+    output.publish(plan, "run.1")
+    (told,) = output.heard["published_plan"]
+    assert (told.plan_id, told.asked_by, told.end_behaviour) == ("run.1", "me", "as_planned")
+    assert nanoseconds(told.start_time) == START
+    assert nanoseconds(told.header.stamp) == START - NANOSECONDS
+    assert [told.joint_trajectory] == output.heard["joint_trajectory"]
+    path: Path = output.heard["predicted_chaser_path"][0]
+    stamps = [nanoseconds(pose.header.stamp) - START for pose in path.poses]
+    np.testing.assert_allclose(np.array(stamps) / 1e9, plan.trajectory.time, atol=1e-9)
+    assert output.heard["predicted_target_path"] == []
+
+
+def test_a_state_is_held_against_where_the_plan_had_the_chaser_when_it_was_measured(
+    output: Output, plan: Plan, lemur: Robot
+) -> None:
+    """However late it is heard of."""
+    output.publish(plan, "run.1")
+    motion, point = plan.trajectory, 17
+    measured_ns = START + round(float(motion.time[point]) * NANOSECONDS)
+    off = np.array([-0.02, 0.0, 0.0])
+    state = replace(
+        random_state(lemur, np.random.default_rng(2)),
+        position_chaser_in_inertial=motion.chaser_positions[point] + off,
+        quaternion_chaser_to_inertial_xyzw=motion.chaser_quaternions_xyzw[point],
+    )
+    output.now_ns = measured_ns + NANOSECONDS
+    output.output.stream(Snapshot(state, measured_ns, "chaser_state"))
+    (told,) = output.heard["tracking_error"]
+    assert (told.plan_id, nanoseconds(told.header.stamp)) == ("run.1", measured_ns)
+    assert told.position == pytest.approx(0.02, abs=1e-6)
+    assert told.angle == pytest.approx(0.0, abs=1e-6)
+    assert output.output.tracking is not None
+    (pose,) = output.heard["predicted_chaser_pose"]
+    assert nanoseconds(pose.header.stamp) == output.now_ns
+    output.output.stream(Snapshot(state, START - 1, "chaser_state"))
+    assert output.output.tracking is None, "the plan did not run then"
+    output.output.stream(None)
+    assert len(output.heard["tracking_error"]) == 1
+    output.output.forget()
+    output.output.stream(Snapshot(state, measured_ns, "chaser_state"))
+    assert len(output.heard["predicted_chaser_pose"]) == 3
+    assert len(output.heard["tracking_error"]) == 1
+
+
+def test_of_a_capture_the_way_of_the_body_and_the_way_to_the_grasp_are_told(lemur: Robot) -> None:
+    body = tumbling.problem("tumbling", 0).target_body
+    assert body is not None
+    output, plan = Output(lemur), drawn_plan(lemur, seed=4)
+    output.publish(plan, "run.1", body=body)
+    assert len(output.heard["predicted_target_path"]) == 1
+    output.now_ns = START + round(float(plan.trajectory.time[9]) * NANOSECONDS)
+    output.output.stream(None)
+    (pose,) = output.heard["predicted_relative_pose"]
+    assert isinstance(pose, PoseStamped)
+    there = body.after(float(plan.trajectory.time[9])).grasp(np.zeros(1))
+    way = there.rotations[0].T @ (plan.trajectory.ee_positions[9] - there.positions[0])
+    told = pose.pose.position
+    np.testing.assert_allclose([told.x, told.y, told.z], way, atol=1e-7)

@@ -1,0 +1,90 @@
+"""Among what a plan of a bag is drawn, and what the node had heard of it by then."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+from xml.etree.ElementTree import tostring
+
+import numpy as np
+import pytest
+from rclpy.serialization import serialize_message
+
+from ff_planner_ros.bag.decoding import NANOSECONDS
+from ff_planner_ros.bag.reader import open_bag
+from ff_planner_ros.bag.writer import BagWriter
+from ff_planner_ros.bench import tumbling
+from ff_planner_ros.planning.plan import Plan
+from ff_planner_ros.planning.problem import PlanningProblem, Sphere
+from ff_planner_ros.ros.messages.to_messages import (
+    obstacles_message,
+    request_message,
+    response_from_plan,
+    target_body_message,
+    time_message,
+)
+from ff_planner_ros.runs import report_of_bag
+from ff_planner_ros.runs.recorded_inputs import Moment, heard
+from ff_planner_ros.runs.report_words import obstacle_table
+
+FRAME, START = "inertial", 1_000 * NANOSECONDS
+VELOCITY = np.array([0.1, -0.2, 0.4])
+
+
+@pytest.mark.parametrize("later", [2.0, -0.5])
+def test_all_is_drawn_where_it_is_at_the_first_point_and_the_goal_at_the_time_chosen(
+    monkeypatch: pytest.MonkeyPatch,
+    lemur_capture: PlanningProblem,
+    lemur_plan: Plan,
+    later: float,
+) -> None:
+    """Seen so long before, or after; of a range of durations the answer says which it was."""
+    capture, seen_ns = tumbling.problem("tumbling", 0), START - round(later * NANOSECONDS)
+    body = capture.target_body
+    assert body is not None
+    request = request_message(capture, FRAME)
+    request.duration, request.duration_max = 5.0, 9.0
+    request.use_target_body, request.use_obstacles = True, True
+    request.target_body = target_body_message(body, seen_ns, FRAME)
+    rock = Sphere("rock", np.array([1.0, -2.0, 3.0]), 0.3, VELOCITY)
+    request.obstacles = obstacles_message([rock], seen_ns, FRAME)
+    response = response_from_plan(lemur_plan, "run.1", START, FRAME, 0.5)
+    response.duration = 7.5
+    response.obstacles_stamp = response.target_body_stamp = time_message(seen_ns)
+    monkeypatch.setattr(report_of_bag, "reported_plan", lambda *told: told)
+    exchange: Any = SimpleNamespace(request=request, response=response)
+    drawn: Any = report_of_bag._plan(exchange, lemur_capture.robot, None, None)
+    _, _, goal, (moved, *attached), _ = drawn
+    np.testing.assert_allclose(moved.center, rock.center + later * VELOCITY, atol=1e-9)
+    assert [one.id for one in attached] == [one.id for one in body.obstacles]
+    grasp = body.grasp(np.array([later + 7.5])).positions[0]
+    np.testing.assert_allclose(goal.position, grasp, rtol=0.0, atol=1e-8)
+
+
+def test_a_message_of_the_moment_itself_was_heard(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / "run", flush_interval=0.0) as writer:
+        writer.add_topic("/obstacles", "ff_planner_msgs/msg/ObstacleSphereArray", [])
+        for time in (START - 1, START, START + 1):
+            cdr = serialize_message(obstacles_message((), time, FRAME))
+            writer.write("/obstacles", cdr, time, time)
+    with open_bag(tmp_path / "run") as bag:
+        (found,) = heard(bag, {"obstacles": "/obstacles"}, [Moment(START, {}, ("obstacles",))])
+    assert found["obstacles"][-1].log_time_ns == START
+
+
+def test_of_many_obstacles_those_are_listed_that_come_nearest_at_any_time(
+    lemur_capture: PlanningProblem, lemur_plan: Plan
+) -> None:
+    """One flies past the end effector, and is farther away than all others before and after."""
+    motion = lemur_plan.trajectory
+    still = [
+        Sphere(f"still {k}", motion.ee_positions[0] + [0.0, 0.0, 2.0 + 0.01 * k], 0.1)
+        for k in range(24)
+    ]
+    velocity, past = np.array([0.0, 0.0, 5.0]), motion.ee_positions[25] + [0.5, 0.0, 0.0]
+    flying = Sphere("flying", past - motion.time[25] * velocity, 0.1, velocity)
+    made = obstacle_table(lemur_capture.robot, [*still, flying], motion)
+    text = tostring(made, encoding="unicode")
+    assert "flying" in text
+    assert "The nearest 20 of 25." in text

@@ -1,0 +1,162 @@
+"""What a configured planner tells of itself and forgets, without a node and its topics."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+from unittest.mock import Mock
+
+import pytest
+from ff_planner_msgs.msg import TargetBody
+from rclpy.clock import ClockChange
+from ros_processes import FRAME, Scene
+
+from ff_planner_ros.bag.decoding import NANOSECONDS
+from ff_planner_ros.bench import tumbling
+from ff_planner_ros.errors import Status
+from ff_planner_ros.parameters import load_parameters
+from ff_planner_ros.planning.problem import PlanningProblem
+from ff_planner_ros.ros import session
+from ff_planner_ros.ros.inputs.scene_input import SceneInput
+from ff_planner_ros.ros.inputs.state_input import StateInput
+from ff_planner_ros.ros.messages.to_messages import target_body_message, time_message
+from ff_planner_ros.ros.outputs.diagnostics import NodeHealth
+from ff_planner_ros.ros.session import Session
+
+NOW = 1_000 * NANOSECONDS
+# No two limits that are compared may be alike.
+_USUAL = load_parameters()
+PARAMETERS = replace(_USUAL, tracking=replace(_USUAL.tracking, max_position=0.04, max_angle=0.07))
+
+
+class Configured:
+    """A session with inputs that are fed, and a clock that stands still."""
+
+    def __init__(self, problem: PlanningProblem, patch: pytest.MonkeyPatch) -> None:
+        robot, self.scene = problem.robot, Scene(problem)
+        self.states = StateInput(robot, FRAME, "chaser_state", PARAMETERS.odometry)
+        self.scenes = SceneInput(FRAME, lambda: NOW)
+        self.output, self.service, self.node = Mock(tracking=None), Mock(last=None), Mock()
+        self.service.solve_times = []
+        self.node.get_clock.return_value.now.return_value = SimpleNamespace(
+            nanoseconds=NOW, to_msg=lambda: time_message(NOW)
+        )
+        self.health: list[NodeHealth] = []
+        patch.setattr(session, "diagnostics", lambda health, *_: self.health.append(health))
+        patch.setattr(session, "namesakes", lambda _: [])
+        self.session = Session.__new__(Session)
+        vars(self.session).update(
+            _node=self.node,
+            _parameters=SimpleNamespace(current=PARAMETERS),
+            _worker=Mock(is_warm=True),
+            _states=self.states,
+            _scenes=self.scenes,
+            _output=self.output,
+            _service=self.service,
+            _recorder=Mock(),
+            _diagnostics=Mock(),
+            _namesakes=[],
+        )
+
+    def diagnosed(self) -> NodeHealth:
+        self.session._diagnose()
+        return self.health[-1]
+
+    def hear(self, age: float, x: float = 0.0) -> None:
+        stamp_ns = NOW - round(age * NANOSECONDS)
+        state = self.scene.state(stamp_ns)
+        state.pose.position.x += x
+        self.states.callbacks()["chaser_state"](state)
+        obstacles = self.scene.obstacles()
+        obstacles.header.stamp = time_message(stamp_ns)
+        self.scenes.keep(obstacles)
+
+    def hear_body(self, age: float, **changes: Any) -> None:
+        body = tumbling.problem("tumbling", 0).target_body
+        assert body is not None
+        message: TargetBody = target_body_message(body, NOW - round(age * NANOSECONDS), FRAME)
+        for name, value in changes.items():
+            setattr(message, name, value)
+        self.scenes.callbacks()["target_body"](message)
+
+
+@pytest.fixture
+def configured(lemur_capture: PlanningProblem, monkeypatch: pytest.MonkeyPatch) -> Configured:
+    return Configured(lemur_capture, monkeypatch)
+
+
+def test_what_was_not_received_yet_has_no_age(configured: Configured) -> None:
+    health = configured.diagnosed()
+    assert (health.state_age, health.obstacles, health.target_age) == (None, None, None)
+    assert (health.state_refusal, health.obstacles_refusal, health.target_refusal) == ("", "", "")
+
+
+@pytest.mark.parametrize("age", [0.0, 0.3, 7.0, -0.01])
+def test_each_age_is_how_long_ago_that_was_measured(configured: Configured, age: float) -> None:
+    """However old: that it is too old to plan from, the diagnostics say."""
+    configured.hear(age)
+    configured.hear_body(2.0 * age)
+    health = configured.diagnosed()
+    assert health.state_age == pytest.approx(age)
+    assert health.obstacles_age == pytest.approx(age)
+    assert health.target_age == pytest.approx(2.0 * age)
+    assert health.obstacles == len(configured.scene.obstacles().spheres)
+    assert (health.state_max_age, health.target_max_age) == (
+        PARAMETERS.state_max_age,
+        PARAMETERS.target_max_age,
+    )
+    assert (health.tracking_max_position, health.tracking_max_angle) == (
+        PARAMETERS.tracking.max_position,
+        PARAMETERS.tracking.max_angle,
+    )
+
+
+def test_what_cannot_be_used_is_told_with_its_reason(configured: Configured) -> None:
+    configured.hear(0.0, x=float("nan"))
+    obstacles = configured.scene.obstacles()
+    obstacles.header.frame_id = "elsewhere"
+    configured.scenes.keep(obstacles)
+    configured.hear_body(-5.0)
+    health = configured.diagnosed()
+    assert "chaser_state.pose.position" in health.state_refusal
+    assert "obstacles.header.frame_id" in health.obstacles_refusal
+    assert "ahead of now" in health.target_refusal
+
+
+def test_only_a_state_that_may_be_planned_from_is_held_against_the_plan(
+    configured: Configured,
+) -> None:
+    configured.session._stream()
+    configured.hear(PARAMETERS.state_max_age + 0.1)
+    configured.session._stream()
+    assert [call.args for call in configured.output.stream.call_args_list] == [(None,), (None,)]
+    configured.hear(PARAMETERS.state_max_age - 0.1)
+    configured.session._stream()
+    (measured,) = configured.output.stream.call_args.args
+    assert measured.stamp_ns == NOW - round((PARAMETERS.state_max_age - 0.1) * NANOSECONDS)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (ClockChange.ROS_TIME_NO_CHANGE, "has jumped back by 2.500 s"),
+        (ClockChange.ROS_TIME_ACTIVATED, "is the simulated one from now on"),
+        (ClockChange.ROS_TIME_DEACTIVATED, "is the system's from now on"),
+    ],
+)
+def test_when_the_clock_jumps_states_plans_and_requests_are_forgotten_but_not_the_scene(
+    configured: Configured, change: ClockChange, words: str
+) -> None:
+    configured.hear(0.0)
+    jump: Any = SimpleNamespace(
+        clock_change=change, delta=SimpleNamespace(nanoseconds=-2_500_000_000)
+    )
+    configured.session._forget(jump)
+    health = configured.diagnosed()
+    assert health.state_age is None
+    assert health.obstacles is not None
+    configured.output.forget.assert_called_once_with()
+    status, message = configured.service.give_up.call_args.args
+    assert status is Status.CLOCK_JUMPED
+    assert words in message

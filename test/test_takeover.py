@@ -1,0 +1,261 @@
+"""A request that takes over from the plan that runs: which one, and whether it still holds."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+from unittest.mock import Mock
+
+import numpy as np
+import pytest
+from ff_planner_msgs.srv import PlanTrajectory
+from ros_processes import FRAME, Scene
+from scipy.spatial.transform import Rotation
+
+from ff_planner_ros.bag.decoding import NANOSECONDS
+from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.parameters import NodeParameters, load_parameters
+from ff_planner_ros.planning.plan import Plan, Trajectory
+from ff_planner_ros.planning.problem import PlanningProblem
+from ff_planner_ros.robot.state import SystemState
+from ff_planner_ros.ros.inputs.scene_input import SceneInput
+from ff_planner_ros.ros.inputs.state_input import Snapshot
+from ff_planner_ros.ros.outputs.plan_output import PublishedPlan
+from ff_planner_ros.ros.requests.continuing import continued_plan
+from ff_planner_ros.ros.requests.reading import (
+    Knowledge,
+    ReadRequest,
+    RequestRefused,
+    read_request,
+)
+
+NOW = 1_000 * NANOSECONDS
+BEGUN = NOW - 4 * NANOSECONDS  # a plan of 10 s that has run for four
+PARAMETERS: NodeParameters = replace(load_parameters(), inertial_frame=FRAME)
+ALLOWED = PARAMETERS.replanning
+SIGNS = pytest.mark.parametrize("sign", [1.0, -1.0])
+
+
+def state_on(motion: Trajectory, time: float) -> SystemState:
+    """Where a plan has the system at a time: between two points, on straight lines."""
+
+    def at(rows: Any) -> Any:
+        return np.array([np.interp(time, motion.time, column) for column in rows.T])
+
+    attitude = at(motion.chaser_quaternions_xyzw)
+    return SystemState(
+        at(motion.chaser_positions),
+        attitude / np.linalg.norm(attitude),
+        at(motion.chaser_linear_velocities),
+        at(motion.chaser_angular_velocities),
+        at(motion.joint_positions),
+        at(motion.joint_velocities),
+    )
+
+
+@pytest.fixture
+def running(lemur_plan: Plan) -> PublishedPlan:
+    return PublishedPlan("run.1", lemur_plan.trajectory, BEGUN)
+
+
+def snapshot(running: PublishedPlan, at_ns: int = NOW, **moved: Any) -> Snapshot:
+    state = state_on(running.trajectory, (at_ns - running.start_ns) / NANOSECONDS)
+    return Snapshot(replace(state, **moved), at_ns, "chaser_state")
+
+
+def refusal(published: PublishedPlan | None, measured: Snapshot, start_ns: int) -> InvalidInput:
+    with pytest.raises(InvalidInput) as refused:
+        continued_plan(published, measured, start_ns, ALLOWED)
+    assert refused.value.field == "continue_plan"
+    return refused.value
+
+
+@pytest.mark.parametrize("goal", [10.0, 7.0])
+def test_it_joins_where_the_plan_is_by_then_and_its_goal_is_that_much_nearer(
+    running: PublishedPlan, goal: float
+) -> None:
+    """A plan's goal is where its tail begins, not where that ends."""
+    plan = replace(running, duration=goal if goal < 10.0 else None)
+    found = continued_plan(plan, snapshot(plan), NOW + NANOSECONDS // 4, ALLOWED)
+    assert found.joined_at == pytest.approx(4.25, abs=1e-9)
+    assert found.remaining == pytest.approx(goal - 4.25, abs=1e-9)
+    assert found.motion.time[[0, -1]] == pytest.approx([-4.0, 6.0], abs=1e-8)
+
+
+@SIGNS
+@pytest.mark.parametrize("joint", range(7))
+def test_no_joint_may_be_further_ahead_or_behind_than_is_allowed(
+    running: PublishedPlan, joint: int, sign: float
+) -> None:
+    sound, most = snapshot(running).state.joint_positions, ALLOWED.max_joint_position
+    for part in (0.8, 1.2):
+        off = sound + sign * part * most * np.eye(7)[joint]
+        measured = snapshot(running, joint_positions=off)
+        if part < 1.0:
+            continued_plan(running, measured, NOW, ALLOWED)
+            continue
+        refused = refusal(running, measured, NOW)
+        assert refused.status is Status.STATE_MOVED
+        assert f"replanning.max_joint_position, {most:g} rad" in str(refused)
+        assert "max_position" not in str(refused)
+
+
+@SIGNS
+@pytest.mark.parametrize("axis", range(3))
+@pytest.mark.parametrize("what", ["max_position", "max_angle"])
+def test_the_chaser_may_be_off_to_no_side_by_more_than_is_allowed(
+    running: PublishedPlan, what: str, axis: int, sign: float
+) -> None:
+    sound, most = snapshot(running).state, getattr(ALLOWED, what)
+    attitude = Rotation.from_quat(sound.quaternion_chaser_to_inertial_xyzw)
+    for part in (0.8, 1.2):
+        off = sign * part * most * np.eye(3)[axis]
+        moved: dict[str, Any] = {
+            "position_chaser_in_inertial": sound.position_chaser_in_inertial + off
+        }
+        if what == "max_angle":
+            turned = Rotation.from_rotvec(off) * attitude
+            moved = {"quaternion_chaser_to_inertial_xyzw": turned.as_quat()}
+        measured = snapshot(running, **moved)
+        if part < 1.0:
+            continued_plan(running, measured, NOW, ALLOWED)
+            continue
+        refused = refusal(running, measured, NOW)
+        assert refused.status is Status.STATE_MOVED
+        assert f"replanning.{what}, {most:g}" in str(refused)
+
+
+def test_one_joint_that_is_off_is_enough_though_all_others_are_not(running: PublishedPlan) -> None:
+    measured = snapshot(running)
+    off = measured.state.joint_positions - 2.0 * ALLOWED.max_joint_position * np.eye(7)[6]
+    assert "a joint by" in str(refusal(running, snapshot(running, joint_positions=off), NOW))
+
+
+def test_without_a_plan_that_runs_there_is_nothing_to_take_over_from(
+    running: PublishedPlan,
+) -> None:
+    measured = snapshot(running)
+    assert refusal(None, measured, NOW).status is Status.NO_ACTIVE_PLAN
+    begins_later = replace(running, start_ns=NOW + NANOSECONDS)
+    assert refusal(begins_later, measured, NOW + 2 * NANOSECONDS).status is Status.NO_ACTIVE_PLAN
+    over = replace(running, start_ns=NOW - 11 * NANOSECONDS)
+    assert refusal(over, measured, NOW).status is Status.NO_ACTIVE_PLAN
+    assert "begins -11.000 s after the state was measured" in str(refusal(over, measured, NOW))
+
+
+@pytest.mark.parametrize("left", [0.9, 1.1])
+def test_what_is_nearly_at_its_goal_is_not_planned_again(
+    running: PublishedPlan, left: float
+) -> None:
+    """Whether a tail comes after the goal or not."""
+    remainder = left * ALLOWED.min_remainder
+    for goal in (None, 8.0):
+        plan = replace(running, duration=goal)
+        start_ns = BEGUN + round((plan.seconds_to_goal - remainder) * NANOSECONDS)
+        if left > 1.0:
+            found = continued_plan(plan, snapshot(plan), start_ns, ALLOWED)
+            assert found.remaining == pytest.approx(remainder, abs=1e-8)
+        else:
+            refused = refusal(plan, snapshot(plan), start_ns)
+            assert refused.status is Status.PLAN_ENDING
+            assert f"run.1 is at its goal {remainder:.3f} s after" in str(refused)
+
+
+def later_plan(running: PublishedPlan, after: float) -> PublishedPlan:
+    """A plan that takes over from one a while [s] from now, one tenth of a radian beside it."""
+    rows = running.trajectory.time >= 4.0
+    motion = Trajectory(
+        **{name: rows_of[rows] for name, rows_of in vars(running.trajectory).items()}
+    )
+    start_ns = NOW + round(after * NANOSECONDS)
+    motion = replace(
+        motion,
+        time=motion.time - motion.time[0],
+        joint_positions=motion.joint_positions + 0.1,
+        chaser_positions=motion.chaser_positions + 1.0,
+    )
+    return PublishedPlan("run.2", motion, start_ns, before=running)
+
+
+def test_until_the_next_plan_begins_the_one_before_it_says_where_the_system_is(
+    running: PublishedPlan,
+) -> None:
+    last, measured = later_plan(running, 0.5), snapshot(running)
+    found = continued_plan(last, measured, NOW + NANOSECONDS, ALLOWED)
+    assert found.joined_at == pytest.approx(0.5, abs=1e-9)
+    times = np.array([0.0, 0.2, 0.5, 1.3])
+    positions, _, _ = found.motion.at(times)
+    first, _, _ = running.motion(NOW).at(times)
+    then, _, _ = last.motion(NOW).at(times)
+    assert (np.diff(found.motion.time) > 0.0).all()
+    np.testing.assert_allclose(positions[:1], first[:1], atol=1e-12)
+    np.testing.assert_allclose(positions[2:], then[2:], atol=1e-12)
+    # The chaser is held against it, too, though the last plan does not say where that is by now.
+    place = measured.state.position_chaser_in_inertial + 2.0 * ALLOWED.max_position
+    moved = snapshot(running, position_chaser_in_inertial=place)
+    assert "the chaser by" in str(refusal(last, moved, NOW + NANOSECONDS))
+    # Only the plan before is looked at: the system is where the last one has it 4 s later.
+    elsewhere = snapshot(last, last.start_ns)
+    refused = refusal(last, replace(elsewhere, stamp_ns=NOW), NOW + NANOSECONDS)
+    assert refused.status is Status.STATE_MOVED
+    assert "where run.1 says" in str(refused)
+
+
+def test_a_plan_that_has_not_begun_by_the_switch_over_is_not_joined(
+    running: PublishedPlan,
+) -> None:
+    last = later_plan(running, 0.5)
+    refused = refusal(last, snapshot(running), NOW + NANOSECONDS // 4)
+    assert refused.status is Status.NO_ACTIVE_PLAN
+    assert "run.2, the last one, begins 0.500 s after the state was measured" in str(refused)
+
+
+def asked(
+    problem: PlanningProblem, running: PublishedPlan, request: PlanTrajectory.Request, late_ns: int
+) -> ReadRequest:
+    states = Mock()
+    states.snapshot.return_value = snapshot(running, NOW - late_ns)
+    scenes = SceneInput(FRAME)
+    scenes.keep(Scene(problem).obstacles())
+    return read_request(request, Knowledge(problem.robot, PARAMETERS, states, scenes, running, NOW))
+
+
+@pytest.mark.parametrize(
+    ("duration", "longest", "planned"), [(0.0, 0.0, None), (3.0, 0.0, 3.0), (3.0, 9.0, 9.0)]
+)
+def test_a_request_tells_from_when_on_it_takes_over_and_how_much_remains(
+    lemur_capture: PlanningProblem,
+    running: PublishedPlan,
+    duration: float,
+    longest: float,
+    planned: float | None,
+) -> None:
+    late_ns = NANOSECONDS // 10
+    request = Scene(lemur_capture).request()
+    request.continue_plan, request.duration, request.duration_max = True, duration, longest
+    read = asked(lemur_capture, running, request, late_ns)
+    allowance = ALLOWED.allowance
+    assert read.start_ns == NOW + round(allowance * NANOSECONDS)
+    remaining = 6.0 - allowance
+    assert read.task.problem.duration == pytest.approx(
+        remaining if planned is None else planned, abs=1e-9
+    )
+    assert (read.task.problem.duration_range is None) == (longest == 0.0)
+    assert read.task.ahead == pytest.approx(0.1 + allowance, abs=1e-9)
+    assert read.task.running is not None
+    assert read.task.running.time[0] == pytest.approx(-3.9, abs=1e-8)
+    assert read.task.running_goal == pytest.approx(6.1, abs=1e-9)
+    assert read.provenance.following == "run.1"
+    assert read.provenance.delay == pytest.approx(allowance, abs=1e-9)
+    assert read.provenance.joined_at == pytest.approx(4.0 + allowance, abs=1e-9)
+
+
+def test_a_refusal_to_take_over_says_from_which_plan(
+    lemur_capture: PlanningProblem, running: PublishedPlan
+) -> None:
+    request = Scene(lemur_capture).request()
+    request.continue_plan = True
+    with pytest.raises(RequestRefused, match=r"run\.1 is at its goal") as refused:
+        asked(lemur_capture, replace(running, duration=4.0), request, 0)
+    assert refused.value.status is Status.PLAN_ENDING
+    assert refused.value.provenance.following == "run.1"
