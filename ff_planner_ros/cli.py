@@ -30,7 +30,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     warnings.filterwarnings("ignore", r".* encountered in ", RuntimeWarning)
     parser = command_parser()
     options, rest = parser.parse_known_args(arguments)
-    if rest and options.verb != "node":
+    of_ros = options.verb == "node" or (options.verb == "ask" and rest[:1] == ["--ros-args"])
+    if rest and not of_ros:
         parser.error(f"unrecognized arguments: {' '.join(rest)}")
     options.rest = rest
     try:

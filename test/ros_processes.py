@@ -117,8 +117,7 @@ class Client:
             (PlanTrajectory.Event, "plan_trajectory/_service_event", QoSProfile(depth=100)),
             (MarkerArray, "markers", latched),
         ):
-            self.received[topic] = []
-            self.node.create_subscription(message_type, topic, self._keeper(topic), qos)
+            self.hear(message_type, topic, qos)
         self._service = self.node.create_client(PlanTrajectory, "plan_trajectory")
         self._publish_plan = self.node.create_client(PublishPlan, "ff_planner/publish_plan")
         self._action = ActionClient(self.node, PlanTrajectoryAction, "plan_trajectory_action")
@@ -129,6 +128,12 @@ class Client:
     def close(self) -> None:
         self._stop()
         rclpy.shutdown()
+
+    def hear(self, message_type: Any, topic: str, qos: QoSProfile | int = 100) -> list[Any]:
+        """Subscribe to a topic, and return the list of what comes, which grows."""
+        self.received[topic] = []
+        self.node.create_subscription(message_type, topic, self._keeper(topic), qos)
+        return self.received[topic]
 
     def now_ns(self) -> int:
         return self.node.get_clock().now().nanoseconds

@@ -79,13 +79,39 @@ def plan_dictionary(plan: Plan, task: PlanningTask, solve_time: float) -> dict[s
         },
         **_asked(problem, motion.time),
         "limits": written_object(problem.limits),
+        **_of_plan(plan, solve_time),
+        "coefficients": plan.coefficients.tolist(),
+        **({} if plan.robust is None else {"robust": _robust(plan.robust)}),
+    }
+
+
+def received_dictionary(
+    plan: Plan, plan_id: str, digest: str, start: float, solve_time: float
+) -> dict[str, Any]:
+    """Return a plan that a node has made: as `plan_dictionary`, but for robot and problem.
+
+    Args:
+        start: ROS time of the plan's first point [s].
+    """
+    return {
+        "status": Status.SOLVED.name.lower(),
+        "message": plan.message,
+        "plan_id": plan_id,
+        "digest": digest,
+        "start": start,
+        **_of_plan(plan, solve_time),
+    }
+
+
+def _of_plan(plan: Plan, solve_time: float) -> dict[str, Any]:
+    """Return the motion of a plan, its path, and how good it is."""
+    motion = plan.trajectory
+    return {
         "joint_names": list(plan.joint_names),
         **{item.name: getattr(motion, item.name).tolist() for item in fields(motion)},
         "parametrisation": plan.family,
         "xi": plan.xi.tolist(),
-        "coefficients": plan.coefficients.tolist(),
         "orientation_reading": plan.orientation_reading,
-        **({} if plan.robust is None else {"robust": _robust(plan.robust)}),
         **_how_good(plan, solve_time),
     }
 

@@ -10,7 +10,6 @@ from ff_planner_ros.errors import Status
 from ff_planner_ros.planning.metrics import METRIC_BY_NAME
 from ff_planner_ros.planning.plan import Plan
 from ff_planner_ros.planning.problem import Limits
-from ff_planner_ros.planning.task import PlanningTask
 from ff_planner_ros.robot.bodies import Geometry, defining_numbers
 from ff_planner_ros.robot.model import Robot
 
@@ -23,26 +22,30 @@ _TOLD = (
 )
 
 
-def plan_rows(plan: Plan, task: PlanningTask, solve_time: float) -> list[tuple[str, str]]:
-    """Return name and value of what a user wants to know first of a plan made in `solve_time` s."""
+def plan_rows(
+    plan: Plan, solve_time: float, digest: str, chosen: bool, limits: Limits | None
+) -> list[tuple[str, str]]:
+    """Return name and value of what a user wants to know first of a plan made in `solve_time` s.
+
+    Args:
+        digest: Of the task.
+        chosen: Whether the planner chose the duration.
+        limits: That the plan keeps; None: not known.
+    """
     solver, metrics = plan.solver, plan.metrics
     told = {name: metrics.told(name) for name in _TOLD}
     told["peak_joint_torques"] += f", {plan.joint_names[np.argmax(metrics.peak_joint_torques)]}"
     return [
         ("status", Status.SOLVED.name.lower()),
-        *(
-            []
-            if task.problem.duration_range is None or plan.duration is None
-            else [("duration", f"{plan.duration:.3f} s, chosen")]
-        ),
-        ("limits kept", _limits(task.problem.limits)),
+        *([("duration", f"{plan.duration:.3f} s, chosen")] if chosen and plan.duration else []),
+        *([] if limits is None else [("limits kept", _limits(limits))]),
         *((METRIC_BY_NAME[name].label, text) for name, text in told.items()),
         *([] if plan.robust is None else [("robust", plan.robust.told(metrics.joint_path_length))]),
         *([("parametrisation", plan.family)] if plan.family else []),
         ("solver", solver.stop_reason),
         ("optimality", f"{solver.optimality:.1e}" if np.isfinite(solver.optimality) else "none"),
         ("search", f"{solver.starts} starts, {solver.rollouts} rollouts, {solve_time:.2f} s"),
-        ("digest of the task", task.digest),
+        ("digest of the task", digest),
     ]
 
 

@@ -9,6 +9,7 @@ from typing import Any
 from ff_planner_ros.commands.verbs import bags, files, planning, studies
 
 ADDERS = (
+    planning.add_ask,
     studies.add_bench,
     studies.add_campaign,
     files.add_check,

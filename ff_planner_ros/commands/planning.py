@@ -75,7 +75,8 @@ def plan_scenario(options: argparse.Namespace) -> int:
         record_answer(options.bag, task, answer, solve_time, options.scenario, options.method)
     if isinstance(answer, FfPlannerError):
         raise answer
-    print_table(plan_rows(answer, task, solve_time))
+    chosen = task.problem.duration_range is not None
+    print_table(plan_rows(answer, solve_time, task.digest, chosen, task.problem.limits))
     return SOLVED
 
 

@@ -11,30 +11,25 @@ from typing import Any
 
 from ff_planner_msgs.srv import PlanTrajectory
 
-from ff_planner_ros.arrays import finite_vector
 from ff_planner_ros.bag.reader import open_bag
-from ff_planner_ros.declared import places_in, write_value
 from ff_planner_ros.errors import BagError, InvalidInput, Status
 from ff_planner_ros.library_file import load_library
 from ff_planner_ros.parameters import DECLARATIONS, checked, replaced
-from ff_planner_ros.planning.problem import PlanningProblem
-from ff_planner_ros.planning.task import PlanningTask
-from ff_planner_ros.planning.yaml_file import yaml_document
+from ff_planner_ros.ros.messages.request_values import (
+    REQUEST_KEYS,
+    request_value,
+    set_in_request,
+    split_setting,
+    yaml_or_text,
+)
 from ff_planner_ros.runs.recorded_run import RecordedRequest, recorded_run
 from ff_planner_ros.runs.replay import answer_again, one_by_one, status_name
 from ff_planner_ros.runs.report_of_changes import Answered, report_of_changes
 from ff_planner_ros.runs.report_page import save_page
 from ff_planner_ros.text_table import print_table
 
-# Of a request, by the name that a scenario file has for it: place in the message, and declaration.
-# The goal stays what it is.
-_OF_REQUEST = {
-    key: (place, said)
-    for kind in (PlanningProblem, PlanningTask)
-    for key, place, said in places_in(kind)
-    if not key.startswith("target.")
-}
-_OF_REQUEST["duration.max"] = ("duration_max", _OF_REQUEST["duration"][1])
+# What may be changed in a request. The goal stays what it is.
+_OF_REQUEST = tuple(key for key in REQUEST_KEYS if not key.startswith("target."))
 # Of the node's parameters: those that planning depends on. The others say where messages go, or
 # what a request is given that leaves open what `_OF_REQUEST` changes in every request.
 _OF_NODE = (
@@ -67,23 +62,13 @@ def parsed(setting: str) -> Change:
     Raises:
         InvalidInput: The key is unknown, or the value is not of its type or out of its range.
     """
-    key, equals, written = setting.partition("=")
-    if not equals:
-        allowed = "it must read key=value, such as planner.starts=5"
-        raise InvalidInput(Status.OUT_OF_RANGE, "--set", setting, allowed)
+    key, written = split_setting(setting)
     if key not in allowed_keys():
         allowed = f"allowed are {', '.join(allowed_keys())}"
         raise InvalidInput(Status.OUT_OF_RANGE, f"--set {key}", "an unknown key", allowed)
-    try:
-        value = yaml_document(written, key, "no YAML")
-    except InvalidInput:
-        value = written
+    value = yaml_or_text(key, written)
     if key in _OF_REQUEST:
-        form = _OF_REQUEST[key][1].form
-        told = form.read(key, value)
-        if form.slots:
-            finite_vector(key, told, len(form.slots))
-        return Change(key, form.written(told))
+        return Change(key, request_value(key, value, in_range=False))
     return Change(key, checked(key, written if DECLARATIONS[key].kind is str else value))
 
 
@@ -99,12 +84,7 @@ def changed_request(recorded: RecordedRequest, changes: Sequence[Change]) -> Rec
     request, parameters = deepcopy(recorded.request), recorded.inputs.parameters
     for change in changes:
         if change.key in _OF_REQUEST:
-            place, said = _OF_REQUEST[change.key]
-            try:
-                write_value(request, said, change.value, place)
-            except (AssertionError, OverflowError):
-                allowed = "it does not fit a request"
-                raise InvalidInput(Status.OUT_OF_RANGE, change.key, change.value, allowed) from None
+            set_in_request(request, change.key, change.value)
         else:
             parameters = replaced(parameters, change.key, change.value)
     inputs = replace(recorded.inputs, parameters=parameters)

@@ -1,4 +1,4 @@
-"""The verbs that make or test plans: plan, verify, compare, robot, demo, node."""
+"""The verbs that make or test plans: plan, ask, verify, compare, robot, demo, node."""
 
 from __future__ import annotations
 
@@ -34,6 +34,46 @@ def add_plan(add: Add) -> None:
     plan.add_argument(
         "--output", type=Path, default="pareto", metavar="DIR", help="of the picture of --pareto"
     )
+
+
+def add_ask(add: Add) -> None:
+    """Add `ask`."""
+    ask = add(
+        "ask",
+        "ff_planner_ros.commands.asking:ask_node",
+        "ask a running node for a plan",
+        description="Send one request to a running node and print its answer. The node plans from "
+        "the state, obstacles and target body that it has received last.",
+        epilog="What follows --ros-args goes to ROS. Exit code: 0 solved, 2 refused, 3 no plan "
+        "found, 130 interrupted: the request is cancelled.",
+    )
+    scenario_help = "what to ask for; without one, --set says it all"
+    ask.add_argument("scenario", type=Path, nargs="?", metavar="SCENARIO", help=scenario_help)
+    ask.add_argument(
+        "--bring",
+        action="append",
+        choices=("state", "obstacles", "target_body"),
+        default=[],
+        help="plan from this of the scenario, not from what the node has received; may be given "
+        "several times",
+    )
+    ask.add_argument(
+        "--set",
+        action="append",
+        dest="changes",
+        metavar="KEY=VALUE",
+        help="ask for this instead, by the key of a scenario; may be given several times "
+        "(target.position=[4, 0, 1], duration=20, ...; an unknown key gets the list)",
+    )
+    plan_only_help = "the plan is not published; the service ~/publish_plan does that, by its id"
+    ask.add_argument("--plan-only", action="store_true", help=plan_only_help)
+    frame_help = "the node's inertial frame (default: %(default)s)"
+    ask.add_argument("--frame", default="inertial", metavar="FRAME", help=frame_help)
+    budget_help = "for planning (default: the node's parameter)"
+    ask.add_argument("--time-budget", type=float, metavar="SECONDS", help=budget_help)
+    timeout_help = "how long to look for the node (default: %(default)g)"
+    ask.add_argument("--timeout", type=float, default=10.0, metavar="SECONDS", help=timeout_help)
+    ask.add_argument("--json", type=Path, metavar="FILE", help="write the answer")
 
 
 def add_verify(add: Add) -> None:

@@ -1,0 +1,75 @@
+"""Values of a request by the keys of a scenario: what `replay --set` and `ask --set` give."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ff_planner_msgs.srv import PlanTrajectory
+
+from ff_planner_ros.arrays import finite_vector
+from ff_planner_ros.declared import DeclaredField, places_in, write_value
+from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.planning.problem import PlanningProblem
+from ff_planner_ros.planning.task import PlanningTask
+from ff_planner_ros.planning.yaml_file import yaml_document
+
+# Place in the message, and declaration, by key.
+REQUEST_KEYS: dict[str, tuple[str, DeclaredField]] = {
+    key: (place, declaration)
+    for kind in (PlanningProblem, PlanningTask)
+    for key, place, declaration in places_in(kind)
+}
+REQUEST_KEYS["duration.max"] = ("duration_max", REQUEST_KEYS["duration"][1])
+
+
+def split_setting(setting: str) -> tuple[str, str]:
+    """Return the two sides of a `key=value` of the command line.
+
+    Raises:
+        InvalidInput: It is none.
+    """
+    key, equals, value = setting.partition("=")
+    if not equals:
+        allowed = "it must read key=value, such as objective.chaser_attitude=1"
+        raise InvalidInput(Status.OUT_OF_RANGE, "--set", setting, allowed)
+    return key, value
+
+
+def yaml_or_text(key: str, value: str) -> Any:
+    """Return what a value stands for in YAML, or the text itself where it is no YAML."""
+    try:
+        return yaml_document(value, key, "no YAML")
+    except InvalidInput:
+        return value
+
+
+def request_value(key: str, value: Any, in_range: bool) -> Any:
+    """Return a value of the key's type, as a file has it.
+
+    Args:
+        in_range: Whether it must be in the key's range, too, or the planner is to judge that.
+
+    Raises:
+        InvalidInput: It is not of the key's type, or out of its range.
+    """
+    form = REQUEST_KEYS[key][1].form
+    read = form.read(key, value)
+    if in_range:
+        read = form.checked(key, read)
+    elif form.slots:
+        finite_vector(key, read, len(form.slots))
+    return form.written(read)
+
+
+def set_in_request(request: PlanTrajectory.Request, key: str, value: Any) -> None:
+    """Put a value of `request_value` into its place.
+
+    Raises:
+        InvalidInput: It does not fit there.
+    """
+    place, declaration = REQUEST_KEYS[key]
+    try:
+        write_value(request, declaration, value, place)
+    except (AssertionError, OverflowError):
+        allowed = "it does not fit a request"
+        raise InvalidInput(Status.OUT_OF_RANGE, key, value, allowed) from None
