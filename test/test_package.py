@@ -47,7 +47,7 @@ FLOORS = (
     {"compare", "verify"},
     {"ros", "ros.background", "ros.joining", "ros.qos"},  # "ros" is ros/__init__.py
     {"ros.messages"},
-    {"ros.inputs"},
+    {"ros.client", "ros.inputs"},
     {"ros.parameters"},
     {"ros.recorder"},
     {"ros.outputs"},

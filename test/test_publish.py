@@ -160,7 +160,9 @@ def test_a_signal_ends_it_cleanly_in_the_middle(
     assert offered == [
         (qos.reliability, qos.durability) for qos in (RELIABLE, LATCHED, BEST_EFFORT)
     ]
-    assert dict(listener.heard) == {SCENE: wanted[SCENE][0], STATES: wanted[STATES][0]}
+    # On a busy machine the first state may go out before the listener is found.
+    assert {topic for topic, _ in listener.heard} == {SCENE, STATES}
+    assert all(bytes_heard in wanted[topic] for topic, bytes_heard in listener.heard)
 
 
 @pytest.mark.parametrize(

@@ -61,6 +61,7 @@ def add_ask(add: Add) -> None:
         "--set",
         action="append",
         dest="changes",
+        default=[],
         metavar="KEY=VALUE",
         help="ask for this instead, by the key of a scenario; may be given several times "
         "(target.position=[4, 0, 1], duration=20, ...; an unknown key gets the list)",

@@ -1,0 +1,159 @@
+"""A client of a running node: one request, and its answer."""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+from collections.abc import Collection, Iterator, Sequence
+from concurrent.futures import Future
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import rclpy
+from ff_planner_msgs.action import PlanTrajectory
+from ff_planner_msgs.srv import PlanTrajectory as PlanTrajectoryService
+from rclpy.action import ActionClient
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.signals import SignalHandlerOptions
+
+from ff_planner_ros.errors import FfPlannerError, InvalidInput, Status
+from ff_planner_ros.planning.scenario import load_scenario
+from ff_planner_ros.ros.background import ask, spin_in_background
+from ff_planner_ros.ros.joining import joining_ros
+from ff_planner_ros.ros.messages.request_values import (
+    REQUEST_KEYS,
+    request_value,
+    set_in_request,
+    split_setting,
+    yaml_or_text,
+)
+from ff_planner_ros.ros.messages.to_messages import (
+    obstacles_message,
+    request_message,
+    same_fields,
+    state_message,
+    target_body_message,
+)
+
+_ACTION = "plan_trajectory_action"
+_INTERVAL = 0.2  # [s] between looks at the clock while waiting
+
+
+def request_of_scenario(
+    scenario: Path, frame: str, bring: Collection[str]
+) -> PlanTrajectoryService.Request:
+    """Return the request for a scenario's goal.
+
+    Args:
+        frame: The node's inertial frame.
+        bring: What of the scenario goes with it, instead of what the node has received: `state`,
+            `obstacles`, `target_body`.
+
+    Raises:
+        InvalidInput: The scenario is refused.
+    """
+    problem = load_scenario(scenario)
+    request = request_message(problem, frame)
+    # Stamps of zero: as if measured when the node reads it.
+    if "state" in bring:
+        names = problem.robot.joint_names
+        request.use_start_state = True
+        request.start_state = state_message(problem.start, names, 0, frame)
+    if "obstacles" in bring:
+        request.use_obstacles = True
+        request.obstacles = obstacles_message(problem.obstacles, 0, frame)
+    if "target_body" in bring and problem.target_body is not None:
+        request.use_target_body = True
+        request.target_body = target_body_message(problem.target_body, 0, frame)
+    return request
+
+
+def request_of_nothing(frame: str) -> PlanTrajectoryService.Request:
+    """Return a request that says nothing yet but its goal's frame."""
+    request = PlanTrajectoryService.Request()
+    request.target_pose.header.frame_id = frame
+    return request
+
+
+def change_request(request: PlanTrajectoryService.Request, settings: Sequence[str]) -> None:
+    """Put each `key=value` into a request.
+
+    Raises:
+        InvalidInput: A key is unknown, or a value is not allowed.
+    """
+    for setting in settings:
+        key, value = split_setting(setting)
+        if key not in REQUEST_KEYS:
+            allowed = f"allowed are {', '.join(REQUEST_KEYS)}"
+            raise InvalidInput(Status.OUT_OF_RANGE, f"--set {key}", "an unknown key", allowed)
+        given = request_value(key, yaml_or_text(key, value), in_range=True)
+        set_in_request(request, key, given)
+
+
+def answer_of_node(
+    request: PlanTrajectoryService.Request, patience: float, ros_arguments: list[str]
+) -> PlanTrajectory.Result:
+    """Send a request to a running node and wait for its answer; Ctrl-C cancels it.
+
+    Args:
+        patience: How long the action may take to appear [s].
+
+    Raises:
+        FfPlannerError: The node does not take the request up, or ends.
+        InvalidInput: No node offers the action.
+    """
+    goal = same_fields(request, PlanTrajectory.Goal)
+    with _client(ros_arguments) as (client, executor):
+        deadline = time.monotonic() + patience
+        while not client.wait_for_server(timeout_sec=_INTERVAL):
+            if time.monotonic() > deadline:
+                domain = os.environ.get("ROS_DOMAIN_ID", "0")
+                allowed = (
+                    f"no node offers it within {patience:g} s: does one run, active, in ROS domain "
+                    f"{domain} and this namespace?"
+                )
+                raise InvalidInput(Status.NOT_ACTIVE, "action", _ACTION, allowed)
+
+        def waited(answer: Future[Any]) -> Any:
+            while True:
+                try:
+                    return answer.result(_INTERVAL)  # so that a signal is handled meanwhile
+                except TimeoutError:
+                    if not client.server_is_ready():
+                        words = "the node ended before it answered"
+                        raise FfPlannerError(Status.SHUT_DOWN, words) from None
+
+        sent = ask(executor, lambda: client.send_goal_async(goal))
+        try:
+            handle = waited(sent)
+            if not handle.accepted:
+                raise FfPlannerError(Status.BUSY, "the node did not take the request up")
+            result: PlanTrajectory.Result = waited(ask(executor, handle.get_result_async)).result
+        except KeyboardInterrupt:
+            handle = waited(sent)
+            if handle.accepted:
+                waited(ask(executor, handle.cancel_goal_async))
+            raise
+    return result
+
+
+@contextmanager
+def _client(ros_arguments: list[str]) -> Iterator[tuple[ActionClient, SingleThreadedExecutor]]:
+    """Yield a client of the action, and what receives its answers."""
+    with joining_ros():
+        rclpy.init(
+            args=[sys.argv[0], *ros_arguments], signal_handler_options=SignalHandlerOptions.NO
+        )
+        node = rclpy.create_node(f"ff_planner_ask_{os.getpid()}")
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+    stop = spin_in_background(executor, node.get_logger())
+    client = ActionClient(node, PlanTrajectory, _ACTION)
+    try:
+        yield client, executor
+    finally:
+        stop()
+        client.destroy()
+        rclpy.shutdown()
