@@ -14,6 +14,8 @@ from ff_planner_ros.commands.parser import command_parser, run
 from ff_planner_ros.errors import LONGEST_MESSAGE, FfPlannerError, InvalidInput, NoPlanFound
 from ff_planner_ros.shown import shortened
 
+# Of an input that are told one by one: a screen, where thousands of obstacles may be wrong alike.
+_MOST_FAULTS = 20
 DEFECT = "this is a defect of ff-planner, please report it"
 
 
@@ -62,9 +64,12 @@ def _place(error: Exception) -> str:
 
 
 def _fail(error: Exception | str, code: int) -> int:
-    for one in error.faults if isinstance(error, InvalidInput) else (error,):
+    faults = error.faults if isinstance(error, InvalidInput) else (error,)
+    for one in faults[:_MOST_FAULTS]:
         text = f"ff-planner: {shortened(str(one), LONGEST_MESSAGE)}"
         print("".join(c if c.isprintable() or c == "\n" else "?" for c in text), file=sys.stderr)
+    if more := len(faults[_MOST_FAULTS:]):
+        print(f"ff-planner: and {more} more, which `ff-planner check` lists", file=sys.stderr)
     return code
 
 

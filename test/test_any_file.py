@@ -61,8 +61,14 @@ def scenario() -> Any:
     return content
 
 
+MOST_LINES = 21  # twenty faults, and how many there are more
+
+
 def require_law(done: Done, of: object, is_timed: bool = True) -> None:
-    """Documented code, no traceback, a short message; time and memory where they are counted."""
+    """Documented code, no traceback, a short message for each of a screen of faults at most.
+
+    Time and memory where they are counted.
+    """
     told = [line for line in done.err.splitlines() if not line.startswith("ff-planner: note: ")]
     message = "\n".join(told)
     shown = f"{of}: {done.code} {done.err[:2000]}"
@@ -70,7 +76,8 @@ def require_law(done: Done, of: object, is_timed: bool = True) -> None:
     assert "Traceback" not in done.err, shown
     assert DEFECT not in done.err, shown
     assert "Warning" not in done.err, shown
-    assert len(message) <= 1_000, shown
+    assert len(told) <= MOST_LINES, shown
+    assert all(len(line) <= 1_000 for line in told), shown
     assert (done.code == 2) == ("ff-planner: " in message) or done.code == 3, shown
     assert done.megabytes <= MEGABYTES, f"{done.megabytes:.0f} MB: {shown}"
     if is_timed:

@@ -91,6 +91,21 @@ def test_every_list_that_has_not_one_number_for_each_joint_is_a_fault(
     assert told.count("\n") == 5
 
 
+def test_of_a_thousand_faults_a_command_tells_a_screen_and_check_all(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "bad.yaml"
+    document = yaml.safe_load(LEMUR_SCENARIO.read_text()) | {"obstacles": [1.0] * 1000}
+    document["robot"]["urdf"] = str(LEMUR_SCENARIO.parent / document["robot"]["urdf"])
+    file.write_text(yaml.safe_dump(document))
+    assert main(["plan", str(file)]) == 2
+    *faults, last = capsys.readouterr().err.splitlines()
+    assert [line[: len("ff-planner: obs")] for line in faults] == ["ff-planner: obs"] * 20
+    assert last == "ff-planner: and 980 more, which `ff-planner check` lists"
+    assert main(["check", str(file)]) == 2
+    assert len(capsys.readouterr().out.splitlines()) == 1000
+
+
 def test_a_file_without_faults_is_sound(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["check", *map(str, SHIPPED)]) == 0
     assert capsys.readouterr().out.count("nothing is wrong") == len(SHIPPED)
