@@ -84,10 +84,7 @@ def change_request(request: PlanTrajectoryService.Request, settings: Sequence[st
         InvalidInput: A key is unknown, or a value is not allowed.
     """
     for setting in settings:
-        key, value = split_setting(setting)
-        if key not in REQUEST_KEYS:
-            allowed = f"allowed are {', '.join(REQUEST_KEYS)}"
-            raise InvalidInput(Status.OUT_OF_RANGE, f"--set {key}", "an unknown key", allowed)
+        key, value = split_setting(setting, REQUEST_KEYS)
         given = request_value(key, yaml_or_text(key, value), in_range=True)
         set_in_request(request, key, given)
 

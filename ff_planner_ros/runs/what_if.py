@@ -12,7 +12,7 @@ from typing import Any
 from ff_planner_msgs.srv import PlanTrajectory
 
 from ff_planner_ros.bag.reader import open_bag
-from ff_planner_ros.errors import BagError, InvalidInput, Status
+from ff_planner_ros.errors import BagError
 from ff_planner_ros.library_file import load_library
 from ff_planner_ros.parameters import DECLARATIONS, checked, replaced
 from ff_planner_ros.ros.messages.request_values import (
@@ -62,10 +62,7 @@ def parsed(setting: str) -> Change:
     Raises:
         InvalidInput: The key is unknown, or the value is not of its type or out of its range.
     """
-    key, written = split_setting(setting)
-    if key not in allowed_keys():
-        allowed = f"allowed are {', '.join(allowed_keys())}"
-        raise InvalidInput(Status.OUT_OF_RANGE, f"--set {key}", "an unknown key", allowed)
+    key, written = split_setting(setting, allowed_keys())
     value = yaml_or_text(key, written)
     if key in _OF_REQUEST:
         return Change(key, request_value(key, value, in_range=False))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from typing import Any
 
 from ff_planner_msgs.srv import PlanTrajectory
@@ -22,16 +23,19 @@ REQUEST_KEYS: dict[str, tuple[str, DeclaredField]] = {
 REQUEST_KEYS["duration.max"] = ("duration_max", REQUEST_KEYS["duration"][1])
 
 
-def split_setting(setting: str) -> tuple[str, str]:
+def split_setting(setting: str, known: Collection[str]) -> tuple[str, str]:
     """Return the two sides of a `key=value` of the command line.
 
     Raises:
-        InvalidInput: It is none.
+        InvalidInput: It is none, or its key is not among those known.
     """
     key, equals, value = setting.partition("=")
     if not equals:
         allowed = "it must read key=value, such as objective.chaser_attitude=1"
         raise InvalidInput(Status.OUT_OF_RANGE, "--set", setting, allowed)
+    if key not in known:
+        allowed = f"allowed are {', '.join(known)}"
+        raise InvalidInput(Status.OUT_OF_RANGE, f"--set {key}", "an unknown key", allowed)
     return key, value
 
 
