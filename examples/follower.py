@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 from builtin_interfaces.msg import Time
-from ff_planner_msgs.action import PlanTrajectory
+from ff_planner_msgs.msg import PlanAnswer, PlanRequest
 from rclpy.utilities import remove_ros_args
 
 from ff_planner_ros.bag.decoding import NANOSECONDS, nanoseconds
@@ -29,7 +29,7 @@ from ff_planner_ros.demo.executive import MissionExecutive
 from ff_planner_ros.demo.mission import mission_report, run_mission
 from ff_planner_ros.errors import FfPlannerError, Status
 from ff_planner_ros.planning.scenario import SCENARIO_FRAME, load_scenario
-from ff_planner_ros.ros.messages.to_messages import goal_message
+from ff_planner_ros.ros.messages.to_messages import request_message
 
 NAME = "follower"  # who asks
 PATIENCE = 60.0  # [s] for the planner, the testbed and the answer
@@ -47,18 +47,18 @@ def main() -> int:
 def _fly(options: argparse.Namespace, check: Callable[[], None]) -> dict[str, Any]:
     scenario = load_scenario(options.scenario)
     with closing(MissionExecutive(check, PATIENCE, sys.argv)) as executive:
-        goal = goal_message(scenario, SCENARIO_FRAME)
-        goal.asked_by, goal.plan_only = NAME, True
-        goal.start_time = Time(sec=options.start)
-        first = executive.plan(goal, lambda _: None)
+        request = request_message(scenario, SCENARIO_FRAME)
+        request.requester, request.plan_only = NAME, True
+        request.start_time = Time(sec=options.start)
+        first = executive.plan(request, lambda _: None)
         executive.commit(first)
         print(f"flying     {first.plan_id}", flush=True)
-        begin = nanoseconds(first.joint_trajectory.header.stamp) / NANOSECONDS
-        again = goal_message(scenario, SCENARIO_FRAME)
-        again.asked_by, again.continue_plan, again.duration = NAME, True, 0.0
+        begin = nanoseconds(first.plans[0].joint_trajectory.header.stamp) / NANOSECONDS
+        again = request_message(scenario, SCENARIO_FRAME)
+        again.requester, again.replan_active, again.duration = NAME, True, 0.0
         again.duration_max = 0.0
         replans = list(_replans(executive, again, begin, options.rate, check))
-        flown = executive.watch(first, first.duration, scenario.robot)
+        flown = executive.watch(first, first.plans[0].duration, scenario.robot)
     figures = _figures(replans) | {
         "end_error": flown.error.position,
         "end_angle": flown.error.angle,
@@ -71,11 +71,11 @@ def _fly(options: argparse.Namespace, check: Callable[[], None]) -> dict[str, An
 
 def _replans(
     executive: MissionExecutive,
-    goal: PlanTrajectory.Goal,
+    request: PlanRequest,
     begin: float,
     rate: float,
     check: Callable[[], None],
-) -> Iterator[tuple[PlanTrajectory.Result, float]]:
+) -> Iterator[tuple[PlanAnswer, float]]:
     """Ask again and again until the goal is near; yield answers, and how long each took [s]."""
     due = begin + (1.0 / rate if rate else np.inf)
     while rate:
@@ -83,7 +83,7 @@ def _replans(
             check()
             time.sleep(min(_LOOK_INTERVAL, max(due - time.time(), 0.0)))
         asked = time.perf_counter()
-        answer = executive.replan(goal)
+        answer = executive.replan(request)
         took = time.perf_counter() - asked
         status = Status(answer.status.code)
         if status is Status.PLAN_ENDING:
@@ -92,18 +92,20 @@ def _replans(
             raise FfPlannerError(status, answer.status.message)
         yield answer, took
         # Not before the plan that was just made has begun.
-        begun = nanoseconds(answer.joint_trajectory.header.stamp) / NANOSECONDS
-        due = max(due + 1.0 / rate, begun, time.time())
+        due = max(due + 1.0 / rate, time.time())
+        if answer.plans:
+            begun = nanoseconds(answer.plans[0].joint_trajectory.header.stamp)
+            due = max(due, begun / NANOSECONDS)
 
 
-def _figures(replans: list[tuple[PlanTrajectory.Result, float]]) -> dict[str, float]:
+def _figures(replans: list[tuple[PlanAnswer, float]]) -> dict[str, float]:
     """Return figures of what was planned on the way."""
     made = [(one, took) for one, took in replans if one.status.code == Status.SOLVED]
     report: dict[str, float] = {"asked": len(replans), "plans": len(made)}
     if made:
         solve = [answer.solver.solve_time for answer, _ in made]
         report |= {
-            "delay": float(np.median([answer.delay for answer, _ in made])),
+            "delay": float(np.median([answer.inputs.handover_delay for answer, _ in made])),
             "solve_time_p50": float(np.median(solve)),
             "solve_time_p99": float(np.quantile(solve, 0.99)),
             "round_trip_p50": float(np.median([took for _, took in made])),

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from builtin_interfaces.msg import Time
-from ff_planner_msgs.action import PlanTrajectory
+from ff_planner_msgs.msg import PlanAnswer, PlanProgress
 from rclpy.utilities import remove_ros_args
 
 from ff_planner_ros.demo.executive import NAME, MissionExecutive
@@ -27,7 +27,7 @@ from ff_planner_ros.demo.mission import mission_report, run_mission
 from ff_planner_ros.errors import NoPlanFound, Status
 from ff_planner_ros.planning.problem import DurationRange, Objective
 from ff_planner_ros.planning.scenario import SCENARIO_FRAME, load_scenario
-from ff_planner_ros.ros.messages.to_messages import goal_message
+from ff_planner_ros.ros.messages.to_messages import request_message
 from ff_planner_ros.ros.outputs.prediction import FramePose
 
 OBJECTIVES = {
@@ -54,17 +54,17 @@ def _fly(options: argparse.Namespace, check: Callable[[], None]) -> dict[str, An
     with closing(MissionExecutive(check, PATIENCE, sys.argv)) as executive:
         # 1. Ask. The planner carries the chaser forward to the start time and plans from there. It
         #    keeps the plan to itself, so that nobody executes what the mission has not checked.
-        goal = goal_message(scenario, SCENARIO_FRAME)
-        goal.plan_only, goal.asked_by = True, NAME
-        goal.start_time = Time(sec=options.start)
-        goal.time_budget = PATIENCE  # unless the start is before
+        request = request_message(scenario, SCENARIO_FRAME)
+        request.plan_only, request.requester = True, NAME
+        request.start_time = Time(sec=options.start)
+        request.search.time_budget = PATIENCE  # unless the start is before
         print("asking     the planner, as soon as it is there", flush=True)
-        answer = executive.plan(goal, _say_how_the_search_goes)
+        answer = executive.plan(request, _say_how_the_search_goes)
         print(f"plan       {answer.plan_id}: {_worth(answer)}", flush=True)
 
         # 2. Check. No plan that the planner gives breaks a limit or touches an obstacle; what only
         #    the mission knows has to be checked here.
-        rotation = math.degrees(answer.metrics.max_chaser_rotation)
+        rotation = math.degrees(answer.metrics[0].max_chaser_rotation)
         if rotation > options.max_attitude_deg:
             raise NoPlanFound(
                 Status.LIMIT_VIOLATED,
@@ -72,13 +72,13 @@ def _fly(options: argparse.Namespace, check: Callable[[], None]) -> dict[str, An
                 f"{options.max_attitude_deg:g} deg: try --objective attitude",
             )
 
-        # 3. Commit. The planner publishes the plan by its id, if it still fits the state and the
-        #    clock. From here on the controller has it, and nothing moves before its stamp.
+        # 3. Commit. The planner publishes the plan by its id and token, if it still fits the state
+        #    and the clock. From here on the controller has it, and nothing moves before its stamp.
         executive.commit(answer)
         print("committed  the controller has it", flush=True)
 
         # 4. Watch it come true. Where the planner chose the duration, the answer says which.
-        flown = executive.watch(answer, answer.duration, scenario.robot)
+        flown = executive.watch(answer, answer.plans[0].duration, scenario.robot)
     print(f"predicted  end effector at {_words(flown.predicted)}")
     print(f"reached    end effector at {_words(flown.reached)}")
     print(f"off by     {flown.error.position * 1e3:.2f} mm, {_deg(flown.error.angle)}")
@@ -89,20 +89,20 @@ def _fly(options: argparse.Namespace, check: Callable[[], None]) -> dict[str, An
     return mission_report(answer, flown)
 
 
-def _say_how_the_search_goes(feedback: PlanTrajectory.Feedback) -> None:
+def _say_how_the_search_goes(progress: PlanProgress) -> None:
+    best = f"objective {progress.best_objective:.4f}" if progress.found else "no path yet"
     print(
-        f"{feedback.phase:<10} {feedback.elapsed:5.2f} s, {feedback.iterations} iterations, "
-        f"objective {feedback.objective:.4f}, worst violation {feedback.violation:.1e}",
+        f"{progress.phase:<10} {progress.elapsed:5.2f} s, {progress.effort} starts, {best}",
         flush=True,
     )
 
 
-def _worth(answer: PlanTrajectory.Result) -> str:
-    metrics = answer.metrics
+def _worth(answer: PlanAnswer) -> str:
+    (metrics,) = answer.metrics
     return (
         f"joint path {metrics.joint_path_length:.4f} rad, "
         f"rotation of the chaser {_deg(metrics.max_chaser_rotation)}, "
-        f"clearance {metrics.min_clearance * 1e3:.1f} mm, {answer.duration:.3f} s long, "
+        f"clearance {metrics.min_clearance * 1e3:.1f} mm, {answer.plans[0].duration:.3f} s long, "
         f"found in {answer.solver.solve_time:.2f} s"
     )
 

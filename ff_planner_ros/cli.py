@@ -30,6 +30,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             stream.reconfigure(errors="backslashreplace")  # a file's name may be any bytes
     # Where numbers grow beyond all bounds, the answer says so.
     warnings.filterwarnings("ignore", r".* encountered in ", RuntimeWarning)
+    warnings.showwarning = _note  # such as names that are deprecated
     parser = command_parser()
     options, rest = parser.parse_known_args(arguments)
     of_ros = options.verb == "node" or (options.verb == "ask" and rest[:1] == ["--ros-args"])
@@ -61,6 +62,10 @@ def _place(error: Exception) -> str:
     """Return where in our sources an error came from."""
     ours = [at for at in extract_tb(error.__traceback__) if __package__ in at.filename]
     return f"at {Path(ours[-1].filename).name}:{ours[-1].lineno}" if ours else ""
+
+
+def _note(message: Warning | str, *_: object, **__: object) -> None:
+    print(f"ff-planner: note: {message}", file=sys.stderr)
 
 
 def _fail(error: Exception | str, code: int) -> int:

@@ -6,11 +6,10 @@ checks of the class itself, and the JSON Schema of the file.
 
 from __future__ import annotations
 
-import re
-from collections.abc import Callable, Container, Iterator, Mapping, Sized
-from dataclasses import MISSING, dataclass, field, fields, is_dataclass, replace
+import warnings
+from collections.abc import Iterator, Mapping
+from dataclasses import MISSING, dataclass, field, fields, replace
 from functools import cache
-from operator import attrgetter
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -18,9 +17,6 @@ import numpy as np
 from ff_planner_ros.errors import Faults, InvalidInput
 from ff_planner_ros.forms import Form, Schema, a_number, a_whole_number
 from ff_planner_ros.plain_values import dotted, mapping
-
-_IN_LIST = re.compile(r"\[\d+\]$")
-_getter = cache(attrgetter)
 
 
 @dataclass(frozen=True)
@@ -33,11 +29,13 @@ class DeclaredField:
     unit: str = ""
     frame: str = ""  # that a vector is in
     since: str = ""  # the version that it came with; empty: that of its class
-    # Where it is in the message of its class, dotted; empty: its parts are there; None: nowhere
+    # Where it is in the message of its class, dotted; `name[0]` is the entry of an array that has
+    # one at most; None: nowhere
     message: str | None = None
     optional: bool = False  # whether a file may leave it out although the class has no default
     brief: bool = False  # whether a file leaves it out where it is the default
     late: bool = False  # and so do digests: there were some before it came
+    formerly: str = ""  # its key, of one level, until version 0.3: deprecated
     # Key and form of what may be given instead of it
     instead: tuple[str, Form, str] | None = None  # and its sentence
     # Another key, the value with which it may be left out, and what it is then
@@ -138,8 +136,33 @@ def read_keys(
         named: As errors of values call it; empty: as `field`.
     """
     read = dict[str, Any]()
+    value = _with_present_keys(known, field, value, faults)
     _read_level(known, (field, named or field), value, "", (faults, read))
     return read
+
+
+def _with_present_keys(known: DeclaredFields, field: str, value: object, faults: Faults) -> object:
+    """Return a mapping in which deprecated keys have their present names, and tell of them."""
+    formerly = {one.formerly: key for key, one in known.items() if one.formerly}
+    if not isinstance(value, dict) or not formerly.keys() & value.keys():
+        return value
+    present: dict[str, Any] = {key: value[key] for key in value if key not in formerly}
+    for old in (key for key in value if key in formerly):
+        *groups, last = formerly[old].split(".")
+        block: Any = present
+        for group in groups:
+            within = block.get(group, {})
+            block[group] = dict(within) if isinstance(within, dict) else within
+            block = block[group]
+            if not isinstance(block, dict):
+                break  # it is refused where it is read
+        else:
+            if last in block:
+                faults.add(dotted(field, old), "given twice", f"give {formerly[old]} alone")
+            block[last] = value[old]
+        words = f"{dotted(field, old)} is deprecated: say {dotted(field, formerly[old])}"
+        warnings.warn(words, FutureWarning, stacklevel=2)
+    return present
 
 
 def _read_level(
@@ -217,36 +240,6 @@ def fields_of(kind: type[Any], read: Mapping[str, Any]) -> dict[str, Any]:
     return {one.name: read[key] for key, one in declared(kind).items() if one.name and key in read}
 
 
-def part(kind: type[Any]) -> Form:
-    """Return the form of a mapping that is an object of a class with declared fields."""
-    given = changes(kind)
-    return replace(
-        given,
-        read=lambda field, value: kind(**given.read(field, value)),
-        from_message=lambda field, message: kind(**values_in(kind, message, field)),
-    )
-
-
-def changes(kind: type[Any]) -> Form:
-    """Return the form of a mapping of some fields of a class: by name, what is to be changed."""
-
-    def read(field: str, value: object) -> dict[str, Any]:
-        name = value.get("id") if isinstance(value, dict) else None
-        named = _IN_LIST.sub(lambda _: f"[{name}]", field) if isinstance(name, str) else field
-        faults = Faults()
-        found = read_keys(declared(kind), field, value, faults, named)
-        faults.refuse()
-        return fields_of(kind, found)
-
-    return Form(
-        read,
-        lambda: schema_of(declared(kind)),
-        written=written_object,
-        from_message=lambda field, message: values_in(kind, message, field),
-        of=kind,
-    )
-
-
 def written_object(value: Any) -> dict[str, Any]:
     """Return an object with declared fields as a file has it."""
     known = declared(type(value))
@@ -269,124 +262,6 @@ def written(known: DeclaredFields, values: Mapping[str, Any]) -> dict[str, Any]:
             block = block.setdefault(group, {})
         block[last] = plain
     return document
-
-
-def value_at(message: Any, path: str, lacking: Any = MISSING) -> Any:
-    """Return what is at a dotted place of a message, or else what an older one that lacks it says.
-
-    Raises:
-        AttributeError: The message lacks it, and `lacking` is not given.
-    """
-    try:
-        return _getter(path)(message) if path else message
-    except AttributeError:
-        if lacking is MISSING:
-            raise
-        return lacking
-
-
-def values_in(
-    kind: Any, message: Any, field: str = "", names: Container[str] | None = None
-) -> dict[str, Any]:
-    """Return what a message says of a class's fields, by their names.
-
-    A field with a default is left out where the message lacks it, as those of older versions do,
-    and where it is empty there although the default is not: a number or vector of zero, no text, no
-    entries.
-
-    Args:
-        field: In front of the keys in errors.
-        names: Of the fields; None: all.
-
-    Raises:
-        AttributeError: The message lacks a field that has no default.
-        InvalidInput: A value is refused; the field is named as in files.
-    """
-    found: dict[str, Any] = {}
-    for key, one in declared(kind).items():
-        if one.message is None or not (names is None or one.name in names):
-            continue
-        try:
-            part = value_at(message, one.message)
-            if not (one.empties and _is_empty(one.form, part)):
-                value = _getter(*one.form.slots)(part) if one.form.slots else part
-                found[one.name] = one.form.from_message(dotted(field, key), value)
-        except AttributeError:
-            if one.default is MISSING:
-                raise
-    return found
-
-
-def _is_empty(form: Form, part: Any) -> bool:
-    """Tell whether a part of a message says nothing; None: the message lacks it."""
-    if part is None:
-        return True
-    if form.of is not None:
-        known = [one for one in declared(form.of).values() if one.message is not None]
-        return all(_is_empty(one.form, value_at(part, str(one.message), None)) for one in known)
-    if form.slots:
-        return not any(_getter(*form.slots)(part))
-    return not (len(part) if isinstance(part, Sized) else part)
-
-
-def places_in(
-    kind: Any, block: str = "", place: str = ""
-) -> Iterator[tuple[str, str, DeclaredField]]:
-    """Yield the key of each declared value, where it is in messages, and its declaration.
-
-    Args:
-        block: In front of the keys.
-        place: Of the class's message in its own.
-    """
-    for key, one in declared(kind).items():
-        if one.message is not None:
-            here, there = dotted(block, key), ".".join(filter(None, (place, one.message)))
-            if one.form.of is None:
-                yield here, there, one
-            else:
-                yield from places_in(one.form.of, here, there)
-
-
-def names_in(kind: Any, block: str = "", place: str = "") -> dict[str, str]:
-    """Return how messages name what files and errors name otherwise, as `fields_named` takes it."""
-    names = {key: there for key, there, _ in places_in(kind, block, place)}
-    for key, one in declared(kind).items():
-        if one.message == "":
-            *parts, last = names_in(one.form.of).values()
-            names[dotted(block, key)] = f"{', '.join(parts)} and {last}" if parts else last
-    return names
-
-
-def write_object(value: Any, message: Any, entry: Callable[[], Any] | None = None) -> Any:
-    """Write an object's declared fields into a message, and return it; None says nothing.
-
-    Args:
-        entry: Makes the message of an entry of a list of objects.
-    """
-    for one in declared(type(value)).values():
-        given = None if one.message is None else value_at(value, one.name)
-        if given is None or one.message is None:
-            continue
-        if is_dataclass(given):
-            write_object(given, value_at(message, one.message), entry)
-        elif entry is not None and isinstance(given, tuple) and all(map(is_dataclass, given)):
-            write_value(message, one, [write_object(part, entry()) for part in given])
-        else:
-            write_value(message, one, one.form.written(given))
-    return message
-
-
-def write_value(message: Any, one: DeclaredField, plain: Any, path: str = "") -> None:
-    """Put a value, as a file has it, into its place of a message; `none` is zero or empty there."""
-    path = path or one.message or ""
-    present, (place, _, name) = value_at(message, path), path.rpartition(".")
-    if one.form.slots:
-        numbers = plain.values() if isinstance(plain, dict) else plain
-        for slot, number in zip(one.form.slots, numbers, strict=True):
-            setattr(present, slot, number)
-    else:
-        nothing = one.form.spells_none and plain == "none"
-        setattr(value_at(message, place), name, present * 0 if nothing else plain)
 
 
 def schema_of(known: DeclaredFields, prefix: str = "") -> Schema:

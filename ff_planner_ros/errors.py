@@ -71,6 +71,33 @@ class Status(IntEnum):
     CONTROLLER_RULE = CONTROLLER_CONSTRAINT
 
 
+class Retry(IntEnum):
+    """Whether it makes sense to ask again after an answer; as in `ff_planner_msgs/PlanStatus`."""
+
+    NOTHING = 0  # there is a plan
+    LATER = 1  # the same request may be answered otherwise a little later
+    CHANGED = 2  # only another request, scene, state or parameter can be answered otherwise
+    NEVER = 3  # this node answers no more
+
+
+_LATER = {
+    *(Status.NO_STATE, Status.STATE_TOO_OLD, Status.STATE_IN_FUTURE, Status.NO_OBSTACLES),
+    *(Status.STATE_NOT_SYNCHRONIZED, Status.NO_TARGET_BODY, Status.TARGET_TOO_OLD),
+    *(Status.TARGET_IN_FUTURE, Status.NO_ACTIVE_PLAN, Status.TOO_LATE, Status.INTERNAL_ERROR),
+    *(Status.SOLVER_DIED, Status.BUSY, Status.CANCELLED, Status.PREEMPTED, Status.NOT_ACTIVE),
+    Status.CLOCK_JUMPED,
+}
+
+
+def retry_after(status: Status) -> Retry:
+    """Return whether it makes sense to ask again after an answer of a status."""
+    if status is Status.SOLVED:
+        return Retry.NOTHING
+    if status is Status.SHUT_DOWN:
+        return Retry.NEVER
+    return Retry.LATER if status in _LATER else Retry.CHANGED
+
+
 # Of what is wrong with an input [characters], so that a line with a command's name and a remark
 # that something is cut off is not longer than a thousand.
 LONGEST_MESSAGE = 950

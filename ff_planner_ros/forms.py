@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Callable, Iterable, Mapping, Sized
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from enum import StrEnum
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -38,6 +40,8 @@ class Form:
     slots: tuple[str, ...] = ()
     # What a message's value stands for, or its slots' values
     from_message: Callable[[str, Any], Any] = lambda _field, value: value
+    # What a message has of what a file has
+    to_message: Callable[[Any], Any] = lambda plain: plain
     of: type[Any] | None = None  # whose declared fields it holds
 
 
@@ -87,12 +91,21 @@ def a_whole_number(least: int, most: int) -> Form:
     return Form(integer, lambda: {"type": "integer", "minimum": least, "maximum": most}, checked)
 
 
-def a_word(words: Iterable[str]) -> Form:
-    """Return the form of one of some words, or of an enumeration."""
+def a_word(words: Iterable[str], formerly: Mapping[str, str] | None = None) -> Form:
+    """Return the form of one of some words, or of an enumeration.
+
+    Args:
+        formerly: Deprecated words, and what stands in their place.
+    """
 
     def read(field: str, value: object) -> str:
         for word in words:
             if value == word:
+                return word
+        for old, word in (formerly or {}).items():
+            if value == old:
+                words_now = f"{field}: {old} is deprecated: say {word}"
+                warnings.warn(words_now, FutureWarning, stacklevel=2)
                 return word
         *others, last = words
         allowed = f"it must be {', '.join(others)} or {last}"
@@ -101,6 +114,19 @@ def a_word(words: Iterable[str]) -> Form:
     return Form(
         read, lambda: {"enum": [str(word) for word in words]}, written=str, from_message=read
     )
+
+
+def a_numbered_word(words: type[StrEnum]) -> Form:
+    """Return the form of one of an enumeration's words, which messages number in their order."""
+    form, numbered = a_word(words), tuple(words)
+
+    def from_message(field: str, value: int) -> str:
+        if 0 <= value < len(numbered):
+            return numbered[value]
+        named = ", ".join(f"{number} ({word})" for number, word in enumerate(numbered))
+        raise InvalidInput(Status.OUT_OF_RANGE, field, value, f"it must be one of {named}")
+
+    return replace(form, from_message=from_message, to_message=numbered.index)
 
 
 def a_vector(size: int | None = 3) -> Form:

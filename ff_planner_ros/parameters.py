@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar, get_type_hints
 
 from ff_planner_ros.arrays import finite_number, finite_vector, unit_quaternion
 from ff_planner_ros.errors import InvalidInput, Status
-from ff_planner_ros.forms import FROM_URDF
+from ff_planner_ros.forms import FROM_URDF, a_word
 from ff_planner_ros.plain_values import mapping
 from ff_planner_ros.planning.controller_rules import Controller
 from ff_planner_ros.planning.problem import MAX_POINTS, MIN_POINTS, Limits
@@ -27,7 +27,7 @@ from ff_planner_ros.planning.settings import (
     strict_if,
     tunable,
 )
-from ff_planner_ros.planning.tail import EndBehaviour
+from ff_planner_ros.planning.tail import FORMER_END_BEHAVIOURS, EndBehaviour
 from ff_planner_ros.planning.yaml_file import read_yaml
 from ff_planner_ros.robot.bodies import Geometry
 from ff_planner_ros.robot.model import Base, Robot, read_urdf, robot_from_urdf_text
@@ -260,6 +260,7 @@ class QosParameters:
     odometry: SubscriptionQos
     joint_states: SubscriptionQos
     obstacles: SubscriptionQos
+    obstacle_bodies: SubscriptionQos
     target_body: SubscriptionQos
     joint_trajectory: PublisherQos
     predicted_chaser_path: PublisherQos
@@ -376,7 +377,7 @@ class PublicationParameters:
 
 @dataclass(frozen=True)
 class ReplanningParameters:
-    """How a plan takes over from the one that runs, where `continue_plan` asks for that."""
+    """How a plan takes over from the one that runs, where `replan_active` asks for that."""
 
     allowance: float = tunable(
         "It takes over so long after its request where the request does not say when; it must "
@@ -386,14 +387,14 @@ class ReplanningParameters:
         unit="s",
     )
     handover: float = tunable(
-        "A plan that is not ready so long before the switch-over is refused: it must reach the "
+        "A plan that is not ready so long before the handover is refused: it must reach the "
         "controller by then",
         minimum=0.0,
         maximum=3600.0,
         unit="s",
     )
     min_remainder: float = tunable(
-        "A running plan that is at its goal sooner than this after the switch-over is left as it "
+        "A running plan that is at its goal sooner than this after the handover is left as it "
         "is, and the request refused",
         minimum=0.001,
         maximum=3600.0,
@@ -492,11 +493,11 @@ class NodeParameters:
         "with BUSY, preempt answers the other one with PREEMPTED"
     )
     end_behaviour: str = tunable(
-        "What the arm does after the goal where the request does not say: as_planned, "
+        "What the arm does after the goal where the request does not say: none, "
         "hold_end_effector or stop_joints"
     )
     tail_duration: float = tunable(
-        "How long it does so; does not matter for as_planned", 0.001, 3600.0, "s"
+        "How long it does so; does not matter for none", 0.001, 3600.0, "s"
     )
     state_max_age: float = tunable(
         "An older chaser state is refused", 0.0, 3600.0, "s", STRICT_IF_LOW
@@ -520,7 +521,8 @@ class NodeParameters:
         """Check the words."""
         _require_word("state_source", self.state_source, STATE_SOURCES)
         _require_word("when_busy", self.when_busy, (REJECT, PREEMPT))
-        _require_word("end_behaviour", self.end_behaviour, tuple(EndBehaviour))
+        word = a_word(EndBehaviour, FORMER_END_BEHAVIOURS).read("end_behaviour", self.end_behaviour)
+        object.__setattr__(self, "end_behaviour", str(word))
 
     def of_scenarios(self) -> Defaults:
         """Return what holds for a scenario that does not say."""

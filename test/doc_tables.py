@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 import ff_planner_ros
-from ff_planner_ros.declared import places_in
+from ff_planner_ros.bag.older_messages import ANSWER_FIELDS, REQUEST_FIELDS
+from ff_planner_ros.declared import declared
+from ff_planner_ros.declared_messages import places_in
+from ff_planner_ros.errors import Retry, Status, retry_after
 from ff_planner_ros.parameters import DECLARATIONS, Declaration, default_values
+from ff_planner_ros.planning.approach import Approach
 from ff_planner_ros.planning.problem import DurationRange, PlanningProblem, Sphere
 from ff_planner_ros.planning.scenario import scenario_schema
+from ff_planner_ros.planning.tail import FORMER_END_BEHAVIOURS
 from ff_planner_ros.planning.target_body import AttachedSphere, TargetBody
 from ff_planner_ros.planning.task import PlanningTask
 from ff_planner_ros.robot.state import SystemState
@@ -24,10 +29,63 @@ BLOCK = re.compile(r"(<!-- (table|example): (\w+) -->\n)(.*?)(<!-- end -->)", re
 
 
 def codes() -> Iterator[tuple[str, ...]]:
-    yield "code", "name", "cause"
+    yield "code", "name", "cause", "retry"
     text = (MESSAGES / "PlanStatus.msg").read_text(encoding="utf-8")
     for name, number, cause in re.findall(r"^uint16 (\w+)=(\d+) *(?:# (.*))?$", text, re.MULTILINE):
-        yield number, f"`{name}`", cause
+        retry = retry_after(Status(int(number)))
+        yield number, f"`{name}`", cause, f"`{retry.name}`" if retry else ""
+
+
+def retries() -> Iterator[tuple[str, ...]]:
+    yield "retry", "name", "meaning"
+    text = (MESSAGES / "PlanStatus.msg").read_text(encoding="utf-8")
+    for name, number, meaning in re.findall(r"^uint8 (\w+)=(\d+) *# (.*)$", text, re.MULTILINE):
+        assert Retry[name] == int(number)
+        yield number, f"`{name}`", meaning
+
+
+def request_fields() -> Iterator[tuple[str, ...]]:
+    yield from _moved(REQUEST_FIELDS, "PlanRequest")
+
+
+def answer_fields() -> Iterator[tuple[str, ...]]:
+    yield from _moved(ANSWER_FIELDS, "PlanAnswer")
+
+
+def _moved(places: Mapping[str, str], message: str) -> Iterator[tuple[str, ...]]:
+    """Yield where each field of version 0.2 is in a message, and its type there."""
+    yield "0.2", f"0.3, in `{message}`", "type"
+    for field, place in places.items():
+        yield f"`{field}`", f"`{place}`", f"`{_type_at(message, place)}`"
+
+
+def _type_at(message: str, place: str) -> str:
+    """Return the type of a dotted place; `[0]` is the entry of an array of at most one."""
+    found = message
+    for part in place.split("."):
+        name = part.removesuffix("[0]")
+        text = (MESSAGES / f"{found}.msg").read_text(encoding="utf-8")
+        (found,) = re.findall(rf"^(\S+) +{name}(?: |$)", text, re.MULTILINE)
+        if part != name:
+            found = found.partition("[")[0]
+    return found
+
+
+def status_names() -> Iterator[tuple[str, ...]]:
+    yield "code", "0.2", "0.3"
+    for name, status in Status.__members__.items():
+        if name != status.name:
+            yield str(int(status)), f"`{name}`", f"`{status.name}`"
+
+
+def scenario_names() -> Iterator[tuple[str, ...]]:
+    yield "0.2", "0.3"
+    for block, known in (("", declared(PlanningProblem)), ("approach.", declared(Approach))):
+        for key, one in known.items():
+            if one.formerly:
+                yield f"`{block}{one.formerly}`", f"`{block}{key}`"
+    for word, present in FORMER_END_BEHAVIOURS.items():
+        yield f"`end_behaviour: {word}`", f"`end_behaviour: {present}`"
 
 
 def metrics() -> Iterator[tuple[str, ...]]:
@@ -42,13 +100,13 @@ def metrics() -> Iterator[tuple[str, ...]]:
 def parameters() -> Iterator[tuple[str, ...]]:
     yield "parameter", "default", "range", "meaning"
     told: dict[str, str] = {}
-    for name, declared in DECLARATIONS.items():
+    for name, one in DECLARATIONS.items():
         value = default_values()[name]
-        bounds = (("from", declared.minimum), ("to", declared.maximum))
-        meaning = declared.description + (f" [{declared.unit}]" if declared.unit else "")
+        bounds = (("from", one.minimum), ("to", one.maximum))
+        meaning = one.description + (f" [{one.unit}]" if one.unit else "")
         first = told.setdefault(meaning, f"`{name}`")
         yield (
-            f"`{name}`{_when(name, declared)}",
+            f"`{name}`{_when(name, one)}",
             f"`{str(value).lower() if isinstance(value, bool) else value}`",
             " ".join(f"{word} {bound:g}" for word, bound in bounds if bound is not None),
             meaning if first == f"`{name}`" else f"as {first}",
@@ -65,17 +123,17 @@ def _when(name: str, declared: Declaration) -> str:
 
 
 def scenario() -> Iterator[tuple[str, ...]]:
-    yield "key", "value", "in messages"
+    yield "key", "value", "in `PlanRequest`"
     places = {
         key: place
         for kind, block, place in (
-            (SystemState, "", "start_state"),
+            (SystemState, "", "start_state[0]"),
             (PlanningProblem, "", ""),
             (PlanningTask, "", ""),
             (DurationRange, "duration", ""),
-            (TargetBody, "target_body", "target_body"),
-            (AttachedSphere, "target_body.obstacles[]", "target_body.obstacles[]"),
-            (Sphere, "obstacles[]", "obstacles.spheres[]"),
+            (TargetBody, "target_body", "target_body[0]"),
+            (AttachedSphere, "target_body.obstacles[]", "target_body[0].obstacles[]"),
+            (Sphere, "obstacles[]", "scene[0].spheres[]"),
         )
         for key, place, _ in places_in(kind, block, place)
     }

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import sys
 
-from ff_planner_msgs.action import PlanTrajectory as PlanTrajectoryAction
-from ff_planner_msgs.srv import PlanTrajectory
+from ff_planner_msgs.msg import PlanAnswer, PlanRequest
 from quick_capture import resting_capture
 from ros_processes import Client, Scene, connected_client
 
@@ -19,7 +18,7 @@ def main(door: str) -> None:
     with connected_client() as client:
         client.wait_for_planner()
         request = Scene(resting_capture()).complete_request()
-        request.points = POINTS
+        request.search.points = POINTS
         request.start_time = client.node.get_clock().now().to_msg()
         request.start_time.sec += LEAD
         code = Status.BUSY
@@ -28,7 +27,7 @@ def main(door: str) -> None:
             code = answer.status.code
 
 
-def _result(client: Client, request: PlanTrajectory.Request) -> PlanTrajectoryAction.Result:
+def _result(client: Client, request: PlanRequest) -> PlanAnswer:
     return client.send_goal(request).result()[1]
 
 

@@ -146,6 +146,25 @@ def with_numbers_for_identities() -> bytes:
     return defined(fields, held, struct.pack("<QqBxxxiIIiI", 1 << 33, 0, 1, 0, 0, 1, 0, 0))
 
 
+def with_numbers_for_parts(event_type: int) -> bytes:
+    """A number is where a request has an approach, if any, and where an answer has its plans."""
+    held = """
+        struct T { long sec; unsigned long nanosec; };
+        struct I { sequence<octet> client_gid; long long sequence_number; uint8 event_type;
+                   ff_planner_msgs::srv::T stamp; };
+        struct G { double approach; };
+        struct R { ff_planner_msgs::srv::G goal; };
+        struct Q { ff_planner_msgs::srv::R request; };
+        struct S { long code; };
+        struct A { ff_planner_msgs::srv::S status; double plans; };
+        struct P { ff_planner_msgs::srv::A answer; };
+    """
+    name = "ff_planner_msgs::srv::"
+    fields = f"{name}I info; sequence<{name}Q> request; sequence<{name}P> response;"
+    values = (1, 7, 1, event_type, 0, 0, 1, 0.5, 1, 0, 0.5)
+    return defined(fields, held, struct.pack("<IBxxxqBxxxiIIdIid", *values))
+
+
 EVIL_BAGS: Mapping[str, Callable[[], bytes]] = {
     "a chunk of 4 GiB": lambda: (
         HEAD + EVENTS + chunk(zeros(4, tells_size=True), "zstd", 4 * GIGABYTE) + END
@@ -194,4 +213,6 @@ EVIL_BAGS: Mapping[str, Callable[[], bytes]] = {
     "4e9 numbers": lambda: defined("double x[4000000000];"),
     "an array of 5000 digits": lambda: defined(f"octet x[{'9' * 5_000}];"),
     "numbers for identities": with_numbers_for_identities,
+    "a number for an approach": lambda: with_numbers_for_parts(event_type=1),
+    "a number for plans": lambda: with_numbers_for_parts(event_type=2),
 }

@@ -85,6 +85,7 @@ class ChaserState(IdlStruct, typename="ff_planner_msgs::msg::dds_::ChaserState_"
     joint_positions: sequence[float64]
     joint_velocities: sequence[float64]
     joint_accelerations: sequence[float64]
+    wheel_momenta: sequence[float64]
 
 
 @dataclass
@@ -130,6 +131,7 @@ def main() -> None:
                 given["joint_names"],
                 given["joint_positions"],
                 given["joint_velocities"],
+                [],
                 [],
             )
         )

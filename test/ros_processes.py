@@ -16,7 +16,15 @@ from typing import Any
 import pytest
 import rclpy
 from ff_planner_msgs.action import PlanTrajectory as PlanTrajectoryAction
-from ff_planner_msgs.msg import ChaserState, ObstacleSphereArray, PlanStatus, PublishedPlan
+from ff_planner_msgs.msg import (
+    ChaserState,
+    ObstacleSphereArray,
+    PlanAnswer,
+    PlanProgress,
+    PlanRequest,
+    PlanStatus,
+    PublishedPlan,
+)
 from ff_planner_msgs.srv import PlanTrajectory, PublishPlan
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Path as PathMsg
@@ -34,6 +42,7 @@ from ff_planner_ros.ros.background import ask, spin_in_background
 from ff_planner_ros.ros.messages.to_messages import (
     obstacles_message,
     request_message,
+    scene_message,
     state_message,
 )
 
@@ -149,7 +158,7 @@ class Client:
 
     def wait_for_an_answer(self) -> None:
         """Wait until the planner answers: on a busy machine seconds after it appeared."""
-        self.plan(PlanTrajectory.Request())  # refused
+        self.plan(PlanRequest())  # refused
 
     def publish_state(self, message: ChaserState) -> None:
         self._states.publish(message)
@@ -173,29 +182,30 @@ class Client:
         assert published.wait(DEADLINE)
         self.node.destroy_timer(timer)
 
-    def send(self, request: PlanTrajectory.Request) -> Callable[[], PlanTrajectory.Response]:
+    def send(self, request: PlanRequest) -> Callable[[], PlanAnswer]:
         """Send a request and return a function that waits for the answer."""
         answered = threading.Event()
-        future = self._service.call_async(request)
+        future = self._service.call_async(PlanTrajectory.Request(request=request))
         future.add_done_callback(lambda _: answered.set())
 
-        def answer() -> PlanTrajectory.Response:
+        def answer() -> PlanAnswer:
             assert answered.wait(DEADLINE), "the planner did not answer"
-            return future.result()
+            return future.result().answer
 
         return answer
 
-    def send_goal(self, request: PlanTrajectory.Request) -> Goal:
+    def send_goal(self, request: PlanRequest) -> Goal:
         assert self._action.wait_for_server(DEADLINE)
         return Goal(self._executor, self._action, request)
 
-    def plan(self, request: PlanTrajectory.Request) -> PlanTrajectory.Response:
+    def plan(self, request: PlanRequest) -> PlanAnswer:
         return self.send(request)()
 
-    def publish_plan(self, plan_id: str, **fields: Any) -> PlanStatus:
-        """Ask for a plan that waits to be published."""
+    def publish_plan(self, answer: PlanAnswer, **fields: Any) -> PlanStatus:
+        """Ask for a plan that waits to be published, as its answer says unless a field is given."""
         assert self._publish_plan.wait_for_service(DEADLINE)
-        request = PublishPlan.Request(plan_id=plan_id, **fields)
+        told = {"plan_id": answer.plan_id, "publish_token": answer.publish_token}
+        request = PublishPlan.Request(**told | fields)
         return (
             ask(self._executor, lambda: self._publish_plan.call_async(request))
             .result(DEADLINE)
@@ -203,22 +213,22 @@ class Client:
         )
 
     def plan_until(
-        self, request: PlanTrajectory.Request, accepted: Callable[[PlanTrajectory.Response], bool]
-    ) -> PlanTrajectory.Response:
+        self, request: PlanRequest, accepted: Callable[[PlanAnswer], bool]
+    ) -> PlanAnswer:
         """Ask until the answer is accepted: what was published before may still be on its way."""
         give_up = time.monotonic() + DEADLINE
-        while not accepted(response := self.plan(request)):
-            assert time.monotonic() < give_up, f"the last answer was {response.status}"
-        return response
+        while not accepted(answer := self.plan(request)):
+            assert time.monotonic() < give_up, f"the last answer was {answer.status}"
+        return answer
 
     def publish_and_wait(self, state: ChaserState) -> None:
         """Publish a first state until the planner has it, and obstacles, too."""
         still = (Status.NO_STATE, Status.NO_OBSTACLES)
-        probe = PlanTrajectory.Request()  # refused for its target, which is looked at last
+        probe = PlanRequest()  # refused for its goal, which is looked at last
 
-        def arrived(response: PlanTrajectory.Response) -> bool:
+        def arrived(answer: PlanAnswer) -> bool:
             self._states.publish(state)
-            return response.status.code not in still
+            return answer.status.code not in still
 
         self.plan_until(probe, arrived)
 
@@ -238,13 +248,12 @@ class Goal:
         self,
         executor: SingleThreadedExecutor,
         client: ActionClient,
-        request: PlanTrajectory.Request,
+        request: PlanRequest,
     ) -> None:
         self._executor = executor
-        self.feedback: list[Any] = []
+        self.feedback: list[PlanProgress] = []
         self.progress = threading.Event()
-        names = PlanTrajectoryAction.Goal.get_fields_and_field_types()
-        goal = PlanTrajectoryAction.Goal(**{name: getattr(request, name) for name in names})
+        goal = PlanTrajectoryAction.Goal(request=request)
         self._handle = self._asked(lambda: client.send_goal_async(goal, self._keep))
         assert self._handle.accepted
 
@@ -252,16 +261,16 @@ class Goal:
         """Ask to cancel; whether the planner accepts."""
         return bool(self._asked(self._handle.cancel_goal_async).goals_canceling)
 
-    def result(self) -> tuple[int, PlanTrajectoryAction.Result]:
-        """Wait for the goal's final state (`action_msgs/GoalStatus`) and its result."""
+    def result(self) -> tuple[int, PlanAnswer]:
+        """Wait for the goal's final state (`action_msgs/GoalStatus`) and its answer."""
         response = self._asked(self._handle.get_result_async)
-        return response.status, response.result
+        return response.status, response.result.answer
 
     def _asked(self, question: Callable[[], Any]) -> Any:
         return ask(self._executor, question).result(DEADLINE)
 
     def _keep(self, message: Any) -> None:
-        self.feedback.append(message.feedback)
+        self.feedback.append(message.feedback.progress)
         self.progress.set()
 
 
@@ -278,15 +287,15 @@ class Scene:
     def obstacles(self) -> ObstacleSphereArray:
         return obstacles_message(self.problem.obstacles, 0, FRAME)
 
-    def request(self) -> PlanTrajectory.Request:
+    def request(self) -> PlanRequest:
         """Return a request that can be solved, starting from the topics."""
         return request_message(self.problem, FRAME)
 
-    def complete_request(self) -> PlanTrajectory.Request:
-        """Return a request that can be solved and brings its own start state and obstacles."""
+    def complete_request(self) -> PlanRequest:
+        """Return a request that can be solved and brings its own start state and scene."""
         request = self.request()
-        request.use_start_state, request.start_state = True, self.state(0)
-        request.use_obstacles, request.obstacles = True, self.obstacles()
+        request.start_state = [self.state(0)]
+        request.scene = [scene_message(self.problem.obstacles, 0, FRAME)]
         return request
 
 

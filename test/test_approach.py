@@ -22,7 +22,7 @@ from ff_planner_ros.analysis.surroundings import drawn_corridor
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.errors import InvalidInput, NoPlanFound, Status
 from ff_planner_ros.parameters import load_parameters
-from ff_planner_ros.planning.approach import CONE, RADIUS_AT_GRASP, Approach
+from ff_planner_ros.planning.approach import HALF_ANGLE, RADIUS_AT_GRASP, Approach
 from ff_planner_ros.planning.check import failures
 from ff_planner_ros.planning.end_effector_polynomial import end_effector_paths
 from ff_planner_ros.planning.grasp_seen import GraspSeen
@@ -56,9 +56,12 @@ FORWARD, SIDEWAYS = np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 0.0])
 
 
 def with_approach(
-    problem: PlanningProblem, direction: Array, distance: float = 0.15, cone: float = CONE
+    problem: PlanningProblem,
+    direction: Array,
+    distance: float = 0.15,
+    half_angle: float = HALF_ANGLE,
 ) -> PlanningProblem:
-    return replace(problem, approach=Approach(direction, distance, cone))
+    return replace(problem, approach=Approach(direction, distance, half_angle))
 
 
 def seen_from_grasp(problem: PlanningProblem, plan: Plan) -> tuple[Array, Array]:
@@ -84,7 +87,7 @@ def seen_from_grasp(problem: PlanningProblem, plan: Plan) -> tuple[Array, Array]
 
 def degrees_off(approach: Approach, places: Array) -> Array:
     """The angle between the line to the apex and the direction, by its cosine."""
-    apex = approach.direction * RADIUS_AT_GRASP / math.tan(approach.cone)
+    apex = approach.direction * RADIUS_AT_GRASP / math.tan(approach.half_angle)
     to_apex = apex - places
     cosine = to_apex @ approach.direction / np.linalg.norm(to_apex, axis=1)
     return np.rad2deg(np.arccos(np.clip(cosine, -1.0, 1.0)))
@@ -93,9 +96,9 @@ def degrees_off(approach: Approach, places: Array) -> Array:
 def outside(approach: Approach, places: Array) -> Array:
     """Whether places are near the grasp and not in the corridor, but for a micrometre."""
     near = np.linalg.norm(places, axis=1) < approach.distance - 1e-6
-    beside = degrees_off(approach, places) > math.degrees(approach.cone)
+    beside = degrees_off(approach, places) > math.degrees(approach.half_angle)
     lateral = np.linalg.norm(np.cross(places, approach.direction), axis=1)
-    width = RADIUS_AT_GRASP - places @ approach.direction * math.tan(approach.cone)
+    width = RADIUS_AT_GRASP - places @ approach.direction * math.tan(approach.half_angle)
     return np.asarray(near & beside & (lateral > width + 1e-6))
 
 
@@ -281,7 +284,7 @@ def test_a_plan_that_comes_from_the_side_is_refused_with_angle_distance_and_time
     near = slice(max(at - 8, 0), at + 9)
     assert np.abs(np.linalg.norm(places[near], axis=1) - away).min() < 1e-3
     assert np.abs(degrees_off(problem.approach, places[near]) - angle).min() < 0.5
-    assert "a larger approach.cone" in failure.advice
+    assert "a larger approach.half_angle" in failure.advice
     # A corridor that is wider by as much holds it; the least depth is what was said.
     assert depth == pytest.approx(-problem.approach.margins(places).values.min(), abs=6e-4)
 
@@ -347,7 +350,7 @@ def test_a_scenario_holds_the_approach_and_its_digest_knows_it(tmp_path: Path) -
     others = [
         with_approach(RESTING, FORWARD),
         with_approach(RESTING, FORWARD, 0.2),
-        with_approach(RESTING, FORWARD, cone=0.3),
+        with_approach(RESTING, FORWARD, half_angle=0.3),
         with_approach(RESTING, SIDEWAYS),
     ]
     digests = {PlanningTask(one, SETTINGS).digest for one in others}
@@ -358,15 +361,15 @@ def test_a_scenario_holds_the_approach_and_its_digest_knows_it(tmp_path: Path) -
     assert "approach" not in plan_dictionary(found, plain, 0.0)
     assert plan_dictionary(found, task, 0.0)["approach"]["distance"] == 0.123
     content = yaml.safe_load(path.read_text("utf-8"))
-    del content["approach"]["cone"]
+    del content["approach"]["half_angle"]
     path.write_text(yaml.safe_dump(content), encoding="utf-8")
     default = load_scenario(path).approach
     assert default is not None
-    assert default.cone == pytest.approx(math.radians(15.0))
+    assert default.half_angle == pytest.approx(math.radians(15.0))
 
 
 @pytest.mark.parametrize(
-    ("direction", "distance", "cone", "field"),
+    ("direction", "distance", "half_angle", "field"),
     [
         ([0.0, 0.0, 0.0], 0.1, 0.2, "approach.direction"),
         ([0.0, 1.0], 0.1, 0.2, "approach.direction"),
@@ -374,15 +377,15 @@ def test_a_scenario_holds_the_approach_and_its_digest_knows_it(tmp_path: Path) -
         ([0.0, 0.0, 1.0], 0.0, 0.2, "approach.distance"),
         ([0.0, 0.0, 1.0], -1.0, 0.2, "approach.distance"),
         ([0.0, 0.0, 1.0], math.inf, 0.2, "approach.distance"),
-        ([0.0, 0.0, 1.0], 0.1, 0.0, "approach.cone"),
-        ([0.0, 0.0, 1.0], 0.1, 1.6, "approach.cone"),
+        ([0.0, 0.0, 1.0], 0.1, 0.0, "approach.half_angle"),
+        ([0.0, 0.0, 1.0], 0.1, 1.6, "approach.half_angle"),
     ],
 )
 def test_an_impossible_approach_is_refused_by_name(
-    direction: list[float], distance: float, cone: float, field: str
+    direction: list[float], distance: float, half_angle: float, field: str
 ) -> None:
     with pytest.raises(InvalidInput) as refused:
-        Approach(np.array(direction), distance, cone)
+        Approach(np.array(direction), distance, half_angle)
     assert refused.value.field == field
 
 
@@ -420,7 +423,7 @@ def test_where_no_path_comes_along_the_corridor_the_refusal_says_so() -> None:
     problem = with_approach(RESTING, SIDEWAYS, 0.3, 0.002)
     with pytest.raises(NoPlanFound, match="corridor of the approach") as refused:
         perform(PlanningTask(problem, replace(SETTINGS, starts=1)))
-    assert "a larger approach.cone" in str(refused.value)
+    assert "a larger approach.half_angle" in str(refused.value)
 
 
 def test_what_is_drawn_is_the_boundary_of_the_corridor() -> None:

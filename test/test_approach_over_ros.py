@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from ff_planner_msgs.msg import Goal
 from geometry_msgs.msg import Vector3
 from scipy.spatial.transform import Rotation
 from test_any_frame import FRAMES
@@ -23,7 +24,7 @@ from ff_planner_ros.cli import main
 from ff_planner_ros.errors import InvalidInput
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.allowed_contact import before_contact
-from ff_planner_ros.planning.approach import CONE, Approach
+from ff_planner_ros.planning.approach import HALF_ANGLE, Approach
 from ff_planner_ros.planning.metrics import METRIC_BY_NAME
 from ff_planner_ros.planning.motion import from_trajectory
 from ff_planner_ros.planning.plan import Plan
@@ -77,27 +78,27 @@ def test_a_corridor_comes_back_out_of_a_request() -> None:
     assert back is not None
     assert asked.approach is not None
     assert back.direction.tolist() == asked.approach.direction.tolist()
-    assert (back.distance, back.cone) == (0.12, 0.3)
+    assert (back.distance, back.half_angle) == (0.12, 0.3)
     assert problem_of(request_message(RESTING, FRAME)).approach is None
     request = request_message(asked, FRAME)
-    request.approach_cone = 0.0
+    request.goal.approach[0].half_angle = 0.0
     back = problem_of(request).approach
     assert back is not None
-    assert back.cone == CONE
+    assert back.half_angle == HALF_ANGLE
 
 
 @pytest.mark.parametrize(
     ("changes", "field"),
     [
-        ({"approach_direction": Vector3()}, "approach_direction"),
-        ({"approach_direction": Vector3(x=float("nan"))}, "approach_direction"),
-        ({"approach_distance": 0.0}, "approach_distance"),
-        ({"approach_distance": -0.1}, "approach_distance"),
-        ({"approach_distance": float("inf")}, "approach_distance"),
-        ({"approach_cone": -0.1}, "approach_cone"),
-        ({"approach_cone": 1.6}, "approach_cone"),
-        ({"approach_cone": float("nan")}, "approach_cone"),
-        ({"orientation": "free"}, "approach_direction"),
+        ({"direction": Vector3()}, "direction"),
+        ({"direction": Vector3(x=float("nan"))}, "direction"),
+        ({"distance": 0.0}, "distance"),
+        ({"distance": -0.1}, "distance"),
+        ({"distance": float("inf")}, "distance"),
+        ({"half_angle": -0.1}, "half_angle"),
+        ({"half_angle": 1.6}, "half_angle"),
+        ({"half_angle": float("nan")}, "half_angle"),
+        ({"orientation": Goal.FREE}, "direction"),
     ],
 )
 def test_a_corridor_that_is_none_is_refused_by_the_name_of_its_field(
@@ -105,10 +106,10 @@ def test_a_corridor_that_is_none_is_refused_by_the_name_of_its_field(
 ) -> None:
     request = request_message(with_approach(RESTING, FORWARD), FRAME)
     for name, value in changes.items():
-        setattr(request, name, value)
+        setattr(request.goal if name == "orientation" else request.goal.approach[0], name, value)
     with pytest.raises(InvalidInput) as refused:
         problem_of(request)
-    assert refused.value.field == field
+    assert refused.value.field == f"goal.approach.{field}"
 
 
 def test_a_request_asks_for_lower_accelerations_than_the_parameter_and_for_no_higher() -> None:
@@ -117,22 +118,22 @@ def test_a_request_asks_for_lower_accelerations_than_the_parameter_and_for_no_hi
     assert problem_of(request, acceleration=(0.4,)).limits.joint_accelerations == (0.4,) * 7
     assert not problem_of(request, effort="none").limits.joint_torques
     lower = (*[0.3] * 6, 0.2)
-    request.limit_accelerations = lower
+    request.limits.accelerations = lower
     assert problem_of(request, acceleration=(0.4,)).limits.joint_accelerations == lower
     assert problem_of(request).limits.joint_accelerations == lower
     with pytest.raises(InvalidInput, match=r"joint_7 must not be given more than 0\.1") as refused:
         problem_of(request, acceleration=(*[0.4] * 6, 0.1))
-    assert refused.value.field == "limit_accelerations"
+    assert refused.value.field == "limits.accelerations"
     for wrong, field in (
-        ([0.1, 0.2], "limit_accelerations"),
-        ([-0.1], "limit_accelerations[0]"),
-        ([*[0.1] * 6, float("nan")], "limit_accelerations[6]"),
+        ([0.1, 0.2], "limits.accelerations"),
+        ([-0.1], "limits.accelerations[0]"),
+        ([*[0.1] * 6, float("nan")], "limits.accelerations[6]"),
     ):
-        request.limit_accelerations = wrong
+        request.limits.accelerations = wrong
         with pytest.raises(InvalidInput) as refused:
             problem_of(request)
         assert refused.value.field == field
-    request.limit_accelerations = []
+    request.limits.accelerations = []
     with pytest.raises(InvalidInput, match=r"^limits\.acceleration is \(0\.1, 0\.2\)"):
         problem_of(request, acceleration=(0.1, 0.2))
 
@@ -149,7 +150,7 @@ def test_a_bag_holds_corridor_and_limits_and_gives_the_plan_again(
     assert scene.approach.distance == 0.2
     (row,) = (one.row() for one in read_plans(bag))
     assert [row[f"approach_direction_{axis}"] for axis in "xyz"] == [0.0, 0.0, 1.0]
-    assert (row["approach_distance_m"], row["approach_cone_rad"]) == (0.2, 0.26)
+    assert (row["approach_distance_m"], row["approach_half_angle_rad"]) == (0.2, 0.26)
     assert main(["export", str(bag), "--scenarios", str(tmp_path / "scenarios")]) == 0
     (file,) = (tmp_path / "scenarios").glob("*.yaml")
     written = file.read_text()
@@ -167,7 +168,11 @@ def test_a_corridor_that_no_path_keeps_to_is_another_answer(
     told = capsys.readouterr().out
     assert "with approach.direction=[1.0, 0.0, 0.0], limits.acceleration=[2.4]," in told
     assert "SOLVED > SOLVED" in told
-    for setting in ("approach.direction=[1, 0]", "limits.acceleration=all", "approach.cone=wide"):
+    for setting in (
+        "approach.direction=[1, 0]",
+        "limits.acceleration=all",
+        "approach.half_angle=wide",
+    ):
         assert main(["replay", str(bag), "--set", setting]) == 2
 
 
@@ -193,7 +198,7 @@ def test_an_answer_in_json_tells_the_corridor_and_the_limits(
         assert found is not None
         assert found.approach is not None
         assert found.approach.direction.tolist() == [0.0, 0.0, 1.0]
-        assert (found.approach.distance, found.approach.cone) == (0.2, 0.26)
+        assert (found.approach.distance, found.approach.half_angle) == (0.2, 0.26)
 
 
 def test_the_metrics_say_how_near_accelerations_and_torques_come_to_their_limits(
@@ -228,7 +233,7 @@ def test_mujoco_sees_the_end_effector_keep_to_the_corridor_or_leave_it(
     off = degrees_off(ASKED.approach, places)
     near = np.linalg.norm(places, axis=1) < 0.2
     for cone in (0.26, 0.5, np.deg2rad(off[near].max()) / 3):
-        asked = replace(ASKED.approach, cone=float(cone))
+        asked = replace(ASKED.approach, half_angle=float(cone))
         found = executed(ASKED, plan, asked).corridor
         assert found is not None
         assert found.margin == pytest.approx(asked.margins(places).values.min(), abs=step)

@@ -91,7 +91,7 @@ def test_a_plan_is_published_unless_only_the_plan_is_asked_for(
     published = client.received["published_plan"]
     client.wait_until(lambda: published, "a published plan")
     assert [plan.plan_id for plan in published] == [sent["plan_id"]] != [kept["plan_id"]]
-    assert published[-1].asked_by == "ff-planner ask"
+    assert published[-1].requester == "ff-planner ask"
 
 
 @pytest.mark.usefixtures("world")
@@ -181,4 +181,4 @@ def test_whoever_stops_waiting_cancels_the_request(world: tuple[PlannerProcess, 
         process.kill()
         process.wait()
     client.wait_until(lambda: results, "the result of the action")
-    assert results[-1].response[0].result.status.code == Status.CANCELLED
+    assert results[-1].response[0].result.answer.status.code == Status.CANCELLED

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from ff_planner_msgs.msg import Plan
 from test_bag_plans import answered, response
 
 from ff_planner_ros.bag import read_plans
@@ -23,7 +24,8 @@ def bag(tmp_path: Path) -> Path:
     tried = response("tried", Status.COLLISION)
     to_goal, without_tail = response("to a goal"), response("without a tail")
     tried.solver.rollouts = 3
-    tried.duration, to_goal.duration = 9.0, 0.375
+    tried.plans = [Plan(duration=9.0)]  # which counts for nothing
+    to_goal.plans[0].duration = 0.375
     with BagWriter(tmp_path / "run", flush_interval=0.0) as writer:
         writer.add_topic("/else", "std_msgs/msg/Empty", [])
         writer.write("/else", b"\0\1\0\0\0", START, START)

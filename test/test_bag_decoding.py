@@ -10,7 +10,15 @@ import pytest
 from action_msgs.msg import GoalStatus, GoalStatusArray
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from ff_planner_msgs.action import PlanTrajectory as PlanTrajectoryAction
-from ff_planner_msgs.msg import ChaserState, ObstacleSphere, PlanMetrics
+from ff_planner_msgs.msg import (
+    ChaserState,
+    ObstacleSphere,
+    Plan,
+    PlanAnswer,
+    PlanMetrics,
+    PlanRequest,
+    SearchOptions,
+)
 from ff_planner_msgs.srv import PlanTrajectory
 from nav_msgs.msg import Odometry
 from rcl_interfaces.msg import Parameter, ParameterEvent
@@ -30,8 +38,10 @@ SPHERE = "ff_planner_msgs/msg/ObstacleSphere"
 
 
 def plan_event() -> PlanTrajectory.Event:
-    event = PlanTrajectory.Event(request=[PlanTrajectory.Request(duration=10.0, points=50)])
-    event.request[0].start_state = ChaserState(joint_names=["a"], joint_positions=[1.5])
+    request = PlanRequest(duration=10.0, search=SearchOptions(points=50))
+    request.start_state = [ChaserState(joint_names=["a"], joint_positions=[1.5])]
+    request.limits.chaser_rotation = [0.5]
+    event = PlanTrajectory.Event(request=[PlanTrajectory.Request(request=request)])
     event.info.client_gid = np.arange(16, dtype=np.uint8)
     event.info.sequence_number = -3
     return event
@@ -39,10 +49,12 @@ def plan_event() -> PlanTrajectory.Event:
 
 def result_event() -> Any:
     point = JointTrajectoryPoint(positions=[1.0, 2.0])
-    result = PlanTrajectoryAction.Result(
-        joint_trajectory=JointTrajectory(joint_names=["a", "b"], points=[point]),
-        metrics=PlanMetrics(peak_joint_torques=[0.5, 0.25]),
+    motion = JointTrajectory(joint_names=["a", "b"], points=[point])
+    answer = PlanAnswer(
+        plans=[Plan(joint_trajectory=motion)],
+        metrics=[PlanMetrics(peak_joint_torques=[0.5, 0.25])],
     )
+    result = PlanTrajectoryAction.Result(answer=answer)
     return GET_RESULT.Event(response=[GET_RESULT.Response(status=4, result=result)])
 
 

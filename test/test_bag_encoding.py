@@ -7,7 +7,15 @@ from typing import Any
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from ff_planner_msgs.msg import ChaserState, ObstacleSphere
+from ff_planner_msgs.msg import (
+    ChaserState,
+    ObstacleSphere,
+    Plan,
+    PlanAnswer,
+    PlanRequest,
+    Scene,
+    SearchOptions,
+)
 from ff_planner_msgs.srv import PlanTrajectory
 from geometry_msgs.msg import PoseStamped, Twist
 from nav_msgs.msg import Odometry
@@ -52,15 +60,18 @@ def plan_event() -> PlanTrajectory.Event:
     event = PlanTrajectory.Event()
     event.info.client_gid = [random.randrange(256) for _ in range(16)]
     event.info.sequence_number = -(2**60)
-    request = PlanTrajectory.Request(duration=10.0, points=50, use_start_state=True)
-    request.start_state = ChaserState(joint_names=["x", "yz"], joint_positions=numbers(2))
-    request.obstacles.spheres = [ObstacleSphere(id="s1", radius=0.3), ObstacleSphere(id="s23")]
-    response = PlanTrajectory.Response(plan_id="p", xi=numbers(18))
-    response.status.code = 305
-    response.joint_trajectory = trajectory()
-    response.predicted_chaser_path.poses = [PoseStamped() for _ in range(3)]
-    response.predicted_chaser_twists = [Twist() for _ in range(2)]
-    event.request, event.response = [request], [response]
+    request = PlanRequest(duration=10.0, search=SearchOptions(points=50))
+    request.start_state = [ChaserState(joint_names=["x", "yz"], joint_positions=numbers(2))]
+    spheres = [ObstacleSphere(id="s1", radius=0.3), ObstacleSphere(id="s23")]
+    request.scene = [Scene(spheres=spheres)]
+    request.limits.chaser_rotation = numbers(1)
+    plan = Plan(xi=numbers(18), joint_trajectory=trajectory())
+    plan.chaser_path.poses = [PoseStamped() for _ in range(3)]
+    plan.chaser_twists = [Twist() for _ in range(2)]
+    answer = PlanAnswer(plan_id="p", plans=[plan])
+    answer.status.code = 305
+    event.request = [PlanTrajectory.Request(request=request)]
+    event.response = [PlanTrajectory.Response(answer=answer)]
     return event
 
 

@@ -22,6 +22,11 @@ from ff_planner_ros.bag.info import info
 from ff_planner_ros.bag.reader import open_bag
 from ff_planner_ros.bag.recover import recover
 from ff_planner_ros.errors import BagError
+from ff_planner_ros.parameters import load_parameters
+from ff_planner_ros.planning.plan import Plan
+from ff_planner_ros.planning.problem import PlanningProblem
+from ff_planner_ros.planning.task import PlanningTask
+from ff_planner_ros.runs.offline_bag import record_answer
 
 GOLDEN = Path(__file__).parent / "golden_bags" / "offline_solved" / "offline_0.mcap"
 STATE, OBSTACLES = (
@@ -117,9 +122,17 @@ def test_a_mutant_is_read_or_refused(
     assert len(outcomes) > 1  # some mutants are damaged so that one sees it
 
 
-def test_answers_with_mutated_contents_are_told_or_left_out(tmp_path: Path) -> None:
+@pytest.mark.parametrize("version", ["0.1", "now"])
+def test_answers_with_mutated_contents_are_told_or_left_out(
+    version: str, tmp_path: Path, lemur_capture: PlanningProblem, lemur_plan: Plan
+) -> None:
     """The bytes of the messages alone, so that each comes as far as it can."""
-    with GOLDEN.open("rb") as stream:
+    source = GOLDEN
+    if version == "now":
+        task = PlanningTask(lemur_capture, load_parameters().planner)
+        record_answer(tmp_path / "bag", task, lemur_plan, 0.5)
+        (source,) = (tmp_path / "bag").glob("*.mcap")
+    with source.open("rb") as stream:
         records = [
             (schema, message)
             for schema, _, message in make_reader(stream).iter_messages()

@@ -40,6 +40,10 @@ BAGS = {
         ],
         "2a6d05cba1b7f44ffade4d484d02e5d097f36a3a33948f2c044cfcce98dbd574",
     ),
+    "node_0_2": (
+        ["NO_STATE", *4 * ["SOLVED"], "COLLISION"],
+        "ccbdd48b53bd981601fb958dac3d2b2b975153469d6c20d8aa08f0789db28e64",
+    ),
 }
 
 every_bag = pytest.mark.parametrize("name", BAGS)

@@ -9,8 +9,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from answers import received, sent
 from ff_planner_msgs.action import PlanTrajectory as PlanTrajectoryAction
-from ff_planner_msgs.srv import PlanTrajectory
+from ff_planner_msgs.msg import Plan, PlanAnswer, PlanMetrics, PlanRequest
 from geometry_msgs.msg import PoseStamped, Twist
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
@@ -28,24 +29,25 @@ from ff_planner_ros.errors import BagError, Status
 from ff_planner_ros.ros.messages.interfaces import GET_RESULT, SEND_GOAL
 
 NODE = Path(__file__).parent / "golden_bags" / "node"
-REQUEST_SENT, REQUEST_RECEIVED, RESPONSE_SENT, RESPONSE_RECEIVED = range(4)
+_, REQUEST_RECEIVED, RESPONSE_SENT, RESPONSE_RECEIVED = range(4)
 
 
-def response(plan_id: str, code: int = Status.SOLVED, joints: int = 2) -> PlanTrajectory.Response:
+def response(plan_id: str, code: int = Status.SOLVED, joints: int = 2) -> PlanAnswer:
     """An answer with a plan on three points, every number of it another."""
     numbers = iter(np.arange(1.0, 1000.0) / 7)
 
     def some(count: int) -> list[float]:
         return [next(numbers) for _ in range(count)]
 
-    answer = PlanTrajectory.Response(plan_id=plan_id)
+    answer = PlanAnswer(plan_id=plan_id)
     answer.status.code, answer.status.message = int(code), "because"
     if code != Status.SOLVED:
         return answer
-    answer.joint_trajectory.header.stamp.sec = 5
-    answer.joint_trajectory.joint_names = [f"j{number}" for number in range(joints)]
-    answer.metrics.peak_joint_torques = some(joints)
-    answer.metrics.joint_path_length = 1.5
+    plan = Plan()
+    plan.joint_trajectory.header.stamp.sec = 5
+    plan.joint_trajectory.joint_names = [f"j{number}" for number in range(joints)]
+    metrics = PlanMetrics(peak_joint_torques=some(joints), joint_path_length=1.5)
+    answer.plans, answer.metrics = [plan], [metrics]
     for number in range(3):
         point = JointTrajectoryPoint(
             positions=some(joints),
@@ -54,10 +56,10 @@ def response(plan_id: str, code: int = Status.SOLVED, joints: int = 2) -> PlanTr
             effort=some(joints),
         )
         point.time_from_start.nanosec = number * 250_000_000
-        answer.joint_trajectory.points.append(point)
+        plan.joint_trajectory.points.append(point)
         for path, twists in (
-            (answer.predicted_chaser_path, answer.predicted_chaser_twists),
-            (answer.end_effector_path, answer.end_effector_twists),
+            (plan.chaser_path, plan.chaser_twists),
+            (plan.end_effector_path, plan.end_effector_twists),
         ):
             stamped, twist = PoseStamped(), Twist()
             for vector in (stamped.pose.position, twist.linear, twist.angular):
@@ -69,17 +71,8 @@ def response(plan_id: str, code: int = Status.SOLVED, joints: int = 2) -> PlanTr
     return answer
 
 
-def event(kind: int, **content: Any) -> PlanTrajectory.Event:
-    told = PlanTrajectory.Event(**content)
-    told.info.event_type = kind
-    return told
-
-
-def answered(*answers: PlanTrajectory.Response) -> list[tuple[str, str, Any]]:
-    return [
-        ("/plan_trajectory/_service_event", SERVICE_EVENT, event(RESPONSE_SENT, response=[one]))
-        for one in answers
-    ]
+def answered(*answers: PlanAnswer) -> list[tuple[str, str, Any]]:
+    return [("/plan_trajectory/_service_event", SERVICE_EVENT, sent(one)) for one in answers]
 
 
 def write(directory: Path, events: Sequence[tuple[str, str, Any]]) -> Path:
@@ -176,9 +169,9 @@ def test_columns_are_one_dimensional_equally_long_and_named_with_their_unit(tmp_
 
 def test_what_an_answer_lacks_is_nan(tmp_path: Path) -> None:
     answer = response("a")
-    for point in answer.joint_trajectory.points:
+    for point in answer.plans[0].joint_trajectory.points:
         point.effort = []
-    answer.end_effector_twists = []
+    answer.plans[0].end_effector_twists = []
     (plan,) = read_plans(write(tmp_path / "run", answered(answer)))
     assert np.isnan(plan.trajectory.joint_torques).all()
     assert plan.trajectory.joint_torques.shape == (3, 2)
@@ -188,7 +181,7 @@ def test_what_an_answer_lacks_is_nan(tmp_path: Path) -> None:
 
 def test_an_answer_that_makes_no_sense_is_told_and_the_others_are_read(tmp_path: Path) -> None:
     crooked = response("crooked")
-    crooked.end_effector_twists = crooked.end_effector_twists[:2]
+    crooked.plans[0].end_effector_twists = crooked.plans[0].end_effector_twists[:2]
     bag = write(tmp_path / "run", answered(crooked, response("sound")))
     with pytest.warns(UserWarning, match=r"cannot be understood: .*\(2, 6\), and not \(3, 6\)"):
         (plan,) = read_plans(bag)
@@ -196,16 +189,14 @@ def test_an_answer_that_makes_no_sense_is_told_and_the_others_are_read(tmp_path:
 
 
 def test_each_answer_comes_once_though_clients_tell_of_it_too(tmp_path: Path) -> None:
-    events = [
-        ("/plan_trajectory/_service_event", SERVICE_EVENT, event(kind, response=[response("a")]))
-        for kind in (RESPONSE_SENT, RESPONSE_RECEIVED)
-    ]
+    events = answered(response("a"), response("a"))
+    events[1][-1].info.event_type = RESPONSE_RECEIVED
     assert len(read_plans(write(tmp_path / "run", events))) == 1
 
 
 def test_a_refusal_has_metrics_only_if_there_was_an_attempt(tmp_path: Path) -> None:
     refused, tried = (response(name, Status.COLLISION) for name in ("refused", "tried"))
-    tried.solver.rollouts, tried.metrics.min_clearance = 7, -0.25
+    tried.solver.rollouts, tried.metrics = 7, [PlanMetrics(min_clearance=-0.25)]
     first, second = read_plans(write(tmp_path / "run", answered(refused, tried)))
     assert (first.status, first.metrics) == ("COLLISION", {})
     assert {column.shape for column in first.columns().values()} == {(0,)}
@@ -219,21 +210,25 @@ def test_a_status_of_a_later_version_is_given_as_its_number(tmp_path: Path) -> N
 
 
 def test_answers_of_service_and_action_come_in_the_order_of_time(tmp_path: Path) -> None:
-    sent = GET_RESULT.Event(response=[GET_RESULT.Response()])
-    sent.info.event_type, sent.response[0].result.plan_id = RESPONSE_SENT, "first"
-    sent.response[0].result.status.code = int(Status.BUSY)
-    events = [("/act/_service_event", RESULT_EVENT, sent), *answered(response("second"))]
+    events = [
+        ("/act/_service_event", RESULT_EVENT, result_sent(response("first", Status.BUSY))),
+        *answered(response("second")),
+    ]
     assert [p.plan_id for p in read_plans(write(tmp_path / "run", events))] == ["first", "second"]
 
 
+def result_sent(answer: PlanAnswer) -> Any:
+    result = PlanTrajectoryAction.Result(answer=answer)
+    told = GET_RESULT.Event(response=[GET_RESULT.Response(result=result)])
+    told.info.event_type = RESPONSE_SENT
+    return told
+
+
 def of_two_robots(directory: Path) -> Path:
-    result = response("/b/1", Status.BUSY)
-    fields = PlanTrajectoryAction.Result.get_fields_and_field_types()
-    copied = PlanTrajectoryAction.Result(**{name: getattr(result, name) for name in fields})
-    goal, sent = SEND_GOAL.Event(request=[SEND_GOAL.Request()]), GET_RESULT.Event()
-    goal.info.event_type, sent.info.event_type = REQUEST_RECEIVED, RESPONSE_SENT
-    sent.response = [GET_RESULT.Response(result=copied)]
-    asked = event(REQUEST_RECEIVED, request=[PlanTrajectory.Request()])
+    result = result_sent(response("/b/1", Status.BUSY))
+    goal = SEND_GOAL.Event(request=[SEND_GOAL.Request()])
+    goal.info.event_type = REQUEST_RECEIVED
+    asked = received(PlanRequest())
     return write(
         directory,
         [
@@ -241,7 +236,7 @@ def of_two_robots(directory: Path) -> Path:
             *((f"/a{topic}", *rest) for topic, *rest in answered(response("/a/1"))),
             ("/a/plan_trajectory/_service_event", SERVICE_EVENT, asked),
             ("/b/plan_trajectory_action/_action/send_goal/_service_event", GOAL_EVENT, goal),
-            ("/b/plan_trajectory_action/_action/get_result/_service_event", RESULT_EVENT, sent),
+            ("/b/plan_trajectory_action/_action/get_result/_service_event", RESULT_EVENT, result),
         ],
     )
 
@@ -289,7 +284,9 @@ def test_every_answer_of_every_bag_has_the_same_columns(tmp_path: Path) -> None:
         headers.add(tuple(names))
         plans = read_plans(bag)
         assert {tuple(plan.row()) for plan in plans} == {tuple(names)}
-        assert len({tuple(plan.columns()) for plan in plans}) == 1
+        # Where a body is captured, there is its motion, too.
+        columns = {(bool(plan.target_body), tuple(plan.columns())) for plan in plans}
+        assert len(columns) == len({captures for captures, _ in columns})
         written = [["" if cell is None else str(cell) for cell in p.row().values()] for p in plans]
         assert rows == written
     (names,) = headers

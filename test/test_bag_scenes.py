@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from ff_planner_msgs.srv import PlanTrajectory
+from ff_planner_msgs.msg import AllowedCollisions, Approach, Goal, Plan, PlanAnswer
 from geometry_msgs.msg import Vector3
 from scipy.spatial.transform import Rotation
 
@@ -20,12 +20,13 @@ from ff_planner_ros.bag.scenes import (
     stamps_of,
 )
 from ff_planner_ros.bench import tumbling
-from ff_planner_ros.planning.approach import CONE
+from ff_planner_ros.planning.approach import HALF_ANGLE
 from ff_planner_ros.planning.problem import CONTACT_DISTANCE, Orientation, PlanningProblem, Sphere
 from ff_planner_ros.planning.target_body import TargetBody
 from ff_planner_ros.ros.messages.to_messages import (
     obstacles_message,
     request_message,
+    scene_message,
     target_body_message,
     time_message,
 )
@@ -69,8 +70,7 @@ def test_obstacles_go_on_from_their_stamp_to_the_first_point(
     request = request_message(lemur_capture, "inertial")
     stamp_ns = START - round(later * NANOSECONDS)
     if own:
-        request.use_obstacles = True
-        request.obstacles = obstacles_message(SPHERES, stamp_ns, "inertial")
+        request.scene = [scene_message(SPHERES, stamp_ns, "inertial")]
     received = Received({stamp_ns: None if own else SPHERES, SEEN + 1: ()}, {})
     scene = scene_at_start(asked_scene(request), Stamps(stamp_ns, 0), START, received)
     assert scene is not None
@@ -89,8 +89,7 @@ def test_a_body_goes_on_from_its_own_stamp_with_all_that_is_fixed_to_it(
 ) -> None:
     request, body = request_message(capture, "inertial"), body_of(capture)
     if own:
-        request.use_target_body = True
-        request.target_body = target_body_message(body, BODY_SEEN, "inertial")
+        request.target_body = [target_body_message(body, BODY_SEEN, "inertial")]
     received = Received({SEEN: ()}, {} if own else {BODY_SEEN: body, SEEN: capture.target_body})
     scene = scene_at_start(asked_scene(request), STAMPS, START, received)
     assert scene is not None
@@ -161,35 +160,35 @@ def test_a_request_says_where_its_target_is_how_it_moves_and_what_may_touch(
     assert found.angular_velocity.tolist() == [-0.1, 0.2, 0.05]
     assert found.orientation is Orientation.FIXED
     assert (scene.contact_distance, scene.approach) == (CONTACT_DISTANCE, None)
-    request.contact_distance, request.allowed_at_goal = 0.07, ["end_effector/handle"]
-    request.approach_direction.z, request.approach_distance = -2.0, 0.15
+    goal, corridor = request.goal, Approach(distance=0.15)
+    contact = AllowedCollisions(pairs=["end_effector/handle"], distance=0.07)
+    corridor.direction.z = -2.0
+    goal.allowed_collisions, goal.approach = [contact], [corridor]
     more = asked_scene(request).scene
-    assert (more.contact_distance, more.allowed_at_goal) == (0.07, ("end_effector/handle",))
+    assert (more.contact_distance, more.allowed_collisions) == (0.07, ("end_effector/handle",))
     assert more.approach is not None
     assert more.approach.direction.tolist() == [0.0, 0.0, -1.0]
-    assert (more.approach.distance, more.approach.cone) == (0.15, CONE)
-    request.approach_cone = 0.4
+    assert (more.approach.distance, more.approach.half_angle) == (0.15, HALF_ANGLE)
+    corridor.half_angle = 0.4
     narrower = asked_scene(request).scene.approach
     assert narrower is not None
-    assert narrower.cone == 0.4
-    request.target_twist.angular = Vector3()
-    request.orientation, request.free_axis.z = "about_axis", 2.0
+    assert narrower.half_angle == 0.4
+    goal.twist.angular = Vector3()
+    goal.orientation, goal.free_axis.z = Goal.ABOUT_AXIS, 2.0
     about = asked_scene(request).scene.target
     assert about is not None
     assert about.orientation is Orientation.ABOUT_AXIS
     assert about.free_axis_in_ee is not None
     assert about.free_axis_in_ee.tolist() == [0.0, 0.0, 1.0]
-    request.orientation, request.free_axis.z = "free", 0.0
+    goal.orientation, goal.free_axis.z = Goal.FREE, 0.0
     free = asked_scene(request).scene.target
     assert free is not None
     assert free.orientation is Orientation.FREE
 
 
-def test_stamps_are_those_of_the_response_and_zero_where_it_has_none() -> None:
-    response = PlanTrajectory.Response(duration=7.5)
-    response.obstacles_stamp, response.target_body_stamp = (
-        time_message(SEEN),
-        time_message(BODY_SEEN),
-    )
-    assert stamps_of(response) == STAMPS
+def test_stamps_are_those_of_the_answer_and_zero_where_it_has_none() -> None:
+    answer = PlanAnswer(plans=[Plan(duration=7.5)])
+    answer.inputs.obstacles_stamp = time_message(SEEN)
+    answer.inputs.target_body_stamp = time_message(BODY_SEEN)
+    assert stamps_of(answer) == STAMPS
     assert stamps_of(object()) == Stamps(0, 0)

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import pytest
 import yaml
-from ff_planner_msgs.msg import ChaserState
+from ff_planner_msgs.msg import ChaserState, PlanRequest
 from ff_planner_msgs.srv import PlanTrajectory
 from mcap.exceptions import EndOfFile
 from mcap.reader import make_reader
@@ -55,8 +55,9 @@ def chaser_state(index: int) -> ChaserState:
 
 
 def plan_event() -> PlanTrajectory.Event:
-    request = PlanTrajectory.Request(duration=10.0, points=50, start_state=chaser_state(1))
-    event = PlanTrajectory.Event(request=[request])
+    request = PlanRequest(duration=10.0, start_state=[chaser_state(1)])
+    request.search.points = 50
+    event = PlanTrajectory.Event(request=[PlanTrajectory.Request(request=request)])
     event.info.sequence_number = 7
     return event
 
@@ -109,8 +110,8 @@ def test_every_topic_is_read_by_its_own_definition_in_rosbags(bag: Path) -> None
         assert state.joint_positions.tolist() == [0.1 * index, -1.0]
     event = found[3][2]
     assert event.info.sequence_number == 7
-    assert event.request[0].points == 50
-    assert event.request[0].start_state.joint_names == ["j1", "j2"]
+    assert event.request[0].request.search.points == 50
+    assert event.request[0].request.start_state[0].joint_names == ["j1", "j2"]
     assert event.response == []
 
 

@@ -275,7 +275,7 @@ def test_a_tool_inside_an_obstacle_at_the_goal_is_refused_at_once() -> None:
     with pytest.raises(NoPlanFound, match="link_7") as refused:
         require_plannable(touching, SETTINGS)
     assert refused.value.status is Status.COLLISION
-    assert "allowed_at_goal" in str(refused.value)
+    assert "allowed_collisions" in str(refused.value)
 
 
 def grasping() -> PlanningProblem:
@@ -286,7 +286,7 @@ def grasping() -> PlanningProblem:
     return replace(
         problem,
         obstacles=(*problem.obstacles, fixture),
-        allowed_at_goal=("link_7/fixture",),
+        allowed_collisions=("link_7/fixture",),
         contact_distance=0.25,
     )
 
@@ -310,21 +310,21 @@ def test_what_is_allowed_at_the_goal_touches_near_it_alone() -> None:
             if np.linalg.norm(center - there.translation) > body.radius + fixture.radius:
                 continue
             distance = coal_distance(body.solid, place, ball, there)
-            allowed = is_near and f"{body.link}/fixture" in problem.allowed_at_goal
+            allowed = is_near and f"{body.link}/fixture" in problem.allowed_collisions
             assert distance >= -1e-6 or allowed, body.name
             touched += distance < 0.0
     assert touched > 5
     assert answer.metrics.min_clearance >= 0.0
-    with pytest.raises(NoPlanFound, match="link_7/fixture in allowed_at_goal"):
-        require_plannable(replace(problem, allowed_at_goal=("link_5/fixture",)), SETTINGS)
+    with pytest.raises(NoPlanFound, match="link_7/fixture in allowed_collisions"):
+        require_plannable(replace(problem, allowed_collisions=("link_5/fixture",)), SETTINGS)
 
 
 @pytest.mark.parametrize(
     "name", ["link_7/moon", "gripper/c1", "link_7", "c1/link_7", "link_6/link_7"]
 )
 def test_a_contact_of_what_there_is_not_is_refused(name: str) -> None:
-    with pytest.raises(InvalidInput, match="allowed_at_goal is") as refused:
-        replace(capture(), allowed_at_goal=(name,))
+    with pytest.raises(InvalidInput, match=r"^allowed_collisions\.pairs is") as refused:
+        replace(capture(), allowed_collisions=(name,))
     assert refused.value.status is Status.OUT_OF_RANGE
     assert name in str(refused.value)
 
@@ -333,21 +333,22 @@ def test_allowed_contacts_are_part_of_the_task_and_of_its_scenario(tmp_path: Pat
     robot = lemur_with_bodies()
     plain = capture()
     named = ("link_7/c1", "chaser/link_7")
-    asked = replace(plain, allowed_at_goal=named, contact_distance=0.3)
+    asked = replace(plain, allowed_collisions=named, contact_distance=0.3)
     digests = {
         PlanningTask(problem, SETTINGS).digest
         for problem in (plain, asked, replace(asked, contact_distance=0.2))
     }
     assert len(digests) == 3
     # In whatever order they are named.
-    again = replace(asked, allowed_at_goal=named[::-1])
+    again = replace(asked, allowed_collisions=named[::-1])
     assert PlanningTask(again, SETTINGS).digest == PlanningTask(asked, SETTINGS).digest
     request = request_message(asked, "inertial")
     read = problem_from_request(request, robot, asked.start, asked.obstacles, load_parameters())
-    assert (read.allowed_at_goal, read.contact_distance) == (asked.allowed_at_goal, 0.3)
+    assert (read.allowed_collisions, read.contact_distance) == (asked.allowed_collisions, 0.3)
     write_scenario(PlanningTask(asked, SETTINGS), tmp_path / "asked.yaml")
     scenario = load_scenario(tmp_path / "asked.yaml")
-    assert (scenario.allowed_at_goal, scenario.contact_distance) == (asked.allowed_at_goal, 0.3)
+    assert scenario.allowed_collisions == asked.allowed_collisions
+    assert scenario.contact_distance == 0.3
 
 
 def test_a_goal_in_contact_in_one_posture_is_planned_to_another() -> None:

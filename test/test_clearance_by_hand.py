@@ -136,14 +136,14 @@ def test_two_bodies_that_may_touch_at_the_goal_do_so_near_it_alone(place: str) -
     first, second = sorted(name.split("#")[0] for name in names)
     found = leaning(place, 0.01)
     for allowed in (f"{first}/{second}", f"{second}/{first}"):
-        assert not found.judged(allowed_at_goal=(allowed,), contact_distance=9.0)
-        failures = found.judged(allowed_at_goal=(allowed,), contact_distance=0.01)
+        assert not found.judged(allowed_collisions=(allowed,), contact_distance=9.0)
+        failures = found.judged(allowed_collisions=(allowed,), contact_distance=0.01)
         assert failures, "it does not stay there"
     # Others than these two may: that does not help.
     others = next(
         pair for pair in pairs_of_links(found.problem.robot) if set(pair) != {first, second}
     )
-    failures = found.judged(allowed_at_goal=("/".join(others),), contact_distance=9.0)
+    failures = found.judged(allowed_collisions=("/".join(others),), contact_distance=9.0)
     the_one(failures, Status.COLLISION, " inside ", *names)
 
 

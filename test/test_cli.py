@@ -231,10 +231,11 @@ def test_the_bag_of_a_plan_holds_question_and_answer(tmp_path):
     points = found["/joint_trajectory"].points
     assert len(points) == 50
     assert [point.effort.tolist() for point in points] == written["joint_torques"]
-    answer = found["/plan_trajectory/_service_event"].response[0]
+    answer = found["/plan_trajectory/_service_event"].response[0].answer
     assert answer.status.code == 0
-    assert answer.metrics.joint_path_length <= 1.115
-    assert answer.metrics.peak_joint_torques.tolist() == written["metrics"]["peak_joint_torques"]
+    (metrics,) = answer.metrics
+    assert metrics.joint_path_length <= 1.115
+    assert metrics.peak_joint_torques.tolist() == written["metrics"]["peak_joint_torques"]
     assert [sphere.id for sphere in found["/obstacles"].spheres] == ["c1", "c2", "c3"]
     with (directory / "bag_0.mcap").open("rb") as stream:
         reader = make_reader(stream)
@@ -255,8 +256,9 @@ def test_the_bag_of_a_refusal_holds_question_and_cause_and_no_trajectory(scenari
             if connection.topic == "/plan_trajectory/_service_event"
         ]
         assert "/joint_trajectory" not in reader.topics
-    assert events[0].request[0].target_pose.pose.position.x == 9.0
-    assert events[1].response[0].status.code == 300
+    assert events[0].request[0].request.goal.pose.pose.position.x == 9.0
+    assert events[1].response[0].answer.status.code == 300
+    assert events[1].response[0].answer.plans == []
 
 
 def test_a_bag_that_exists_is_not_overwritten(tmp_path, capsys):
@@ -386,6 +388,16 @@ def test_a_defect_is_told_in_one_line_with_its_place(monkeypatch, capsys):
     assert "this is a defect of ff-planner, please report it: ZeroDivisionError at planning" in line
     assert "long?[31m" in line
     assert len(line) <= 1000
+
+
+def test_a_key_that_is_deprecated_is_told_in_one_line_once(scenario):
+    """However often it is read."""
+    old = scenario(approach={"direction": [0.0, 0.0, 1.0], "distance": 0.1, "cone": 0.3})
+    code = "import sys; from ff_planner_ros.cli import main; sys.exit(main(sys.argv[1:]))"
+    command = [sys.executable, "-c", code, "check", *3 * [str(old)]]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    note = "ff-planner: note: approach.cone is deprecated: say approach.half_angle"
+    assert done.stderr.splitlines() == [note]
 
 
 @pytest.mark.parametrize(

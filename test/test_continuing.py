@@ -42,7 +42,7 @@ from ff_planner_ros.simulation.free_floating import FreeFloatingSystem
 SETTINGS = load_parameters().planner
 TURN_ERROR = np.deg2rad(0.01)  # [rad/s]
 FAMILIES = [Parametrisation.END_EFFECTOR_POLYNOMIAL, Parametrisation.JOINT_SPLINE]
-AHEAD = 0.2  # from a measurement to the switch-over [s]
+AHEAD = 0.2  # from a measurement to the handover [s]
 
 
 @pytest.fixture(scope="module", params=FAMILIES)

@@ -21,7 +21,7 @@ from ff_planner_ros.planning.plan import Plan
 from ff_planner_ros.planning.problem import Parametrisation, PlanningProblem
 from ff_planner_ros.planning.task import PlanningTask, perform
 from ff_planner_ros.ros.messages.controller_message import controller_message
-from ff_planner_ros.ros.messages.to_messages import response_from_plan
+from ff_planner_ros.ros.messages.to_messages import plan_message
 from ff_planner_ros.simulation.free_floating import FreeFloatingSystem
 
 BEGIN_NS = 1_763_000_000 * NANOSECONDS + 123_456_789  # of the first plan, as clocks are
@@ -93,8 +93,8 @@ Published = tuple[int, JointTrajectory]  # with the time at which it is heard [n
 
 
 def published(plan: Plan, stamp_ns: int) -> JointTrajectory:
-    answer = response_from_plan(plan, "plan", stamp_ns, "inertial", solve_time=0.0)
-    return controller_message(answer.joint_trajectory, effort_interface=False)
+    written = plan_message(plan, stamp_ns, "inertial")
+    return controller_message(written.joint_trajectory, effort_interface=False)
 
 
 @pytest.fixture(scope="module", params=["end_effector_polynomial", "joint_spline"])

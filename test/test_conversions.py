@@ -8,14 +8,32 @@ from typing import Any
 import numpy as np
 import pytest
 from builtin_interfaces.msg import Duration
-from ff_planner_msgs.msg import ChaserState, ObstacleSphereArray, PlanMetrics, PlanStatus
+from ff_planner_msgs.msg import (
+    AllowedCollisions,
+    ChaserState,
+    Goal,
+    ObstacleSphereArray,
+    PlanAnswer,
+    PlanMetrics,
+    PlanRequest,
+    PlanStatus,
+)
 from ff_planner_msgs.msg import SolverReport as SolverReportMsg
-from ff_planner_msgs.srv import PlanTrajectory
+from robots import CONFIG
 from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.bag.decoding import nanoseconds
-from ff_planner_ros.errors import InvalidInput, NoPlanFound, Status
+from ff_planner_ros.declared_messages import value_at
+from ff_planner_ros.errors import (
+    FfPlannerError,
+    InvalidInput,
+    NoPlanFound,
+    Retry,
+    Status,
+    retry_after,
+)
 from ff_planner_ros.parameters import load_parameters
+from ff_planner_ros.planning.goal_words import GoalKind
 from ff_planner_ros.planning.metrics import Metrics
 from ff_planner_ros.planning.plan import Plan, SolverReport, Trajectory
 from ff_planner_ros.planning.problem import (
@@ -25,17 +43,19 @@ from ff_planner_ros.planning.problem import (
     Parametrisation,
     PlanningProblem,
 )
+from ff_planner_ros.planning.scenario import load_scenario
 from ff_planner_ros.ros.messages.from_messages import (
-    plan_from_response,
+    plan_from_answer,
     problem_from_request,
     spheres_from_message,
     state_from_message,
 )
 from ff_planner_ros.ros.messages.to_messages import (
+    answer_of_error,
+    answer_with_plan,
     obstacles_message,
+    plan_message,
     request_message,
-    response_from_error,
-    response_from_plan,
     state_message,
     time_message,
 )
@@ -84,9 +104,13 @@ def plan() -> Plan:
     )
 
 
+def answered(plan: Plan) -> PlanAnswer:
+    return answer_with_plan(plan, plan_message(plan, STAMP_NS, FRAME), "run.1", 0.5)
+
+
 @pytest.fixture
-def response(plan: Plan) -> PlanTrajectory.Response:
-    return response_from_plan(plan, "run.1", STAMP_NS, FRAME, 0.5)
+def answer(plan: Plan) -> PlanAnswer:
+    return answered(plan)
 
 
 def test_the_messages_have_the_fields_of_the_planning_objects() -> None:
@@ -95,16 +119,55 @@ def test_the_messages_have_the_fields_of_the_planning_objects() -> None:
     assert set(SolverReportMsg.get_fields_and_field_types()) == {"solve_time"} | {
         item.name for item in fields(SolverReport)
     }
-    codes = {name for name in vars(type(PlanStatus)) if name.isupper() and name[0] != "_"}
-    assert {name: getattr(PlanStatus, name) for name in codes} == {
-        status.name: status.value for status in Status
-    }
+    assert constants(PlanStatus) == {one.name: one.value for one in (*Status, *Retry)}
+    # A goal's kinds, and its orientations by their place among the words of a file.
+    words = {word.name: number for number, word in enumerate(Orientation)}
+    assert constants(Goal) == {kind.name: kind.value for kind in GoalKind} | words
 
 
-def test_an_answer_holds_the_plan_row_by_row(plan: Plan, response: PlanTrajectory.Response) -> None:
-    motion, trajectory = plan.trajectory, response.joint_trajectory
-    assert response.status.code == PlanStatus.SOLVED
-    assert response.plan_id == "run.1"
+def constants(message: Any) -> dict[str, int]:
+    """Return the constants of a message's definition."""
+    names = {name for name in vars(type(message)) if name.isupper() and name[0] != "_"}
+    return {name: getattr(message, name) for name in names}
+
+
+RETRIES = {
+    Retry.NOTHING: {Status.SOLVED},
+    Retry.LATER: {
+        *(Status.NO_STATE, Status.STATE_TOO_OLD, Status.STATE_IN_FUTURE, Status.NO_OBSTACLES),
+        *(Status.STATE_NOT_SYNCHRONIZED, Status.NO_TARGET_BODY, Status.TARGET_TOO_OLD),
+        *(Status.TARGET_IN_FUTURE, Status.NO_ACTIVE_PLAN, Status.INTERNAL_ERROR),
+        *(Status.SOLVER_DIED, Status.BUSY, Status.CANCELLED, Status.PREEMPTED),
+        *(Status.NOT_ACTIVE, Status.CLOCK_JUMPED, Status.TOO_LATE),
+    },
+    Retry.CHANGED: {
+        *(Status.START_IN_COLLISION, Status.START_OUTSIDE_LIMITS, Status.START_SINGULAR),
+        *(Status.NOT_FINITE, Status.WRONG_SIZE, Status.BAD_QUATERNION, Status.WRONG_FRAME),
+        *(Status.UNKNOWN_JOINT, Status.OUT_OF_RANGE, Status.UNSUPPORTED, Status.BAD_ROBOT),
+        *(Status.START_IN_PAST, Status.UNKNOWN_PLAN, Status.PLAN_ENDING),
+        *(Status.GOAL_OUT_OF_REACH, Status.COLLISION, Status.LIMIT_VIOLATED, Status.SINGULAR),
+        *(Status.CHECK_FAILED, Status.TIMED_OUT, Status.TORQUE_TOO_HIGH),
+        *(Status.CONTROLLER_CONSTRAINT, Status.STATE_MOVED),
+    },
+    Retry.NEVER: {Status.SHUT_DOWN},
+}
+
+
+def test_each_status_says_whether_it_makes_sense_to_ask_again() -> None:
+    """A new status has a place here before it has an answer."""
+    for retry, statuses in RETRIES.items():
+        assert {status for status in Status if retry_after(status) is retry} == statuses
+        for status in statuses:
+            answer = answer_of_error(FfPlannerError(status, "so"), "run.1", 0.0)
+            assert answer.status.retry == getattr(PlanStatus, retry.name)
+    assert set.union(*RETRIES.values()) == set(Status)
+
+
+def test_an_answer_holds_the_plan_row_by_row(plan: Plan, answer: PlanAnswer) -> None:
+    (written,) = answer.plans
+    motion, trajectory = plan.trajectory, written.joint_trajectory
+    assert answer.status == PlanStatus(code=PlanStatus.SOLVED, message=plan.message)
+    assert answer.plan_id == "run.1"
     assert trajectory.joint_names == ["shoulder", "elbow", "wrist"]
     assert trajectory.header.frame_id == FRAME
     for row, point in enumerate(trajectory.points):
@@ -114,8 +177,8 @@ def test_an_answer_holds_the_plan_row_by_row(plan: Plan, response: PlanTrajector
         assert point.effort.tolist() == motion.joint_torques[row].tolist()
         assert nanoseconds(point.time_from_start) == round(row * 1e9 * DURATION / (POINTS - 1))
     for path, positions, quaternions in (
-        (response.predicted_chaser_path, motion.chaser_positions, motion.chaser_quaternions_xyzw),
-        (response.end_effector_path, motion.ee_positions, motion.ee_quaternions_xyzw),
+        (written.chaser_path, motion.chaser_positions, motion.chaser_quaternions_xyzw),
+        (written.end_effector_path, motion.ee_positions, motion.ee_quaternions_xyzw),
     ):
         assert path.header.frame_id == FRAME
         assert nanoseconds(path.header.stamp) == STAMP_NS
@@ -128,29 +191,31 @@ def test_an_answer_holds_the_plan_row_by_row(plan: Plan, response: PlanTrajector
             assert [q.x, q.y, q.z, q.w] == quaternions[row].tolist()
     for twists, linear, angular in (
         (
-            response.predicted_chaser_twists,
+            written.chaser_twists,
             motion.chaser_linear_velocities,
             motion.chaser_angular_velocities,
         ),
-        (response.end_effector_twists, motion.ee_linear_velocities, motion.ee_angular_velocities),
+        (written.end_effector_twists, motion.ee_linear_velocities, motion.ee_angular_velocities),
     ):
         for row, twist in enumerate(twists):
             assert [twist.linear.x, twist.linear.y, twist.linear.z] == linear[row].tolist()
             assert [twist.angular.x, twist.angular.y, twist.angular.z] == angular[row].tolist()
-    assert response.xi.tolist() == plan.xi.tolist()
+    assert written.xi.tolist() == plan.xi.tolist()
+    assert written.family == plan.family
+    (metrics,) = answer.metrics
     for item in fields(Metrics):
         expected = getattr(plan.metrics, item.name)
-        assert np.array_equal(getattr(response.metrics, item.name), expected), item.name
-    assert response.solver.solve_time == 0.5
+        assert np.array_equal(getattr(metrics, item.name), expected), item.name
+    assert answer.solver.solve_time == 0.5
     for item in fields(SolverReport):
-        assert getattr(response.solver, item.name) == getattr(plan.solver, item.name)
+        assert getattr(answer.solver, item.name) == getattr(plan.solver, item.name)
 
 
-def test_a_plan_comes_back_out_of_its_answer(plan: Plan, response: PlanTrajectory.Response) -> None:
-    back = plan_from_response(response)
+def test_a_plan_comes_back_out_of_its_answer(plan: Plan, answer: PlanAnswer) -> None:
+    back = plan_from_answer(answer)
     assert back.joint_names == plan.joint_names
     assert back.xi.tolist() == plan.xi.tolist()
-    assert back.orientation_reading == plan.orientation_reading
+    assert (back.orientation_reading, back.family) == (plan.orientation_reading, plan.family)
     assert back.metrics == plan.metrics
     assert back.solver == plan.solver
     np.testing.assert_allclose(back.trajectory.time, plan.trajectory.time, atol=1e-9)
@@ -161,37 +226,47 @@ def test_a_plan_comes_back_out_of_its_answer(plan: Plan, response: PlanTrajector
 
 
 @pytest.mark.parametrize(
-    ("error", "code", "message"),
+    ("error", "status"),
     [
-        (NoPlanFound(Status.COLLISION, "c1 is in the way"), 301, "c1 is in the way"),
+        (
+            NoPlanFound(Status.COLLISION, "c1 is in the way"),
+            PlanStatus(code=301, message="c1 is in the way", retry=PlanStatus.CHANGED),
+        ),
         (
             InvalidInput(Status.OUT_OF_RANGE, "duration", -1.0, "it must be greater than 0"),
-            205,
-            "duration is -1.0: it must be greater than 0",
+            PlanStatus(
+                code=205,
+                message="duration is -1.0: it must be greater than 0",
+                field="duration",
+                value="-1.0",
+                allowed="it must be greater than 0",
+                retry=PlanStatus.CHANGED,
+            ),
+        ),
+        (
+            FfPlannerError(Status.BUSY, "ask again"),
+            PlanStatus(code=500, message="ask again", retry=PlanStatus.LATER),
         ),
     ],
 )
-def test_an_error_becomes_code_and_message_and_nothing_else(
-    error: InvalidInput | NoPlanFound, code: int, message: str
+def test_an_error_becomes_a_status_and_nothing_else(
+    error: FfPlannerError, status: PlanStatus
 ) -> None:
-    assert response_from_error(error, "run.2", 0.5) == PlanTrajectory.Response(
-        status=PlanStatus(code=code, message=message), plan_id="run.2"
-    )
+    assert answer_of_error(error, "run.2", 0.5) == PlanAnswer(status=status, plan_id="run.2")
 
 
 def test_the_best_attempt_tells_its_metrics_and_not_its_motion(plan: Plan) -> None:
-    response = response_from_error(NoPlanFound(Status.COLLISION, "blocked", plan), "run.3", 0.5)
+    answer = answer_of_error(NoPlanFound(Status.COLLISION, "blocked", plan), "run.3", 0.5)
+    (metrics,) = answer.metrics
     for item in fields(Metrics):
         expected = getattr(plan.metrics, item.name)
-        assert np.array_equal(getattr(response.metrics, item.name), expected), item.name
-    assert response.solver.solve_time == 0.5
+        assert np.array_equal(getattr(metrics, item.name), expected), item.name
+    assert answer.solver.solve_time == 0.5
     for item in fields(SolverReport):
-        assert getattr(response.solver, item.name) == getattr(plan.solver, item.name)
-    assert response == PlanTrajectory.Response(
-        status=PlanStatus(code=PlanStatus.COLLISION, message="blocked"),
-        plan_id="run.3",
-        metrics=response.metrics,
-        solver=response.solver,
+        assert getattr(answer.solver, item.name) == getattr(plan.solver, item.name)
+    status = PlanStatus(code=PlanStatus.COLLISION, message="blocked", retry=PlanStatus.CHANGED)
+    assert answer == PlanAnswer(
+        status=status, plan_id="run.3", metrics=[metrics], solver=answer.solver
     )
 
 
@@ -228,13 +303,14 @@ def test_a_range_of_durations_and_its_weight_come_back_out_of_a_request(
     window, weights = DurationRange(6.5, 15.25), Objective(0.0, 0.0, 0.3)
     asked = replace(lemur_capture, duration=15.25, duration_range=window, objective=weights)
     request = request_message(asked, FRAME)
-    assert (request.duration, request.duration_max, request.weight_duration) == (6.5, 15.25, 0.3)
+    found = (request.duration, request.duration_max, request.objective.duration)
+    assert found == (6.5, 15.25, 0.3)
     back = problem_from_request(request, asked.robot, asked.start, (), load_parameters())
     assert back.duration_range is not None
     assert (back.duration_range.minimum, back.duration_range.maximum) == (6.5, 15.25)
     assert (back.duration, back.objective) == (asked.duration, asked.objective)
     given = request_message(lemur_capture, FRAME)
-    assert (given.duration, given.duration_max, given.weight_duration) == (10.0, 0.0, 0.0)
+    assert (given.duration, given.duration_max, given.objective.duration) == (10.0, 0.0, 0.0)
 
 
 @pytest.mark.parametrize(
@@ -246,8 +322,8 @@ def test_a_range_of_durations_and_its_weight_come_back_out_of_a_request(
         ({"duration_max": -1.0}, "duration_max"),
         ({"duration_max": np.inf}, "duration_max"),
         ({"duration_max": np.nan}, "duration_max"),
-        ({"weight_duration": -0.1}, "weight_duration"),
-        ({"weight_duration": np.nan}, "weight_duration"),
+        ({"objective.duration": -0.1}, "objective.duration"),
+        ({"objective.duration": np.nan}, "objective.duration"),
     ],
 )
 def test_an_impossible_range_in_a_request_is_refused_by_name(
@@ -256,7 +332,8 @@ def test_an_impossible_range_in_a_request_is_refused_by_name(
     request = request_message(lemur_capture, FRAME)
     request.duration_max = 20.0
     for name, value in changes.items():
-        setattr(request, name, value)
+        block, _, last = name.rpartition(".")
+        setattr(value_at(request, block), last, value)
     with pytest.raises(InvalidInput) as refused:
         problem_from_request(
             request, lemur_capture.robot, lemur_capture.start, (), load_parameters()
@@ -264,13 +341,10 @@ def test_an_impossible_range_in_a_request_is_refused_by_name(
     assert refused.value.field == field
 
 
-def test_a_response_tells_the_duration_of_the_plan_without_its_tail(plan: Plan) -> None:
-    chosen = replace(plan, duration=7.25)
-    response = response_from_plan(chosen, "run.1", STAMP_NS, FRAME, 0.5)
-    assert response.duration == plan_from_response(response).duration == 7.25
-    # And of a search that was ended, that of the best plan until then.
-    ended = NoPlanFound(Status.TIMED_OUT, "too soon", chosen)
-    assert response_from_error(ended, "run.2", 0.5).duration == 7.25
+def test_an_answer_tells_the_duration_of_the_plan_without_its_tail(plan: Plan) -> None:
+    answer = answered(replace(plan, duration=7.25))
+    assert answer.plans[0].duration == plan_from_answer(answer).duration == 7.25
+    assert plan_from_answer(answered(plan)).duration == plan.duration
 
 
 def test_joints_are_put_in_the_robots_order(lemur_capture: PlanningProblem) -> None:
@@ -308,20 +382,47 @@ def test_a_part_of_a_pose_comes_back_out_of_a_request(lemur_capture: PlanningPro
 @pytest.mark.parametrize(
     ("orientation", "axis", "message"),
     [
-        ("about_axis", 0.0, r"^free_axis is missing: orientation about_axis needs the axis"),
-        ("free", 1.0, r"free_axis is .*where orientation is about_axis"),
-        ("sideways", 0.0, r"orientation is 'sideways': it must be fixed, free or about_axis"),
+        (Goal.ABOUT_AXIS, 0.0, r"^goal\.free_axis is missing: orientation about_axis needs the ax"),
+        (Goal.FREE, 1.0, r"^goal\.free_axis is .*where orientation is about_axis"),
+        (3, 0.0, r"^goal\.orientation is 3: it must be one of 0 \(fixed\), 1 \(free\), 2 \(about"),
+        (255, 0.0, r"^goal\.orientation is 255: it must be one of"),
     ],
 )
 def test_a_part_of_a_pose_that_makes_no_sense_is_refused_by_its_field(
-    lemur_capture: PlanningProblem, orientation: str, axis: float, message: str
+    lemur_capture: PlanningProblem, orientation: int, axis: float, message: str
 ) -> None:
     request = request_message(lemur_capture, FRAME)
-    request.orientation, request.free_axis.z = orientation, axis
+    request.goal.orientation, request.goal.free_axis.z = orientation, axis
     with pytest.raises(InvalidInput, match=message):
         problem_from_request(
             request, lemur_capture.robot, lemur_capture.start, (), load_parameters()
         )
+
+
+@pytest.mark.parametrize(
+    ("pairs", "distance", "field"),
+    [
+        (["link_7/moon"], 0.2, "pairs"),
+        (["link_7/c1"], -0.2, "distance"),
+        (["link_7/c1"], np.nan, "distance"),
+        (["link_7/c1"], 0.0, ""),
+        ([], 0.0, ""),
+    ],
+)
+def test_what_may_touch_is_refused_by_its_field_and_zero_is_the_usual_distance(
+    pairs: list[str], distance: float, field: str
+) -> None:
+    problem = load_scenario(CONFIG / "scenarios" / "lemur_capture_bodies.yaml")
+    request = request_message(problem, FRAME)
+    request.goal.allowed_collisions = [AllowedCollisions(pairs=pairs, distance=distance)]
+    arguments = (request, problem.robot, problem.start, problem.obstacles, load_parameters())
+    if not field:
+        found = problem_from_request(*arguments)
+        assert (found.allowed_collisions, found.contact_distance) == (tuple(pairs), 0.1)
+        return
+    with pytest.raises(InvalidInput) as refused:
+        problem_from_request(*arguments)
+    assert refused.value.field == f"goal.allowed_collisions.{field}"
 
 
 def test_accelerations_come_back_out_of_a_message_and_none_are_not_known(
@@ -353,7 +454,7 @@ def test_accelerations_that_are_none_are_refused_by_name(
 
 def test_a_target_twist_is_kept(lemur_capture: PlanningProblem) -> None:
     request = request_message(lemur_capture, FRAME)
-    request.target_twist.linear.x, request.target_twist.angular.z = 0.01, -0.02
+    request.goal.twist.linear.x, request.goal.twist.angular.z = 0.01, -0.02
     problem = _problem(lemur_capture, request)
     assert problem.target.linear_velocity.tolist() == [0.01, 0.0, 0.0]
     assert problem.target.angular_velocity.tolist() == [0.0, 0.0, -0.02]
@@ -361,7 +462,7 @@ def test_a_target_twist_is_kept(lemur_capture: PlanningProblem) -> None:
 
 def test_points_of_zero_are_those_of_the_parameter(lemur_capture: PlanningProblem) -> None:
     request = request_message(lemur_capture, FRAME)
-    request.points = 0
+    request.search.points = 0
     assert _problem(lemur_capture, request).points == 9
 
 
@@ -369,7 +470,7 @@ def test_an_empty_message_is_refused_by_its_frame(lemur_capture: PlanningProblem
     for refuse in (
         lambda: state_from_message(ChaserState(), "chaser_state", lemur_capture.robot, FRAME),
         lambda: spheres_from_message(ObstacleSphereArray(), FRAME),
-        lambda: _problem(lemur_capture, PlanTrajectory.Request()),
+        lambda: _problem(lemur_capture, PlanRequest()),
     ):
         with pytest.raises(InvalidInput) as refusal:
             refuse()
@@ -383,6 +484,6 @@ def test_a_time_comes_back_out_of_its_message(time_ns: int) -> None:
     assert nanoseconds(Duration(sec=3, nanosec=7)) == 3_000_000_007
 
 
-def _problem(problem: PlanningProblem, request: PlanTrajectory.Request) -> PlanningProblem:
+def _problem(problem: PlanningProblem, request: PlanRequest) -> PlanningProblem:
     parameters = replace(load_parameters(), points=9)
     return problem_from_request(request, problem.robot, problem.start, (), parameters)

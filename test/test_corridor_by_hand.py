@@ -48,8 +48,8 @@ def margins(approach: Approach, places: Array) -> Array:
     """How far inside the cone, or beyond the distance, by a drawing of it."""
     along = -places @ approach.direction
     lateral = np.linalg.norm(np.cross(places, approach.direction), axis=1)
-    in_cone = (RADIUS_AT_GRASP + along * math.tan(approach.cone) - lateral) * math.cos(
-        approach.cone
+    in_cone = (RADIUS_AT_GRASP + along * math.tan(approach.half_angle) - lateral) * math.cos(
+        approach.half_angle
     )
     return np.asarray(np.maximum(in_cone, np.linalg.norm(places, axis=1) - approach.distance))
 

@@ -102,7 +102,7 @@ def test_the_bag_it_names_holds_every_topic_and_both_answers(demo: tuple[Path, l
     for topic in ("chaser_state", "predicted_chaser_pose", "tracking_error", "diagnostics"):
         assert len(messages[f"/{topic}"]) > 10, topic
     # The executive asks again until the planner has heard of the new flight.
-    codes = [event.response[0].result.status.code for event in messages[RESULTS]]
+    codes = [event.response[0].result.answer.status.code for event in messages[RESULTS]]
     # A machine that is too slow for it is given a later start.
     not_yet = {Status.NO_STATE, Status.NO_OBSTACLES, Status.STATE_TOO_OLD}
     not_yet |= {Status.TOO_LATE, Status.START_IN_PAST}

@@ -8,18 +8,19 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
-from ff_planner_msgs.srv import PlanTrajectory
+from answers import answer_of
+from ff_planner_msgs.msg import PlanAnswer
 from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.errors import NoPlanFound, Status
 from ff_planner_ros.planning.metrics import METRICS, Metrics
 from ff_planner_ros.planning.plan import Plan, Trajectory
-from ff_planner_ros.ros.messages.to_messages import response_from_error, response_from_plan
+from ff_planner_ros.ros.messages.to_messages import answer_of_error
 from ff_planner_ros.runs.differences import QUANTITIES, differences
 
 
-def answered(plan: Plan, solve_time: float = 0.1) -> PlanTrajectory.Response:
-    return response_from_plan(plan, "run.1", 10**18, "inertial", solve_time)
+def answered(plan: Plan, solve_time: float = 0.1) -> PlanAnswer:
+    return answer_of(plan, solve_time=solve_time)
 
 
 def test_the_same_plan_does_not_differ_however_long_it_took(lemur_plan: Plan) -> None:
@@ -103,11 +104,12 @@ def test_attitudes_differ_by_the_angle_of_the_turn_between_them(lemur_plan: Plan
 
 def test_another_number_of_points_cannot_be_compared(lemur_plan: Plan) -> None:
     fewer = answered(lemur_plan)
-    fewer.joint_trajectory.points = fewer.joint_trajectory.points[:-1]
-    for path in (fewer.predicted_chaser_path, fewer.end_effector_path):
+    (motion,) = fewer.plans
+    motion.joint_trajectory.points = motion.joint_trajectory.points[:-1]
+    for path in (motion.chaser_path, motion.end_effector_path):
         path.poses = path.poses[:-1]
-    fewer.predicted_chaser_twists = fewer.predicted_chaser_twists[:-1]
-    fewer.end_effector_twists = fewer.end_effector_twists[:-1]
+    motion.chaser_twists = motion.chaser_twists[:-1]
+    motion.end_effector_twists = motion.end_effector_twists[:-1]
     found = {one.quantity: one for one in differences(answered(lemur_plan), fewer)}
     assert math.isinf(found["joint_positions"].amount)
     assert found["joint_positions"].where == "shapes 50 x 7 before and 49 x 7 now"
@@ -117,7 +119,7 @@ def test_another_number_of_points_cannot_be_compared(lemur_plan: Plan) -> None:
 def test_of_a_refusal_the_best_attempt_is_compared(lemur_plan: Plan) -> None:
     nearer = replace(lemur_plan, metrics=replace(lemur_plan.metrics, min_clearance=-0.25))
     before, now = (
-        response_from_error(NoPlanFound(Status.COLLISION, "too near", attempt), "run.1", 0.1)
+        answer_of_error(NoPlanFound(Status.COLLISION, "too near", attempt), "run.1", 0.1)
         for attempt in (lemur_plan, nearer)
     )
     (found,) = differences(before, now)

@@ -10,7 +10,10 @@ from typing import Any
 
 import pytest
 import yaml
-from doc_tables import BLOCK, expected
+from doc_tables import BLOCK, MESSAGES, expected
+from ff_planner_msgs import msg
+from ff_planner_msgs.action import PlanTrajectory
+from geometry_msgs.msg import PoseStamped
 from pages import PAGES, README, SOURCE_TREE, console, text_of
 from shown_results import near
 
@@ -22,6 +25,7 @@ from ff_planner_ros.planning.scenario import load_task, scenario_schema
 
 BENCHMARK = SOURCE_TREE / "docs" / "benchmark.md"
 INTERFACES = SOURCE_TREE / "docs" / "interfaces.md"
+MOVING = SOURCE_TREE / "docs" / "moving_from_0.2.md"
 CAPTURE = SOURCE_TREE / "config" / "scenarios" / "lemur_capture.yaml"
 
 every_page = pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
@@ -164,10 +168,10 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     return dict(json.loads(text_of(file)))
 
 
-def test_the_response_in_the_readme_is_that_to_the_papers_capture(written: dict[str, Any]) -> None:
+def test_the_answer_in_the_readme_is_that_to_the_papers_capture(written: dict[str, Any]) -> None:
     for block in ("metrics", "solver"):
         response = re.search(
-            rf"^{block}: \{{(.*?)\.\.\.\}}$", text_of(README), re.MULTILINE | re.DOTALL
+            rf"^{block}: \[?\{{(.*?)\.\.\.\}}\]?$", text_of(README), re.MULTILINE | re.DOTALL
         )
         assert response
         told = dict(re.findall(r"(\w+): (\S+),", response[1]))
@@ -183,3 +187,27 @@ def test_the_table_of_json_fields_lists_exactly_those_of_a_plan(written: dict[st
     solver = re.search(r"^\| `solver` \| (.*) \|$", text_of(INTERFACES), re.MULTILINE)
     assert solver
     assert set(re.findall(r"`(\w+)`", solver[1])) == set(written["solver"])
+
+
+def test_the_page_of_interfaces_names_every_message() -> None:
+    named = set(re.findall(r"msg_defs/msg/(\w+\.msg)", text_of(INTERFACES)))
+    assert named == {path.name for path in MESSAGES.glob("*.msg")}
+
+
+def test_a_client_that_has_moved_from_0_2_as_the_page_says_speaks_the_present_messages() -> None:
+    _before, after = re.findall(r"```python\n(.*?)```", text_of(MOVING), re.DOTALL)
+    state, pose, asked, followed = msg.ChaserState(), PoseStamped(), [], []
+    plan, metrics = msg.Plan(), msg.PlanMetrics()
+    pose.header.frame_id, state.joint_names = "inertial", ["joint_1"]
+
+    def send(goal: PlanTrajectory.Goal) -> PlanTrajectory.Result:
+        asked.append(goal.request)
+        return PlanTrajectory.Result(answer=msg.PlanAnswer(plans=[plan], metrics=[metrics]))
+
+    known = {"PlanTrajectory": PlanTrajectory, "pose": pose, "state": state, "send": send}
+    known["follow"] = lambda *given: followed.append(given)
+    exec(after, vars(msg) | known)
+    (request,) = asked
+    assert (request.goal.pose, list(request.start_state)) == (pose, [state])
+    assert (request.duration, request.objective.joint_path_length) == (10.0, 1.0)
+    assert followed == [(plan.joint_trajectory, plan.chaser_path, metrics)]

@@ -7,11 +7,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
+from answers import received, sent
+from evil_bags import EVIL_BAGS
+from ff_planner_msgs.msg import PlanAnswer, PlanRequest
 from ff_planner_msgs.srv import PlanTrajectory
 from service_msgs.msg import ServiceEventInfo
 
 from ff_planner_ros.bag.encoding import encode
 from ff_planner_ros.bag.exchanges import SERVICE_EVENT, SERVICE_EVENTS, Exchange, exchanges
+from ff_planner_ros.bag.plans import planning_exchanges
 from ff_planner_ros.bag.reader import open_bag
 from ff_planner_ros.bag.writer import BagWriter
 
@@ -20,14 +25,11 @@ RECEIVED, SENT = ServiceEventInfo.REQUEST_RECEIVED, ServiceEventInfo.RESPONSE_SE
 
 
 def event(kind: int, number: int, word: str, client: int = 0, ns: int = 0) -> PlanTrajectory.Event:
-    told = PlanTrajectory.Event()
+    question, answer = PlanRequest(end_behaviour=word), PlanAnswer(plan_id=word)
+    told = received(question) if kind == RECEIVED else sent(answer)
     told.info.event_type, told.info.sequence_number = kind, number
     told.info.client_gid = np.full(16, client, np.uint8)
     told.info.stamp.nanosec = ns
-    if kind == RECEIVED:
-        told.request = [PlanTrajectory.Request(end_behaviour=word)]
-    else:
-        told.response = [PlanTrajectory.Response(plan_id=word)]
     return told
 
 
@@ -147,3 +149,14 @@ def test_each_has_the_times_of_the_node_and_of_the_recorder(tmp_path: Path) -> N
     )
     assert late.answered_by is not None
     assert late.answered_by.log_time_ns == 3
+
+
+@pytest.mark.parametrize("name", ["a number for an approach", "a number for plans"])
+def test_parts_of_another_type_are_told_and_left_out(name: str, tmp_path: Path) -> None:
+    file = tmp_path / "bag.mcap"
+    file.write_bytes(EVIL_BAGS[name]())
+    with open_bag(file) as bag:
+        assert planning_exchanges(bag) == []
+        assert any(
+            "on /plan_trajectory/_service_event cannot be understood" in n for n in bag.notes
+        )

@@ -15,8 +15,16 @@ import numpy as np
 import pinocchio as pin
 import pytest
 import rclpy
+from answers import answer_of
 from ff_planner_msgs.action import PlanTrajectory
-from ff_planner_msgs.msg import ChaserState, PlanStatus, PublishedPlan
+from ff_planner_msgs.msg import (
+    ChaserState,
+    PlanAnswer,
+    PlanProgress,
+    PlanRequest,
+    PlanStatus,
+    PublishedPlan,
+)
 from ff_planner_msgs.srv import PublishPlan
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.callback_groups import ReentrantCallbackGroup
@@ -36,7 +44,7 @@ from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.ros.background import spin_in_background
 from ff_planner_ros.ros.messages.controller_message import controller_message
-from ff_planner_ros.ros.messages.to_messages import response_from_plan, state_message
+from ff_planner_ros.ros.messages.to_messages import state_message
 from ff_planner_ros.ros.qos import LATCHED_QOS
 
 
@@ -56,12 +64,13 @@ class World:
         self.committed.append(trajectory)
         self.heard.set()
 
-    def plan(self) -> PlanTrajectory.Result:
-        self.reports: list[float] = []
-        report = lambda feedback: self.reports.append(feedback.objective)  # noqa: E731
-        return self.executive.plan(PlanTrajectory.Goal(), report)
+    def plan(self) -> PlanAnswer:
+        self.reports: list[PlanProgress] = []
+        return self.executive.plan(REQUEST, self.reports.append)
 
 
+REQUEST = PlanRequest(duration=12.0)
+PROGRESS = PlanProgress(found=True, best_objective=0.25)
 PUBLISHED = PlanStatus(code=int(Status.SOLVED))
 
 
@@ -114,11 +123,12 @@ def _world(
                 world.cancelled.wait(DEADLINE)
                 handle.abort()
                 return PlanTrajectory.Result()
-            handle.publish_feedback(PlanTrajectory.Feedback(objective=0.25))
+            assert handle.request.request == REQUEST
+            handle.publish_feedback(PlanTrajectory.Feedback(progress=PROGRESS))
             world.answered.append(next(coming))
             status = PlanStatus(code=world.answered[-1], message=f"for {world.answered[-1].name}")
             handle.succeed()
-            return PlanTrajectory.Result(status=status, plan_id="run.1")
+            return PlanTrajectory.Result(answer=PlanAnswer(status=status, plan_id="run.1"))
 
         def cancel(_: Any) -> CancelResponse:
             world.cancelled.set()
@@ -163,7 +173,7 @@ def test_it_asks_again_while_the_system_starts(refusal: Status) -> None:
     with _world(refusal, refusal, Status.SOLVED) as world:
         assert world.plan().status.code == Status.SOLVED
         assert world.answered == [refusal, refusal, Status.SOLVED]
-        assert set(world.reports) == {0.25}
+        assert world.reports == [PROGRESS] * 3
 
 
 @pytest.mark.parametrize("refusal", [Status.COLLISION, Status.WRONG_FRAME, Status.INTERNAL_ERROR])
@@ -213,7 +223,7 @@ def test_when_it_stops_waiting_the_planner_hears_that_nobody_wants_the_plan() ->
 
 
 def test_it_stops_watching_at_once_when_its_check_fails(
-    solved: Callable[[int], Any], lemur_capture: PlanningProblem
+    solved: Callable[[int], PlanAnswer], lemur_capture: PlanningProblem
 ) -> None:
     def check() -> None:
         raise KeyboardInterrupt
@@ -223,9 +233,15 @@ def test_it_stops_watching_at_once_when_its_check_fails(
 
 
 @pytest.fixture(scope="module")
-def solved(lemur_plan: Plan) -> Callable[[int], Any]:
+def solved(lemur_plan: Plan) -> Callable[[int], PlanAnswer]:
     """A plan as an answer, with its start."""
-    return lambda start_ns: response_from_plan(lemur_plan, "run.1", start_ns, FRAME, 0.5)
+
+    def answer(start_ns: int) -> PlanAnswer:
+        made = answer_of(lemur_plan, "run.1", start_ns)
+        made.publish_token = "a token"
+        return made
+
+    return answer
 
 
 def now_ns(world: World) -> int:
@@ -233,23 +249,24 @@ def now_ns(world: World) -> int:
 
 
 def test_it_commits_what_the_planner_publishes_under_the_plans_id(
-    solved: Callable[[int], Any],
+    solved: Callable[[int], PlanAnswer],
 ) -> None:
     answer = solved(3600 * NANOSECONDS)
     # What the planner publishes is what the controller can take: here, without torques.
-    trajectory = controller_message(answer.joint_trajectory, effort_interface=False)
+    trajectory = controller_message(answer.plans[0].joint_trajectory, effort_interface=False)
     plan = PublishedPlan(plan_id=answer.plan_id, joint_trajectory=trajectory)
     with _world(published=lambda: plan) as world:
         world.executive.commit(answer)
         assert world.heard.wait(DEADLINE)
     (asked,) = world.asked_to_publish
-    assert (asked.plan_id, asked.asked_by) == ("run.1", "mission_executive")
+    assert (asked.plan_id, asked.publish_token) == ("run.1", "a token")
+    assert asked.requester == "mission_executive"
     assert world.committed == [trajectory]
 
 
-def test_it_commits_again_where_the_state_came_late(solved: Callable[[int], Any]) -> None:
+def test_it_commits_again_where_the_state_came_late(solved: Callable[[int], PlanAnswer]) -> None:
     answer = solved(3600 * NANOSECONDS)
-    plan = PublishedPlan(plan_id=answer.plan_id, joint_trajectory=answer.joint_trajectory)
+    plan = PublishedPlan(plan_id="run.1", joint_trajectory=answer.plans[0].joint_trajectory)
     late = PlanStatus(code=int(Status.STATE_TOO_OLD), message="1.3 s old")
     with _world(publication=(late, PUBLISHED), published=lambda: plan) as world:
         world.executive.commit(answer)
@@ -259,7 +276,7 @@ def test_it_commits_again_where_the_state_came_late(solved: Callable[[int], Any]
 
 @pytest.mark.parametrize("status", [Status.TOO_LATE, Status.STATE_MOVED, Status.UNKNOWN_PLAN])
 def test_a_plan_that_the_planner_does_not_publish_is_not_committed(
-    solved: Callable[[int], Any], status: Status
+    solved: Callable[[int], PlanAnswer], status: Status
 ) -> None:
     refusal = PlanStatus(code=int(status), message="run.1 does not fit any more")
     with _world(publication=(refusal,)) as world:
@@ -270,7 +287,7 @@ def test_a_plan_that_the_planner_does_not_publish_is_not_committed(
 
 
 def test_nothing_is_committed_to_a_controller_that_is_not_there(
-    solved: Callable[[int], Any],
+    solved: Callable[[int], PlanAnswer],
 ) -> None:
     with (
         _world(controller=False, patience=0.0) as world,
@@ -281,7 +298,7 @@ def test_nothing_is_committed_to_a_controller_that_is_not_there(
 
 
 def test_it_tells_how_far_reality_was_from_the_plan(
-    solved: Callable[[int], Any], lemur_plan: Plan, lemur_capture: PlanningProblem
+    solved: Callable[[int], PlanAnswer], lemur_plan: Plan, lemur_capture: PlanningProblem
 ) -> None:
     """The chaser measured is that of the plan's last point, shifted and turned by known amounts."""
     motion, robot = lemur_plan.trajectory, lemur_capture.robot
@@ -308,7 +325,7 @@ def test_it_tells_how_far_reality_was_from_the_plan(
     with _world(states=states) as world:
         # Nine seconds of the plan are over when it is watched.
         answer = solved(now_ns(world) - 9 * NANOSECONDS)
-        ends.append(nanoseconds(answer.joint_trajectory.header.stamp) + 10 * NANOSECONDS)
+        ends.append(nanoseconds(answer.plans[0].joint_trajectory.header.stamp) + 10 * NANOSECONDS)
         outcome = world.executive.watch(answer, 10.0, robot)
     arm = motion.ee_positions[-1] - motion.chaser_positions[-1]
     np.testing.assert_allclose(outcome.predicted.position, motion.ee_positions[-1], atol=1e-8)
@@ -322,7 +339,7 @@ def test_it_tells_how_far_reality_was_from_the_plan(
 
 
 def test_states_that_cease_before_the_end_are_an_error(
-    solved: Callable[[int], Any], lemur_capture: PlanningProblem
+    solved: Callable[[int], PlanAnswer], lemur_capture: PlanningProblem
 ) -> None:
     with _world(patience=0.5) as world:
         answer = solved(now_ns(world) - 10 * NANOSECONDS)

@@ -202,7 +202,7 @@ def test_a_tool_that_is_in_an_obstacle_at_the_goal_is_refused(number: int, drift
         message = refusal_of(asked, Status.COLLISION)
         assert f"at the goal {name} is 0.0020 m inside obstacle rock" in message
         link = name.split("#")[0]
-        assert f"{link}/rock in allowed_at_goal" in message
-        require_plannable(replace(asked, allowed_at_goal=(f"{link}/rock",)), SETTINGS)
+        assert f"{link}/rock in allowed_collisions" in message
+        require_plannable(replace(asked, allowed_collisions=(f"{link}/rock",)), SETTINGS)
         free = replace(asked.target, orientation=Orientation.FREE)
         require_plannable(replace(asked, target=free), SETTINGS)

@@ -14,8 +14,13 @@ from mcap.writer import Writer
 from ff_planner_ros.bag.reader import open_bag
 from ff_planner_ros.cli import main
 from ff_planner_ros.errors import NoPlanFound, Status
-from ff_planner_ros.ros.messages.from_messages import plan_from_response
+from ff_planner_ros.parameters import load_parameters
+from ff_planner_ros.planning.plan import Plan
+from ff_planner_ros.planning.problem import PlanningProblem
+from ff_planner_ros.planning.task import PlanningTask
+from ff_planner_ros.ros.messages.from_messages import plan_from_answer
 from ff_planner_ros.runs import replay as replaying
+from ff_planner_ros.runs.offline_bag import record_answer
 from ff_planner_ros.runs.recorded_run import RecordedRequest, recorded_run
 from ff_planner_ros.runs.replay import Replayed, Verdict, replay
 
@@ -23,11 +28,10 @@ GOLDEN = Path(__file__).parent / "golden_bags"
 BAGS = sorted(path for path in GOLDEN.iterdir() if path.is_dir())
 # To the last bit on the machine that recorded them; others may round otherwise.
 SAME = (Verdict.IDENTICAL, Verdict.WITHIN_TOLERANCE)
-# Their chaser starts turned, by a few degrees. The paper's Euler angles, of the end effector's path
-# and of the chaser, were then those of the user's axes and are now those from the start on: the
-# paths bend a little otherwise, and are as short.
-TURNED = ("node",)
+# Of these the plans come again as they were; those of 0.1 come nearly so.
+SAME_PLANS = ("node_0_2",)
 SEEDS = range(12)
+SETTINGS = load_parameters().planner
 
 
 def test_there_are_golden_bags() -> None:
@@ -41,7 +45,7 @@ def test_every_answer_in_a_golden_bag_comes_again(path: Path) -> None:
     for recorded in run.requests:
         found = replay(recorded)
         told = (recorded.name, found.words, *map(str, found.differences))
-        if recorded.status is Status.SOLVED:
+        if recorded.status is Status.SOLVED and path.name not in SAME_PLANS:
             _require_as_good(recorded, found, told)
         else:
             assert found.verdict in SAME, told
@@ -52,17 +56,46 @@ def test_every_answer_in_a_golden_bag_comes_again(path: Path) -> None:
         assert statuses.count(Status.SOLVED) == 2
 
 
+def test_a_node_of_version_0_2_had_the_tasks_that_it_would_have_now() -> None:
+    """What it was asked, what it knew and what came of it, to the digest."""
+    with open_bag(GOLDEN / "node_0_2") as bag:
+        run = recorded_run(bag)
+    early, captured, waited, tailed, going_on, blocked = run.requests
+    for recorded in run.requests:
+        assert recorded.response is not None
+        digest = "" if recorded is early else recorded.read_request().task.digest
+        assert recorded.response.task_digest == digest
+    assert not any("do not say when their requests were taken up" in note for note in run.notes)
+    assert [one.door for one in run.requests].count("action") == 1
+    tasks = [one.read_request().task for one in (captured, waited, tailed, going_on)]
+    problems = [task.problem for task in tasks]
+    assert [problem.target_body is not None for problem in problems] == [True, *3 * [False]]
+    assert [problem.approach is not None for problem in problems] == [True, *3 * [False]]
+    assert [len(problem.allowed_collisions) for problem in problems] == [1, 0, 0, 0]
+    assert [str(problem.target.orientation) for problem in problems[1:3]] == ["about_axis", "fixed"]
+    assert [str(task.end_behaviour) for task in tasks] == [
+        "none",
+        "none",
+        "hold_end_effector",
+        "none",
+    ]
+    assert going_on.response.inputs.previous_plan_id == tailed.name
+    assert tasks[3].running is not None
+    assert (waited.request.plan_only, waited.request.requester) == (True, "executive")
+    assert (len(blocked.response.plans), len(blocked.response.metrics)) == (0, 1)
+
+
 def _require_as_good(recorded: RecordedRequest, found: Replayed, told: tuple[str, ...]) -> None:
     """Hold that the new plan is nearly the old one, and keeps what the old one did not.
 
-    Versions up to 0.2 left out a little null-space motion at the start, solved on the points of
-    the plan alone, and measured Euler angles from the user's axes: their chaser starts turned by a
-    few degrees.
+    Version 0.1 left out a little null-space motion at the start, solved on the points of the plan
+    alone, and measured Euler angles from the user's axes: its chaser starts turned by a few
+    degrees.
     """
     assert found.answer is not None, told
     assert recorded.response is not None, told
     assert found.answer.status.code == Status.SOLVED, told
-    new, old = found.answer.metrics, recorded.response.metrics
+    (new,), (old,) = found.answer.metrics, recorded.response.metrics
     assert new.start_velocity_jump < 1e-9, told
     assert new.final_position_error < 1e-4, told
     assert new.joint_path_length == pytest.approx(old.joint_path_length, rel=0.01), told
@@ -89,15 +122,27 @@ def test_an_exported_request_of_a_golden_bag_gives_the_plan_of_its_replay(
         assert written["status"] == Status(again.status.code).name.lower()
         assert written["digest"] == again.task_digest
         if again.status.code == Status.SOLVED:
-            motion = plan_from_response(again).trajectory
+            motion = plan_from_answer(again).trajectory
             assert written["joint_positions"] == motion.joint_positions.tolist()
             assert written["chaser_positions"] == motion.chaser_positions.tolist()
     capsys.readouterr()
 
 
+@pytest.fixture(scope="module")
+def of_this_version(
+    lemur_capture: PlanningProblem, lemur_plan: Plan, tmp_path_factory: pytest.TempPathFactory
+) -> Path:
+    bag = tmp_path_factory.mktemp("now") / "bag"
+    record_answer(bag, PlanningTask(lemur_capture, SETTINGS), lemur_plan, 0.5)
+    return bag
+
+
+@pytest.mark.parametrize("version", ["0.1", "0.2", "now"])
 @pytest.mark.parametrize("seed", SEEDS)
 def test_damaged_messages_and_documents_never_end_in_a_traceback(
     seed: int,
+    version: str,
+    of_this_version: Path,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
@@ -109,7 +154,8 @@ def test_damaged_messages_and_documents_never_end_in_a_traceback(
 
     monkeypatch.setattr(replaying, "perform", no_plan)
     spoilt = tmp_path / "spoilt.mcap"
-    copy_spoilt(next((GOLDEN / "node").glob("*.mcap")), spoilt, random.Random(seed))
+    bags = {"0.1": GOLDEN / "node", "0.2": GOLDEN / "node_0_2", "now": of_this_version}
+    copy_spoilt(next(bags[version].glob("*.mcap")), spoilt, random.Random(seed))
     assert main(["replay", str(spoilt)]) in (2, 3)
     assert main(["replay", str(spoilt), "--set", "points=20"]) in (0, 2)
     capsys.readouterr()

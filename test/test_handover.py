@@ -7,7 +7,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from ff_planner_msgs.srv import PlanTrajectory
+from ff_planner_msgs.msg import PlanRequest
 from ros_processes import FRAME, Scene
 from test_planning_service import answer, service
 from test_takeover import state_on
@@ -52,14 +52,14 @@ def solving(clock: Clock, plan: Plan, seconds: float, *, asks: bool) -> Callable
     return solve
 
 
-def request_at(problem: PlanningProblem, plan: Plan, continues: bool) -> PlanTrajectory.Request:
+def request_at(problem: PlanningProblem, plan: Plan, continues: bool) -> PlanRequest:
     """A request with a state of now: where a plan is that has run for four seconds."""
     request = Scene(problem).complete_request()
     request.plan_only = True
     if continues:
-        request.continue_plan, request.duration = True, 0.0
+        request.replan_active, request.duration = True, 0.0
         state = state_on(plan.trajectory, 4.0)
-        request.start_state = state_message(state, problem.robot.joint_names, NOW, FRAME)
+        request.start_state = [state_message(state, problem.robot.joint_names, NOW, FRAME)]
     return request
 
 
@@ -83,19 +83,21 @@ def test_a_plan_that_comes_too_late_for_its_start_is_none(
         begun_ns = NOW - 4 * NANOSECONDS
         if continues:
             answering._output.published = PublishedPlan("run.0", lemur_plan.trajectory, begun_ns)
-        response = answer(answering, request_at(lemur_capture, lemur_plan, continues))
+        found = answer(answering, request_at(lemur_capture, lemur_plan, continues))
         waiting = dict(answering._publication._waiting)
-    following = "run.0" if continues else ""
-    assert response.following == following
+    previous = "run.0" if continues else ""
+    assert found.inputs.previous_plan_id == previous
     assert clock.searched_on is (part < 0.0 or not asks)
     if part > 0.0:
-        assert response.status.code == Status.TOO_LATE, response.status
+        assert found.status.code == Status.TOO_LATE, found.status
         assert waiting == {}
         return
-    assert response.status.code == Status.SOLVED, response.status
-    assert nanoseconds(response.joint_trajectory.header.stamp) == NOW + 200_000_000
-    assert waiting["run.1"].following == following
+    assert found.status.code == Status.SOLVED, found.status
+    (written,) = found.plans
+    assert nanoseconds(written.joint_trajectory.header.stamp) == NOW + 200_000_000
+    assert waiting["run.1"].previous_plan_id == previous
     assert waiting["run.1"].start_ns == NOW + 200_000_000
+    assert waiting["run.1"].token == found.publish_token != ""
 
 
 def test_the_plan_that_runs_is_the_one_that_joints_follow_until_a_new_one_of_their_own(
@@ -108,12 +110,12 @@ def test_the_plan_that_runs_is_the_one_that_joints_follow_until_a_new_one_of_the
         begun_ns = NOW - 4 * NANOSECONDS
         answering._output.published = PublishedPlan("run.0", lemur_plan.trajectory, begun_ns)
         request = request_at(lemur_capture, lemur_plan, continues=True)
-        request.continue_plan, request.duration = False, 10.0
-        response = answer(answering, request)
+        request.replan_active, request.duration = False, 10.0
+        found = answer(answering, request)
         (task, *_) = worker.solve.call_args.args
         waiting = dict(answering._publication._waiting)
-    assert response.status.code == Status.SOLVED, response.status
-    assert response.following == "run.0"
-    assert waiting["run.1"].following == "run.0"
+    assert found.status.code == Status.SOLVED, found.status
+    assert found.inputs.previous_plan_id == "run.0"
+    assert waiting["run.1"].previous_plan_id == "run.0"
     assert (task.running_goal, task.ahead) == (None, pytest.approx(1.0))
     assert task.running.time[0] == pytest.approx(-4.0)

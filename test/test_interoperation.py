@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from ff_planner_msgs.srv import PlanTrajectory
+from ff_planner_msgs.msg import PlanAnswer
 from ros_processes import (
     DEADLINE,
     FRAME,
@@ -57,7 +57,7 @@ def test_a_process_without_ros_tells_the_state_and_reads_the_trajectory(
     }
     scene = Scene(lemur_capture)
     request = scene.request()
-    request.use_obstacles, request.obstacles = True, scene.obstacles()
+    request.scene = scene.complete_request().scene
     with (
         private_domain(),
         running_planner(tmp_path, "-p", "planning_allowance:=5.0") as planner,
@@ -72,9 +72,9 @@ def test_a_process_without_ros_tells_the_state_and_reads_the_trajectory(
         try:
             client.wait_for_planner()
 
-            def heard(response: PlanTrajectory.Response) -> bool:
+            def heard(answer: PlanAnswer) -> bool:
                 assert not foreign.poll(), "the foreign process failed"
-                return response.status.code not in (Status.NO_STATE, Status.TOO_LATE)
+                return answer.status.code not in (Status.NO_STATE, Status.TOO_LATE)
 
             answer = client.plan_until(request, heard)
             assert answer.status.code == Status.SOLVED, answer.status.message

@@ -80,8 +80,9 @@ def long_run(short: Path, long: Path, messages: int) -> None:
 def at_time(event: PlanTrajectory.Event, now: int, number: int) -> PlanTrajectory.Event:
     event.info.stamp, event.info.sequence_number = time_message(now), number
     for response in event.response:
-        response.plan_id = f"plan.{number}"
-        response.joint_trajectory.header.stamp = response.taken_up = time_message(now)
+        answer, stamp = response.answer, time_message(now)
+        answer.plan_id, answer.inputs.received_stamp = f"plan.{number}", stamp
+        answer.plans[0].joint_trajectory.header.stamp = stamp
     return event
 
 

@@ -44,7 +44,7 @@ def test_the_limit_of_the_attitude_goes_with_a_request(
 ) -> None:
     asked = replace(lemur_capture, limits=Limits(chaser_attitude=limit))
     request = request_message(asked, FRAME)
-    assert request.limit_chaser_attitude == (limit if limit < 1.0 else 0.0)
+    assert list(request.limits.chaser_attitude) == ([limit] if limit < 1.0 else [])
     back = problem_from_request(request, asked.robot, asked.start, (), load_parameters())
     assert back.limits.chaser_attitude == limit
 

@@ -7,7 +7,16 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from ff_planner_msgs.srv import PlanTrajectory
+from ff_planner_msgs.msg import (
+    ChaserState,
+    Goal,
+    Plan,
+    PlanAnswer,
+    PlanInputs,
+    PlanRequest,
+    Scene,
+    TargetBody,
+)
 
 from ff_planner_ros.bag.decoding import NANOSECONDS
 from ff_planner_ros.errors import Status
@@ -19,16 +28,14 @@ from ff_planner_ros.runs.recorded_inputs import Moment
 
 RECEIVED = 1_000 * NANOSECONDS  # by the node's clock
 LOGGED = RECEIVED + 3 * NANOSECONDS  # by the recorder's, which is ahead
-TAKEN_UP = RECEIVED + round(0.7 * NANOSECONDS)
+READ = RECEIVED + round(0.7 * NANOSECONDS)
 ALLOWANCE = 2.0
 PARAMETERS: NodeParameters = replace(
     load_parameters(), planning_allowance=ALLOWANCE, state_source="odometry"
 )
 
 
-def found(
-    request: PlanTrajectory.Request | None, response: Any, **times: int
-) -> tuple[int, Moment]:
+def found(request: PlanRequest | None, response: Any, **times: int) -> tuple[int, Moment]:
     exchange = PlanExchange(
         "service", "/plan_trajectory", LOGGED, times.get("received", RECEIVED), request, response
     )
@@ -36,23 +43,23 @@ def found(
     return moment(exchange, recorded)
 
 
-def answer(code: int = Status.SOLVED, **fields: Any) -> PlanTrajectory.Response:
-    response = PlanTrajectory.Response(**fields)
-    response.status.code = int(code)
-    return response
+def answer(code: int = Status.SOLVED, **inputs: Any) -> PlanAnswer:
+    found = PlanAnswer(inputs=PlanInputs(**inputs))
+    found.status.code = int(code)
+    return found
 
 
 def test_a_request_that_waited_was_read_so_much_later_by_both_clocks() -> None:
-    response = answer(taken_up=time_message(TAKEN_UP))
-    now_ns, what = found(PlanTrajectory.Request(), response)
-    assert now_ns == TAKEN_UP
+    response = answer(received_stamp=time_message(READ))
+    now_ns, what = found(PlanRequest(), response)
+    assert now_ns == READ
     assert what.logged_ns == LOGGED + round(0.7 * NANOSECONDS)
 
 
 def test_an_answer_alone_tells_when_its_request_was_read() -> None:
     """Nobody knows how long that waited."""
-    now_ns, what = found(None, answer(taken_up=time_message(TAKEN_UP)), received=0)
-    assert (now_ns, what.logged_ns) == (TAKEN_UP, LOGGED)
+    now_ns, what = found(None, answer(received_stamp=time_message(READ)), received=0)
+    assert (now_ns, what.logged_ns) == (READ, LOGGED)
     assert (what.stamps_ns, what.inputs) == ({}, ())
 
 
@@ -61,18 +68,20 @@ def test_of_an_earlier_version_the_start_of_a_plan_tells_when_its_request_was_re
     code: Status,
 ) -> None:
     """It begins so long after that as the parameter of then says; a refusal has no plan."""
-    response = answer(code)
-    response.joint_trajectory.header.stamp = time_message(TAKEN_UP + round(ALLOWANCE * 1e9))
-    now_ns, _ = found(PlanTrajectory.Request(), response)
-    assert now_ns == (TAKEN_UP if code == Status.SOLVED else RECEIVED)
+    response, plan = answer(code), Plan()
+    if code == Status.SOLVED:
+        response.plans = [plan]
+    plan.joint_trajectory.header.stamp = time_message(READ + round(ALLOWANCE * 1e9))
+    now_ns, _ = found(PlanRequest(), response)
+    assert now_ns == (READ if code == Status.SOLVED else RECEIVED)
 
 
 def test_of_an_earlier_version_a_state_without_a_stamp_was_of_when_it_was_read() -> None:
-    request = PlanTrajectory.Request(use_start_state=True)
-    response = answer(state_stamp=time_message(TAKEN_UP))
-    assert found(request, response)[0] == TAKEN_UP
-    request.start_state.header.stamp = time_message(5)
-    request.start_time = time_message(TAKEN_UP + NANOSECONDS)
+    request = PlanRequest(start_state=[ChaserState()])
+    response = answer(state_stamp=time_message(READ))
+    assert found(request, response)[0] == READ
+    request.start_state[0].header.stamp = time_message(5)
+    request.start_time = time_message(READ + NANOSECONDS)
     assert found(request, response)[0] == RECEIVED
 
 
@@ -80,25 +89,34 @@ def test_inputs_are_named_that_the_request_did_not_bring_and_that_counted() -> N
     stamps: dict[str, Any] = {
         name: time_message(number)
         for number, name in enumerate(
-            ("state_stamp", "joint_states_stamp", "obstacles_stamp", "target_body_stamp"), 1
+            (
+                *("state_stamp", "joint_states_stamp", "obstacles_stamp"),
+                *("obstacle_bodies_stamp", "target_body_stamp"),
+            ),
+            1,
         )
     }
-    response = answer(taken_up=time_message(TAKEN_UP), **stamps)
-    _, what = found(PlanTrajectory.Request(), response)
-    assert what.stamps_ns == {"odometry": 1, "joint_states": 2, "obstacles": 3}
-    _, what = found(PlanTrajectory.Request(capture=True), response)
-    assert what.stamps_ns["target_body"] == 4
-    brought = PlanTrajectory.Request(
-        use_start_state=True, use_obstacles=True, capture=True, use_target_body=True
+    response = answer(received_stamp=time_message(READ), **stamps)
+    _, what = found(PlanRequest(), response)
+    heard = {"odometry": 1, "joint_states": 2, "obstacles": 3, "obstacle_bodies": 4}
+    assert what.stamps_ns == heard
+    _, what = found(PlanRequest(goal=Goal(kind=Goal.CAPTURE)), response)
+    assert what.stamps_ns["target_body"] == 5
+    brought = PlanRequest(
+        start_state=[ChaserState()],
+        scene=[Scene()],
+        goal=Goal(kind=Goal.CAPTURE),
+        target_body=[TargetBody()],
     )
     assert found(brought, response)[1].inputs == ()
-    response.obstacles_stamp = time_message(0)
-    _, what = found(PlanTrajectory.Request(), response)
+    response.inputs.obstacles_stamp = time_message(0)
+    _, what = found(PlanRequest(), response)
     assert "obstacles" not in what.stamps_ns
-    assert set(what.inputs) == {"odometry", "joint_states", "obstacles"}, "the last one heard"
+    assert set(what.inputs) == heard.keys(), "the last one heard"
 
 
 def test_what_the_node_had_not_heard_is_no_input_though_the_recorder_heard_it() -> None:
-    response = answer(Status.NO_OBSTACLES, taken_up=time_message(TAKEN_UP))
+    response = answer(Status.NO_OBSTACLES, received_stamp=time_message(READ))
     response.status.message = "obstacles is missing: none were received yet"
-    assert set(found(PlanTrajectory.Request(), response)[1].inputs) == {"odometry", "joint_states"}
+    _, what = found(PlanRequest(), response)
+    assert set(what.inputs) == {"odometry", "joint_states", "obstacle_bodies"}

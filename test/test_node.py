@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 from builtin_interfaces.msg import Time
-from ff_planner_msgs.srv import PlanTrajectory
+from ff_planner_msgs.msg import PlanAnswer
 from quick_capture import resting_capture
 from ros_processes import DEADLINE, Scene, connected_client, private_domain, running_planner
 from rosbags.highlevel import AnyReader
@@ -69,10 +69,10 @@ def test_namespace_remapping_and_parameters_file_reach_planner_and_recorder(
         with connected_client("/servicer") as client:
             client.wait_for_planner()
             request = scene.complete_request()
-            request.points = 0
+            request.search.points = 0
             answer = client.plan(request)
             assert answer.status.code == Status.SOLVED
-            assert len(answer.joint_trajectory.points) == 20
+            assert len(answer.plans[0].joint_trajectory.points) == 20
             client.wait_until(lambda: client.received["joint_trajectory"], "the trajectory")
         assert planner.stop(signal.SIGTERM) == 0
     assert f"[servicer.planner]: ready; recording to {planner.bag}" in planner.log
@@ -82,6 +82,7 @@ def test_namespace_remapping_and_parameters_file_reach_planner_and_recorder(
     assert set(counts) == {
         "/servicer/chaser_state",
         "/vision/spheres",
+        "/servicer/obstacle_bodies",
         "/servicer/target_body",
         "/servicer/predicted_target_path",
         "/servicer/predicted_relative_pose",
@@ -113,7 +114,7 @@ def test_the_age_of_a_state_is_told_by_simulated_time(
     lemur_capture: PlanningProblem, tmp_path: Path
 ) -> None:
     request = Scene(lemur_capture).complete_request()
-    request.start_state.header.stamp.sec = 100
+    request.start_state[0].header.stamp.sec = 100
     request.duration = -1.0  # the next thing that is refused once the age is right
     arguments = ("-p", "use_sim_time:=true")
     with (
@@ -127,8 +128,8 @@ def test_the_age_of_a_state_is_told_by_simulated_time(
         assert early.status.code == Status.STATE_IN_FUTURE
         assert "100.000 s ahead" in early.status.message
 
-        def answer_at(seconds: int, before: PlanTrajectory.Response) -> PlanTrajectory.Response:
-            def accepted(answer: PlanTrajectory.Response) -> bool:
+        def answer_at(seconds: int, before: PlanAnswer) -> PlanAnswer:
+            def accepted(answer: PlanAnswer) -> bool:
                 clock.publish(Clock(clock=Time(sec=seconds)))
                 return answer.status != before.status
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import random
 import signal
@@ -13,6 +14,7 @@ from contextlib import suppress
 import pytest
 from action_msgs.msg import GoalStatus
 from ff_planner_msgs.action import PlanTrajectory as PlanTrajectoryAction
+from ff_planner_msgs.msg import PlanRequest
 from ff_planner_msgs.srv import PlanTrajectory
 from quick_capture import resting_capture
 from rclpy.parameter import Parameter
@@ -57,10 +59,10 @@ def scene() -> Scene:
     return Scene(resting_capture())
 
 
-def long(scene: Scene) -> PlanTrajectory.Request:
+def long(scene: Scene) -> PlanRequest:
     """A request whose plan takes seconds: it has thousands of points."""
     request = scene.complete_request()
-    request.points = 5000
+    request.search.points = 5000
     return request
 
 
@@ -88,15 +90,20 @@ def test_a_goal_is_answered_like_a_request_with_feedback_on_the_way(
     client: Client, scene: Scene
 ) -> None:
     request = scene.complete_request()
-    request.start_state.header.stamp = client.node.get_clock().now().to_msg()
-    request.start_time.sec = request.start_state.header.stamp.sec + round(PATIENCE)
+    request.start_state[0].header.stamp = client.node.get_clock().now().to_msg()
+    request.start_time.sec = request.start_state[0].header.stamp.sec + round(PATIENCE)
     goal = client.send_goal(request)
     status, result = goal.result()
     assert (status, result.status.code) == (GoalStatus.STATUS_SUCCEEDED, Status.SOLVED)
-    assert client.plan(request).joint_trajectory == result.joint_trajectory
+    (planned,), (again,) = result.plans, client.plan(request).plans
+    assert again.joint_trajectory == planned.joint_trajectory
     assert goal.feedback
     assert {f.phase for f in goal.feedback} <= {"searching", "refining", "checking"}
-    assert all(f.starts >= 1 and f.iterations >= 1 for f in goal.feedback)
+    assert all(f.effort >= 1 for f in goal.feedback)
+    assert all(math.isnan(f.best_objective) is not f.found for f in goal.feedback)
+    found = [f.best_objective for f in goal.feedback if f.found]
+    assert found
+    assert found == sorted(found, reverse=True)
     elapsed = [f.elapsed for f in goal.feedback]
     assert elapsed == sorted(elapsed)
 
@@ -125,7 +132,7 @@ def test_cancelled_at_random_moments_a_goal_ends_cancelled_or_was_solved_before(
         status, result = goal.result()
         if accepted:
             assert (status, result.status.code) == (GoalStatus.STATUS_CANCELED, Status.CANCELLED)
-            assert not result.joint_trajectory.points
+            assert not result.plans
         else:
             assert (status, result.status.code) == (GoalStatus.STATUS_SUCCEEDED, Status.SOLVED)
         statuses.add(status)
@@ -139,14 +146,13 @@ def test_a_search_for_the_best_moment_is_cancelled_like_any_other(
 ) -> None:
     solver, request = planner.worker, long(scene)
     request.duration, request.duration_max = 0.8 * request.duration, 2.0 * request.duration
-    request.weight_duration = 0.1
+    request.objective.duration = 0.1
     goal = client.send_goal(request)
     assert goal.progress.wait(DEADLINE)
     assert goal.cancel()
     status, result = goal.result()
     assert (status, result.status.code) == (GoalStatus.STATUS_CANCELED, Status.CANCELLED)
-    assert not result.joint_trajectory.points
-    assert result.duration == 0.0
+    assert not result.plans
     assert client.plan(scene.complete_request()).status.code == Status.SOLVED
     assert planner.worker == solver, "the solver had to be loaded again"
 
@@ -235,10 +241,10 @@ def test_a_node_that_ends_gives_up_its_goal_and_has_all_goals_and_results_in_its
     results = {bytes(event.request[0].goal_id.uuid): event.response[0] for event in bag[RESULTS]}
     assert goals == set(results)
     assert len(goals) >= times(50, 200)
-    *_, recorded, given_up = (event.response[0].result for event in bag[RESULTS])
+    *_, recorded, given_up = (event.response[0].result.answer for event in bag[RESULTS])
     assert recorded.plan_id == solved.plan_id
-    points = [list(point.positions) for point in recorded.joint_trajectory.points]
-    assert points == [list(point.positions) for point in solved.joint_trajectory.points]
+    points = [list(point.positions) for point in recorded.plans[0].joint_trajectory.points]
+    assert points == [list(point.positions) for point in solved.plans[0].joint_trajectory.points]
     assert given_up.status.code == Status.SHUT_DOWN
     assert bag["/plan_trajectory_action/_action/feedback"]
     assert bag["/plan_trajectory_action/_action/status"]

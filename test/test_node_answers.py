@@ -100,7 +100,7 @@ def run(lemur_capture: PlanningProblem, tmp_path_factory: pytest.TempPathFactory
             everything_blocked.spheres[0].radius = 10.0
             client.publish_obstacles(everything_blocked)
             unreachable = scene.request()  # or else it is solved while the obstacles travel
-            unreachable.target_pose.pose.position.x = 10.0
+            unreachable.goal.pose.pose.position.x = 10.0
             client.plan_until(
                 unreachable, lambda answer: answer.status.code == Status.START_IN_COLLISION
             )
@@ -144,7 +144,7 @@ def test_a_plan_for_the_states_own_time_starts_at_the_state_and_ends_at_the_targ
 ) -> None:
     answer, problem = run.from_topics, lemur_capture
     assert answer.status.code == Status.SOLVED
-    trajectory = answer.joint_trajectory
+    trajectory = answer.plans[0].joint_trajectory
     assert tuple(trajectory.joint_names) == problem.robot.joint_names
     assert trajectory.header.frame_id == FRAME
     assert _ns(trajectory.header.stamp) == run.stamp_ns
@@ -153,7 +153,7 @@ def test_a_plan_for_the_states_own_time_starts_at_the_state_and_ends_at_the_targ
     np.testing.assert_allclose(
         trajectory.points[0].positions, problem.start.joint_positions, atol=1e-12
     )
-    last = answer.end_effector_path.poses[-1]
+    last = answer.plans[0].end_effector_path.poses[-1]
     assert _ns(last.header.stamp) == run.stamp_ns + round(problem.duration * 1e9)
     np.testing.assert_allclose(_position(last), problem.target.position, atol=1e-3)
     turned = _rotation(last) * Rotation.from_quat(problem.target.quaternion_xyzw).inv()
@@ -163,48 +163,48 @@ def test_a_plan_for_the_states_own_time_starts_at_the_state_and_ends_at_the_targ
 def test_the_benchmark_is_solved_as_well_through_the_service(
     run: Run, lemur_capture: PlanningProblem
 ) -> None:
-    assert run.from_topics.metrics.joint_path_length <= 1.115
-    assert run.from_topics.metrics.min_clearance >= 0.0
-    assert run.from_topics.metrics.penalty == 0.0
-    rates = np.array([point.velocities for point in run.from_topics.joint_trajectory.points])
+    (metrics,) = run.from_topics.metrics
+    assert metrics.joint_path_length <= 1.115
+    assert metrics.min_clearance >= 0.0
+    assert metrics.penalty == 0.0
+    (planned,) = run.from_topics.plans
+    rates = np.array([point.velocities for point in planned.joint_trajectory.points])
     margin = (lemur_capture.robot.velocity_limits - np.abs(rates)).min()
-    found = run.from_topics.metrics.min_velocity_margin
+    found = metrics.min_velocity_margin
     assert margin - 1e-3 < found <= margin + 1e-9  # less is left between the points
-    assert len(run.from_topics.xi) == 18
+    assert len(planned.xi) == 18
     assert run.from_topics.solver.solve_time > 0.0
 
 
 def test_every_row_of_the_answer_belongs_to_one_point(run: Run) -> None:
-    answer = run.from_topics
-    points = len(answer.joint_trajectory.points)
-    assert len(answer.predicted_chaser_path.poses) == points
-    assert len(answer.predicted_chaser_twists) == points
-    assert len(answer.end_effector_path.poses) == points
-    assert len(answer.end_effector_twists) == points
-    for point, pose in zip(
-        answer.joint_trajectory.points, answer.predicted_chaser_path.poses, strict=True
-    ):
+    (plan,) = run.from_topics.plans
+    points = len(plan.joint_trajectory.points)
+    assert len(plan.chaser_path.poses) == points
+    assert len(plan.chaser_twists) == points
+    assert len(plan.end_effector_path.poses) == points
+    assert len(plan.end_effector_twists) == points
+    for point, pose in zip(plan.joint_trajectory.points, plan.chaser_path.poses, strict=True):
         assert _ns(pose.header.stamp) == run.stamp_ns + _ns(point.time_from_start)
         assert pose.header.frame_id == FRAME
 
 
 def test_what_is_published_equals_the_answer(run: Run) -> None:
     answers = [run.from_topics, run.again, run.overriding, run.shuffled]
-    published = [_without_torques(answer.joint_trajectory) for answer in answers]
+    published = [_without_torques(answer.plans[0].joint_trajectory) for answer in answers]
     assert run.received["joint_trajectory"] == published
-    assert run.received["predicted_chaser_path"] == [a.predicted_chaser_path for a in answers]
+    assert run.received["predicted_chaser_path"] == [a.plans[0].chaser_path for a in answers]
 
 
 def test_a_late_subscriber_still_gets_the_last_plan(run: Run) -> None:
-    last = _without_torques(run.shuffled.joint_trajectory)
+    last = _without_torques(run.shuffled.plans[0].joint_trajectory)
     assert run.received_late["joint_trajectory"] == [last]
-    assert run.received_late["predicted_chaser_path"] == [run.shuffled.predicted_chaser_path]
+    assert run.received_late["predicted_chaser_path"] == [run.shuffled.plans[0].chaser_path]
 
 
 def test_the_streamed_poses_lie_on_the_predicted_path(run: Run) -> None:
-    path = run.from_topics.predicted_chaser_path.poses
+    (planned,) = run.from_topics.plans
+    path, twists = planned.chaser_path.poses, planned.chaser_twists
     times = [_ns(pose.header.stamp) - run.stamp_ns for pose in path]
-    twists = run.from_topics.predicted_chaser_twists
     spline = CubicHermiteSpline(
         np.array(times) / 1e9,
         [_position(pose) for pose in path],
@@ -243,30 +243,34 @@ def _interpolated(path: Any, twists: Any, times: Any, time: float) -> Rotation:
 
 
 def test_the_same_request_gives_the_same_plan_under_another_id(run: Run) -> None:
-    assert run.again.joint_trajectory == run.from_topics.joint_trajectory
-    assert run.again.xi == run.from_topics.xi
+    assert run.again.plans[0].joint_trajectory == run.from_topics.plans[0].joint_trajectory
+    assert run.again.plans[0].xi == run.from_topics.plans[0].xi
     assert run.again.plan_id != run.from_topics.plan_id
 
 
 def test_state_and_obstacles_of_the_request_go_before_the_topics(run: Run) -> None:
     # The published obstacles contain the whole arm: only those of the request can be avoided.
     assert run.overriding.status.code == Status.SOLVED
-    assert run.overriding.state_source == "start_state"
-    assert run.from_topics.state_source == "chaser_state"
+    assert run.overriding.inputs.state_source == "start_state"
+    assert run.from_topics.inputs.state_source == "chaser_state"
 
 
 def test_a_start_state_without_stamp_is_as_if_measured_now(run: Run) -> None:
-    assert run.asked_ns <= _ns(run.overriding.state_stamp) <= run.answered_ns
+    assert run.asked_ns <= _ns(run.overriding.inputs.state_stamp) <= run.answered_ns
 
 
 def test_a_plan_without_start_time_starts_after_the_allowance(run: Run) -> None:
-    start = _ns(run.overriding.joint_trajectory.header.stamp)
-    assert start - _ns(run.overriding.state_stamp) == ALLOWANCE
+    start = _ns(run.overriding.plans[0].joint_trajectory.header.stamp)
+    assert start - _ns(run.overriding.inputs.state_stamp) == ALLOWANCE
 
 
 def test_joints_may_come_in_any_order(run: Run) -> None:
-    assert run.shuffled.joint_trajectory.joint_names == run.from_topics.joint_trajectory.joint_names
-    assert run.shuffled.joint_trajectory.points == run.overriding.joint_trajectory.points
+    shuffled, from_topics, overriding = (
+        answer.plans[0].joint_trajectory
+        for answer in (run.shuffled, run.from_topics, run.overriding)
+    )
+    assert shuffled.joint_names == from_topics.joint_names
+    assert shuffled.points == overriding.points
 
 
 def test_the_node_ends_with_exit_code_zero_on_sigint(run: Run) -> None:
@@ -280,20 +284,21 @@ def test_the_bag_holds_what_was_said_on_every_topic(run: Run) -> None:
 
 def test_the_bag_holds_every_answer_and_what_was_published(run: Run) -> None:
     answers = [run.from_topics, run.again, run.overriding, run.shuffled]
-    recorded = [
-        event.response[0]
+    told = [
+        event.response[0].answer
         for event in run.bag[EVENT_TOPIC]
-        if event.info.event_type == RESPONSE_SENT and event.response[0].status.code == Status.SOLVED
+        if event.info.event_type == RESPONSE_SENT
     ]
+    recorded = [answer for answer in told if answer.status.code == Status.SOLVED]
     assert [answer.plan_id for answer in recorded] == [answer.plan_id for answer in answers]
     for topic in ("joint_trajectory", "predicted_chaser_path"):
         assert len(run.bag[f"/{topic}"]) == len(answers)
     for recorded_answer, published, answer in zip(
         recorded, run.bag["/joint_trajectory"], answers, strict=True
     ):
-        expected = [list(point.positions) for point in answer.joint_trajectory.points]
+        expected = [list(point.positions) for point in answer.plans[0].joint_trajectory.points]
         assert [p.positions.tolist() for p in published.points] == expected
-        in_answer = recorded_answer.joint_trajectory.points
+        in_answer = recorded_answer.plans[0].joint_trajectory.points
         assert [p.positions.tolist() for p in in_answer] == expected
 
 
@@ -317,7 +322,7 @@ def _without_torques(trajectory: Any) -> Any:
 
 
 def _with_joints_reversed(request: Any) -> Any:
-    state = request.start_state
+    (state,) = request.start_state
     state.joint_names = state.joint_names[::-1]
     state.joint_positions = state.joint_positions[::-1]
     state.joint_velocities = state.joint_velocities[::-1]

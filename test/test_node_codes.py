@@ -18,8 +18,7 @@ import test_node_refusals
 import test_node_time
 import test_planning_service
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from ff_planner_msgs.msg import ObstacleSphere
-from ff_planner_msgs.srv import PlanTrajectory
+from ff_planner_msgs.msg import ObstacleSphere, Plan, PlanRequest
 from managed_node import Manager
 from ros_processes import (
     FRAME,
@@ -50,33 +49,33 @@ class Case:
     """A request that can be solved but for one fault, and what the node is set to meanwhile."""
 
     words: tuple[str, ...]
-    spoil: Callable[[PlanTrajectory.Request], None]
+    spoil: Callable[[PlanRequest], None]
     parameter: tuple[str, Any, Any] | None = None
 
 
-def _nothing(_: PlanTrajectory.Request) -> None:
+def _nothing(_: PlanRequest) -> None:
     """Leave it as it is."""
 
 
-def _target_inside(request: PlanTrajectory.Request) -> None:
-    clamp = ObstacleSphere(id="clamp", center=request.target_pose.pose.position, radius=0.05)
-    request.obstacles.spheres = [clamp]
+def _target_inside(request: PlanRequest) -> None:
+    clamp = ObstacleSphere(id="clamp", center=request.goal.pose.pose.position, radius=0.05)
+    request.scene[0].spheres = [clamp]
 
 
-def _stretched(request: PlanTrajectory.Request) -> None:
-    request.parametrisation = "end_effector_polynomial"  # joint splines begin there, too
-    request.obstacles.spheres = []
-    request.start_state.joint_positions[3] = math.pi / 2
+def _stretched(request: PlanRequest) -> None:
+    request.search.parametrisation = "end_effector_polynomial"  # joint splines begin there, too
+    request.scene[0].spheres = []
+    request.start_state[0].joint_positions[3] = math.pi / 2
 
 
-def _out_of_reach_but_for_a_bound(request: PlanTrajectory.Request) -> None:
-    request.parametrisation = "end_effector_polynomial"  # joint splines find a plan
-    request.obstacles.spheres = []
-    request.target_pose.pose.position.x = 3.6
+def _out_of_reach_but_for_a_bound(request: PlanRequest) -> None:
+    request.search.parametrisation = "end_effector_polynomial"  # joint splines find a plan
+    request.scene[0].spheres = []
+    request.goal.pose.pose.position.x = 3.6
 
 
-def _in_a_hurry(request: PlanTrajectory.Request) -> None:
-    request.obstacles.spheres = []
+def _in_a_hurry(request: PlanRequest) -> None:
+    request.scene[0].spheres = []
     request.duration = 0.4
 
 
@@ -152,11 +151,11 @@ def client(planner: PlannerProcess) -> Iterator[Client]:  # noqa: ARG001 (it mus
         yield client
 
 
-def unhurried(client: Client, scene: Scene) -> PlanTrajectory.Request:
+def unhurried(client: Client, scene: Scene) -> PlanRequest:
     """A request whose plan starts from its own state, long after it is ready."""
     request = scene.complete_request()
     start = time_message(client.now_ns() + LEAD)
-    request.start_state.header.stamp = request.start_time = start
+    request.start_state[0].header.stamp = request.start_time = start
     return request
 
 
@@ -183,21 +182,22 @@ def test_a_request_is_refused_with_its_cause(
     assert Status(answer.status.code) is status, answer.status.message
     for word in CASES[status].words:
         assert word in answer.status.message
-    assert not answer.joint_trajectory.points
+    assert not answer.plans
 
 
 def test_what_comes_after_the_goal_is_what_the_request_says(
     client: Client, lemur_capture: PlanningProblem
 ) -> None:
-    def rates_at_the_end(behaviour: str) -> tuple[Any, float]:
+    def rates_at_the_end(behaviour: str) -> tuple[Plan, float]:
         request = unhurried(client, Scene(lemur_capture))
         request.end_behaviour = behaviour
         answer = client.plan(request)
         assert answer.status.code == Status.SOLVED, answer.status
-        return answer, float(np.abs(answer.joint_trajectory.points[-1].velocities).max())
+        (plan,) = answer.plans
+        return plan, float(np.abs(plan.joint_trajectory.points[-1].velocities).max())
 
     points, target = lemur_capture.points, lemur_capture.target.position
-    planned, moving = rates_at_the_end("as_planned")
+    planned, moving = rates_at_the_end("none")
     assert len(planned.joint_trajectory.points) == points
     assert moving > 1e-3
 
@@ -233,7 +233,7 @@ def test_a_chaser_that_leaves_its_plan_is_a_warning_in_the_diagnostics(
     client.node.create_subscription(DiagnosticArray, "/diagnostics", keep, 10)
     answer = client.plan(unhurried(client, scene))
     assert answer.status.code == Status.SOLVED, answer.status
-    predicted = answer.predicted_chaser_path.poses[20]
+    predicted = answer.plans[0].chaser_path.poses[20]
     state = scene.state(0)
     state.header.stamp, state.pose = predicted.header.stamp, predicted.pose
     for off, level, words in (
@@ -271,20 +271,20 @@ def test_a_plan_asked_for_in_the_middle_of_another_joins_it(
     request = unhurried(client, scene)
     first = client.plan(request)
     assert first.status.code == Status.SOLVED, first.status
-    begin_ns = nanoseconds(first.joint_trajectory.header.stamp)
-    running = joint_motion(trajectory_in(first))
+    begin_ns = nanoseconds(first.plans[0].joint_trajectory.header.stamp)
+    running = joint_motion(trajectory_in(first.plans[0]))
     measured, begin = 4.0, 6.3
     after = carried_forward(lemur_capture.robot, lemur_capture.start, measured, running)
     names, stamp_ns = lemur_capture.robot.joint_names, begin_ns + round(measured * NANOSECONDS)
     # Nobody tells the accelerations: the node knows its own plan.
     after = replace(after, joint_accelerations=None)
-    request.start_state = state_message(after, names, stamp_ns, FRAME)
+    request.start_state = [state_message(after, names, stamp_ns, FRAME)]
     request.start_time = time_message(begin_ns + round(begin * NANOSECONDS))
     second = client.plan(request)
     assert second.status.code == Status.SOLVED, second.status
-    assert second.following == first.plan_id
+    assert second.inputs.previous_plan_id == first.plan_id
     _, (rates,), (accelerations,) = running.at(np.array([begin]))
-    begins = second.joint_trajectory.points[0]
+    begins = second.plans[0].joint_trajectory.points[0]
     assert np.abs(begins.velocities - rates).max() <= 1e-9
     assert np.abs(begins.accelerations - accelerations).max() <= 1e-6
     assert np.abs(accelerations).max() > 1e-3

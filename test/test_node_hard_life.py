@@ -10,11 +10,18 @@ from contextlib import contextmanager
 from copy import deepcopy
 from pathlib import Path
 from statistics import median
+from typing import Any
 
 import pytest
 from doomed_client import POINTS
-from ff_planner_msgs.msg import ChaserState, ObstacleSphereArray
-from ff_planner_msgs.srv import PlanTrajectory
+from ff_planner_msgs.msg import (
+    Approach,
+    ObstacleSphereArray,
+    PlanAnswer,
+    PlanRequest,
+    PlanStatus,
+)
+from geometry_msgs.msg import Vector3
 from managed_node import Holdings, Manager, holdings
 from quick_capture import quick_capture, resting_capture
 from ros_processes import (
@@ -46,39 +53,52 @@ def planner(tmp_path_factory: pytest.TempPathFactory) -> Iterator[PlannerProcess
         yield planner
 
 
-Spoil = Callable[[random.Random, PlanTrajectory.Request], str]
+Spoil = Callable[[random.Random, PlanRequest], str]
+
+
+def _at(request: PlanRequest, path: str) -> Any:
+    """Return what is at a dotted path, in which numbers are those of entries."""
+    owner: Any = request
+    for step in filter(None, path.split(".")):
+        owner = owner[int(step)] if step.isdigit() else getattr(owner, step)
+    return owner
+
+
+def _named(path: str) -> str:
+    """Return what an error calls a path: of what may be absent it does not say which entry."""
+    return (
+        path.replace("scene.0", "scene")
+        .replace("start_state.0", "start_state")
+        .replace("spheres.0", "spheres[0]")
+    )
 
 
 def _number(path: str, attribute: str, allowed_sign: int = 0) -> Spoil:
-    """Spoil a number; where a sign is given, zero and the other sign are wrong, too."""
+    """Spoil a number; where a sign is given, the other sign is wrong, too."""
 
-    def spoil(dice: random.Random, request: PlanTrajectory.Request) -> str:
-        owner = request
-        for step in filter(None, path.split(".")):
-            owner = owner[0] if step == "0" else getattr(owner, step)
+    def spoil(dice: random.Random, request: PlanRequest) -> str:
         wrong = [*NO_NUMBERS, *((-dice.random(),) if allowed_sign else ())]
-        setattr(owner, attribute, dice.choice(wrong))
-        return path.split(".")[0] or attribute
+        setattr(_at(request, path), attribute, dice.choice(wrong))
+        return _named(path if attribute in "xyz" else f"{path}.{attribute}".removeprefix("."))
 
     return spoil
 
 
 def _quaternion(pose: str) -> Spoil:
-    def spoil(dice: random.Random, request: PlanTrajectory.Request) -> str:
-        owner = request
-        for step in pose.split("."):
-            owner = getattr(owner, step)
+    def spoil(dice: random.Random, request: PlanRequest) -> str:
+        orientation = _at(request, pose).orientation
         factor = dice.choice([0.0, 1.01, 0.9, 1e6, -2.0])
         for axis in "xyzw":
-            setattr(owner.orientation, axis, factor * getattr(owner.orientation, axis))
-        return pose.split(".")[0]
+            setattr(orientation, axis, factor * getattr(orientation, axis))
+        return _named(f"{pose}.orientation")
 
     return spoil
 
 
 def _array(attribute: str) -> Spoil:
-    def spoil(dice: random.Random, request: PlanTrajectory.Request) -> str:
-        values = list(getattr(request.start_state, attribute))
+    def spoil(dice: random.Random, request: PlanRequest) -> str:
+        (state,) = request.start_state
+        values = list(getattr(state, attribute))
         wrong = [
             *([], values[:-1], [*values, values[0]], values * HUGE),
             *(
@@ -87,66 +107,90 @@ def _array(attribute: str) -> Spoil:
                 else [["", *values[1:]]]
             ),
         ]
-        setattr(request.start_state, attribute, dice.choice(wrong))
+        setattr(state, attribute, dice.choice(wrong))
         return f"start_state.{attribute}"
 
     return spoil
 
 
 def _frame(path: str) -> Spoil:
-    def spoil(dice: random.Random, request: PlanTrajectory.Request) -> str:
-        header = getattr(request, path).header
+    def spoil(dice: random.Random, request: PlanRequest) -> str:
+        header = _at(request, path).header
         header.frame_id = dice.choice(["", "map", "Inertial", "inertial ", "x" * HUGE])
-        return f"{path}.header.frame_id"
+        return _named(f"{path}.header.frame_id")
 
     return spoil
 
 
-def _twice(dice: random.Random, request: PlanTrajectory.Request) -> str:
-    request.obstacles.spheres.append(deepcopy(dice.choice(request.obstacles.spheres)))
-    return "obstacles.spheres"
+def _twice(dice: random.Random, request: PlanRequest) -> str:
+    (scene,) = request.scene
+    scene.spheres.append(deepcopy(dice.choice(scene.spheres)))
+    return "scene.spheres"
 
 
-def _points(dice: random.Random, request: PlanTrajectory.Request) -> str:
-    request.points = dice.choice([1, 4, 10_001, 2**32 - 1])
-    return "points"
+def _points(dice: random.Random, request: PlanRequest) -> str:
+    request.search.points = dice.choice([1, 4, 10_001, 2**32 - 1])
+    return "search.points"
 
 
-def _word(dice: random.Random, request: PlanTrajectory.Request) -> str:
-    request.end_behaviour = dice.choice(["stop", " ", "AS_PLANNED", "z" * HUGE])
-    return "end_behaviour"
+def _word(dice: random.Random, request: PlanRequest) -> str:
+    field = dice.choice(["end_behaviour", "on_cancel"])
+    setattr(request, field, dice.choice(["stop", " ", "NONE", "z" * HUGE]))
+    return field
 
 
-def _accelerations(dice: random.Random, request: PlanTrajectory.Request) -> str:
+def _goal(dice: random.Random, request: PlanRequest) -> str:
+    field, known = dice.choice([("kind", 2), ("orientation", 3)])
+    setattr(request.goal, field, dice.randrange(known, 256))
+    return f"goal.{field}"
+
+
+def _approach(dice: random.Random, request: PlanRequest) -> str:
+    direction = Vector3(z=dice.choice(NO_NUMBERS))
+    request.goal.approach = [Approach(direction=direction, distance=0.05)]
+    return "goal.approach.direction"
+
+
+def _accelerations(dice: random.Random, request: PlanRequest) -> str:
     wrong = [[number] for number in (*NO_NUMBERS, 0.0, -dice.random())]
-    request.limit_accelerations = dice.choice([*wrong, [0.1, 0.2], [0.1] * HUGE])
-    return "limit_accelerations"
+    request.limits.accelerations = dice.choice([*wrong, [0.1, 0.2], [0.1] * HUGE])
+    return "limits.accelerations"
+
+
+def _angle(dice: random.Random, request: PlanRequest) -> str:
+    field = dice.choice(["chaser_attitude", "chaser_rotation"])
+    setattr(request.limits, field, [dice.choice([NO_NUMBERS[0], 0.0, -dice.random()])])
+    return f"limits.{field}"
+
+
+def _wheels(dice: random.Random, request: PlanRequest) -> str:
+    request.start_state[0].wheel_momenta = [dice.random()] * dice.choice([1, 4, HUGE])
+    return "start_state.wheel_momenta"
 
 
 SPOILS: tuple[Spoil, ...] = (
-    *(_number("target_pose.pose.position", axis) for axis in "xyz"),
-    *(_number("target_twist.angular", axis) for axis in "xyz"),
-    *(_number("start_state.pose.position", axis) for axis in "xyz"),
-    *(_number("start_state.twist.linear", axis) for axis in "xyz"),
-    *(_number("obstacles.spheres.0.center", axis) for axis in "xyz"),
-    _number("obstacles.spheres.0", "radius", 1),
-    _number("obstacles.spheres.0.twist.linear", "x"),
-    _number("approach_direction", "z"),
+    *(_number("goal.pose.pose.position", axis) for axis in "xyz"),
+    *(_number("goal.twist.angular", axis) for axis in "xyz"),
+    *(_number("start_state.0.pose.position", axis) for axis in "xyz"),
+    *(_number("start_state.0.twist.linear", axis) for axis in "xyz"),
+    *(_number("scene.0.spheres.0.center", axis) for axis in "xyz"),
+    _number("scene.0.spheres.0", "radius", 1),
+    _number("scene.0.spheres.0.twist.linear", "x"),
     *(
-        _number("", name, 1)
-        for name in (
-            "duration",
-            "duration_max",
-            "weight_joint_path_length",
-            "weight_chaser_attitude",
-            "weight_duration",
-            "time_budget",
+        _number(path, name, 1)
+        for path, name in (
+            ("", "duration"),
+            ("", "duration_max"),
+            ("objective", "joint_path_length"),
+            ("objective", "chaser_attitude"),
+            ("objective", "duration"),
+            ("search", "time_budget"),
         )
     ),
-    *(_quaternion(pose) for pose in ("target_pose.pose", "start_state.pose")),
+    *(_quaternion(pose) for pose in ("goal.pose.pose", "start_state.0.pose")),
     *(_array(name) for name in ("joint_names", "joint_positions", "joint_velocities")),
-    *(_frame(path) for path in ("target_pose", "start_state", "obstacles")),
-    *(_twice, _points, _word, _accelerations),
+    *(_frame(path) for path in ("goal.pose", "start_state.0", "scene.0")),
+    *(_twice, _points, _word, _goal, _approach, _accelerations, _angle, _wheels),
 )
 
 
@@ -159,7 +203,8 @@ def test_huge_arrays_leave_nothing_behind(
     A thread of a pool that begins late takes memory once; what is kept grows with every hundred.
     """
     request = Scene(resting_capture()).complete_request()
-    request.start_state.joint_names = [*request.start_state.joint_names] * HUGE
+    (state,) = request.start_state
+    state.joint_names = [*state.joint_names] * HUGE
     with connected_client() as client:
         client.wait_for_planner()
 
@@ -191,7 +236,8 @@ def test_malformed_requests_are_refused_by_name_and_leave_nothing_behind(
             status = Status(answer.status.code)
             assert Status.NOT_FINITE <= status <= Status.UNSUPPORTED, (field, answer.status)
             assert field in answer.status.message, answer.status
-            assert not answer.joint_trajectory.points
+            assert answer.status.field.startswith(field), answer.status
+            assert (answer.status.retry, answer.plans) == (PlanStatus.CHANGED, [])
             if number == malformed // 2:
                 halfway = holdings(planner.process.pid)
         _assert_no_growth(halfway, holdings(planner.process.pid))
@@ -208,38 +254,38 @@ def test_malformed_messages_on_the_topics_are_refused_by_name(
         client.wait_for_planner()
         for _ in range(each):
             request = scene.complete_request()
-            request.start_state.header.stamp = client.node.get_clock().now().to_msg()
-            spoil = dice.choice([_array("joint_positions"), _frame("start_state")])
+            request.start_state[0].header.stamp = client.node.get_clock().now().to_msg()
+            spoil = dice.choice([_array("joint_positions"), _frame("start_state.0"), _wheels])
             field = spoil(dice, request).replace("start_state", "chaser_state")
-            _refused(client, scene.request(), request.start_state, request.obstacles, field)
+            _refused(client, scene.request(), request, field)
         for _ in range(each):
             request = scene.complete_request()
-            request.start_state.header.stamp = client.node.get_clock().now().to_msg()
-            field = dice.choice([_twice, _frame("obstacles")])(dice, request)
-            _refused(client, scene.request(), request.start_state, request.obstacles, field)
+            request.start_state[0].header.stamp = client.node.get_clock().now().to_msg()
+            field = dice.choice([_twice, _frame("scene.0")])(dice, request)
+            _refused(client, scene.request(), request, field.replace("scene", "obstacles"))
         sound = scene.state(client.now_ns())
         client.publish_obstacles(scene.obstacles())
 
-        def solved(response: PlanTrajectory.Response) -> bool:
+        def solved(answer: PlanAnswer) -> bool:
             client.publish_state(sound)
-            return response.status.code == Status.SOLVED
+            return answer.status.code == Status.SOLVED
 
         client.plan_until(scene.request(), solved)
 
 
 def _refused(
     client: Client,
-    request: PlanTrajectory.Request,
-    state: ChaserState,
-    obstacles: ObstacleSphereArray,
+    request: PlanRequest,
+    spoilt: PlanRequest,
     field: str,
 ) -> None:
-    """Publish until the planner refuses to plan from or around it, and names the field."""
-    client.publish_obstacles(obstacles)
+    """Publish a request's state and scene until the planner names their fault in its refusal."""
+    (state,), (scene,) = spoilt.start_state, spoilt.scene
+    client.publish_obstacles(ObstacleSphereArray(header=scene.header, spheres=scene.spheres))
 
-    def named(response: PlanTrajectory.Response) -> bool:
+    def named(answer: PlanAnswer) -> bool:
         client.publish_state(state)
-        return field in response.status.message
+        return field in answer.status.message
 
     client.plan_until(request, named)
 
@@ -255,7 +301,7 @@ def running(script: str, *arguments: str) -> Iterator[subprocess.Popen[bytes]]:
         process.wait()
 
 
-def _later(client: Client, request: PlanTrajectory.Request) -> PlanTrajectory.Request:
+def _later(client: Client, request: PlanRequest) -> PlanRequest:
     """Let a plan begin when the busiest machine has it ready."""
     request.start_time = client.node.get_clock().now().to_msg()
     request.start_time.sec += 120
@@ -268,8 +314,8 @@ def test_a_flood_of_states_and_spheres_starves_no_plan(planner: PlannerProcess) 
     with connected_client() as client, running("flood.py"):
         client.wait_for_planner()
 
-        def crowded(response: PlanTrajectory.Response) -> bool:
-            return response.status.code == Status.SOLVED
+        def crowded(answer: PlanAnswer) -> bool:
+            return answer.status.code == Status.SOLVED
 
         client.plan_until(_later(client, scene.request()), crowded)
         for _ in range(5):
@@ -284,11 +330,11 @@ def test_a_client_that_dies_while_it_is_planned_for_harms_nobody_and_its_plan_go
 ) -> None:
     """Nobody can tell a dead client from a silent one; an executive that is back finds its plan."""
     scene = Scene(resting_capture())
-    probe = PlanTrajectory.Request(duration=-1.0)
+    probe = PlanRequest(duration=-1.0)
     with connected_client() as client:
         client.wait_for_planner()
         with running("doomed_client.py", door) as doomed:
-            client.plan_until(probe, lambda response: response.status.code == Status.BUSY)
+            client.plan_until(probe, lambda answer: answer.status.code == Status.BUSY)
             doomed.kill()
             doomed.wait()
         client.wait_until(
@@ -297,7 +343,7 @@ def test_a_client_that_dies_while_it_is_planned_for_harms_nobody_and_its_plan_go
         )
         answer = client.plan_until(
             _later(client, scene.complete_request()),
-            lambda response: response.status.code != Status.BUSY,
+            lambda answer: answer.status.code != Status.BUSY,
         )
         assert answer.status.code == Status.SOLVED, answer.status
     assert "a callback failed" not in planner.log
@@ -316,7 +362,7 @@ def test_many_plans_leave_nothing_behind_and_the_node_ends_well(
         assert manager.set("planner.max_iterations", 1).successful
         assert manager.set("planning_allowance", 5.0).successful  # the chaser drifts away
         request, seconds = scene.complete_request(), []
-        request.points = 12
+        request.search.points = 12
         for number in range(plans):
             answer = client.plan(request)
             assert answer.status.code == Status.SOLVED, answer.status

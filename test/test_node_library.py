@@ -76,13 +76,14 @@ def test_a_node_plans_from_its_library_and_the_bag_replays_without_it(
     codes = [one.status.code for one in answers]
     assert codes[:2] == [Status.SOLVED] * 2
     assert Status.SOLVED not in codes[2:]
-    guesses = [np.array(one.first_guess) for one in answers]
+    guesses = [np.array(one.inputs.first_guess) for one in answers]
     assert [len(guess) for guess in guesses] == [len(stored), len(stored), 0, 0]
     assert guesses[0].tobytes() == guesses[1].tobytes() == stored.tobytes()
+    assert all(np.array_equal(one.plans[0].first_guess, stored) for one in answers[:2])
     # What comes of the guess is another plan than what comes without one.
     task = PlanningTask(near, SETTINGS, ahead=60.0)
     warm, cold = perform(replace(task, first_guess=stored)), perform(task)
-    planned = np.array([point.positions for point in answers[0].joint_trajectory.points])
+    planned = np.array([point.positions for point in answers[0].plans[0].joint_trajectory.points])
     off = [np.abs(planned - plan.trajectory.joint_positions).max() for plan in (warm, cold)]
     assert off[0] < 1e-6 < 1e-3 < off[1], off  # messages round the state
 

@@ -70,7 +70,7 @@ def test_a_goal_that_is_being_planned_is_given_up_when_the_node_is_deactivated(
     planner: PlannerProcess,
 ) -> None:
     request = Scene(resting_capture()).complete_request()
-    request.points = 5000
+    request.search.points = 5000
     with connected_client() as client:
         manager = Manager(client)
         assert manager.change(CONFIGURE, ACTIVATE) == [True, True]

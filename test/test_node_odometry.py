@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from ff_planner_msgs.srv import PlanTrajectory
+from ff_planner_msgs.msg import PlanAnswer, PlanRequest
 from nav_msgs.msg import Odometry
 from rclpy.qos import qos_profile_sensor_data
 from ros_processes import (
@@ -60,7 +60,7 @@ def test_a_plan_starts_from_the_centre_of_mass_that_odometry_and_mounting_tell(
         stamp_ns = client.now_ns() + LEAD_NS
         request = scene.request()
         request.start_time = time_message(stamp_ns)
-        request.use_obstacles, request.obstacles = True, scene.obstacles()
+        request.scene = scene.complete_request().scene
         testbed = _Testbed(client, lemur_capture, stamp_ns)
         missing = client.plan(request)
         testbed.joints_behind(1_000_000_000)
@@ -79,8 +79,9 @@ def test_a_plan_starts_from_the_centre_of_mass_that_odometry_and_mounting_tell(
     assert apart.status.code == Status.STATE_NOT_SYNCHRONIZED
     assert "1.000 s apart" in apart.status.message
     assert solved.status.code == Status.SOLVED, solved.status.message
-    first = solved.predicted_chaser_path.poses[0].pose
-    twist = solved.predicted_chaser_twists[0]
+    (planned,) = solved.plans
+    first = planned.chaser_path.poses[0].pose
+    twist = planned.chaser_twists[0]
     for message, names, expected in (
         (first.position, "xyz", start.position_chaser_in_inertial),
         (first.orientation, "xyzw", start.quaternion_chaser_to_inertial_xyzw),
@@ -89,15 +90,15 @@ def test_a_plan_starts_from_the_centre_of_mass_that_odometry_and_mounting_tell(
     ):
         read = [getattr(message, name) for name in names]
         np.testing.assert_allclose(read, expected, atol=1e-9)
-    joints = solved.joint_trajectory.points[0]
+    joints = planned.joint_trajectory.points[0]
     np.testing.assert_allclose(joints.positions, start.joint_positions, atol=1e-9)
 
     bag = read_bag(planner.bag)
     assert bag["/odometry"]
     assert bag["/joint_states"]
 
-    assert nanoseconds(solved.state_stamp) == stamp_ns
-    assert nanoseconds(solved.joint_states_stamp) == stamp_ns + JOINTS_LATER_NS
+    assert nanoseconds(solved.inputs.state_stamp) == stamp_ns
+    assert nanoseconds(solved.inputs.joint_states_stamp) == stamp_ns + JOINTS_LATER_NS
     with open_bag(planner.bag) as opened:
         run = recorded_run(opened)
     replayed = {one.name: replay(one) for one in run.requests}
@@ -144,15 +145,13 @@ class _Testbed:
         """Measure joint states so much later than odometry."""
         self._joints.header.stamp = time_message(self._stamp_ns + later_ns)
 
-    def plan(
-        self, request: PlanTrajectory.Request, child_frame_id: str, not_yet: set[Status]
-    ) -> Any:
+    def plan(self, request: PlanRequest, child_frame_id: str, not_yet: set[Status]) -> Any:
         """Publish and ask until the answer is none of those of the time before."""
         self._odometry.child_frame_id = child_frame_id
 
-        def accepted(response: PlanTrajectory.Response) -> bool:
+        def accepted(answer: PlanAnswer) -> bool:
             self._odometries.publish(self._odometry)
             self._joint_states.publish(self._joints)
-            return response.status.code not in not_yet
+            return answer.status.code not in not_yet
 
         return self._client.plan_until(request, accepted)

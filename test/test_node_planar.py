@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from ff_planner_msgs.srv import PlanTrajectory
+from ff_planner_msgs.msg import Goal, PlanAnswer, PlanRequest
 from nav_msgs.msg import Odometry
 from rclpy.qos import qos_profile_sensor_data
 from robots import CONFIG
@@ -22,7 +22,7 @@ from ff_planner_ros.errors import Status
 from ff_planner_ros.planning.problem import PlanningProblem
 from ff_planner_ros.planning.scenario import load_scenario
 from ff_planner_ros.robot.model import Base
-from ff_planner_ros.ros.messages.from_messages import plan_from_response
+from ff_planner_ros.ros.messages.from_messages import plan_from_answer
 from ff_planner_ros.ros.messages.to_messages import time_message
 from ff_planner_ros.runs.recorded_run import recorded_run
 from ff_planner_ros.runs.replay import Verdict, replay
@@ -82,15 +82,14 @@ def test_a_node_plans_on_a_table_from_odometry_and_joint_states(tmp_path: Path) 
         scene = Scene(problem)
         whole = scene.request()
         whole.start_time = time_message(stamp_ns)
-        whole.use_obstacles, whole.obstacles = True, scene.obstacles()
+        whole.scene = scene.complete_request().scene
         part = scene.request()
-        part.start_time, part.use_obstacles = whole.start_time, True
-        part.obstacles, part.orientation = whole.obstacles, "free"
-        part.target_pose.pose.orientation.w = 0.0  # nobody looks at it
+        part.start_time, part.scene = whole.start_time, whole.scene
+        part.goal.orientation = Goal.FREE
+        part.goal.pose.pose.orientation.w = 0.0  # nobody looks at it
         above = scene.request()
-        above.start_time, above.use_obstacles = whole.start_time, True
-        above.obstacles = whole.obstacles
-        above.target_pose.pose.position.z = 0.3
+        above.start_time, above.scene = whole.start_time, whole.scene
+        above.goal.pose.pose.position.z = 0.3
 
         chasers = client.node.create_publisher(Odometry, "odometry", qos_profile_sensor_data)
         arms = client.node.create_publisher(JointState, "joint_states", qos_profile_sensor_data)
@@ -101,31 +100,31 @@ def test_a_node_plans_on_a_table_from_odometry_and_joint_states(tmp_path: Path) 
         )
         joints.header.stamp = time_message(stamp_ns)
 
-        def answer(request: PlanTrajectory.Request, lean: Rotation, not_yet: set[Status]):
-            def heard(response: PlanTrajectory.Response) -> bool:
+        def asked(request: PlanRequest, lean: Rotation, not_yet: set[Status]) -> PlanAnswer:
+            def heard(answer: PlanAnswer) -> bool:
                 chasers.publish(odometry(problem, stamp_ns, lean))
                 arms.publish(joints)
-                return response.status.code not in not_yet
+                return answer.status.code not in not_yet
 
             return client.plan_until(request, heard)
 
         waiting = {Status.NO_STATE, Status.STATE_NOT_SYNCHRONIZED}
-        solved = {"whole": answer(whole, LEAN, waiting), "part": answer(part, LEAN, waiting)}
-        off_plane = answer(above, LEAN, waiting)
+        solved = {"whole": asked(whole, LEAN, waiting), "part": asked(part, LEAN, waiting)}
+        off_plane = asked(above, LEAN, waiting)
         # Until the message arrives, the one before is taken.
-        tilted = answer(whole, Rotation.from_euler("x", 0.1), {Status.SOLVED})
+        tilted = asked(whole, Rotation.from_euler("x", 0.1), {Status.SOLVED})
         assert planner.stop(signal.SIGTERM) == 0
 
     assert off_plane.status.code == Status.OUT_OF_RANGE
-    assert "target_pose.pose.position" in off_plane.status.message
+    assert "goal.pose.pose.position" in off_plane.status.message
     assert "end effector stays at z = " in off_plane.status.message
     assert tilted.status.code == Status.OUT_OF_RANGE
     assert "degrees off" in tilted.status.message
     headings = {}
-    for name, response in solved.items():
-        assert response.status.code == Status.SOLVED, response.status.message
-        assert response.parametrisation == "joint_spline"
-        plan = plan_from_response(response)
+    for name, answer in solved.items():
+        assert answer.status.code == Status.SOLVED, answer.status.message
+        assert answer.plans[0].family == "joint_spline"
+        plan = plan_from_answer(answer)
         motion = plan.trajectory
         assert np.ptp(motion.chaser_positions[:, 2]) < 1e-12
         assert not motion.chaser_linear_velocities[:, 2].any()
@@ -145,6 +144,6 @@ def test_a_node_plans_on_a_table_from_odometry_and_joint_states(tmp_path: Path) 
     with open_bag(planner.bag) as opened:
         run = recorded_run(opened)
     replayed = {one.name: replay(one) for one in run.requests}
-    for response in (*solved.values(), off_plane):
-        found = replayed[response.plan_id]
+    for answer in (*solved.values(), off_plane):
+        found = replayed[answer.plan_id]
         assert found.verdict is Verdict.IDENTICAL, (found.words, *map(str, found.differences))

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from ff_planner_msgs.srv import PlanTrajectory
+from ff_planner_msgs.msg import ChaserState, PlanAnswer, PlanRequest, PlanStatus
 from lifecycle_msgs.msg import Transition
 from managed_node import Manager
 from quick_capture import resting_capture
@@ -28,7 +28,7 @@ from ff_planner_ros.bag.reader import open_bag
 from ff_planner_ros.errors import Status
 from ff_planner_ros.planning.forward import carried_forward
 from ff_planner_ros.planning.joint_motion import joint_motion
-from ff_planner_ros.ros.messages.from_messages import plan_from_response
+from ff_planner_ros.ros.messages.from_messages import plan_from_answer
 from ff_planner_ros.ros.messages.to_messages import state_message, time_message
 from ff_planner_ros.runs.recorded_run import recorded_run
 from ff_planner_ros.runs.replay import Verdict, replay
@@ -53,9 +53,9 @@ def client(planner: PlannerProcess) -> Iterator[Client]:  # noqa: ARG001 (it mus
         yield client
 
 
-def request(client: Client, **fields: Any) -> PlanTrajectory.Request:
+def request(client: Client, **fields: Any) -> PlanRequest:
     found = SCENE.complete_request()
-    found.start_time = found.start_state.header.stamp = time_message(client.now_ns() + LEAD)
+    found.start_time = found.start_state[0].header.stamp = time_message(client.now_ns() + LEAD)
     for name, value in fields.items():
         setattr(found, name, value)
     return found
@@ -77,37 +77,60 @@ def test_a_plan_that_is_only_asked_for_goes_out_by_its_id(client: Client) -> Non
     asked = request(client, plan_only=True)
     made = client.plan(asked)
     assert made.status.code == Status.SOLVED, made.status
-    other = client.publish_plan(f"{made.plan_id}0", asked_by="executive")
-    assert other.code == Status.UNKNOWN_PLAN
-    assert made.plan_id in other.message
-
-    fitting = {"use_start_state": True, "start_state": asked.start_state}
-    status = client.publish_plan(made.plan_id, asked_by="executive", **fitting)
+    fitting = {"requester": "executive", "start_state": asked.start_state}
+    status = client.publish_plan(made, **fitting)
     assert status.code == Status.SOLVED, status
     plan = published(client, made.plan_id)
     # It is the first that came on either topic: nothing was published when it was asked for.
     after = [len(client.received[topic]) for topic in ("joint_trajectory", "published_plan")]
     assert [n - b for n, b in zip(after, before, strict=True)] == [1, 1]
-    assert plan.asked_by == "executive"
+    assert plan.requester == "executive"
     assert plan.end_behaviour == "stop_joints"
-    assert plan.start_time == made.joint_trajectory.header.stamp == asked.start_time
+    (planned,) = made.plans
+    assert plan.start_time == planned.joint_trajectory.header.stamp == asked.start_time
     assert plan.header.frame_id == "inertial"
     assert 0 < nanoseconds(plan.header.stamp) <= client.now_ns()
     assert [p.positions for p in plan.joint_trajectory.points] == [
-        p.positions for p in made.joint_trajectory.points
+        p.positions for p in planned.joint_trajectory.points
     ]
-    again = client.publish_plan(made.plan_id, **fitting)
+    again = client.publish_plan(made, **fitting)
     assert again.code == Status.UNKNOWN_PLAN
     assert "published already" in again.message
 
 
+def test_neither_an_id_nor_a_token_is_told_to_whoever_has_not_both(client: Client) -> None:
+    made, other = (client.plan(request(client, plan_only=True)) for _ in range(2))
+    at_once = client.plan(request(client))
+    assert {one.status.code for one in (made, other, at_once)} == {Status.SOLVED}
+    assert at_once.publish_token == ""
+    assert len({made.publish_token, other.publish_token, ""}) == 3
+    secrets = {one for answer in (made, other) for one in (answer.plan_id, answer.publish_token)}
+    tokens = ("", other.publish_token, made.publish_token[:-1], f"{made.publish_token}0", "ä\n")
+    for fields in (
+        *({"publish_token": token} for token in tokens),
+        *({"plan_id": plan_id} for plan_id in ("", "run.1", at_once.plan_id)),
+    ):
+        refused = client.publish_plan(made, start_state=request(client).start_state, **fields)
+        (field,) = fields
+        assert refused.code == Status.UNKNOWN_PLAN, refused
+        assert (refused.field, refused.retry) == (field, PlanStatus.CHANGED)
+        said = (refused.message, refused.value, refused.allowed)
+        assert not [one for one in secrets for text in said if one in text], refused
+    # None of it hurt the plans that wait.
+    for answer in (made, other):
+        state = request(client).start_state
+        state[0].header.stamp = answer.plans[0].joint_trajectory.header.stamp
+        status = client.publish_plan(answer, start_state=state)
+        assert status.code == Status.SOLVED, status
+
+
 def test_a_plan_that_is_published_at_once_says_who_asked(client: Client) -> None:
     for name, said in (("", "plan_trajectory"), ("director", "director")):
-        made = client.plan(request(client, asked_by=name))
+        made = client.plan(request(client, requester=name))
         assert made.status.code == Status.SOLVED, made.status
-        assert published(client, made.plan_id).asked_by == said
+        assert published(client, made.plan_id).requester == said
     _, result = client.send_goal(request(client)).result()
-    assert published(client, result.plan_id).asked_by == "plan_trajectory_action"
+    assert published(client, result.plan_id).requester == "plan_trajectory_action"
 
 
 def test_a_plan_goes_out_only_from_where_it_begins(client: Client) -> None:
@@ -115,34 +138,39 @@ def test_a_plan_goes_out_only_from_where_it_begins(client: Client) -> None:
     made = client.plan(asked)
     assert made.status.code == Status.SOLVED, made.status
     # Nobody publishes states here: what is not measured cannot be compared.
-    assert client.publish_plan(made.plan_id).code == Status.NO_STATE
+    assert client.publish_plan(made).code == Status.NO_STATE
     state = SCENE.state(0)
     state.header.stamp = asked.start_time
     state.pose.position.x += 0.05
-    moved = client.publish_plan(made.plan_id, use_start_state=True, start_state=state)
+    moved = client.publish_plan(made, start_state=[state])
     assert moved.code == Status.STATE_MOVED
     assert "position by 0.05 m, more than publication.max_position, 0.02 m" in moved.message
     state.pose.position.x -= 0.05
-    status = client.publish_plan(made.plan_id, use_start_state=True, start_state=state)
+    status = client.publish_plan(made, start_state=[state])
     assert status.code == Status.SOLVED, status
 
 
-def state_in(made: PlanTrajectory.Response, since: float, turned: float = 0.0) -> Any:
-    """Return the message of a state so long after a plan's first point [s], which it follows."""
+def begin_ns(made: PlanAnswer) -> int:
+    """Return when a plan begins [ns]."""
+    return nanoseconds(made.plans[0].joint_trajectory.header.stamp)
+
+
+def state_in(made: PlanAnswer, since: float, turned: float = 0.0) -> list[ChaserState]:
+    """Return a request's state so long after a plan's first point [s], which it follows."""
     problem = SCENE.problem
-    motion = joint_motion(plan_from_response(made).trajectory)
+    motion = joint_motion(plan_from_answer(made).trajectory)
     state = carried_forward(problem.robot, problem.start, since, motion)
     wrong = state.angular_velocity_chaser_in_inertial + np.deg2rad(0.01)
     joints = state.joint_positions + turned
     state = replace(state, angular_velocity_chaser_in_inertial=wrong, joint_positions=joints)
-    stamp_ns = nanoseconds(made.joint_trajectory.header.stamp) + round(since * NANOSECONDS)
-    return state_message(state, problem.robot.joint_names, stamp_ns, "inertial")
+    stamp_ns = begin_ns(made) + round(since * NANOSECONDS)
+    return [state_message(state, problem.robot.joint_names, stamp_ns, "inertial")]
 
 
-def continuing(made: PlanTrajectory.Response, since: float, **changes: Any) -> dict[str, Any]:
+def continuing(made: PlanAnswer, since: float, **changes: Any) -> dict[str, Any]:
     """Return what a request changes to continue a plan so long after its first point [s]."""
-    start_ns = nanoseconds(made.joint_trajectory.header.stamp) + round(since * NANOSECONDS)
-    fields = {"continue_plan": True, "duration": 0.0, "start_time": time_message(start_ns)}
+    start_ns = begin_ns(made) + round(since * NANOSECONDS)
+    fields = {"replan_active": True, "duration": 0.0, "start_time": time_message(start_ns)}
     return fields | {"start_state": state_in(made, since - 0.2)} | changes
 
 
@@ -151,38 +179,40 @@ def test_a_plan_takes_over_from_the_one_that_runs(client: Client) -> None:
     assert first.status.code == Status.SOLVED, first.status
     second = client.plan(request(client, **continuing(first, 3.0)))
     assert second.status.code == Status.SOLVED, second.status
-    assert second.following == first.plan_id
-    assert (second.joined_at, second.solver.starts) == (3.0, 1)
-    start_ns = nanoseconds(second.joint_trajectory.header.stamp)
-    assert second.delay == pytest.approx((start_ns - nanoseconds(second.taken_up)) / 1e9)
-    assert second.duration == pytest.approx(first.duration - 3.0, abs=1e-12)
-    joined = joint_motion(plan_from_response(first).trajectory).at(np.array([3.0]))
-    point = second.joint_trajectory.points[0]
+    inputs, (joined,), (planned,) = second.inputs, first.plans, second.plans
+    assert inputs.previous_plan_id == first.plan_id
+    assert (inputs.splice_time, second.solver.starts) == (3.0, 1)
+    delay = (begin_ns(second) - nanoseconds(inputs.received_stamp)) / NANOSECONDS
+    assert inputs.handover_delay == pytest.approx(delay)
+    assert planned.duration == pytest.approx(joined.duration - 3.0, abs=1e-12)
+    there = joint_motion(plan_from_answer(first).trajectory).at(np.array([3.0]))
+    point = planned.joint_trajectory.points[0]
     for found, wanted in zip(
-        (point.positions, point.velocities, point.accelerations), joined, strict=True
+        (point.positions, point.velocities, point.accelerations), there, strict=True
     ):
         assert found == pytest.approx(wanted[0], abs=1e-11)
     plan = published(client, second.plan_id)
-    assert plan.joint_trajectory.header.stamp == second.joint_trajectory.header.stamp
+    assert plan.joint_trajectory.header.stamp == planned.joint_trajectory.header.stamp
     # The state is from before the second plan begins, while the first one still runs.
     third = client.plan(
         request(client, **continuing(second, 0.3, start_state=state_in(first, 2.9)))
     )
     assert third.status.code == Status.SOLVED, third.status
-    assert third.following == second.plan_id
+    assert third.inputs.previous_plan_id == second.plan_id
 
     ends = client.plan(request(client, **continuing(second, 6.9, start_state=state_in(first, 4.0))))
     assert ends.status.code == Status.PLAN_ENDING
-    assert "0.100 s after the switch-over" in ends.status.message
+    assert "0.100 s after the handover" in ends.status.message
     moved = client.plan(
         request(client, **continuing(first, 3.5, start_state=state_in(first, 3.4, turned=0.1)))
     )
     assert moved.status.code == Status.STATE_MOVED
     assert "more than replanning.max_joint_position, 0.02 rad" in moved.status.message
-    early = request(client, continue_plan=True)
-    early.start_state.header.stamp = time_message(client.now_ns())
+    early = request(client, replan_active=True)
+    early.start_state[0].header.stamp = time_message(client.now_ns())
     nothing = client.plan(early)
     assert nothing.status.code == Status.NO_ACTIVE_PLAN
+    assert (nothing.status.field, nothing.status.retry) == ("replan_active", PlanStatus.LATER)
     assert third.plan_id in nothing.status.message
 
 
@@ -191,30 +221,32 @@ def test_the_bag_has_every_publication_and_who_asked_for_it(
 ) -> None:
     """The last test: it ends the node's session."""
     heard = client.received["published_plan"]
-    made = client.plan(request(client, plan_only=True, asked_by="nobody"))
+    made = client.plan(request(client, plan_only=True, requester="nobody"))
     manager = Manager(client)
     assert manager.change(Transition.TRANSITION_DEACTIVATE) == [True]
-    assert client.publish_plan(made.plan_id).code == Status.NOT_ACTIVE
+    assert client.publish_plan(made).code == Status.NOT_ACTIVE
     assert manager.change(Transition.TRANSITION_CLEANUP) == [True]
     bag = read_bag(planner.bag)
-    recorded = [(one.plan_id, one.asked_by) for one in bag["/published_plan"]]
-    assert recorded == [(one.plan_id, one.asked_by) for one in heard]
+    recorded = [(one.plan_id, one.requester) for one in bag["/published_plan"]]
+    assert recorded == [(one.plan_id, one.requester) for one in heard]
     asked_for = [
         event.response[0].status.code
         for event in bag["/ff_planner/publish_plan/_service_event"]
         if event.info.event_type == RESPONSE_SENT
     ]
-    by_id = [plan for plan in heard if plan.asked_by in ("executive", "~/publish_plan")]
+    by_id = [plan for plan in heard if plan.requester in ("executive", "~/publish_plan")]
     with open_bag(planner.bag) as opened:
         run = recorded_run(opened)
-    continued = [one for one in run.requests if one.request and one.request.continue_plan]
+    continued = [one for one in run.requests if one.request and one.request.replan_active]
     assert len(continued) == 5
     for one in continued:
         again = replay(one)
         assert again.verdict is Verdict.IDENTICAL, (one.name, again.words, again.differences)
         assert again.answer is not None
         assert one.response is not None
-        assert again.answer.joint_trajectory == one.response.joint_trajectory
+        assert [plan.joint_trajectory for plan in again.answer.plans] == [
+            plan.joint_trajectory for plan in one.response.plans
+        ]
         assert again.answer.task_digest == one.response.task_digest
     assert asked_for.count(Status.SOLVED) == len(by_id)
     assert asked_for[-1] == Status.NOT_ACTIVE

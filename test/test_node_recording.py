@@ -104,7 +104,8 @@ def test_an_operator_pauses_resumes_and_splits(
     for answer in (before, in_pause, after):
         assert answer.status.code == Status.SOLVED
     messages = read_bag(planner.bag)
-    answers = [event.response[0].plan_id for event in messages[EVENT_TOPIC] if event.response]
+    responses = [one for event in messages[EVENT_TOPIC] for one in event.response]
+    answers = [one.answer.plan_id for one in responses]
     assert answers == [before.plan_id, after.plan_id]
     log = [entry.msg for entry in messages["/rosout"] if entry.level >= Log.INFO]
     assert any("recording goes on; from " in line for line in log)
@@ -155,7 +156,8 @@ def test_when_the_disk_is_full_planning_goes_on_and_everybody_is_told(
     assert planner.log.count("recording has stopped, planning goes on") == 1
     recover(planner.bag, tmp_path / "saved")
     events = read_bag(tmp_path / "saved")[EVENT_TOPIC]
-    assert [event.response[0].plan_id for event in events if event.response] == [before.plan_id]
+    saved = [one.answer.plan_id for event in events for one in event.response]
+    assert saved == [before.plan_id]
 
 
 def test_where_no_bag_can_be_written_planning_goes_on_and_everybody_is_told(

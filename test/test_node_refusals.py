@@ -10,8 +10,21 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import pytest
-from ff_planner_msgs.msg import ChaserState, ObstacleSphereArray
-from ff_planner_msgs.srv import PlanTrajectory
+from builtin_interfaces.msg import Time
+from ff_planner_msgs.msg import (
+    Camera,
+    ChaserState,
+    Goal,
+    Obstacle,
+    ObstacleArray,
+    ObstacleSphereArray,
+    Payload,
+    Phase,
+    PlanAnswer,
+    PlanRequest,
+    PlanStatus,
+    TargetBody,
+)
 from quick_capture import resting_capture
 from ros_processes import (
     EVENT_TOPIC,
@@ -27,6 +40,7 @@ from ros_processes import (
 
 from ff_planner_ros.bag.reader import open_bag
 from ff_planner_ros.errors import Status
+from ff_planner_ros.ros.qos import LATCHED_QOS
 from ff_planner_ros.runs.recorded_run import recorded_run
 from ff_planner_ros.runs.replay import Replayed, Verdict, replay
 
@@ -35,10 +49,12 @@ pytestmark = pytest.mark.ci
 NAN = float("nan")
 # What an answer was made from is told, refusals included.
 SOURCES = (
-    *("taken_up", "state_stamp", "state_source", "joint_states_stamp"),
-    *("obstacles_stamp", "obstacles_source", "following", "task_digest"),
-    *("target_body_stamp", "target_body_source", "geometry"),
+    *("received_stamp", "state_stamp", "state_source", "joint_states_stamp"),
+    *("obstacles_stamp", "obstacles_source", "previous_plan_id"),
+    *("target_body_stamp", "target_body_source"),
 )
+# What a status says.
+SAID = ("code", "message", "field", "value", "allowed", "retry")
 ARGUMENTS = (
     *("-p", "state_max_age:=60.0", "-p", "planning_allowance:=60.0"),
     *("-p", "planner.starts:=4", "-p", "time_budget:=300.0"),
@@ -51,14 +67,14 @@ class Case:
 
     status: Status
     words: tuple[str, ...]
-    spoil: Callable[[PlanTrajectory.Request], None]
+    spoil: Callable[[PlanRequest], None]
 
 
-def _set(path: str, value: Any) -> Callable[[PlanTrajectory.Request], None]:
+def _set(path: str, value: Any) -> Callable[[PlanRequest], None]:
     """Return what sets a field, given by its dotted path in the request."""
     *owners, name = path.split(".")
 
-    def spoil(request: PlanTrajectory.Request) -> None:
+    def spoil(request: PlanRequest) -> None:
         owner = request
         for step in owners:
             owner = owner[int(step)] if step.isdigit() else getattr(owner, step)
@@ -70,45 +86,73 @@ def _set(path: str, value: Any) -> Callable[[PlanTrajectory.Request], None]:
     return spoil
 
 
-def _age(seconds: float) -> Callable[[PlanTrajectory.Request], None]:
+def _age(seconds: float) -> Callable[[PlanRequest], None]:
     """Return what makes the start state this much older, from a stamp of now."""
 
-    def spoil(request: PlanTrajectory.Request) -> None:
-        request.start_state.header.stamp.sec = round(time.time() - seconds)
+    def spoil(request: PlanRequest) -> None:
+        request.start_state[0].header.stamp.sec = round(time.time() - seconds)
 
     return spoil
 
 
-def _of_a_body(sec: int) -> Callable[[PlanTrajectory.Request], None]:
+def _of_a_body(sec: int) -> Callable[[PlanRequest], None]:
     """Return what asks for the capture of a body without inertia, stamped so [s]; zero: now."""
 
-    def spoil(request: PlanTrajectory.Request) -> None:
-        request.capture = request.use_target_body = True
-        request.target_body.header.frame_id = FRAME
-        request.target_body.header.stamp.sec = sec
+    def spoil(request: PlanRequest) -> None:
+        request.goal.kind = Goal.CAPTURE
+        body = TargetBody()
+        body.header.frame_id = FRAME
+        body.header.stamp.sec = sec
         if sec:
-            inertia = request.target_body.inertia
-            inertia.ixx = inertia.iyy = inertia.izz = 1.0
+            body.inertia.ixx = body.inertia.iyy = body.inertia.izz = 1.0
+        request.target_body = [body]
 
     return spoil
 
 
-def _in_a_year(request: PlanTrajectory.Request) -> None:
+def _of_a_body_with(**fields: Any) -> Callable[[PlanRequest], None]:
+    """Return what asks for the capture of a body that is seen now, with some fields set."""
+
+    def spoil(request: PlanRequest) -> None:
+        _of_a_body(1)(request)
+        (body,) = request.target_body
+        body.header.stamp.sec = 0
+        for name, value in fields.items():
+            setattr(body, name, value)
+
+    return spoil
+
+
+def _in_a_year(request: PlanRequest) -> None:
     request.start_time.sec = round(time.time()) + 365 * 86400
 
 
-def _in_a_hurry(request: PlanTrajectory.Request) -> None:
+def _in_a_hurry(request: PlanRequest) -> None:
     """A metre in a second, nothing in the way."""
     request.duration = 1.0
-    request.obstacles.spheres = []
+    request.scene[0].spheres = []
 
 
-def _too_fast(request: PlanTrajectory.Request) -> None:
+def _too_fast(request: PlanRequest) -> None:
     """And soon, or the joint goes on until it is outside its position limit."""
-    request.start_state.joint_velocities[2] = 0.6
+    request.start_state[0].joint_velocities[2] = 0.6
     request.start_time.sec = int(time.time()) + 5
 
 
+# What messages have a place for, and no plan can have yet, by its place.
+NOT_YET: dict[str, Any] = {
+    "goal.kind": Goal.JOINTS,
+    "payload": [Payload()],
+    "camera": [Camera()],
+    "then": [Phase()],
+    "search.effort": 1,
+    "search.depth": "quick",
+    "scene.0.bodies": [Obstacle()],
+    "limits.grasp_force": [1.0],
+    "limits.grasp_torque": [1.0],
+    "limits.capture_impulse": [1.0],
+    "on_cancel": "best",
+}
 CASES = {
     "state of an hour ago": Case(
         Status.STATE_TOO_OLD, ("start_state.header.stamp", "state_max_age"), _age(3600.0)
@@ -132,101 +176,105 @@ CASES = {
     "state in a foreign frame": Case(
         Status.WRONG_FRAME,
         ("start_state.header.frame_id", "'map'", "'inertial'"),
-        _set("start_state.header.frame_id", "map"),
+        _set("start_state.0.header.frame_id", "map"),
     ),
-    "obstacles in a foreign frame": Case(
+    "a scene in a foreign frame": Case(
         Status.WRONG_FRAME,
-        ("obstacles.header.frame_id", "'map'"),
-        _set("obstacles.header.frame_id", "map"),
+        ("scene.header.frame_id", "'map'"),
+        _set("scene.0.header.frame_id", "map"),
     ),
     "target in a foreign frame": Case(
         Status.WRONG_FRAME,
-        ("target_pose.header.frame_id", "'base'"),
-        _set("target_pose.header.frame_id", "base"),
+        ("goal.pose.header.frame_id", "'base'"),
+        _set("goal.pose.header.frame_id", "base"),
     ),
     "an unknown joint": Case(
         Status.UNKNOWN_JOINT,
         ("start_state.joint_names", "unknown: elbow", "missing: joint_4"),
-        _set("start_state.joint_names.3", "elbow"),
+        _set("start_state.0.joint_names.3", "elbow"),
     ),
     "a joint twice": Case(
         Status.UNKNOWN_JOINT,
         ("start_state.joint_names", "more than once: joint_1"),
-        _set("start_state.joint_names.3", "joint_1"),
+        _set("start_state.0.joint_names.3", "joint_1"),
     ),
     "no joints": Case(
         Status.UNKNOWN_JOINT,
         ("start_state.joint_names", "missing: joint_1"),
-        _set("start_state.joint_names", []),
+        _set("start_state.0.joint_names", []),
     ),
     "too few joint positions": Case(
-        Status.WRONG_SIZE, ("start_state.joint_positions",), _set("start_state.joint_positions", [])
+        Status.WRONG_SIZE,
+        ("start_state.joint_positions",),
+        _set("start_state.0.joint_positions", []),
     ),
     "too many joint velocities": Case(
         Status.WRONG_SIZE,
         ("start_state.joint_velocities", "7"),
-        _set("start_state.joint_velocities", [0.0] * 8),
+        _set("start_state.0.joint_velocities", [0.0] * 8),
     ),
     "a joint position that is not a number": Case(
         Status.NOT_FINITE,
         ("start_state.joint_positions", "nan"),
-        _set("start_state.joint_positions.2", NAN),
+        _set("start_state.0.joint_positions.2", NAN),
     ),
     "a chaser position that is not a number": Case(
         Status.NOT_FINITE,
         ("start_state.pose.position", "nan"),
-        _set("start_state.pose.position.x", NAN),
+        _set("start_state.0.pose.position.x", NAN),
     ),
     "an infinite chaser velocity": Case(
         Status.NOT_FINITE,
         ("start_state.twist.linear", "inf"),
-        _set("start_state.twist.linear.z", math.inf),
+        _set("start_state.0.twist.linear.z", math.inf),
     ),
     "a chaser attitude of length two": Case(
         Status.BAD_QUATERNION,
         ("start_state.pose.orientation", "norm", "2"),
-        _set("start_state.pose.orientation.w", 2.0),
+        _set("start_state.0.pose.orientation.w", 2.0),
     ),
     "a chaser attitude left out": Case(
         Status.BAD_QUATERNION,
         ("start_state.pose.orientation", "norm", "0"),
-        _set("start_state.pose.orientation.w", 0.0),
+        _set("start_state.0.pose.orientation.w", 0.0),
     ),
     "a target orientation of length two": Case(
         Status.BAD_QUATERNION,
-        ("target_pose.pose.orientation", "norm"),
-        _set("target_pose.pose.orientation.w", 2.0),
+        ("goal.pose.pose.orientation", "norm"),
+        _set("goal.pose.pose.orientation.w", 2.0),
     ),
     "a target position that is not a number": Case(
         Status.NOT_FINITE,
-        ("target_pose.pose.position", "nan"),
-        _set("target_pose.pose.position.y", NAN),
+        ("goal.pose.pose.position", "nan"),
+        _set("goal.pose.pose.position.y", NAN),
     ),
     "a target twist that is not a number": Case(
-        Status.NOT_FINITE, ("target_twist.angular", "nan"), _set("target_twist.angular.x", NAN)
+        Status.NOT_FINITE, ("goal.twist.angular", "nan"), _set("goal.twist.angular.x", NAN)
     ),
     "a radius of zero": Case(
         Status.OUT_OF_RANGE,
-        ("obstacles.spheres[1].radius", "greater than 0"),
-        _set("obstacles.spheres.1.radius", 0.0),
+        ("scene.spheres[1].radius", "greater than 0"),
+        _set("scene.0.spheres.1.radius", 0.0),
     ),
     "a negative radius": Case(
         Status.OUT_OF_RANGE,
-        ("obstacles.spheres[2].radius", "-0.1"),
-        _set("obstacles.spheres.2.radius", -0.1),
+        ("scene.spheres[2].radius", "-0.1"),
+        _set("scene.0.spheres.2.radius", -0.1),
     ),
     "a centre that is not a number": Case(
         Status.NOT_FINITE,
-        ("obstacles.spheres[0].center", "nan"),
-        _set("obstacles.spheres.0.center.x", NAN),
+        ("scene.spheres[0].center", "nan"),
+        _set("scene.0.spheres.0.center.x", NAN),
     ),
     "an obstacle that turns": Case(
         Status.UNSUPPORTED,
-        ("obstacles.spheres[0].twist.angular", "must be zero"),
-        _set("obstacles.spheres.0.twist.angular.x", 0.01),
+        ("scene.spheres[0].twist.angular", "must be zero"),
+        _set("scene.0.spheres.0.twist.angular.x", 0.01),
     ),
     "a capture of nothing": Case(
-        Status.NO_TARGET_BODY, ("target_body is missing", "publish it"), _set("capture", True)
+        Status.NO_TARGET_BODY,
+        ("target_body is missing", "publish it"),
+        _set("goal.kind", Goal.CAPTURE),
     ),
     "a stale target body": Case(
         Status.TARGET_TOO_OLD, ("target_body.header.stamp", "target_max_age"), _of_a_body(1)
@@ -239,8 +287,8 @@ CASES = {
     ),
     "an obstacle's twist that is not a number": Case(
         Status.NOT_FINITE,
-        ("obstacles.spheres[0].twist", "nan"),
-        _set("obstacles.spheres.0.twist.angular.z", NAN),
+        ("scene.spheres[0].twist", "nan"),
+        _set("scene.0.spheres.0.twist.angular.z", NAN),
     ),
     "no duration": Case(Status.OUT_OF_RANGE, ("duration", "greater than 0"), _set("duration", 0.0)),
     "a negative duration": Case(Status.OUT_OF_RANGE, ("duration", "-10"), _set("duration", -10.0)),
@@ -250,23 +298,25 @@ CASES = {
     "a duration in nanoseconds": Case(
         Status.OUT_OF_RANGE, ("duration", "2038"), _set("duration", 10e9)
     ),
-    "three points": Case(Status.OUT_OF_RANGE, ("points is 3",), _set("points", 3)),
-    "a million points": Case(Status.OUT_OF_RANGE, ("points",), _set("points", 1_000_000)),
+    "three points": Case(Status.OUT_OF_RANGE, ("search.points is 3",), _set("search.points", 3)),
+    "a million points": Case(
+        Status.OUT_OF_RANGE, ("search.points",), _set("search.points", 1_000_000)
+    ),
     "nothing to minimise": Case(
         Status.OUT_OF_RANGE,
-        ("weight_joint_path_length, weight_chaser_attitude and weight_duration", "zero"),
-        _set("weight_joint_path_length", 0.0),
+        ("objective is all zero", "one weight must be positive"),
+        _set("objective.joint_path_length", 0.0),
     ),
     "a negative weight": Case(
         Status.OUT_OF_RANGE,
-        ("weight_chaser_attitude", "-1"),
-        _set("weight_chaser_attitude", -1.0),
+        ("objective.chaser_attitude", "-1"),
+        _set("objective.chaser_attitude", -1.0),
     ),
     "an arm inside an obstacle": Case(
-        Status.START_IN_COLLISION, ("obstacles[c1]",), _set("obstacles.spheres.0.radius", 2.0)
+        Status.START_IN_COLLISION, ("obstacles[c1]",), _set("scene.0.spheres.0.radius", 2.0)
     ),
     "a joint outside its limits": Case(
-        Status.START_OUTSIDE_LIMITS, ("joint_2",), _set("start_state.joint_positions.1", 4.0)
+        Status.START_OUTSIDE_LIMITS, ("joint_2",), _set("start_state.0.joint_positions.1", 4.0)
     ),
     "a joint faster than its limit": Case(
         Status.START_OUTSIDE_LIMITS,
@@ -274,13 +324,13 @@ CASES = {
         _too_fast,
     ),
     "a negative time budget": Case(
-        Status.OUT_OF_RANGE, ("time_budget is -1", "300 s"), _set("time_budget", -1.0)
+        Status.OUT_OF_RANGE, ("search.time_budget is -1", "300 s"), _set("search.time_budget", -1.0)
     ),
     "a time budget that is not a number": Case(
-        Status.NOT_FINITE, ("time_budget", "nan"), _set("time_budget", NAN)
+        Status.NOT_FINITE, ("search.time_budget", "nan"), _set("search.time_budget", NAN)
     ),
     "a time budget of a microsecond": Case(
-        Status.TIMED_OUT, ("time budget of 1e-06 s is used up",), _set("time_budget", 1e-6)
+        Status.TIMED_OUT, ("time budget of 1e-06 s is used up",), _set("search.time_budget", 1e-6)
     ),
     "a duration too short for the arm": Case(
         Status.LIMIT_VIOLATED,
@@ -288,8 +338,39 @@ CASES = {
         _in_a_hurry,
     ),
     "a goal ten metres away": Case(
-        Status.GOAL_OUT_OF_REACH, ("target",), _set("target_pose.pose.position.x", 10.0)
+        Status.GOAL_OUT_OF_REACH, ("target",), _set("goal.pose.pose.position.x", 10.0)
     ),
+    "a goal of a kind that nobody knows": Case(
+        Status.OUT_OF_RANGE, ("goal.kind is 4", "POSE (0) or CAPTURE (1)"), _set("goal.kind", 4)
+    ),
+    "an orientation that nobody knows": Case(
+        Status.OUT_OF_RANGE, ("goal.orientation is 3",), _set("goal.orientation", 3)
+    ),
+    "a limit of zero": Case(
+        Status.OUT_OF_RANGE,
+        ("limits.chaser_attitude is 0", "greater than 0 rad"),
+        _set("limits.chaser_attitude", [0.0]),
+    ),
+    "momenta of wheels that the chaser has not": Case(
+        Status.WRONG_SIZE,
+        ("start_state.wheel_momenta is", "it must be empty"),
+        _set("start_state.0.wheel_momenta", [0.1]),
+    ),
+    "what the target body looks like": Case(
+        Status.UNSUPPORTED, ("target_body.urdf is",), _of_a_body_with(urdf="<robot/>")
+    ),
+    "a target body with bodies": Case(
+        Status.UNSUPPORTED, ("target_body.bodies is",), _of_a_body_with(bodies=[Obstacle()])
+    ),
+    "a goal at rest": Case(
+        Status.UNSUPPORTED, ("goal.kind is 3", "POSE (0)"), _set("goal.kind", Goal.AT_REST)
+    ),
+    **{
+        f"{place}, which no plan has yet": Case(
+            Status.UNSUPPORTED, (f"{place.replace('.0', '')} is",), _set(place, value)
+        )
+        for place, value in NOT_YET.items()
+    },
 }
 
 
@@ -299,6 +380,8 @@ class Run:
 
     refusals: dict[str, Any] = field(default_factory=dict)
     solved: Any = None
+    own_scene: Any = None  # asked for while bodies were on their topic
+    no_bodies: Any = None  # asked for when they were not any more
     received: dict[str, list[Any]] = field(default_factory=dict)
     exit_code: int = -1
     bag: dict[str, list[Any]] = field(default_factory=dict)
@@ -314,7 +397,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
             client.wait_for_planner()
             run.refusals["no state"] = client.plan(scene.request())
             own_state = scene.complete_request()
-            own_state.use_obstacles = False
+            own_state.scene = []
             run.refusals["no obstacles"] = client.plan(own_state)
             for name, case in CASES.items():
                 request = scene.complete_request()
@@ -326,10 +409,10 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
             client.publish_and_wait(old)
             run.refusals["published state too old"] = client.plan(scene.request())
 
-            def refusal(state: ChaserState, status: Status) -> PlanTrajectory.Response:
-                def arrived(response: PlanTrajectory.Response) -> bool:
+            def refusal(state: ChaserState, status: Status) -> PlanAnswer:
+                def arrived(answer: PlanAnswer) -> bool:
                     client.publish_state(state)
-                    return response.status.code == status
+                    return answer.status.code == status
 
                 return client.plan_until(scene.request(), arrived)
 
@@ -345,6 +428,27 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
             )
             run.solved = refusal(scene.state(client.now_ns()), Status.SOLVED)
             client.wait_until(lambda: client.received["joint_trajectory"], "a trajectory")
+
+            bodies = client.node.create_publisher(ObstacleArray, "obstacle_bodies", LATCHED_QOS)
+
+            def among(array: ObstacleArray, status: Status) -> PlanAnswer:
+                def arrived(answer: PlanAnswer) -> bool:
+                    client.publish_state(scene.state(client.now_ns()))
+                    return answer.status.code == status
+
+                bodies.publish(array)
+                request = scene.request()
+                request.plan_only = True
+                return client.plan_until(request, arrived)
+
+            seen = ObstacleArray(source="camera", bodies=[Obstacle(id="panel")])
+            seen.header.stamp.sec = 12
+            run.refusals["bodies on their topic"] = among(seen, Status.UNSUPPORTED)
+            own_scene = scene.complete_request()
+            own_scene.plan_only = True
+            run.own_scene = client.plan(own_scene)
+            seen.bodies = []
+            run.no_bodies = among(seen, Status.SOLVED)
         run.received = client.received
         run.exit_code = planner.stop(signal.SIGTERM)
         run.bag = read_bag(planner.bag)
@@ -397,25 +501,71 @@ def test_a_refusal_is_empty_but_for_its_cause_its_sources_and_the_worth_of_the_b
     run: Run,
 ) -> None:
     attempted = run.refusals["a duration too short for the arm"]
-    assert attempted.metrics.min_velocity_margin < 0.0
-    assert attempted.metrics.joint_path_length > 0.0
+    (metrics,) = attempted.metrics
+    assert metrics.min_velocity_margin < 0.0
+    assert metrics.joint_path_length > 0.0
+    assert metrics.min_torque_margin < math.inf
     assert attempted.solver.rollouts > 0
     assert attempted.solver.solve_time > 0.0
-    assert attempted.duration > 0.0
-    assert attempted.metrics.min_torque_margin < math.inf
     for name, answer in run.refusals.items():
-        empty = PlanTrajectory.Response(status=answer.status, plan_id=answer.plan_id)
+        empty = PlanAnswer(
+            status=answer.status, plan_id=answer.plan_id, task_digest=answer.task_digest
+        )
         for told in SOURCES:
-            setattr(empty, told, getattr(answer, told))
+            setattr(empty.inputs, told, getattr(answer.inputs, told))
         if answer is attempted:
             empty.metrics, empty.solver = answer.metrics, answer.solver
-            empty.duration = answer.duration
         assert answer == empty, name
         assert answer.plan_id, name
 
 
+def test_a_refused_value_is_told_to_programs_and_whether_to_ask_again(run: Run) -> None:
+    for name, answer in run.refusals.items():
+        status = answer.status
+        if status.field:
+            assert status.message == f"{status.field} is {status.value}: {status.allowed}", name
+        else:
+            assert status.code >= Status.GOAL_OUT_OF_REACH, name
+            assert (status.value, status.allowed) == ("", ""), name
+    late = run.refusals["a negative duration"].status
+    assert (late.field, late.value) == ("duration", "-10.0")
+    assert late.allowed.startswith("it must be greater than 0")
+    again = {
+        "no state": PlanStatus.LATER,
+        "no obstacles": PlanStatus.LATER,
+        "a capture of nothing": PlanStatus.LATER,
+        "published state too old": PlanStatus.LATER,
+        "published state in the future": PlanStatus.LATER,
+        "a negative duration": PlanStatus.CHANGED,
+        "bodies on their topic": PlanStatus.CHANGED,
+        "a goal ten metres away": PlanStatus.CHANGED,
+        "an arm inside an obstacle": PlanStatus.CHANGED,
+    }
+    assert {name: run.refusals[name].status.retry for name in again} == again
+    solved = run.solved.status
+    assert (solved.field, solved.value, solved.allowed) == ("", "", "")
+    assert solved.retry == PlanStatus.NOTHING
+
+
+def test_bodies_on_their_topic_are_refused_until_there_are_none_but_not_beside_an_own_scene(
+    run: Run,
+) -> None:
+    refused = run.refusals["bodies on their topic"]
+    assert refused.status.field == "obstacle_bodies.bodies"
+    assert "it must be empty" in refused.status.allowed
+    for answer in (run.own_scene, run.no_bodies):
+        assert Status(answer.status.code) is Status.SOLVED, answer.status.message
+    own, none = run.own_scene.inputs, run.no_bodies.inputs
+    assert (own.obstacles_source, own.obstacle_bodies_source) == ("scene", "")
+    assert own.obstacle_bodies_stamp == Time()
+    assert (none.obstacle_bodies_source, none.obstacle_bodies_stamp) == ("camera", Time(sec=12))
+
+
 def test_every_request_has_an_id_of_its_own(run: Run) -> None:
-    ids = [answer.plan_id for answer in (*run.refusals.values(), run.solved)]
+    ids = [
+        answer.plan_id
+        for answer in (*run.refusals.values(), run.solved, run.own_scene, run.no_bodies)
+    ]
     assert len(set(ids)) == len(ids)
 
 
@@ -423,7 +573,7 @@ def test_the_node_lives_on_and_answers_a_good_request(run: Run) -> None:
     assert Status(run.solved.status.code) is Status.SOLVED
 
 
-@pytest.mark.parametrize("name", ["no state", "no obstacles", *CASES])
+@pytest.mark.parametrize("name", ["no state", "no obstacles", "bodies on their topic", *CASES])
 def test_a_refusal_comes_again_from_the_bag_in_the_same_words(run: Run, name: str) -> None:
     found, refusal = run.replayed[run.refusals[name].plan_id], run.refusals[name].status
     assert found.answer is not None
@@ -434,37 +584,42 @@ def test_a_refusal_comes_again_from_the_bag_in_the_same_words(run: Run, name: st
         assert found.answer.status == refusal
 
 
+def test_what_is_planned_beside_bodies_comes_again_from_the_bag(run: Run) -> None:
+    for answer in (run.own_scene, run.no_bodies):
+        found = run.replayed[answer.plan_id]
+        assert found.verdict is Verdict.IDENTICAL, (found.words, *map(str, found.differences))
+
+
 def test_nothing_is_published_for_a_refusal(run: Run) -> None:
     # The first and only plan that anybody heard of is the one of the good request.
     for topic in ("joint_trajectory", "predicted_chaser_path"):
         assert len(run.bag[f"/{topic}"]) == 1
     (received,) = run.received["joint_trajectory"]
-    assert received.header == run.solved.joint_trajectory.header
+    assert received.header == run.solved.plans[0].joint_trajectory.header
     assert run.bag["/predicted_chaser_pose"] == []  # it starts when all is over
 
 
 def test_every_refusal_is_in_the_bag_with_its_request(run: Run) -> None:
     events = run.bag[EVENT_TOPIC]
     asked = {
-        (bytes(event.info.client_gid), event.info.sequence_number): event.request[0]
+        (bytes(event.info.client_gid), event.info.sequence_number): event.request[0].request
         for event in events
         if event.info.event_type == REQUEST_RECEIVED
     }
     answered = {
-        event.response[0].plan_id: event
+        event.response[0].answer.plan_id: event
         for event in events
         if event.info.event_type == RESPONSE_SENT
     }
     for name, answer in run.refusals.items():
         event = answered[answer.plan_id]
-        recorded = event.response[0].status
-        assert (recorded.code, recorded.message) == (answer.status.code, answer.status.message), (
-            name
-        )
+        recorded = event.response[0].answer.status
+        for said in SAID:
+            assert getattr(recorded, said) == getattr(answer.status, said), name
         assert (bytes(event.info.client_gid), event.info.sequence_number) in asked, name
     moving = answered[run.refusals["an obstacle that turns"].plan_id].info
     request = asked[bytes(moving.client_gid), moving.sequence_number]
-    assert request.obstacles.spheres[0].twist.angular.x == 0.01
+    assert request.scene[0].spheres[0].twist.angular.x == 0.01
 
 
 def test_the_node_ends_with_exit_code_zero_on_sigterm(run: Run) -> None:

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from ff_planner_msgs.srv import PlanTrajectory
+from ff_planner_msgs.msg import PlanAnswer, PlanRequest
 from mcap.exceptions import McapError
 from mcap.records import Channel, Message
 from mcap.stream_reader import StreamReader
@@ -49,10 +49,10 @@ def test_while_a_plan_is_made_every_state_is_taken_and_recorded(
             first = _ready(client, scene)
             soon = scene.request()
 
-            def solved(response: PlanTrajectory.Response) -> bool:
+            def solved(answer: PlanAnswer) -> bool:
                 leads.append(2 * leads[-1])  # for a machine that has it ready too late
                 soon.start_time = time_message(client.now_ns() + leads[-1])
-                return response.status.code == Status.SOLVED
+                return answer.status.code == Status.SOLVED
 
             leads = [2_000_000_000]
             soon.start_time = time_message(client.now_ns() + leads[-1])
@@ -70,10 +70,11 @@ def test_while_a_plan_is_made_every_state_is_taken_and_recorded(
                 "the stream of poses of the plan before",
             )
             os.kill(planner.worker, signal.SIGCONT)
-            response = answer()
-            assert response.status.code == Status.SOLVED
-            assert response.state_stamp == first
-            assert client.plan(scene.request()).state_stamp == published[-1].header.stamp
+            made = answer()
+            assert made.status.code == Status.SOLVED
+            assert made.inputs.state_stamp == first
+            newest = client.plan(scene.request())
+            assert newest.inputs.state_stamp == published[-1].header.stamp
         assert planner.stop() == 0
     recorded = [
         (message.header.stamp.sec, message.header.stamp.nanosec)
@@ -114,8 +115,9 @@ def test_a_node_that_is_stopped_while_planning_answers_and_completes_its_bag(
         assert answer().status.code == Status.SHUT_DOWN
     last = read_bag(planner.bag)[EVENT_TOPIC][-1]
     assert last.info.event_type == RESPONSE_SENT
-    assert last.response[0].status.code == Status.SHUT_DOWN
-    assert "shut down" in last.response[0].status.message
+    told = last.response[0].answer.status
+    assert told.code == Status.SHUT_DOWN
+    assert "shut down" in told.message
 
 
 @pytest.mark.ci
@@ -139,15 +141,18 @@ def _ready(client: Client, scene: Scene) -> Any:
 
 
 def _ask_frozen(
-    client: Client, planner: PlannerProcess, request: PlanTrajectory.Request
-) -> Callable[[], PlanTrajectory.Response]:
+    client: Client, planner: PlannerProcess, request: PlanRequest
+) -> Callable[[], PlanAnswer]:
     """Freeze the solver, ask, and return the answer's promise once the planner has the request."""
     heard = client.received["plan_trajectory/_service_event"]
-    client.plan_until(PlanTrajectory.Request(), lambda _: bool(heard))
+    client.plan_until(PlanRequest(), lambda _: bool(heard))
     os.kill(planner.worker, signal.SIGSTOP)
     answer = client.send(request)
     client.wait_until(
-        lambda: heard[-1].info.event_type == REQUEST_RECEIVED and heard[-1].request[0] == request,
+        lambda: (
+            heard[-1].info.event_type == REQUEST_RECEIVED
+            and heard[-1].request[0].request == request
+        ),
         "the request's arrival",
     )
     return answer

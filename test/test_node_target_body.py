@@ -10,8 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from ff_planner_msgs.msg import TargetBody
-from ff_planner_msgs.srv import PlanTrajectory
+from ff_planner_msgs.msg import Approach, PlanAnswer, PlanRequest, TargetBody
 from geometry_msgs.msg import PoseStamped, Vector3
 from nav_msgs.msg import Path as PathMsg
 from rclpy.qos import DurabilityPolicy, QoSProfile
@@ -52,10 +51,10 @@ SEEN_BEFORE, ALLOWANCE = 1.5, 5.0
 @dataclass
 class Run:
     problem: PlanningProblem
-    captured: PlanTrajectory.Response
-    stale: PlanTrajectory.Response
-    free: PlanTrajectory.Response  # with a range of durations
-    hurried: PlanTrajectory.Response  # likewise, with too little time
+    captured: PlanAnswer
+    stale: PlanAnswer
+    free: PlanAnswer  # with a range of durations
+    hurried: PlanAnswer  # likewise, with too little time
     stamps: set[int]  # of the bodies that were published [ns]
     bag: Path
     received: dict[str, list[Any]] = field(default_factory=dict)
@@ -71,48 +70,45 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Run]:
         with connected_client() as client:
             targets = _listens(client)
             client.wait_for_planner()
-            request = Scene(problem).request()
-            request.use_obstacles, request.obstacles = True, Scene(problem).obstacles()
-            request.use_start_state, request.start_state = True, Scene(problem).state(0)
+            request = Scene(problem).complete_request()
             stamps = set[int]()
 
-            def answered(age: float, status: Status) -> PlanTrajectory.Response:
-                def arrived(response: PlanTrajectory.Response) -> bool:
+            def answered(age: float, status: Status) -> PlanAnswer:
+                def arrived(answer: PlanAnswer) -> bool:
                     stamp_ns = client.now_ns() - round(age * NANOSECONDS)
                     stamps.add(stamp_ns)
                     targets.publish(target_body_message(body_of(problem), stamp_ns, FRAME))
-                    return bool(response.status.code == status)
+                    return bool(answer.status.code == status)
 
                 return client.plan_until(request, arrived)
 
             stale = answered(3600.0, Status.TARGET_TOO_OLD)
             ask_for_corridor(request, problem)
             captured = answered(SEEN_BEFORE, Status.SOLVED)
-            request.approach_direction, request.approach_distance = Vector3(), 0.0
-            request.approach_cone, request.limit_accelerations = 0.0, []
+            request.goal.approach, request.limits.accelerations = [], []
             relative = client.received["predicted_relative_pose"]
             client.wait_until(lambda: len(relative) > 3, "a relative pose")
             client.wait_until(lambda: client.received["predicted_target_path"], "a path")
             request.plan_only = True
             shortest, longest = window(problem)
             request.duration, request.duration_max = shortest, longest
-            request.time_budget = 0.01
+            request.search.time_budget = 0.01
             hurried = answered(SEEN_BEFORE, Status.TIMED_OUT)
-            request.time_budget = 0.0
+            request.search.time_budget = 0.0
             free = answered(SEEN_BEFORE, Status.SOLVED)
         planner.stop(signal.SIGTERM)
         yield Run(problem, captured, stale, free, hurried, stamps, planner.bag, client.received)
 
 
-def ask_for_corridor(request: PlanTrajectory.Request, problem: PlanningProblem) -> None:
+def ask_for_corridor(request: PlanRequest, problem: PlanningProblem) -> None:
     """Ask for a wide one, from where the end effector is; and for limits that are no matter."""
     body, start = body_of(problem), problem.start
     target = body.after(SEEN_BEFORE + ALLOWANCE).target(problem.duration)
     (points,) = arm_points(problem.robot, configuration(problem.robot, start)[0][None])
     way = Rotation.from_quat(target.quaternion_xyzw).inv().apply(target.position - points[-1])
-    request.approach_direction = Vector3(**dict(zip("xyz", way.tolist(), strict=True)))
-    request.approach_distance, request.approach_cone = 0.05, 1.2
-    request.limit_accelerations = [50.0]
+    direction = Vector3(**dict(zip("xyz", way.tolist(), strict=True)))
+    request.goal.approach = [Approach(direction=direction, distance=0.05, half_angle=1.2)]
+    request.limits.accelerations = [50.0]
 
 
 def window(problem: PlanningProblem) -> tuple[float, float]:
@@ -147,42 +143,44 @@ def test_a_body_that_was_seen_an_hour_ago_is_refused(run: Run) -> None:
 def test_the_end_effector_meets_the_grasp_that_was_seen_before_the_plan(run: Run) -> None:
     body = body_of(run.problem)
     shortest, longest = window(run.problem)
-    assert run.captured.duration == run.problem.duration
-    assert shortest <= run.free.duration <= longest
-    assert run.free.duration != run.captured.duration
+    (captured,), (free,) = run.captured.plans, run.free.plans
+    assert captured.duration == run.problem.duration
+    assert shortest <= free.duration <= longest
+    assert free.duration != captured.duration
     for answer in (run.captured, run.free):
         require_met(run, answer, body)
     assert run.hurried.status.code == Status.TIMED_OUT
 
 
-def require_met(run: Run, answer: PlanTrajectory.Response, body: FreeBody) -> None:
+def require_met(run: Run, answer: PlanAnswer, body: FreeBody) -> None:
     """The arm meets the grasp when the duration is over that the answer tells."""
-    start_ns = nanoseconds(answer.joint_trajectory.header.stamp)
-    lasts = nanoseconds(answer.end_effector_path.poses[-1].header.stamp) - start_ns
-    assert lasts / NANOSECONDS == pytest.approx(answer.duration, abs=1e-8)
-    seen_ns = nanoseconds(answer.target_body_stamp)
+    (plan,) = answer.plans
+    start_ns = nanoseconds(plan.joint_trajectory.header.stamp)
+    lasts = nanoseconds(plan.end_effector_path.poses[-1].header.stamp) - start_ns
+    assert lasts / NANOSECONDS == pytest.approx(plan.duration, abs=1e-8)
+    seen_ns = nanoseconds(answer.inputs.target_body_stamp)
     assert seen_ns in run.stamps
-    end_ns = nanoseconds(answer.end_effector_path.poses[-1].header.stamp)
+    end_ns = nanoseconds(plan.end_effector_path.poses[-1].header.stamp)
     since = (end_ns - seen_ns) / NANOSECONDS
 
     (center,), (attitude,), (rate,) = moved(body, np.array([since]))
     lever = attitude.apply(body.grasp_position.copy())
-    pose = answer.end_effector_path.poses[-1].pose
+    pose = plan.end_effector_path.poses[-1].pose
     place, turn = pose.position, pose.orientation
     assert [place.x, place.y, place.z] == pytest.approx(center + lever, abs=1e-5)
     grasp = attitude * Rotation.from_quat(body.grasp_quaternion_xyzw.copy())
     found = Rotation.from_quat([turn.x, turn.y, turn.z, turn.w])
     assert (found * grasp.inv()).magnitude() < 1e-5
-    linear = answer.end_effector_twists[-1].linear
+    linear = plan.end_effector_twists[-1].linear
     expected = body.linear_velocity + np.cross(rate, lever)
     assert [linear.x, linear.y, linear.z] == pytest.approx(expected, abs=1e-5)
 
 
 def test_the_path_of_the_body_goes_out_and_the_pose_relative_to_its_grasp(run: Run) -> None:
-    assert run.received["predicted_target_path"][-1] == run.captured.predicted_target_path
+    assert run.received["predicted_target_path"][-1] == run.captured.plans[0].target_path
     poses = run.received["predicted_relative_pose"]
     assert {pose.header.frame_id for pose in poses} == {"target_grasp"}
-    start = run.captured.end_effector_path.poses[0].header.stamp
+    start = run.captured.plans[0].end_effector_path.poses[0].header.stamp
     assert all(nanoseconds(pose.header.stamp) >= nanoseconds(start) for pose in poses)
 
 
@@ -193,8 +191,8 @@ def test_the_bag_holds_it_all(run: Run) -> None:
     with open_bag(run.bag) as bag:
         requests = recorded_run(bag).requests
     told = {one.name: one for one in requests}
-    for response in (run.captured, run.stale, run.free):
-        assert replay(told[response.plan_id]).verdict is Verdict.IDENTICAL
+    for answer in (run.captured, run.stale, run.free):
+        assert replay(told[answer.plan_id]).verdict is Verdict.IDENTICAL
     assert replay(told[run.hurried.plan_id]).verdict is Verdict.WITHOUT_CLOCK
 
 
@@ -205,7 +203,7 @@ def test_mujoco_sees_the_recorded_capture_come_true(run: Run) -> None:
     assert found.passed
     assert found.capture is not None
     assert found.corridor is not None
-    assert run.captured.metrics.min_acceleration_margin > 40.0
-    assert run.free.metrics.min_acceleration_margin == np.inf
+    assert run.captured.metrics[0].min_acceleration_margin > 40.0
+    assert run.free.metrics[0].min_acceleration_margin == np.inf
     drawn = [{marker.ns for marker in array.markers} for array in read_bag(run.bag)["/markers"]]
     assert "approach" in drawn[0]

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from builtin_interfaces.msg import Time
-from ff_planner_msgs.srv import PlanTrajectory
+from ff_planner_msgs.msg import PlanAnswer, PlanRequest
 from managed_node import Manager
 from rclpy.publisher import Publisher
 from ros_processes import (
@@ -38,12 +38,12 @@ class SimulatedTime:
         self._client = client
         self._publisher: Publisher = client.node.create_publisher(Clock, "/clock", 10)
 
-    def set(self, seconds: int, probe: PlanTrajectory.Request, status: Status) -> None:
+    def set(self, seconds: int, probe: PlanRequest, status: Status) -> None:
         """Set it, until a probing request tells that the planner knows."""
 
-        def arrived(response: PlanTrajectory.Response) -> bool:
+        def arrived(answer: PlanAnswer) -> bool:
             self._publisher.publish(Clock(clock=Time(sec=seconds)))
-            return response.status.code == status
+            return answer.status.code == status
 
         self._client.plan_until(probe, arrived)
 
@@ -60,20 +60,20 @@ def planner(tmp_path_factory: pytest.TempPathFactory) -> Iterator[PlannerProcess
             yield planner
 
 
-def drifting(scene: Scene) -> PlanTrajectory.Request:
+def drifting(scene: Scene) -> PlanRequest:
     """A request from a chaser that drifts and does not turn, its arm held, as of NOW."""
     request = scene.complete_request()
-    state = request.start_state
+    (state,) = request.start_state
     state.header.stamp = Time(sec=NOW)
     state.twist.angular.y = state.twist.angular.z = 0.0
     state.joint_velocities = [0.0] * 7
     return request
 
 
-def at(seconds: int, scene: Scene) -> PlanTrajectory.Request:
+def at(seconds: int, scene: Scene) -> PlanRequest:
     """A request that is refused as out of range at a time, and for its stamp at all others."""
     request = scene.complete_request()
-    request.start_state.header.stamp = Time(sec=seconds)
+    request.start_state[0].header.stamp = Time(sec=seconds)
     request.duration = -1.0
     return request
 
@@ -112,10 +112,10 @@ def test_time_goes_on_and_jumps_back(
         request = drifting(scene)
         answer = client.plan(request)
         assert answer.status.code == Status.SOLVED, answer.status
-        start = answer.joint_trajectory.header.stamp
+        start = answer.plans[0].joint_trajectory.header.stamp
         assert (start.sec, start.nanosec) == (NOW + ALLOWANCE, 0)
         _assert_first_point(answer, ALLOWANCE * DRIFT)
-        assert answer.state_stamp == Time(sec=NOW)
+        assert answer.inputs.state_stamp == Time(sec=NOW)
 
         # Or when it is told to, but not in the past, nor before its own start state.
         request.start_time = Time(sec=NOW + 4, nanosec=500_000_000)
@@ -130,7 +130,7 @@ def test_time_goes_on_and_jumps_back(
         state = scene.state(NOW * 1_000_000_000)
         client.publish_and_wait(state)
         long = drifting(scene)
-        long.points = 5000
+        long.search.points = 5000
         goal = client.send_goal(long)
         assert goal.progress.wait(DEADLINE)
         time.set(50, at(50, scene), Status.BUSY)
@@ -147,6 +147,6 @@ def test_time_goes_on_and_jumps_back(
     assert planner.stop() == 0
 
 
-def _assert_first_point(answer: PlanTrajectory.Response, expected: np.ndarray) -> None:
-    position = answer.predicted_chaser_path.poses[0].pose.position
+def _assert_first_point(answer: PlanAnswer, expected: np.ndarray) -> None:
+    position = answer.plans[0].chaser_path.poses[0].pose.position
     np.testing.assert_allclose([position.x, position.y, position.z], expected, atol=1e-9)

@@ -28,6 +28,8 @@ FLOORS = (
         "errors",
         "arrays",
         "declared",
+        "declared_messages",
+        "declared_parts",
         "forms",
         "intervals",
         "one_thread",

@@ -90,6 +90,21 @@ def test_a_file_that_is_not_as_ros_expects_is_refused(tmp_path: Path, text: str)
         load_parameters(path)
 
 
+def test_the_word_of_version_0_2_for_nothing_after_the_goal_is_read_and_the_present_one_told(
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / "planner.yaml"
+    path.write_text("/**: {ros__parameters: {end_behaviour: none}}")
+    present = load_parameters(path)
+    path.write_text("/**: {ros__parameters: {end_behaviour: as_planned}}")
+    told = r"^end_behaviour: as_planned is deprecated: say none$"
+    with pytest.warns(FutureWarning, match=told):
+        assert load_parameters(path) == present
+    with pytest.warns(FutureWarning, match=told):
+        set_while_it_runs = replaced(load_parameters(), "end_behaviour", "as_planned")
+    assert set_while_it_runs.of_scenarios() == present.of_scenarios()
+
+
 def test_a_value_is_returned_as_declared() -> None:
     assert checked("time_budget", 3) == 3.0
     assert isinstance(checked("time_budget", 3), float)

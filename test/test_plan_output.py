@@ -22,7 +22,7 @@ from ff_planner_ros.planning.plan import Plan
 from ff_planner_ros.planning.target_body import TargetBody
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.ros.inputs.state_input import Snapshot
-from ff_planner_ros.ros.messages.to_messages import response_from_plan, time_message
+from ff_planner_ros.ros.messages.to_messages import plan_message, time_message
 from ff_planner_ros.ros.outputs.plan_output import PlanOutput, PublishedPlan
 
 START = 1_000 * NANOSECONDS
@@ -53,11 +53,13 @@ class Output:
         plan_id: str,
         start_ns: int = START,
         body: TargetBody | None = None,
-        following: str = "",
+        previous_plan_id: str = "",
     ) -> None:
-        response = response_from_plan(plan, plan_id, start_ns, "inertial", 0.0, body)
-        trajectory = response.joint_trajectory
-        self.output.publish(plan, response, trajectory, "me", "as_planned", body, following)
+        written = plan_message(plan, start_ns, "inertial", body)
+        trajectory = written.joint_trajectory
+        self.output.publish(
+            plan_id, plan, written, trajectory, "me", "none", body, previous_plan_id
+        )
 
 
 @pytest.fixture
@@ -105,19 +107,19 @@ def test_a_plan_that_takes_over_remembers_the_one_before_until_then_and_no_other
     output: Output, plan: Plan
 ) -> None:
     output.publish(plan, "run.1")
-    output.publish(plan, "run.2", START + NANOSECONDS, following="run.1")
+    output.publish(plan, "run.2", START + NANOSECONDS, previous_plan_id="run.1")
     last = running(output)
     assert last.before is not None
     for time_ns, plan_id in ((START, "run.1"), (START + NANOSECONDS, "run.2")):
         found = last.at(time_ns)
         assert found is not None
         assert found.plan_id == plan_id
-    output.publish(plan, "run.3", START + 2 * NANOSECONDS, following="run.2")
+    output.publish(plan, "run.3", START + 2 * NANOSECONDS, previous_plan_id="run.2")
     third = running(output)
     assert third.before is not None
     assert third.before.plan_id == "run.2"
     assert third.before.before is None, "a flight of an hour would keep thousands of plans"
-    output.publish(plan, "run.4", START + 3 * NANOSECONDS, following="run.2")
+    output.publish(plan, "run.4", START + 3 * NANOSECONDS, previous_plan_id="run.2")
     assert running(output).before is None, "run.3 is not what the joints follow"
     output.publish(plan, "run.5", START + 4 * NANOSECONDS)
     assert running(output).before is None
@@ -127,7 +129,7 @@ def test_who_hears_a_plan_hears_whose_it_is_and_when_it_begins(output: Output, p
     output.now_ns = START - NANOSECONDS
     output.publish(plan, "run.1")
     (told,) = output.heard["published_plan"]
-    assert (told.plan_id, told.asked_by, told.end_behaviour) == ("run.1", "me", "as_planned")
+    assert (told.plan_id, told.requester, told.end_behaviour) == ("run.1", "me", "none")
     assert nanoseconds(told.start_time) == START
     assert nanoseconds(told.header.stamp) == START - NANOSECONDS
     assert [told.joint_trajectory] == output.heard["joint_trajectory"]

@@ -12,6 +12,7 @@ from unittest.mock import Mock
 import pytest
 import rclpy
 from ff_planner_msgs.action import PlanTrajectory as PlanTrajectoryAction
+from ff_planner_msgs.msg import PlanAnswer, PlanRequest
 from ff_planner_msgs.srv import PlanTrajectory
 from rclpy.action import CancelResponse
 from rclpy.impl.implementation_singleton import rclpy_implementation
@@ -61,8 +62,9 @@ def service(
         rclpy.shutdown()
 
 
-def answer(answering: PlanningService, request: PlanTrajectory.Request) -> PlanTrajectory.Response:
-    return answering._serve(request, PlanTrajectory.Response())
+def answer(answering: PlanningService, request: PlanRequest) -> PlanAnswer:
+    asked = PlanTrajectory.Request(request=request)
+    return answering._serve(asked, PlanTrajectory.Response()).answer
 
 
 def test_an_error_that_nobody_foresaw_is_answered_and_logged_with_its_traceback(
@@ -88,7 +90,7 @@ def test_the_budget_is_the_requests_or_else_the_parameters(
     with service(lemur_capture, monkeypatch, time_budget=7.5) as (answering, worker, _):
         worker.solve.side_effect = NoPlanFound(Status.TIMED_OUT, "too slow")
         request = Scene(lemur_capture).complete_request()
-        request.time_budget = asked
+        request.search.time_budget = asked
         assert answer(answering, request).status.code == Status.TIMED_OUT
         task, budget, *_ = worker.solve.call_args.args
     assert budget == granted
@@ -112,9 +114,7 @@ def test_joint_rates_are_limited_unless_the_parameter_says_otherwise(
 
 
 def a_goal(problem: PlanningProblem) -> Mock:
-    request = Scene(problem).complete_request()
-    fields = PlanTrajectoryAction.Goal.get_fields_and_field_types()
-    goal = PlanTrajectoryAction.Goal(**{name: getattr(request, name) for name in fields})
+    goal = PlanTrajectoryAction.Goal(request=Scene(problem).complete_request())
     return Mock(goal_id=UUID(uuid=[7] * 16), request=goal, is_cancel_requested=True, status=5)
 
 
@@ -125,7 +125,7 @@ def test_a_goal_that_is_cancelled_before_rclpy_hands_it_over_is_not_planned(
         goal = a_goal(lemur_capture)
         assert answering._cancel(goal) is CancelResponse.ACCEPT
         answering._accept(goal)
-        result = answering._execute(goal)
+        result = answering._execute(goal).answer
     assert (result.status.code, result.plan_id) == (Status.CANCELLED, "run.1")
     goal.canceled.assert_called_once_with()
     worker.solve.assert_not_called()
@@ -153,7 +153,7 @@ def test_a_refused_request_leaves_nothing_to_the_garbage_collector(
         raise NoPlanFound(Status.COLLISION, "blocked")
 
     sound, spoilt = (Scene(lemur_capture).complete_request() for _ in range(2))
-    spoilt.start_state.joint_names = []
+    spoilt.start_state[0].joint_names = []
     with service(lemur_capture, monkeypatch) as (answering, worker, _):
         worker.solve.side_effect = blocked
         for request, status in ((sound, Status.COLLISION), (spoilt, Status.UNKNOWN_JOINT)):

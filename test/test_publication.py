@@ -23,7 +23,7 @@ from ff_planner_ros.planning.problem import PlanningProblem
 from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.ros.inputs.scene_input import SceneInput
 from ff_planner_ros.ros.inputs.state_input import Snapshot
-from ff_planner_ros.ros.messages.to_messages import response_from_plan
+from ff_planner_ros.ros.messages.to_messages import plan_message
 from ff_planner_ros.ros.outputs.plan_output import PublishedPlan
 from ff_planner_ros.ros.requests.publication import MOST_WAITING, Publication
 from ff_planner_ros.ros.requests.reading import Knowledge
@@ -33,6 +33,11 @@ from ff_planner_ros.simulation.free_floating import carried_back
 NOW = 1_000 * NANOSECONDS
 AHEAD = 0.5  # of the plan's start from now [s]
 START = NOW + round(AHEAD * NANOSECONDS)
+
+
+def token(plan_id: str) -> str:
+    """Return what opens the service for a plan: no two plans have the same."""
+    return f"token of {plan_id}"
 
 
 class World:
@@ -59,17 +64,21 @@ class World:
 
     def made(self, plan_id: str = "run.1", start_ns: int = START) -> MadePlan:
         spheres = self.problem.obstacles
-        return MadePlan(plan_id, self.plan, start_ns, "as_planned", spheres, self.parameters)
+        return MadePlan(
+            plan_id, self.plan, start_ns, "none", spheres, self.parameters, token=token(plan_id)
+        )
 
     def ask(self, plan_id: str = "run.1", **fields: Any) -> PlanStatus:
-        request = PublishPlan.Request(plan_id=plan_id, **fields)
+        request = PublishPlan.Request(
+            **{"plan_id": plan_id, "publish_token": token(plan_id)} | fields
+        )
         return self.publication._serve(request, PublishPlan.Response()).status
 
     @property
     def out(self) -> list[tuple[str, str]]:
         """Ids of what went out, and who asked for it."""
         calls = [call.args for call in self.output.publish.call_args_list]
-        return [(response.plan_id, asked_by) for _, response, _, asked_by, *_ in calls]
+        return [(plan_id, requester) for plan_id, _, _, _, requester, *_ in calls]
 
 
 @pytest.fixture
@@ -81,16 +90,16 @@ def world(lemur_capture: PlanningProblem, lemur_plan: Plan) -> World:
 
 
 def test_a_plan_that_still_fits_goes_out_once_as_it_was_answered(world: World) -> None:
-    status = world.ask(asked_by="flight director")
+    status = world.ask(requester="flight director")
     assert status.code == Status.SOLVED, status
     assert "run.1" in status.message
     assert "flight director" in status.message
     assert world.out == [("run.1", "flight director")]
-    plan, response, trajectory, _, behaviour, *_ = world.output.publish.call_args.args
+    _, plan, written, trajectory, _, behaviour, *_ = world.output.publish.call_args.args
     assert plan is world.plan
-    assert behaviour == "as_planned"
-    answered = response_from_plan(world.plan, "run.1", START, FRAME, 0.0)
-    assert response.joint_trajectory == answered.joint_trajectory
+    assert behaviour == "none"
+    answered = plan_message(world.plan, START, FRAME)
+    assert written.joint_trajectory == answered.joint_trajectory
     assert [p.positions for p in trajectory.points] == [
         p.positions for p in answered.joint_trajectory.points
     ]
@@ -106,14 +115,40 @@ def test_who_does_not_say_who_asks_is_named_by_the_service(world: World) -> None
 
 
 @pytest.mark.parametrize("plan_id", ["", "run.2", "run.1 ", "RUN.1", "\x00"])
-def test_an_unknown_id_is_refused_by_name_and_the_known_ones_are_told(
+def test_an_unknown_id_is_refused_by_name_and_the_known_ones_are_not_told(
     world: World, plan_id: str
 ) -> None:
-    status = world.ask(plan_id)
-    assert status.code == Status.UNKNOWN_PLAN
+    world.publication.keep(world.made("known.7"))
+    status = world.ask(plan_id, publish_token=token("known.7"))
+    assert (status.code, status.field) == (Status.UNKNOWN_PLAN, "plan_id")
     assert f"plan_id is {plan_id!r}" in status.message
-    assert "run.1" in status.message
+    assert "known.7" not in f"{status}"
     assert world.out == []
+
+
+@pytest.mark.parametrize(
+    ("given", "value"),
+    [
+        *(("", "empty"), ("token of run.2", "another one"), ("token of run.1 ", "another one")),
+        *(("token of run", "another one"), ("t\u00f6ken", "another one")),
+    ],
+)
+def test_who_does_not_know_a_plans_token_does_not_publish_it(
+    world: World, given: str, value: str
+) -> None:
+    """Neither the token nor the one that was tried is told: both are in a bag, and in the log."""
+    world.publication.keep(world.made("run.2"))
+    status = world.ask(publish_token=given)
+    assert status == PlanStatus(
+        code=Status.UNKNOWN_PLAN,
+        message=f"publish_token is {value}: it must be the one in the answer that holds the plan",
+        field="publish_token",
+        value=value,
+        allowed="it must be the one in the answer that holds the plan",
+        retry=PlanStatus.CHANGED,
+    )
+    assert world.out == []
+    assert world.ask().code == Status.SOLVED, "and it waits on"
 
 
 def test_a_plan_that_is_published_already_is_refused_as_such(world: World) -> None:
@@ -209,11 +244,11 @@ def test_nothing_but_the_plans_first_point_says_where_it_begins(world: World) ->
 
 def test_a_plan_goes_out_with_all_that_was_made_of_it(world: World) -> None:
     """What it follows, and what screens show of it."""
-    made = replace(world.made("run.2"), following="run.1", end_behaviour="stop_joints")
+    made = replace(world.made("run.2"), previous_plan_id="run.1", end_behaviour="stop_joints")
     world.publication.keep(made)
     assert world.ask("run.2").code == Status.SOLVED
-    plan, _, _, _, end_behaviour, body, following = world.output.publish.call_args.args
-    assert (plan, end_behaviour, body, following) == (made.plan, "stop_joints", None, "run.1")
+    plan_id, plan, _, _, _, *more = world.output.publish.call_args.args
+    assert (plan_id, plan, more) == ("run.2", made.plan, ["stop_joints", None, "run.1"])
     executor: Any = world.publication._node.executor
     shown = executor.create_task.call_args.args[0]
     shown()
@@ -223,7 +258,7 @@ def test_a_plan_goes_out_with_all_that_was_made_of_it(world: World) -> None:
 def test_torques_go_to_a_controller_that_takes_them(world: World) -> None:
     world.parameters = replaced(world.parameters, "controller.effort_interface", True)
     assert world.ask().code == Status.SOLVED
-    _, _, trajectory, *_ = world.output.publish.call_args.args
+    _, _, _, trajectory, *_ = world.output.publish.call_args.args
     efforts = np.array([point.effort for point in trajectory.points])
     np.testing.assert_array_equal(efforts, world.plan.trajectory.joint_torques)
 
@@ -277,7 +312,7 @@ def test_a_state_that_the_request_brings_goes_before_the_latest(world: World) ->
     assert world.ask().code == Status.STATE_MOVED
     fitting = Scene(world.problem).state(START)
     world.parameters = replace(world.parameters, state_max_lead=1.0)
-    assert world.ask(use_start_state=True, start_state=fitting).code == Status.SOLVED
+    assert world.ask(start_state=[fitting]).code == Status.SOLVED
 
 
 @pytest.mark.parametrize(
@@ -310,7 +345,7 @@ def test_the_newest_plans_wait_and_the_oldest_makes_way(world: World) -> None:
         world.publication.keep(world.made(f"run.{number}"))
     status = world.ask("run.1")
     assert status.code == Status.UNKNOWN_PLAN
-    assert f"run.{MOST_WAITING + 1}" in status.message
+    assert f"the newest {MOST_WAITING}," in status.message
     assert world.ask("run.2").code == Status.SOLVED
 
 
@@ -329,9 +364,9 @@ def test_plans_of_before_a_jump_of_the_clock_or_a_pause_are_forgotten(world: Wor
 
 @pytest.mark.parametrize("name", ["two\nlines", "n" * 201])
 def test_a_name_that_would_spoil_the_log_is_refused(world: World, name: str) -> None:
-    status = world.ask(asked_by=name)
+    status = world.ask(requester=name)
     assert status.code == Status.OUT_OF_RANGE
-    assert "asked_by is" in status.message
+    assert "requester is" in status.message
     assert world.out == []
 
 

@@ -203,9 +203,9 @@ def test_a_live_planner_on_simulated_time_plans_from_what_is_played(
                 Scene(lemur_capture).request(),
                 lambda response: response.status.code == Status.SOLVED,
             )
-    assert answer.state_source == "chaser_state"
-    assert START <= nanoseconds(answer.state_stamp) < START + 2 * SECOND
-    assert START <= nanoseconds(answer.taken_up) < START + 2 * SECOND
+    assert answer.inputs.state_source == "chaser_state"
+    assert START <= nanoseconds(answer.inputs.state_stamp) < START + 2 * SECOND
+    assert START <= nanoseconds(answer.inputs.received_stamp) < START + 2 * SECOND
 
 
 def test_a_bag_of_types_that_are_not_installed_names_them_and_plays_the_others(

@@ -7,12 +7,13 @@ from typing import Any
 
 import pytest
 import yaml
-from ff_planner_msgs.srv import PlanTrajectory
+from answers import answer_of, received, sent
+from ff_planner_msgs.msg import Obstacle, ObstacleArray, PlanAnswer, PlanRequest
 from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.msg import ParameterEvent
 from rclpy.parameter import Parameter
 from ros_processes import FRAME, Scene
-from service_msgs.msg import ServiceEventInfo
+from std_msgs.msg import Header
 
 from ff_planner_ros.bag.decoding import NANOSECONDS
 from ff_planner_ros.bag.encoding import encode
@@ -25,11 +26,7 @@ from ff_planner_ros.parameters import value_of
 from ff_planner_ros.planning.plan import Plan
 from ff_planner_ros.planning.problem import PlanningProblem
 from ff_planner_ros.ros.inputs.scene_input import SceneInput
-from ff_planner_ros.ros.messages.to_messages import (
-    response_from_error,
-    response_from_plan,
-    time_message,
-)
+from ff_planner_ros.ros.messages.to_messages import answer_of_error, time_message
 from ff_planner_ros.ros.requests.reading import Provenance
 from ff_planner_ros.runs.recorded_run import RecordedRun, recorded_run
 from ff_planner_ros.runs.replay import Verdict, replay, version_lines
@@ -63,21 +60,15 @@ class World:
         event = ParameterEvent(stamp=time_message(at_ns), node=node, changed_parameters=[changed])
         self.put("/parameter_events", "rcl_interfaces/msg/ParameterEvent", event, at_ns)
 
-    def ask(
-        self, at_ns: int, response: PlanTrajectory.Response | None, topic: str = EVENTS
-    ) -> PlanTrajectory.Request:
+    def ask(self, at_ns: int, answer: PlanAnswer | None, topic: str = EVENTS) -> PlanRequest:
         """Record a request that brings all with it, a state stamped when it was asked included."""
         request = self._scene.complete_request()
-        request.start_state.header.stamp = time_message(at_ns)
+        request.start_state[0].header.stamp = time_message(at_ns)
         self._count += 1
-        events = [(ServiceEventInfo.REQUEST_RECEIVED, {"request": [request]})]
-        if response is not None:
-            events.append((ServiceEventInfo.RESPONSE_SENT, {"response": [response]}))
-        for kind, content in events:
-            info = ServiceEventInfo(
-                event_type=kind, stamp=time_message(at_ns), sequence_number=self._count
-            )
-            self.put(topic, EVENT, PlanTrajectory.Event(info=info, **content), at_ns)
+        info = {"stamp": time_message(at_ns), "sequence_number": self._count}
+        self.put(topic, EVENT, received(request, **info), at_ns)
+        if answer is not None:
+            self.put(topic, EVENT, sent(answer, **info), at_ns)
         return request
 
     def run(self, **record: str) -> RecordedRun:
@@ -99,10 +90,10 @@ def world(lemur_capture: PlanningProblem, tmp_path: Path) -> World:
     return World(lemur_capture, tmp_path)
 
 
-def refused(at_ns: int, plan_id: str = "run.1") -> PlanTrajectory.Response:
-    response = response_from_error(FfPlannerError(Status.NO_STATE, "none"), plan_id, 0.0)
-    Provenance(taken_up_ns=at_ns).tell(response)
-    return response
+def refused(at_ns: int, plan_id: str = "run.1") -> PlanAnswer:
+    answer = answer_of_error(FfPlannerError(Status.NO_STATE, "none"), plan_id, 0.0)
+    Provenance(received_stamp_ns=at_ns).tell(answer)
+    return answer
 
 
 def test_a_bag_without_requests_is_refused(
@@ -148,18 +139,16 @@ def test_a_request_without_answer_is_told(world: World) -> None:
 
 
 def test_an_answer_without_request_is_told(world: World) -> None:
-    info = ServiceEventInfo(event_type=ServiceEventInfo.RESPONSE_SENT)
-    event = PlanTrajectory.Event(info=info, response=[refused(START)])
-    world.put(EVENTS, EVENT, event, START)
+    world.put(EVENTS, EVENT, sent(refused(START)), START)
     (request,) = world.run().requests
     assert replay(request).verdict is Verdict.NOT_REBUILT
     assert "not the request itself" in replay(request).words
 
 
 def test_a_plan_that_was_followed_and_is_not_in_the_bag_is_named(world: World) -> None:
-    response = refused(START)
-    response.following = "run.7"
-    world.ask(START, response)
+    answer = refused(START)
+    answer.inputs.previous_plan_id = "run.7"
+    world.ask(START, answer)
     (request,) = world.run().requests
     assert replay(request).words == "plan run.7, which the joints followed, is not in the bag"
 
@@ -179,6 +168,20 @@ def test_parameters_are_those_of_the_moment_and_of_the_node(world: World) -> Non
     assert [one.planner.starts for one in known] == [3, 7, 7, 8]
     assert {(one.points, one.inertial_frame) for one in known} == {(40, FRAME)}
     assert "parameters that this version does not know are left out: once.upon" in run.notes
+
+
+def test_deprecated_words_of_parameters_are_understood_and_not_complained_of(world: World) -> None:
+    """Nobody can change a bag; a warning would fail this test."""
+    world.set_parameters({"end_behaviour": "as_planned"})
+    for seconds, word in ((10, "stop_joints"), (20, "as_planned")):
+        changed = Parameter("end_behaviour", value=word).to_parameter_msg()
+        world.change_parameter(changed, START + seconds * NANOSECONDS)
+    for seconds in (5, 15, 25):
+        at_ns = START + seconds * NANOSECONDS
+        world.ask(at_ns, refused(at_ns))
+    found = [one.inputs for one in world.run(node="/ff_planner").requests]
+    words = [one.parameters.end_behaviour for one in found if one is not None]
+    assert words == ["none", "stop_joints", "none"]
 
 
 @pytest.mark.parametrize(
@@ -229,9 +232,9 @@ def test_of_several_messages_with_the_stamp_the_last_before_the_request_counts(
         obstacles.header.stamp = time_message(START)
         obstacles.spheres[0].radius = radius
         world.put("/obstacles", "ff_planner_msgs/msg/ObstacleSphereArray", obstacles, at_ns)
-    response = response_from_plan(lemur_plan, "run.1", START + 20, FRAME, 0.1)
-    Provenance(START + 20, START + 20, "start_state", obstacles_stamp_ns=START).tell(response)
-    world.ask(START + 20, response).use_obstacles = False
+    answer = answer_of(lemur_plan, start_ns=START + 20)
+    Provenance(START + 20, START + 20, "start_state", obstacles_stamp_ns=START).tell(answer)
+    world.ask(START + 20, answer).scene = []
     (request,) = world.run().requests
     assert request.read_request().task.problem.obstacles[0].radius == 0.2
 
@@ -243,11 +246,31 @@ def test_obstacles_that_the_recorder_heard_after_the_node_are_those_of_the_reque
     obstacles = Scene(lemur_capture).obstacles()
     obstacles.spheres[0].radius = 0.2
     world.put("/obstacles", "ff_planner_msgs/msg/ObstacleSphereArray", obstacles, START + 10)
-    response = response_from_plan(lemur_plan, "run.1", START, FRAME, 0.1)
-    Provenance(START, START, "start_state").tell(response)
-    world.ask(START, response).use_obstacles = False
+    answer = answer_of(lemur_plan, start_ns=START)
+    Provenance(START, START, "start_state").tell(answer)
+    world.ask(START, answer).scene = []
     (request,) = world.run().requests
     assert request.read_request().task.problem.obstacles[0].radius == 0.2
+
+
+@pytest.mark.parametrize("later", [-10, 10])
+def test_obstacle_bodies_count_where_they_were_heard_before_the_request_alone(
+    world: World, lemur_capture: PlanningProblem, lemur_plan: Plan, later: int
+) -> None:
+    """The node plans without them: what comes later was not there yet."""
+    obstacles = Scene(lemur_capture).obstacles()
+    world.put("/obstacles", "ff_planner_msgs/msg/ObstacleSphereArray", obstacles, START - 20)
+    bodies = ObstacleArray(header=Header(frame_id=FRAME), bodies=[Obstacle(id="hatch")])
+    world.put("/obstacle_bodies", "ff_planner_msgs/msg/ObstacleArray", bodies, START + later)
+    answer = answer_of(lemur_plan, start_ns=START)
+    Provenance(START, START, "start_state").tell(answer)
+    world.ask(START, answer).scene = []
+    (request,) = world.run().requests
+    if later > 0:
+        assert len(request.read_request().task.problem.obstacles) == len(lemur_capture.obstacles)
+    else:
+        with pytest.raises(InvalidInput, match="obstacle_bodies"):
+            request.read_request()
 
 
 def test_inputs_are_found_whatever_their_topics_are_called(
@@ -255,9 +278,9 @@ def test_inputs_are_found_whatever_their_topics_are_called(
 ) -> None:
     state = Scene(lemur_capture).state(START)
     world.put("/mocap/pose_of_the_chaser", "ff_planner_msgs/msg/ChaserState", state, START)
-    response = response_from_plan(lemur_plan, "run.1", START, FRAME, 0.1)
-    Provenance(START, START, "chaser_state").tell(response)
-    world.ask(START, response).use_start_state = False
+    answer = answer_of(lemur_plan, start_ns=START)
+    Provenance(START, START, "chaser_state").tell(answer)
+    world.ask(START, answer).start_state = []
     (request,) = world.run().requests
     measured = request.read_request().task.problem.start.joint_positions
     assert measured.tolist() == lemur_capture.start.joint_positions.tolist()
@@ -269,9 +292,9 @@ def test_of_several_topics_that_might_be_the_input_none_is_guessed(
     for topic in ("/one", "/two"):
         state = Scene(lemur_capture).state(START)
         world.put(topic, "ff_planner_msgs/msg/ChaserState", state, START)
-    response = response_from_plan(lemur_plan, "run.1", START, FRAME, 0.1)
-    Provenance(START, START, "chaser_state").tell(response)
-    world.ask(START, response).use_start_state = False
+    answer = answer_of(lemur_plan, start_ns=START)
+    Provenance(START, START, "chaser_state").tell(answer)
+    world.ask(START, answer).start_state = []
     (request,) = world.run().requests
     assert "its topics of this type are /one, /two" in replay(request).words
 
@@ -290,8 +313,8 @@ def test_a_refusal_for_what_was_not_heard_yet_comes_again_though_the_recorder_he
     world.put("/obstacles", "ff_planner_msgs/msg/ObstacleSphereArray", message, START - 1)
     with pytest.raises(InvalidInput) as refusal:
         SceneInput(FRAME).scene()
-    response = response_from_error(refusal.value, "run.1", 0.0)
-    Provenance(START, START, "start_state").tell(response)
-    world.ask(START, response).use_obstacles = False
+    answer = answer_of_error(refusal.value, "run.1", 0.0)
+    Provenance(START, START, "start_state").tell(answer)
+    world.ask(START, answer).scene = []
     (request,) = world.run().requests
     assert replay(request).verdict is Verdict.IDENTICAL

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from ff_planner_msgs.msg import ChaserState
+from ff_planner_msgs.msg import ChaserState, PlanAnswer, PlanRequest
 from ff_planner_msgs.srv import PlanTrajectory
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
@@ -38,7 +38,7 @@ from ff_planner_ros.cli import main
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.problem import PlanningProblem
 from ff_planner_ros.planning.tail import EndBehaviour
-from ff_planner_ros.ros.messages.from_messages import plan_from_response
+from ff_planner_ros.ros.messages.from_messages import plan_from_answer
 from ff_planner_ros.ros.messages.to_messages import time_message
 from ff_planner_ros.runs.recorded_run import RecordedRequest, RecordedRun, recorded_run
 from ff_planner_ros.runs.replay import Verdict, replay
@@ -89,32 +89,33 @@ def _everything(client: Client, scene: Scene) -> dict[str, Any]:
     asked = scene.request()
     asked.start_time = time_message(nanoseconds(state.header.stamp) + 500_000_000)
     unreachable = deepcopy(asked)  # or else there is another plan while the state travels
-    unreachable.target_pose.pose.position.x = 10.0
-    client.plan_until(unreachable, lambda answer: answer.state_stamp == state.header.stamp)
+    unreachable.goal.pose.pose.position.x = 10.0
+    stamp = state.header.stamp
+    client.plan_until(unreachable, lambda answer: answer.inputs.state_stamp == stamp)
     answers["following"] = client.plan(asked)
 
-    def in_time() -> PlanTrajectory.Request:
+    def in_time() -> PlanRequest:
         """Return a complete request that is not late even where a plan takes a minute."""
         asked, start_ns = scene.complete_request(), client.now_ns() + LEAD_NS
         asked.start_time = time_message(start_ns)
-        asked.start_state.header.stamp = time_message(start_ns - 2_000_000_000)
+        asked.start_state[0].header.stamp = time_message(start_ns - 2_000_000_000)
         return asked
 
     complete = in_time()
     complete.end_behaviour = "hold_end_effector"
     answers["complete"] = client.plan(complete)
     attitude = in_time()
-    attitude.weight_joint_path_length, attitude.weight_chaser_attitude = 0.5, 0.5
+    attitude.objective.joint_path_length, attitude.objective.chaser_attitude = 0.5, 0.5
     _, answers["action"] = client.send_goal(attitude).result()
 
     negative = in_time()
     negative.duration = -1.0
     answers["negative"] = client.plan(negative)
     blocked = in_time()
-    blocked.obstacles.spheres[0].radius = 10.0
+    blocked.scene[0].spheres[0].radius = 10.0
     answers["blocked"] = client.plan(blocked)
     hasty = in_time()
-    hasty.time_budget = 0.001
+    hasty.search.time_budget = 0.001
     answers["hasty"] = client.plan(hasty)
 
     _set(client, "planner.robust.sigmas", 3.0)
@@ -125,7 +126,7 @@ def _everything(client: Client, scene: Scene) -> dict[str, Any]:
     answers["controller"] = client.plan(in_time())
 
     long = in_time()
-    long.points = 5000
+    long.search.points = 5000
     goal = client.send_goal(long)
     assert goal.progress.wait(DEADLINE)
     answers["busy"] = client.plan(in_time())
@@ -134,14 +135,14 @@ def _everything(client: Client, scene: Scene) -> dict[str, Any]:
     return answers
 
 
-def _on_the_way(answer: PlanTrajectory.Response, point: int) -> ChaserState:
+def _on_the_way(answer: PlanAnswer, point: int) -> ChaserState:
     """The state that a plan predicts for one of its points."""
-    pose = answer.predicted_chaser_path.poses[point]
-    joints = answer.joint_trajectory
+    (plan,) = answer.plans
+    pose, joints = plan.chaser_path.poses[point], plan.joint_trajectory
     return ChaserState(
         header=Header(stamp=pose.header.stamp, frame_id=FRAME),
         pose=pose.pose,
-        twist=answer.predicted_chaser_twists[point],
+        twist=plan.chaser_twists[point],
         joint_names=joints.joint_names,
         joint_positions=joints.points[point].positions,
         joint_velocities=joints.points[point].velocities,
@@ -198,15 +199,18 @@ def test_the_run_had_everything_that_a_replay_must_cope_with(run: Run) -> None:
 
 def test_every_answer_tells_what_it_was_made_from(run: Run) -> None:
     assert run.recorded.notes == ()
-    told = {name: run.request(name).response for name in run.plan_ids}
-    assert all(response is not None for response in told.values())
-    times = {name: nanoseconds(response.taken_up) for name, response in told.items()}  # type: ignore[union-attr]
+    answers = {name: run.request(name).response for name in run.plan_ids}
+    told = {name: answer.inputs for name, answer in answers.items() if answer is not None}
+    assert told.keys() == answers.keys()
+    times = {name: nanoseconds(inputs.received_stamp) for name, inputs in told.items()}
     assert times.pop("busy") == 0
     assert list(times.values()) == sorted(set(times.values()))
     assert times["from topics"] > 0
-    followed = {name: response.following for name, response in told.items() if response.following}  # type: ignore[union-attr]
-    assert followed == {"following": run.plan_ids["from topics"]}
-    sources = {name: response.state_source for name, response in told.items()}  # type: ignore[union-attr]
+    followed = {name: inputs.previous_plan_id for name, inputs in told.items()}
+    assert {name: plan_id for name, plan_id in followed.items() if plan_id} == {
+        "following": run.plan_ids["from topics"]
+    }
+    sources = {name: inputs.state_source for name, inputs in told.items()}
     assert sources["from topics"] == sources["following"] == "chaser_state"
     assert (sources["negative"], sources["blocked"]) == ("start_state", "start_state")
 
@@ -274,8 +278,8 @@ def test_another_task_than_the_recorded_one_is_named(
         if message.topic == EVENT_TOPIC:
             event = deserialize_message(message.cdr, PlanTrajectory.Event)
             for response in event.response:
-                if response.plan_id == wanted:
-                    response.task_digest = "0123456789abcdef"
+                if response.answer.plan_id == wanted:
+                    response.answer.task_digest = "0123456789abcdef"
                     return encode(event)
         return message.cdr
 
@@ -305,7 +309,7 @@ def test_an_exported_request_is_planned_again_to_the_last_bit(
         if code:
             assert answer["message"] == response.status.message
             continue
-        motion = plan_from_response(response).trajectory
+        motion = plan_from_answer(response).trajectory
         for quantity in ("joint_positions", "joint_torques", "chaser_positions", "ee_positions"):
             assert np.array(answer[quantity]).tobytes() == getattr(motion, quantity).tobytes()
     assert main(["export", str(run.bag), "--scenarios", str(directory)]) == 2
@@ -321,8 +325,9 @@ def test_a_joint_position_that_was_another_one_is_found_with_its_amount(
         if message.topic == EVENT_TOPIC:
             event = deserialize_message(message.cdr, PlanTrajectory.Event)
             for response in event.response:
-                if response.plan_id == wanted:
-                    response.joint_trajectory.points[7].positions[2] += 0.00125
+                if response.answer.plan_id == wanted:
+                    motion = response.answer.plans[0].joint_trajectory
+                    motion.points[7].positions[2] += 0.00125
                     return encode(event)
         return message.cdr
 
@@ -339,7 +344,7 @@ def test_a_state_that_is_not_in_the_bag_is_named(run: Run, tmp_path: Path) -> No
     found = replay(rebuilt[run.plan_ids["from topics"]])
     response = run.request("from topics").response
     assert response is not None
-    stamp = response.state_stamp
+    stamp = response.inputs.state_stamp
     assert found.verdict is Verdict.NOT_REBUILT
     assert f"chaser_state stamped {stamp.sec}.{stamp.nanosec:09d} is not in the bag" in found.words
     assert replay(rebuilt[run.plan_ids["complete"]]).verdict is Verdict.IDENTICAL

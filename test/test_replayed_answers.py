@@ -10,16 +10,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from ff_planner_msgs.srv import PlanTrajectory
+from answers import answer_of
+from ff_planner_msgs.msg import PlanAnswer, PlanRequest
 
 from ff_planner_ros.bag.decoding import NANOSECONDS
 from ff_planner_ros.errors import BagError, FfPlannerError, Status
 from ff_planner_ros.planning.plan import Plan
-from ff_planner_ros.ros.messages.to_messages import (
-    response_from_error,
-    response_from_plan,
-    time_message,
-)
+from ff_planner_ros.ros.messages.to_messages import answer_of_error, time_message
 from ff_planner_ros.runs import replay as replay_module
 from ff_planner_ros.runs.installed import PlanExchange
 from ff_planner_ros.runs.recorded_run import RecordedRequest, _published
@@ -28,31 +25,31 @@ from ff_planner_ros.runs.replay import ALL_SAME, DIFFERS, Verdict, print_replay,
 START = 1_000 * NANOSECONDS
 
 
-def answered(plan: Plan, **changes: float) -> PlanTrajectory.Response:
+def answered(plan: Plan, **changes: float) -> PlanAnswer:
     """An answer with a plan whose last sample of some quantities is off."""
     motion = plan.trajectory
     for name, off in changes.items():
         samples = np.array(getattr(motion, name))
         samples[-1, -1] += off
         motion = replace(motion, **{name: samples})
-    return response_from_plan(replace(plan, trajectory=motion), "run.1", START, "inertial", 0.1)
+    return answer_of(replace(plan, trajectory=motion), start_ns=START)
 
 
-def refused(status: Status) -> PlanTrajectory.Response:
-    return response_from_error(FfPlannerError(status, "because"), "run.1", 0.1)
+def refused(status: Status) -> PlanAnswer:
+    return answer_of_error(FfPlannerError(status, "because"), "run.1", 0.1)
 
 
-def recorded(response: PlanTrajectory.Response | None) -> RecordedRequest:
+def recorded(response: PlanAnswer | None) -> RecordedRequest:
     inputs: Any = object()
-    return RecordedRequest("run.1", "service", PlanTrajectory.Request(), response, inputs, "", ())
+    return RecordedRequest("run.1", "service", PlanRequest(), response, inputs, "", ())
 
 
 @pytest.fixture
 def again(monkeypatch: pytest.MonkeyPatch) -> Any:
     """Sets what the planner answers now."""
 
-    def answers(answer: PlanTrajectory.Response | BagError) -> None:
-        def answer_again(_: RecordedRequest) -> tuple[PlanTrajectory.Response, float]:
+    def answers(answer: PlanAnswer | BagError) -> None:
+        def answer_again(_: RecordedRequest) -> tuple[PlanAnswer, float]:
             if isinstance(answer, BagError):
                 raise answer
             return answer, 0.25
@@ -146,14 +143,11 @@ def exchange(
     plan: Plan | None, plan_id: str, following: str = "", *, tells: bool = True
 ) -> PlanExchange:
     """A request and its answer; one of an earlier version does not tell what was followed."""
-    if plan is None:
-        response = refused(Status.COLLISION)
-    else:
-        response = response_from_plan(plan, plan_id, START, "inertial", 0.1)
-    response.plan_id, response.following = plan_id, following
+    response = refused(Status.COLLISION) if plan is None else answer_of(plan, start_ns=START)
+    response.plan_id, response.inputs.previous_plan_id = plan_id, following
     if tells:
-        response.taken_up = time_message(START)
-    return PlanExchange("service", "/plan_trajectory", 0, 0, PlanTrajectory.Request(), response)
+        response.inputs.received_stamp = time_message(START)
+    return PlanExchange("service", "/plan_trajectory", 0, 0, PlanRequest(), response)
 
 
 def test_the_plan_that_was_followed_is_the_one_that_the_answer_names(lemur_plan: Plan) -> None:

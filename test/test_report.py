@@ -14,15 +14,16 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
+from answers import FRAME, answer_of, received, sent
 from drawn_plans import paper_terms_at
-from ff_planner_msgs.msg import PublishedPlan
-from ff_planner_msgs.srv import PlanTrajectory
+from ff_planner_msgs.action import PlanTrajectory as PlanTrajectoryAction
+from ff_planner_msgs.msg import Plan as PlanMessage
+from ff_planner_msgs.msg import PlanAnswer, PlanRequest, PublishedPlan
 from nav_msgs.msg import Odometry
 from read_page import Page, numbers
 from robots import CONFIG
 from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import JointState
-from service_msgs.msg import ServiceEventInfo
 from std_msgs.msg import Header
 
 from ff_planner_ros.analysis.plan_json import plan_dictionary, refusal_dictionary
@@ -42,12 +43,10 @@ from ff_planner_ros.robot.model import robot_from_urdf_text
 from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.ros.messages.interfaces import GET_RESULT, SEND_GOAL, type_name
 from ff_planner_ros.ros.messages.to_messages import (
-    goal_message,
+    answer_of_error,
     obstacles_message,
     pose_message,
     request_message,
-    response_from_error,
-    response_from_plan,
     state_message,
     time_message,
 )
@@ -56,7 +55,7 @@ from ff_planner_ros.runs.report_of_bag import report_of_bag, reported_request
 from ff_planner_ros.runs.report_page import save_page
 from ff_planner_ros.runs.report_plots import shown_rows
 
-FRAME, SECOND, T0 = "inertial", 10**9, 1_795_000_000 * 10**9
+SECOND, T0 = 10**9, 1_795_000_000 * 10**9
 EVIL = "<script>alert(1)</script><img src=x onerror='alert(2)'>\" & </td>"
 PARAMETERS: dict[str, Any] = yaml.safe_load((CONFIG / "planner.yaml").read_text())["/**"][
     "ros__parameters"
@@ -86,36 +85,29 @@ class Run:
     def obstacles(self, time_ns: int) -> None:
         self.put("/obstacles", obstacles_message(self.problem.obstacles, time_ns, FRAME), time_ns)
 
-    def response(self, plan: Plan, plan_id: str, start_ns: int) -> PlanTrajectory.Response:
-        response = response_from_plan(plan, plan_id, start_ns, FRAME, 0.25)
-        response.obstacles_stamp = time_message(T0)
-        return response
+    def answer(self, plan: Plan, plan_id: str, start_ns: int) -> PlanAnswer:
+        answer = answer_of(plan, plan_id, start_ns, 0.25)
+        answer.inputs.obstacles_stamp = time_message(T0)
+        return answer
 
-    def service(
-        self, response: PlanTrajectory.Response | None, asked_ns: int, *, plan_only: bool = False
-    ) -> None:
+    def service(self, answer: PlanAnswer | None, asked_ns: int, *, plan_only: bool = False) -> None:
         """A request, and half a second later its answer."""
         self._number += 1
         request = request_message(self.problem, FRAME)
         request.plan_only = plan_only
-        self._event("/plan_trajectory/_service_event", asked_ns, request=[request])
-        if response is not None:
-            answered_ns = asked_ns + SECOND // 2
-            self._event("/plan_trajectory/_service_event", answered_ns, response=[response])
+        self._event(received(request), asked_ns)
+        if answer is not None:
+            self._event(sent(answer), asked_ns + SECOND // 2)
 
-    def _event(self, topic: str, time_ns: int, **content: Any) -> None:
-        kind = REQUEST_RECEIVED if "request" in content else RESPONSE_SENT
-        info = ServiceEventInfo(
-            event_type=kind, stamp=time_message(time_ns), sequence_number=self._number
-        )
-        self.put(topic, PlanTrajectory.Event(info=info, **content), time_ns)
+    def _event(self, told: Any, time_ns: int) -> None:
+        told.info.stamp, told.info.sequence_number = time_message(time_ns), self._number
+        self.put("/plan_trajectory/_service_event", told, time_ns)
 
-    def action(self, response: PlanTrajectory.Response, asked_ns: int) -> None:
-        asked = SEND_GOAL.Request(goal=goal_message(self.problem, FRAME))
+    def action(self, answer: PlanAnswer, asked_ns: int) -> None:
+        goal = PlanTrajectoryAction.Goal(request=request_message(self.problem, FRAME))
+        asked = SEND_GOAL.Request(goal=goal)
         asked.goal_id.uuid = np.array([*range(15), asked_ns % 251], np.uint8)
-        result = GET_RESULT.Response().result
-        for name in result.get_fields_and_field_types():
-            setattr(result, name, getattr(response, name))
+        result = PlanTrajectoryAction.Result(answer=answer)
         for topic, message, time_ns in (
             (f"/act{GOAL_EVENTS}", SEND_GOAL.Event(request=[asked]), asked_ns),
             (
@@ -196,16 +188,16 @@ def told(
     run.obstacles(T0)
     with run.bag:
         run.bag.add_record(PROVENANCE, {"node": "/ff_planner", "numpy": "2.0.0", "host": "moon"})
-        run.service(run.response(lemur_plan, "run.1", T0 + 10 * SECOND), T0 + SECOND)
+        run.service(run.answer(lemur_plan, "run.1", T0 + 10 * SECOND), T0 + SECOND)
         run.states(measured, T0 + 10 * SECOND)
-        refusal = response_from_error(FfPlannerError(Status.NO_STATE, EVIL), "run.2", 0.01)
+        refusal = answer_of_error(FfPlannerError(Status.NO_STATE, EVIL), "run.2", 0.01)
         run.service(refusal, T0 + 30 * SECOND)
         attempt = NoPlanFound(Status.COLLISION, "c1 is in the way", lemur_plan)
-        run.action(response_from_error(attempt, "run.3", 1.5), T0 + 40 * SECOND)
+        run.action(answer_of_error(attempt, "run.3", 1.5), T0 + 40 * SECOND)
         run.service(None, T0 + 50 * SECOND)
-        run.service(run.response(lemur_plan, "run.5", T0 + 70 * SECOND), T0 + 60 * SECOND)
+        run.service(run.answer(lemur_plan, "run.5", T0 + 70 * SECOND), T0 + 60 * SECOND)
         run.states(replace(motion, joint_positions=motion.joint_positions + 0.3), T0 + 70 * SECOND)
-        run.action(run.response(lemur_plan, "run.6", T0 + 100 * SECOND), T0 + 90 * SECOND)
+        run.action(run.answer(lemur_plan, "run.6", T0 + 100 * SECOND), T0 + 90 * SECOND)
     report = report_of_bag(directory / "run", 20)
     return Told(report, page_of(report, directory), measured)
 
@@ -228,11 +220,11 @@ def test_every_request_is_listed_with_door_time_status_and_numbers(told: Told) -
 
 
 def test_what_goes_on_from_a_running_plan_has_the_duration_that_is_left() -> None:
-    request = PlanTrajectory.Request(continue_plan=True)
-    response = PlanTrajectory.Response(duration=8.4)
-    assert reported_request("action", request, response).duration == 8.4
-    response.status.code = Status.TOO_LATE
-    assert reported_request("action", request, response).duration is None
+    request = PlanRequest(replan_active=True)
+    answer = PlanAnswer(plans=[PlanMessage(duration=8.4)])
+    assert reported_request("action", request, answer).duration == 8.4
+    answer.status.code = Status.TOO_LATE
+    assert reported_request("action", request, answer).duration is None
 
 
 def test_refusals_have_their_reasons_in_full_and_their_attempts_numbers_marked(told: Told) -> None:
@@ -408,7 +400,7 @@ def test_between_the_points_the_plan_is_interpolated(
     coarse = replace(fine, trajectory=Trajectory(**rows))
     run = Run(tmp_path / "run", lemur_capture)
     with run.bag:
-        run.service(run.response(coarse, "run.1", T0), T0)
+        run.service(run.answer(coarse, "run.1", T0), T0)
         run.states(fine.trajectory, T0)
     (request,) = report_of_bag(tmp_path / "run", 1).requests
     assert request.plan is not None
@@ -476,7 +468,7 @@ def test_names_in_plots_are_no_tags_either(
     run = Run(tmp_path / "run", problem)
     run.obstacles(T0)
     with run.bag:
-        run.service(run.response(named, evil if name == "plan_id" else "run.1", T0), T0)
+        run.service(run.answer(named, evil if name == "plan_id" else "run.1", T0), T0)
     page = page_of(report_of_bag(tmp_path / "run", 1), tmp_path)
     assert len(page.plots) == len(PLOTS)
     assert "img" not in page.tags
@@ -489,7 +481,7 @@ def test_a_bag_with_refusals_only_is_a_page_without_plots(
     run = Run(tmp_path / "run", lemur_capture)
     with run.bag:
         refusal = FfPlannerError(Status.BUSY, "another request is being planned")
-        run.service(response_from_error(refusal, "run.1", 0.0), T0)
+        run.service(answer_of_error(refusal, "run.1", 0.0), T0)
     page = page_of(report_of_bag(tmp_path / "run", 20), tmp_path)
     assert page.row("run.1")[3] == "500 BUSY"
     assert page.plots == {}
@@ -510,7 +502,7 @@ def test_the_last_plans_are_drawn_and_the_page_says_that_others_are_not(
     with run.bag:
         for k in range(4):
             start_ns = T0 + (20 * k + 5) * SECOND
-            run.service(run.response(lemur_plan, f"run.{k}", start_ns), T0 + 20 * k * SECOND)
+            run.service(run.answer(lemur_plan, f"run.{k}", start_ns), T0 + 20 * k * SECOND)
     report = report_of_bag(tmp_path / "run", 1)
     assert [request.plan is not None for request in report.requests] == [False, False, False, True]
     assert "of 4 plans the last 1 are drawn; --plans N draws more" in report.notes
@@ -522,8 +514,8 @@ def test_a_plan_is_measured_until_the_next_one_takes_the_arm_over(
 ) -> None:
     run = Run(tmp_path / "run", lemur_capture)
     with run.bag:
-        run.service(run.response(lemur_plan, "run.1", T0 + 5 * SECOND), T0)
-        run.service(run.response(lemur_plan, "run.2", T0 + 9 * SECOND), T0 + SECOND)
+        run.service(run.answer(lemur_plan, "run.1", T0 + 5 * SECOND), T0)
+        run.service(run.answer(lemur_plan, "run.2", T0 + 9 * SECOND), T0 + SECOND)
         run.states(lemur_plan.trajectory, T0 + 5 * SECOND)
     first, second = report_of_bag(tmp_path / "run", 20).requests
     assert first.plan is not None
@@ -541,9 +533,9 @@ def test_a_plan_that_was_only_asked_for_is_measured_once_it_was_published(
     """Of three plans the second waits for ever: the first one goes on meanwhile."""
     run = Run(tmp_path / "run", lemur_capture)
     with run.bag:
-        run.service(run.response(lemur_plan, "run.1", T0 + 5 * SECOND), T0)
-        run.service(run.response(lemur_plan, "run.2", T0 + 7 * SECOND), T0, plan_only=True)
-        run.service(run.response(lemur_plan, "run.3", T0 + 9 * SECOND), T0, plan_only=True)
+        run.service(run.answer(lemur_plan, "run.1", T0 + 5 * SECOND), T0)
+        run.service(run.answer(lemur_plan, "run.2", T0 + 7 * SECOND), T0, plan_only=True)
+        run.service(run.answer(lemur_plan, "run.3", T0 + 9 * SECOND), T0, plan_only=True)
         run.put("/published_plan", PublishedPlan(plan_id="run.3"), T0 + SECOND)
         run.states(lemur_plan.trajectory, T0 + 5 * SECOND)
     first, second, third = (one.plan for one in report_of_bag(tmp_path / "run", 20).requests)
@@ -572,7 +564,7 @@ def test_states_from_odometry_and_joint_states_are_paired(
     run = Run(tmp_path / "run", lemur_capture, state_source="odometry", odometry=odometry)
     motion = lemur_plan.trajectory
     with run.bag:
-        run.service(run.response(lemur_plan, "run.1", T0), T0)
+        run.service(run.answer(lemur_plan, "run.1", T0), T0)
         for i, stamp_ns in enumerate(stamps(motion, T0)):
             chaser = Rotation.from_quat(motion.chaser_quaternions_xyzw[i])
             message = Odometry(child_frame_id="sensor")
@@ -610,7 +602,7 @@ def test_states_that_cannot_be_used_are_counted(
     run = Run(tmp_path / "run", lemur_capture)
     motion = lemur_plan.trajectory
     with run.bag:
-        run.service(run.response(lemur_plan, "run.1", T0), T0)
+        run.service(run.answer(lemur_plan, "run.1", T0), T0)
         for i, stamp_ns in enumerate(stamps(motion, T0)):
             names, frame = lemur_plan.joint_names, FRAME if i % 2 else "elsewhere"
             state = state_message(state_at(motion, i), names, stamp_ns, frame)
@@ -627,16 +619,16 @@ def test_without_robot_or_with_another_one_nothing_is_drawn_and_the_page_says_wh
     lemur_capture: PlanningProblem, lemur_plan: Plan, tmp_path: Path
 ) -> None:
     run = Run(tmp_path / "run", lemur_capture)
-    other = run.response(lemur_plan, "run.1", T0)
-    other.joint_trajectory.joint_names = [f"other_{k}" for k in range(7)]
-    broken = run.response(lemur_plan, "run.2", T0)
-    broken.joint_trajectory.points[7].velocities = [float("nan")] * 7
-    short = run.response(lemur_plan, "run.3", T0)
-    short.predicted_chaser_twists = []
-    empty = PlanTrajectory.Response(plan_id="run.4")
+    other = run.answer(lemur_plan, "run.1", T0)
+    other.plans[0].joint_trajectory.joint_names = [f"other_{k}" for k in range(7)]
+    broken = run.answer(lemur_plan, "run.2", T0)
+    broken.plans[0].joint_trajectory.points[7].velocities = [float("nan")] * 7
+    short = run.answer(lemur_plan, "run.3", T0)
+    short.plans[0].chaser_twists = []
+    empty = PlanAnswer(plan_id="run.4")
     with run.bag:
-        for k, response in enumerate((other, broken, short, empty)):
-            run.service(response, T0 + k * SECOND)
+        for k, answer in enumerate((other, broken, short, empty)):
+            run.service(answer, T0 + k * SECOND)
     report = report_of_bag(tmp_path / "run", 20)
     assert [request.plan for request in report.requests] == [None] * 4
     notes = "\n".join(report.notes)

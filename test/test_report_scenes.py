@@ -9,6 +9,7 @@ from xml.etree.ElementTree import tostring
 
 import numpy as np
 import pytest
+from answers import FRAME, answer_of
 from rclpy.serialization import serialize_message
 
 from ff_planner_ros.bag.decoding import NANOSECONDS
@@ -20,7 +21,7 @@ from ff_planner_ros.planning.problem import PlanningProblem, Sphere
 from ff_planner_ros.ros.messages.to_messages import (
     obstacles_message,
     request_message,
-    response_from_plan,
+    scene_message,
     target_body_message,
     time_message,
 )
@@ -28,7 +29,7 @@ from ff_planner_ros.runs import report_of_bag
 from ff_planner_ros.runs.recorded_inputs import Moment, heard
 from ff_planner_ros.runs.report_words import obstacle_table
 
-FRAME, START = "inertial", 1_000 * NANOSECONDS
+START = 1_000 * NANOSECONDS
 VELOCITY = np.array([0.1, -0.2, 0.4])
 
 
@@ -45,15 +46,14 @@ def test_all_is_drawn_where_it_is_at_the_first_point_and_the_goal_at_the_time_ch
     assert body is not None
     request = request_message(capture, FRAME)
     request.duration, request.duration_max = 5.0, 9.0
-    request.use_target_body, request.use_obstacles = True, True
-    request.target_body = target_body_message(body, seen_ns, FRAME)
+    request.target_body = [target_body_message(body, seen_ns, FRAME)]
     rock = Sphere("rock", np.array([1.0, -2.0, 3.0]), 0.3, VELOCITY)
-    request.obstacles = obstacles_message([rock], seen_ns, FRAME)
-    response = response_from_plan(lemur_plan, "run.1", START, FRAME, 0.5)
-    response.duration = 7.5
-    response.obstacles_stamp = response.target_body_stamp = time_message(seen_ns)
+    request.scene = [scene_message([rock], seen_ns, FRAME)]
+    answer = answer_of(lemur_plan, start_ns=START)
+    answer.plans[0].duration = 7.5
+    answer.inputs.obstacles_stamp = answer.inputs.target_body_stamp = time_message(seen_ns)
     monkeypatch.setattr(report_of_bag, "reported_plan", lambda *told: told)
-    exchange: Any = SimpleNamespace(request=request, response=response)
+    exchange: Any = SimpleNamespace(request=request, response=answer)
     drawn: Any = report_of_bag._plan(exchange, lemur_capture.robot, None, None)
     _, _, goal, (moved, *attached), _ = drawn
     np.testing.assert_allclose(moved.center, rock.center + later * VELOCITY, atol=1e-9)

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+import re
+from dataclasses import fields, replace
 from typing import Any
 from unittest.mock import Mock
 
 import numpy as np
 import pytest
-from ff_planner_msgs.srv import PlanTrajectory
+from ff_planner_msgs.msg import Goal, Obstacle, PlanInputs, PlanRequest
+from pages import SOURCE_TREE
 from ros_processes import FRAME, Scene
 
 from ff_planner_ros.bag.decoding import NANOSECONDS
+from ff_planner_ros.bench import tumbling
+from ff_planner_ros.declared_messages import value_at
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.parameters import LimitParameters, load_parameters
 from ff_planner_ros.planning.plan import Plan
@@ -19,7 +23,9 @@ from ff_planner_ros.planning.problem import Limits, PlanningProblem
 from ff_planner_ros.planning.tail import EndBehaviour
 from ff_planner_ros.ros.inputs.scene_input import SceneInput
 from ff_planner_ros.ros.inputs.state_input import Snapshot
-from ff_planner_ros.ros.messages.to_messages import time_message
+from ff_planner_ros.ros.messages.from_messages import _NOT_YET
+from ff_planner_ros.ros.messages.interfaces import entry_of
+from ff_planner_ros.ros.messages.to_messages import target_body_message, time_message
 from ff_planner_ros.ros.outputs.plan_output import PublishedPlan
 from ff_planner_ros.ros.requests.reading import (
     Knowledge,
@@ -38,7 +44,7 @@ PARAMETERS = {
     "planning_allowance": 2.0,
     "start_max_lead": 600.0,
     "following_tolerance": 0.02,
-    "end_behaviour": "as_planned",
+    "end_behaviour": "none",
     "tail_duration": 1.5,
     "state_max_age": 0.5,
     "state_max_lead": 0.05,
@@ -53,7 +59,7 @@ def limiting(**angles: float) -> LimitParameters:
 
 def asked(
     problem: PlanningProblem,
-    request: PlanTrajectory.Request,
+    request: PlanRequest,
     measured_ns: int = NOW,
     published: PublishedPlan | None = None,
     **parameters: Any,
@@ -75,7 +81,7 @@ def test_without_a_start_time_the_plan_starts_after_the_allowance(
     assert found.start_ns == NOW + 2 * NANOSECONDS
     assert found.task.ahead == pytest.approx(2.3)
     assert found.provenance == Provenance(
-        taken_up_ns=NOW,
+        received_stamp_ns=NOW,
         state_stamp_ns=NOW - 300_000_000,
         state_source="chaser_state",
         task_digest=found.task.digest,
@@ -85,11 +91,11 @@ def test_without_a_start_time_the_plan_starts_after_the_allowance(
 
 def test_a_refusal_tells_its_sources_as_far_as_it_came(lemur_capture: PlanningProblem) -> None:
     request = Scene(lemur_capture).complete_request()
-    request.obstacles.header.frame_id = "elsewhere"
-    with pytest.raises(RequestRefused, match=r"obstacles\.header\.frame_id") as refusal:
+    request.scene[0].header.frame_id = "elsewhere"
+    with pytest.raises(RequestRefused, match=r"scene\.header\.frame_id") as refusal:
         asked(lemur_capture, request)
     known = Provenance(
-        taken_up_ns=NOW, state_stamp_ns=NOW, state_source="start_state", geometry="lines"
+        received_stamp_ns=NOW, state_stamp_ns=NOW, state_source="start_state", geometry="lines"
     )
     assert refusal.value.provenance == known
 
@@ -113,14 +119,14 @@ def test_a_start_time_that_is_over_or_far_ahead_is_refused(
         assert word in str(refusal.value)
 
 
-@pytest.mark.parametrize("field", ["start_time", "start_state", "obstacles"])
+@pytest.mark.parametrize("field", ["start_time", "start_state", "scene"])
 @pytest.mark.parametrize("nanosec", [1_000_000_000, 2**32 - 1])
 def test_a_time_with_more_nanoseconds_than_a_second_is_refused(
     lemur_capture: PlanningProblem, field: str, nanosec: int
 ) -> None:
     request = Scene(lemur_capture).complete_request()
     part = getattr(request, field)
-    time = part if field == "start_time" else part.header.stamp
+    time = part if field == "start_time" else part[0].header.stamp
     time.sec, time.nanosec = NOW // NANOSECONDS - 1, nanosec
     with pytest.raises(InvalidInput, match=rf"{field}.*nanosec is {nanosec}: it must be less"):
         asked(lemur_capture, request)
@@ -170,7 +176,7 @@ def test_the_joints_follow_the_last_plan_if_that_is_where_they_are(
     found = asked(problem, Scene(problem).request(), published=published)
     running = found.task.running
     assert (running is not None) == follows
-    assert found.provenance.following == ("run.1" if follows else "")
+    assert found.provenance.previous_plan_id == ("run.1" if follows else "")
     if running is not None:
         assert running.time[0] == pytest.approx(-since)
 
@@ -215,7 +221,7 @@ def test_a_state_that_a_request_brings_is_as_old_and_as_early_as_one_heard_may_b
     lemur_capture: PlanningProblem, age: float, status: Status | None
 ) -> None:
     request = Scene(lemur_capture).complete_request()
-    request.start_state.header.stamp = time_message(NOW - round(age * NANOSECONDS))
+    request.start_state[0].header.stamp = time_message(NOW - round(age * NANOSECONDS))
     if status is None:
         found = asked(lemur_capture, request)
         assert found.provenance.state_stamp_ns == NOW - round(age * NANOSECONDS)
@@ -228,7 +234,7 @@ def test_a_state_that_a_request_brings_is_as_old_and_as_early_as_one_heard_may_b
 
 def test_a_state_that_is_brought_without_a_stamp_is_of_now(lemur_capture: PlanningProblem) -> None:
     request = Scene(lemur_capture).complete_request()
-    request.start_state.header.stamp = time_message(0)
+    request.start_state[0].header.stamp = time_message(0)
     found = asked(lemur_capture, request)
     assert found.provenance.state_stamp_ns == NOW
     assert found.task.ahead == pytest.approx(2.0)
@@ -238,11 +244,12 @@ def test_what_the_arm_does_after_the_goal_lasts_as_long_as_the_parameter_says_or
     lemur_capture: PlanningProblem,
 ) -> None:
     request = Scene(lemur_capture).request()
-    assert asked(lemur_capture, request, end_behaviour="as_planned").task.tail == 0.0
+    assert asked(lemur_capture, request, end_behaviour="none").task.tail == 0.0
     assert asked(lemur_capture, request, end_behaviour="stop_joints").task.tail == 1.5
-    request.end_behaviour = "come_home"
-    with pytest.raises(InvalidInput, match=r"end_behaviour is 'come_home'"):
-        asked(lemur_capture, request)
+    for word in ("come_home", "as_planned"):  # which version 0.2 had for none
+        request.end_behaviour = word
+        with pytest.raises(InvalidInput, match=rf"end_behaviour is '{word}'"):
+            asked(lemur_capture, request)
 
 
 @pytest.mark.parametrize("joint", range(7))
@@ -255,45 +262,169 @@ def test_no_joint_is_given_more_acceleration_than_the_parameter_says(
     wanted = 0.5 * most
     wanted[joint] = (1.01 if over else 0.99) * most[joint]
     request = Scene(lemur_capture).request()
-    request.limit_accelerations = wanted.tolist()
+    request.limits.accelerations = wanted.tolist()
     if not over:
         found = asked(lemur_capture, request, limits=limits)
         assert found.task.problem.limits.joint_accelerations == tuple(wanted.tolist())
         return
     name = lemur_capture.robot.joint_names[joint]
-    with pytest.raises(InvalidInput, match=f"limit_accelerations.*joint {name} .*{most[joint]:g}"):
+    with pytest.raises(
+        InvalidInput, match=rf"^limits\.accelerations.*joint {name} .*{most[joint]:g}"
+    ):
         asked(lemur_capture, request, limits=limits)
 
 
 @pytest.mark.parametrize(
     ("asked_for", "parameter", "kept"),
-    [(0.0, 0.0, np.inf), (0.0, 0.3, 0.3), (0.2, 0.3, 0.2), (0.3, 0.3, 0.3), (0.2, 0.0, 0.2)],
+    [([], 0.0, np.inf), ([], 0.3, 0.3), ([0.2], 0.3, 0.2), ([0.3], 0.3, 0.3), ([0.2], 0.0, 0.2)],
 )
 def test_a_request_may_ask_for_a_smaller_limit_of_an_angle_than_the_parameters(
-    lemur_capture: PlanningProblem, asked_for: float, parameter: float, kept: float
+    lemur_capture: PlanningProblem, asked_for: list[float], parameter: float, kept: float
 ) -> None:
     for name in ANGLES:
         request = Scene(lemur_capture).request()
-        setattr(request, f"limit_{name}", asked_for)
+        setattr(request.limits, name, asked_for)
         limits = limiting(**{name: parameter})
         found = asked(lemur_capture, request, limits=limits).task.problem.limits
         assert found == Limits(True, **{name: kept})
 
 
 @pytest.mark.parametrize(
-    ("value", "parameter"), [(-0.1, 0.0), (np.nan, 0.0), (np.nan, 0.3), (0.301, 0.3), (np.inf, 0.3)]
+    ("value", "parameter"),
+    [
+        *((-0.1, 0.0), (np.nan, 0.0), (np.nan, 0.3), (0.301, 0.3), (np.inf, 0.3)),
+        *((0.0, 0.0), (0.0, 0.3)),  # zero is zero: it stands for no parameter
+    ],
 )
 def test_a_limit_of_an_angle_that_is_none_or_more_than_the_parameters_is_refused_by_name(
     lemur_capture: PlanningProblem, value: float, parameter: float
 ) -> None:
     for name in ANGLES:
         request = Scene(lemur_capture).request()
-        setattr(request, f"limit_{name}", value)
+        setattr(request.limits, name, [value])
         limits = limiting(**{name: parameter})
-        with pytest.raises(InvalidInput, match=rf"limit_{name} is {value}") as refused:
+        with pytest.raises(InvalidInput, match=rf"^limits\.{name} is {value}") as refused:
             asked(lemur_capture, request, limits=limits)
         assert ("at most 0.3 rad" in refused.value.allowed) == (parameter == 0.3)
-        assert f"the parameter limits.{name}," in refused.value.allowed
+        assert f"the parameter limits.{name} holds" in refused.value.allowed
+
+
+@pytest.mark.parametrize("given", [[0.0], [-0.1], [np.nan], [0.1] * 6 + [0.0]])
+def test_an_acceleration_of_zero_is_none_and_does_not_stand_for_the_parameter(
+    lemur_capture: PlanningProblem, given: list[float]
+) -> None:
+    request = Scene(lemur_capture).request()
+    request.limits.accelerations = given
+    with pytest.raises(InvalidInput, match=rf"^limits\.accelerations\[{len(given) - 1}\] is "):
+        asked(lemur_capture, request)
+
+
+# What a file of message definitions says of its fields.
+PLACES = {"PlanRequest": "", "Limits": "limits.", "SearchOptions": "search.", "Scene": "scene[0]."}
+UNSUPPORTED = re.compile(r"^\S+ (\w+) +# .*not supported yet", re.MULTILINE)
+DEFINITIONS = SOURCE_TREE / "msg_defs" / "msg"
+
+
+def said_to_be_unsupported(message: str) -> list[str]:
+    return UNSUPPORTED.findall((DEFINITIONS / f"{message}.msg").read_text(encoding="utf-8"))
+
+
+def test_what_the_definitions_call_unsupported_is_what_the_planner_refuses() -> None:
+    told = {
+        f"{at}{name}" for message, at in PLACES.items() for name in said_to_be_unsupported(message)
+    }
+    assert told - {"on_cancel"} == set(_NOT_YET)
+    assert said_to_be_unsupported("TargetBody") == ["bodies", "urdf"]
+
+
+@pytest.mark.parametrize("place", _NOT_YET)
+def test_what_is_not_supported_yet_is_refused_by_its_name(
+    lemur_capture: PlanningProblem, place: str
+) -> None:
+    """A limit of zero is given, too."""
+    request = Scene(lemur_capture).complete_request()
+    block, _, name = place.rpartition(".")
+    holder = value_at(request, block)
+    left_out = getattr(holder, name)
+    if isinstance(left_out, str | int):
+        setattr(holder, name, type(left_out)("1"))
+    else:
+        is_list = isinstance(left_out, list)
+        setattr(holder, name, [entry_of(holder, name) if is_list else 0.0])
+    refuse_unsupported(lemur_capture, request, place.replace("[0]", ""))
+    setattr(holder, name, left_out)
+    asked(lemur_capture, request)
+
+
+def refuse_unsupported(problem: PlanningProblem, request: PlanRequest, field: str) -> None:
+    with pytest.raises(RequestRefused) as refused:
+        asked(problem, request)
+    assert (refused.value.status, refused.value.field) == (Status.UNSUPPORTED, field)
+
+
+@pytest.mark.parametrize(
+    ("kind", "status"),
+    [
+        *((Goal.JOINTS, Status.UNSUPPORTED), (Goal.AT_REST, Status.UNSUPPORTED)),
+        *((4, Status.OUT_OF_RANGE), (255, Status.OUT_OF_RANGE)),
+    ],
+)
+def test_a_kind_of_goal_that_is_not_supported_or_none_is_refused(
+    lemur_capture: PlanningProblem, kind: int, status: Status
+) -> None:
+    request = Scene(lemur_capture).request()
+    request.goal.kind = kind
+    with pytest.raises(
+        InvalidInput, match=rf"^goal\.kind is {kind}: it must be POSE \(0\) or CAP"
+    ) as refused:
+        asked(lemur_capture, request)
+    assert refused.value.status is status
+
+
+@pytest.mark.parametrize(
+    ("word", "status"),
+    [
+        *(("", None), ("discard", None), ("best", Status.UNSUPPORTED)),
+        *(("DISCARD", Status.OUT_OF_RANGE), ("x\n", Status.OUT_OF_RANGE)),
+    ],
+)
+def test_what_a_cancelled_action_leaves_is_nothing_as_yet(
+    lemur_capture: PlanningProblem, word: str, status: Status | None
+) -> None:
+    request = Scene(lemur_capture).request()
+    request.on_cancel = word
+    if status is None:
+        asked(lemur_capture, request)
+        return
+    with pytest.raises(InvalidInput, match=r"^on_cancel is .*: it must be discard") as refused:
+        asked(lemur_capture, request)
+    assert (refused.value.status, refused.value.field) == (status, "on_cancel")
+
+
+@pytest.mark.parametrize("field", ["bodies", "urdf"])
+def test_shapes_of_a_target_body_are_refused_by_name(field: str) -> None:
+    problem = tumbling.problem("tumbling", 0)
+    assert problem.target_body is not None
+    request = Scene(problem).complete_request()
+    request.target_body = [target_body_message(problem.target_body, NOW, FRAME)]
+    asked(problem, request)
+    (body,) = request.target_body
+    setattr(body, field, [Obstacle()] if field == "bodies" else "<robot/>")
+    refuse_unsupported(problem, request, f"target_body.{field}")
+
+
+def test_wheels_that_a_robot_does_not_have_have_no_momenta(lemur_capture: PlanningProblem) -> None:
+    request = Scene(lemur_capture).complete_request()
+    request.start_state[0].wheel_momenta = [0.0]
+    with pytest.raises(InvalidInput) as refused:
+        asked(lemur_capture, request)
+    assert refused.value.status is Status.WRONG_SIZE
+    assert refused.value.field == "start_state.wheel_momenta"
+
+
+def test_an_answer_tells_all_that_it_was_made_from() -> None:
+    told = {item.name.removesuffix("_ns") for item in fields(Provenance)}
+    assert told == {*PlanInputs.get_fields_and_field_types(), "task_digest", "geometry"}
 
 
 @pytest.mark.parametrize("name", ["two\nlines", "\x1b[31m", "n" * 201])
@@ -301,8 +432,8 @@ def test_a_name_of_who_asks_that_would_spoil_the_log_is_refused(
     lemur_capture: PlanningProblem, name: str
 ) -> None:
     request = Scene(lemur_capture).request()
-    request.asked_by = name
-    with pytest.raises(InvalidInput, match=r"asked_by is .*at most 200 printable characters"):
+    request.requester = name
+    with pytest.raises(InvalidInput, match=r"requester is .*at most 200 printable characters"):
         asked(lemur_capture, request)
 
 

@@ -9,8 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from ff_planner_msgs.srv import PlanTrajectory
-from service_msgs.msg import ServiceEventInfo
+from answers import answer_of, received, sent
+from ff_planner_msgs.msg import Limits as LimitsMessage
+from ff_planner_msgs.msg import PlanAnswer, PlanRequest
 
 from ff_planner_ros.bag.encoding import encode
 from ff_planner_ros.bag.robot_plans import robot_plans
@@ -21,11 +22,7 @@ from ff_planner_ros.planning.plan import Plan
 from ff_planner_ros.planning.problem import Limits, PlanningProblem
 from ff_planner_ros.planning.task import PlanningTask
 from ff_planner_ros.planning.uncertainty import Uncertainty
-from ff_planner_ros.ros.messages.to_messages import (
-    obstacles_message,
-    response_from_error,
-    response_from_plan,
-)
+from ff_planner_ros.ros.messages.to_messages import answer_of_error, obstacles_message
 from ff_planner_ros.runs.offline_bag import record_answer
 
 EVENTS, EVENT = "/servicer/plan/_service_event", "ff_planner_msgs/srv/PlanTrajectory_Event"
@@ -37,18 +34,14 @@ def parameters(robot: object) -> bytes:
     return yaml.safe_dump({"/**": {"ros__parameters": {"robot": robot}}}).encode()
 
 
-def write_bag(
-    directory: Path, attachments: dict[str, bytes], *responses: PlanTrajectory.Response
-) -> Path:
+def write_bag(directory: Path, attachments: dict[str, bytes], *answers: PlanAnswer) -> Path:
     with BagWriter(directory, flush_interval=0.0) as bag:
         for name, content in attachments.items():
             bag.attach(name, "text/plain", content)
         bag.add_topic(EVENTS, EVENT, [])
-        bag.write(EVENTS, encode(PlanTrajectory.Event(request=[PlanTrajectory.Request()])), 0, 0)
-        for time, response in enumerate(responses):
-            event = PlanTrajectory.Event(response=[response])
-            event.info.event_type = ServiceEventInfo.RESPONSE_SENT
-            bag.write(EVENTS, encode(event), time, time)
+        bag.write(EVENTS, encode(received(PlanRequest())), 0, 0)
+        for time, answer in enumerate(answers):
+            bag.write(EVENTS, encode(sent(answer)), time, time)
     return directory
 
 
@@ -69,11 +62,8 @@ def test_robot_and_plan_come_back_as_they_were(
 def test_every_plan_of_a_run_is_found_and_refusals_are_left_out(
     lemur_capture: PlanningProblem, lemur_plan: Plan, tmp_path: Path
 ) -> None:
-    first, third = (
-        response_from_plan(lemur_plan, f"run.{number}", 10**18, "inertial", 0.1)
-        for number in (1, 3)
-    )
-    second = response_from_error(NoPlanFound(Status.COLLISION, "too near"), "run.2", 0.1)
+    first, third = (answer_of(lemur_plan, f"run.{number}") for number in (1, 3))
+    second = answer_of_error(NoPlanFound(Status.COLLISION, "too near"), "run.2", 0.1)
     attached = {
         "robot.urdf": lemur_capture.robot.urdf.encode(),
         "parameters.yaml": parameters(LINKS),
@@ -85,13 +75,14 @@ def test_every_plan_of_a_run_is_found_and_refusals_are_left_out(
 def test_an_answer_whose_arrays_do_not_fit_each_other_is_refused_by_name(
     lemur_capture: PlanningProblem, lemur_plan: Plan, tmp_path: Path
 ) -> None:
-    response = response_from_plan(lemur_plan, "run.1", 10**18, "inertial", 0.1)
-    response.joint_trajectory.points = response.joint_trajectory.points[:-1]
+    answer = answer_of(lemur_plan)
+    motion = answer.plans[0].joint_trajectory
+    motion.points = motion.points[:-1]
     attached = {
         "robot.urdf": lemur_capture.robot.urdf.encode(),
         "parameters.yaml": parameters(LINKS),
     }
-    bag = write_bag(tmp_path / "bag", attached, response)
+    bag = write_bag(tmp_path / "bag", attached, answer)
     with pytest.raises(BagError, match=r"run\.1 on .* cannot be understood: .*\(50, 7\)"):
         robot_plans(bag)
 
@@ -124,30 +115,30 @@ def test_a_bag_without_plans_tells_its_answers(
 def test_a_bag_that_does_not_say_what_its_plans_are_for_is_refused(
     attached: dict[str, bytes], message: str, lemur_plan: Plan, tmp_path: Path
 ) -> None:
-    response = response_from_plan(lemur_plan, "run.1", 10**18, "inertial", 0.1)
-    bag = write_bag(tmp_path / "bag", attached, response)
+    answer = answer_of(lemur_plan)
+    bag = write_bag(tmp_path / "bag", attached, answer)
     with pytest.raises(BagError, match=message):
         robot_plans(bag)
 
 
 def test_an_attached_urdf_that_is_none_is_refused(lemur_plan: Plan, tmp_path: Path) -> None:
-    response = response_from_plan(lemur_plan, "run.1", 10**18, "inertial", 0.1)
+    answer = answer_of(lemur_plan)
     attached = {"robot.urdf": b"\xff\xfe", "parameters.yaml": parameters(LINKS)}
     with pytest.raises(InvalidInput, match=r"robot\.urdf is not XML"):
-        robot_plans(write_bag(tmp_path / "bag", attached, response))
+        robot_plans(write_bag(tmp_path / "bag", attached, answer))
 
 
 def test_a_plan_for_other_joints_is_refused(
     lemur_capture: PlanningProblem, lemur_plan: Plan, tmp_path: Path
 ) -> None:
-    response = response_from_plan(lemur_plan, "run.1", 10**18, "inertial", 0.1)
-    response.joint_trajectory.joint_names = [f"other_{k}" for k in range(7)]
+    answer = answer_of(lemur_plan)
+    answer.plans[0].joint_trajectory.joint_names = [f"other_{k}" for k in range(7)]
     attached = {
         "robot.urdf": lemur_capture.robot.urdf.encode(),
         "parameters.yaml": parameters(LINKS),
     }
     with pytest.raises(BagError, match=r"run\.1 moves other_0.*its robot has joint_1"):
-        robot_plans(write_bag(tmp_path / "bag", attached, response))
+        robot_plans(write_bag(tmp_path / "bag", attached, answer))
 
 
 def test_a_plan_comes_with_the_scene_that_it_was_made_among(
@@ -157,23 +148,21 @@ def test_a_plan_comes_with_the_scene_that_it_was_made_among(
     record_answer(tmp_path / "bag", PlanningTask(lemur_capture, SETTINGS), lemur_plan, 0.5)
     (asked,) = robot_plans(tmp_path / "bag").scenes.values()
     stamp = 10**18 + 5 * 10**9
-    response = response_from_plan(lemur_plan, "run.1", 10**18, "inertial", 0.1)
-    response.obstacles_stamp.sec = stamp // 10**9
+    answer = answer_of(lemur_plan)
+    answer.inputs.obstacles_stamp.sec = stamp // 10**9
     attached = {
         "robot.urdf": lemur_capture.robot.urdf.encode(),
         "parameters.yaml": parameters(LINKS),
     }
-    alone = write_bag(tmp_path / "alone", attached, response)
+    alone = write_bag(tmp_path / "alone", attached, answer)
     with BagWriter(tmp_path / "received", flush_interval=0.0) as bag:
         for name, content in attached.items():
             bag.attach(name, "text/plain", content)
         message = obstacles_message(lemur_capture.obstacles, stamp, "inertial")
         bag.add_topic("/obstacles", "ff_planner_msgs/msg/ObstacleSphereArray", [])
         bag.write("/obstacles", encode(message), 0, 0)
-        event = PlanTrajectory.Event(response=[response])
-        event.info.event_type = ServiceEventInfo.RESPONSE_SENT
         bag.add_topic(EVENTS, EVENT, [])
-        bag.write(EVENTS, encode(event), 1, 1)
+        bag.write(EVENTS, encode(sent(answer)), 1, 1)
     (received,) = robot_plans(tmp_path / "received").scenes.values()
     for scene in (asked, received):
         for found, wanted in zip(scene.obstacles, lemur_capture.obstacles, strict=True):
@@ -189,13 +178,13 @@ def test_a_plan_comes_with_the_scene_that_it_was_made_among(
 @pytest.mark.parametrize("effort", ["from_urdf", "none"])
 @pytest.mark.parametrize(
     ("asked", "parameter", "kept"),
-    [(0.0, 0.0, math.inf), (0.0, 0.3, 0.3), (0.2, 0.3, 0.2), (0.2, 0.0, 0.2)],
+    [([], 0.0, math.inf), ([], 0.3, 0.3), ([0.2], 0.3, 0.2), ([0.2], 0.0, 0.2)],
 )
 def test_a_plan_comes_with_the_limits_of_the_node_and_of_its_request(
     lemur_capture: PlanningProblem,
     lemur_plan: Plan,
     tmp_path: Path,
-    asked: float,
+    asked: list[float],
     parameter: float,
     kept: float,
     effort: str,
@@ -212,18 +201,13 @@ def test_a_plan_comes_with_the_limits_of_the_node_and_of_its_request(
         "parameters.yaml": yaml.safe_dump({"/**": {"ros__parameters": told}}).encode(),
     }
     directory = tmp_path / "bag"
-    response = response_from_plan(lemur_plan, "run.1", 10**18, "inertial", 0.1)
-    request = PlanTrajectory.Request(**{f"limit_{angle}": asked})
+    answer = answer_of(lemur_plan)
+    request = PlanRequest(limits=LimitsMessage(**{angle: asked}))
     with BagWriter(directory, flush_interval=0.0) as bag:
         for name, content in attached.items():
             bag.attach(name, "text/plain", content)
         bag.add_topic(EVENTS, EVENT, [])
-        for time, event in enumerate(
-            (PlanTrajectory.Event(request=[request]), PlanTrajectory.Event(response=[response]))
-        ):
-            event.info.event_type = (
-                ServiceEventInfo.RESPONSE_SENT if time else ServiceEventInfo.REQUEST_RECEIVED
-            )
+        for time, event in enumerate((received(request), sent(answer))):
             bag.write(EVENTS, encode(event), time, time)
     found = robot_plans(directory)
     limits = found.limits["run.1"]

@@ -177,14 +177,14 @@ def test_near_the_goal_is_within_the_contact_distance_of_where_the_grasp_is() ->
     drift = np.array([0.1, 0.0, 0.0])
     moving = replace(found.problem.target, linear_velocity=drift)
     problem = replace(
-        found.problem, target=moving, allowed_at_goal=(f"{a}/{b}",), contact_distance=0.1
+        found.problem, target=moving, allowed_collisions=(f"{a}/{b}",), contact_distance=0.1
     )
     # The end effector rests where the grasp will be: a tenth of a metre from it a second before.
     q, goal = found.q[0], problem.duration
     assert is_near_goal(problem, q, goal)
     assert is_near_goal(problem, q, goal - 0.99)
     assert not is_near_goal(problem, q, goal - 1.01)
-    assert not is_near_goal(replace(problem, allowed_at_goal=()), q, goal)
+    assert not is_near_goal(replace(problem, allowed_collisions=()), q, goal)
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
@@ -215,7 +215,7 @@ def test_near_the_goal_the_pairs_that_may_touch_are_no_contact() -> None:
             break
     assert touching is not None
     links = [name.split("#")[0] for name in (touching.first, touching.second)]
-    near = replace(found.problem, allowed_at_goal=("/".join(links),), contact_distance=100.0)
+    near = replace(found.problem, allowed_collisions=("/".join(links),), contact_distance=100.0)
     other = deepest_contact(near, q)
     assert other is None or {other.first, other.second} != {touching.first, touching.second}
     before = deepest_contact(replace(near, contact_distance=1e-6), q)
@@ -241,11 +241,11 @@ def test_near_the_goal_what_is_allowed_is_no_contact() -> None:
     touching = deepest_contact(near, q)
     assert touching is not None
     allowed = (f"{touching.first.split('#')[0]}/s",)
-    assert deepest_contact(replace(near, allowed_at_goal=allowed), q) is None
+    assert deepest_contact(replace(near, allowed_collisions=allowed), q) is None
     away = replace(near.target, position=near.target.position + np.array([0.2, 0.0, 0.0]))
-    assert deepest_contact(replace(near, allowed_at_goal=allowed, target=away), q) is not None
+    assert deepest_contact(replace(near, allowed_collisions=allowed, target=away), q) is not None
     other = (f"{touching.first.split('#')[0]}/moon",)
-    assert deepest_contact(replace(near, allowed_at_goal=other), q) is not None
+    assert deepest_contact(replace(near, allowed_collisions=other), q) is not None
 
 
 def test_fast_joints_take_more_steps_either_way() -> None:

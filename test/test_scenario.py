@@ -352,3 +352,105 @@ def test_conditions_that_are_too_many_are_named_before_an_arm_that_cannot_rest(
     path.write_text(yaml.safe_dump(scenario))
     with pytest.raises(InvalidInput, match=r"target\.orientation is fixed: .*the arm has 5 joints"):
         load_scenario(path)
+
+
+APPROACH = {"direction": [0.0, 0.0, 1.0], "distance": 0.2}
+PAIRS = ["link_7/mast"]
+# What files of version 0.2 say, what is said now, and what is told: the old name and the new one.
+FORMERLY: list[tuple[dict[str, Any], dict[str, Any], set[str]]] = [
+    (
+        {"approach": APPROACH | {"cone": 0.3}},
+        {"approach": APPROACH | {"half_angle": 0.3}},
+        {"approach.cone is deprecated: say approach.half_angle"},
+    ),
+    (
+        {"allowed_at_goal": PAIRS},
+        {"allowed_collisions": {"pairs": PAIRS}},
+        {"allowed_at_goal is deprecated: say allowed_collisions.pairs"},
+    ),
+    (
+        {"allowed_at_goal": PAIRS, "contact_distance": 0.25},
+        {"allowed_collisions": {"pairs": PAIRS, "distance": 0.25}},
+        {
+            "allowed_at_goal is deprecated: say allowed_collisions.pairs",
+            "contact_distance is deprecated: say allowed_collisions.distance",
+        },
+    ),
+    (
+        {"allowed_collisions": {"pairs": PAIRS}, "contact_distance": 0.25},
+        {"allowed_collisions": {"pairs": PAIRS, "distance": 0.25}},
+        {"contact_distance is deprecated: say allowed_collisions.distance"},
+    ),
+    (
+        {"end_behaviour": "as_planned", "tail_duration": 2.0},
+        {"end_behaviour": "none", "tail_duration": 2.0},
+        {"end_behaviour: as_planned is deprecated: say none"},
+    ),
+]
+
+
+def saved_with(directory: Path, more: dict[str, Any]) -> Path:
+    """Write `SCENARIO` with more keys."""
+    path = directory / "scenario.yaml"
+    path.write_text(yaml.safe_dump(SCENARIO | more))
+    return path
+
+
+@pytest.mark.parametrize(("old", "new", "told"), FORMERLY)
+def test_a_key_of_version_0_2_is_the_same_task_and_both_names_are_told(
+    directory: Path, old: dict[str, Any], new: dict[str, Any], told: set[str]
+) -> None:
+    defaults = load_parameters().of_scenarios()
+    present = load_task(saved_with(directory, new), defaults)
+    with pytest.warns(FutureWarning) as warned:
+        former = load_task(saved_with(directory, old), defaults)
+    assert {str(one.message) for one in warned} == told
+    assert former.digest == present.digest
+    assert former.digest != load_task(saved(directory), defaults).digest or "end_behaviour" in old
+    for name in ("allowed_collisions", "contact_distance"):
+        assert getattr(former.problem, name) == getattr(present.problem, name)
+    assert former.end_behaviour is present.end_behaviour
+
+
+@pytest.mark.parametrize(
+    ("given", "field", "words"),
+    [
+        (
+            {"approach": APPROACH | {"cone": 0.3, "half_angle": 0.3}},
+            *("approach.cone", "give half_angle alone"),
+        ),
+        (
+            {"allowed_at_goal": PAIRS, "allowed_collisions": {"pairs": PAIRS}},
+            *("allowed_at_goal", "give allowed_collisions.pairs alone"),
+        ),
+        (
+            {"contact_distance": 0.2, "allowed_collisions": {"pairs": PAIRS, "distance": 0.2}},
+            *("contact_distance", "give allowed_collisions.distance alone"),
+        ),
+    ],
+)
+def test_a_key_of_version_0_2_and_what_it_is_now_are_not_given_together(
+    directory: Path, given: dict[str, Any], field: str, words: str
+) -> None:
+    """Be they the same or not."""
+    path = saved_with(directory, given)
+    with pytest.warns(FutureWarning):
+        refusal = refusal_of(path)
+    assert (refusal.field, refusal.value, refusal.allowed) == (field, "given twice", words)
+
+
+@pytest.mark.parametrize(
+    ("given", "field"),
+    [
+        ({"allowed_collisions": PAIRS, "contact_distance": 0.2}, "allowed_collisions"),
+        ({"approach": APPROACH | {"cone": 9.0}}, "approach.half_angle"),
+        ({"allowed_at_goal": PAIRS, "contact_distance": 0.0}, "allowed_collisions.distance"),
+        ({"allowed_at_goal": "link_7/mast"}, "allowed_collisions.pairs"),
+    ],
+)
+def test_a_key_of_version_0_2_hides_no_fault(
+    directory: Path, given: dict[str, Any], field: str
+) -> None:
+    path = saved_with(directory, given)
+    with pytest.warns(FutureWarning):
+        assert refusal_of(path).field == field

@@ -91,7 +91,7 @@ def random_task(robot: Robot, seed: int) -> PlanningTask:
         )
         if rng.random() < 0.5
         else None,
-        end_behaviour=list(EndBehaviour)[rng.integers(3)] if ends else EndBehaviour.AS_PLANNED,
+        end_behaviour=list(EndBehaviour)[rng.integers(3)] if ends else EndBehaviour.NONE,
         tail=abs(number(rng)),
         controller=Controller(robot.joint_names, False, bool(rng.random() < 0.5))
         if rng.random() < 0.5
@@ -220,7 +220,7 @@ def test_what_a_scenario_does_not_say_is_the_formats_default_or_the_parameters(
     path = written(tmp_path, "planner: {starts: 3}")
     alone = load_task(path, Defaults(SETTINGS))
     assert alone.problem.limits == Limits()
-    assert (alone.end_behaviour, alone.controller) == (EndBehaviour.AS_PLANNED, None)
+    assert (alone.end_behaviour, alone.controller) == (EndBehaviour.NONE, None)
     assert alone.settings == replace(SETTINGS, starts=3)
     file = tmp_path / "planner.yaml"
     file.write_text(

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import pytest
-from ff_planner_msgs.msg import ObstacleSphere, ObstacleSphereArray
+from ff_planner_msgs.msg import Obstacle, ObstacleArray, ObstacleSphere, ObstacleSphereArray
+from ff_planner_msgs.msg import Scene as SceneMessage
 from rclpy.serialization import serialize_message
 
 from ff_planner_ros.bench import tumbling
@@ -22,12 +23,17 @@ def _array(*radii: float, source: str = "vision", sec: int = 12) -> ObstacleSphe
     return message
 
 
+def _own(array: ObstacleSphereArray) -> SceneMessage:
+    """Return what a request brings itself, with the same spheres."""
+    return SceneMessage(header=array.header, spheres=array.spheres)
+
+
 @pytest.fixture
 def scene_input() -> SceneInput:
     return SceneInput(FRAME)
 
 
-def _refusal(scene_input: SceneInput, own: ObstacleSphereArray | None = None) -> InvalidInput:
+def _refusal(scene_input: SceneInput, own: SceneMessage | None = None) -> InvalidInput:
     with pytest.raises(InvalidInput) as refusal:
         scene_input.scene(own)
     return refusal.value
@@ -74,6 +80,7 @@ def test_a_stamp_with_more_nanoseconds_than_a_second_is_refused(scene_input: Sce
     bad.header.stamp.nanosec = 2_000_000_000
     scene_input.keep(bad)
     assert _refusal(scene_input).field == "obstacles.header.stamp.nanosec"
+    assert _refusal(scene_input, _own(bad)).field == "scene.header.stamp.nanosec"
 
 
 def test_serialised_or_not_it_is_the_same_scene(scene_input: SceneInput) -> None:
@@ -84,23 +91,64 @@ def test_serialised_or_not_it_is_the_same_scene(scene_input: SceneInput) -> None
     assert scene_input.scene() is scene, "it is read once"
 
 
-def test_a_requests_own_obstacles_go_before_those_heard_of_and_are_not_kept(
+def test_a_requests_own_scene_goes_before_those_heard_of_and_is_not_kept(
     scene_input: SceneInput,
 ) -> None:
     scene_input.keep(_array(0.1))
-    assert scene_input.scene(_array(0.2, source="executive")).source == "executive"
+    scene_input.callbacks()["obstacle_bodies"](_bodies(Obstacle()))  # refused where it counts
+    own = scene_input.scene(_own(_array(0.2, sec=14)))
+    assert [sphere.radius for sphere in own.spheres] == [0.2]
+    assert (own.stamp_ns, own.source) == (14 * SECOND, "scene")
+    assert (own.bodies_stamp_ns, own.bodies_source) == (0, "")
+    assert scene_input.scene(SceneMessage(header=_array().header)).spheres == ()
+    scene_input.callbacks()["obstacle_bodies"](_bodies())
     assert scene_input.scene().source == "vision"
+
+
+def _bodies(*bodies: Obstacle, sec: int = 13) -> ObstacleArray:
+    message = ObstacleArray(source="mapper", bodies=list(bodies))
+    message.header.frame_id, message.header.stamp.sec = FRAME, sec
+    return message
+
+
+@pytest.mark.parametrize("serialised", [False, True])
+def test_bodies_are_refused_by_name_until_an_array_without_them_comes(
+    scene_input: SceneInput, serialised: bool
+) -> None:
+    """Left out of a plan, they would be hit; spheres come on a topic of their own."""
+    scene_input.keep(_array(0.1))
+    scene = scene_input.scene()
+    assert (scene.bodies_stamp_ns, scene.bodies_source) == (0, ""), "nobody needs to publish them"
+
+    def keep(message: ObstacleArray) -> None:
+        told = serialize_message(message) if serialised else message
+        scene_input.callbacks()["obstacle_bodies"](told)
+
+    keep(_bodies(Obstacle(id="panel"), Obstacle(id="mast")))
+    refusal = _refusal(scene_input)
+    assert (refusal.status, refusal.field) == (Status.UNSUPPORTED, "obstacle_bodies.bodies")
+    assert refusal.value == "2 bodies"
+    keep(_bodies(sec=15))
+    scene = scene_input.scene()
+    assert [sphere.radius for sphere in scene.spheres] == [0.1]
+    assert (scene.bodies_stamp_ns, scene.bodies_source) == (15 * SECOND, "mapper")
+    assert (scene.stamp_ns, scene.source) == (12 * SECOND, "vision")
+
+
+def test_bodies_without_spheres_are_no_scene(scene_input: SceneInput) -> None:
+    scene_input.callbacks()["obstacle_bodies"](_bodies())
+    assert _refusal(scene_input).status is Status.NO_OBSTACLES
 
 
 @pytest.mark.parametrize("where", ["topic", "request"])
 @pytest.mark.parametrize(
     ("spoil", "status", "field"),
     [
-        ("frame", Status.WRONG_FRAME, "obstacles.header.frame_id"),
-        ("id", Status.OUT_OF_RANGE, "obstacles.spheres[2].id"),
-        ("radius", Status.OUT_OF_RANGE, "obstacles.spheres[1].radius"),
-        ("center", Status.NOT_FINITE, "obstacles.spheres[1].center"),
-        ("turning", Status.UNSUPPORTED, "obstacles.spheres[1].twist.angular"),
+        ("frame", Status.WRONG_FRAME, "header.frame_id"),
+        ("id", Status.OUT_OF_RANGE, "spheres[2].id"),
+        ("radius", Status.OUT_OF_RANGE, "spheres[1].radius"),
+        ("center", Status.NOT_FINITE, "spheres[1].center"),
+        ("turning", Status.UNSUPPORTED, "spheres[1].twist.angular"),
     ],
 )
 def test_a_bad_scene_is_told_and_hides_the_good_one_until_the_next_good_one(
@@ -122,8 +170,9 @@ def test_a_bad_scene_is_told_and_hides_the_good_one_until_the_next_good_one(
         scene_input.keep(bad)
         refusal = _refusal(scene_input)
     else:
-        refusal = _refusal(scene_input, bad)
-    assert (refusal.status, refusal.field) == (status, field)
+        refusal = _refusal(scene_input, _own(bad))
+    source = "obstacles" if where == "topic" else "scene"
+    assert (refusal.status, refusal.field) == (status, f"{source}.{field}")
     scene_input.keep(_array(0.4))
     assert [sphere.radius for sphere in scene_input.scene().spheres] == [0.4]
 
@@ -131,10 +180,9 @@ def test_a_bad_scene_is_told_and_hides_the_good_one_until_the_next_good_one(
 def test_an_id_given_twice_is_told_with_the_place_of_the_first(scene_input: SceneInput) -> None:
     bad = _array(0.1, 0.2, 0.3)
     bad.spheres[2].id = "c1"
-    refusal = _refusal(scene_input, bad)
+    refusal = _refusal(scene_input, _own(bad))
     assert str(refusal) == (
-        "obstacles.spheres[2].id is 'c1': "
-        "every id must be given once, and spheres[1] has it already"
+        "scene.spheres[2].id is 'c1': every id must be given once, and spheres[1] has it already"
     )
 
 
@@ -156,21 +204,22 @@ def test_one_sphere_that_moves_is_enough_to_need_the_time_when_it_was_there(
     message, now_ns = _moving_among_still(sec), 100 * SECOND
     if not own:
         scene_input.keep(message)
-    asked = (message if own else None, now_ns, 1.0)
+    asked = (_own(message) if own else None, now_ns, 1.0)
     if status is None:
         assert scene_input.moving_scene(*asked).stamp_ns == sec * SECOND
         return
     with pytest.raises(InvalidInput) as refused:
         scene_input.moving_scene(*asked)
-    assert (refused.value.status, refused.value.field) == (status, "obstacles.header.stamp")
+    field = f"{'scene' if own else 'obstacles'}.header.stamp"
+    assert (refused.value.status, refused.value.field) == (status, field)
 
 
 def test_without_a_stamp_a_requests_moving_spheres_are_of_now_and_others_of_nobody_knows_when(
     scene_input: SceneInput,
 ) -> None:
     now_ns = 100 * SECOND
-    assert scene_input.moving_scene(_moving_among_still(0), now_ns, 1.0).stamp_ns == now_ns
-    assert scene_input.moving_scene(_array(0.1, sec=0), now_ns, 1.0).stamp_ns == 0
+    assert scene_input.moving_scene(_own(_moving_among_still(0)), now_ns, 1.0).stamp_ns == now_ns
+    assert scene_input.moving_scene(_own(_array(0.1, sec=0)), now_ns, 1.0).stamp_ns == 0
     scene_input.keep(_moving_among_still(0))
     with pytest.raises(InvalidInput, match="when the spheres that move were there"):
         scene_input.moving_scene(None, now_ns, 1.0)

@@ -158,7 +158,7 @@ def test_each_source_subscribes_to_its_own_topics(states: Fed, testbed: Fed) -> 
 def test_the_node_subscribes_only_to_what_an_input_takes(source: str, states: Fed) -> None:
     taken = states.input.callbacks() | SceneInput(FRAME).callbacks()
     heard = [topic.name for topic in heard_with(source)]
-    assert heard[-2:] == ["obstacles", "target_body"]
+    assert heard[-3:] == ["obstacles", "obstacle_bodies", "target_body"]
     assert set(heard) <= taken.keys() == INPUT_TOPICS.keys()
 
 

@@ -24,7 +24,7 @@ from ff_planner_ros.robot.momentum import total_momentum
 from ff_planner_ros.simulation.verification import verify
 
 SETTINGS = load_parameters().planner
-AS_PLANNED, HOLD, STOP = EndBehaviour
+NONE, HOLD, STOP = EndBehaviour
 TAILS = pytest.mark.parametrize("behaviour", [HOLD, STOP])
 
 
@@ -58,10 +58,10 @@ def refused_tail(problem: PlanningProblem, sound: Plan, *tail: object) -> NoPlan
     return refused.value
 
 
-def test_as_planned_is_the_plan_and_its_joints_move_at_the_end(
+def test_with_nothing_after_the_goal_it_is_the_plan_and_its_joints_move_at_the_end(
     lemur_capture: PlanningProblem, lemur_plan: Plan
 ) -> None:
-    assert with_tail(lemur_capture, lemur_plan, AS_PLANNED, 0.0, SETTINGS) is lemur_plan
+    assert with_tail(lemur_capture, lemur_plan, NONE, 0.0, SETTINGS) is lemur_plan
     assert np.abs(lemur_plan.trajectory.joint_velocities[-1]).max() > 0.01
 
 

@@ -8,7 +8,7 @@ from unittest.mock import Mock
 
 import numpy as np
 import pytest
-from ff_planner_msgs.srv import PlanTrajectory
+from ff_planner_msgs.msg import PlanRequest
 from ros_processes import FRAME, Scene
 from scipy.spatial.transform import Rotation
 
@@ -66,7 +66,7 @@ def snapshot(running: PublishedPlan, at_ns: int = NOW, **moved: Any) -> Snapshot
 def refusal(published: PublishedPlan | None, measured: Snapshot, start_ns: int) -> InvalidInput:
     with pytest.raises(InvalidInput) as refused:
         continued_plan(published, measured, start_ns, ALLOWED)
-    assert refused.value.field == "continue_plan"
+    assert refused.value.field == "replan_active"
     return refused.value
 
 
@@ -77,7 +77,7 @@ def test_it_joins_where_the_plan_is_by_then_and_its_goal_is_that_much_nearer(
     """A plan's goal is where its tail begins, not where that ends."""
     plan = replace(running, duration=goal if goal < 10.0 else None)
     found = continued_plan(plan, snapshot(plan), NOW + NANOSECONDS // 4, ALLOWED)
-    assert found.joined_at == pytest.approx(4.25, abs=1e-9)
+    assert found.splice_time == pytest.approx(4.25, abs=1e-9)
     assert found.remaining == pytest.approx(goal - 4.25, abs=1e-9)
     assert found.motion.time[[0, -1]] == pytest.approx([-4.0, 6.0], abs=1e-8)
 
@@ -182,7 +182,7 @@ def test_until_the_next_plan_begins_the_one_before_it_says_where_the_system_is(
 ) -> None:
     last, measured = later_plan(running, 0.5), snapshot(running)
     found = continued_plan(last, measured, NOW + NANOSECONDS, ALLOWED)
-    assert found.joined_at == pytest.approx(0.5, abs=1e-9)
+    assert found.splice_time == pytest.approx(0.5, abs=1e-9)
     times = np.array([0.0, 0.2, 0.5, 1.3])
     positions, _, _ = found.motion.at(times)
     first, _, _ = running.motion(NOW).at(times)
@@ -201,7 +201,7 @@ def test_until_the_next_plan_begins_the_one_before_it_says_where_the_system_is(
     assert "where run.1 says" in str(refused)
 
 
-def test_a_plan_that_has_not_begun_by_the_switch_over_is_not_joined(
+def test_a_plan_that_has_not_begun_by_the_handover_is_not_joined(
     running: PublishedPlan,
 ) -> None:
     last = later_plan(running, 0.5)
@@ -211,7 +211,7 @@ def test_a_plan_that_has_not_begun_by_the_switch_over_is_not_joined(
 
 
 def asked(
-    problem: PlanningProblem, running: PublishedPlan, request: PlanTrajectory.Request, late_ns: int
+    problem: PlanningProblem, running: PublishedPlan, request: PlanRequest, late_ns: int
 ) -> ReadRequest:
     states = Mock()
     states.snapshot.return_value = snapshot(running, NOW - late_ns)
@@ -232,7 +232,7 @@ def test_a_request_tells_from_when_on_it_takes_over_and_how_much_remains(
 ) -> None:
     late_ns = NANOSECONDS // 10
     request = Scene(lemur_capture).request()
-    request.continue_plan, request.duration, request.duration_max = True, duration, longest
+    request.replan_active, request.duration, request.duration_max = True, duration, longest
     read = asked(lemur_capture, running, request, late_ns)
     allowance = ALLOWED.allowance
     assert read.start_ns == NOW + round(allowance * NANOSECONDS)
@@ -245,17 +245,17 @@ def test_a_request_tells_from_when_on_it_takes_over_and_how_much_remains(
     assert read.task.running is not None
     assert read.task.running.time[0] == pytest.approx(-3.9, abs=1e-8)
     assert read.task.running_goal == pytest.approx(6.1, abs=1e-9)
-    assert read.provenance.following == "run.1"
-    assert read.provenance.delay == pytest.approx(allowance, abs=1e-9)
-    assert read.provenance.joined_at == pytest.approx(4.0 + allowance, abs=1e-9)
+    assert read.provenance.previous_plan_id == "run.1"
+    assert read.provenance.handover_delay == pytest.approx(allowance, abs=1e-9)
+    assert read.provenance.splice_time == pytest.approx(4.0 + allowance, abs=1e-9)
 
 
 def test_a_refusal_to_take_over_says_from_which_plan(
     lemur_capture: PlanningProblem, running: PublishedPlan
 ) -> None:
     request = Scene(lemur_capture).request()
-    request.continue_plan = True
+    request.replan_active = True
     with pytest.raises(RequestRefused, match=r"run\.1 is at its goal") as refused:
         asked(lemur_capture, replace(running, duration=4.0), request, 0)
     assert refused.value.status is Status.PLAN_ENDING
-    assert refused.value.provenance.following == "run.1"
+    assert refused.value.provenance.previous_plan_id == "run.1"

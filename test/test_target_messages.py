@@ -11,8 +11,7 @@ from unittest.mock import Mock
 
 import numpy as np
 import pytest
-from ff_planner_msgs.msg import ObstacleSphereArray, TargetBody
-from ff_planner_msgs.srv import PlanTrajectory
+from ff_planner_msgs.msg import Goal, ObstacleSphereArray, PlanRequest, TargetBody
 from matplotlib.patches import Circle
 from rclpy.serialization import serialize_message
 from scipy.spatial.transform import Rotation
@@ -47,8 +46,9 @@ from ff_planner_ros.ros.inputs.state_input import Snapshot
 from ff_planner_ros.ros.messages.from_messages import target_body_from_message
 from ff_planner_ros.ros.messages.to_messages import (
     obstacles_message,
+    plan_message,
     request_message,
-    response_from_plan,
+    scene_message,
     target_body_message,
     time_message,
 )
@@ -84,7 +84,7 @@ def message(problem: PlanningProblem, stamp: float = 0.0) -> TargetBody:
 
 def asked(
     problem: PlanningProblem,
-    request: PlanTrajectory.Request,
+    request: PlanRequest,
     body: TargetBody | None = None,
     obstacles: ObstacleSphereArray | None = None,
 ) -> ReadRequest:
@@ -129,7 +129,7 @@ def test_nothing_acts_on_a_body_from_its_stamp_to_the_plans_start(
     request, sent = request_message(problem, FRAME), message(problem, stamp)
     sent.source = "camera"
     if own:
-        request.use_target_body, request.target_body = True, sent
+        request.target_body = [sent]
     found = asked(problem, request, None if own else sent)
     (center,), (attitude,), (rate,) = moved(body_of(problem), np.array([2.0 - stamp]))
     body = body_of(found.task.problem)
@@ -147,11 +147,10 @@ def test_nothing_acts_on_a_body_from_its_stamp_to_the_plans_start(
 
 def test_a_body_that_is_brought_without_a_stamp_was_seen_now(problem: PlanningProblem) -> None:
     request = request_message(problem, FRAME)
-    request.use_target_body = True
     digests = set()
     for time in (time_message(0), time_message(NOW)):
-        request.target_body = message(problem)
-        request.target_body.header.stamp = time
+        request.target_body = [message(problem)]
+        request.target_body[0].header.stamp = time
         found = asked(problem, request)
         assert found.provenance.target_body_stamp_ns == NOW
         digests.add(found.task.digest)
@@ -238,7 +237,7 @@ def test_what_is_no_body_is_refused_by_its_field(
     request, sent = request_message(problem, FRAME), message(problem)
     change(sent)
     if own:
-        request.use_target_body, request.target_body = True, sent
+        request.target_body = [sent]
     refusal = refused(problem, request, None if own else sent)
     assert (refusal.status, refusal.field) == (status, f"target_body.{field}"), refusal
 
@@ -265,7 +264,7 @@ def test_without_any_body_there_is_nothing_to_capture(problem: PlanningProblem) 
 
 def test_a_body_is_not_looked_at_where_nothing_is_captured(problem: PlanningProblem) -> None:
     request, spoilt = request_message(problem, FRAME), message(problem)
-    request.capture, spoilt.inertia.ixx = False, -1.0
+    request.goal.kind, spoilt.inertia.ixx = Goal.POSE, -1.0
     found = asked(problem, request, spoilt)
     assert found.task.problem.target_body is None
     assert found.provenance.target_body_stamp_ns == 0
@@ -274,9 +273,9 @@ def test_a_body_is_not_looked_at_where_nothing_is_captured(problem: PlanningProb
 
 def test_a_capture_fixes_the_orientation(problem: PlanningProblem) -> None:
     request = request_message(problem, FRAME)
-    request.orientation = "free"
+    request.goal.orientation = Goal.FREE
     refusal = refused(problem, request, message(problem))
-    assert (refusal.status, refusal.field) == (Status.UNSUPPORTED, "orientation")
+    assert (refusal.status, refusal.field) == (Status.UNSUPPORTED, "goal.orientation")
 
 
 def test_an_obstacle_and_an_attached_sphere_have_different_names(problem: PlanningProblem) -> None:
@@ -286,9 +285,12 @@ def test_an_obstacle_and_an_attached_sphere_have_different_names(problem: Planni
     assert refusal.field == "target_body.obstacles[1].id"
 
 
+# One of them, which moves.
+ROCKS = (Sphere("rock", np.array([9.0, -1.0, 2.0]), 0.3, np.array([-0.1, 0.02, 0.0])),)
+
+
 def moving(stamp_ns: int) -> ObstacleSphereArray:
-    rock = Sphere("rock", np.array([9.0, -1.0, 2.0]), 0.3, np.array([-0.1, 0.02, 0.0]))
-    return obstacles_message((rock,), stamp_ns, FRAME)
+    return obstacles_message(ROCKS, stamp_ns, FRAME)
 
 
 @pytest.mark.parametrize("age", [0.0, 1.5, 600.0])
@@ -311,7 +313,7 @@ def test_spheres_that_move_need_a_time_but_those_of_a_request_may_be_of_now(
     assert refusal.field == "obstacles.header.stamp"
     ahead = moving(NOW + NANOSECONDS)
     assert refused(lemur_capture, request, None, ahead).status is Status.STATE_IN_FUTURE
-    request.use_obstacles, request.obstacles = True, moving(0)
+    request.scene = [scene_message(ROCKS, 0, FRAME)]
     found = asked(lemur_capture, request)
     assert found.provenance.obstacles_stamp_ns == NOW
     assert found.task.problem.obstacles[0].center[0] == pytest.approx(9.0 - 0.2, abs=1e-12)
@@ -330,19 +332,17 @@ def test_a_sphere_that_turns_is_refused_for_nobody_knows_about_what(
 def test_the_answer_has_the_bodys_predicted_poses_and_twists(
     problem: PlanningProblem, plan: Plan
 ) -> None:
-    response = response_from_plan(plan, "run.1", NOW, FRAME, 0.5, body_of(problem))
+    written = plan_message(plan, NOW, FRAME, body_of(problem))
     centers, attitudes, rates = moved(body_of(problem), plan.trajectory.time)
-    poses = response.predicted_target_path.poses
-    assert [pose.header for pose in poses] == [
-        pose.header for pose in response.predicted_chaser_path.poses
-    ]
+    poses = written.target_path.poses
+    assert [pose.header for pose in poses] == [pose.header for pose in written.chaser_path.poses]
     for pose, center, attitude in zip(poses, centers, attitudes, strict=True):
         there = pose.pose.position
         assert [there.x, there.y, there.z] == pytest.approx(center, abs=1e-9)
         turn = pose.pose.orientation
         found = Rotation.from_quat([turn.x, turn.y, turn.z, turn.w])
         assert (found * attitude.inv()).magnitude() < 1e-9
-    for twist, rate in zip(response.predicted_target_twists, rates, strict=True):
+    for twist, rate in zip(written.target_twists, rates, strict=True):
         angular = twist.angular
         assert [angular.x, angular.y, angular.z] == pytest.approx(rate, abs=1e-9)
 
@@ -521,7 +521,7 @@ def test_a_bag_tells_when_a_capture_is_whose_moment_the_planner_chose(
     assert recorded.read_request().task.digest == free.digest
     assert replay(recorded).verdict is Verdict.IDENTICAL
     assert recorded.response is not None
-    assert recorded.response.duration == made.duration
+    assert recorded.response.plans[0].duration == made.duration
 
     body = body_of(free.problem)
     (center,), (attitude,), _ = moved(body, np.array([made.duration]))
@@ -541,7 +541,7 @@ def test_a_bag_tells_when_a_capture_is_whose_moment_the_planner_chose(
 
     (plan,) = read_plans(tmp_path / "bag")
     row, columns = plan.row(), plan.columns()
-    assert row["capture"] is True
+    assert row["goal"] == "capture"
     assert [row[name] for name in ("duration_s", "duration_max_s", "planned_duration_s")] == [
         *(window.minimum, window.maximum, made.duration)
     ]
@@ -571,6 +571,6 @@ def test_a_range_of_a_target_that_moves_with_the_frame_is_no_request(
 
 def test_the_end_of_the_longest_duration_is_before_2038(problem: PlanningProblem) -> None:
     request = request_message(problem, FRAME)
-    request.capture, request.duration_max = False, 2.0**31
+    request.goal.kind, request.duration_max = Goal.POSE, 2.0**31
     refusal = refused(problem, request)
     assert (refusal.status, refusal.field) == (Status.OUT_OF_RANGE, "duration_max")

@@ -15,7 +15,15 @@ import pytest
 import rclpy
 from builtin_interfaces.msg import Duration
 from ff_planner_msgs.action import PlanTrajectory
-from ff_planner_msgs.msg import ChaserState, ObstacleSphereArray, PlanStatus, TargetBody
+from ff_planner_msgs.msg import (
+    ChaserState,
+    ObstacleSphereArray,
+    Plan,
+    PlanAnswer,
+    PlanInputs,
+    PlanStatus,
+    TargetBody,
+)
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from ros_processes import DEADLINE, FRAME, private_domain
@@ -192,9 +200,14 @@ class Watcher:
         """Tell that the planner was asked."""
         self._events.goal_received(SimpleNamespace(goal_id=UUID(), request=PlanTrajectory.Goal()))
 
-    def tell_result(self, status: Status, **fields: Any) -> None:
-        """Tell what the planner answered."""
-        result = PlanTrajectory.Result(status=PlanStatus(code=int(status)), **fields)
+    def tell_result(self, status: Status, *plans: JointTrajectory, **inputs: Any) -> None:
+        """Tell what the planner answered, and what that was made from."""
+        answer = PlanAnswer(
+            status=PlanStatus(code=int(status)),
+            plans=[Plan(joint_trajectory=one) for one in plans],
+            inputs=PlanInputs(**inputs),
+        )
+        result = PlanTrajectory.Result(answer=answer)
         self._events.result_sent(SimpleNamespace(goal_id=UUID(), status=4), result)
 
     def state_number(self, number: int) -> ChaserState:
@@ -381,10 +394,7 @@ def test_from_its_first_plan_on_it_moves_as_that_was_planned(
         begin_ns = stamp(used) + round(LEAD * NANOSECONDS)
         plan = steady(names, scenario.start.joint_positions, begin_ns)
         watcher.tell_result(
-            Status.SOLVED,
-            state_stamp=used.header.stamp,
-            state_source="chaser_state",
-            joint_trajectory=plan,
+            Status.SOLVED, plan, state_stamp=used.header.stamp, state_source="chaser_state"
         )
         watcher.controller.publish(plan)
         watcher.wait_for_state_at(begin_ns + 500_000_000)
@@ -424,9 +434,9 @@ def test_a_plan_that_nobody_flies_lets_it_wait_again(lemur_capture: PlanningProb
         begin_ns = stamp(first) + round(LEAD * NANOSECONDS)
         watcher.tell_result(
             Status.SOLVED,
+            trajectory(["any"], [0.0, 1.0], begin_ns),
             state_stamp=first.header.stamp,
             state_source="chaser_state",
-            joint_trajectory=trajectory(["any"], [0.0, 1.0], begin_ns),
         )
         watcher.wait_until(lambda: watcher.states[-1].pose != first.pose)
         watcher.wait_until(lambda: watcher.states[-1].pose == first.pose)
@@ -444,8 +454,8 @@ def test_a_target_body_waits_with_the_chaser_and_moves_from_where_it_was_seen() 
         seen = waiting[1]
         watcher.tell_result(
             Status.SOLVED,
+            trajectory(["any"], [0.0, 1.0], stamp(seen) + 3600 * NANOSECONDS),
             target_body_stamp=seen.header.stamp,
-            joint_trajectory=trajectory(["any"], [0.0, 1.0], stamp(seen) + 3600 * NANOSECONDS),
         )
         known = len(watcher.bodies)
         watcher.wait_until(lambda: len(watcher.bodies) > known + 3)

@@ -425,7 +425,7 @@ def test_a_drawn_corridor_can_be_kept() -> None:
     aside = np.linalg.norm(seen[near] + along[:, None] * approach.direction, axis=1)
     assert near.sum() > 3
     assert not near[0]
-    assert (aside <= 0.005 + along * np.tan(approach.cone) + 1e-6).all()
+    assert (aside <= 0.005 + along * np.tan(approach.half_angle) + 1e-6).all()
 
 
 def test_a_grasp_that_is_carried_into_an_obstacle_is_refused() -> None:
@@ -467,13 +467,13 @@ def test_what_the_tool_grasps_may_touch_it_from_near_the_goal_on_as_the_body_mov
     fixture = AttachedSphere("fixture", body.grasp_position + grasp.apply([0, 0, 0.2]), 0.08)
     asked = capturing(replace(body, obstacles=(*body.obstacles, fixture)), given)
     holding: dict[str, Any] = {"end_behaviour": EndBehaviour.HOLD_END_EFFECTOR, "tail": 2.0}
-    with pytest.raises(NoPlanFound, match="name link_7/fixture in allowed_at_goal"):
+    with pytest.raises(NoPlanFound, match="name link_7/fixture in allowed_collisions"):
         perform(PlanningTask(asked, SETTINGS, **holding))
-    asked = replace(asked, allowed_at_goal=("link_7/fixture",), contact_distance=0.25)
+    asked = replace(asked, allowed_collisions=("link_7/fixture",), contact_distance=0.25)
     motion = perform(PlanningTask(asked, SETTINGS, **holding)).trajectory
     assert verify(asked.robot, motion, scene_of(asked)).passed
     # It does touch, in the tail, too, where the goal is elsewhere than at the capture.
-    found = verify(asked.robot, motion, replace(scene_of(asked), allowed_at_goal=()))
+    found = verify(asked.robot, motion, replace(scene_of(asked), allowed_collisions=()))
     (contact,) = found.contacts
     assert contact.pair == "link_7/fixture"
     assert asked.duration - 4.0 < contact.first_time < asked.duration

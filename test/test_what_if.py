@@ -69,8 +69,11 @@ def test_limits_and_duration_are_changed_in_every_request(
         ("planner.starts=2.5", ("planner.starts is 2.5", "whole number")),
         ("points=many", ("points is 'many'", "whole number")),
         ("duration=long", ("duration is 'long'", "number")),
-        ("allowed_at_goal=link_7/c1", ("allowed_at_goal is 'link_7/c1'", "a list")),
-        ("allowed_at_goal=[1]", ("allowed_at_goal[0] is 1",)),
+        (
+            "allowed_collisions.pairs=link_7/c1",
+            ("allowed_collisions.pairs is 'link_7/c1'", "a list"),
+        ),
+        ("allowed_collisions.pairs=[1]", ("allowed_collisions.pairs[0] is 1",)),
         ("tail_duration=yes", ("tail_duration is True", "number", "[s]")),
     ],
 )
@@ -85,9 +88,9 @@ def test_what_may_touch_at_the_goal_is_changed(
     bag: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """With lines nothing may: that is how it is seen to arrive, without a search."""
-    changes = ("allowed_at_goal=[link_7/c1]", "contact_distance=0.2")
+    changes = ("allowed_collisions.pairs=[link_7/c1]", "allowed_collisions.distance=0.2")
     assert [parsed(change).value for change in changes] == [["link_7/c1"], 0.2]
-    for change in (changes[0], "contact_distance=-1"):
+    for change in (changes[0], "allowed_collisions.distance=-1"):
         assert main(["replay", str(bag), "--set", change]) == 0
         assert "SOLVED > OUT_OF_RANGE" in capsys.readouterr().out
 

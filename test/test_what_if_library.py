@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import pytest
-from ff_planner_msgs.srv import PlanTrajectory
+from ff_planner_msgs.msg import PlanAnswer, PlanMetrics, PlanRequest
 
 from ff_planner_ros.parameters import NodeParameters, load_parameters
 from ff_planner_ros.runs import what_if
@@ -21,7 +21,7 @@ class Inputs:
 
 @dataclass
 class Recorded:
-    request: PlanTrajectory.Request
+    request: PlanRequest
     inputs: Inputs
 
 
@@ -29,7 +29,7 @@ def test_the_library_that_is_asked_for_is_used_and_else_that_of_the_run(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(what_if, "load_library", lambda path, _said: f"read from {path}")
-    recorded: Any = Recorded(PlanTrajectory.Request(), Inputs(load_parameters(), "of the run"))
+    recorded: Any = Recorded(PlanRequest(), Inputs(load_parameters(), "of the run"))
     for changes, wanted in (
         ([what_if.Change("planner.library", "other.npz")], "read from other.npz"),
         ([what_if.Change("planner.library", "")], None),
@@ -39,11 +39,11 @@ def test_the_library_that_is_asked_for_is_used_and_else_that_of_the_run(
 
 
 def test_an_answer_is_told_in_degrees_and_millimetres() -> None:
-    answer = PlanTrajectory.Response()
+    metrics = PlanMetrics(joint_path_length=2.5, min_clearance=0.0125)
+    metrics.max_chaser_euler = math.radians(12.5)
+    metrics.max_chaser_rotation = math.radians(14.25)
+    answer = PlanAnswer(metrics=[metrics])
     answer.solver.rollouts, answer.solver.solve_time = 3, 0.5
-    answer.metrics.joint_path_length, answer.metrics.min_clearance = 2.5, 0.0125
-    answer.metrics.max_chaser_euler = math.radians(12.5)
-    answer.metrics.max_chaser_rotation = math.radians(14.25)
     assert what_if._cells(answer)[1:] == ("2.5000", "12.500", "14.250", "12.50", "0.50")
-    answer.metrics.max_chaser_rotation = math.nan  # of an earlier version
+    metrics.max_chaser_rotation = math.nan  # of an earlier version
     assert what_if._cells(answer)[3] == what_if._NONE

@@ -9,7 +9,14 @@ from typing import Any
 import numpy as np
 
 from ff_planner_ros.arrays import Array, finite_number, finite_vector, frozen
-from ff_planner_ros.declared import DeclaredFields, declared, read_keys, written, written_object
+from ff_planner_ros.declared import (
+    DeclaredFields,
+    declared,
+    fields_of,
+    read_keys,
+    written,
+    written_object,
+)
 from ff_planner_ros.errors import Faults, FfPlannerError, InvalidInput, NoPlanFound, Status
 from ff_planner_ros.forms import a_word
 from ff_planner_ros.planning.metrics import Metrics
@@ -34,14 +41,16 @@ from ff_planner_ros.robot.quaternion import quaternion_from_rotation
 _ROBOT = ("urdf", "base_link", "tip_link")
 # Of the problem, as a scenario has it.
 _ASKED = (
-    *("target", "target_body", "duration", "objective", "obstacles", "allowed_at_goal"),
+    *("target", "target_body", "duration", "objective", "obstacles", "allowed_collisions"),
     *("contact_distance", "approach"),
 )
 _KEYS: DeclaredFields = {
     key: replace(one, optional=True)  # older dictionaries tell less
     for key, one in declared(PlanningProblem).items()
-    if key in _ASKED
+    if one.name in _ASKED
 }
+# Also by their names until version 0.3.
+_HEADS = {name for key, one in _KEYS.items() for name in (key.partition(".")[0], one.formerly)}
 # Of a target body at each point.
 _ROWS = ("positions", "quaternions_xyzw", "linear_velocities", "angular_velocities")
 
@@ -86,17 +95,19 @@ def plan_dictionary(plan: Plan, task: PlanningTask, solve_time: float) -> dict[s
 
 
 def received_dictionary(
-    plan: Plan, plan_id: str, digest: str, start: float, solve_time: float
+    plan: Plan, plan_id: str, publish_token: str, digest: str, start: float, solve_time: float
 ) -> dict[str, Any]:
     """Return a plan that a node has made: as `plan_dictionary`, but for robot and problem.
 
     Args:
+        publish_token: Opens `~/publish_plan` for it; empty: it is published.
         start: ROS time of the plan's first point [s].
     """
     return {
         "status": Status.SOLVED.name.lower(),
         "message": plan.message,
         "plan_id": plan_id,
+        "publish_token": publish_token,
         "digest": digest,
         "start": start,
         **_of_plan(plan, solve_time),
@@ -158,9 +169,10 @@ def planned_scene(answer: object) -> Scene | None:
     if not {"target", "obstacles"} <= asked.keys():
         return None
     body = asked.get("target_body")
-    more = ("obstacles", "allowed_at_goal", "contact_distance", "approach")
+    more = ("obstacles", "allowed_collisions", "contact_distance", "approach")
+    told = fields_of(PlanningProblem, asked)
     return Scene(
-        **{name: asked[name] for name in more if name in asked},
+        **{name: told[name] for name in more if name in told},
         target=asked["target"] if body is None else None,
         target_body=body,
         capture_time=asked.get("duration"),
@@ -263,7 +275,7 @@ def _asked_in(answer: Any) -> dict[str, Any]:
         InvalidInput: That is something else.
     """
     given = answer if isinstance(answer, dict) else {}
-    told = {key: given[key] for key in _KEYS if given.get(key) is not None}
+    told = {key: given[key] for key in given if key in _HEADS and given[key] is not None}
     if isinstance(body := told.get("target_body"), dict):
         told["target_body"] = {name: body[name] for name in body if name not in _ROWS}
     faults = Faults()

@@ -109,8 +109,9 @@ def corridor_lines(approach: Approach, position: Array, quaternion_xyzw: Array) 
     ring = np.column_stack([np.cos(turns), np.sin(turns)]) @ across
     narrow = RADIUS_AT_GRASP * ring
     # To where the cone leaves the distance, nearly.
-    length = approach.distance * np.cos(approach.cone)
-    wide = (RADIUS_AT_GRASP + length * np.tan(approach.cone)) * ring - length * approach.direction
+    length = approach.distance * np.cos(approach.half_angle)
+    radius = RADIUS_AT_GRASP + length * np.tan(approach.half_angle)
+    wide = radius * ring - length * approach.direction
     ends = [np.stack([one[:-1], one[1:]], axis=1) for one in (narrow, wide)]
     lines = np.concatenate([*ends, np.stack([narrow, wide], axis=1)[:-1]])
     turned = Rotation.from_quat(quaternion_xyzw).apply(lines.reshape(-1, 3))

@@ -6,7 +6,8 @@ import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from ff_planner_ros.declared import value_at
+from ff_planner_ros.declared_messages import value_at
+from ff_planner_ros.planning.goal_words import GoalKind
 from ff_planner_ros.planning.metrics import METRICS
 
 if TYPE_CHECKING:
@@ -16,33 +17,28 @@ Cell: TypeAlias = float | int | str | None  # None: there is none
 
 # Of a request: its column, and where it is in the message.
 _ASKED = {
-    "target_frame": "target_pose.header.frame_id",
-    **{f"target_{axis}_m": f"target_pose.pose.position.{axis}" for axis in "xyz"},
-    **{f"target_q{axis}": f"target_pose.pose.orientation.{axis}" for axis in "xyzw"},
-    **{f"target_velocity_{axis}_m_per_s": f"target_twist.linear.{axis}" for axis in "xyz"},
-    **{f"target_angular_velocity_{a}_rad_per_s": f"target_twist.angular.{a}" for a in "xyz"},
+    "target_frame": "goal.pose.header.frame_id",
+    **{f"target_{axis}_m": f"goal.pose.pose.position.{axis}" for axis in "xyz"},
+    **{f"target_q{axis}": f"goal.pose.pose.orientation.{axis}" for axis in "xyzw"},
+    **{f"target_velocity_{axis}_m_per_s": f"goal.twist.linear.{axis}" for axis in "xyz"},
+    **{f"target_angular_velocity_{a}_rad_per_s": f"goal.twist.angular.{a}" for a in "xyz"},
     "duration_s": "duration",
     "duration_max_s": "duration_max",
-    "weight_joint_path_length": "weight_joint_path_length",
-    "weight_chaser_attitude": "weight_chaser_attitude",
-    "weight_duration_rad_per_s": "weight_duration",
-    "asked_points": "points",
-    "time_budget_s": "time_budget",
-    "limit_chaser_attitude_rad": "limit_chaser_attitude",
-    "limit_chaser_rotation_rad": "limit_chaser_rotation",
+    "weight_joint_path_length": "objective.joint_path_length",
+    "weight_chaser_attitude": "objective.chaser_attitude",
+    "weight_duration_rad_per_s": "objective.duration",
+    "asked_points": "search.points",
+    "time_budget_s": "search.time_budget",
+    "limit_chaser_attitude_rad": "limits.chaser_attitude[0]",
+    "limit_chaser_rotation_rad": "limits.chaser_rotation[0]",
     "end_behaviour": "end_behaviour",
-    "capture": "capture",
-    **{f"approach_direction_{axis}": f"approach_direction.{axis}" for axis in "xyz"},
-    "approach_distance_m": "approach_distance",
-    "approach_cone_rad": "approach_cone",
+    "goal": "goal.kind",
+    **{f"approach_direction_{axis}": f"goal.approach[0].direction.{axis}" for axis in "xyz"},
+    "approach_distance_m": "goal.approach[0].distance",
+    "approach_half_angle_rad": "goal.approach[0].half_angle",
 }
-# Zero stands for the node's parameter, for a duration that is given, or for no corridor: nothing
-# was asked.
-_ZERO_IS_NONE = (
-    *("asked_points", "time_budget_s", "duration_max_s"),
-    *("limit_chaser_attitude_rad", "limit_chaser_rotation_rad"),
-    *("approach_distance_m", "approach_cone_rad"),
-)
+# Zero stands for the node's parameter, or for a duration that is given: nothing was asked.
+_ZERO_IS_NONE = ("asked_points", "time_budget_s", "duration_max_s", "approach_half_angle_rad")
 _SOLVER = {
     "solve_time_s": "solve_time",
     "starts": "starts",
@@ -54,19 +50,20 @@ _GUESS, _LIBRARY = "first_guess", "library"
 
 
 def asked_in(request: Any) -> dict[str, Cell]:
-    """Return what a request asks for, decoded by whatever definition, by column."""
+    """Return what a decoded request asks for, by column."""
     row = {column: _cell(value_at(request, path, None)) for column, path in _ASKED.items()}
+    kind = int(value_at(request, "goal.kind", GoalKind.POSE))
+    row["goal"] = GoalKind(kind).name.lower() if kind in [*GoalKind] else str(kind)
     return row | {column: row[column] or None for column in _ZERO_IS_NONE}
 
 
-def solver_in(response: Any) -> dict[str, Cell]:
-    """Return how an answer was found, decoded by whatever definition, by column."""
+def solver_in(answer: Any) -> dict[str, Cell]:
+    """Return how a decoded answer was found, by column."""
     row = {
-        column: _cell(value_at(response, f"solver.{name}", None))
-        for column, name in _SOLVER.items()
+        column: _cell(value_at(answer, f"solver.{name}", None)) for column, name in _SOLVER.items()
     }
     # Answers of earlier versions have none.
-    guess = {_GUESS: _LIBRARY if len(value_at(response, "first_guess", ())) else None}
+    guess = {_GUESS: _LIBRARY if len(value_at(answer, "inputs.first_guess", ())) else None}
     if row["rollouts"]:
         return row | guess
     # A refusal without an attempt has zeros in their place, which mean nothing.

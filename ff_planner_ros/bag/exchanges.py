@@ -8,8 +8,9 @@ from dataclasses import dataclass, replace
 from typing import Any, Generic, TypeVar
 
 from ff_planner_ros.bag.decoding import nanoseconds
+from ff_planner_ros.bag.older_messages import present_answer, present_request
 from ff_planner_ros.bag.reader import Bag, Message
-from ff_planner_ros.declared import value_at
+from ff_planner_ros.declared_messages import value_at
 
 SERVICE_EVENT = "ff_planner_msgs/srv/PlanTrajectory_Event"
 GOAL_EVENT = "ff_planner_msgs/action/PlanTrajectory_SendGoal_Event"
@@ -54,8 +55,8 @@ def exchanges(
 
     Args:
         bag: Open; notes the events that cannot be understood.
-        read_request: Called with each request as the bag's own definition decodes it.
-        read_response: Called with the event's message and the decoded response; may return None.
+        read_request: Called with each request, in the parts of version 0.3.
+        read_response: Called with the event's message and the answer, likewise; may return None.
 
     Raises:
         BagError: The disk fails.
@@ -65,16 +66,14 @@ def exchanges(
     for message, event in bag.decoded(SERVICE_EVENT, GOAL_EVENT, RESULT_EVENT):
         try:
             stamp_ns = nanoseconds(event.info.stamp)
-            parts = list(_parts(message, event))
+            for door, name, key, request, response in list(_parts(message, event)):
+                at = (door, name, message.log_time_ns)
+                if request is not None:
+                    asked[key].append(Exchange(*at, stamp_ns, read_request(request)))
+                elif (read := read_response(message, response)) is not None:
+                    answered.append((key, Exchange(*at, 0, None, read, stamp_ns, message)))
         except (AttributeError, TypeError, ValueError, LookupError, OverflowError) as error:
             bag.note(f"an event on {message.topic} cannot be understood: {error}")
-            continue
-        for door, name, key, request, response in parts:
-            at = (door, name, message.log_time_ns)
-            if request is not None:
-                asked[key].append(Exchange(*at, stamp_ns, read_request(request)))
-            elif (read := read_response(message, response)) is not None:
-                answered.append((key, Exchange(*at, 0, None, read, stamp_ns, message)))
     found = [_joined(asked[key], alone) for key, alone in answered]
     found += [exchange for waiting in asked.values() for exchange in waiting]
     return sorted(found, key=lambda exchange: exchange.logged_ns)
@@ -87,25 +86,29 @@ def _parts(message: Message, event: Any) -> Iterator[tuple[str, str, object, Any
         name = topic.removesuffix(SERVICE_EVENTS)
         key = (name, _bytes(event.info.client_gid), int(event.info.sequence_number))
         if kind == _REQUEST_RECEIVED:
-            yield from ((SERVICE, name, key, request, None) for request in event.request)
+            yield from (
+                (SERVICE, name, key, present_request(request), None) for request in event.request
+            )
         elif kind == _RESPONSE_SENT:
-            yield from ((SERVICE, name, key, None, response) for response in event.response)
+            yield from (
+                (SERVICE, name, key, None, present_answer(response)) for response in event.response
+            )
     elif message.type_name == GOAL_EVENT and kind == _REQUEST_RECEIVED:
         name = topic.removesuffix(GOAL_EVENTS)
         for one in event.request:
-            yield ACTION, name, (name, _bytes(one.goal_id.uuid)), one.goal, None
+            yield ACTION, name, (name, _bytes(one.goal_id.uuid)), present_request(one.goal), None
     elif message.type_name == RESULT_EVENT and kind == _RESPONSE_SENT:
         name = topic.removesuffix(RESULT_EVENTS)
         goals = [_bytes(one.goal_id.uuid) for one in event.request]
         for number, one in enumerate(event.response):
             goal = goals[number] if number < len(goals) else None
-            yield ACTION, name, (name, goal), None, one.result
+            yield ACTION, name, (name, goal), None, present_answer(one.result)
 
 
-def response_in(event: Any) -> Any:
-    """Return the response in a decoded event that holds one; an action's is the result."""
+def answer_in(event: Any) -> Any:
+    """Return the answer in a decoded event that holds one."""
     response = event.response[0]
-    return value_at(response, "result", response)
+    return present_answer(value_at(response, "result", response))
 
 
 def _bytes(values: Any) -> bytes:

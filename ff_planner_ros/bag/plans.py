@@ -15,7 +15,7 @@ from ff_planner_ros.bag.answers import Cell, answer_row, asked_in, solver_in
 from ff_planner_ros.bag.decoding import NANOSECONDS, nanoseconds
 from ff_planner_ros.bag.exchanges import Exchange, exchanges
 from ff_planner_ros.bag.reader import Bag, Message, open_bag
-from ff_planner_ros.declared import value_at
+from ff_planner_ros.declared_messages import value_at
 from ff_planner_ros.errors import BagError, Status
 from ff_planner_ros.planning.plan import Trajectory
 
@@ -150,26 +150,26 @@ def planning_exchanges(bag: Bag) -> list[Exchange[dict[str, Cell], RecordedPlan]
         BagError: The disk fails.
     """
 
-    def read_response(message: Message, response: Any) -> RecordedPlan | None:
+    def read_answer(message: Message, answer: Any) -> RecordedPlan | None:
         try:
-            return recorded_plan(message, response)
+            return recorded_plan(message, answer)
         except BagError as error:
             bag.note(str(error))
             return None
 
-    return exchanges(bag, asked_in, read_response)
+    return exchanges(bag, asked_in, read_answer)
 
 
-def recorded_plan(message: Message, response: Any) -> RecordedPlan:
-    """Return an answer, decoded by whatever definition of `PlanTrajectory`, as plain arrays.
+def recorded_plan(message: Message, answer: Any) -> RecordedPlan:
+    """Return a decoded answer, in the parts of version 0.3, as plain arrays.
 
     Raises:
         BagError: It cannot be understood, or its arrays do not fit each other.
     """
     try:
-        return _recorded_plan(message, response)
+        return _recorded_plan(message, answer)
     except (AttributeError, TypeError, ValueError, LookupError, OverflowError) as error:
-        name = value_at(response, "plan_id", "") or "an answer"
+        name = value_at(answer, "plan_id", "") or "an answer"
         raise BagError(f"{name} on {message.topic} cannot be understood: {error}") from None
 
 
@@ -179,40 +179,38 @@ def _motion_of_no_points(joints: int) -> Trajectory:
     return Trajectory(np.empty(0), **{part: np.empty((0, w)) for part, w in widths.items()})
 
 
-def _recorded_plan(message: Message, response: Any) -> RecordedPlan:
-    code = int(response.status.code)
-    is_solved = code == Status.SOLVED
-    joints = response.joint_trajectory
+def _recorded_plan(message: Message, answer: Any) -> RecordedPlan:
+    code = int(answer.status.code)
+    plan = answer.plans[0] if code == Status.SOLVED else None
+    metrics = value_at(answer, "metrics[0]", None)
     return RecordedPlan(
-        plan_id=str(response.plan_id),
+        plan_id=str(answer.plan_id),
         topic=message.topic,
         answered_ns=message.log_time_ns,
         status=Status(code).name if code in Status.__members__.values() else str(code),
-        message=str(response.status.message),
-        start_ns=nanoseconds(joints.header.stamp) if is_solved else 0,
-        joint_names=tuple(map(str, joints.joint_names)),
-        trajectory=trajectory_in(response) if is_solved else None,
-        metrics=_metrics(response.metrics) if is_solved or response.solver.rollouts else {},
-        solver=solver_in(response),
-        duration=(value_at(response, "duration", 0.0) or None) if is_solved else None,
-        target_body=_target_body(response) if is_solved else {},
+        message=str(answer.status.message),
+        start_ns=0 if plan is None else nanoseconds(plan.joint_trajectory.header.stamp),
+        joint_names=() if plan is None else tuple(map(str, plan.joint_trajectory.joint_names)),
+        trajectory=None if plan is None else trajectory_in(plan),
+        metrics={} if metrics is None else _metrics(metrics),
+        solver=solver_in(answer),
+        duration=None if plan is None else value_at(plan, "duration", 0.0) or None,
+        target_body={} if plan is None else _target_body(plan),
     )
 
 
-def trajectory_in(response: Any) -> Trajectory:
-    """Return the motion in an answer with a plan, decoded by whatever definition.
-
-    What the answer lacks is NaN.
+def trajectory_in(plan: Any) -> Trajectory:
+    """Return the motion of a plan's message, as it is or decoded; what it lacks is NaN.
 
     Raises:
         ValueError: Its arrays do not fit each other.
     """
-    joints = response.joint_trajectory
+    joints = plan.joint_trajectory
     points, count = joints.points, len(joints.joint_names)
-    chaser = _poses(response.predicted_chaser_path, len(points))
-    chaser_twists = _twists(response.predicted_chaser_twists, len(points))
-    ee = _poses(response.end_effector_path, len(points))
-    ee_twists = _twists(response.end_effector_twists, len(points))
+    chaser = _poses(plan.chaser_path, len(points))
+    chaser_twists = _twists(plan.chaser_twists, len(points))
+    ee = _poses(plan.end_effector_path, len(points))
+    ee_twists = _twists(plan.end_effector_twists, len(points))
     return Trajectory(
         time=np.array([nanoseconds(point.time_from_start) / NANOSECONDS for point in points]),
         joint_positions=_table([point.positions for point in points], len(points), count),
@@ -230,14 +228,14 @@ def trajectory_in(response: Any) -> Trajectory:
     )
 
 
-def _target_body(response: Any) -> dict[str, Array]:
+def _target_body(plan: Any) -> dict[str, Array]:
     """Return the predicted motion of the body that is captured; empty: none is."""
-    # Answers of earlier versions capture none.
-    if not value_at(response, "predicted_target_path.poses", ()):
+    # Plans of earlier versions capture none.
+    if not value_at(plan, "target_path.poses", ()):
         return {}
-    points = len(response.joint_trajectory.points)
-    poses = _poses(response.predicted_target_path, points)
-    twists = _twists(response.predicted_target_twists, points)
+    points = len(plan.joint_trajectory.points)
+    poses = _poses(plan.target_path, points)
+    twists = _twists(plan.target_twists, points)
     rows = (poses[:, :3], poses[:, 3:], twists[:, :3], twists[:, 3:])
     return dict(zip(_TARGET_BODY_COLUMNS, rows, strict=True))
 

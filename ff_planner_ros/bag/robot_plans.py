@@ -19,7 +19,7 @@ from ff_planner_ros.bag.scenes import (
     scene_at_start,
     stamps_of,
 )
-from ff_planner_ros.declared import value_at
+from ff_planner_ros.declared_messages import value_at
 from ff_planner_ros.errors import BagError, InvalidInput
 from ff_planner_ros.parameters import RobotParameters
 from ff_planner_ros.planning.plan import Trajectory
@@ -96,7 +96,7 @@ def robot_plans(bag: Path) -> RobotPlans:
 
 def _asked(request: Any) -> tuple[AskedScene, Mapping[str, float]]:
     """Return the scene of a request, and the angles that it limits, by name; zero: any."""
-    angles = {name: float(value_at(request, f"limit_{name}", 0.0)) for name in _ANGLES}
+    angles = {name: float(value_at(request, f"limits.{name}[0]", 0.0)) for name in _ANGLES}
     return asked_scene(request), angles
 
 
@@ -131,9 +131,9 @@ def _limits(parameters: Mapping[str, Any], asked: Mapping[str, float]) -> Limits
         return Limits()
 
 
-def _answer(message: Message, response: Any) -> tuple[RecordedPlan, Stamps]:
+def _answer(message: Message, answer: Any) -> tuple[RecordedPlan, Stamps]:
     """Return an answer, and the times of what it was made from."""
-    return recorded_plan(message, response), stamps_of(response)
+    return recorded_plan(message, answer), stamps_of(answer)
 
 
 def attached_robot(bag: Path, attachments: Mapping[str, bytes]) -> Robot:

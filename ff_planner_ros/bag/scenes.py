@@ -9,8 +9,9 @@ from typing import Any
 from ff_planner_ros.bag.decoding import NANOSECONDS, nanoseconds
 from ff_planner_ros.bag.reader import Bag
 from ff_planner_ros.bag.target_bodies import target_body_in
-from ff_planner_ros.declared import value_at, values_in
+from ff_planner_ros.declared_messages import value_at, values_in
 from ff_planner_ros.errors import InvalidInput
+from ff_planner_ros.planning.goal_words import GoalKind
 from ff_planner_ros.planning.problem import (
     PlanningProblem,
     Sphere,
@@ -57,19 +58,19 @@ class Received:
 
 def asked_scene(request: Any) -> AskedScene:
     """Return what a request says of the scene."""
-    captures = bool(value_at(request, "capture", False))
-    names = ("allowed_at_goal", "contact_distance", "approach", *(() if captures else ("target",)))
+    captures = value_at(request, "goal.kind", GoalKind.POSE) == GoalKind.CAPTURE
+    goal = () if captures else ("target",)
+    names = ("allowed_collisions", "contact_distance", "approach", *goal)
+    scene, body = (value_at(request, f"{part}[0]", None) for part in ("scene", "target_body"))
     told = {name: _told(request, name) for name in names}
     return AskedScene(
         scene=Scene(
             **{name: value for name, value in told.items() if value is not None},
             capture_time=value_at(request, "duration", None),
         ),
-        obstacles=spheres_in(request.obstacles)
-        if value_at(request, "use_obstacles", False)
-        else None,
+        obstacles=None if scene is None else spheres_in(scene),
         captures=captures,
-        body=_body_in(request.target_body) if captures and request.use_target_body else None,
+        body=None if body is None or not captures else _body_in(body),
     )
 
 
@@ -81,12 +82,12 @@ def _told(request: Any, name: str) -> Any:
         return None
 
 
-def stamps_of(response: Any) -> Stamps:
-    """Return the times in a response; those of earlier versions tell fewer."""
+def stamps_of(answer: Any) -> Stamps:
+    """Return the times in an answer; those of earlier versions tell fewer."""
     names = ("obstacles_stamp", "target_body_stamp")
-    times = (value_at(response, name, None) for name in names)
+    times = (value_at(answer, f"inputs.{name}", None) for name in names)
     obstacles_ns, body_ns = (0 if time is None else nanoseconds(time) for time in times)
-    return Stamps(obstacles_ns, body_ns, value_at(response, "duration", 0.0))
+    return Stamps(obstacles_ns, body_ns, value_at(answer, "plans[0].duration", 0.0))
 
 
 def scene_at_start(

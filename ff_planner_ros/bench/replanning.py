@@ -28,7 +28,7 @@ HEADER = (
     *("p50 [ms]", "p99 [ms]", "from nothing p50 [ms]", "times faster"),
 )
 
-# From a measurement to the switch-over, and the moments of a plan at which it is taken over, as
+# From a measurement to the handover, and the moments of a plan at which it is taken over, as
 # parts of its duration.
 _AHEAD = 0.2  # [s]
 _MOMENTS = (0.1, 0.3, 0.5, 0.7, 0.9)

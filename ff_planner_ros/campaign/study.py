@@ -28,7 +28,8 @@ from ff_planner_ros.campaign.sources import (
     require_robot,
     written,
 )
-from ff_planner_ros.declared import declare, declared, part, schema_of
+from ff_planner_ros.declared import declare, declared, schema_of
+from ff_planner_ros.declared_parts import part
 from ff_planner_ros.errors import Faults, InvalidInput, Status
 from ff_planner_ros.forms import (
     DIALECT,

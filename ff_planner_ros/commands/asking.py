@@ -15,7 +15,7 @@ from ff_planner_ros.commands.printed import print_table
 from ff_planner_ros.errors import FfPlannerError, InvalidInput, NoPlanFound, Status
 
 if TYPE_CHECKING:
-    from ff_planner_msgs.srv import PlanTrajectory
+    from ff_planner_msgs.msg import PlanRequest
 
 _REQUESTER = "ff-planner ask"
 _INTERRUPTED = 130  # exit code
@@ -24,7 +24,7 @@ _INTERRUPTED = 130  # exit code
 def ask_node(options: argparse.Namespace) -> int:
     """Ask a running node for a plan, and print its answer as `plan` does."""
     from ff_planner_ros.ros.client import answer_of_node
-    from ff_planner_ros.ros.messages.from_messages import plan_from_response
+    from ff_planner_ros.ros.messages.from_messages import plan_from_answer
 
     request = _request(options)
     patience = finite_number("--timeout", options.timeout, above=0.0)
@@ -38,13 +38,15 @@ def ask_node(options: argparse.Namespace) -> int:
         error = (NoPlanFound if none_found else FfPlannerError)(status, answer.status.message)
         _write(options, refusal_dictionary(error, solve_time, answer.task_digest or None))
         raise error
-    plan, digest = plan_from_response(answer), answer.task_digest
-    start = nanoseconds(answer.joint_trajectory.header.stamp) / NANOSECONDS
-    _write(options, received_dictionary(plan, answer.plan_id, digest, start, solve_time))
+    plan, digest = plan_from_answer(answer), answer.task_digest
+    start = nanoseconds(answer.plans[0].joint_trajectory.header.stamp) / NANOSECONDS
+    token = answer.publish_token
+    _write(options, received_dictionary(plan, answer.plan_id, token, digest, start, solve_time))
     chosen = request.duration_max > 0.0
     print_table(
         [
             ("plan", f"{answer.plan_id}, {'not published' if request.plan_only else 'published'}"),
+            *((("publish token", token),) if token else ()),
             ("starts at", f"{start:.3f} s"),
             *plan_rows(plan, solve_time, digest, chosen, limits=None),
         ]
@@ -52,7 +54,7 @@ def ask_node(options: argparse.Namespace) -> int:
     return SOLVED
 
 
-def _request(options: argparse.Namespace) -> PlanTrajectory.Request:
+def _request(options: argparse.Namespace) -> PlanRequest:
     """Return what is asked for: the scenario's goal, or nothing yet, with what was set."""
     from ff_planner_ros.ros.client import change_request, request_of_nothing, request_of_scenario
 
@@ -64,9 +66,9 @@ def _request(options: argparse.Namespace) -> PlanTrajectory.Request:
     else:
         request = request_of_nothing(options.frame)
     change_request(request, options.changes)
-    request.plan_only, request.asked_by = options.plan_only, _REQUESTER
+    request.plan_only, request.requester = options.plan_only, _REQUESTER
     if options.time_budget is not None:
-        request.time_budget = finite_number("--time-budget", options.time_budget, above=0.0)
+        request.search.time_budget = finite_number("--time-budget", options.time_budget, above=0.0)
     return request
 
 

@@ -12,7 +12,14 @@ import numpy as np
 import pinocchio as pin
 import rclpy
 from ff_planner_msgs.action import PlanTrajectory
-from ff_planner_msgs.msg import ChaserState, PublishedPlan, TargetBody
+from ff_planner_msgs.msg import (
+    ChaserState,
+    PlanAnswer,
+    PlanProgress,
+    PlanRequest,
+    PublishedPlan,
+    TargetBody,
+)
 from ff_planner_msgs.srv import PublishPlan
 from rclpy.action import ActionClient
 from rclpy.executors import SingleThreadedExecutor
@@ -33,7 +40,7 @@ from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.ros.background import ask, spin_in_background
 from ff_planner_ros.ros.joining import joining_ros
 from ff_planner_ros.ros.messages.from_messages import (
-    plan_from_response,
+    plan_from_answer,
     state_from_message,
     target_body_from_message,
 )
@@ -117,9 +124,7 @@ class MissionExecutive:
         self._planner.destroy()
         rclpy.shutdown()
 
-    def plan(
-        self, goal: PlanTrajectory.Goal, report: Callable[[PlanTrajectory.Feedback], None]
-    ) -> PlanTrajectory.Result:
+    def plan(self, request: PlanRequest, report: Callable[[PlanProgress], None]) -> PlanAnswer:
         """Ask the planner, as soon as it is there and has received a state.
 
         Returns:
@@ -131,9 +136,9 @@ class MissionExecutive:
         deadline = time.monotonic() + self._patience
         while not self._planner.wait_for_server(timeout_sec=_CHECK_INTERVAL):
             self._go_on_until(deadline, "the action plan_trajectory_action")
-        return self._once_it_can(lambda: self._answer(goal, report, deadline), deadline)
+        return self._once_it_can(lambda: self._answer(request, report, deadline), deadline)
 
-    def commit(self, result: PlanTrajectory.Result) -> None:
+    def commit(self, answer: PlanAnswer) -> None:
         """Have the planner publish a plan, and hand that to the arm's controller.
 
         Raises:
@@ -146,15 +151,17 @@ class MissionExecutive:
             time.sleep(_CHECK_INTERVAL)
         while not self._publication.wait_for_service(timeout_sec=_CHECK_INTERVAL):
             self._go_on_until(deadline, "the service ff_planner/publish_plan")
-        request = PublishPlan.Request(plan_id=result.plan_id, asked_by=NAME)
+        request = PublishPlan.Request(
+            plan_id=answer.plan_id, publish_token=answer.publish_token, requester=NAME
+        )
         self._once_it_can(
             lambda: self._asked(lambda: self._publication.call_async(request), deadline), deadline
         )
         self._states.clear()
         self._bodies.clear()
-        self._hand_over(result.plan_id, deadline)
+        self._hand_over(answer.plan_id, deadline)
 
-    def replan(self, goal: PlanTrajectory.Goal) -> PlanTrajectory.Result:
+    def replan(self, request: PlanRequest) -> PlanAnswer:
         """Ask the planner once, and hand a plan that it publishes to the arm's controller.
 
         Returns:
@@ -164,10 +171,10 @@ class MissionExecutive:
             FfPlannerError: No answer in time.
         """
         deadline = time.monotonic() + self._patience
-        result = self._answer(goal, lambda _: None, deadline)
-        if result.status.code == Status.SOLVED:
-            self._hand_over(result.plan_id, deadline)
-        return result
+        answer = self._answer(request, lambda _: None, deadline)
+        if answer.status.code == Status.SOLVED:
+            self._hand_over(answer.plan_id, deadline)
+        return answer
 
     def _hand_over(self, plan_id: str, deadline: float) -> None:
         """Wait until a plan is published, and hand it to the arm's controller."""
@@ -176,7 +183,7 @@ class MissionExecutive:
             self._new_plan.clear()
         self._controller.publish(self._published[plan_id].joint_trajectory)
 
-    def watch(self, result: PlanTrajectory.Result, duration: float, robot: Robot) -> FlownPlan:
+    def watch(self, answer: PlanAnswer, duration: float, robot: Robot) -> FlownPlan:
         """Wait until a plan that was committed is over, and compare it with what was measured.
 
         `duration` [s] is from its start to the moment that counts, that of the capture.
@@ -185,7 +192,8 @@ class MissionExecutive:
             FfPlannerError: The states fail to come.
             InvalidInput: A state cannot be used.
         """
-        start_ns = nanoseconds(result.joint_trajectory.header.stamp)
+        planned = answer.plans[0]
+        start_ns = nanoseconds(planned.joint_trajectory.header.stamp)
         end_ns = start_ns + round(duration * NANOSECONDS)
         now_ns = self._node.get_clock().now().nanoseconds
         deadline = time.monotonic() + (end_ns - now_ns) / NANOSECONDS + self._patience
@@ -194,7 +202,7 @@ class MissionExecutive:
             self._go_on_until(deadline, "the end of the plan")
             self._new_state.wait(_CHECK_INTERVAL)
             self._new_state.clear()
-        frame = result.predicted_chaser_path.header.frame_id
+        frame = planned.chaser_path.header.frame_id
         measured = [
             (nanoseconds(m.header.stamp), state_from_message(m, "chaser_state", robot, frame))
             for m in self._states
@@ -202,12 +210,12 @@ class MissionExecutive:
         ]
         if not measured:
             raise FfPlannerError(
-                Status.NO_STATE, f"no chaser state was measured while {result.plan_id} ran"
+                Status.NO_STATE, f"no chaser state was measured while {answer.plan_id} ran"
             )
-        flown = _flown_plan(plan_from_response(result), start_ns, measured, robot)
+        flown = _flown_plan(plan_from_answer(answer), start_ns, measured, robot)
         last_ns, last = measured[-1]
         seen = [one for one in self._bodies if nanoseconds(one.header.stamp) <= last_ns]
-        if not (result.predicted_target_path.poses and seen):
+        if not (planned.target_path.poses and seen):
             return flown
         body = target_body_from_message(seen[-1], frame)
         since = (last_ns - nanoseconds(seen[-1].header.stamp)) / NANOSECONDS
@@ -223,18 +231,22 @@ class MissionExecutive:
 
     def _answer(
         self,
-        goal: PlanTrajectory.Goal,
-        report: Callable[[PlanTrajectory.Feedback], None],
+        request: PlanRequest,
+        report: Callable[[PlanProgress], None],
         deadline: float,
-    ) -> PlanTrajectory.Result:
+    ) -> PlanAnswer:
+        goal = PlanTrajectory.Goal(request=request)
         handle = self._asked(
-            lambda: self._planner.send_goal_async(goal, lambda message: report(message.feedback)),
+            lambda: self._planner.send_goal_async(
+                goal, lambda message: report(message.feedback.progress)
+            ),
             deadline,
         )
         if not handle.accepted:
             raise FfPlannerError(Status.BUSY, "the planner did not take the goal up")
         try:
-            return self._asked(handle.get_result_async, deadline).result
+            answer: PlanAnswer = self._asked(handle.get_result_async, deadline).result.answer
+            return answer
         except BaseException:
             ask(self._executor, handle.cancel_goal_async)  # the plan is not needed any more
             raise

@@ -9,7 +9,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from ff_planner_msgs.action import PlanTrajectory
+from ff_planner_msgs.msg import PlanAnswer
 
 from ff_planner_ros.demo.executive import FlownPlan
 from ff_planner_ros.errors import FfPlannerError, Status
@@ -56,13 +56,13 @@ def _said(error: FfPlannerError) -> str:
     return f"refused {int(error.status)} {error.status.name}: {error}"
 
 
-def mission_report(answer: PlanTrajectory.Result, flown: FlownPlan) -> dict[str, Any]:
+def mission_report(answer: PlanAnswer, flown: FlownPlan) -> dict[str, Any]:
     """Return what became of a plan that was committed, for JSON."""
     return {
         "status": int(answer.status.code),
         "plan_id": answer.plan_id,
         "solve_time": answer.solver.solve_time,
-        "duration": answer.duration,
+        "duration": answer.plans[0].duration,
         "predicted": _numbers(flown.predicted),
         "reached": _numbers(flown.reached),
         "error": flown.error._asdict(),

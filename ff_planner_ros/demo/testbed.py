@@ -9,8 +9,7 @@ from functools import partial
 
 import numpy as np
 import pinocchio as pin
-from ff_planner_msgs.action import PlanTrajectory
-from ff_planner_msgs.msg import ChaserState, ObstacleSphereArray, TargetBody
+from ff_planner_msgs.msg import ChaserState, ObstacleSphereArray, PlanAnswer, TargetBody
 from rclpy.node import Node
 from scipy.spatial.transform import Rotation
 from trajectory_msgs.msg import JointTrajectory
@@ -154,12 +153,13 @@ class SimulatedTestbed:
         if self._system.time > self._begin:
             self._system = FreeFloatingSystem(self._true, self._first, self._begin)
 
-    def _begin_as_planned_from(self, result: PlanTrajectory.Result) -> None:
+    def _begin_as_planned_from(self, answer: PlanAnswer) -> None:
         """Go on from the very state that a plan was made from: many were the first one."""
-        if result.state_source == CHASER_STATE.name:
-            state_stamp_ns = nanoseconds(result.state_stamp)
+        inputs = answer.inputs
+        if inputs.state_source == CHASER_STATE.name:
+            state_stamp_ns = nanoseconds(inputs.state_stamp)
             self._epoch_ns = min(self._epoch_ns, state_stamp_ns + self._lead_ns)
-        if body_stamp_ns := nanoseconds(result.target_body_stamp):
+        if body_stamp_ns := nanoseconds(inputs.target_body_stamp):
             self._body_epoch_ns = min(self._body_epoch_ns, body_stamp_ns + self._lead_ns)
 
     def _publish_body(self, body: FreeBody) -> None:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from ff_planner_msgs.action import PlanTrajectory
+from ff_planner_msgs.msg import PlanAnswer
 from rclpy.node import Node
 
 from ff_planner_ros.bag.decoding import nanoseconds
-from ff_planner_ros.bag.exchanges import GOAL_EVENTS, RESULT_EVENTS, response_in
+from ff_planner_ros.bag.exchanges import GOAL_EVENTS, RESULT_EVENTS
 from ff_planner_ros.errors import Status
 from ff_planner_ros.ros.messages.interfaces import ACTION, GET_RESULT, SEND_GOAL
 from ff_planner_ros.ros.qos import EVENT_QOS
@@ -22,7 +22,7 @@ class Wait:
     that nobody flies.
     """
 
-    def __init__(self, node: Node, found: Callable[[PlanTrajectory.Result], None]) -> None:
+    def __init__(self, node: Node, found: Callable[[PlanAnswer], None]) -> None:
         """Listen; `found` is called with every plan that is found before the wait is over."""
         self._clock, self._found = node.get_clock(), found
         self._unanswered = 0  # requests
@@ -46,7 +46,7 @@ class Wait:
     def _result(self, event: GET_RESULT.Event) -> None:
         # It may have been asked before this testbed was there.
         self._unanswered = max(self._unanswered - 1, 0)
-        result = response_in(event)
-        if result.status.code == Status.SOLVED and not self._is_over:
-            self._plan_begins_ns = nanoseconds(result.joint_trajectory.header.stamp)
-            self._found(result)
+        answer = event.response[0].result.answer
+        if answer.status.code == Status.SOLVED and not self._is_over:
+            self._plan_begins_ns = nanoseconds(answer.plans[0].joint_trajectory.header.stamp)
+            self._found(answer)

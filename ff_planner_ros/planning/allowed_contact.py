@@ -20,7 +20,7 @@ from ff_planner_ros.planning.problem import PlanningProblem
 @lru_cache(maxsize=4)
 def split_pairs(problem: PlanningProblem) -> tuple[Indices, Indices]:
     """Return the numbers of the pairs that must never touch, and of those allowed at the goal."""
-    bodies, allowed = problem.robot.bodies, problem.allowed_at_goal
+    bodies, allowed = problem.robot.bodies, problem.allowed_collisions
     names = [(bodies[a].link, bodies[b].link) for a, b in problem.robot.pairs]
     may = [f"{a}/{b}" in allowed or f"{b}/{a}" in allowed for a, b in names]
     return _split(may)
@@ -30,7 +30,7 @@ def split_pairs(problem: PlanningProblem) -> tuple[Indices, Indices]:
 def split_spheres(problem: PlanningProblem) -> tuple[Indices, Indices]:
     """Return likewise bodies and spheres: body times the number of spheres, plus sphere."""
     may = [
-        f"{body.link}/{sphere.id}" in problem.allowed_at_goal
+        f"{body.link}/{sphere.id}" in problem.allowed_collisions
         for body in problem.robot.bodies
         for sphere in problem.obstacles
     ]

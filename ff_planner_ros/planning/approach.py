@@ -21,7 +21,7 @@ from ff_planner_ros.forms import a_number, a_vector
 
 # Half angle of a corridor that none is given for [rad]: half as much again as what vehicles that
 # dock keep over hundreds of metres, for over decimetres an arm has less room to steer.
-CONE = math.radians(15.0)
+HALF_ANGLE = math.radians(15.0)
 # Radius of the corridor at the grasp [m], for no end effector meets a point: five times what a plan
 # may miss its goal by.
 RADIUS_AT_GRASP = 0.005
@@ -55,20 +55,21 @@ class Approach:
         a_vector(),
         "in which the end effector comes, any length but zero",
         frame="in its frame at the goal",
-        message="approach_direction",
+        message="direction",
     )
     distance: float = declare(
         a_number(above=0.0),
         "from the goal, within which it keeps to the corridor",
         unit="m",
-        message="approach_distance",
+        message="distance",
     )
-    cone: float = declare(
+    half_angle: float = declare(
         a_number(above=0.0),
-        "half angle of the corridor, below a right angle; 0.2618 is 15 deg",
+        "of the corridor, a cone about the direction, below a right angle; 0.2618 is 15 deg",
         unit="rad",
-        default=CONE,
-        message="approach_cone",
+        default=HALF_ANGLE,
+        message="half_angle",
+        formerly="cone",
     )
 
     def __post_init__(self) -> None:
@@ -86,9 +87,9 @@ class Approach:
         if abs(length * largest - 1.0) > _UNIT:
             direction = frozen(direction / largest / length)
         object.__setattr__(self, "direction", direction)
-        if not self.cone < math.pi / 2:
+        if not self.half_angle < math.pi / 2:
             allowed = "it must be less than a right angle, 1.5708 rad"
-            raise InvalidInput(Status.OUT_OF_RANGE, "approach.cone", self.cone, allowed)
+            raise InvalidInput(Status.OUT_OF_RANGE, "approach.half_angle", self.half_angle, allowed)
 
     def _along_and_aside(self, places: Array) -> tuple[Array, Array]:
         """Return how far places are before the grasp, and their way aside; (places, 3) [m]."""
@@ -98,7 +99,7 @@ class Approach:
     def angles(self, places: Array) -> Array:
         """Return how far off the direction places are, seen from the apex. (places,) [rad]."""
         along, aside = self._along_and_aside(places)
-        beyond = RADIUS_AT_GRASP / math.tan(self.cone)
+        beyond = RADIUS_AT_GRASP / math.tan(self.half_angle)
         angles: Array = np.arctan2(np.linalg.norm(aside, axis=1), along + beyond)
         return angles
 
@@ -111,7 +112,7 @@ class Approach:
         Returns:
             Shapes (places, planes) [m] and (places, planes, 3).
         """
-        sine, cosine = math.sin(self.cone), math.cos(self.cone)
+        sine, cosine = math.sin(self.half_angle), math.cos(self.half_angle)
         along, aside = self._along_and_aside(places)
         lateral = np.linalg.norm(aside, axis=1)
         across = np.cross(self.direction, np.eye(3)[np.abs(self.direction).argmin()])
@@ -136,7 +137,7 @@ class Approach:
         Args:
             places: Of the end effector in the grasp's frame. Shape (places, 3) [m].
         """
-        sine, cosine = math.sin(self.cone), math.cos(self.cone)
+        sine, cosine = math.sin(self.half_angle), math.cos(self.half_angle)
         along, aside = self._along_and_aside(places)
         lateral, away = np.linalg.norm(aside, axis=1), np.linalg.norm(places, axis=1)
         in_cone = RADIUS_AT_GRASP * cosine + along * sine - lateral * cosine

@@ -116,7 +116,9 @@ def tool_contact(problem: PlanningProblem) -> Contact | None:
 
 def is_near_goal(problem: PlanningProblem, q: Array, time: float) -> bool:
     """Tell whether a configuration may belong to the part of the way where contact is allowed."""
-    return bool(problem.allowed_at_goal) and before_contact(problem, np.array([time]), q[None]) < 0
+    if not problem.allowed_collisions:
+        return False
+    return before_contact(problem, np.array([time]), q[None]) < 0
 
 
 def _spheres(problem: PlanningProblem, q: Array, time: float) -> tuple[Array, Array]:

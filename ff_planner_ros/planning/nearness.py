@@ -193,13 +193,13 @@ def _touching_from(robot: Robot, scene: Scene, ee_positions: Array, times: Array
     names = [body.link for body in robot.bodies] or [""]
     never = np.full((len(names), len(scene.obstacles)), len(times))
     goal = scene.targets(times)
-    if not scene.allowed_at_goal or goal is None:
+    if not scene.allowed_collisions or goal is None:
         return never
     away = np.linalg.norm(ee_positions - goal, axis=1) > scene.contact_distance
     outside = np.flatnonzero(away)
     first = int(outside[-1]) + 1 if outside.size else 0
     for row, name in enumerate(names):
         for column, sphere in enumerate(scene.obstacles):
-            if f"{name}/{sphere.id}" in scene.allowed_at_goal:
+            if f"{name}/{sphere.id}" in scene.allowed_collisions:
                 never[row, column] = first
     return never

@@ -47,7 +47,8 @@ def _require_reachable_goal(problem: PlanningProblem, q_start: Array, momentum: 
             Status.COLLISION,
             f"at the goal {contact.first} is {-contact.distance:.4f} m inside obstacle "
             f"{contact.second}, in any posture: choose a target further from it, or name "
-            f"{contact.first.split('#')[0]}/{contact.second} in allowed_at_goal if it is grasped",
+            f"{contact.first.split('#')[0]}/{contact.second} in allowed_collisions.pairs if it is "
+            "grasped",
         )
     for sphere in () if robot.bodies else problem.obstacles:
         center = sphere.center + sphere.way(problem.duration)

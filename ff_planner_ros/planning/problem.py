@@ -11,7 +11,8 @@ import numpy as np
 import pinocchio as pin
 
 from ff_planner_ros.arrays import Array, finite_vector
-from ff_planner_ros.declared import DeclaredField, changes, check_declared, declare, part
+from ff_planner_ros.declared import DeclaredField, check_declared, declare
+from ff_planner_ros.declared_parts import changes, part
 from ff_planner_ros.errors import InvalidInput, Status, fields_named
 from ff_planner_ros.forms import (
     ALWAYS_FROM_URDF,
@@ -28,10 +29,10 @@ from ff_planner_ros.forms import (
     or_part,
 )
 from ff_planner_ros.planning.approach import Approach
+from ff_planner_ros.planning.goal_words import Orientation
 from ff_planner_ros.planning.parametrisation import Parametrisation
 from ff_planner_ros.planning.target import (
     SHORTEST_FREE_AXIS,
-    Orientation,
     Target,
     require_enough_joints,
     target_on_the_table,
@@ -175,12 +176,12 @@ class Objective:
     joint_path_length: float = declare(
         a_number(at_least=0.0),
         "weight of Eq. (44)",
-        message="weight_joint_path_length",
+        message="joint_path_length",
     )
     chaser_attitude: float = declare(
         a_number(at_least=0.0),
         "weight of Eq. (45)",
-        message="weight_chaser_attitude",
+        message="chaser_attitude",
     )
     duration: float = declare(
         a_number(at_least=0.0),
@@ -189,7 +190,7 @@ class Objective:
         since="0.3",
         brief=True,
         default=0.0,
-        message="weight_duration",
+        message="duration",
         late=True,
     )
 
@@ -235,7 +236,7 @@ class Limits:
         unit="rad",
         since="0.3",
         default=math.inf,
-        message="limit_chaser_attitude",
+        message="chaser_attitude[0]",
     )
     joint_accelerations: tuple[float, ...] | None = declare(  # None: any
         or_none(ONE_OR_EACH),
@@ -244,7 +245,7 @@ class Limits:
         unit="rad/s2",
         since="0.3",
         default=None,
-        message="limit_accelerations",
+        message="accelerations",
         late=True,
     )
     joint_torques: bool = declare(
@@ -262,7 +263,7 @@ class Limits:
         unit="rad",
         since="0.3",
         default=math.inf,
-        message="limit_chaser_rotation",
+        message="chaser_rotation[0]",
         brief=True,
         late=True,
     )
@@ -334,7 +335,7 @@ class PlanningProblem:
         part(Target),
         "what the end effector shall do at the last point of the plan",
         optional=True,
-        message="",
+        message="goal",
     )
     duration: float = declare(
         or_part(a_number(above=0.0), part(DurationRange)),
@@ -346,45 +347,49 @@ class PlanningProblem:
         a_whole_number(MIN_POINTS, MAX_POINTS),
         f"number of points of the plan; default {USUAL_POINTS}",
         optional=True,
-        message="points",
+        message="search.points",
     )
     obstacles: tuple[Sphere, ...] = declare(each(part(Sphere)), "spheres to stay out of")
     objective: Objective = declare(
         part(Objective),
         "what is minimised",
-        message="",
+        message="objective",
     )
     limits: Limits = declare(
         changes(Limits),
         "what is kept beside the joints' position limits",
         default=Limits(),
-        message="",
+        message="limits",
     )
     parametrisation: Parametrisation = declare(
         a_word(Parametrisation),
         "which paths the plan is looked for among",
         since="0.3",
         default=Parametrisation.AUTO,
-        message="parametrisation",
+        message="search.parametrisation",
         late=True,
     )
     # From when on the end effector stays within the contact distance, and in the tail
-    allowed_at_goal: tuple[str, ...] = declare(
+    allowed_collisions: tuple[str, ...] = declare(
         each(TEXT),
         "what may touch at the goal, link/obstacle or link/link",
+        key="allowed_collisions.pairs",
+        formerly="allowed_at_goal",
         since="0.3",
         brief=True,
         default=(),
-        message="allowed_at_goal",
+        message="goal.allowed_collisions[0].pairs",
     )
     contact_distance: float = declare(
         a_number(above=0.0),
         "of the end effector from its goal, within which they may",
+        key="allowed_collisions.distance",
+        formerly="contact_distance",
         unit="m",
         since="0.3",
         brief=True,
         default=CONTACT_DISTANCE,
-        message="contact_distance",
+        message="goal.allowed_collisions[0].distance",
     )
     # Whose grasp the target is, and to which some of the obstacles are fixed; None: to none
     target_body: TargetBody | None = declare(
@@ -401,7 +406,7 @@ class PlanningProblem:
         "of the last stretch: along a straight corridor; default: any way",
         since="0.3",
         default=None,
-        message="",
+        message="goal.approach[0]",
         late=True,
     )
 
@@ -421,8 +426,8 @@ class PlanningProblem:
             object.__setattr__(self, "target", target)
         require_enough_joints(self.robot, self.target)
         # In one order, so that equal problems are equal.
-        object.__setattr__(self, "allowed_at_goal", tuple(sorted(set(self.allowed_at_goal))))
-        if self.allowed_at_goal:
+        object.__setattr__(self, "allowed_collisions", tuple(sorted(set(self.allowed_collisions))))
+        if self.allowed_collisions:
             self._require_known_contacts()
         if self.approach is not None:
             self._require_approachable(self.approach)
@@ -456,7 +461,7 @@ class PlanningProblem:
         spheres = [sphere.id for sphere in self.obstacles]
         known = {f"{a}/{b}" for a, b in (*pairs, *((b, a) for a, b in pairs))}
         known |= {f"{link}/{sphere}" for link in links for sphere in spheres}
-        for name in self.allowed_at_goal:
+        for name in self.allowed_collisions:
             if name not in known:
                 allowed = (
                     "it must be link/obstacle or link/link, of links with shapes: "
@@ -464,7 +469,9 @@ class PlanningProblem:
                     if links
                     else "with robot.geometry lines nothing but the arm's lines is kept clear"
                 )
-                raise InvalidInput(Status.OUT_OF_RANGE, "allowed_at_goal", quoted(name), allowed)
+                raise InvalidInput(
+                    Status.OUT_OF_RANGE, "allowed_collisions.pairs", quoted(name), allowed
+                )
 
 
 def capturing(body: TargetBody, problem: PlanningProblem) -> PlanningProblem:

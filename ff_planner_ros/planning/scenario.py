@@ -13,14 +13,13 @@ from ff_planner_ros.arrays import finite_vector
 from ff_planner_ros.declared import (
     DeclaredField,
     DeclaredFields,
-    changes,
     declare,
     declared,
     fields_of,
-    part,
     read_keys,
     schema_of,
 )
+from ff_planner_ros.declared_parts import changes, part
 from ff_planner_ros.errors import Faults, InvalidInput, Status
 from ff_planner_ros.forms import DIALECT, TEXT, Schema, a_word, by_name
 from ff_planner_ros.planning.controller_rules import Controller
@@ -116,7 +115,7 @@ class Defaults:
 
     settings: PlannerSettings
     limits: Limits = _NO_LIMITS  # beside the joints' position limits
-    end_behaviour: EndBehaviour = EndBehaviour.AS_PLANNED  # what the arm does after the goal
+    end_behaviour: EndBehaviour = EndBehaviour.NONE  # what the arm does after the goal
     tail: float | None = None  # duration [s]
     points: int = USUAL_POINTS  # of the plan
     controller: Controller | None = None  # must take the plan; its joints are the robot's
@@ -217,7 +216,7 @@ def _task(read: Mapping[str, Any], robot: Robot, defaults: Defaults) -> Planning
     problem = _problem(read, robot, defaults.limits)
     given: dict[str, Any] = {"end_behaviour": defaults.end_behaviour, "tail": defaults.tail}
     given |= {"controller": defaults.controller} | fields_of(PlanningTask, read)
-    if given["end_behaviour"] is EndBehaviour.AS_PLANNED:
+    if given["end_behaviour"] is EndBehaviour.NONE:
         given["tail"] = 0.0
     elif given["tail"] is None:
         allowed = f"end_behaviour {given['end_behaviour']} needs it"

@@ -26,7 +26,7 @@ class Scene:
     obstacles: Sequence[Sphere] = ()
     # `link/obstacle` or `link/link`: they may touch from when on the end effector stays within the
     # contact distance of the target
-    allowed_at_goal: Sequence[str] = ()
+    allowed_collisions: Sequence[str] = ()
     contact_distance: float = CONTACT_DISTANCE  # [m]
     # As it is at the capture, and goes on uniformly before and after; None: not known, or a body's
     target: Target | None = None
@@ -76,7 +76,7 @@ def scene_of(problem: PlanningProblem) -> Scene:
     """Return the scene of a problem."""
     return Scene(
         obstacles=problem.obstacles,
-        allowed_at_goal=problem.allowed_at_goal,
+        allowed_collisions=problem.allowed_collisions,
         contact_distance=problem.contact_distance,
         target=problem.target if problem.target_body is None else None,
         target_body=problem.target_body,

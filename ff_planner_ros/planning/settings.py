@@ -9,7 +9,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ff_planner_ros.declared import changes, check_declared, declare
+from ff_planner_ros.declared import check_declared, declare
+from ff_planner_ros.declared_parts import changes
 
 
 class Strictness(NamedTuple):

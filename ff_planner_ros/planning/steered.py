@@ -8,7 +8,8 @@ import numpy as np
 import pinocchio as pin
 
 from ff_planner_ros.arrays import Array
-from ff_planner_ros.planning.target import Orientation, Target
+from ff_planner_ros.planning.goal_words import Orientation
+from ff_planner_ros.planning.target import Target
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.momentum import generalised_jacobian
 

@@ -35,9 +35,13 @@ _STEPS = 40
 class EndBehaviour(StrEnum):
     """What the arm does after the goal."""
 
-    AS_PLANNED = "as_planned"
+    NONE = "none"
     HOLD_END_EFFECTOR = "hold_end_effector"
     STOP_JOINTS = "stop_joints"
+
+
+# Words until version 0.3: deprecated.
+FORMER_END_BEHAVIOURS = {"as_planned": EndBehaviour.NONE}
 
 
 def with_tail(
@@ -49,7 +53,7 @@ def with_tail(
 ) -> Plan:
     """Return a plan continued beyond its goal, and checked as a whole.
 
-    - `as_planned`: the plan itself. Its joints still move at its last point.
+    - `none`: the plan itself. Its joints still move at its last point.
     - `hold_end_effector`: the end effector stays at its goal, or goes on with the target's twist or
       the target body's grasp, while the chaser moves on. The joints still move at the last point.
     - `stop_joints`: joint rates fall to zero, their accelerations go on from the plan's and end at
@@ -65,7 +69,7 @@ def with_tail(
         NoPlanFound: The tail violates what a plan must keep, or meets a dynamic singularity; the
             message names the tail, and the attempt is the plan with it.
     """
-    if end_behaviour is EndBehaviour.AS_PLANNED:
+    if end_behaviour is EndBehaviour.NONE:
         return plan
     robot, motion = problem.robot, plan.trajectory
     seconds = finite_number("tail_duration", seconds, above=0.0)

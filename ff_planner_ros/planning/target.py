@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import enum
 import math
 from dataclasses import dataclass, replace
 from typing import Any
@@ -13,8 +12,9 @@ import pinocchio as pin
 from ff_planner_ros.arrays import Array, finite_vector, frozen
 from ff_planner_ros.declared import check_declared, declare
 from ff_planner_ros.errors import InvalidInput, Status
-from ff_planner_ros.forms import QUATERNION, Form, a_vector, a_word, of_numbers
+from ff_planner_ros.forms import QUATERNION, Form, a_numbered_word, a_vector, of_numbers
 from ff_planner_ros.plain_values import numbers
+from ff_planner_ros.planning.goal_words import Orientation
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import Base, Robot
 from ff_planner_ros.robot.plane import MAX_HEIGHT_ERROR, MAX_TILT, flattened, in_plane
@@ -33,14 +33,6 @@ TILT_OF_ROUNDING = 1e-9
 
 def _zeros() -> Array:
     return np.zeros(3)
-
-
-class Orientation(enum.StrEnum):
-    """What a target says about the end effector's orientation."""
-
-    FIXED = "fixed"
-    FREE = "free"
-    ABOUT_AXIS = "about_axis"  # free to turn about one axis of the end effector
 
 
 def _euler_degrees(field: str, value: object) -> Array:
@@ -65,7 +57,7 @@ class Target:
         a_vector(),
         "of the end effector at the end, where it is then",
         unit="m",
-        message="target_pose.pose.position",
+        message="pose.pose.position",
     )
     # Of no meaning where orientation is FREE
     quaternion_xyzw: Array = declare(
@@ -77,21 +69,21 @@ class Target:
             "angles phi, theta, psi about x, y, z of the inertial frame: R = Rz Ry Rx [deg]",
         ),
         unless=("orientation", "free", (0.0, 0.0, 0.0, 1.0)),
-        message="target_pose.pose.orientation",
+        message="pose.pose.orientation",
     )
     linear_velocity: Array = declare(
         a_vector(),
         "of the end effector at the end",
         unit="m/s",
         default_factory=_zeros,
-        message="target_twist.linear",
+        message="twist.linear",
     )
     angular_velocity: Array = declare(
         a_vector(),
         "of the end effector at the end",
         unit="rad/s",
         default_factory=_zeros,
-        message="target_twist.angular",
+        message="twist.angular",
     )
     linear_acceleration: Array = declare(
         a_vector(), "of the end effector at the end", unit="m/s2", default_factory=_zeros
@@ -100,7 +92,7 @@ class Target:
         a_vector(), "of the end effector at the end", unit="rad/s2", default_factory=_zeros
     )
     orientation: Orientation = declare(
-        a_word(Orientation),
+        a_numbered_word(Orientation),
         "what of the attitude counts: fixed: all; free: nothing; about_axis: all but the turn "
         "about free_axis",
         since="0.3",

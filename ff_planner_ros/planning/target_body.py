@@ -18,7 +18,8 @@ import numpy as np
 import pinocchio as pin
 
 from ff_planner_ros.arrays import Array, finite_vector, frozen
-from ff_planner_ros.declared import check_declared, declare, part
+from ff_planner_ros.declared import check_declared, declare
+from ff_planner_ros.declared_parts import part
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.forms import INERTIA, NAME, QUATERNION, a_number, a_vector, each
 from ff_planner_ros.planning.target import Target

@@ -12,7 +12,8 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from ff_planner_ros.arrays import Array, finite_number, frozen
-from ff_planner_ros.declared import changes, check_declared, declare, declared_by_name
+from ff_planner_ros.declared import check_declared, declare, declared_by_name
+from ff_planner_ros.declared_parts import changes
 from ff_planner_ros.errors import Failure, FfPlannerError, InvalidInput, NoPlanFound, Status
 from ff_planner_ros.forms import a_number, a_vector, a_word, or_none
 from ff_planner_ros.planning.check import failures, refusal
@@ -26,7 +27,7 @@ from ff_planner_ros.planning.problem import PlanningProblem, Sphere, lasting
 from ff_planner_ros.planning.robust import robust_plan
 from ff_planner_ros.planning.settings import PlannerSettings
 from ff_planner_ros.planning.system_frame import SystemFrame, system_frame
-from ff_planner_ros.planning.tail import EndBehaviour, with_tail
+from ff_planner_ros.planning.tail import FORMER_END_BEHAVIOURS, EndBehaviour, with_tail
 from ff_planner_ros.planning.watch import Watch
 from ff_planner_ros.robot.bodies import Geometry, defining_numbers
 from ff_planner_ros.robot.model import Base, Robot
@@ -36,6 +37,8 @@ from ff_planner_ros.robot.state import SystemState
 Method: TypeAlias = Callable[[PlanningProblem, PlannerSettings, Watch, FirstGuess | None], Plan]
 
 _DIGITS = 16  # of a digest
+# What fields were called until version 0.3: the digest of a task stays what it was.
+_DIGESTED_AS = {"allowed_collisions": "allowed_at_goal", "half_angle": "cone"}
 _NANOSECONDS = 1e9
 # Durations that are tried where the tail of the one that was chosen cannot be driven: as far apart
 # as an eighth of the range.
@@ -85,13 +88,13 @@ class PlanningTask:
         late=True,
     )
     end_behaviour: EndBehaviour = declare(
-        a_word(EndBehaviour),
+        a_word(EndBehaviour, FORMER_END_BEHAVIOURS),
         "what the arm does after the goal",
         since="0.3",
-        default=EndBehaviour.AS_PLANNED,
+        default=EndBehaviour.NONE,
         message="end_behaviour",
     )
-    tail: float = declare(  # zero for `as_planned`
+    tail: float = declare(  # zero for `none`
         a_number(), "how long it does so", key="tail_duration", unit="s", since="0.3", default=0.0
     )
     controller: Controller | None = declare(
@@ -110,7 +113,7 @@ class PlanningTask:
     def __post_init__(self) -> None:
         """Check the times, and keep read-only copies of the arrays."""
         check_declared(self, "")
-        if self.end_behaviour is EndBehaviour.AS_PLANNED:
+        if self.end_behaviour is EndBehaviour.NONE:
             object.__setattr__(self, "tail", 0.0)
         if self.running is not None:
             motion = {item.name: getattr(self.running, item.name) for item in fields(JointMotion)}
@@ -151,12 +154,13 @@ def canonical(value: Any) -> Iterator[bytes]:
         for item in fields(value):
             if _is_absent(value, item.name):
                 continue
-            yield from canonical(item.name)
+            yield from canonical(_DIGESTED_AS.get(item.name, item.name))
             yield from canonical(getattr(value, item.name))
     elif value is None or isinstance(value, bool):
         yield repr(value).encode()
     elif isinstance(value, str):
-        text = str(value).encode(errors="surrogatepass")
+        word = "as_planned" if value is EndBehaviour.NONE else str(value)
+        text = word.encode(errors="surrogatepass")
         yield b"s%d:" % len(text) + text
     elif isinstance(value, np.ndarray):
         yield f"a{value.shape}".encode() + value.astype("<f8").tobytes()
@@ -186,8 +190,8 @@ def _is_absent(value: Any, name: str) -> bool:
     if isinstance(value, Sphere) and value.body is not None:
         return name not in ("id", "radius")
     if isinstance(value, PlanningProblem):
-        if name in ("allowed_at_goal", "contact_distance"):
-            return not value.allowed_at_goal
+        if name in ("allowed_collisions", "contact_distance"):
+            return not value.allowed_collisions
         if name == "target":
             return value.target_body is not None
     if isinstance(value, PlannerSettings) and name == "robust":

@@ -14,7 +14,8 @@ import numpy as np
 import pinocchio as pin
 
 from ff_planner_ros.arrays import Array
-from ff_planner_ros.declared import changes, check_declared, declare
+from ff_planner_ros.declared import check_declared, declare
+from ff_planner_ros.declared_parts import changes
 from ff_planner_ros.forms import a_number
 from ff_planner_ros.robot.model import Base, Robot
 from ff_planner_ros.robot.momentum_regressor import PARAMETERS

@@ -13,7 +13,7 @@ from typing import Any
 
 import rclpy
 from ff_planner_msgs.action import PlanTrajectory
-from ff_planner_msgs.srv import PlanTrajectory as PlanTrajectoryService
+from ff_planner_msgs.msg import PlanAnswer, PlanRequest
 from rclpy.action import ActionClient
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
@@ -30,9 +30,8 @@ from ff_planner_ros.ros.messages.request_values import (
     yaml_or_text,
 )
 from ff_planner_ros.ros.messages.to_messages import (
-    obstacles_message,
     request_message,
-    same_fields,
+    scene_message,
     state_message,
     target_body_message,
 )
@@ -41,9 +40,7 @@ _ACTION = "plan_trajectory_action"
 _INTERVAL = 0.2  # [s] between looks at the clock while waiting
 
 
-def request_of_scenario(
-    scenario: Path, frame: str, bring: Collection[str]
-) -> PlanTrajectoryService.Request:
+def request_of_scenario(scenario: Path, frame: str, bring: Collection[str]) -> PlanRequest:
     """Return the request for a scenario's goal.
 
     Args:
@@ -59,25 +56,22 @@ def request_of_scenario(
     # Stamps of zero: as if measured when the node reads it.
     if "state" in bring:
         names = problem.robot.joint_names
-        request.use_start_state = True
-        request.start_state = state_message(problem.start, names, 0, frame)
+        request.start_state = [state_message(problem.start, names, 0, frame)]
     if "obstacles" in bring:
-        request.use_obstacles = True
-        request.obstacles = obstacles_message(problem.obstacles, 0, frame)
+        request.scene = [scene_message(problem.obstacles, 0, frame)]
     if "target_body" in bring and problem.target_body is not None:
-        request.use_target_body = True
-        request.target_body = target_body_message(problem.target_body, 0, frame)
+        request.target_body = [target_body_message(problem.target_body, 0, frame)]
     return request
 
 
-def request_of_nothing(frame: str) -> PlanTrajectoryService.Request:
+def request_of_nothing(frame: str) -> PlanRequest:
     """Return a request that says nothing yet but its goal's frame."""
-    request = PlanTrajectoryService.Request()
-    request.target_pose.header.frame_id = frame
+    request = PlanRequest()
+    request.goal.pose.header.frame_id = frame
     return request
 
 
-def change_request(request: PlanTrajectoryService.Request, settings: Sequence[str]) -> None:
+def change_request(request: PlanRequest, settings: Sequence[str]) -> None:
     """Put each `key=value` into a request.
 
     Raises:
@@ -89,9 +83,7 @@ def change_request(request: PlanTrajectoryService.Request, settings: Sequence[st
         set_in_request(request, key, given)
 
 
-def answer_of_node(
-    request: PlanTrajectoryService.Request, patience: float, ros_arguments: list[str]
-) -> PlanTrajectory.Result:
+def answer_of_node(request: PlanRequest, patience: float, ros_arguments: list[str]) -> PlanAnswer:
     """Send a request to a running node and wait for its answer; Ctrl-C cancels it.
 
     Args:
@@ -101,7 +93,7 @@ def answer_of_node(
         FfPlannerError: The node does not take the request up, or ends.
         InvalidInput: No node offers the action.
     """
-    goal = same_fields(request, PlanTrajectory.Goal)
+    goal = PlanTrajectory.Goal(request=request)
     with _client(ros_arguments) as (client, executor):
         deadline = time.monotonic() + patience
         while not client.wait_for_server(timeout_sec=_INTERVAL):
@@ -133,7 +125,8 @@ def answer_of_node(
             if handle.accepted:
                 waited(ask(executor, handle.cancel_goal_async))
             raise
-    return result
+    answer: PlanAnswer = result.answer
+    return answer
 
 
 @contextmanager

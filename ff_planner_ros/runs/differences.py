@@ -7,12 +7,12 @@ from collections.abc import Iterator
 from dataclasses import dataclass, fields
 
 import numpy as np
-from ff_planner_msgs.srv import PlanTrajectory
+from ff_planner_msgs.msg import PlanAnswer, PlanMetrics
 
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.errors import Status
 from ff_planner_ros.planning.metrics import METRICS
-from ff_planner_ros.ros.messages.from_messages import plan_from_response
+from ff_planner_ros.ros.messages.from_messages import plan_from_answer
 
 # On one machine, a plan comes out the same to the last bit. Another processor has other kernels of
 # linear algebra, which round otherwise, and the search carries that on: as measured with the five
@@ -86,9 +86,7 @@ class Difference:
         return f"{words}{place} (tolerance {kind.tolerance:g})"
 
 
-def differences(
-    recorded: PlanTrajectory.Response, replayed: PlanTrajectory.Response
-) -> list[Difference]:
+def differences(recorded: PlanAnswer, replayed: PlanAnswer) -> list[Difference]:
     """Compare two answers of the same status; nothing found: they are the same to the last bit.
 
     Wall clock and words are not compared.
@@ -101,17 +99,18 @@ def differences(
     ]
 
 
-def _values(response: PlanTrajectory.Response) -> Iterator[tuple[str, Array]]:
+def _values(answer: PlanAnswer) -> Iterator[tuple[str, Array]]:
     """Yield every quantity of an answer; of a refusal, those of its best attempt."""
-    if response.status.code == Status.SOLVED:
-        plan = plan_from_response(response)
+    if answer.status.code == Status.SOLVED:
+        plan = plan_from_answer(answer)
         for item in fields(plan.trajectory):
             yield item.name, getattr(plan.trajectory, item.name)
         yield "xi", plan.xi
     for name in QUANTITIES:
         group, _, field = name.partition(".")
         if field:
-            yield name, np.array(getattr(getattr(response, group), field), dtype=float)
+            part = (answer.metrics or [PlanMetrics()])[0] if group == "metrics" else answer.solver
+            yield name, np.array(getattr(part, field), dtype=float)
 
 
 def _difference(name: str, before: Array, now: Array) -> Difference | None:

@@ -4,36 +4,34 @@ from __future__ import annotations
 
 import array
 import math
-import sys
 from collections.abc import Container, Sequence
 from dataclasses import replace
-from importlib import import_module
 from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
-from ff_planner_msgs.msg import PlanMetrics, PublishedPlan
-from ff_planner_msgs.srv import PlanTrajectory
+from ff_planner_msgs.msg import Plan as PlanMessage
+from ff_planner_msgs.msg import PlanAnswer, PlanMetrics, PlanRequest, PublishedPlan
 from rosidl_parser.definition import AbstractNestedType, NamespacedType
 from trajectory_msgs.msg import JointTrajectoryPoint
 
-from ff_planner_ros.bag.exchanges import Exchange, exchanges, response_in
+from ff_planner_ros.bag.exchanges import Exchange, answer_in, exchanges
 from ff_planner_ros.bag.reader import Bag
-from ff_planner_ros.declared import value_at
+from ff_planner_ros.declared_messages import value_at
 from ff_planner_ros.errors import BagError
-from ff_planner_ros.ros.messages.interfaces import type_name
+from ff_planner_ros.ros.messages.interfaces import class_of, type_name
 
 T = TypeVar("T")
 _MOTION = (
     "joint_trajectory",
-    "predicted_chaser_path",
-    "predicted_chaser_twists",
+    "chaser_path",
+    "chaser_twists",
     "end_effector_path",
     "end_effector_twists",
-    "predicted_target_path",
-    "predicted_target_twists",
+    "target_path",
+    "target_twists",
 )
 _NUMBERS = ("positions", "velocities", "accelerations", "effort")  # of a point
-PlanExchange: TypeAlias = Exchange[PlanTrajectory.Request, PlanTrajectory.Response]
+PlanExchange: TypeAlias = Exchange[PlanRequest, PlanAnswer]
 
 
 def installed_exchanges(bag: Bag) -> list[PlanExchange]:
@@ -44,8 +42,8 @@ def installed_exchanges(bag: Bag) -> list[PlanExchange]:
     """
     return exchanges(
         bag,
-        lambda request: as_installed(request, PlanTrajectory.Request),
-        lambda _, response: as_installed(response, PlanTrajectory.Response),
+        lambda request: as_installed(request, PlanRequest),
+        lambda _, answer: as_installed(answer, PlanAnswer),
     )
 
 
@@ -59,30 +57,36 @@ def brief_exchanges(bag: Bag) -> list[PlanExchange]:
     """
     return exchanges(
         bag,
-        lambda request: as_installed(request, PlanTrajectory.Request),
-        lambda _, response: _brief(response),
+        lambda request: as_installed(request, PlanRequest),
+        lambda _, answer: _brief(answer),
     )
 
 
 def with_motion(bag: Bag, exchange: PlanExchange) -> PlanExchange:
-    """Return one of the `brief_exchanges` with its whole response.
+    """Return one of the `brief_exchanges` with its whole answer.
 
     Raises:
         BagError: A field was recorded as another type than is installed here.
     """
     if exchange.answered_by is None:
         return exchange
-    response = response_in(bag.decode(exchange.answered_by))
-    return replace(exchange, response=as_installed(response, PlanTrajectory.Response))
+    answer = answer_in(bag.decode(exchange.answered_by))
+    return replace(exchange, response=as_installed(answer, PlanAnswer))
 
 
-def _brief(response: Any) -> PlanTrajectory.Response:
-    brief = as_installed(response, PlanTrajectory.Response, without=_MOTION)
-    for name in ("joint_trajectory", "predicted_chaser_path"):
+def _brief(answer: Any) -> PlanAnswer:
+    brief = as_installed(answer, PlanAnswer, without=("plans",))
+    brief.plans = [_brief_plan(plan) for plan in value_at(answer, "plans", ())]
+    return brief
+
+
+def _brief_plan(plan: Any) -> PlanMessage:
+    brief = as_installed(plan, PlanMessage, without=_MOTION)
+    for name in ("joint_trajectory", "chaser_path"):
         copied = value_at(brief, name)
-        recorded = value_at(response, name, copied)
+        recorded = value_at(plan, name, copied)
         setattr(brief, name, as_installed(recorded, type(copied), without=("points", "poses")))
-    points = value_at(response, "joint_trajectory.points", ())
+    points = value_at(plan, "joint_trajectory.points", ())
     brief.joint_trajectory.points = [
         as_installed(p, JointTrajectoryPoint, _NUMBERS) for p in points
     ]
@@ -136,7 +140,7 @@ def _value(recorded: Any, default: Any, slot_type: Any, owner: Any) -> Any:
         case NamespacedType() if hasattr(recorded, "__msgtype__"):
             return as_installed(recorded, type(default))
         case AbstractNestedType(value_type=NamespacedType() as element):
-            element_class = _class_of(element, owner)
+            element_class = class_of(element, owner)
             return [as_installed(one, element_class) for one in recorded]
         case AbstractNestedType() if isinstance(default, array.array):
             return array.array(default.typecode, np.asarray(recorded).tolist())
@@ -149,12 +153,6 @@ def _value(recorded: Any, default: Any, slot_type: Any, owner: Any) -> Any:
         case _ if _is_octet(slot_type):
             return _octet(recorded)
     return recorded
-
-
-def _class_of(element: NamespacedType, owner: Any) -> Any:
-    # What ROS itself makes of an action is in the module of the action only.
-    beside = getattr(sys.modules[owner.__module__], element.name, None)
-    return beside or getattr(import_module(".".join(element.namespaces)), element.name)
 
 
 def _is_octet(slot_type: Any) -> bool:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ff_planner_ros.bag.decoding import NANOSECONDS, nanoseconds
-from ff_planner_ros.declared import value_at
+from ff_planner_ros.declared_messages import value_at
 from ff_planner_ros.errors import Status
 from ff_planner_ros.parameters import NodeParameters
 from ff_planner_ros.ros.inputs.input_topics import heard_with
@@ -14,7 +14,7 @@ from ff_planner_ros.runs.recorded_parameters import RecordedParameters
 
 def moment(exchange: PlanExchange, recorded: RecordedParameters) -> tuple[int, Moment]:
     """Return when the node read a request, by its own clock [ns] and by the recorder's."""
-    now_ns = _taken_up(exchange, recorded)
+    now_ns = _received(exchange, recorded)
     # The request may have waited for another one.
     waited_ns = now_ns - exchange.received_ns if exchange.received_ns else 0
     stamps_ns = _stamps(exchange, recorded.at(now_ns))
@@ -23,18 +23,18 @@ def moment(exchange: PlanExchange, recorded: RecordedParameters) -> tuple[int, M
     return now_ns, Moment(exchange.logged_ns + waited_ns, named, tuple(stamps_ns))
 
 
-def _taken_up(exchange: PlanExchange, recorded: RecordedParameters) -> int:
+def _received(exchange: PlanExchange, recorded: RecordedParameters) -> int:
     request, response = exchange.request, exchange.response
-    if response is not None and nanoseconds(response.taken_up):
-        return nanoseconds(response.taken_up)
+    if response is not None and nanoseconds(response.inputs.received_stamp):
+        return nanoseconds(response.inputs.received_stamp)
     received_ns = exchange.received_ns or exchange.logged_ns
-    # Responses of versions before `taken_up`: the time follows from other fields.
+    # Answers of versions that do not tell it: the time follows from other fields.
     if request is not None and response is not None and response.status.code == Status.SOLVED:
-        if request.use_start_state and not nanoseconds(request.start_state.header.stamp):
-            return nanoseconds(response.state_stamp)
-        if not nanoseconds(request.start_time):
+        if request.start_state and not nanoseconds(request.start_state[0].header.stamp):
+            return nanoseconds(response.inputs.state_stamp)
+        if response.plans and not nanoseconds(request.start_time):
             allowance = recorded.at(received_ns).planning_allowance
-            start_ns = nanoseconds(response.joint_trajectory.header.stamp)
+            start_ns = nanoseconds(response.plans[0].joint_trajectory.header.stamp)
             return start_ns - round(allowance * NANOSECONDS)
     return received_ns
 
@@ -45,10 +45,9 @@ def _stamps(exchange: PlanExchange, parameters: NodeParameters) -> dict[str, int
     if request is None or response is None:
         return {}
     stamps_ns = {
-        topic.name: nanoseconds(value_at(response, topic.stamp))
+        topic.name: nanoseconds(value_at(response.inputs, topic.stamp))
         for topic in heard_with(parameters.state_source)
-        if not value_at(request, topic.brought_by)
-        and (not topic.wanted_by or value_at(request, topic.wanted_by))
+        if topic.is_used_by(request)
     }
     # The recorder may have an input that the node did not have yet.
     said = response.status.message

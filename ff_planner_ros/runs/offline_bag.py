@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import yaml
+from ff_planner_msgs.msg import PlanAnswer, PlanRequest
 from ff_planner_msgs.srv import PlanTrajectory
 from rclpy.qos import QoSProfile
 from service_msgs.msg import ServiceEventInfo
@@ -23,10 +24,12 @@ from ff_planner_ros.planning.scenario import SCENARIO_FRAME
 from ff_planner_ros.planning.task import PlanningTask
 from ff_planner_ros.ros.messages.interfaces import type_name
 from ff_planner_ros.ros.messages.to_messages import (
+    answer_of_error,
+    answer_with_plan,
     obstacles_message,
+    plan_message,
     request_message,
-    response_from_error,
-    response_from_plan,
+    scene_message,
     state_message,
     target_body_message,
     time_message,
@@ -68,23 +71,24 @@ def record_answer(
     # As they are at the plan's first point, and so is the target body.
     obstacles = obstacles_message(problem.obstacles, start_ns, SCENARIO_FRAME)
     request = request_message(problem, SCENARIO_FRAME)
-    request.use_start_state, request.start_state = True, state
-    request.use_obstacles, request.obstacles = True, obstacles
+    request.start_state = [state]
+    request.scene = [scene_message(problem.obstacles, start_ns, SCENARIO_FRAME)]
     body = problem.target_body
     if body is not None:
-        request.use_target_body = True
-        request.target_body = target_body_message(body, start_ns, SCENARIO_FRAME)
+        request.target_body = [target_body_message(body, start_ns, SCENARIO_FRAME)]
     request.start_time = time_message(start_ns)
     plan_id = directory.name
     if isinstance(answer, Plan):
-        response = response_from_plan(answer, plan_id, start_ns, SCENARIO_FRAME, solve_time, body)
+        written = plan_message(answer, start_ns, SCENARIO_FRAME, body)
+        response = answer_with_plan(answer, written, plan_id, solve_time)
     else:
-        response = response_from_error(answer, plan_id, solve_time)
+        response = answer_of_error(answer, plan_id, solve_time)
     Provenance(
-        taken_up_ns=now,
+        received_stamp_ns=now,
         state_stamp_ns=now,
         state_source="start_state",
         obstacles_stamp_ns=start_ns,
+        obstacles_source="scene",
         target_body_stamp_ns=0 if body is None else start_ns,
         task_digest=task.digest,
         first_guess=() if task.first_guess is None else tuple(task.first_guess.tolist()),
@@ -108,14 +112,14 @@ def record_answer(
         put("/chaser_state", STATE_QOS, state)
         put("/obstacles", LATCHED_QOS, obstacles)
         if body is not None:
-            put("/target_body", LATCHED_QOS, request.target_body)
+            put("/target_body", LATCHED_QOS, *request.target_body)
         events = _events(request, response, now)
         put("/plan_trajectory/_service_event", EVENT_QOS, *events)
         if isinstance(answer, Plan):
-            put("/joint_trajectory", LATCHED_QOS, response.joint_trajectory)
-            put("/predicted_chaser_path", LATCHED_QOS, response.predicted_chaser_path)
+            put("/joint_trajectory", LATCHED_QOS, written.joint_trajectory)
+            put("/predicted_chaser_path", LATCHED_QOS, written.chaser_path)
             if body is not None:
-                put("/predicted_target_path", LATCHED_QOS, response.predicted_target_path)
+                put("/predicted_target_path", LATCHED_QOS, written.target_path)
 
 
 def require_recordable(task: PlanningTask) -> None:
@@ -182,15 +186,13 @@ def _used(task: PlanningTask) -> dict[str, Any]:
     }
 
 
-def _events(
-    request: PlanTrajectory.Request, response: PlanTrajectory.Response, now: int
-) -> list[PlanTrajectory.Event]:
-    """Return the request and the response as service introspection tells of them."""
+def _events(request: PlanRequest, answer: PlanAnswer, now: int) -> list[PlanTrajectory.Event]:
+    """Return the request and the answer as service introspection tells of them."""
     received, sent = (
         ServiceEventInfo(event_type=kind, stamp=time_message(now), sequence_number=1)
         for kind in (ServiceEventInfo.REQUEST_RECEIVED, ServiceEventInfo.RESPONSE_SENT)
     )
     return [
-        PlanTrajectory.Event(info=received, request=[request]),
-        PlanTrajectory.Event(info=sent, response=[response]),
+        PlanTrajectory.Event(info=received, request=[PlanTrajectory.Request(request=request)]),
+        PlanTrajectory.Event(info=sent, response=[PlanTrajectory.Response(answer=answer)]),
     ]

@@ -110,7 +110,11 @@ def _take_stamped(
 
 
 def _take_first(answer: Heard, moment: Moment, first: Mapping[str, Message]) -> None:
-    """Take the first message where none was recorded before: the recorder may hear it later."""
+    """Take the first message where none was recorded before: the recorder may hear it later.
+
+    An input without which the node plans, too, was not there then.
+    """
     for name in moment.inputs:
-        if name in first and name not in moment.stamps_ns and not answer.get(name):
+        is_open = name not in moment.stamps_ns and not answer.get(name)
+        if name in first and is_open and not INPUT_TOPICS[name].optional:
             answer[name] = [first[name]]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterable, Sequence
 from typing import Any
 
@@ -44,8 +45,13 @@ class RecordedParameters:
             BagError: The bag does not hold them, or holds what is none.
         """
         self.notes: list[str] = []  # what had to be assumed
-        self._at_start = self._attached(bag)
         self._changes: list[tuple[int, NodeParameters]] = []
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", FutureWarning)  # nobody can change what a bag says
+            self._at_start = self._attached(bag)
+            self._read_changes(bag, node)
+
+    def _read_changes(self, bag: Bag, node: str) -> None:
         current = self._at_start
         for message, event in bag.decoded(type_name(ParameterEvent)):
             if event.node != node:

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from ff_planner_msgs.srv import PlanTrajectory
+from ff_planner_msgs.msg import PlanAnswer, PlanRequest
 
 from ff_planner_ros.bag.decoding import NANOSECONDS, nanoseconds
 from ff_planner_ros.bag.provenance import PROVENANCE
@@ -18,7 +18,7 @@ from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.ros.inputs.input_topics import INPUT_TOPICS
 from ff_planner_ros.ros.inputs.scene_input import SceneInput
 from ff_planner_ros.ros.inputs.state_input import StateInput
-from ff_planner_ros.ros.messages.from_messages import plan_from_response
+from ff_planner_ros.ros.messages.from_messages import plan_from_answer
 from ff_planner_ros.ros.outputs.plan_output import PublishedPlan
 from ff_planner_ros.ros.requests.reading import Knowledge, ReadRequest, read_request
 from ff_planner_ros.runs.installed import PlanExchange, as_installed, installed_exchanges
@@ -34,8 +34,8 @@ class RecordedRequest:
 
     name: str  # the plan id of the answer, or else the number of the request
     door: str  # `service` or `action`
-    request: PlanTrajectory.Request | None  # None where the bag holds the answer alone
-    response: PlanTrajectory.Response | None  # None where the bag holds no answer
+    request: PlanRequest | None  # None where the bag holds the answer alone
+    response: PlanAnswer | None  # None where the bag holds no answer
     inputs: Knowledge | None  # what the node knew; None where that cannot be rebuilt
     missing: str  # why the inputs cannot be rebuilt; empty where they can
     # Inputs whose stamps the response does not name: the message recorded last before the
@@ -123,7 +123,11 @@ def recorded_run(bag: Bag) -> RecordedRun:
                 response=exchange.response,
                 inputs=inputs,
                 missing=missing,
-                by_time=tuple(n for n in moments[i].inputs if n not in moments[i].stamps_ns),
+                by_time=tuple(
+                    name
+                    for name in moments[i].inputs
+                    if name not in moments[i].stamps_ns and not INPUT_TOPICS[name].optional
+                ),
             )
         )
     notes = (*bag.notes, *recorded.notes, *_assumed(found))
@@ -184,8 +188,8 @@ def _published(before: Sequence[PlanExchange], exchange: PlanExchange) -> Publis
         for one in before
         if one.response is not None and one.response.status.code == Status.SOLVED
     ]
-    if response is not None and nanoseconds(response.taken_up):
-        followed = response.following
+    if response is not None and nanoseconds(response.inputs.received_stamp):
+        followed = response.inputs.previous_plan_id
         if not followed:
             return None
         solved = [one for one in solved if one.plan_id == followed]
@@ -195,22 +199,22 @@ def _published(before: Sequence[PlanExchange], exchange: PlanExchange) -> Publis
         return None
     last = solved[-1]
     plan = _plan_in(last)
-    before = [one for one in solved_before if one.plan_id == last.following]
+    before = [one for one in solved_before if one.plan_id == last.inputs.previous_plan_id]
     return replace(plan, before=_plan_in(before[-1]) if before else None)
 
 
 def _first_guess(exchange: PlanExchange) -> Sequence[float]:
     """Return what was tried first; empty: nothing was."""
-    return () if exchange.response is None else exchange.response.first_guess
+    return () if exchange.response is None else exchange.response.inputs.first_guess
 
 
-def _plan_in(response: PlanTrajectory.Response) -> PublishedPlan:
-    start_ns = nanoseconds(response.joint_trajectory.header.stamp)
+def _plan_in(answer: PlanAnswer) -> PublishedPlan:
     try:
-        plan = plan_from_response(response)
+        start_ns = nanoseconds(answer.plans[0].joint_trajectory.header.stamp)
+        plan = plan_from_answer(answer)
     except (ValueError, IndexError) as error:
-        raise BagError(f"plan {response.plan_id}, which the joints followed, is damaged") from error
-    return PublishedPlan(response.plan_id, plan.trajectory, start_ns, duration=plan.duration)
+        raise BagError(f"plan {answer.plan_id}, which the joints followed, is damaged") from error
+    return PublishedPlan(answer.plan_id, plan.trajectory, start_ns, duration=plan.duration)
 
 
 def _assumed(found: Sequence[PlanExchange]) -> list[str]:
@@ -218,7 +222,7 @@ def _assumed(found: Sequence[PlanExchange]) -> list[str]:
     early = sum(
         one.response is not None
         and one.response.status.code < Status.INTERNAL_ERROR
-        and not nanoseconds(one.response.taken_up)
+        and not nanoseconds(one.response.inputs.received_stamp)
         for one in found
     )
     if not early:

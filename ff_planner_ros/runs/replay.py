@@ -4,18 +4,23 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
 
-from ff_planner_msgs.srv import PlanTrajectory
+from ff_planner_msgs.msg import PlanAnswer
 
 from ff_planner_ros.bag.progress_bar import progress_bar
 from ff_planner_ros.bag.provenance import provenance
 from ff_planner_ros.bag.reader import open_bag
 from ff_planner_ros.errors import BagError, FfPlannerError, Status
 from ff_planner_ros.planning.task import perform
-from ff_planner_ros.ros.messages.to_messages import response_from_error, response_from_plan
+from ff_planner_ros.ros.messages.to_messages import (
+    answer_of_error,
+    answer_with_plan,
+    plan_message,
+)
+from ff_planner_ros.ros.requests.reading import Provenance
 from ff_planner_ros.runs.differences import Difference, differences
 from ff_planner_ros.runs.recorded_run import RecordedRequest, RecordedRun, recorded_run
 from ff_planner_ros.text_table import print_table
@@ -55,7 +60,7 @@ class Replayed:
 
     recorded: RecordedRequest
     verdict: Verdict
-    answer: PlanTrajectory.Response | None  # the new one; None where there was no way to one
+    answer: PlanAnswer | None  # the new one; None where there was no way to one
     words: str  # more on the verdict; may be empty
     differences: tuple[Difference, ...]  # from the recorded answer
     planning_time: float  # wall clock of the planning alone [s]
@@ -120,7 +125,7 @@ def replay(recorded: RecordedRequest) -> Replayed:
     return Replayed(recorded, verdict, answer, words, tuple(found), planning_time)
 
 
-def answer_again(recorded: RecordedRequest) -> tuple[PlanTrajectory.Response, float]:
+def answer_again(recorded: RecordedRequest) -> tuple[PlanAnswer, float]:
     """Answer a request as the node does, and tell the wall clock of the planning alone [s].
 
     Raises:
@@ -129,26 +134,27 @@ def answer_again(recorded: RecordedRequest) -> tuple[PlanTrajectory.Response, fl
     if recorded.inputs is None:
         raise BagError(recorded.missing)
     frame, digest = recorded.inputs.parameters.inertial_frame, ""
-    guess: Sequence[float] = ()
+    origin = Provenance()
     begun, took = time.perf_counter(), 0.0
     try:
         asked = recorded.read_request()
         digest, begun = asked.task.digest, time.perf_counter()
-        guess = asked.provenance.first_guess
+        origin = asked.provenance
         try:
             plan = perform(asked.task)
         finally:
             took = time.perf_counter() - begun
         body = asked.task.problem.target_body
-        answer = response_from_plan(plan, recorded.name, asked.start_ns, frame, took, body)
+        written = plan_message(plan, asked.start_ns, frame, body)
+        answer = answer_with_plan(plan, written, recorded.name, took)
     except BagError:
         raise
     except FfPlannerError as error:
-        answer = response_from_error(error, recorded.name, took)
+        answer = answer_of_error(error, recorded.name, took)
     except Exception as error:  # as the node answers what nobody foresaw
         unforeseen = FfPlannerError(Status.INTERNAL_ERROR, f"{type(error).__name__}: {error}")
-        answer = response_from_error(unforeseen, recorded.name, took)
-    answer.task_digest, answer.first_guess = digest, guess
+        answer = answer_of_error(unforeseen, recorded.name, took)
+    replace(origin, task_digest=digest).tell(answer)
     return answer, took
 
 
@@ -190,7 +196,7 @@ def _row(one: Replayed) -> tuple[str, ...]:
     return recorded.name, recorded.door, status_name(response), now, words
 
 
-def status_name(response: PlanTrajectory.Response | None) -> str:
+def status_name(response: PlanAnswer | None) -> str:
     """Return the name or number of an answer's status; `-` if there is no answer."""
     if response is None:
         return "-"
@@ -230,7 +236,7 @@ def _changed_task(one: Replayed) -> Iterator[str]:
         )
 
 
-def _result(answer: PlanTrajectory.Response) -> str:
+def _result(answer: PlanAnswer) -> str:
     if answer.status.code == Status.SOLVED:
         return f"a plan, in {answer.solver.solve_time:.2f} s on this machine"
     return f"no plan: {answer.status.message}"

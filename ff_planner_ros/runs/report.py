@@ -52,7 +52,7 @@ class ReportedRequest:
     plan_id: str  # name of the request; empty if it has none
     door: str  # where it came in
     asked_ns: int | None = None  # of the request, on the node's clock [ns]
-    taken_up_ns: int | None = None  # when the node read the request
+    received_ns: int | None = None  # when the node read the request
     answered_ns: int | None = None  # when the response went out
     start_ns: int | None = None  # time of the plan's first point
     code: int | None = None  # of the status; None: unanswered

@@ -8,9 +8,8 @@ from pathlib import Path
 
 import numpy as np
 from builtin_interfaces.msg import Time
-from ff_planner_msgs.msg import ObstacleSphereArray
+from ff_planner_msgs.msg import ObstacleSphereArray, PlanAnswer, PlanRequest, Scene
 from ff_planner_msgs.msg import TargetBody as TargetBodyMessage
-from ff_planner_msgs.srv import PlanTrajectory
 
 from ff_planner_ros.analysis.methods import PLANNED
 from ff_planner_ros.analysis.tracking import deviations, measured_motion
@@ -18,9 +17,10 @@ from ff_planner_ros.bag.decoding import NANOSECONDS, nanoseconds
 from ff_planner_ros.bag.provenance import PROVENANCE
 from ff_planner_ros.bag.reader import Bag, Message, open_bag
 from ff_planner_ros.bag.robot_plans import attached_robot
-from ff_planner_ros.declared import value_at, values_in
+from ff_planner_ros.declared_messages import value_at, values_in
 from ff_planner_ros.errors import BagError, FfPlannerError, InvalidInput, Status
 from ff_planner_ros.parameters import NodeParameters
+from ff_planner_ros.planning.goal_words import GoalKind
 from ff_planner_ros.planning.problem import (
     PlanningProblem,
     TargetBody,
@@ -32,7 +32,7 @@ from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.ros.inputs.input_topics import OBSTACLES, TARGET_BODY, InputTopic
 from ff_planner_ros.ros.messages.from_messages import (
     metrics_from_message,
-    plan_from_response,
+    plan_from_answer,
     solver_report_from_message,
     spheres_from_message,
     target_body_from_message,
@@ -121,8 +121,9 @@ def _plans(
             else:
                 waiting[k] = replace(plans[k], remarks=(*plans[k].remarks, _UNPUBLISHED))
         except (BagError, InvalidInput, LookupError, ValueError) as error:
-            response = found[k].response or PlanTrajectory.Response()
-            notes.append(f"{response.plan_id} is not drawn: {error}")
+            notes.append(
+                f"{value_at(found[k].response, 'plan_id', 'an answer')} is not drawn: {error}"
+            )
     if parameters is not None:
         fill_windows(bag, robot, parameters, list(windows.values()))
     measured = {k: _with_measured(plans[k], one, parameters) for k, one in windows.items()}
@@ -151,40 +152,42 @@ def _request(exchange: PlanExchange) -> ReportedRequest:
 
 
 def reported_request(
-    door: str, request: PlanTrajectory.Request | None, response: PlanTrajectory.Response | None
+    door: str, request: PlanRequest | None, answer: PlanAnswer | None
 ) -> ReportedRequest:
-    """Return what a request and its response tell, without what is drawn of it."""
+    """Return what a request and its answer tell, without what is drawn of it."""
     found = ReportedRequest(plan_id="", door=door, message="no answer is in the bag")
     if request is not None:
-        path, attitude = request.weight_joint_path_length, request.weight_chaser_attitude
-        found = replace(found, weights=(path, attitude, request.weight_duration))
+        weights = request.objective
+        found = replace(
+            found, weights=(weights.joint_path_length, weights.chaser_attitude, weights.duration)
+        )
         if request.duration_max:
             found = replace(found, durations=(request.duration, request.duration_max))
         else:
             # What goes on from a running plan keeps that plan's goal, and asks for no duration.
             found = replace(found, duration=request.duration or None)
-    if response is None:
+    if answer is None:
         return found
     is_chosen = found.durations is not None or found.duration is None
-    if is_chosen and response.status.code == Status.SOLVED:
-        found = replace(found, duration=response.duration or None)
+    if is_chosen and answer.status.code == Status.SOLVED:
+        found = replace(found, duration=value_at(answer, "plans[0].duration", 0.0) or None)
     found = replace(
         found,
-        plan_id=response.plan_id,
-        taken_up_ns=nanoseconds(response.taken_up) or None,
-        code=response.status.code,
-        message=response.status.message,
-        solve_time=response.solver.solve_time or None,
-        guessed=len(response.first_guess) > 0,
+        plan_id=answer.plan_id,
+        received_ns=nanoseconds(answer.inputs.received_stamp) or None,
+        code=answer.status.code,
+        message=answer.status.message,
+        solve_time=answer.solver.solve_time or None,
+        guessed=len(answer.inputs.first_guess) > 0,
     )
-    # A refusal without an attempt has zeros in their place, which mean nothing.
-    if response.status.code == Status.SOLVED or response.solver.rollouts:
-        metrics = metrics_from_message(response.metrics)
-        solver = solver_report_from_message(response.solver)
+    if answer.metrics:
+        metrics = metrics_from_message(answer.metrics[0])
+        solver = solver_report_from_message(answer.solver)
         found = replace(found, metrics=metrics, solver=solver)
-    if response.joint_trajectory.points:
-        start_ns = nanoseconds(response.joint_trajectory.header.stamp)
-        found = replace(found, start_ns=start_ns, points=len(response.joint_trajectory.points))
+    if _is_plan(answer):
+        start_ns, _ = _span(answer)
+        points = len(answer.plans[0].joint_trajectory.points)
+        found = replace(found, start_ns=start_ns, points=points)
     return found
 
 
@@ -196,8 +199,8 @@ def _heard(
     asked = {
         k: found[k]
         for k in drawn
-        if not value_at(found[k].request, topic.brought_by, False)
-        and (not topic.wanted_by or value_at(found[k].request, topic.wanted_by, False))
+        for request in (found[k].request,)
+        if topic.is_used_by(PlanRequest() if request is None else request)
     }
     for namespace in dict.fromkeys(one.namespace for one in asked.values()):
         here = {k: one for k, one in asked.items() if one.namespace == namespace}
@@ -213,7 +216,9 @@ def _heard(
 
 
 def _moment(exchange: PlanExchange, topic: InputTopic) -> Moment:
-    stamp_ns = nanoseconds(value_at(exchange.response, topic.stamp)) if exchange.response else 0
+    stamp_ns = (
+        nanoseconds(value_at(exchange.response.inputs, topic.stamp)) if exchange.response else 0
+    )
     stamps_ns = {topic.name: stamp_ns} if stamp_ns else {}
     return Moment(exchange.logged_ns, stamps_ns, (topic.name,))
 
@@ -221,44 +226,44 @@ def _moment(exchange: PlanExchange, topic: InputTopic) -> Moment:
 def _plan(
     exchange: PlanExchange,
     robot: Robot,
-    scene: ObstacleSphereArray | None,
+    scene: ObstacleSphereArray | Scene | None,
     body_message: TargetBodyMessage | None,
 ) -> ReportedPlan:
     """Return a plan with its scene."""
-    plan = plan_from_response(exchange.response or PlanTrajectory.Response())
+    answer = exchange.response
+    if answer is None or not answer.plans:
+        raise BagError("the bag holds no plan of it")
+    plan = plan_from_answer(answer)
     if plan.joint_names != robot.joint_names:
         names, wanted = ", ".join(plan.joint_names), ", ".join(robot.joint_names)
         allowed = f"the robot of the bag has {wanted}"
         raise InvalidInput(Status.UNKNOWN_JOINT, "joint_trajectory.joint_names", names, allowed)
     require_sound_samples(robot, plan.trajectory)
-    goal, request, response = end_of(plan.trajectory), exchange.request, exchange.response
+    goal, request = end_of(plan.trajectory), exchange.request
     body: TargetBody | None = None
     if request is not None:
-        scene = request.obstacles if request.use_obstacles else scene
-        body_message = request.target_body if request.use_target_body else body_message
-        if not request.capture:
+        scene = request.scene[0] if request.scene else scene
+        body_message = request.target_body[0] if request.target_body else body_message
+        if request.goal.kind != GoalKind.CAPTURE:
             goal = values_in(PlanningProblem, request, names=("target",))["target"]
-        elif body_message is not None and response is not None:
+        elif body_message is not None:
             body = target_body_from_message(body_message, body_message.header.frame_id)
-            body = body.after(_since(response.target_body_stamp, response))
+            body = body.after(_since(answer.inputs.target_body_stamp, answer))
             # Answers of earlier versions do not tell: their duration was given.
-            goal = body.target(response.duration or request.duration)
+            goal = body.target(plan.duration or request.duration)
     obstacles = None
     if scene is not None:
         obstacles = spheres_from_message(scene, scene.header.frame_id)
-        stamp = response.obstacles_stamp if response is not None else scene.header.stamp
-        obstacles = carried_spheres(obstacles, _since(stamp, response))
+        obstacles = carried_spheres(obstacles, _since(answer.inputs.obstacles_stamp, answer))
         if body is not None:
             obstacles = with_attached_spheres(obstacles, body)
     told = {} if request is None else values_in(PlanningProblem, request, names=("approach",))
     return reported_plan(robot, {PLANNED: plan.trajectory}, goal, obstacles, told.get("approach"))
 
 
-def _since(stamp: Time, response: PlanTrajectory.Response | None) -> float:
-    """Return the time from a stamp to the start of the plan in a response [s]."""
-    if response is None:
-        return 0.0
-    start_ns = nanoseconds(response.joint_trajectory.header.stamp)
+def _since(stamp: Time, answer: PlanAnswer) -> float:
+    """Return the time from a stamp to the start of the plan in an answer [s]."""
+    start_ns = nanoseconds(answer.plans[0].joint_trajectory.header.stamp)
     return (start_ns - nanoseconds(stamp)) / NANOSECONDS
 
 
@@ -268,25 +273,25 @@ def _window(found: Sequence[PlanExchange], k: int) -> Window:
     (start_ns, end_ns), *later = (
         _span(exchange.response)
         for exchange in found[k:]
-        if exchange.namespace == namespace and _is_plan(exchange.response)
+        if exchange.namespace == namespace
+        and exchange.response is not None
+        and _is_plan(exchange.response)
     )
-    response = found[k].response or PlanTrajectory.Response()
-    frame = response.predicted_chaser_path.header.frame_id
+    frame = value_at(found[k].response, "plans[0].chaser_path.header.frame_id")
     return Window(namespace, frame, start_ns, min([end_ns, *(start for start, _ in later)]))
 
 
-def _is_plan(response: PlanTrajectory.Response | None) -> bool:
-    return (
-        response is not None
-        and response.status.code == Status.SOLVED
-        and bool(response.joint_trajectory.points)
+def _is_plan(answer: PlanAnswer) -> bool:
+    return answer.status.code == Status.SOLVED and bool(
+        value_at(answer, "plans[0].joint_trajectory.points", ())
     )
 
 
-def _span(response: PlanTrajectory.Response) -> tuple[int, int]:
+def _span(answer: PlanAnswer) -> tuple[int, int]:
     """Return the times of a plan's first and last point [ns]."""
-    start_ns = nanoseconds(response.joint_trajectory.header.stamp)
-    return start_ns, start_ns + nanoseconds(response.joint_trajectory.points[-1].time_from_start)
+    motion = answer.plans[0].joint_trajectory
+    start_ns = nanoseconds(motion.header.stamp)
+    return start_ns, start_ns + nanoseconds(motion.points[-1].time_from_start)
 
 
 def _with_measured(

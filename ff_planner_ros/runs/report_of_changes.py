@@ -6,15 +6,16 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from ff_planner_msgs.srv import PlanTrajectory
+from ff_planner_msgs.msg import PlanAnswer
 
 from ff_planner_ros.analysis.methods import CHANGED, RECORDED
+from ff_planner_ros.declared_messages import value_at
 from ff_planner_ros.errors import FfPlannerError, Status
 from ff_planner_ros.planning.plan import Trajectory
 from ff_planner_ros.planning.problem import PlanningProblem, lasting
 from ff_planner_ros.planning.sound_samples import require_sound_samples
 from ff_planner_ros.robot.model import Robot
-from ff_planner_ros.ros.messages.from_messages import plan_from_response
+from ff_planner_ros.ros.messages.from_messages import plan_from_answer
 from ff_planner_ros.runs.recorded_run import RecordedRequest
 from ff_planner_ros.runs.report import Report, ReportedPlan, reported_plan, robot_facts
 from ff_planner_ros.runs.report_of_bag import reported_request
@@ -29,7 +30,7 @@ class Answered:
 
     recorded: RecordedRequest
     changed: RecordedRequest
-    answer: PlanTrajectory.Response  # to the changed one
+    answer: PlanAnswer  # to the changed one
 
 
 def report_of_changes(
@@ -62,11 +63,11 @@ def report_of_changes(
 
 def _plan(robot: Robot, one: Answered) -> ReportedPlan | None:
     """Return what is drawn of a request, as recorded, as changed or both; None: no plan is."""
-    responses = {RECORDED: one.recorded.response, CHANGED: one.answer}
+    answers = {RECORDED: one.recorded.response, CHANGED: one.answer}
     motions = {
-        method: _motion(robot, response)
-        for method, response in responses.items()
-        if response is not None and response.status.code == Status.SOLVED
+        method: _motion(robot, answer)
+        for method, answer in answers.items()
+        if answer is not None and answer.status.code == Status.SOLVED
     }
     if not motions:
         return None
@@ -74,8 +75,8 @@ def _plan(robot: Robot, one: Answered) -> ReportedPlan | None:
     return reported_plan(robot, motions, problem.target, problem.obstacles, problem.approach)
 
 
-def _motion(robot: Robot, response: PlanTrajectory.Response) -> Trajectory:
-    motion = plan_from_response(response).trajectory
+def _motion(robot: Robot, answer: PlanAnswer) -> Trajectory:
+    motion = plan_from_answer(answer).trajectory
     require_sound_samples(robot, motion)
     return motion
 
@@ -86,7 +87,7 @@ def _problems(one: Answered) -> Iterator[PlanningProblem]:
     for request, answer in ((one.changed, one.answer), (one.recorded, one.recorded.response)):
         try:
             problem = request.read_request().task.problem
-            yield lasting(problem, None if answer is None else answer.duration or None)
+            yield lasting(problem, value_at(answer, "plans[0].duration", 0.0) or None)
         except FfPlannerError as error:
             refused = error
     if refused is not None:

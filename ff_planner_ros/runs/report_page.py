@@ -125,5 +125,5 @@ def _times(request: ReportedRequest) -> Iterator[str]:
     asked_ns = request.asked_ns or 0
     yield request.plan_id or "(no id)"
     yield clock_time(asked_ns, with_date=False)
-    for time_ns in (request.taken_up_ns, request.answered_ns, request.start_ns):
+    for time_ns in (request.received_ns, request.answered_ns, request.start_ns):
         yield _NOTHING if time_ns is None else f"{(time_ns - asked_ns) / NANOSECONDS:.3f}"

@@ -51,7 +51,7 @@ def asked(plan: ReportedPlan) -> Iterator[tuple[str, str]]:
     yield "", f"{away} from the start"
     if (approach := plan.approach) is not None:
         yield "approach", f"{_vector(approach.direction, '.3g')}, in the goal's axes"
-        cone = f"a cone of {np.rad2deg(approach.cone):.3g} deg to each side"
+        cone = f"a cone of {np.rad2deg(approach.half_angle):.3g} deg to each side"
         yield "", f"the last {1e3 * approach.distance:.4g} mm in {cone}"
     yield "obstacles", _obstacles(plan.obstacles)
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from ff_planner_msgs.srv import PlanTrajectory
+from ff_planner_msgs.msg import PlanAnswer
 
 from ff_planner_ros.bag.reader import open_bag
 from ff_planner_ros.errors import BagError
@@ -131,9 +131,7 @@ def print_what_if(bag: Path, settings: Sequence[str], report: Path | None = None
     return 0
 
 
-def _compared(
-    before: PlanTrajectory.Response | None, now: PlanTrajectory.Response
-) -> tuple[str, ...]:
+def _compared(before: PlanAnswer | None, now: PlanAnswer) -> tuple[str, ...]:
     """Return the cells of a table: as recorded > as changed."""
     return tuple(
         f"{before_cell} > {now_cell}"
@@ -141,16 +139,17 @@ def _compared(
     )
 
 
-def _cells(response: PlanTrajectory.Response | None) -> tuple[str, ...]:
-    if response is None or not response.solver.rollouts:
-        return status_name(response), _NONE, _NONE, _NONE, _NONE, _NONE
-    metrics, rotation = response.metrics, response.metrics.max_chaser_rotation
+def _cells(answer: PlanAnswer | None) -> tuple[str, ...]:
+    if answer is None or not answer.metrics:
+        return status_name(answer), _NONE, _NONE, _NONE, _NONE, _NONE
+    (metrics,) = answer.metrics
+    rotation = metrics.max_chaser_rotation
     return (
-        status_name(response),
+        status_name(answer),
         f"{metrics.joint_path_length:.4f}",
         f"{math.degrees(metrics.max_chaser_euler):.3f}",
         # Not known of what an earlier version recorded.
         _NONE if math.isnan(rotation) else f"{math.degrees(rotation):.3f}",
         f"{metrics.min_clearance * 1e3:.2f}",
-        f"{response.solver.solve_time:.2f}",
+        f"{answer.solver.solve_time:.2f}",
     )

@@ -100,7 +100,8 @@ class Touch:
                 pair = f"{self._names[first]}/{self._names[second]}"
                 found.setdefault(pair, []).append(-float(distance))
                 links = self._links[first], self._links[second]
-                if {"/".join(links), "/".join(reversed(links))} & set(self._scene.allowed_at_goal):
+                names = {"/".join(links), "/".join(reversed(links))}
+                if names & set(self._scene.allowed_collisions):
                     allowed.add(pair)
         return found, allowed
 

@@ -118,7 +118,7 @@ class ApproachCorridor(Requirement):
                 Status.LIMIT_VIOLATED,
                 f"the end effector may leave the corridor of the approach near {when}, {words}: "
                 f"all that is certain is a margin of {least.certified * 1e3:.2f} mm",
-                ("more points", "a larger approach.cone"),
+                ("more points", "a larger approach.half_angle"),
             )
             return
         yield Failure(
@@ -126,7 +126,7 @@ class ApproachCorridor(Requirement):
             f"at {when} the end effector is {words}: it is {-least.margin * 1e3:.2f} mm beside the "
             "corridor of the approach",
             (
-                "a larger approach.cone",
+                "a larger approach.half_angle",
                 "a shorter approach.distance",
                 "another approach.direction or grasp",
                 "a longer duration",
@@ -213,5 +213,5 @@ def _words(approach: Approach, place: Array) -> str:
     away, (angle,) = float(np.linalg.norm(place)), approach.angles(place[None])
     return (
         f"{away:.4f} m from the grasp and {math.degrees(angle):.2f} deg off approach.direction, "
-        f"allowed are {math.degrees(approach.cone):.4g} deg within {approach.distance:g} m"
+        f"allowed are {math.degrees(approach.half_angle):.4g} deg within {approach.distance:g} m"
     )

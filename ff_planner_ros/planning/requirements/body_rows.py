@@ -76,7 +76,7 @@ def pair_rows(
     configurations, pairs = np.unravel_index(names, shape)
     margins = np.minimum(margin, _room_of_pairs(problem)[pairs])
     rows_found = Rows(distances - margins, jacobian, names)
-    if not problem.allowed_at_goal:
+    if not problem.allowed_collisions:
         return rows_found
     apart = np.isin(pairs, split_pairs(problem)[0])
     return _chosen(rows_found, np.flatnonzero(apart | (configurations < at.until)))
@@ -118,7 +118,7 @@ def sphere_rows(
     configurations, bodies, spheres = np.unravel_index(names, shape)
     margins = np.minimum(margin, _room_of_spheres(problem)[bodies, spheres])
     rows_found = Rows(distances - margins, jacobian, names)
-    if not problem.allowed_at_goal:
+    if not problem.allowed_collisions:
         return rows_found
     apart = np.isin(bodies * len(problem.obstacles) + spheres, split_spheres(problem)[0])
     return _chosen(rows_found, np.flatnonzero(apart | (configurations < at.until)))
@@ -176,7 +176,7 @@ def _looked_at(problem: PlanningProblem, motion: Motion, sensitivity: Sensitivit
             np.concatenate([at, quarter_way(_out_of_order(at))])[order] for at in (q, by_x, times)
         )
         q[:, 3:7] /= np.linalg.norm(q[:, 3:7], axis=1)[:, None]
-    until = before_contact(problem, times, q, _WITHIN) + 1 if problem.allowed_at_goal else len(q)
+    until = before_contact(problem, times, q, _WITHIN) + 1 if problem.allowed_collisions else len(q)
     times_by_last = sensitivity.times_by_last(times, problem.duration)
     return _LookedAt(times, times_by_last, q, by_x, until)
 

@@ -6,11 +6,19 @@ import struct
 from dataclasses import dataclass
 from typing import Any
 
-from ff_planner_msgs.msg import ChaserState, ObstacleSphereArray, TargetBody
+from ff_planner_msgs.msg import (
+    ChaserState,
+    ObstacleArray,
+    ObstacleSphereArray,
+    PlanRequest,
+    TargetBody,
+)
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import JointState
 
 from ff_planner_ros.bag.decoding import NANOSECONDS
+from ff_planner_ros.declared_messages import value_at
+from ff_planner_ros.planning.goal_words import GoalKind
 
 
 @dataclass(frozen=True)
@@ -23,14 +31,20 @@ class InputTopic:
     memory: int
     # Value of the parameter state_source with which the topic is subscribed to; empty: any
     state_source: str
-    brought_by: str  # field of a request that says that the request brings this input itself
-    stamp: str  # field of a response, with the stamp of the message that the plan is made from
-    wanted_by: str = ""  # field of a request that says that the input counts; empty: always
+    brought_by: str  # field of a request that brings this input itself
+    stamp: str  # field of `PlanInputs`, with the stamp of the message that the plan is made from
+    of_captures: bool = False  # whether the input counts for a capture alone
+    optional: bool = False  # whether the node plans where none was received, too
+
+    def is_used_by(self, request: PlanRequest) -> bool:
+        """Tell whether a request is planned for from the topic."""
+        is_wanted = not self.of_captures or request.goal.kind == GoalKind.CAPTURE
+        return is_wanted and not value_at(request, self.brought_by)
 
 
 # A second of a topic at 1 kHz: no message should travel that much longer than another.
 MEMORY = 1000
-_START, _SCENE = "use_start_state", "use_obstacles"
+_START, _SCENE = "start_state", "scene"
 
 CHASER_STATE = InputTopic("chaser_state", ChaserState, 1, "chaser_state", _START, "state_stamp")
 ODOMETRY = InputTopic("odometry", Odometry, MEMORY, "odometry", _START, "state_stamp")
@@ -38,12 +52,16 @@ JOINT_STATES = InputTopic(
     "joint_states", JointState, MEMORY, "odometry", _START, "joint_states_stamp"
 )
 OBSTACLES = InputTopic("obstacles", ObstacleSphereArray, 1, "", _SCENE, "obstacles_stamp")
+OBSTACLE_BODIES = InputTopic(
+    "obstacle_bodies", ObstacleArray, 1, "", _SCENE, "obstacle_bodies_stamp", optional=True
+)
 TARGET_BODY = InputTopic(
-    "target_body", TargetBody, 1, "", "use_target_body", "target_body_stamp", "capture"
+    "target_body", TargetBody, 1, "", "target_body", "target_body_stamp", of_captures=True
 )
 
 INPUT_TOPICS = {
-    topic.name: topic for topic in (CHASER_STATE, ODOMETRY, JOINT_STATES, OBSTACLES, TARGET_BODY)
+    topic.name: topic
+    for topic in (CHASER_STATE, ODOMETRY, JOINT_STATES, OBSTACLES, OBSTACLE_BODIES, TARGET_BODY)
 }
 # The planner's own topics whose types are those of inputs.
 OUTPUTS_OF_THESE_TYPES = ("planned_joint_states",)

@@ -6,10 +6,11 @@ import math
 import threading
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Generic, TypeVar
 
-from ff_planner_msgs.msg import ObstacleSphereArray
+from ff_planner_msgs.msg import ObstacleArray, ObstacleSphereArray
+from ff_planner_msgs.msg import Scene as SceneMessage
 from ff_planner_msgs.msg import TargetBody as TargetBodyMessage
 from rclpy.serialization import deserialize_message
 
@@ -17,6 +18,7 @@ from ff_planner_ros.bag.decoding import nanoseconds
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.problem import Sphere, TargetBody
 from ff_planner_ros.ros.inputs.input_topics import (
+    OBSTACLE_BODIES,
     OBSTACLES,
     TARGET_BODY,
     InputTopic,
@@ -29,6 +31,7 @@ from ff_planner_ros.ros.messages.from_messages import (
     time_in_ns,
 )
 
+_OWN = "scene"  # field of a request
 _OF_TARGETS = Status.TARGET_TOO_OLD, Status.TARGET_IN_FUTURE, "target_max_age"
 
 Seen = TypeVar("Seen")
@@ -40,7 +43,9 @@ class Scene:
 
     spheres: tuple[Sphere, ...]  # at the stamp
     stamp_ns: int  # when they were seen [ns]; zero: not known
-    source: str  # of the message; may be empty
+    source: str  # of the message, or the request's field; may be empty
+    bodies_stamp_ns: int = 0  # of the message of bodies; zero: none was received, or not known [ns]
+    bodies_source: str = ""  # as it says
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,35 +63,45 @@ class SceneInput:
     def __init__(self, inertial_frame: str, now_ns: Callable[[], int] = time.time_ns) -> None:
         """Start without messages; `now_ns` is read to find stamps that are ahead of it [ns]."""
         self._inertial_frame = inertial_frame
-        self._obstacles = _Newest(OBSTACLES, self._scene, now_ns)
+        self._obstacles = _Newest(OBSTACLES, self._spheres, now_ns)
+        self._bodies = _Newest(OBSTACLE_BODIES, self._no_bodies, now_ns)
         self._target = _Newest(TARGET_BODY, self._seen_body, now_ns)
 
     def callbacks(self) -> dict[str, Callable[[Any], None]]:
         """Return what takes the next message of a topic, by the topic's name."""
-        return {OBSTACLES.name: self.keep, TARGET_BODY.name: self._target.keep}
+        return {
+            OBSTACLES.name: self.keep,
+            OBSTACLE_BODIES.name: self._bodies.keep,
+            TARGET_BODY.name: self._target.keep,
+        }
 
     def keep(self, message: ObstacleSphereArray | bytes) -> None:
         """Take the next obstacles, as they are or serialised: the newest count, valid or not."""
         self._obstacles.keep(message)
 
-    def scene(self, own: ObstacleSphereArray | None = None) -> Scene:
-        """Return the obstacles: those that a request brings (`own`), or else those of the topic.
+    def scene(self, own: SceneMessage | None = None) -> Scene:
+        """Return the obstacles: those that a request brings (`own`), or else those of the topics.
 
         Raises:
             InvalidInput: There are none, or they cannot be used.
         """
-        scene = self._scene(own) if own is not None else self._obstacles.read()
+        if own is not None:
+            return self._own_scene(own)
+        scene = self._obstacles.read()
         if scene is None:
             raise InvalidInput(
                 Status.NO_OBSTACLES,
                 "obstacles",
                 "missing",
                 "none were received yet; publish an empty array if the scene is free, "
-                "or give the request its obstacles",
+                "or give the request its scene",
             )
-        return scene
+        bodies = self._bodies.read()
+        if bodies is None:
+            return scene
+        return replace(scene, bodies_stamp_ns=bodies[0], bodies_source=bodies[1])
 
-    def moving_scene(self, own: ObstacleSphereArray | None, now_ns: int, max_lead: float) -> Scene:
+    def moving_scene(self, own: SceneMessage | None, now_ns: int, max_lead: float) -> Scene:
         """Return what `scene` does; spheres that move have a stamp, not too far ahead of now.
 
         Raises:
@@ -95,7 +110,8 @@ class SceneInput:
         scene = self.scene(own)
         if not any(sphere.moves for sphere in scene.spheres):
             return scene
-        field, stamp_ns = "obstacles.header.stamp", scene.stamp_ns
+        field = f"{OBSTACLES.name if own is None else _OWN}.header.stamp"
+        stamp_ns = scene.stamp_ns
         if not stamp_ns and own is not None:
             stamp_ns = now_ns
         if not stamp_ns:
@@ -103,7 +119,7 @@ class SceneInput:
             raise InvalidInput(Status.OUT_OF_RANGE, field, 0, allowed)
         # However long ago: they move uniformly.
         require_current(field, stamp_ns, now_ns, math.inf, max_lead)
-        return Scene(scene.spheres, stamp_ns, scene.source)
+        return replace(scene, stamp_ns=stamp_ns)
 
     def target_body(
         self, own: TargetBodyMessage | None, now_ns: int, max_age: float, max_lead: float
@@ -128,10 +144,27 @@ class SceneInput:
         require_current(field, seen.stamp_ns, now_ns, max_age, max_lead, _OF_TARGETS)
         return seen
 
-    def _scene(self, message: ObstacleSphereArray) -> Scene:
+    def _spheres(self, message: ObstacleSphereArray) -> Scene:
         stamp_ns = time_in_ns("obstacles.header.stamp", message.header.stamp)
         spheres = spheres_from_message(message, self._inertial_frame)
         return Scene(spheres, stamp_ns, message.source)
+
+    def _own_scene(self, message: SceneMessage) -> Scene:
+        stamp_ns = time_in_ns(f"{_OWN}.header.stamp", message.header.stamp)
+        return Scene(spheres_from_message(message, self._inertial_frame, _OWN), stamp_ns, _OWN)
+
+    def _no_bodies(self, message: ObstacleArray) -> tuple[int, str]:
+        """Return stamp and source of a message without bodies.
+
+        Raises:
+            InvalidInput: It has some: left out of a plan, they would be hit.
+        """
+        name = OBSTACLE_BODIES.name
+        if message.bodies:
+            allowed = "it must be empty: this version plans around spheres alone"
+            found = f"{len(message.bodies)} bodies"
+            raise InvalidInput(Status.UNSUPPORTED, f"{name}.bodies", found, allowed)
+        return time_in_ns(f"{name}.header.stamp", message.header.stamp), message.source
 
     def _seen_body(self, message: TargetBodyMessage, otherwise_ns: int = 0) -> SeenBody:
         stamp_ns = time_in_ns("target_body.header.stamp", message.header.stamp) or otherwise_ns

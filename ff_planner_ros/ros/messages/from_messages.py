@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping, Sequence, Sized
 from dataclasses import fields, replace
 from typing import TYPE_CHECKING, Any
 
@@ -14,9 +14,10 @@ from ff_planner_ros.arrays import Array, finite_number, finite_vector
 from ff_planner_ros.bag.decoding import NANOSECONDS, nanoseconds
 from ff_planner_ros.bag.plans import trajectory_in
 from ff_planner_ros.bag.target_bodies import NAMED_AS, target_body_in
-from ff_planner_ros.declared import names_in, value_at, values_in
+from ff_planner_ros.declared_messages import names_in, value_at, values_in
 from ff_planner_ros.errors import InvalidInput, Status, fields_named
 from ff_planner_ros.parameters import NodeParameters
+from ff_planner_ros.planning.goal_words import GoalKind
 from ff_planner_ros.planning.metrics import Metrics
 from ff_planner_ros.planning.plan import Plan, SolverReport
 from ff_planner_ros.planning.problem import (
@@ -31,24 +32,58 @@ from ff_planner_ros.planning.problem import (
 )
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.state import SystemState
+from ff_planner_ros.shown import quoted
 
 if TYPE_CHECKING:  # what is read may also be a message decoded where ROS is not installed
     from builtin_interfaces.msg import Time
-    from ff_planner_msgs.msg import ChaserState, ObstacleSphere, ObstacleSphereArray, PlanMetrics
+    from ff_planner_msgs.msg import (
+        ChaserState,
+        ObstacleSphere,
+        ObstacleSphereArray,
+        PlanAnswer,
+        PlanMetrics,
+        PlanRequest,
+        Scene,
+    )
     from ff_planner_msgs.msg import SolverReport as SolverReportMessage
     from ff_planner_msgs.msg import TargetBody as TargetBodyMessage
-    from ff_planner_msgs.srv import PlanTrajectory
     from geometry_msgs.msg import Point, Quaternion, Vector3
 
 # builtin_interfaces/Time counts seconds in an int32.
 MAX_MESSAGE_SECONDS = 2**31 - 1
 _JOINTS = ("joint_positions", "joint_velocities", "joint_accelerations")
+# Fields of a request that this version refuses unless they are empty.
+_NOT_YET = (
+    *("payload", "camera", "then", "search.effort", "search.depth", "scene[0].bodies"),
+    *("limits.grasp_force", "limits.grasp_torque", "limits.capture_impulse"),
+)
 # Of joints at fault: more than any arm has would bury the message.
 _NAMES_SHOWN = 20
 
 
+def require_supported(request: PlanRequest) -> None:
+    """Refuse a request for what no plan can have yet.
+
+    Raises:
+        InvalidInput: It names the field.
+    """
+    for field in _NOT_YET:
+        given = value_at(request, field, None)
+        if len(given) if isinstance(given, Sized) else given:
+            allowed = "it must be left out: this version does not plan with it"
+            raise InvalidInput(Status.UNSUPPORTED, field.replace("[0]", ""), "given", allowed)
+    kind = request.goal.kind
+    if kind not in (GoalKind.POSE, GoalKind.CAPTURE):
+        allowed = f"it must be POSE ({GoalKind.POSE:d}) or CAPTURE ({GoalKind.CAPTURE:d})"
+        status = Status.UNSUPPORTED if kind in iter(GoalKind) else Status.OUT_OF_RANGE
+        raise InvalidInput(status, "goal.kind", kind, allowed)
+    if request.on_cancel not in ("", "discard"):
+        status = Status.UNSUPPORTED if request.on_cancel == "best" else Status.OUT_OF_RANGE
+        raise InvalidInput(status, "on_cancel", quoted(request.on_cancel), "it must be discard")
+
+
 def problem_from_request(
-    request: PlanTrajectory.Request,
+    request: PlanRequest,
     robot: Robot,
     start: SystemState,
     obstacles: tuple[Sphere, ...],
@@ -60,7 +95,7 @@ def problem_from_request(
 
     Args:
         obstacles: At the plan's first point.
-        body: That is captured, then; None: the goal is the request's target pose.
+        body: That is captured, then; None: the goal is the request's pose.
         remaining: Of a running plan [s], the duration of a request that leaves it at zero. None:
             no plan is continued.
 
@@ -68,15 +103,15 @@ def problem_from_request(
         InvalidInput: A field of the request cannot be used; the error names it.
     """
     if body is None:
-        target_frame = request.target_pose.header.frame_id
-        require_frame("target_pose.header.frame_id", target_frame, parameters.inertial_frame)
+        target_frame = request.goal.pose.header.frame_id
+        require_frame("goal.pose.header.frame_id", target_frame, parameters.inertial_frame)
     most = parameters.limits.limits().of_joints(robot.joints)
     names = names_in(PlanningProblem) | names_in(DurationRange, "duration")
     with fields_named(NAMED_AS | names):
         given = values_in(PlanningProblem, request, names=_names(request, body))
         given["duration"], given["duration_range"] = _duration(request, remaining)
         given["limits"] = _limits(given.get("limits", {}), robot, most)
-        given["points"] = request.points or parameters.points
+        given["points"] = request.search.points or parameters.points
         if body is not None:
             given["target"] = body.target(given["duration"])
             obstacles = with_attached_spheres(obstacles, body)
@@ -85,15 +120,16 @@ def problem_from_request(
         )
 
 
-def _names(request: PlanTrajectory.Request, body: TargetBody | None) -> list[str]:
+def _names(request: PlanRequest, body: TargetBody | None) -> list[str]:
     """Return the fields of the problem that are looked at; of a body the request has no target."""
     names = [item.name for item in fields(PlanningProblem)]
     if body is None:
         return names
-    told = values_in(Target, request, "target", ("orientation", "free_axis_in_ee"))
-    if told not in ({}, {"orientation": Orientation.FIXED}):
-        allowed = "a capture has the grasp's orientation: it must be fixed or empty"
-        raise InvalidInput(Status.UNSUPPORTED, "orientation", request.orientation, allowed)
+    told = values_in(Target, request.goal, "target", ("orientation", "free_axis_in_ee"))
+    if told:
+        field, given = "goal.orientation", told.get("orientation", Orientation.FIXED)
+        allowed = "a capture has the grasp's orientation: it must be fixed, without a free_axis"
+        raise InvalidInput(Status.UNSUPPORTED, field, given, allowed)
     names.remove("target")
     return names
 
@@ -108,8 +144,8 @@ def _limits(asked: Mapping[str, Any], robot: Robot, kept: Limits) -> Limits:
                 Status.OUT_OF_RANGE,
                 f"limits.{name}",
                 angle,
-                f"it must be greater than 0 rad{upper}; 0 stands for the parameter "
-                f"limits.{name}, which no request exceeds",
+                f"it must be greater than 0 rad{upper}; left out, the parameter limits.{name} "
+                "holds, which no request exceeds",
             )
     lower = replace(kept, **asked).of_joints(robot.joints)
     highest = kept.joint_accelerations or (math.inf,) * robot.joints
@@ -124,9 +160,7 @@ def _limits(asked: Mapping[str, Any], robot: Robot, kept: Limits) -> Limits:
     return lower
 
 
-def _duration(
-    request: PlanTrajectory.Request, remaining: float | None
-) -> tuple[float, DurationRange | None]:
+def _duration(request: PlanRequest, remaining: float | None) -> tuple[float, DurationRange | None]:
     """Return the duration and, where the planner is to choose one, its range, else None."""
     if remaining is not None and request.duration == request.duration_max == 0.0:
         return remaining, None
@@ -162,6 +196,9 @@ def state_from_message(
         InvalidInput: A field of the message cannot be used; the error names it.
     """
     require_frame(f"{source}.header.frame_id", message.header.frame_id, inertial_frame)
+    if len(message.wheel_momenta):
+        field, found = f"{source}.wheel_momenta", message.wheel_momenta.tolist()
+        raise InvalidInput(Status.WRONG_SIZE, field, found, "it must be empty: there are no wheels")
     order = joint_order(f"{source}.joint_names", message.joint_names, robot.joint_names)
     with fields_named(names_in(SystemState, "", source)):
         given = values_in(SystemState, message)
@@ -182,39 +219,42 @@ def target_body_from_message(message: TargetBodyMessage, inertial_frame: str) ->
     return target_body_in(message)
 
 
-def spheres_from_message(message: ObstacleSphereArray, inertial_frame: str) -> tuple[Sphere, ...]:
-    """Read the scene at its stamp, which must be given in the inertial frame.
+def spheres_from_message(
+    message: ObstacleSphereArray | Scene, inertial_frame: str, source: str = "obstacles"
+) -> tuple[Sphere, ...]:
+    """Read the spheres of the topic or field `source` at their stamp, in the inertial frame.
 
     Raises:
         InvalidInput: A field of the message cannot be used, two spheres share an id, or one turns.
     """
-    require_frame("obstacles.header.frame_id", message.header.frame_id, inertial_frame)
+    require_frame(f"{source}.header.frame_id", message.header.frame_id, inertial_frame)
     first: dict[str, int] = {}
     for i, sphere in enumerate(message.spheres):
         if first.setdefault(sphere.id, i) != i:
             raise InvalidInput(
                 Status.OUT_OF_RANGE,
-                f"obstacles.spheres[{i}].id",
+                f"{source}.spheres[{i}].id",
                 repr(sphere.id),
                 f"every id must be given once, and spheres[{first[sphere.id]}] has it already",
             )
-    return tuple(_sphere(f"obstacles.spheres[{i}]", s) for i, s in enumerate(message.spheres))
+    return tuple(_sphere(f"{source}.spheres[{i}]", s) for i, s in enumerate(message.spheres))
 
 
-def plan_from_response(response: PlanTrajectory.Response) -> Plan:
-    """Read the plan back out of a response whose status is SOLVED.
+def plan_from_answer(answer: PlanAnswer) -> Plan:
+    """Read the plan back out of an answer whose status is SOLVED.
 
-    Its times are rounded to nanoseconds; it holds NaN where the response leaves something out.
+    Its times are rounded to nanoseconds; it holds NaN where the answer leaves something out.
     """
+    message = answer.plans[0]
     return Plan(
-        joint_names=tuple(response.joint_trajectory.joint_names),
-        trajectory=trajectory_in(response),
-        xi=np.array(response.xi),
-        orientation_reading=response.orientation_reading,
-        family=value_at(response, "parametrisation", ""),
-        metrics=metrics_from_message(response.metrics),
-        solver=solver_report_from_message(response.solver),
-        duration=value_at(response, "duration", 0.0) or None,
+        joint_names=tuple(message.joint_trajectory.joint_names),
+        trajectory=trajectory_in(message),
+        xi=np.array(message.xi),
+        orientation_reading=message.orientation_reading,
+        family=message.family,
+        metrics=metrics_from_message(answer.metrics[0]),
+        solver=solver_report_from_message(answer.solver),
+        duration=message.duration or None,
     )
 
 

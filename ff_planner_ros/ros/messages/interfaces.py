@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+import sys
+from importlib import import_module
+from typing import Any
+
 from ff_planner_msgs.action import PlanTrajectory as PlanTrajectoryAction
+from rosidl_parser.definition import NamespacedType
 
 SERVICE, ACTION = "plan_trajectory", "plan_trajectory_action"
 PUBLISH_PLAN = "~/publish_plan"
@@ -14,3 +19,16 @@ def type_name(message_type: type) -> str:
     """Return the name of a message class as a bag writes it, `package/msg/Name`."""
     package, kind = message_type.__module__.split(".")[:2]
     return f"{package}/{kind}/{message_type.__name__}"
+
+
+def class_of(element: NamespacedType, owner: Any) -> Any:
+    """Return the class of a message's part; `owner` is the class of the message."""
+    # What ROS itself makes of an action is in the module of the action only.
+    beside = getattr(sys.modules[owner.__module__], element.name, None)
+    return beside or getattr(import_module(".".join(element.namespaces)), element.name)
+
+
+def entry_of(message: Any, array: str) -> Any:
+    """Return a new message for an array of a message, by the array's name."""
+    kinds = dict(zip(message.get_fields_and_field_types(), message.SLOT_TYPES, strict=True))
+    return class_of(kinds[array].value_type, type(message))()

@@ -5,14 +5,16 @@ from __future__ import annotations
 from collections.abc import Collection
 from typing import Any
 
-from ff_planner_msgs.srv import PlanTrajectory
+from ff_planner_msgs.msg import PlanRequest
 
 from ff_planner_ros.arrays import finite_vector
-from ff_planner_ros.declared import DeclaredField, places_in, write_value
+from ff_planner_ros.declared import DeclaredField
+from ff_planner_ros.declared_messages import places_in, write_value
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.problem import PlanningProblem
 from ff_planner_ros.planning.task import PlanningTask
 from ff_planner_ros.planning.yaml_file import yaml_document
+from ff_planner_ros.ros.messages.interfaces import entry_of
 
 # Place in the message, and declaration, by key.
 REQUEST_KEYS: dict[str, tuple[str, DeclaredField]] = {
@@ -65,7 +67,7 @@ def request_value(key: str, value: Any, in_range: bool) -> Any:
     return form.written(read)
 
 
-def set_in_request(request: PlanTrajectory.Request, key: str, value: Any) -> None:
+def set_in_request(request: PlanRequest, key: str, value: Any) -> None:
     """Put a value of `request_value` into its place.
 
     Raises:
@@ -73,7 +75,7 @@ def set_in_request(request: PlanTrajectory.Request, key: str, value: Any) -> Non
     """
     place, declaration = REQUEST_KEYS[key]
     try:
-        write_value(request, declaration, value, place)
+        write_value(request, declaration, value, entry_of, place)
     except (AssertionError, OverflowError):
         allowed = "it does not fit a request"
         raise InvalidInput(Status.OUT_OF_RANGE, key, value, allowed) from None

@@ -4,21 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict
-from typing import Any
 
 import numpy as np
 from builtin_interfaces.msg import Duration, Time
-from ff_planner_msgs.action import PlanTrajectory as PlanTrajectoryAction
 from ff_planner_msgs.msg import (
     ChaserState,
+    Goal,
     ObstacleSphere,
     ObstacleSphereArray,
+    PlanAnswer,
     PlanMetrics,
+    PlanRequest,
     PlanStatus,
+    Scene,
     SolverReport,
 )
+from ff_planner_msgs.msg import Plan as PlanMessage
 from ff_planner_msgs.msg import TargetBody as TargetBodyMessage
-from ff_planner_msgs.srv import PlanTrajectory
 from geometry_msgs.msg import Point, Pose, PoseStamped, Quaternion, Twist, Vector3
 from nav_msgs.msg import Path
 from scipy.spatial.transform import Rotation
@@ -27,40 +29,40 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from ff_planner_ros.arrays import Array
 from ff_planner_ros.bag.decoding import NANOSECONDS
-from ff_planner_ros.declared import value_at, write_object
-from ff_planner_ros.errors import FfPlannerError, NoPlanFound, Status
+from ff_planner_ros.declared_messages import write_object
+from ff_planner_ros.errors import (
+    LONGEST_MESSAGE,
+    FfPlannerError,
+    InvalidInput,
+    NoPlanFound,
+    Status,
+    retry_after,
+)
 from ff_planner_ros.planning.plan import Plan
 from ff_planner_ros.planning.problem import PlanningProblem, Sphere, TargetBody
 from ff_planner_ros.robot.state import SystemState
+from ff_planner_ros.ros.messages.interfaces import entry_of
+from ff_planner_ros.shown import shortened, shown
 
 
-def request_message(problem: PlanningProblem, inertial_frame: str) -> PlanTrajectory.Request:
-    """Write a problem as a request for the latest published state, obstacles and target body."""
-    request: PlanTrajectory.Request = write_object(problem, PlanTrajectory.Request())
-    request.target_pose.header.frame_id = inertial_frame
+def request_message(problem: PlanningProblem, inertial_frame: str) -> PlanRequest:
+    """Write a problem as a request for the latest published state, scene and target body."""
+    request: PlanRequest = write_object(problem, PlanRequest(), entry_of)
+    request.goal.pose.header.frame_id = inertial_frame
     if problem.duration_range is not None:
-        write_object(problem.duration_range, request)
-    request.capture = problem.target_body is not None
+        write_object(problem.duration_range, request, entry_of)
+    if problem.target_body is not None:
+        request.goal.kind = Goal.CAPTURE
     return request
-
-
-def goal_message(problem: PlanningProblem, inertial_frame: str) -> PlanTrajectoryAction.Goal:
-    """Write a problem as a goal of the action, as `request_message` does for the service."""
-    return same_fields(request_message(problem, inertial_frame), PlanTrajectoryAction.Goal)
-
-
-def same_fields(message: Any, kind: Any) -> Any:
-    """Return a message of another type that has the same fields."""
-    return kind(**{name: value_at(message, name) for name in kind.get_fields_and_field_types()})
 
 
 def state_message(
     state: SystemState, joint_names: Sequence[str], stamp_ns: int, inertial_frame: str
 ) -> ChaserState:
     """Write a state at a time [ns] as a message."""
-    header = Header(stamp=time_message(stamp_ns), frame_id=inertial_frame)
+    header = _header(stamp_ns, inertial_frame)
     message: ChaserState = write_object(
-        state, ChaserState(header=header, joint_names=list(joint_names))
+        state, ChaserState(header=header, joint_names=list(joint_names)), entry_of
     )
     return message
 
@@ -68,42 +70,35 @@ def state_message(
 def obstacles_message(
     spheres: Sequence[Sphere], stamp_ns: int, inertial_frame: str
 ) -> ObstacleSphereArray:
-    """Write a scene of a time [ns] as a message, without what is fixed to a target body."""
+    """Write the spheres of a time [ns] as a message, without what is fixed to a target body."""
     return ObstacleSphereArray(
-        header=Header(stamp=time_message(stamp_ns), frame_id=inertial_frame),
-        spheres=[
-            write_object(sphere, ObstacleSphere()) for sphere in spheres if sphere.body is None
-        ],
+        header=_header(stamp_ns, inertial_frame), spheres=_sphere_messages(spheres)
     )
+
+
+def scene_message(spheres: Sequence[Sphere], stamp_ns: int, inertial_frame: str) -> Scene:
+    """Write a scene of a time [ns] as a message, without what is fixed to a target body."""
+    return Scene(header=_header(stamp_ns, inertial_frame), spheres=_sphere_messages(spheres))
 
 
 def target_body_message(body: TargetBody, stamp_ns: int, inertial_frame: str) -> TargetBodyMessage:
     """Write a target body of a time [ns] as a message, without loss."""
-    header = Header(stamp=time_message(stamp_ns), frame_id=inertial_frame)
-    message: TargetBodyMessage = write_object(
-        body, TargetBodyMessage(header=header), ObstacleSphere
-    )
+    header = _header(stamp_ns, inertial_frame)
+    message: TargetBodyMessage = write_object(body, TargetBodyMessage(header=header), entry_of)
     return message
 
 
-def response_from_plan(
-    plan: Plan,
-    plan_id: str,
-    start_ns: int,
-    inertial_frame: str,
-    solve_time: float,
-    body: TargetBody | None = None,
-) -> PlanTrajectory.Response:
-    """Build the response with a plan that starts at start_ns [ns] and took solve_time [s].
+def plan_message(
+    plan: Plan, start_ns: int, inertial_frame: str, body: TargetBody | None = None
+) -> PlanMessage:
+    """Write a plan that starts at start_ns [ns] as a message, but for what it was made from.
 
     Args:
         body: That it captures, at its first point; None: none.
     """
     motion = plan.trajectory
     offsets_ns = np.rint(motion.time * NANOSECONDS).astype(np.int64).tolist()
-    headers = [
-        Header(stamp=time_message(start_ns + t), frame_id=inertial_frame) for t in offsets_ns
-    ]
+    headers = [_header(start_ns + t, inertial_frame) for t in offsets_ns]
     joint_trajectory = JointTrajectory(
         header=headers[0],
         joint_names=list(plan.joint_names),
@@ -125,47 +120,62 @@ def response_from_plan(
             )
         ],
     )
-    response = PlanTrajectory.Response(
-        status=PlanStatus(code=int(Status.SOLVED), message=plan.message),
-        plan_id=plan_id,
-        joint_trajectory=joint_trajectory,
-        predicted_chaser_path=_path(
-            headers, motion.chaser_positions, motion.chaser_quaternions_xyzw
-        ),
-        predicted_chaser_twists=_twists(
-            motion.chaser_linear_velocities, motion.chaser_angular_velocities
-        ),
-        end_effector_path=_path(headers, motion.ee_positions, motion.ee_quaternions_xyzw),
-        end_effector_twists=_twists(motion.ee_linear_velocities, motion.ee_angular_velocities),
+    message = PlanMessage(
+        family=plan.family,
         xi=plan.xi.tolist(),
         orientation_reading=plan.orientation_reading,
-        parametrisation=plan.family,
         duration=plan.duration or 0.0,
-        metrics=PlanMetrics(**asdict(plan.metrics)),
-        solver=SolverReport(solve_time=solve_time, **asdict(plan.solver)),
+        joint_trajectory=joint_trajectory,
+        chaser_path=_path(headers, motion.chaser_positions, motion.chaser_quaternions_xyzw),
+        chaser_twists=_twists(motion.chaser_linear_velocities, motion.chaser_angular_velocities),
+        end_effector_path=_path(headers, motion.ee_positions, motion.ee_quaternions_xyzw),
+        end_effector_twists=_twists(motion.ee_linear_velocities, motion.ee_angular_velocities),
     )
     if body is not None:
         there = body.motion(np.zeros(3), motion.time)
         turns = Rotation.from_matrix(there.rotations).as_quat()
-        response.predicted_target_path = _path(headers, there.positions, turns)
-        response.predicted_target_twists = _twists(*np.hsplit(there.twists, 2))
-    return response
+        message.target_path = _path(headers, there.positions, turns)
+        message.target_twists = _twists(*np.hsplit(there.twists, 2))
+    return message
 
 
-def response_from_error(
-    error: FfPlannerError, plan_id: str, solve_time: float
-) -> PlanTrajectory.Response:
-    """Build the response without a plan: its cause, in code and words; solve_time [s].
+def answer_with_plan(
+    plan: Plan, written: PlanMessage, plan_id: str, solve_time: float
+) -> PlanAnswer:
+    """Return the answer with a plan, written by `plan_message`, that took solve_time [s]."""
+    return PlanAnswer(
+        status=PlanStatus(code=int(Status.SOLVED), message=plan.message),
+        plan_id=plan_id,
+        plans=[written],
+        metrics=[PlanMetrics(**asdict(plan.metrics))],
+        solver=SolverReport(solve_time=solve_time, **asdict(plan.solver)),
+    )
+
+
+def answer_of_error(error: FfPlannerError, plan_id: str, solve_time: float) -> PlanAnswer:
+    """Return the answer without a plan: its cause, in code and words; solve_time [s].
 
     The best attempt's metrics go with it, so that one sees what was missing; its motion does not.
     """
-    status = PlanStatus(code=int(error.status), message=str(error))
-    response = PlanTrajectory.Response(status=status, plan_id=plan_id)
+    answer = PlanAnswer(status=status_message(error), plan_id=plan_id)
     if isinstance(error, NoPlanFound) and isinstance(error.attempt, Plan):
-        response.duration = error.attempt.duration or 0.0
-        response.metrics = PlanMetrics(**asdict(error.attempt.metrics))
-        response.solver = SolverReport(solve_time=solve_time, **asdict(error.attempt.solver))
-    return response
+        answer.metrics = [PlanMetrics(**asdict(error.attempt.metrics))]
+        answer.solver = SolverReport(solve_time=solve_time, **asdict(error.attempt.solver))
+    return answer
+
+
+def status_message(error: FfPlannerError) -> PlanStatus:
+    """Return why there is no plan, in words and for programs."""
+    message = PlanStatus(
+        code=int(error.status), message=str(error), retry=int(retry_after(error.status))
+    )
+    if isinstance(error, InvalidInput):
+        message.field = shortened(error.field, LONGEST_MESSAGE)
+        message.value, message.allowed = (
+            shown(error.value),
+            shortened(error.allowed, LONGEST_MESSAGE),
+        )
+    return message
 
 
 def time_message(time_ns: int) -> Time:
@@ -183,6 +193,18 @@ def point_message(position: Sequence[float]) -> Point:
     """Return a position, shape (3,) [m], as a message's point."""
     x, y, z = position
     return Point(x=x, y=y, z=z)
+
+
+def _header(stamp_ns: int, frame_id: str) -> Header:
+    return Header(stamp=time_message(stamp_ns), frame_id=frame_id)
+
+
+def _sphere_messages(spheres: Sequence[Sphere]) -> list[ObstacleSphere]:
+    return [
+        write_object(sphere, ObstacleSphere(), entry_of)
+        for sphere in spheres
+        if sphere.body is None
+    ]
 
 
 def _path(headers: Sequence[Header], positions: Array, quaternions_xyzw: Array) -> Path:

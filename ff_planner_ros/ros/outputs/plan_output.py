@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 from itertools import cycle
 
 import numpy as np
+from ff_planner_msgs.msg import Plan as PlanMessage
 from ff_planner_msgs.msg import PublishedPlan as PublishedPlanMessage
 from ff_planner_msgs.msg import TrackingError
-from ff_planner_msgs.srv import PlanTrajectory
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Path
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
@@ -111,40 +111,41 @@ class PlanOutput:
 
     def publish(
         self,
+        plan_id: str,
         plan: Plan,
-        response: PlanTrajectory.Response,
+        written: PlanMessage,
         for_controller: JointTrajectory,
-        asked_by: str,
+        requester: str,
         end_behaviour: str,
         body: TargetBody | None = None,
-        following: str = "",
+        previous_plan_id: str = "",
     ) -> None:
         """Publish what controllers and executives wait for.
 
         Args:
-            following: Id of the plan that the joints follow until it begins; empty: of none.
+            previous_plan_id: Of the plan that the joints follow until it begins; empty: of none.
         """
         self._trajectory.publish(for_controller)
         self._published_plan.publish(
             PublishedPlanMessage(
                 header=Header(stamp=self._clock.now().to_msg(), frame_id=self._frame),
-                plan_id=response.plan_id,
-                asked_by=asked_by,
+                plan_id=plan_id,
+                requester=requester,
                 start_time=for_controller.header.stamp,
                 joint_trajectory=for_controller,
                 end_behaviour=end_behaviour,
             )
         )
-        self._path.publish(response.predicted_chaser_path)
+        self._path.publish(written.chaser_path)
         if body is not None:
-            self._target_path.publish(response.predicted_target_path)
+            self._target_path.publish(written.target_path)
         start_ns = nanoseconds(for_controller.header.stamp)
         last = self.published
         before = None
-        if last is not None and last.plan_id == following:
+        if last is not None and last.plan_id == previous_plan_id:
             before = replace(last, before=None)
         self.published = PublishedPlan(
-            response.plan_id, plan.trajectory, start_ns, body, plan.duration, before
+            plan_id, plan.trajectory, start_ns, body, plan.duration, before
         )
 
     def show(

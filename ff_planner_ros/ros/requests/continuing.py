@@ -15,7 +15,7 @@ from ff_planner_ros.ros.inputs.state_input import Snapshot
 from ff_planner_ros.ros.outputs.plan_output import PublishedPlan
 from ff_planner_ros.ros.outputs.prediction import tracking_error
 
-_FIELD = "continue_plan"
+_FIELD = "replan_active"
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,7 +23,7 @@ class ContinuedPlan:
     """A running plan, and where another one takes over from it."""
 
     motion: JointMotion  # of the joints, the time counted from the measurement of the state
-    joined_at: float  # in the plan, from its first point [s]
+    splice_time: float  # in the plan, from its first point [s]
     remaining: float  # from there to its goal [s]
 
 
@@ -40,22 +40,22 @@ def continued_plan(
             not where it says (STATE_MOVED).
     """
     if published is None:
-        words = "no plan was published: ask for one without continue_plan first"
+        words = "no plan was published: ask for one without replan_active first"
         raise InvalidInput(Status.NO_ACTIVE_PLAN, _FIELD, True, words)
-    joined_at = (start_ns - published.start_ns) / NANOSECONDS
+    splice_time = (start_ns - published.start_ns) / NANOSECONDS
     running = published.at(measured.stamp_ns)
-    if running is None or joined_at < 0.0:
+    if running is None or splice_time < 0.0:
         begins = (published.start_ns - measured.stamp_ns) / NANOSECONDS
         lasts = float(published.trajectory.time[-1])
         words = (
             f"{published.plan_id}, the last one, begins {begins:.3f} s after the state was "
-            f"measured and lasts {lasts:.3f} s; measurement and switch-over must be while it runs"
+            f"measured and lasts {lasts:.3f} s; measurement and handover must be while it runs"
         )
         raise InvalidInput(Status.NO_ACTIVE_PLAN, _FIELD, True, words)
-    remaining = published.seconds_to_goal - joined_at
+    remaining = published.seconds_to_goal - splice_time
     if not remaining >= allowed.min_remainder:
         words = (
-            f"{published.plan_id} is at its goal {remaining:.3f} s after the switch-over, and less "
+            f"{published.plan_id} is at its goal {remaining:.3f} s after the handover, and less "
             f"than replanning.min_remainder, {allowed.min_remainder:g} s, is not planned again"
         )
         raise InvalidInput(Status.PLAN_ENDING, _FIELD, True, words)
@@ -64,7 +64,7 @@ def continued_plan(
     if off:
         words = f"the system is not where {running.plan_id} says: {'; '.join(off)}"
         raise InvalidInput(Status.STATE_MOVED, _FIELD, True, f"{words}; ask for a plan of its own")
-    return ContinuedPlan(motion, joined_at, remaining)
+    return ContinuedPlan(motion, splice_time, remaining)
 
 
 def _joints(running: PublishedPlan, published: PublishedPlan, since_ns: int) -> JointMotion:

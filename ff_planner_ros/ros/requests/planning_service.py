@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import secrets
 import threading
 import time
 import traceback
@@ -12,6 +13,8 @@ from concurrent.futures import ThreadPoolExecutor, wait
 from itertools import count
 
 from ff_planner_msgs.action import PlanTrajectory as PlanTrajectoryAction
+from ff_planner_msgs.msg import Plan as PlanMessage
+from ff_planner_msgs.msg import PlanAnswer, PlanProgress, PlanRequest
 from ff_planner_msgs.srv import PlanTrajectory
 from rclpy.action import ActionServer, CancelResponse
 from rclpy.action.server import ServerGoalHandle
@@ -36,9 +39,9 @@ from ff_planner_ros.ros.messages.controller_message import controller_message
 from ff_planner_ros.ros.messages.from_messages import metrics_from_message
 from ff_planner_ros.ros.messages.interfaces import ACTION, SERVICE
 from ff_planner_ros.ros.messages.to_messages import (
-    response_from_error,
-    response_from_plan,
-    same_fields,
+    answer_of_error,
+    answer_with_plan,
+    plan_message,
 )
 from ff_planner_ros.ros.outputs.diagnostics import LastRequest
 from ff_planner_ros.ros.outputs.plan_output import PlanOutput
@@ -68,6 +71,9 @@ _DELIVERY = 1.0
 # While a response is written, whether it is still wanted is asked so often [s]; one that is not is
 # written to its end beside the next one.
 _POLL, _WRITERS = 0.02, 2
+_TOKEN_BYTES = 16  # of what opens ~/publish_plan: not to be guessed
+# By so much at most [m, rad or rad/s] does a path violate its constraints that is told as found.
+_NO_VIOLATION = 1e-6
 # Percentiles are those of so many plans.
 _SOLVE_TIMES = 200
 
@@ -154,9 +160,10 @@ class PlanningService:
         self._writers.shutdown()
 
     def _serve(
-        self, request: PlanTrajectory.Request, _: PlanTrajectory.Response
+        self, request: PlanTrajectory.Request, response: PlanTrajectory.Response
     ) -> PlanTrajectory.Response:
-        return self._answer(request, SERVICE, self._job(), lambda _: None)
+        response.answer = self._answer(request.request, SERVICE, self._job(), lambda _: None)
+        return response
 
     def _accept(self, goal: ServerGoalHandle) -> None:
         """Take every goal: what is wrong with it is its result, with code and words."""
@@ -176,22 +183,31 @@ class PlanningService:
         return CancelResponse.REJECT
 
     def _execute(self, goal: ServerGoalHandle) -> PlanTrajectoryAction.Result:
-        begun = time.perf_counter()
+        begun, best = time.perf_counter(), math.inf
 
         def tell(progress: Progress) -> None:
-            elapsed = time.perf_counter() - begun
-            goal.publish_feedback(PlanTrajectoryAction.Feedback(elapsed=elapsed, **vars(progress)))
+            nonlocal best
+            if progress.violation <= _NO_VIOLATION:
+                best = min(best, progress.objective)
+            found = math.isfinite(best)
+            told = PlanProgress(
+                phase=progress.phase,
+                effort=progress.starts,
+                elapsed=time.perf_counter() - begun,
+                found=found,
+                best_objective=best if found else math.nan,
+            )
+            goal.publish_feedback(PlanTrajectoryAction.Feedback(progress=told))
 
-        request = same_fields(goal.request, PlanTrajectory.Request)
-        response = self._answer(request, ACTION, self._job_of(goal), tell)
-        if response.status.code == Status.SOLVED:
+        answer = self._answer(goal.request.request, ACTION, self._job_of(goal), tell)
+        if answer.status.code == Status.SOLVED:
             goal.succeed()
-        elif response.status.code == Status.CANCELLED and _is_cancelling(goal):
+        elif answer.status.code == Status.CANCELLED and _is_cancelling(goal):
             goal.canceled()
         else:
             goal.abort()
         del self._goals[bytes(goal.goal_id.uuid)]  # it cannot be cancelled any more
-        result = same_fields(response, PlanTrajectoryAction.Result)
+        result = PlanTrajectoryAction.Result(answer=answer)
         self._events.result_sent(goal, result)
         return result
 
@@ -209,37 +225,37 @@ class PlanningService:
 
     def _answer(
         self,
-        request: PlanTrajectory.Request,
+        request: PlanRequest,
         door: str,
         job: Job,
         tell: Callable[[Progress], None],
-    ) -> PlanTrajectory.Response:
+    ) -> PlanAnswer:
         begun, provenance = time.perf_counter(), Provenance()
         try:
             with self._jobs.taken_up(job, preempt=self._parameters.current.when_busy == PREEMPT):
                 taken_up = time.monotonic()
                 knowledge = self._knowledge()
-                provenance = Provenance(taken_up_ns=knowledge.now_ns)
+                provenance = Provenance(received_stamp_ns=knowledge.now_ns)
                 asked = read_request(request, knowledge)
                 provenance = asked.provenance
-                response = self._planned(
+                answer = self._planned(
                     asked, knowledge.parameters, door, job, tell, begun, taken_up
                 )
         except FfPlannerError as error:
             if isinstance(error, RequestRefused):
                 provenance = error.provenance
-            response = self._refused(job, job.cause or error, begun)
+            answer = self._refused(job, job.cause or error, begun)
         except Exception as error:
             self._logger.error(f"{job.plan_id}: INTERNAL_ERROR\n{traceback.format_exc()}")
             unforeseen = f"{type(error).__name__}: {error}"
             cause = FfPlannerError(Status.INTERNAL_ERROR, unforeseen)
-            response = response_from_error(cause, job.plan_id, time.perf_counter() - begun)
-        provenance.tell(response)
-        status = Status(response.status.code)
-        clearances = _clearances(response) if status is Status.SOLVED else {}
-        self.last = LastRequest(job.plan_id, status, response.status.message, clearances)
+            answer = answer_of_error(cause, job.plan_id, time.perf_counter() - begun)
+        provenance.tell(answer)
+        status = Status(answer.status.code)
+        clearances = _clearances(answer) if status is Status.SOLVED else {}
+        self.last = LastRequest(job.plan_id, status, answer.status.message, clearances)
         self._answered = time.monotonic()
-        return response
+        return answer
 
     def _knowledge(self) -> Knowledge:
         return Knowledge(
@@ -252,11 +268,11 @@ class PlanningService:
             self._guesses,
         )
 
-    def _refused(self, job: Job, cause: FfPlannerError, begun: float) -> PlanTrajectory.Response:
+    def _refused(self, job: Job, cause: FfPlannerError, begun: float) -> PlanAnswer:
         # Apart from `_answer`: a variable there would hold the error whose traceback holds the
         # variable, and with both the request, until the next full garbage collection.
         self._logger.warning(f"{job.plan_id}: {cause.status.name}: {cause}")
-        return response_from_error(cause, job.plan_id, time.perf_counter() - begun)
+        return answer_of_error(cause, job.plan_id, time.perf_counter() - begun)
 
     def _planned(
         self,
@@ -267,7 +283,7 @@ class PlanningService:
         tell: Callable[[Progress], None],
         begun: float,
         taken_up: float,
-    ) -> PlanTrajectory.Response:
+    ) -> PlanAnswer:
         budget = TimeBudget(asked.budget, taken_up)
         latest_ns = asked.start_ns
         if asked.task.running_goal is not None:
@@ -287,9 +303,8 @@ class PlanningService:
 
         body = asked.task.problem.target_body
 
-        def write() -> tuple[PlanTrajectory.Response, JointTrajectory]:
-            elapsed, frame = time.perf_counter() - begun, parameters.inertial_frame
-            written = response_from_plan(plan, job.plan_id, asked.start_ns, frame, elapsed, body)
+        def write() -> tuple[PlanMessage, JointTrajectory]:
+            written = plan_message(plan, asked.start_ns, parameters.inertial_frame, body)
             takes_torques = parameters.controller.effort_interface
             return written, controller_message(written.joint_trajectory, takes_torques)
 
@@ -298,7 +313,8 @@ class PlanningService:
         while not wait([writing], _POLL).done:
             check()
             budget.require_time()
-        response, for_controller = writing.result()
+        written, for_controller = writing.result()
+        answer = answer_with_plan(plan, written, job.plan_id, time.perf_counter() - begun)
         budget.require_time()
         require_in_time(latest_ns, self._clock.now().nanoseconds)
         made = MadePlan(
@@ -310,16 +326,18 @@ class PlanningService:
             parameters,
             body,
             asked.task.problem.approach,
-            asked.provenance.following,
+            asked.provenance.previous_plan_id,
+            secrets.token_hex(_TOKEN_BYTES) if asked.plan_only else "",
         )
-        asked_by = asked.asked_by or door
+        answer.publish_token = made.token
+        requester = asked.requester or door
         job.seal()
         if asked.plan_only:
             self._publication.keep(made)
         else:
-            self._publication.publish(made, response, for_controller, asked_by)
-        self._log_solved(plan, response, "asked for" if asked.plan_only else "published", asked_by)
-        return response
+            self._publication.publish(made, written, for_controller, requester)
+        self._log_solved(plan, answer, "asked for" if asked.plan_only else "published", requester)
+        return answer
 
     def _require_in_time(self, start_ns: int) -> None:
         late = (self._clock.now().nanoseconds - start_ns) / NANOSECONDS
@@ -327,28 +345,27 @@ class PlanningService:
             raise NoPlanFound(
                 Status.TOO_LATE,
                 f"the plan's start time was over {late:.3f} s before there was a plan: ask for a "
-                "later start_time, or raise the parameter planning_allowance (with continue_plan, "
+                "later start_time, or raise the parameter planning_allowance (with replan_active, "
                 "replanning.allowance)",
             )
 
-    def _log_solved(
-        self, plan: Plan, response: PlanTrajectory.Response, what: str, asked_by: str
-    ) -> None:
-        metrics, solver, path = response.metrics, response.solver, plan.metrics.joint_path_length
+    def _log_solved(self, plan: Plan, answer: PlanAnswer, what: str, requester: str) -> None:
+        metrics, solver, path = answer.metrics[0], answer.solver, plan.metrics.joint_path_length
         robust = "" if plan.robust is None else f"{plan.robust.told(path)}, "
-        near = ", ".join(f"{label} {words}" for label, words in _clearances(response).items())
+        near = ", ".join(f"{label} {words}" for label, words in _clearances(answer).items())
         self._logger.info(
-            f"{response.plan_id}: SOLVED: joint path {metrics.joint_path_length:.4f} rad, "
+            f"{answer.plan_id}: SOLVED: joint path {metrics.joint_path_length:.4f} rad, "
             f"largest Euler angle {math.degrees(metrics.max_chaser_euler):.2f} deg, "
             f"rotation {math.degrees(metrics.max_chaser_rotation):.2f} deg, "
             f"{near}, {robust}{solver.iterations} iterations, {solver.solve_time:.2f} s; "
-            f"{what} by {asked_by}"
+            f"{what} by {requester}"
         )
 
 
-def _clearances(response: PlanTrajectory.Response) -> dict[str, str]:
+def _clearances(answer: PlanAnswer) -> dict[str, str]:
     """Return how near a plan comes to obstacles and to itself, in words."""
-    metrics, names = metrics_from_message(response.metrics), ("min_clearance", "min_self_clearance")
+    metrics = metrics_from_message(answer.metrics[0])
+    names = ("min_clearance", "min_self_clearance")
     return {METRIC_BY_NAME[name].label: metrics.told(name) for name in names}
 
 

@@ -12,10 +12,12 @@ import time
 import traceback
 from collections.abc import Callable
 from functools import partial
+from hmac import compare_digest
 from typing import Any
 
+from ff_planner_msgs.msg import Plan as PlanMessage
 from ff_planner_msgs.msg import PlanStatus
-from ff_planner_msgs.srv import PlanTrajectory, PublishPlan
+from ff_planner_msgs.srv import PublishPlan
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.node import Node
 from rclpy.service_introspection import ServiceIntrospectionState
@@ -25,10 +27,10 @@ from ff_planner_ros.errors import FfPlannerError, InvalidInput, NoPlanFound, Sta
 from ff_planner_ros.planning.controller_rules import require_in_time
 from ff_planner_ros.ros.messages.controller_message import controller_message
 from ff_planner_ros.ros.messages.interfaces import PUBLISH_PLAN
-from ff_planner_ros.ros.messages.to_messages import response_from_plan
+from ff_planner_ros.ros.messages.to_messages import plan_message, status_message
 from ff_planner_ros.ros.outputs.plan_output import PlanOutput
 from ff_planner_ros.ros.qos import EVENT_QOS
-from ff_planner_ros.ros.requests.reading import Knowledge, asker
+from ff_planner_ros.ros.requests.reading import Knowledge, requester_named
 from ff_planner_ros.ros.requests.waiting_plan import (
     MadePlan,
     require_same_rules,
@@ -94,11 +96,11 @@ class Publication:
     def publish(
         self,
         made: MadePlan,
-        response: PlanTrajectory.Response,
+        written: PlanMessage,
         for_controller: JointTrajectory,
-        asked_by: str,
+        requester: str,
     ) -> None:
-        """Send a plan to controllers, executives and screens; `response` is the one that holds it.
+        """Send a plan to controllers, executives and screens; `written` is its message.
 
         Raises:
             FfPlannerError: The node is not active any more.
@@ -106,13 +108,14 @@ class Publication:
         with self._lock:
             self._require_open()
             self._output.publish(
+                made.plan_id,
                 made.plan,
-                response,
+                written,
                 for_controller,
-                asked_by,
+                requester,
                 made.end_behaviour,
                 made.target_body,
-                made.following,
+                made.previous_plan_id,
             )
         executor: Any = self._node.executor
         executor.create_task(
@@ -128,11 +131,11 @@ class Publication:
             response.status = PlanStatus(code=int(Status.SOLVED), message=message)
         except FfPlannerError as error:
             self._logger.warning(f"{PUBLISH_PLAN}: {error.status.name}: {error}")
-            response.status = PlanStatus(code=int(error.status), message=str(error))
+            response.status = status_message(error)
         except Exception as error:
             self._logger.error(f"{PUBLISH_PLAN}: INTERNAL_ERROR\n{traceback.format_exc()}")
-            words = f"{type(error).__name__}: {error}"
-            response.status = PlanStatus(code=int(Status.INTERNAL_ERROR), message=words)
+            unforeseen = f"{type(error).__name__}: {error}"
+            response.status = status_message(FfPlannerError(Status.INTERNAL_ERROR, unforeseen))
         self.answered = time.monotonic()
         return response
 
@@ -140,47 +143,47 @@ class Publication:
         """Publish the plan that is asked for, and say so in words."""
         with self._lock:
             self._require_open()
-            asked_by = asker(request.asked_by, PUBLISH_PLAN)
-            made, knowledge = self._waiting_plan(request.plan_id), self._knowledge()
+            requester = requester_named(request.requester, PUBLISH_PLAN)
+            made, knowledge = self._waiting_plan(request), self._knowledge()
             self._require_in_time(made, knowledge.now_ns)
             require_same_rules(made, knowledge.parameters)
-            require_same_start(made, request, knowledge)
+            require_same_start(made, request.start_state, knowledge)
         # Thousands of points take a second, in which others may publish or forget.
         frame = made.parameters.inertial_frame
-        response = response_from_plan(
-            made.plan, made.plan_id, made.start_ns, frame, 0.0, made.target_body
-        )
+        written = plan_message(made.plan, made.start_ns, frame, made.target_body)
         takes_torques = knowledge.parameters.controller.effort_interface
-        for_controller = controller_message(response.joint_trajectory, takes_torques)
+        for_controller = controller_message(written.joint_trajectory, takes_torques)
         with self._lock:
             self._require_open()
-            self._waiting_plan(request.plan_id)
+            self._waiting_plan(request)
             self._require_in_time(made, self._node.get_clock().now().nanoseconds)
-            self.publish(made, response, for_controller, asked_by)
+            self.publish(made, written, for_controller, requester)
             del self._waiting[made.plan_id]
-        return f"{made.plan_id} is published, {asked_by} asked for it"
+        return f"{made.plan_id} is published, {requester} asked for it"
 
     def _require_open(self) -> None:
         if self._refusal is not None:
             raise FfPlannerError(*self._refusal)
 
-    def _waiting_plan(self, plan_id: str) -> MadePlan:
-        if plan_id in self._waiting:
-            return self._waiting[plan_id]
-        last = self._output.published
-        if last is not None and last.plan_id == plan_id:
-            allowed = "it is published already"
+    def _waiting_plan(self, request: PublishPlan.Request) -> MadePlan:
+        """Return the plan that is asked for; neither ids nor tokens are told to strangers."""
+        plan_id, last = request.plan_id, self._output.published
+        made = self._waiting.get(plan_id)
+        if made is not None:
+            given, token = request.publish_token.encode(), made.token.encode()
+            if compare_digest(given, token):
+                return made
+            field, value = "publish_token", "another one" if given else "empty"
+            allowed = "it must be the one in the answer that holds the plan"
         else:
+            field, value = "plan_id", repr(plan_id)
             allowed = (
-                f"it must be one that waits to be published: {', '.join(self._waiting)}"
-                if self._waiting
-                else "no plan waits to be published"
+                "it is published already"
+                if last is not None and last.plan_id == plan_id
+                else "no plan of this id waits to be published (plans asked for with plan_only "
+                f"wait, the newest {MOST_WAITING}, until they are published or their start is over)"
             )
-            allowed += (
-                f" (plans asked for with plan_only wait, the newest {MOST_WAITING}, until they are "
-                "published or their start is over)"
-            )
-        raise InvalidInput(Status.UNKNOWN_PLAN, "plan_id", repr(plan_id), allowed)
+        raise InvalidInput(Status.UNKNOWN_PLAN, field, value, allowed)
 
     def _require_in_time(self, made: MadePlan, now_ns: int) -> None:
         """Refuse a plan whose start is over; it waits no longer."""

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from ff_planner_msgs.srv import PlanTrajectory, PublishPlan
+from ff_planner_msgs.msg import ChaserState, PlanAnswer, PlanInputs, PlanRequest
 
 from ff_planner_ros.arrays import finite_number
 from ff_planner_ros.bag.decoding import NANOSECONDS, nanoseconds
 from ff_planner_ros.bag.target_bodies import NAMED_AS
 from ff_planner_ros.errors import InvalidInput, Status, fields_named
 from ff_planner_ros.parameters import NodeParameters
+from ff_planner_ros.planning.goal_words import GoalKind
 from ff_planner_ros.planning.joint_motion import JointMotion
 from ff_planner_ros.planning.library import Guesses
 from ff_planner_ros.planning.problem import TargetBody, carried_spheres
@@ -23,6 +25,7 @@ from ff_planner_ros.ros.inputs.state_input import Snapshot, StateInput, require_
 from ff_planner_ros.ros.messages.from_messages import (
     MAX_MESSAGE_SECONDS,
     problem_from_request,
+    require_supported,
     state_from_message,
     time_in_ns,
 )
@@ -51,28 +54,33 @@ class Knowledge:
 class Provenance:
     """What a plan, or a refusal, is made from."""
 
-    taken_up_ns: int = 0  # the node's time when it read the request; zero: it did not [ns]
+    received_stamp_ns: int = 0  # the node's time when it read the request; zero: it did not [ns]
     state_stamp_ns: int = 0  # of the measured state [ns]
     state_source: str = ""  # topic or field of the state; empty: no state is known
     joint_states_stamp_ns: int = 0  # of the joint states with odometry; zero: none [ns]
     obstacles_stamp_ns: int = 0  # [ns]
-    obstacles_source: str = ""  # as their message says
+    obstacles_source: str = ""  # as their message says, or the request's field
+    obstacle_bodies_stamp_ns: int = 0  # zero: none were received [ns]
+    obstacle_bodies_source: str = ""  # as their message says
     target_body_stamp_ns: int = 0  # zero: none is captured [ns]
     target_body_source: str = ""  # as its message says
-    following: str = ""  # id of the plan that the joints follow until the start; empty: none
+    previous_plan_id: str = ""  # id of the plan that the joints follow until the start; empty: none
     task_digest: str = ""  # empty: there is no task
     first_guess: tuple[float, ...] = ()  # of the task; empty: it has none
     geometry: str = ""  # what of the robot is kept clear; empty: the request was not read
-    delay: float = 0.0  # from then to the switch-over to a plan that continues another [s]
-    joined_at: float = 0.0  # and where that is in the other plan, from its first point [s]
+    handover_delay: float = 0.0  # from reading the request to a plan that takes over [s]
+    splice_time: float = 0.0  # and where that is in the previous plan, from its first point [s]
 
-    def tell(self, response: PlanTrajectory.Response) -> None:
-        """Write it into a response."""
+    def tell(self, answer: PlanAnswer) -> None:
+        """Write it into an answer."""
+        answer.task_digest = self.task_digest
+        for plan in answer.plans:
+            plan.geometry, plan.first_guess = self.geometry, self.first_guess
         for name, value in vars(self).items():
             if name.endswith("_ns"):
-                setattr(response, name.removesuffix("_ns"), time_message(value))
-            else:
-                setattr(response, name, value)
+                setattr(answer.inputs, name.removesuffix("_ns"), time_message(value))
+            elif name in PlanInputs.get_fields_and_field_types():
+                setattr(answer.inputs, name, value)
 
 
 class RequestRefused(InvalidInput):
@@ -93,26 +101,27 @@ class ReadRequest:
     start_ns: int  # time of the plan's first point [ns]
     provenance: Provenance  # what the task is made from
     plan_only: bool  # whether the plan waits for `~/publish_plan`
-    asked_by: str  # empty: it does not say
+    requester: str  # empty: it does not say
 
 
-def read_request(request: PlanTrajectory.Request, knowledge: Knowledge) -> ReadRequest:
-    """Read a request of the service, or the goal of the action.
+def read_request(request: PlanRequest, knowledge: Knowledge) -> ReadRequest:
+    """Read a request of the service or the action.
 
     Raises:
         InvalidInput: The first thing that cannot be used, named; it is a `RequestRefused`.
     """
     parameters, provenance = (
         knowledge.parameters,
-        Provenance(taken_up_ns=knowledge.now_ns, geometry=knowledge.robot.geometry.value),
+        Provenance(received_stamp_ns=knowledge.now_ns, geometry=knowledge.robot.geometry.value),
     )
     try:
-        asked_by = asker(request.asked_by, "")
+        requester = requester_named(request.requester, "")
+        require_supported(request)
         budget = _time_budget(request, parameters)
-        continues = request.continue_plan
+        continues = request.replan_active
         start_ns = _start_time(request, parameters, knowledge.now_ns, continues)
         end_behaviour = _end_behaviour(request, parameters)
-        measured = measured_state(request, knowledge)
+        measured = measured_state(request.start_state, knowledge)
         provenance = replace(
             provenance,
             state_stamp_ns=measured.stamp_ns,
@@ -126,21 +135,26 @@ def read_request(request: PlanTrajectory.Request, knowledge: Knowledge) -> ReadR
         continued = None
         if continues:
             if knowledge.published is not None:
-                provenance = replace(provenance, following=knowledge.published.plan_id)
+                provenance = replace(provenance, previous_plan_id=knowledge.published.plan_id)
             continued = continued_plan(
                 knowledge.published, measured, start_ns, parameters.replanning
             )
             provenance = replace(
                 provenance,
-                delay=(start_ns - knowledge.now_ns) / NANOSECONDS,
-                joined_at=continued.joined_at,
+                handover_delay=(start_ns - knowledge.now_ns) / NANOSECONDS,
+                splice_time=continued.splice_time,
             )
-        own = request.obstacles if request.use_obstacles else None
+        own = request.scene[0] if request.scene else None
         scene = knowledge.scenes.moving_scene(own, knowledge.now_ns, parameters.state_max_lead)
         provenance = replace(
-            provenance, obstacles_stamp_ns=scene.stamp_ns, obstacles_source=scene.source
+            provenance,
+            obstacles_stamp_ns=scene.stamp_ns,
+            obstacles_source=scene.source,
+            obstacle_bodies_stamp_ns=scene.bodies_stamp_ns,
+            obstacle_bodies_source=scene.bodies_source,
         )
-        seen = _seen_body(request, knowledge) if request.capture else None
+        captures = request.goal.kind == GoalKind.CAPTURE
+        seen = _seen_body(request, knowledge) if captures else None
         if seen is not None:
             provenance = replace(
                 provenance, target_body_stamp_ns=seen.stamp_ns, target_body_source=seen.source
@@ -154,7 +168,7 @@ def read_request(request: PlanTrajectory.Request, knowledge: Knowledge) -> ReadR
             None if seen is None else _carried(seen, start_ns),
             None if continued is None else continued.remaining,
         )
-        tail = 0.0 if end_behaviour is EndBehaviour.AS_PLANNED else parameters.tail_duration
+        tail = 0.0 if end_behaviour is EndBehaviour.NONE else parameters.tail_duration
         if start_ns / NANOSECONDS + tail + problem.duration > MAX_MESSAGE_SECONDS:
             field = "duration" if problem.duration_range is None else "duration_max"
             allowed = "the plan must end before 2038"
@@ -165,7 +179,7 @@ def read_request(request: PlanTrajectory.Request, knowledge: Knowledge) -> ReadR
         else:
             running = continued.motion
         if knowledge.published is not None and running is not None:
-            provenance = replace(provenance, following=knowledge.published.plan_id)
+            provenance = replace(provenance, previous_plan_id=knowledge.published.plan_id)
         task = PlanningTask(
             problem=problem,
             settings=parameters.planner,
@@ -183,10 +197,10 @@ def read_request(request: PlanTrajectory.Request, knowledge: Knowledge) -> ReadR
         task = replace(task, first_guess=guess)
         provenance = replace(provenance, first_guess=tuple(guess.tolist()))
     provenance = replace(provenance, task_digest=task.digest)
-    return ReadRequest(task, budget, start_ns, provenance, request.plan_only, asked_by)
+    return ReadRequest(task, budget, start_ns, provenance, request.plan_only, requester)
 
 
-def asker(name: str, otherwise: str) -> str:
+def requester_named(name: str, otherwise: str) -> str:
     """Return the name of who asks, or another one where it is empty.
 
     Raises:
@@ -194,23 +208,24 @@ def asker(name: str, otherwise: str) -> str:
     """
     if len(name) > _LONGEST_NAME or not name.isprintable():
         allowed = f"it must be at most {_LONGEST_NAME} printable characters"
-        raise InvalidInput(Status.OUT_OF_RANGE, "asked_by", repr(name), allowed)
+        raise InvalidInput(Status.OUT_OF_RANGE, "requester", repr(name), allowed)
     return name or otherwise
 
 
-def measured_state(
-    request: PlanTrajectory.Request | PublishPlan.Request, knowledge: Knowledge
-) -> Snapshot:
+def measured_state(own: Sequence[ChaserState], knowledge: Knowledge) -> Snapshot:
     """Return the state that a request brings, or else the latest one.
+
+    Args:
+        own: Of the request, one at most.
 
     Raises:
         InvalidInput: There is none, or none that can be used.
     """
     parameters, now_ns = knowledge.parameters, knowledge.now_ns
     limits = (now_ns, parameters.state_max_age, parameters.state_max_lead)
-    if not request.use_start_state:
+    if not own:
         return knowledge.states.snapshot(*limits)
-    message, source = request.start_state, "start_state"
+    message, source = own[0], "start_state"
     stamp_ns = time_in_ns(f"{source}.header.stamp", message.header.stamp) or now_ns
     require_current(f"{source}.header.stamp", stamp_ns, *limits)
     state = state_from_message(message, source, knowledge.robot, parameters.inertial_frame)
@@ -228,11 +243,11 @@ def motion_until_start(
     return _running(published, measured, knowledge.parameters.following_tolerance)
 
 
-def _seen_body(request: PlanTrajectory.Request, knowledge: Knowledge) -> SeenBody:
+def _seen_body(request: PlanRequest, knowledge: Knowledge) -> SeenBody:
     """Return the target body that a request brings, or else the latest one."""
     parameters = knowledge.parameters
     limits = (knowledge.now_ns, parameters.target_max_age, parameters.state_max_lead)
-    own = request.target_body if request.use_target_body else None
+    own = request.target_body[0] if request.target_body else None
     return knowledge.scenes.target_body(own, *limits)
 
 
@@ -252,20 +267,21 @@ def _require_after_state(start_ns: int, stamp_ns: int) -> None:
         )
 
 
-def _time_budget(request: PlanTrajectory.Request, parameters: NodeParameters) -> float:
-    if request.time_budget < 0.0:
+def _time_budget(request: PlanRequest, parameters: NodeParameters) -> float:
+    asked = request.search.time_budget
+    if asked < 0.0:
         raise InvalidInput(
             Status.OUT_OF_RANGE,
-            "time_budget",
-            request.time_budget,
+            "search.time_budget",
+            asked,
             "it must not be negative; 0 stands for the parameter time_budget, "
             f"{parameters.time_budget:g} s",
         )
-    return finite_number("time_budget", request.time_budget) or parameters.time_budget
+    return finite_number("search.time_budget", asked) or parameters.time_budget
 
 
 def _start_time(
-    request: PlanTrajectory.Request, parameters: NodeParameters, now_ns: int, continues: bool
+    request: PlanRequest, parameters: NodeParameters, now_ns: int, continues: bool
 ) -> int:
     asked_ns = time_in_ns("start_time", request.start_time)
     if not asked_ns:
@@ -291,7 +307,7 @@ def _start_time(
     return asked_ns
 
 
-def _end_behaviour(request: PlanTrajectory.Request, parameters: NodeParameters) -> EndBehaviour:
+def _end_behaviour(request: PlanRequest, parameters: NodeParameters) -> EndBehaviour:
     word = request.end_behaviour or parameters.end_behaviour
     if word not in tuple(EndBehaviour):
         raise InvalidInput(

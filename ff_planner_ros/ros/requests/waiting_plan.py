@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from ff_planner_msgs.srv import PublishPlan
+from ff_planner_msgs.msg import ChaserState
 from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.arrays import Array
@@ -36,7 +36,8 @@ class MadePlan:
     parameters: NodeParameters  # that it was checked by
     target_body: TargetBody | None = None  # that it captures, at its first point; None: none
     approach: Approach | None = None  # whose corridor it keeps to; None: none
-    following: str = ""  # id of the plan that the joints follow until it begins; empty: of none
+    previous_plan_id: str = ""  # that the joints follow until it begins; empty: none
+    token: str = ""  # that whoever publishes it must know; empty: it is published at once
 
 
 def require_same_rules(made: MadePlan, parameters: NodeParameters) -> None:
@@ -58,14 +59,17 @@ def require_same_rules(made: MadePlan, parameters: NodeParameters) -> None:
         )
 
 
-def require_same_start(made: MadePlan, request: PublishPlan.Request, knowledge: Knowledge) -> None:
+def require_same_start(made: MadePlan, own: Sequence[ChaserState], knowledge: Knowledge) -> None:
     """Refuse a plan if the system, carried forward as for a new plan, will be elsewhere.
+
+    Args:
+        own: State that the request brings, one at most.
 
     Raises:
         InvalidInput: No state is known that can be used.
         NoPlanFound: It will (STATE_MOVED).
     """
-    measured = measured_state(request, knowledge)
+    measured = measured_state(own, knowledge)
     running = motion_until_start(knowledge, measured, made.start_ns)
     # A state may be stamped ahead of now by state_max_lead, and so of a plan that begins at once.
     ahead = max(made.start_ns - measured.stamp_ns, 0) / NANOSECONDS
