@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import count, islice
 
+import numpy as np
 import pytest
 from whole_bodies import WholeBodies, judge_of
 
@@ -14,7 +16,9 @@ from ff_planner_ros.bench.robots import bench_robot
 from ff_planner_ros.bench.touching import touching
 from ff_planner_ros.errors import NoPlanFound
 from ff_planner_ros.parameters import load_parameters
+from ff_planner_ros.planning.clearance import arm_points, clearances, segments
 from ff_planner_ros.planning.task import PlanningTask, perform
+from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import Robot
 
 SETTINGS = load_parameters().planner
@@ -46,7 +50,8 @@ def test_a_plan_of_lines_touches_what_bench_says(
 ) -> None:
     """So the judge can fail a plan."""
     some = False
-    for number in range(times(1, 10)):
+    beginning = (number for number in count() if begins_outside_as_lines(name, number))
+    for number in islice(beginning, times(1, 10)):
         problem = bodies.problem(name, number).problem
         as_lines = replace(problem, robot=bench_robot(name))
         try:
@@ -58,6 +63,19 @@ def test_a_plan_of_lines_touches_what_bench_says(
         assert set(found) == {link_names(problem.robot, pair) for pair in told}, (name, number)
         some = some or bool(found)
     assert some or name != "arm6"
+
+
+def begins_outside_as_lines(name: str, number: int) -> bool:
+    """Whether a scenario has a plan of lines at all: it is drawn for shapes.
+
+    A boom of Canadarm2 runs beside the line from joint to joint, so that the line may begin in a
+    sphere that the boom is far from.
+    """
+    problem = bodies.problem(name, number).problem
+    q, _ = configuration(problem.robot, problem.start)
+    points = arm_points(problem.robot, q[None])
+    found = clearances(points, np.zeros(1), segments(points), problem.obstacles)
+    return bool(found.distance.min() > 0.0)
 
 
 def link_names(robot: Robot, pair: str) -> str:
