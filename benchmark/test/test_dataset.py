@@ -247,3 +247,20 @@ def test_an_answer_of_the_planner_is_judged_by_the_command(small, tmp_path, capf
     assert main(["score", str(scenario), str(answer)]) == 3
     assert main(["score", str(answer), str(answer)]) == 2
     assert "it must be a scenario of the data set" in capfd.readouterr().err
+
+
+@pytest.mark.ci
+def test_a_contest_shows_what_methods_did_and_goes_on_with_what_its_file_has(
+    small, tmp_path, capfd
+):
+    (tmp_path / "lost.py").write_text("def answer(*_):\n    return {'status': 'lost'}\n")
+    command = ["contest", str(small), "--scenarios", "1", "--method", str(tmp_path / "lost.py")]
+    command += ["--json", str(tmp_path / "answers.json")]
+    assert main([*command, "--method", "ours"]) == 0
+    shown = capfd.readouterr().out
+    assert re.search(r"^ours +all +6 +100\.0%", shown, re.MULTILINE)
+    assert re.search(r"lost\.py +6 +planar/0000 +no plan: lost$", shown, re.MULTILINE)
+    assert "\n12 answers in " in shown
+    assert main([*command, "--method", "ours"]) == 0
+    assert "12 answers are there" in (again := capfd.readouterr().out)
+    assert "\n0 answers in " in again
