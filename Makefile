@@ -65,13 +65,17 @@ $(VENV)/core: $(wildcard ff_planner_ros/core/*.[ch]pp) | $(VENV)/complete
 
 # What the tests need beside that, every day and in the longer tiers, and what colcon builds with.
 EXTRAS_everyday := test
-EXTRAS_ci := test benchmark robots
+EXTRAS_ci := test robots
 EXTRAS_nightly := $(EXTRAS_ci)
+# The contest of methods, a distribution of its own for those who want it.
+BENCHMARK_everyday := ./benchmark
+BENCHMARK_ci := ./benchmark[ompl,drake]
+BENCHMARK_nightly := $(BENCHMARK_ci)
 
-$(VENV)/extras_%: $(VENV)/complete
+$(VENV)/extras_%: $(VENV)/complete benchmark/pyproject.toml
 	@echo 'Adding what the tests need to $(VENV): usually half a minute.'
 	@$(BIN)/python -c '$(REQUIRES)' $(EXTRAS_$*) > $@.txt
-	@$(INSTALL) --requirement $@.txt
+	@$(INSTALL) --no-build-isolation --requirement $@.txt --editable '$(BENCHMARK_$*)'
 	@touch $@
 
 $(VENV)/colcon: $(VENV)/complete
@@ -111,7 +115,7 @@ SHORT_TEST := bag_golden cli dynamics golden_replay node package planner polynom
 
 # What the package does where no ROS is installed: the commands that a user would try first, on an
 # installation of the base package alone. `verify` and `campaign` must say what they lack, and
-# `verify` run with it.
+# `verify` run with it. Then the contest, of its wheel.
 WITHOUT_ROS := $(CURDIR)/.venv_without_ros
 CAPTURE := $(CURDIR)/config/scenarios/lemur_capture.yaml
 STUDY := $(CURDIR)/config/studies/lemur_masses.yaml
@@ -136,7 +140,10 @@ without-ros:
 	grep 'ff_planner_ros\[campaign\]' <<< "$$said"; \
 	python -m pip install --disable-pip-version-check --quiet --constraint $(CURDIR)/constraints.txt \
 		'ff_planner_ros[simulation]'; \
-	ff-planner verify answer.json
+	ff-planner verify answer.json; \
+	python -m pip install --disable-pip-version-check --quiet --constraint $(CURDIR)/constraints.txt $(CURDIR)/benchmark; \
+	ff-planner-benchmark dataset data_set --scenarios 1; \
+	ff-planner-benchmark contest data_set --scenarios 1 --method ours
 	rm -rf $(WITHOUT_ROS)
 
 # The core's tests on a build that stops at every access out of bounds and all undefined behaviour:
@@ -180,14 +187,19 @@ MESSAGES_LOAD := import os, ff_planner_msgs.srv as srv; \
 	check_for_type_support(srv.PlanTrajectory); \
 	assert srv.__file__.startswith(os.getcwd()), srv.__file__
 
-# Remakes constraints.txt with the newest versions that setup.py and both pyproject.toml allow. The
-# messages are no package of an index.
+# Remakes constraints.txt with the newest versions that setup.py and all pyproject.toml allow. None
+# of our own is a package of an index.
 lock: env
-	{ $(BIN)/python -c '$(REQUIRES)' ros test benchmark robots colcon; printf 'pip\nuv\n'; \
-		$(BIN)/python -c '$(BUILD_REQUIRES)' pyproject.toml; \
-		$(BIN)/python -c '$(BUILD_REQUIRES)' msg_defs/pyproject.toml; } | grep -v ff_planner_msgs \
+	{ $(BIN)/python -c '$(REQUIRES)' ros test robots colcon; printf 'pip\nuv\n'; \
+		$(BIN)/python -c '$(REQUIRES_OF_BENCHMARK)'; \
+		for built in . msg_defs benchmark; do \
+			$(BIN)/python -c '$(BUILD_REQUIRES)' $$built/pyproject.toml; done; } | grep -v ^ff_planner_ \
 		| $(BIN)/uv pip compile --quiet --no-header --no-annotate --upgrade --output-file constraints.txt -
 	touch $(VENV)/complete
 
+REQUIRES_OF_BENCHMARK := import tomllib; \
+	project = tomllib.load(open("benchmark/pyproject.toml", "rb"))["project"]; \
+	print(*project["dependencies"], *sum(project["optional-dependencies"].values(), []), sep="\n")
+
 clean:
-	rm -rf .venv .venv_* build install log ff_planner_ros/core/*.so .coverage* .mypy_cache .pytest_cache .ruff_cache
+	rm -rf .venv .venv_* build benchmark/build install log ff_planner_ros/core/*.so .coverage* .mypy_cache .pytest_cache .ruff_cache

@@ -185,8 +185,6 @@ setup(
         "ros": ROS,
         "simulation": SIMULATION,
         "campaign": CAMPAIGN,
-        # A method from outside, and a second engine, for the benchmark's data set alone.
-        "benchmark": [*SIMULATION, "drake>=1.40,<2", "ompl>=2.0.1,<3"],
         # 131 MB that only tests read: the URDFs, as found, of arms and robots that others made.
         "robots": ["example-robot-data>=6,<7"],
         # The build that a ROS machine does, for `make build`.

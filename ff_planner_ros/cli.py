@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import sys
 import warnings
-from collections.abc import Sequence
+from argparse import ArgumentParser
+from collections.abc import Callable, Sequence
 from io import TextIOWrapper
 from pathlib import Path
 from traceback import extract_tb
@@ -19,8 +20,11 @@ _MOST_FAULTS = 20
 DEFECT = "this is a defect of ff-planner, please report it"
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run one command and return its exit code.
+def main(
+    arguments: Sequence[str] | None = None,
+    make_parser: Callable[[], ArgumentParser] = command_parser,
+) -> int:
+    """Run one command, of another parser's program where one is given, and return its exit code.
 
     0: done; 2: bad input; 3: no plan found, or one that does not come true. A defect of ours ends
     with 2 and one line, too; `python -X dev -m ff_planner_ros.cli` shows its traceback.
@@ -31,7 +35,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     # Where numbers grow beyond all bounds, the answer says so.
     warnings.filterwarnings("ignore", r".* encountered in ", RuntimeWarning)
     warnings.showwarning = _note  # such as names that are deprecated
-    parser = command_parser()
+    parser = make_parser()
     options, rest = parser.parse_known_args(arguments)
     of_ros = options.verb == "node" or (options.verb == "ask" and rest[:1] == ["--ros-args"])
     if rest and not of_ros:
@@ -40,14 +44,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         return run(options)
     except NoPlanFound as error:
-        return _fail(error, NO_PLAN)
+        return _fail(parser.prog, error, NO_PLAN)
     except (FfPlannerError, OSError) as error:
-        return _fail(error, BAD_INPUT)
+        return _fail(parser.prog, error, BAD_INPUT)
     except ModuleNotFoundError as error:
         missing = str(error.name)
         if missing.startswith(__package__):
             raise
         return _fail(
+            parser.prog,
             f"this command needs ROS 2, and there is no module {missing}: "
             "`pip install ./msg_defs '.[ros]'` brings it along, or source a ROS workspace",
             BAD_INPUT,
@@ -55,7 +60,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except Exception as error:  # whatever nobody thought of, so that a script can go on
         if sys.flags.dev_mode or isinstance(error, ImportError):  # the latter is no file's fault
             raise
-        return _fail(f"{DEFECT}: {type(error).__name__} {_place(error)}: {error}", BAD_INPUT)
+        defect = f"{DEFECT}: {type(error).__name__} {_place(error)}: {error}"
+        return _fail(parser.prog, defect, BAD_INPUT)
 
 
 def _place(error: Exception) -> str:
@@ -68,13 +74,13 @@ def _note(message: Warning | str, *_: object, **__: object) -> None:
     print(f"ff-planner: note: {message}", file=sys.stderr)
 
 
-def _fail(error: Exception | str, code: int) -> int:
+def _fail(program: str, error: Exception | str, code: int) -> int:
     faults = error.faults if isinstance(error, InvalidInput) else (error,)
     for one in faults[:_MOST_FAULTS]:
-        text = f"ff-planner: {shortened(str(one), LONGEST_MESSAGE)}"
+        text = f"{program}: {shortened(str(one), LONGEST_MESSAGE)}"
         print("".join(c if c.isprintable() or c == "\n" else "?" for c in text), file=sys.stderr)
     if more := len(faults[_MOST_FAULTS:]):
-        print(f"ff-planner: and {more} more, which `ff-planner check` lists", file=sys.stderr)
+        print(f"{program}: and {more} more, which `ff-planner check` lists", file=sys.stderr)
     return code
 
 

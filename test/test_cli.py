@@ -405,7 +405,6 @@ def test_a_key_that_is_deprecated_is_told_in_one_line_once(scenario):
     [
         ("replay BAG", "--with points=20 --with duration=9", "--set points=20 --set duration=9"),
         ("plan SCENARIO", "--front", "--pareto"),
-        ("bench", "--fly 3", "--simulate 3"),
         ("demo", "--scene planar", "--testbed planar"),
     ],
 )
@@ -418,3 +417,12 @@ def test_an_old_name_of_an_option_still_works_and_says_the_new_one(command, old,
     with pytest.raises(SystemExit):
         command_parser().parse_args([command.split()[0], "--help"])
     assert old.split()[0] not in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("option", ["--dataset", "--score"])
+def test_of_an_option_that_is_another_programs_now_one_line_says_which(option, capsys):
+    with pytest.raises(SystemExit) as refused:
+        main(["bench", "--method", "ours", option, "scenario.yaml", "answer.json"])
+    assert refused.value.code == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith(f"ff-planner: {option} is now a command of ff-planner-benchmark")

@@ -4,8 +4,8 @@ import sqlite3
 from pathlib import Path
 
 import pytest
-from conftest import discard_if_torn
 from coverage import CoverageData, CoverageException
+from tiers import discard_if_torn
 
 
 @pytest.fixture

@@ -6,6 +6,8 @@ import functools
 import importlib.metadata
 import re
 import sys
+import tomllib
+from itertools import chain
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -18,6 +20,9 @@ from ff_planner_ros.share import installation_prefixes
 SOURCE_TREE = Path(__file__).resolve().parents[1]
 PACKAGE = SOURCE_TREE / "ff_planner_ros"
 MODULES = sorted(PACKAGE.rglob("*.py"))
+# The contest of methods, a distribution of its own that imports the package, never the reverse.
+BENCHMARK = SOURCE_TREE / "benchmark"
+OF_BENCHMARK = sorted((BENCHMARK / "ff_planner_benchmark").rglob("*.py"))
 TESTS = sorted((SOURCE_TREE / "test").glob("*.py"))
 
 # Rooms, the lowest floor first. A room may import itself and every room of a lower floor.
@@ -78,6 +83,7 @@ PIP_NAMES = {
     "mcap_ros2": "mcap-ros2-support",
     "mujoco": "mujoco-core",
     "pinocchio": "pin",
+    "pydrake": "drake",
     "yaml": "pyyaml",
 }
 
@@ -96,7 +102,8 @@ def tree_of(path: Path) -> ast.Module:
 
 
 def module_name(path):
-    parts = path.relative_to(SOURCE_TREE).with_suffix("").parts
+    root = BENCHMARK if BENCHMARK in path.parents else SOURCE_TREE
+    parts = path.relative_to(root).with_suffix("").parts
     return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
 
 
@@ -133,13 +140,13 @@ def nodes_at_run_time(tree, functions=True):
 
 
 PATH_OF = {module_name(path): path for path in MODULES}
+EVERY_PATH_OF = PATH_OF | {module_name(path): path for path in OF_BENCHMARK}
 
 
 def own_modules(names):
-    """The modules of this package among names that are imported, or whose content is."""
-    return {
-        module for name in names for module in (name, name.rpartition(".")[0]) if module in PATH_OF
-    }
+    """Our modules among names that are imported, or whose content is."""
+    both = (module for name in names for module in (name, name.rpartition(".")[0]))
+    return {module for module in both if module in EVERY_PATH_OF}
 
 
 def top_level_imports(paths):
@@ -169,7 +176,9 @@ def test_imports_run_one_way():
 
 
 def test_no_module_imports_itself_by_way_of_others():
-    waiting = {m: own_modules(imports_at_run_time(tree_of(p))) - {m} for m, p in PATH_OF.items()}
+    waiting = {
+        m: own_modules(imports_at_run_time(tree_of(p))) - {m} for m, p in EVERY_PATH_OF.items()
+    }
     while free := {module for module, imported in waiting.items() if not imported}:
         waiting = {m: imported - free for m, imported in waiting.items() if m not in free}
     assert waiting == {}, "each of these imports one of the others"
@@ -224,7 +233,7 @@ def test_only_campaigns_import_the_cluster_that_need_not_be_installed():
     assert at_once == {"campaign"}
 
 
-def test_both_packages_have_the_version_that_the_changelog_describes():
+def test_all_packages_have_the_version_that_the_changelog_describes():
     ours, messages = (
         ElementTree.parse(SOURCE_TREE / file).findtext("version")
         for file in ("package.xml", "msg_defs/package.xml")
@@ -234,6 +243,8 @@ def test_both_packages_have_the_version_that_the_changelog_describes():
     assert re.findall(r"^## \[(\d.*?)\]", changelog, re.MULTILINE)[0] == ours
     assert importlib.metadata.version("ff_planner_ros") == ours
     assert importlib.metadata.version("ff_planner_msgs") == ours
+    assert importlib.metadata.version("ff_planner_benchmark") == ours
+    assert f"ff_planner_ros=={ours}" in importlib.metadata.requires("ff_planner_benchmark")
 
 
 @pytest.mark.parametrize(
@@ -258,9 +269,19 @@ def test_setup_py_declares_exactly_the_python_packages_that_are_imported():
     }
     foreign = top_level_imports(MODULES) - sys.stdlib_module_names - {"ff_planner_ros"}
     imported = {PIP_NAMES.get(name, name) for name in foreign - ros_packages(foreign)}
-    imported -= {"ompl", "pydrake"}  # of the extra `benchmark`: an entrant, and a second engine
     from_ros = {"ff_planner_msgs", "ros-jazzy-common-interfaces", "ros-jazzy-rclpy"}
     assert declared == imported | from_ros
+
+
+def test_the_benchmark_declares_exactly_the_packages_that_it_imports_and_none_of_ros():
+    project = tomllib.loads((BENCHMARK / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    required = [*project["dependencies"], *chain(*project["optional-dependencies"].values())]
+    declared = {re.match(r"[\w-]+", line)[0] for line in required}
+    foreign = top_level_imports(OF_BENCHMARK) - sys.stdlib_module_names - {"ff_planner_benchmark"}
+    assert {PIP_NAMES.get(name, name) for name in foreign} == declared
+    names = {name for path in OF_BENCHMARK for name in imports_at_run_time(tree_of(path))}
+    rooms = {room_of(module) for module in own_modules(names) if module in PATH_OF}
+    assert not {room.partition(".")[0] for room in rooms} & set(ROOMS_WITH_ROS)
 
 
 def test_status_codes_are_those_of_the_message():
@@ -275,8 +296,8 @@ def test_status_codes_are_those_of_the_message():
 def documented(*kinds):
     """Every definition of these kinds that has a docstring, by where it is."""
     return {
-        f"{path.relative_to(PACKAGE)}:{node.lineno} {node.name}": node
-        for path in MODULES
+        f"{path.relative_to(SOURCE_TREE)}:{node.lineno} {node.name}": node
+        for path in (*MODULES, *OF_BENCHMARK)
         for node in ast.walk(tree_of(path))
         if isinstance(node, kinds) and ast.get_docstring(node)
     }

@@ -19,7 +19,7 @@ from ff_planner_ros.cli import main
 # Commands that are not typed here, and what types them or why nothing can.
 NOT_TYPED = {
     "make ": "the steps of CI",
-    "pip ": "`make without-ros` installs like this",
+    r"(\.venv/bin/)?pip ": "`make without-ros` installs like this",
     r"ros2 |export ROS_SECURITY": "no wheel has ROS's command line and its security",
     "dask |.*HOST": "a cluster is needed",
     r".*(ff-planner |ff_planner_ros\.ros\.)node|.*examples/(simulated|mission|follower)": (

@@ -1,16 +1,129 @@
-"""Cases of a law, of which a tenth is tried every day."""
+"""The tiers of the tests, and how often a law is tried in each; a plugin of every pytest here."""
 
 from __future__ import annotations
 
 import math
 import random
-from collections.abc import Mapping
+import sqlite3
+import sys
+from collections import Counter
+from collections.abc import Callable, Generator, Mapping
+from itertools import chain
+from pathlib import Path
 from typing import Any
 
 import pytest
 from _pytest.mark import ParameterSet
 
 SEED = 20261123
+# Tests without a mark run every day; `@pytest.mark.ci` and `@pytest.mark.nightly` say from which
+# tier on a test runs.
+TIERS = ("everyday", "ci", "nightly")
+SLOWEST_FILES = 20  # told by the longer tiers, so that growth is seen
+
+_left_out = pytest.StashKey[Counter[str]]()
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    tiers = "what is run, and how often a law is tried"
+    parser.addoption("--tier", choices=TIERS, default=TIERS[0], help=tiers)
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    config.stash[_left_out] = Counter()
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    longer = TIERS[TIERS.index(config.getoption("tier")) + 1 :]
+    later = {
+        item: tier for item in items for tier in longer if item.get_closest_marker(tier) is not None
+    }
+    config.stash[_left_out].update(later.values())
+    config.hook.pytest_deselected(items=list(later))
+    items[:] = [item for item in items if item not in later]
+    # Files that start nodes come first: what waits so much must not be what is waited for.
+    items.sort(key=lambda item: not hasattr(item.module, "running_planner"))
+
+
+def pytest_sessionfinish(session: pytest.Session) -> None:
+    if hasattr(session.config, "workeroutput"):
+        session.config.workeroutput["left_out"] = dict(session.config.stash[_left_out])
+
+
+@pytest.hookimpl(optionalhook=True)  # of pytest-xdist: each worker has collected the same
+def pytest_testnodedown(node: Any) -> None:
+    node.config.stash[_left_out] = Counter(getattr(node, "workeroutput", {}).get("left_out", {}))
+
+
+def pytest_terminal_summary(terminalreporter: Any, config: pytest.Config) -> None:
+    """Say what the longer tiers hold, and in them how long each file takes."""
+    tier = config.getoption("tier")
+    if tier != TIERS[0]:
+        terminalreporter.section(f"slowest {SLOWEST_FILES} files")
+        seconds: Counter[str] = Counter()
+        for report in chain.from_iterable(terminalreporter.stats.values()):
+            if isinstance(report, pytest.TestReport):
+                seconds[report.nodeid.partition("::")[0]] += report.duration
+        for file, taken in seconds.most_common(SLOWEST_FILES):
+            terminalreporter.line(f"{taken:7.1f} s  {file}")
+    for longer, tests in config.stash[_left_out].items():
+        terminalreporter.line(f"{tests} tests more run with --tier {longer}")
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, Any, Any]:
+    """Leave out of the coverage, whose tracing takes time, what is tried at length in CI."""
+    coverage: Any = sys.modules.get("coverage")
+    measuring = coverage and coverage.Coverage.current()
+    if not measuring or not _is_long(item):
+        return (yield)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.delenv("COVERAGE_PROCESS_CONFIG", raising=False)  # for the processes it starts
+        measuring.stop()
+        try:
+            return (yield)
+        finally:
+            measuring.start()
+
+
+def _is_long(item: pytest.Item) -> bool:
+    return item.get_closest_marker("ci") is not None or "times" in getattr(item, "fixturenames", ())
+
+
+@pytest.hookimpl(wrapper=True, trylast=True)  # pytest-cov combines right after it
+def pytest_runtestloop(session: pytest.Session) -> Generator[None, Any, Any]:
+    result = yield
+    if session.config.pluginmanager.hasplugin("_cov") and not hasattr(
+        session.config, "workerinput"
+    ):
+        for file in session.config.rootpath.glob(".coverage.*"):
+            discard_if_torn(file)
+    return result
+
+
+def discard_if_torn(file: Path) -> None:
+    """Delete the coverage data of a process that was killed while it wrote them.
+
+    Combining would stop at them, after all tests have passed.
+    """
+    from coverage import CoverageData, CoverageException
+
+    try:
+        CoverageData(no_disk=True).update(CoverageData(str(file), read_only=True))
+    except (CoverageException, sqlite3.Error) as error:
+        print(f"{file.name} is left out of the coverage: {error}")
+        file.unlink()
+
+
+@pytest.fixture(scope="session")
+def times(request: pytest.FixtureRequest) -> Callable[[int, int], int]:
+    """Choose how often a law is tried: in CI, a tenth of that every day, and at night."""
+    tier = request.config.getoption("tier")
+
+    def chosen(in_ci: int, at_night: int) -> int:
+        return {"everyday": math.ceil(in_ci / 10), "ci": in_ci, "nightly": at_night}[tier]
+
+    return chosen
 
 
 def a_tenth_every_day(cases: Mapping[str, Any]) -> list[ParameterSet]:

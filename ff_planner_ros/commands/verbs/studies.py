@@ -2,38 +2,35 @@
 
 from __future__ import annotations
 
+from argparse import SUPPRESS, Action, ArgumentParser
 from pathlib import Path
+from typing import Any
 
-from ff_planner_ros.commands.verbs import Add, add_renamed
+from ff_planner_ros.commands import BAD_INPUT
+from ff_planner_ros.commands.verbs import Add
 
 
 def add_bench(add: Add) -> None:
     """Add `bench`."""
     bench = add(
         "bench",
-        "ff_planner_ros.commands.benchmark:run_benchmark",
-        "measure speed and success rate; write the benchmark's data set, or let methods plan it",
+        "ff_planner_ros.commands.bench:run_benchmark",
+        "measure speed and success rate",
     )
     bench.add_argument("--quick", action="store_true", help="seconds instead of minutes")
     bench.add_argument(
         "--scenarios", type=int, metavar="N", help="of each class (default: 200; quick: 4)"
     )
     bench.add_argument("--json", type=Path, metavar="FILE", help="write all figures")
-    bench.add_argument("--dataset", type=Path, metavar="DIR", help="written unless it is there")
-    bench.add_argument("--seeds", metavar="WHICH", help="public (default), hidden, or a number")
-    method_help = "on the data set: all, or ours, rrt_connect, FILE.py, a command (docs/dataset.md)"
-    bench.add_argument("--method", action="append", metavar="METHOD", help=method_help)
-    seconds_help = "processor time for each answer (default: %(default)g)"
-    bench.add_argument("--seconds", type=float, default=10.0, metavar="S", help=seconds_help)
-    workers_help = "processes at a time for the data set (default: %(default)s)"
-    bench.add_argument("--workers", type=int, default=2, metavar="N", help=workers_help)
-    simulate_help = "execute our plans of N scenarios of each class in MuJoCo and in Drake"
-    simulate = bench.add_argument("--simulate", type=int, metavar="N", help=simulate_help)
-    add_renamed(bench, "--fly", simulate)
-    score_help = "judge one answer to a scenario of the data set"
-    bench.add_argument(
-        "--score", type=Path, nargs=2, metavar=("SCENARIO", "ANSWER"), help=score_help
-    )
+    bench.add_argument("--dataset", "--score", action=_Moved, nargs="*", help=SUPPRESS)
+
+
+class _Moved(Action):
+    """An option that is a command of another program now, and says so for another version."""
+
+    def __call__(self, parser: ArgumentParser, *given: Any) -> None:
+        where = "ff-planner-benchmark: see docs/dataset.md"
+        parser.exit(BAD_INPUT, f"ff-planner: {given[2]} is now a command of {where}\n")
 
 
 def add_campaign(add: Add) -> None:

@@ -49,7 +49,7 @@ def require_known(method: str) -> None:
         InvalidInput: It is not one of ours, no file that is there, and no command that can run.
     """
     if method == "rrt_connect" and importlib.util.find_spec("ompl") is None:
-        allowed = "it needs OMPL: pip install 'ff_planner_ros[benchmark]'"
+        allowed = "it needs OMPL: pip install './benchmark[ompl]'"
         raise InvalidInput(Status.UNSUPPORTED, "--method", method, allowed)
     if method in ENTRANTS or (method.endswith(".py") and Path(method).is_file()):
         return
@@ -154,7 +154,7 @@ def _processor_time() -> float:
 def _answers_of(method: str) -> Answers:
     """Return a method as a function."""
     if method in ENTRANTS:
-        known: Answers = importlib.import_module(f"ff_planner_ros.bench.entrants.{method}").answer
+        known: Answers = importlib.import_module(f"ff_planner_benchmark.entrants.{method}").answer
         return known
     if "{scenario}" in method:
         return partial(_by_command, method)

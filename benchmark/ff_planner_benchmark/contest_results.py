@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
+from ff_planner_benchmark.scorer.score import Score
 from ff_planner_ros.analysis.json_file import read_json
-from ff_planner_ros.bench.scorer.score import Score
 from ff_planner_ros.errors import InvalidInput, Status
 
 _NUMBER = re.compile(r"-?\d+(\.\d+)?(e[+-]?\d+)?")

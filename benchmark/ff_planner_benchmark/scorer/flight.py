@@ -15,7 +15,7 @@ import numpy as np
 from scipy.interpolate import BPoly, CubicSpline
 from scipy.spatial.transform import Rotation
 
-from ff_planner_ros.bench.scorer.chain import Array, Chain, Placement, Posture
+from ff_planner_benchmark.scorer.chain import Array, Chain, Placement, Posture
 
 # The pose is integrated in so many steps.
 STEPS = 1000

@@ -14,8 +14,8 @@ from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
-from ff_planner_ros.bench.scorer.chain import Array, Chain, Posture, Solid
-from ff_planner_ros.bench.scorer.flight import Flight
+from ff_planner_benchmark.scorer.chain import Array, Chain, Posture, Solid
+from ff_planner_benchmark.scorer.flight import Flight
 
 # Between two samples nothing bends more than this many times what is seen at the samples.
 _MORE_BENT = 2.0

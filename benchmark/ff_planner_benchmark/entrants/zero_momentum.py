@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from ff_planner_benchmark.entrants.planned import answer_of
 from ff_planner_ros.baselines.beliefs import zero_momentum
-from ff_planner_ros.bench.entrants.planned import answer_of
 
 
 def answer(scenario: Path, _seconds: float) -> dict[str, Any]:

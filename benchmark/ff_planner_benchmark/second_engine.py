@@ -30,7 +30,7 @@ try:
 except ModuleNotFoundError:
     raise FfPlannerError(
         Status.UNSUPPORTED,
-        "flying a plan in the second engine needs Drake: pip install 'ff_planner_ros[benchmark]'",
+        "flying a plan in the second engine needs Drake: pip install './benchmark[drake]'",
     ) from None
 
 # Torques between two points of a plan are given so often, and are linear between; and how exact

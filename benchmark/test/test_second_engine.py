@@ -2,12 +2,12 @@
 
 import pytest
 
-from ff_planner_ros.bench import dataset
-from ff_planner_ros.bench.flown import flown_rows
+from ff_planner_benchmark import dataset
+from ff_planner_benchmark.flown import flown_rows
 
 pytestmark = pytest.mark.ci
 
-pytest.importorskip("pydrake", reason="pip install '.[benchmark]' brings Drake")
+pytest.importorskip("pydrake", reason="pip install './benchmark[drake]' brings Drake")
 pytest.importorskip("mujoco")
 
 LARGEST_MISS = 1.0  # [mm]

@@ -22,7 +22,8 @@ from typing import Any
 
 import yaml
 
-from ff_planner_ros.bench import bodies, scenarios, still_goals, tumbling
+from ff_planner_benchmark import still_goals
+from ff_planner_ros.bench import bodies, scenarios, tumbling
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.problem import PlanningProblem
 from ff_planner_ros.planning.scenario_writer import described_problem
@@ -109,7 +110,7 @@ def write_dataset(directory: Path, seed: int, each: int | None = None, workers: 
     """
     if directory.exists() and (not directory.is_dir() or any(directory.iterdir())):
         allowed = f"it must be a new or an empty directory, or a data set with {SUMS}"
-        raise InvalidInput(Status.UNSUPPORTED, "--dataset", directory, allowed)
+        raise InvalidInput(Status.UNSUPPORTED, "DIR", directory, allowed)
     try:
         return _written(directory, seed, each, workers)
     except BaseException:  # half a data set would look like a whole one
@@ -169,12 +170,15 @@ def checked(directory: Path) -> str:
     Raises:
         InvalidInput: A file is missing, new or other than written.
     """
+    if not (directory / SUMS).is_file():
+        allowed = f"it has no {SUMS}: `ff-planner-benchmark dataset {directory}` writes a data set"
+        raise InvalidInput(Status.UNSUPPORTED, "DIR", directory, allowed)
     text, now = (directory / SUMS).read_text(encoding="ascii", errors="replace"), sums(directory)
     if text != now:
         lines = sorted(set(text.splitlines()) ^ set(now.splitlines()))
         name = lines[0].partition("  ")[2] if lines else SUMS
         allowed = f"{directory / name} is missing, new or changed; write the data set anew"
-        raise InvalidInput(Status.UNSUPPORTED, "--dataset", directory, allowed)
+        raise InvalidInput(Status.UNSUPPORTED, "DIR", directory, allowed)
     return hashlib.sha256(text.encode()).hexdigest()
 
 

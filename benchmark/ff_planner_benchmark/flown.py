@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
-from ff_planner_ros.bench.dataset import CLASSES
+from ff_planner_benchmark.dataset import CLASSES
 from ff_planner_ros.errors import NoPlanFound
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.scenario import load_scenario
@@ -23,7 +23,7 @@ def flown_rows(directory: Path, each: int) -> Iterator[tuple[str, ...]]:
     Raises:
         FfPlannerError: MuJoCo or Drake is not installed.
     """
-    from ff_planner_ros.simulation.second_engine import flown_in_drake
+    from ff_planner_benchmark.second_engine import flown_in_drake
     from ff_planner_ros.simulation.verification import verify
 
     settings = load_parameters().planner

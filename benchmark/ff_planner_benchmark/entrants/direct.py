@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from ff_planner_benchmark.entrants.planned import answer_of
 from ff_planner_ros.bench.direct import solve_directly
-from ff_planner_ros.bench.entrants.planned import answer_of
 from ff_planner_ros.planning.end_effector_polynomial import end_effector_paths
 from ff_planner_ros.planning.families import require_papers_paths
 from ff_planner_ros.planning.path_family import singular_refusal

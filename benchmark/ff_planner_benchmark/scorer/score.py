@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 from scipy.interpolate import BPoly
 from scipy.spatial.transform import Rotation
 
-from ff_planner_ros.bench.scorer.chain import Array, Chain
-from ff_planner_ros.bench.scorer.clearance import body_motion, clearance
-from ff_planner_ros.bench.scorer.flight import Flight, at_moments, flown, joint_motion, torques
+from ff_planner_benchmark.scorer.chain import Array, Chain
+from ff_planner_benchmark.scorer.clearance import body_motion, clearance
+from ff_planner_benchmark.scorer.flight import Flight, at_moments, flown, joint_motion, torques
 
 # What an answer may miss the goal by: position [m], direction [rad], velocity [m/s], rate [rad/s].
 MISS, TURN, SPEED, SPIN = 1e-3, 2e-3, 1e-3, 2e-3

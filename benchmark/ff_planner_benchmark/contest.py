@@ -12,10 +12,10 @@ from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
-from ff_planner_ros.bench.contest_results import Result
-from ff_planner_ros.bench.dataset import end_with_parent, names
-from ff_planner_ros.bench.method_process import TOO_LONG, asked, ended, require_known, started
-from ff_planner_ros.bench.scorer.score import Score, score
+from ff_planner_benchmark.contest_results import Result
+from ff_planner_benchmark.dataset import end_with_parent, names
+from ff_planner_benchmark.method_process import TOO_LONG, asked, ended, require_known, started
+from ff_planner_benchmark.scorer.score import Score, score
 from ff_planner_ros.errors import InvalidInput
 
 # Scenarios that one process of a method plans in turn.

@@ -10,12 +10,12 @@ import pytest
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
-import ff_planner_ros.bench.scorer as scorer
+import ff_planner_benchmark.scorer as scorer
+from ff_planner_benchmark import contest, contest_results, dataset, method_process
+from ff_planner_benchmark.scorer.clearance import clearance
+from ff_planner_benchmark.scorer.flight import flown, joint_motion, momenta, torques
+from ff_planner_benchmark.scorer.score import Score, load, score
 from ff_planner_ros.analysis.plan_json import plan_dictionary
-from ff_planner_ros.bench import contest, contest_results, dataset, method_process
-from ff_planner_ros.bench.scorer.clearance import clearance
-from ff_planner_ros.bench.scorer.flight import flown, joint_motion, momenta, torques
-from ff_planner_ros.bench.scorer.score import Score, load, score
 from ff_planner_ros.errors import InvalidInput
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.scenario import load_scenario
@@ -47,7 +47,7 @@ def test_the_scorer_imports_nothing_of_the_planner():
             names = [node.module] if isinstance(node, ast.ImportFrom) else []
             names += [one.name for one in node.names] if isinstance(node, ast.Import) else []
             for name in names:
-                own = name.startswith("ff_planner_ros.bench.scorer")
+                own = name.startswith("ff_planner_benchmark.scorer")
                 assert own or name.split(".")[0] in allowed, f"{file.name} imports {name}"
 
 

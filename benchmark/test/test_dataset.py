@@ -1,7 +1,9 @@
 """The benchmark's data set: what its files promise, and that seeds give them."""
 
 import hashlib
+import json
 import re
+import shlex
 import signal
 import subprocess
 import sys
@@ -9,12 +11,15 @@ import sys
 import numpy as np
 import pytest
 import yaml
+from pages import PAGES, console
 from scipy.interpolate import BPoly
 
-from ff_planner_ros.bench import bodies, dataset, scenarios, still_goals, tumbling, tumbling_witness
+from ff_planner_benchmark import dataset, still_goals
+from ff_planner_benchmark.cli import command_parser, main
+from ff_planner_benchmark.entrants import ours
+from ff_planner_benchmark.scorer.score import score
+from ff_planner_ros.bench import bodies, scenarios, tumbling, tumbling_witness
 from ff_planner_ros.bench.paths import roll_out
-from ff_planner_ros.bench.scorer.score import score
-from ff_planner_ros.cli import main
 from ff_planner_ros.errors import InvalidInput
 from ff_planner_ros.planning.scenario import load_scenario
 
@@ -148,7 +153,7 @@ def test_a_directory_that_holds_something_is_not_written_over(tmp_path):
 
 KILLED = """
 import multiprocessing, os, signal, time
-from ff_planner_ros.bench.dataset import end_with_parent
+from ff_planner_benchmark.dataset import end_with_parent
 
 def work():
     end_with_parent()
@@ -183,30 +188,79 @@ def test_seeds_are_two_names_or_a_whole_number(word):
         dataset.seed_of(word)
 
 
+# Verb and options, by the reason that is told.
 REFUSED = {
-    "--scenarios is 0": ["--scenarios", "0"],
-    "--workers is 0": ["--workers", "0"],
-    "--simulate is -1": ["--simulate", "-1"],
-    "--seconds is -1": ["--seconds", "-1"],
-    "--seconds is nan": ["--seconds", "nan"],
-    "--seeds is x": ["--seeds", "x"],
-    "was written with other seeds": ["--seeds", "4711"],
-    "--method is nobody": ["--method", "ours", "--method", "nobody", "--scenarios", "1"],
-    "there is no program nobody": ["--method", "nobody {scenario} {answer}", "--scenarios", "1"],
-    "No closing quotation": ["--method", "sh '{scenario} {answer}", "--scenarios", "1"],
-    "it has no planar/0001": ["--method", "ours", "--scenarios", "2"],
+    "--scenarios is 0": "dataset --scenarios 0",
+    "--workers is 0": "dataset --workers 0",
+    "--seeds is x": "dataset --seeds x",
+    "was written with other seeds": "dataset --seeds 4711",
+    "--scenarios is -1": "simulate --scenarios -1",
+    "it has no planar/0001": "simulate --scenarios 2",
+    "no planar/0001: it was written with fewer": "contest --method ours",
+    "--scenarios is 10001": "contest --method ours --scenarios 10001",
+    "--workers is -1": "contest --method ours --workers -1",
+    "--seconds is -1": "contest --method ours --seconds -1",
+    "--seconds is nan": "contest --method ours --seconds nan",
+    "--method is nobody": "contest --scenarios 1 --method ours --method nobody",
+    "there is no program nobody": "contest --scenarios 1 --method 'nobody {scenario} {answer}'",
+    "No closing quotation": """contest --scenarios 1 --method "sh '{scenario} {answer}" """,
 }
 
 
 @pytest.mark.parametrize("reason", REFUSED)
 def test_a_wrong_option_is_refused_in_one_line(small, capfd, reason):
-    assert main(["bench", "--dataset", str(small), *REFUSED[reason]]) == 2
+    verb, *options = shlex.split(REFUSED[reason])
+    assert main([verb, str(small), *options]) == 2
     said = capfd.readouterr().err
     assert reason in said
+    assert said.startswith("ff-planner-benchmark: ")
     assert said.count("\n") == 1, said
+
+
+@pytest.mark.parametrize("verb", ["simulate", "contest --method ours"])
+def test_where_there_is_no_data_set_the_command_that_writes_one_is_told(tmp_path, capfd, verb):
+    verb, *options = verb.split()
+    assert main([verb, str(tmp_path), *options]) == 2
+    assert f"`ff-planner-benchmark dataset {tmp_path}`" in capfd.readouterr().err
 
 
 def test_a_whole_set_that_is_not_the_published_one_is_refused(small, capfd, monkeypatch):
     monkeypatch.setattr(dataset, "is_whole", lambda _: True)
-    assert main(["bench", "--dataset", str(small), "--seeds", "public"]) == 2
+    assert main(["dataset", str(small), "--seeds", "public"]) == 2
     assert f"that of the public seeds is {dataset.PUBLISHED['public']}" in capfd.readouterr().err
+
+
+def test_every_command_of_the_pages_is_one_that_the_parser_takes():
+    commands = [one for page in PAGES for one in console(page)]
+    typed = [one.words for one in commands if one.words[0].endswith("ff-planner-benchmark")]
+    assert {words[1] for words in typed} == {"dataset", "contest", "score", "simulate"}
+    for words in typed:
+        command_parser().parse_args(words[1:])
+
+
+def test_an_answer_of_the_planner_is_judged_by_the_command(small, tmp_path, capfd):
+    scenario, answer = small / "scenarios" / "planar" / "0000.yaml", tmp_path / "answer.json"
+    answer.write_text(json.dumps(ours.answer(scenario, 1.0)))
+    assert main(["score", str(scenario), str(answer)]) == 0
+    assert json.loads(capfd.readouterr().out)["solved"]
+    answer.write_text("{}")
+    assert main(["score", str(scenario), str(answer)]) == 3
+    assert main(["score", str(answer), str(answer)]) == 2
+    assert "it must be a scenario of the data set" in capfd.readouterr().err
+
+
+@pytest.mark.ci
+def test_a_contest_shows_what_methods_did_and_goes_on_with_what_its_file_has(
+    small, tmp_path, capfd
+):
+    (tmp_path / "lost.py").write_text("def answer(*_):\n    return {'status': 'lost'}\n")
+    command = ["contest", str(small), "--scenarios", "1", "--method", str(tmp_path / "lost.py")]
+    command += ["--json", str(tmp_path / "answers.json")]
+    assert main([*command, "--method", "ours"]) == 0
+    shown = capfd.readouterr().out
+    assert re.search(r"^ours +all +6 +100\.0%", shown, re.MULTILINE)
+    assert re.search(r"lost\.py +6 +planar/0000 +no plan: lost$", shown, re.MULTILINE)
+    assert "\n12 answers in " in shown
+    assert main([*command, "--method", "ours"]) == 0
+    assert "12 answers are there" in (again := capfd.readouterr().out)
+    assert "\n0 answers in " in again

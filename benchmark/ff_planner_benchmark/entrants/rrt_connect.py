@@ -14,10 +14,10 @@ import numpy as np
 from ompl import base, geometric, util
 from scipy.interpolate import CubicSpline
 
-from ff_planner_ros.bench.scorer.chain import Array, Chain
-from ff_planner_ros.bench.scorer.clearance import from_lines, obstacles
-from ff_planner_ros.bench.scorer.flight import Flight, flown, joint_motion, tip_map
-from ff_planner_ros.bench.scorer.score import errors_at_goal, goal, load, score
+from ff_planner_benchmark.scorer.chain import Array, Chain
+from ff_planner_benchmark.scorer.clearance import from_lines, obstacles
+from ff_planner_benchmark.scorer.flight import Flight, flown, joint_motion, tip_map
+from ff_planner_benchmark.scorer.score import errors_at_goal, goal, load, score
 
 STEPS, POINTS, ROUNDS, BENDS = 100, 60, 25, 3
 # Kept from spheres [m]: the spline cuts corners, and a body is thicker than its line.

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from ff_planner_ros.bench.entrants.planned import answer_of
+from ff_planner_benchmark.entrants.planned import answer_of
 from ff_planner_ros.planning.task import PlanningTask, perform
 
 

@@ -1,0 +1,68 @@
+"""The command `ff-planner-benchmark`."""
+
+from __future__ import annotations
+
+import sys
+from argparse import ArgumentParser
+from collections.abc import Sequence
+from pathlib import Path
+
+from ff_planner_ros import cli
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run one command and return its exit code, as `ff-planner` does."""
+    return cli.main(arguments, command_parser)
+
+
+def command_parser() -> ArgumentParser:
+    """Return the parser; what it reads holds `verb`, and as `function` the name of what runs it."""
+    parser = ArgumentParser(
+        prog="ff-planner-benchmark",
+        description="Methods compared on a data set of scenarios for free-floating manipulators.",
+        epilog="Exit code: 0 done, 2 bad input, 3 an answer that does not solve its scenario.",
+    )
+    verbs = parser.add_subparsers(metavar="COMMAND", dest="verb", required=True)
+
+    def add(verb: str, summary: str) -> ArgumentParser:
+        command = verbs.add_parser(verb, help=summary)
+        command.set_defaults(function=f"ff_planner_benchmark.commands:{verb}")
+        return command
+
+    contest = add(
+        "contest", "let methods plan the scenarios of a data set, and judge their answers"
+    )
+    contest.add_argument("directory", type=Path, metavar="DIR", help="of the data set")
+    method_help = "all, or ours, rrt_connect, FILE.py, a command (docs/dataset.md); may be repeated"
+    contest.add_argument(
+        "--method", action="append", required=True, metavar="METHOD", help=method_help
+    )
+    each_help = "the first N of each class (default: %(default)s)"
+    contest.add_argument("--scenarios", type=int, default=40, metavar="N", help=each_help)
+    seconds_help = "processor time for each answer (default: %(default)g)"
+    contest.add_argument("--seconds", type=float, default=10.0, metavar="S", help=seconds_help)
+    json_help = "keep all figures; a run that was stopped goes on with what the file has"
+    contest.add_argument("--json", type=Path, metavar="FILE", help=json_help)
+
+    dataset = add("dataset", "write the data set unless it is there, and compare its hash")
+    dataset.add_argument("directory", type=Path, metavar="DIR", help="new, or a data set")
+    dataset.add_argument("--seeds", metavar="WHICH", help="public (default), hidden, or a number")
+    of_class_help = "of each class (default: all 1,000 of six classes)"
+    dataset.add_argument("--scenarios", type=int, metavar="N", help=of_class_help)
+
+    score = add("score", "judge one answer to a scenario of the data set")
+    score.add_argument("scenario", type=Path, metavar="SCENARIO.yaml")
+    score.add_argument("answer", type=Path, metavar="ANSWER.json")
+
+    simulate = add("simulate", "execute plans of ours in two engines, MuJoCo and Drake")
+    simulate.add_argument("directory", type=Path, metavar="DIR", help="of the data set")
+    simulate.add_argument("--scenarios", type=int, default=3, metavar="N", help=each_help)
+
+    for command in (contest, dataset):
+        workers_help = "processes at a time (default: %(default)s)"
+        command.add_argument("--workers", type=int, default=2, metavar="N", help=workers_help)
+    return parser
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,138 @@
+"""What the command line does: the data set, methods on it, one answer, plans in two engines."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import os
+import time
+from dataclasses import asdict
+from itertools import chain
+from pathlib import Path
+
+from ff_planner_benchmark import contest_results
+from ff_planner_benchmark import dataset as data_set
+from ff_planner_benchmark.contest import results
+from ff_planner_benchmark.flown import HEADER, flown_rows
+from ff_planner_benchmark.method_process import ENTRANTS
+from ff_planner_benchmark.scorer import score as scorer
+from ff_planner_ros.analysis.json_file import read_json
+from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.one_thread import ONE_THREAD
+from ff_planner_ros.text_table import print_table
+
+# Scenarios of a class and processes at a time.
+_MOST = 10_000
+# Rows of a method in the table of reasons.
+_REASONS = 8
+
+
+def dataset(options: argparse.Namespace) -> int:
+    """Write the data set if it is not there, and tell whether it is a published one.
+
+    Raises:
+        InvalidInput: A file is not what was written, the set is of other seeds than asked for, or
+            the whole set is not the published one.
+    """
+    _require_in_range("scenarios", options.scenarios)
+    _require_in_range("workers", options.workers)
+    _limit_threads()
+    directory, named = options.directory, options.seeds or "public"
+    seed = data_set.seed_of(named)
+    is_new = not (directory / data_set.SUMS).exists()
+    if is_new:
+        begun = time.monotonic()
+        found = data_set.write_dataset(directory, seed, options.scenarios, options.workers)
+        print(f"{directory}: written in {time.monotonic() - begun:.0f} s")
+    else:
+        found = data_set.checked(directory)
+        if options.seeds and not data_set.is_of(directory, seed):
+            allowed = f"{directory} was written with other seeds; give another directory"
+            raise InvalidInput(Status.UNSUPPORTED, "--seeds", named, allowed)
+    wanted = data_set.PUBLISHED.get(named, found)
+    if (is_new or options.seeds) and found != wanted and data_set.is_whole(directory):
+        allowed = f"that of the {named} seeds is {wanted}"
+        raise InvalidInput(Status.UNSUPPORTED, "hash of the data set", found, allowed)
+    _print_hash(found)
+    return 0
+
+
+def contest(options: argparse.Namespace) -> int:
+    """Let methods plan the data set; answers in the file of an earlier run are taken from there."""
+    each, seconds, workers = options.scenarios, options.seconds, options.workers
+    _require_in_range("scenarios", each)
+    _require_in_range("workers", workers)
+    if not (seconds > 0.0 and math.isfinite(seconds)):
+        allowed = "it must be positive and finite"
+        raise InvalidInput(Status.OUT_OF_RANGE, "--seconds", seconds, allowed)
+    _limit_threads()
+    kept = contest_results.Kept(options.json, _opened(options.directory, each), seconds)
+    asked_for = ((ENTRANTS if one == "all" else (one,)) for one in options.method)
+    methods = list(dict.fromkeys(chain.from_iterable(asked_for)))
+    there = kept.read()
+    if there:
+        print(f"{options.json}: {len(there)} answers are there, what is missing is added")
+    kept.write(there)  # a file that cannot be written is told now, not after an hour
+    done, begun = list(there), time.monotonic()
+    for one in results(methods, options.directory, each, seconds, workers, there):
+        done.append(one)
+        kept.write(done)
+    minutes, made = (time.monotonic() - begun) / 60, len(done) - len(there)
+    asked = {(method, *one) for method in methods for one in data_set.names(each)}
+    done = [one for one in done if (one.method, one.kind, one.index) in asked]
+    kinds = list(data_set.CLASSES)
+    done.sort(key=lambda one: (methods.index(one.method), kinds.index(one.kind), one.index))
+    print_table("Methods on the data set", contest_results.HEADER, list(contest_results.rows(done)))
+    why = list(contest_results.reasons(done, _REASONS))
+    if why:
+        print_table("Why answers do not count", contest_results.REASONS_HEADER, why)
+    print(f"\n{made} answers in {minutes:.0f} minutes, {workers} at a time")
+    return 0
+
+
+def score(options: argparse.Namespace) -> int:
+    """Judge one answer; exit code 3 if it does not solve the scenario."""
+    try:
+        judged = scorer.score(options.scenario, read_json(options.answer))
+    except (OSError, LookupError, TypeError, ValueError) as error:
+        allowed = f"it must be a scenario of the data set: {type(error).__name__}: {error}"
+        raise InvalidInput(Status.UNSUPPORTED, "SCENARIO", options.scenario, allowed) from None
+    print(json.dumps(asdict(judged), indent=1))
+    return 0 if judged.solved else 3
+
+
+def simulate(options: argparse.Namespace) -> int:
+    """Execute plans of ours in two engines."""
+    each = options.scenarios
+    _require_in_range("scenarios", each)
+    _opened(options.directory, each)
+    print_table("Plans in two engines", HEADER, list(flown_rows(options.directory, each)))
+    return 0
+
+
+def _require_in_range(name: str, value: int | None) -> None:
+    if value is not None and not 1 <= value <= _MOST:
+        allowed = f"it must be from 1 to {_MOST}"
+        raise InvalidInput(Status.OUT_OF_RANGE, f"--{name}", value, allowed)
+
+
+def _opened(directory: Path, each: int) -> str:
+    """Return the hash of a data set that has so many scenarios of each class."""
+    found = data_set.checked(directory)
+    for kind, index in data_set.names(each):
+        if not (directory / "scenarios" / kind / f"{index:04d}.yaml").exists():
+            allowed = f"it has no {kind}/{index:04d}: it was written with fewer scenarios"
+            raise InvalidInput(Status.UNSUPPORTED, "DIR", directory, allowed)
+    _print_hash(found)
+    return found
+
+
+def _print_hash(found: str) -> None:
+    published = found in data_set.PUBLISHED.values()
+    print(f"{found}  {'as published' if published else 'not a published set'}")
+
+
+def _limit_threads() -> None:
+    """Let every process that is started have one thread: a method has one core."""
+    os.environ.update(ONE_THREAD)
