@@ -28,7 +28,7 @@ from ff_planner_ros.bag.decoding import NANOSECONDS, nanoseconds
 from ff_planner_ros.demo.executive import MissionExecutive
 from ff_planner_ros.demo.mission import mission_report, run_mission
 from ff_planner_ros.errors import FfPlannerError, Status
-from ff_planner_ros.planning.scenario import SCENARIO_FRAME, load_scenario
+from ff_planner_ros.planning.scenario.scenario import SCENARIO_FRAME, load_scenario
 from ff_planner_ros.ros.messages.to_messages import request_message
 
 NAME = "follower"  # who asks

@@ -25,8 +25,8 @@ from rclpy.utilities import remove_ros_args
 from ff_planner_ros.demo.executive import NAME, MissionExecutive
 from ff_planner_ros.demo.mission import mission_report, run_mission
 from ff_planner_ros.errors import NoPlanFound, Status
-from ff_planner_ros.planning.problem import DurationRange, Objective
-from ff_planner_ros.planning.scenario import SCENARIO_FRAME, load_scenario
+from ff_planner_ros.planning.problem.problem import DurationRange, Objective
+from ff_planner_ros.planning.scenario.scenario import SCENARIO_FRAME, load_scenario
 from ff_planner_ros.ros.messages.to_messages import request_message
 from ff_planner_ros.ros.outputs.prediction import FramePose
 

@@ -24,7 +24,7 @@ from ff_planner_ros.bag.decoding import NANOSECONDS
 from ff_planner_ros.demo.testbed import Imperfections, SimulatedTestbed
 from ff_planner_ros.errors import FfPlannerError
 from ff_planner_ros.parameters import default_values
-from ff_planner_ros.planning.scenario import load_scenario
+from ff_planner_ros.planning.scenario.scenario import load_scenario
 from ff_planner_ros.ros.background import StopRequest, spin_in_background
 from ff_planner_ros.ros.joining import joining_ros
 

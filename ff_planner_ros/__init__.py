@@ -8,59 +8,59 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from ff_planner_ros.analysis.figures import draw as draw
+    from ff_planner_ros.common.share import share_directory as share_directory
     from ff_planner_ros.errors import FfPlannerError as FfPlannerError
     from ff_planner_ros.errors import InvalidInput as InvalidInput
     from ff_planner_ros.errors import NoPlanFound as NoPlanFound
     from ff_planner_ros.parameters import load_parameters as load_parameters
-    from ff_planner_ros.planning.approach import Approach as Approach
-    from ff_planner_ros.planning.metrics import Metrics as Metrics
-    from ff_planner_ros.planning.plan import Plan as Plan
-    from ff_planner_ros.planning.plan import Trajectory as Trajectory
-    from ff_planner_ros.planning.problem import DurationRange as DurationRange
-    from ff_planner_ros.planning.problem import Limits as Limits
-    from ff_planner_ros.planning.problem import Objective as Objective
-    from ff_planner_ros.planning.problem import PlanningProblem as PlanningProblem
-    from ff_planner_ros.planning.problem import Sphere as Sphere
-    from ff_planner_ros.planning.problem import Target as Target
-    from ff_planner_ros.planning.problem import capturing as capturing
-    from ff_planner_ros.planning.scenario import Defaults as Defaults
-    from ff_planner_ros.planning.scenario import load_scenario as load_scenario
-    from ff_planner_ros.planning.scenario import load_task as load_task
-    from ff_planner_ros.planning.settings import PlannerSettings as PlannerSettings
-    from ff_planner_ros.planning.tail import EndBehaviour as EndBehaviour
-    from ff_planner_ros.planning.target_body import AttachedSphere as AttachedSphere
-    from ff_planner_ros.planning.target_body import TargetBody as TargetBody
-    from ff_planner_ros.planning.task import PlanningTask as PlanningTask
-    from ff_planner_ros.planning.task import perform as perform
+    from ff_planner_ros.planning.motion.metrics import Metrics as Metrics
+    from ff_planner_ros.planning.motion.plan import Plan as Plan
+    from ff_planner_ros.planning.motion.plan import Trajectory as Trajectory
+    from ff_planner_ros.planning.problem.approach import Approach as Approach
+    from ff_planner_ros.planning.problem.problem import DurationRange as DurationRange
+    from ff_planner_ros.planning.problem.problem import Limits as Limits
+    from ff_planner_ros.planning.problem.problem import Objective as Objective
+    from ff_planner_ros.planning.problem.problem import PlanningProblem as PlanningProblem
+    from ff_planner_ros.planning.problem.problem import Sphere as Sphere
+    from ff_planner_ros.planning.problem.problem import Target as Target
+    from ff_planner_ros.planning.problem.problem import capturing as capturing
+    from ff_planner_ros.planning.problem.settings import PlannerSettings as PlannerSettings
+    from ff_planner_ros.planning.problem.target_body import AttachedSphere as AttachedSphere
+    from ff_planner_ros.planning.problem.target_body import TargetBody as TargetBody
+    from ff_planner_ros.planning.scenario.scenario import Defaults as Defaults
+    from ff_planner_ros.planning.scenario.scenario import load_scenario as load_scenario
+    from ff_planner_ros.planning.scenario.scenario import load_task as load_task
+    from ff_planner_ros.planning.task.tail import EndBehaviour as EndBehaviour
+    from ff_planner_ros.planning.task.task import PlanningTask as PlanningTask
+    from ff_planner_ros.planning.task.task import perform as perform
     from ff_planner_ros.robot.bodies import Geometry as Geometry
     from ff_planner_ros.robot.model import Robot as Robot
     from ff_planner_ros.robot.model import load_robot as load_robot
     from ff_planner_ros.robot.state import SystemState as SystemState
-    from ff_planner_ros.share import share_directory as share_directory
     from ff_planner_ros.simulation.verification import Verification as Verification
     from ff_planner_ros.simulation.verification import verify as verify_plan  # noqa: F401
 
 _MODULES = {
-    "planning.scenario": ("load_scenario", "load_task", "Defaults"),
+    "planning.scenario.scenario": ("load_scenario", "load_task", "Defaults"),
     "parameters": ("load_parameters",),
-    "planning.task": ("PlanningTask", "perform"),
-    "planning.problem": (
+    "planning.task.task": ("PlanningTask", "perform"),
+    "planning.problem.problem": (
         *("PlanningProblem", "Target", "Sphere", "Objective", "Limits"),
         "DurationRange",
         "capturing",
     ),
-    "planning.approach": ("Approach",),
-    "planning.target_body": ("TargetBody", "AttachedSphere"),
+    "planning.problem.approach": ("Approach",),
+    "planning.problem.target_body": ("TargetBody", "AttachedSphere"),
     "robot.model": ("Robot", "load_robot"),
     "robot.bodies": ("Geometry",),
     "robot.state": ("SystemState",),
-    "planning.settings": ("PlannerSettings",),
-    "planning.tail": ("EndBehaviour",),
-    "planning.plan": ("Plan", "Trajectory"),
-    "planning.metrics": ("Metrics",),
+    "planning.problem.settings": ("PlannerSettings",),
+    "planning.task.tail": ("EndBehaviour",),
+    "planning.motion.plan": ("Plan", "Trajectory"),
+    "planning.motion.metrics": ("Metrics",),
     "simulation.verification": ("verify_plan", "Verification"),
     "analysis.figures": ("draw",),
-    "share": ("share_directory",),
+    "common.share": ("share_directory",),
     "errors": ("FfPlannerError", "InvalidInput", "NoPlanFound"),
 }
 _MODULE_OF = {name: module for module, names in _MODULES.items() for name in names}

@@ -12,8 +12,8 @@ from traceback import extract_tb
 
 from ff_planner_ros.commands import BAD_INPUT, NO_PLAN
 from ff_planner_ros.commands.parser import command_parser, run
+from ff_planner_ros.common.shown import shortened
 from ff_planner_ros.errors import LONGEST_MESSAGE, FfPlannerError, InvalidInput, NoPlanFound
-from ff_planner_ros.shown import shortened
 
 # Of an input that are told one by one: a screen, where thousands of obstacles may be wrong alike.
 _MOST_FAULTS = 20

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import Any
 
-from ff_planner_ros.shown import shortened, shown
+from ff_planner_ros.common.shown import shortened, shown
 
 
 class Status(IntEnum):

@@ -11,14 +11,16 @@ from functools import cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar, get_type_hints
 
-from ff_planner_ros.arrays import finite_number, finite_vector, unit_quaternion
+from ff_planner_ros.common.arrays import finite_number, finite_vector, unit_quaternion
+from ff_planner_ros.common.forms import FROM_URDF, a_word
+from ff_planner_ros.common.plain_values import mapping
+from ff_planner_ros.common.share import resolve_uri, share_directory
+from ff_planner_ros.common.shown import quoted
+from ff_planner_ros.common.yaml_file import read_yaml
 from ff_planner_ros.errors import InvalidInput, Status
-from ff_planner_ros.forms import FROM_URDF, a_word
-from ff_planner_ros.plain_values import mapping
-from ff_planner_ros.planning.controller_rules import Controller
-from ff_planner_ros.planning.problem import MAX_POINTS, MIN_POINTS, Limits
-from ff_planner_ros.planning.scenario import Defaults
-from ff_planner_ros.planning.settings import (
+from ff_planner_ros.planning.problem.controller_rules import Controller
+from ff_planner_ros.planning.problem.problem import MAX_POINTS, MIN_POINTS, Limits
+from ff_planner_ros.planning.problem.settings import (
     STRICT_IF_LOW,
     STRICT_IF_LOW_EACH,
     STRICT_IF_LOW_NOT_ZERO,
@@ -27,12 +29,10 @@ from ff_planner_ros.planning.settings import (
     strict_if,
     tunable,
 )
-from ff_planner_ros.planning.tail import FORMER_END_BEHAVIOURS, EndBehaviour
-from ff_planner_ros.planning.yaml_file import read_yaml
+from ff_planner_ros.planning.scenario.scenario import Defaults
+from ff_planner_ros.planning.task.tail import FORMER_END_BEHAVIOURS, EndBehaviour
 from ff_planner_ros.robot.bodies import Geometry
 from ff_planner_ros.robot.model import Base, Robot, read_urdf, robot_from_urdf_text
-from ff_planner_ros.share import resolve_uri, share_directory
-from ff_planner_ros.shown import quoted
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance

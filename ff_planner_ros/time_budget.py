@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 
 from ff_planner_ros.errors import OutOfTime
-from ff_planner_ros.planning.watch import Watch
+from ff_planner_ros.planning.motion.watch import Watch
 
 
 class TimeBudget(Watch):

@@ -8,8 +8,8 @@ from ff_planner_msgs.msg import PlanAnswer, PlanRequest
 from ff_planner_msgs.srv import PlanTrajectory
 from service_msgs.msg import ServiceEventInfo
 
-from ff_planner_ros.planning.plan import Plan
-from ff_planner_ros.planning.target_body import TargetBody
+from ff_planner_ros.planning.motion.plan import Plan
+from ff_planner_ros.planning.problem.target_body import TargetBody
 from ff_planner_ros.ros.messages.to_messages import answer_with_plan, plan_message
 
 FRAME = "inertial"

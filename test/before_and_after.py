@@ -16,7 +16,7 @@ import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
-from ff_planner_ros.one_thread import ONE_THREAD
+from ff_planner_ros.common.one_thread import ONE_THREAD
 
 if __name__ == "__main__":  # before numpy reads them
     os.environ.update(ONE_THREAD)
@@ -31,17 +31,17 @@ from ff_planner_ros.bench.report import machine
 from ff_planner_ros.bench.robots import ROBOTS
 from ff_planner_ros.bench.scenarios import scenario
 from ff_planner_ros.bench.success import Stopwatch
+from ff_planner_ros.common.share import share_directory
+from ff_planner_ros.common.text_table import print_table
 from ff_planner_ros.parameters import load_parameters
-from ff_planner_ros.planning.end_effector_polynomial import end_effector_paths
-from ff_planner_ros.planning.objectives import weighted_sum
-from ff_planner_ros.planning.plan import Plan
-from ff_planner_ros.planning.problem import PlanningProblem
-from ff_planner_ros.planning.program import path_program
-from ff_planner_ros.planning.scenario import load_scenario
-from ff_planner_ros.planning.system_frame import in_own_frame
-from ff_planner_ros.planning.task import PlanningTask, perform
-from ff_planner_ros.share import share_directory
-from ff_planner_ros.text_table import print_table
+from ff_planner_ros.planning.motion.plan import Plan
+from ff_planner_ros.planning.motion.system_frame import in_own_frame
+from ff_planner_ros.planning.optimisation.objectives import weighted_sum
+from ff_planner_ros.planning.optimisation.program import path_program
+from ff_planner_ros.planning.paths.end_effector_polynomial import end_effector_paths
+from ff_planner_ros.planning.problem.problem import PlanningProblem
+from ff_planner_ros.planning.scenario.scenario import load_scenario
+from ff_planner_ros.planning.task.task import PlanningTask, perform
 
 SETTINGS = load_parameters().planner
 # Plans with and without the core are the same to this [rad].

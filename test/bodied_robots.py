@@ -14,9 +14,9 @@ import pinocchio as pin
 from robots import LEMUR_URDF, random_urdf
 from scipy.spatial.transform import Rotation
 
-from ff_planner_ros.arrays import Array
-from ff_planner_ros.planning.problem import Sphere, attached_spheres
-from ff_planner_ros.planning.target_body import AttachedSphere, TargetBody
+from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.planning.problem.problem import Sphere, attached_spheres
+from ff_planner_ros.planning.problem.target_body import AttachedSphere, TargetBody
 from ff_planner_ros.robot.bodies import Body, Geometry
 from ff_planner_ros.robot.model import Robot, load_robot, robot_from_urdf_text
 

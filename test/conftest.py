@@ -6,10 +6,10 @@ import pytest
 import robots
 
 from ff_planner_ros.parameters import load_parameters
-from ff_planner_ros.planning.plan import Plan
-from ff_planner_ros.planning.planner import plan
-from ff_planner_ros.planning.problem import PlanningProblem
-from ff_planner_ros.planning.scenario import load_scenario
+from ff_planner_ros.planning.motion.plan import Plan
+from ff_planner_ros.planning.problem.problem import PlanningProblem
+from ff_planner_ros.planning.scenario.scenario import load_scenario
+from ff_planner_ros.planning.search.planner import plan
 from ff_planner_ros.robot.bodies import Geometry
 from ff_planner_ros.robot.model import Robot, load_robot, robot_from_urdf_text
 

@@ -15,9 +15,9 @@ from scipy.integrate import solve_ivp
 from scipy.interpolate import BPoly
 from scipy.spatial.transform import Rotation
 
-from ff_planner_ros.arrays import Array
-from ff_planner_ros.planning.plan import Trajectory
-from ff_planner_ros.planning.problem import PlanningProblem, Sphere
+from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.planning.motion.plan import Trajectory
+from ff_planner_ros.planning.problem.problem import PlanningProblem, Sphere
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.state import SystemState
 

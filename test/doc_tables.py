@@ -9,16 +9,16 @@ from typing import Any
 
 import ff_planner_ros
 from ff_planner_ros.bag.older_messages import ANSWER_FIELDS, REQUEST_FIELDS
-from ff_planner_ros.declared import declared
-from ff_planner_ros.declared_messages import places_in
+from ff_planner_ros.common.declared import declared
+from ff_planner_ros.common.declared_messages import places_in
 from ff_planner_ros.errors import Retry, Status, retry_after
 from ff_planner_ros.parameters import DECLARATIONS, Declaration, default_values
-from ff_planner_ros.planning.approach import Approach
-from ff_planner_ros.planning.problem import DurationRange, PlanningProblem, Sphere
-from ff_planner_ros.planning.scenario import scenario_schema
-from ff_planner_ros.planning.tail import FORMER_END_BEHAVIOURS
-from ff_planner_ros.planning.target_body import AttachedSphere, TargetBody
-from ff_planner_ros.planning.task import PlanningTask
+from ff_planner_ros.planning.problem.approach import Approach
+from ff_planner_ros.planning.problem.problem import DurationRange, PlanningProblem, Sphere
+from ff_planner_ros.planning.problem.target_body import AttachedSphere, TargetBody
+from ff_planner_ros.planning.scenario.scenario import scenario_schema
+from ff_planner_ros.planning.task.tail import FORMER_END_BEHAVIOURS
+from ff_planner_ros.planning.task.task import PlanningTask
 from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.ros.parameters import _AT_START, _PATHS, _WHILE_CONFIGURED
 

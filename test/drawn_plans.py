@@ -9,9 +9,9 @@ from paper_equations import PaperTerms, paper_terms
 from robots import LEMUR_URDF
 from scipy.spatial.transform import Rotation
 
-from ff_planner_ros.arrays import Array
-from ff_planner_ros.planning.metrics import Metrics
-from ff_planner_ros.planning.plan import Plan, SolverReport, Trajectory
+from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.planning.motion.metrics import Metrics
+from ff_planner_ros.planning.motion.plan import Plan, SolverReport, Trajectory
 from ff_planner_ros.robot.model import Robot
 
 POINTS, DURATION = 40, 10.0

@@ -16,14 +16,14 @@ from scipy.integrate import solve_ivp
 from scipy.interpolate import BPoly
 from scipy.spatial.transform import Rotation
 
-from ff_planner_ros.arrays import Array
+from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import Failure
 from ff_planner_ros.parameters import load_parameters
-from ff_planner_ros.planning.check import failures, measure
-from ff_planner_ros.planning.metrics import Metrics
-from ff_planner_ros.planning.plan import Plan, SolverReport, Trajectory
-from ff_planner_ros.planning.problem import Objective, Orientation, PlanningProblem, Target
-from ff_planner_ros.planning.settings import PlannerSettings
+from ff_planner_ros.planning.check.check import failures, measure
+from ff_planner_ros.planning.motion.metrics import Metrics
+from ff_planner_ros.planning.motion.plan import Plan, SolverReport, Trajectory
+from ff_planner_ros.planning.problem.problem import Objective, Orientation, PlanningProblem, Target
+from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.state import SystemState
 

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from ff_planner_ros.planning.check import failures, refusal
-from ff_planner_ros.planning.plan import Plan
-from ff_planner_ros.planning.problem import PlanningProblem
-from ff_planner_ros.planning.settings import PlannerSettings
+from ff_planner_ros.planning.check.check import failures, refusal
+from ff_planner_ros.planning.motion.plan import Plan
+from ff_planner_ros.planning.problem.problem import PlanningProblem
+from ff_planner_ros.planning.problem.settings import PlannerSettings
 
 
 def require_sound(problem: PlanningProblem, plan: Plan, settings: PlannerSettings) -> None:

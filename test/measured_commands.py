@@ -18,7 +18,14 @@ from pathlib import Path
 SECONDS, MEGABYTES, KILLED_AFTER = 5.0, 500, 30
 ADDRESSES = 8 << 30  # [bytes] so that a mistake does not take the machine along
 MODULES = (
-    *("commands.planning", "commands.bags", "verify", "compare", "bag.info", "bag.recover"),
+    *(
+        "commands.planning",
+        "commands.bags",
+        "commands.verify",
+        "commands.compare",
+        "bag.info",
+        "bag.recover",
+    ),
     *("bag.export", "runs.replay", "runs.what_if", "runs.report_page", "runs.report_of_bag"),
     "runs.export_scenarios",
 )

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ff_planner_ros.arrays import Array
+from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.robot.model import Base, Robot, robot_from_urdf_text
 from ff_planner_ros.robot.state import SystemState
 

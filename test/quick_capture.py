@@ -11,8 +11,8 @@ import yaml
 from robots import LEMUR_SCENARIO, LEMUR_URDF
 
 from ff_planner_ros.demo.executive import end_effector
-from ff_planner_ros.planning.problem import PlanningProblem
-from ff_planner_ros.planning.scenario import load_scenario
+from ff_planner_ros.planning.problem.problem import PlanningProblem
+from ff_planner_ros.planning.scenario.scenario import load_scenario
 
 DURATION = 2.0
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ff_planner_ros.arrays import Array
+from ff_planner_ros.common.arrays import Array
 
 
 class Page(HTMLParser):

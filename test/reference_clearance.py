@@ -10,14 +10,14 @@ import pinocchio as pin
 from dense_motion import centers_of, to_lines
 from scipy.spatial.transform import Rotation
 
-from ff_planner_ros.arrays import Array, Indices
-from ff_planner_ros.planning.certificate import CERTIFICATE_GAP, SHORTEST_PIECE
-from ff_planner_ros.planning.clearance import (
+from ff_planner_ros.common.arrays import Array, Indices
+from ff_planner_ros.planning.distance.certificate import CERTIFICATE_GAP, SHORTEST_PIECE
+from ff_planner_ros.planning.distance.clearance import (
     clearance_gradients,
     clearances,
     segments,
 )
-from ff_planner_ros.planning.problem import Sphere
+from ff_planner_ros.planning.problem.problem import Sphere
 from ff_planner_ros.robot.kinematics import rotation_base_to_inertial
 from ff_planner_ros.robot.model import Robot
 

@@ -23,21 +23,16 @@ import reference_objectives
 from reference_joint_spline import ReferenceMotion, reference_motion, reference_sensitivity
 from reference_velocity_map import VelocityMap, stacked
 
-from ff_planner_ros.arrays import Array, Indices
+from ff_planner_ros.common.arrays import Array, Indices
 from ff_planner_ros.core import compiled, velocity_map
-from ff_planner_ros.planning import (
-    clearance,
-    followed_path,
-    joint_spline,
-    search_certificate,
-)
-from ff_planner_ros.planning.bodies import placed_bodies
-from ff_planner_ros.planning.body_certificate import (
+from ff_planner_ros.planning.distance import clearance, search_certificate
+from ff_planner_ros.planning.distance.bodies import placed_bodies
+from ff_planner_ros.planning.distance.body_certificate import (
     centers_in_base,
     least_pair_distance,
     least_sphere_distance,
 )
-from ff_planner_ros.planning.body_distances import (
+from ff_planner_ros.planning.distance.body_distances import (
     Distances,
     pair_bounds,
     pair_distances,
@@ -46,14 +41,16 @@ from ff_planner_ros.planning.body_distances import (
     sphere_distances,
     sphere_gradients,
 )
-from ff_planner_ros.planning.clearance import centers_at
-from ff_planner_ros.planning.end_effector_polynomial import EndEffectorPaths
-from ff_planner_ros.planning.followed import FollowedMotion, followed
-from ff_planner_ros.planning.joint_motion import JointMotion
-from ff_planner_ros.planning.joint_spline import JointSplines
-from ff_planner_ros.planning.path_family import JointHull, Motion, Sensitivity
-from ff_planner_ros.planning.polynomial import EndEffectorPolynomial
-from ff_planner_ros.planning.problem import PlanningProblem, Sphere
+from ff_planner_ros.planning.distance.clearance import centers_at
+from ff_planner_ros.planning.motion import followed_path
+from ff_planner_ros.planning.motion.followed import FollowedMotion, followed
+from ff_planner_ros.planning.motion.joint_motion import JointMotion
+from ff_planner_ros.planning.paths import joint_spline
+from ff_planner_ros.planning.paths.end_effector_polynomial import EndEffectorPaths
+from ff_planner_ros.planning.paths.joint_spline import JointSplines
+from ff_planner_ros.planning.paths.path_family import JointHull, Motion, Sensitivity
+from ff_planner_ros.planning.paths.polynomial import EndEffectorPolynomial
+from ff_planner_ros.planning.problem.problem import PlanningProblem, Sphere
 from ff_planner_ros.planning.requirements import body_rows, singular_values
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.momentum import smallest_singular_values

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from ff_planner_ros.arrays import Array
-from ff_planner_ros.planning.problem import Orientation, Target
+from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.planning.problem.problem import Orientation, Target
 from ff_planner_ros.robot.model import Base, Robot
 from ff_planner_ros.robot.rotation import skew
 

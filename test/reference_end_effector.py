@@ -9,11 +9,11 @@ import numpy as np
 import pinocchio as pin
 from reference_velocity_map import VelocityMap, VelocitySolution, stacked
 
-from ff_planner_ros.arrays import Array
-from ff_planner_ros.planning.end_effector_polynomial import EndEffectorPaths
-from ff_planner_ros.planning.path_family import Motion, Sensitivity
-from ff_planner_ros.planning.polynomial import EndEffectorPolynomial, powers
-from ff_planner_ros.planning.runge_kutta import increment
+from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.planning.motion.runge_kutta import increment
+from ff_planner_ros.planning.paths.end_effector_polynomial import EndEffectorPaths
+from ff_planner_ros.planning.paths.path_family import Motion, Sensitivity
+from ff_planner_ros.planning.paths.polynomial import EndEffectorPolynomial, powers
 from ff_planner_ros.robot.rotation import euler_rate_map, euler_rate_map_derivative, skew
 
 # Ascending coefficients of 64 s^3 (1 - s)^3 {1, s, s^2}, a column a term. Shape (9, 3).

@@ -16,10 +16,10 @@ from reference_base_turn import (
 from reference_end_conditions import EndPoint, end_conditions
 from scipy.spatial.transform import Rotation
 
-from ff_planner_ros.arrays import Array
-from ff_planner_ros.planning.joint_spline import JointSplines
-from ff_planner_ros.planning.path_family import Sensitivity
-from ff_planner_ros.planning.spline_basis import FIXED
+from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.planning.paths.joint_spline import JointSplines
+from ff_planner_ros.planning.paths.path_family import Sensitivity
+from ff_planner_ros.planning.paths.spline_basis import FIXED
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.dynamics import base_acceleration
 from ff_planner_ros.robot.model import Base

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 
-from ff_planner_ros.arrays import Array
-from ff_planner_ros.planning.polynomial import (
+from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.planning.paths.polynomial import (
     EndEffectorMotion,
     EndEffectorPolynomial,
     end_effector_polynomial,

@@ -37,7 +37,7 @@ from visualization_msgs.msg import MarkerArray
 
 from ff_planner_ros.demo.domain import private_environment
 from ff_planner_ros.errors import Status
-from ff_planner_ros.planning.problem import PlanningProblem
+from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.ros.background import ask, spin_in_background
 from ff_planner_ros.ros.messages.to_messages import (
     obstacles_message,

@@ -10,9 +10,9 @@ from functools import cache
 
 import numpy as np
 
-from ff_planner_ros.arrays import Array
-from ff_planner_ros.planning.followed import FollowedMotion
-from ff_planner_ros.planning.joint_motion import JointMotion
+from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.planning.motion.followed import FollowedMotion
+from ff_planner_ros.planning.motion.joint_motion import JointMotion
 from ff_planner_ros.robot.model import Robot, robot_from_urdf_text
 
 _INERTIAL = (

@@ -24,7 +24,7 @@ from mutants import bytes_mutated, document_mutated
 from tiers import a_tenth_every_day
 
 from ff_planner_ros.cli import DEFECT, main
-from ff_planner_ros.share import share_directory
+from ff_planner_ros.common.share import share_directory
 
 CONFIG = share_directory() / "config"
 CAPTURE = CONFIG / "scenarios" / "lemur_capture.yaml"

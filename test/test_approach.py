@@ -19,17 +19,18 @@ from test_tumbling import moved
 
 from ff_planner_ros.analysis.plan_json import plan_dictionary
 from ff_planner_ros.analysis.surroundings import drawn_corridor
-from ff_planner_ros.arrays import Array
+from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import InvalidInput, NoPlanFound, Status
 from ff_planner_ros.parameters import load_parameters
-from ff_planner_ros.planning.approach import HALF_ANGLE, RADIUS_AT_GRASP, Approach
-from ff_planner_ros.planning.check import failures
-from ff_planner_ros.planning.end_effector_polynomial import end_effector_paths
-from ff_planner_ros.planning.grasp_seen import GraspSeen
-from ff_planner_ros.planning.joint_spline import joint_splines
-from ff_planner_ros.planning.path_family import PathFamily
-from ff_planner_ros.planning.plan import Plan
-from ff_planner_ros.planning.problem import (
+from ff_planner_ros.planning.check.check import failures
+from ff_planner_ros.planning.motion.plan import Plan
+from ff_planner_ros.planning.motion.system_frame import in_own_frame
+from ff_planner_ros.planning.paths.end_effector_polynomial import end_effector_paths
+from ff_planner_ros.planning.paths.joint_spline import joint_splines
+from ff_planner_ros.planning.paths.path_family import PathFamily
+from ff_planner_ros.planning.problem.approach import HALF_ANGLE, RADIUS_AT_GRASP, Approach
+from ff_planner_ros.planning.problem.grasp_seen import GraspSeen
+from ff_planner_ros.planning.problem.problem import (
     DurationRange,
     Objective,
     Orientation,
@@ -39,10 +40,9 @@ from ff_planner_ros.planning.problem import (
 )
 from ff_planner_ros.planning.requirements.approach import ApproachCorridor
 from ff_planner_ros.planning.requirements.requirement import Rows
-from ff_planner_ros.planning.scenario import Defaults, load_scenario, load_task
-from ff_planner_ros.planning.scenario_writer import write_scenario
-from ff_planner_ros.planning.system_frame import in_own_frame
-from ff_planner_ros.planning.task import PlanningTask, perform
+from ff_planner_ros.planning.scenario.scenario import Defaults, load_scenario, load_task
+from ff_planner_ros.planning.scenario.scenario_writer import write_scenario
+from ff_planner_ros.planning.task.task import PlanningTask, perform
 
 SETTINGS = load_parameters().planner
 TUMBLING = load_scenario(LEMUR_SCENARIO.with_name("lemur_tumbling.yaml"))

@@ -21,17 +21,18 @@ from ff_planner_ros.bag.plans import read_plans
 from ff_planner_ros.bag.reader import open_bag
 from ff_planner_ros.bag.robot_plans import robot_plans
 from ff_planner_ros.cli import main
+from ff_planner_ros.commands.verify import print_verdict
 from ff_planner_ros.errors import InvalidInput
 from ff_planner_ros.parameters import load_parameters
-from ff_planner_ros.planning.allowed_contact import before_contact
-from ff_planner_ros.planning.approach import HALF_ANGLE, Approach
-from ff_planner_ros.planning.metrics import METRIC_BY_NAME
-from ff_planner_ros.planning.motion import from_trajectory
-from ff_planner_ros.planning.plan import Plan
-from ff_planner_ros.planning.problem import Limits, PlanningProblem
-from ff_planner_ros.planning.scene import Scene, scene_of
-from ff_planner_ros.planning.system_frame import system_frame
-from ff_planner_ros.planning.task import PlanningTask, perform
+from ff_planner_ros.planning.distance.allowed_contact import before_contact
+from ff_planner_ros.planning.motion.metrics import METRIC_BY_NAME
+from ff_planner_ros.planning.motion.motion import from_trajectory
+from ff_planner_ros.planning.motion.plan import Plan
+from ff_planner_ros.planning.motion.system_frame import system_frame
+from ff_planner_ros.planning.problem.approach import HALF_ANGLE, Approach
+from ff_planner_ros.planning.problem.problem import Limits, PlanningProblem
+from ff_planner_ros.planning.problem.scene import Scene, scene_of
+from ff_planner_ros.planning.task.task import PlanningTask, perform
 from ff_planner_ros.ros.messages.from_messages import problem_from_request
 from ff_planner_ros.ros.messages.to_messages import request_message
 from ff_planner_ros.ros.outputs.markers import plan_markers
@@ -39,7 +40,6 @@ from ff_planner_ros.runs.offline_bag import record_answer
 from ff_planner_ros.runs.recorded_run import recorded_run
 from ff_planner_ros.runs.replay import Verdict, replay
 from ff_planner_ros.simulation.verification import Verification, verify
-from ff_planner_ros.verify import print_verdict
 
 FRAME = "inertial"
 SETTINGS = load_parameters().planner

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ff_planner_ros.arrays import finite_number, finite_vector, frozen, unit_quaternion
+from ff_planner_ros.common.arrays import finite_number, finite_vector, frozen, unit_quaternion
 from ff_planner_ros.errors import InvalidInput, Status
 
 

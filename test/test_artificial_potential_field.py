@@ -12,7 +12,7 @@ from ff_planner_ros.baselines.potential_field import load_parameters as load_fie
 from ff_planner_ros.baselines.straight_line import straight_line
 from ff_planner_ros.errors import InvalidInput, NoPlanFound, Status
 from ff_planner_ros.parameters import load_parameters
-from ff_planner_ros.planning.problem import Sphere
+from ff_planner_ros.planning.problem.problem import Sphere
 
 SETTINGS = load_parameters().planner
 FIELD = load_field(CONFIG / "baselines.yaml")

@@ -26,7 +26,7 @@ from ros_processes import (
 
 from ff_planner_ros.bag.exchanges import GOAL_EVENTS, RESULT_EVENTS
 from ff_planner_ros.errors import Status
-from ff_planner_ros.planning.problem import PlanningProblem
+from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.ros.messages.interfaces import GET_RESULT, SEND_GOAL
 
 ASK = (sys.executable, "-m", "ff_planner_ros.cli", "ask")

@@ -9,11 +9,11 @@ from ff_planner_ros.bench.robots import arm_urdf
 from ff_planner_ros.bench.scenarios import scenario
 from ff_planner_ros.errors import NoPlanFound, OutOfTime, Status
 from ff_planner_ros.parameters import load_parameters
-from ff_planner_ros.planning.check import failures
-from ff_planner_ros.planning.planner import plan
-from ff_planner_ros.planning.problem import Objective
-from ff_planner_ros.planning.scenario import load_scenario
-from ff_planner_ros.planning.watch import Watch
+from ff_planner_ros.planning.check.check import failures
+from ff_planner_ros.planning.motion.watch import Watch
+from ff_planner_ros.planning.problem.problem import Objective
+from ff_planner_ros.planning.scenario.scenario import load_scenario
+from ff_planner_ros.planning.search.planner import plan
 from ff_planner_ros.robot.model import robot_from_urdf_text
 
 SETTINGS = load_parameters().planner

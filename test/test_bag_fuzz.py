@@ -23,9 +23,9 @@ from ff_planner_ros.bag.reader import open_bag
 from ff_planner_ros.bag.recover import recover
 from ff_planner_ros.errors import BagError
 from ff_planner_ros.parameters import load_parameters
-from ff_planner_ros.planning.plan import Plan
-from ff_planner_ros.planning.problem import PlanningProblem
-from ff_planner_ros.planning.task import PlanningTask
+from ff_planner_ros.planning.motion.plan import Plan
+from ff_planner_ros.planning.problem.problem import PlanningProblem
+from ff_planner_ros.planning.task.task import PlanningTask
 from ff_planner_ros.runs.offline_bag import record_answer
 
 GOLDEN = Path(__file__).parent / "golden_bags" / "offline_solved" / "offline_0.mcap"

@@ -20,9 +20,14 @@ from ff_planner_ros.bag.scenes import (
     stamps_of,
 )
 from ff_planner_ros.bench import tumbling
-from ff_planner_ros.planning.approach import HALF_ANGLE
-from ff_planner_ros.planning.problem import CONTACT_DISTANCE, Orientation, PlanningProblem, Sphere
-from ff_planner_ros.planning.target_body import TargetBody
+from ff_planner_ros.planning.problem.approach import HALF_ANGLE
+from ff_planner_ros.planning.problem.problem import (
+    CONTACT_DISTANCE,
+    Orientation,
+    PlanningProblem,
+    Sphere,
+)
+from ff_planner_ros.planning.problem.target_body import TargetBody
 from ff_planner_ros.ros.messages.to_messages import (
     obstacles_message,
     request_message,

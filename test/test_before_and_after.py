@@ -9,7 +9,7 @@ import pytest
 from reference_core import core_by_reference
 
 from ff_planner_ros.core import compiled
-from ff_planner_ros.planning.end_effector_polynomial import EndEffectorPaths
+from ff_planner_ros.planning.paths.end_effector_polynomial import EndEffectorPaths
 
 pytestmark = pytest.mark.ci
 

@@ -17,9 +17,9 @@ from ff_planner_ros.baselines.beliefs import (
 from ff_planner_ros.baselines.straight_line import straight_line
 from ff_planner_ros.errors import InvalidInput
 from ff_planner_ros.parameters import load_parameters
-from ff_planner_ros.planning.motion import from_trajectory
-from ff_planner_ros.planning.planner import plan
-from ff_planner_ros.planning.problem import Objective, PlanningProblem, Target
+from ff_planner_ros.planning.motion.motion import from_trajectory
+from ff_planner_ros.planning.problem.problem import Objective, PlanningProblem, Target
+from ff_planner_ros.planning.search.planner import plan
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.momentum import total_momentum
 

@@ -11,13 +11,13 @@ from ff_planner_ros.bench.beliefs import BELIEFS
 from ff_planner_ros.bench.methods import _optimality
 from ff_planner_ros.bench.report import print_success
 from ff_planner_ros.cli import main
+from ff_planner_ros.common.text_table import print_table
 from ff_planner_ros.errors import NoPlanFound, Status
 from ff_planner_ros.parameters import load_parameters
-from ff_planner_ros.planning.end_effector_polynomial import end_effector_paths
-from ff_planner_ros.planning.problem import Objective
-from ff_planner_ros.planning.program import path_program
-from ff_planner_ros.planning.solver import minimise
-from ff_planner_ros.text_table import print_table
+from ff_planner_ros.planning.optimisation.program import path_program
+from ff_planner_ros.planning.optimisation.solver import minimise
+from ff_planner_ros.planning.paths.end_effector_polynomial import end_effector_paths
+from ff_planner_ros.planning.problem.problem import Objective
 
 
 @pytest.fixture(scope="module")

@@ -13,18 +13,18 @@ import pytest
 
 from ff_planner_ros.errors import NoPlanFound, Status
 from ff_planner_ros.parameters import load_parameters
-from ff_planner_ros.planning import best_moment, free_moment
-from ff_planner_ros.planning.best_moment import duration_of, plan_at_best_moment
-from ff_planner_ros.planning.free_moment import SOONER, moments_to_begin_at
-from ff_planner_ros.planning.free_search import PROMISING, Moment
-from ff_planner_ros.planning.plan import Plan
-from ff_planner_ros.planning.planner import NOBODY
-from ff_planner_ros.planning.problem import (
+from ff_planner_ros.planning.motion.plan import Plan
+from ff_planner_ros.planning.problem.problem import (
     DurationRange,
     Objective,
     Parametrisation,
     PlanningProblem,
 )
+from ff_planner_ros.planning.search import best_moment, free_moment
+from ff_planner_ros.planning.search.best_moment import duration_of, plan_at_best_moment
+from ff_planner_ros.planning.search.free_moment import SOONER, moments_to_begin_at
+from ff_planner_ros.planning.search.free_search import PROMISING, Moment
+from ff_planner_ros.planning.search.planner import NOBODY
 
 SETTINGS = load_parameters().planner
 SPLINE = Parametrisation.JOINT_SPLINE

@@ -10,12 +10,12 @@ import pytest
 from scipy.spatial.transform import Rotation
 from test_core_driven_motion import DURATION, drawn_splines
 
-from ff_planner_ros.arrays import Array
-from ff_planner_ros.planning.followed import followed
-from ff_planner_ros.planning.followed_path import followed_path, points_per_sample
-from ff_planner_ros.planning.joint_motion import JointMotion
-from ff_planner_ros.planning.pose_motion import attitudes_between, poses_between
-from ff_planner_ros.planning.problem import Orientation, PlanningProblem
+from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.planning.motion.followed import followed
+from ff_planner_ros.planning.motion.followed_path import followed_path, points_per_sample
+from ff_planner_ros.planning.motion.joint_motion import JointMotion
+from ff_planner_ros.planning.motion.pose_motion import attitudes_between, poses_between
+from ff_planner_ros.planning.problem.problem import Orientation, PlanningProblem
 
 LOWER, UPPER = np.array([-2.0, -0.5]), np.array([0.7, 3.0])
 

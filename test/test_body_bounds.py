@@ -12,16 +12,16 @@ import pytest
 from straight_arms import ball, straight_arm
 from test_body_distances import all_pairs, configurations, every_row, spheres_around
 
-from ff_planner_ros.planning.bodies import placed_bodies
-from ff_planner_ros.planning.body_certificate import centers_in_base
-from ff_planner_ros.planning.body_distances import (
+from ff_planner_ros.planning.distance.bodies import placed_bodies
+from ff_planner_ros.planning.distance.body_certificate import centers_in_base
+from ff_planner_ros.planning.distance.body_distances import (
     _as_spheres,
     pair_bounds,
     pair_distances,
     sphere_bounds,
     sphere_distances,
 )
-from ff_planner_ros.planning.body_reaches import base_reaches, body_reaches, pair_reaches
+from ff_planner_ros.planning.distance.body_reaches import base_reaches, body_reaches, pair_reaches
 
 ARM = straight_arm(
     0.4,

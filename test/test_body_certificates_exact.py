@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 from straight_arms import ball, straight_arm, told, turning
 
-from ff_planner_ros.arrays import Array
-from ff_planner_ros.planning.body_certificate import (
+from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.planning.distance.body_certificate import (
     NOTHING,
     Least,
     body_ways,
@@ -22,14 +22,14 @@ from ff_planner_ros.planning.body_certificate import (
     lesser,
     pair_ways,
 )
-from ff_planner_ros.planning.certificate import CERTIFICATE_GAP
-from ff_planner_ros.planning.followed import FollowedMotion
-from ff_planner_ros.planning.problem import Sphere, attached_spheres
-from ff_planner_ros.planning.search_certificate import (
+from ff_planner_ros.planning.distance.certificate import CERTIFICATE_GAP
+from ff_planner_ros.planning.distance.search_certificate import (
     search_pair_distance,
     search_sphere_distance,
 )
-from ff_planner_ros.planning.target_body import AttachedSphere, TargetBody
+from ff_planner_ros.planning.motion.followed import FollowedMotion
+from ff_planner_ros.planning.problem.problem import Sphere, attached_spheres
+from ff_planner_ros.planning.problem.target_body import AttachedSphere, TargetBody
 from ff_planner_ros.robot.model import Robot
 
 # A chaser of 0.2 m in the first joint, a ball in the elbow, and one of 0.1 m at the tip.

@@ -20,35 +20,35 @@ from bodied_robots import (
 from dense_motion import truth
 from robots import LEMUR_SCENARIO, random_state
 
-from ff_planner_ros.arrays import Array
+from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import InvalidInput, NoPlanFound, Status
 from ff_planner_ros.parameters import load_parameters
-from ff_planner_ros.planning.body_certificate import (
+from ff_planner_ros.planning.check.preconditions import require_plannable
+from ff_planner_ros.planning.distance.body_certificate import (
     EXACT_PART,
     Least,
     least_pair_distance,
     least_sphere_distance,
 )
-from ff_planner_ros.planning.certificate import CERTIFICATE_GAP
-from ff_planner_ros.planning.clearance import arm_points
-from ff_planner_ros.planning.contact import deepest_contact
-from ff_planner_ros.planning.followed import FollowedMotion, followed
-from ff_planner_ros.planning.joint_motion import JointMotion
-from ff_planner_ros.planning.joint_spline import joint_splines
-from ff_planner_ros.planning.plan import Plan
-from ff_planner_ros.planning.planner import plan
-from ff_planner_ros.planning.preconditions import require_plannable
-from ff_planner_ros.planning.problem import (
+from ff_planner_ros.planning.distance.certificate import CERTIFICATE_GAP
+from ff_planner_ros.planning.distance.clearance import arm_points
+from ff_planner_ros.planning.distance.contact import deepest_contact
+from ff_planner_ros.planning.motion.followed import FollowedMotion, followed
+from ff_planner_ros.planning.motion.joint_motion import JointMotion
+from ff_planner_ros.planning.motion.plan import Plan
+from ff_planner_ros.planning.paths.joint_spline import joint_splines
+from ff_planner_ros.planning.paths.spline_guesses import spline_guesses
+from ff_planner_ros.planning.problem.problem import (
     Parametrisation,
     PlanningProblem,
     Sphere,
     attached_spheres,
 )
-from ff_planner_ros.planning.scenario import load_scenario
-from ff_planner_ros.planning.scenario_writer import write_scenario
-from ff_planner_ros.planning.spline_guesses import spline_guesses
-from ff_planner_ros.planning.target_body import AttachedSphere, TargetBody
-from ff_planner_ros.planning.task import PlanningTask
+from ff_planner_ros.planning.problem.target_body import AttachedSphere, TargetBody
+from ff_planner_ros.planning.scenario.scenario import load_scenario
+from ff_planner_ros.planning.scenario.scenario_writer import write_scenario
+from ff_planner_ros.planning.search.planner import plan
+from ff_planner_ros.planning.task.task import PlanningTask
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.ros.messages.from_messages import problem_from_request

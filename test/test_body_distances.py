@@ -17,20 +17,20 @@ from bodied_robots import (
 )
 from robots import random_state
 
-from ff_planner_ros.arrays import Array
+from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.core import compiled
 from ff_planner_ros.core.chain import chain_of
-from ff_planner_ros.planning.bodies import placed_bodies
-from ff_planner_ros.planning.body_certificate import centers_in_base
-from ff_planner_ros.planning.body_distances import (
+from ff_planner_ros.planning.distance.bodies import placed_bodies
+from ff_planner_ros.planning.distance.body_certificate import centers_in_base
+from ff_planner_ros.planning.distance.body_distances import (
     distance_from,
     pair_distances,
     pair_gradients,
     sphere_distances,
     sphere_gradients,
 )
-from ff_planner_ros.planning.clearance import attached_to_bodies, centers_at, sphere_arrays
-from ff_planner_ros.planning.compiled_bodies import compiled_bodies
+from ff_planner_ros.planning.distance.clearance import attached_to_bodies, centers_at, sphere_arrays
+from ff_planner_ros.planning.distance.compiled_bodies import compiled_bodies
 from ff_planner_ros.robot.bodies import Body
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import Robot

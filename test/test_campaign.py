@@ -35,7 +35,7 @@ from ff_planner_ros.cli import main
 from ff_planner_ros.commands import campaigns
 from ff_planner_ros.errors import InvalidInput
 from ff_planner_ros.parameters import load_parameters
-from ff_planner_ros.planning.scenario import Defaults, load_task
+from ff_planner_ros.planning.scenario.scenario import Defaults, load_task
 
 ROWS = 2 * 3 * 2  # of the small study
 

@@ -27,8 +27,8 @@ from ff_planner_ros.campaign.study import MethodOfStudy, load_study
 from ff_planner_ros.campaign.work import run_case, run_cases
 from ff_planner_ros.errors import FfPlannerError, InvalidInput
 from ff_planner_ros.parameters import load_parameters
-from ff_planner_ros.planning.scenario import Defaults, load_task
-from ff_planner_ros.planning.task import PlanningTask, perform
+from ff_planner_ros.planning.scenario.scenario import Defaults, load_task
+from ff_planner_ros.planning.task.task import PlanningTask, perform
 from ff_planner_ros.robot.model import load_robot, robot_from_urdf_text
 
 OURS = MethodOfStudy("ours", "optimal", ())

@@ -12,12 +12,12 @@ from robots import CANADARM2_SCENARIO
 
 from ff_planner_ros.errors import NoPlanFound, Status
 from ff_planner_ros.parameters import load_parameters
-from ff_planner_ros.planning.clearance import arm_points, clearances, segments
-from ff_planner_ros.planning.end_effector_polynomial import end_effector_paths
-from ff_planner_ros.planning.planner import plan
-from ff_planner_ros.planning.problem import Limits, Objective, PlanningProblem
-from ff_planner_ros.planning.scenario import load_scenario
-from ff_planner_ros.planning.settings import PlannerSettings
+from ff_planner_ros.planning.distance.clearance import arm_points, clearances, segments
+from ff_planner_ros.planning.paths.end_effector_polynomial import end_effector_paths
+from ff_planner_ros.planning.problem.problem import Limits, Objective, PlanningProblem
+from ff_planner_ros.planning.problem.settings import PlannerSettings
+from ff_planner_ros.planning.scenario.scenario import load_scenario
+from ff_planner_ros.planning.search.planner import plan
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.momentum import total_momentum
 

@@ -8,17 +8,17 @@ import pytest
 from robots import random_state
 from test_core import FREE, PLANAR, chain_robot
 
-from ff_planner_ros.arrays import Array
 from ff_planner_ros.bench import tumbling
-from ff_planner_ros.planning import certificate
-from ff_planner_ros.planning.certificate import (
+from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.planning.distance import certificate
+from ff_planner_ros.planning.distance.certificate import (
     bend_bounds,
     certified_clearance,
     cubics_between,
     way_bounds,
 )
-from ff_planner_ros.planning.clearance import arm_points, centers_at, clearances, segments
-from ff_planner_ros.planning.problem import Sphere
+from ff_planner_ros.planning.distance.clearance import arm_points, centers_at, clearances, segments
+from ff_planner_ros.planning.problem.problem import Sphere
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import Robot
 

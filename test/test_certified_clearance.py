@@ -13,14 +13,14 @@ import pytest
 from scipy.optimize import minimize_scalar
 from straight_arms import straight_arm, told, turning
 
-from ff_planner_ros.arrays import Array
-from ff_planner_ros.planning import certificate
-from ff_planner_ros.planning.certificate import CERTIFICATE_GAP, certified_clearance
-from ff_planner_ros.planning.clearance import velocities_at
-from ff_planner_ros.planning.followed import FollowedMotion
-from ff_planner_ros.planning.problem import Sphere, attached_spheres
-from ff_planner_ros.planning.search_certificate import search_certificate
-from ff_planner_ros.planning.target_body import AttachedSphere, TargetBody
+from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.planning.distance import certificate
+from ff_planner_ros.planning.distance.certificate import CERTIFICATE_GAP, certified_clearance
+from ff_planner_ros.planning.distance.clearance import velocities_at
+from ff_planner_ros.planning.distance.search_certificate import search_certificate
+from ff_planner_ros.planning.motion.followed import FollowedMotion
+from ff_planner_ros.planning.problem.problem import Sphere, attached_spheres
+from ff_planner_ros.planning.problem.target_body import AttachedSphere, TargetBody
 
 # The first joint is in the origin: the arm of 1 m sweeps the circle about it.
 ARM = straight_arm(0.0, 1.0)

@@ -12,13 +12,13 @@ from dense_motion import truth
 from ff_planner_ros.bench.twin import seen_from
 from ff_planner_ros.errors import NoPlanFound, Status
 from ff_planner_ros.parameters import load_parameters
-from ff_planner_ros.planning.check import failures
-from ff_planner_ros.planning.end_effector_polynomial import end_effector_paths
-from ff_planner_ros.planning.planner import plan
-from ff_planner_ros.planning.problem import Limits, Objective, PlanningProblem
-from ff_planner_ros.planning.program import path_program
-from ff_planner_ros.planning.solver import minimise
-from ff_planner_ros.planning.task import PlanningTask, perform
+from ff_planner_ros.planning.check.check import failures
+from ff_planner_ros.planning.optimisation.program import path_program
+from ff_planner_ros.planning.optimisation.solver import minimise
+from ff_planner_ros.planning.paths.end_effector_polynomial import end_effector_paths
+from ff_planner_ros.planning.problem.problem import Limits, Objective, PlanningProblem
+from ff_planner_ros.planning.search.planner import plan
+from ff_planner_ros.planning.task.task import PlanningTask, perform
 
 SETTINGS = load_parameters().planner
 LENGTH, LIMIT = Objective(1.0, 0.0), 0.2

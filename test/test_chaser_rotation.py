@@ -13,28 +13,28 @@ import robots
 from dense_motion import truth
 from scipy.spatial.transform import Rotation
 
-from ff_planner_ros.arrays import Array
 from ff_planner_ros.bench.twin import seen_from
+from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import NoPlanFound, Status
 from ff_planner_ros.parameters import load_parameters
-from ff_planner_ros.planning.check import failures
-from ff_planner_ros.planning.end_effector_polynomial import end_effector_paths
-from ff_planner_ros.planning.joint_motion import joint_motion
-from ff_planner_ros.planning.joint_spline import joint_splines
-from ff_planner_ros.planning.plan import Plan
-from ff_planner_ros.planning.planner import plan
-from ff_planner_ros.planning.problem import (
+from ff_planner_ros.planning.check.check import failures
+from ff_planner_ros.planning.motion.joint_motion import joint_motion
+from ff_planner_ros.planning.motion.plan import Plan
+from ff_planner_ros.planning.optimisation.program import path_program
+from ff_planner_ros.planning.paths.end_effector_polynomial import end_effector_paths
+from ff_planner_ros.planning.paths.joint_spline import joint_splines
+from ff_planner_ros.planning.problem.problem import (
     DurationRange,
     Limits,
     Objective,
     Parametrisation,
     PlanningProblem,
 )
-from ff_planner_ros.planning.program import path_program
 from ff_planner_ros.planning.requirements.chaser_rotation import ChaserRotation, huber
-from ff_planner_ros.planning.scenario import load_scenario
-from ff_planner_ros.planning.tail import EndBehaviour
-from ff_planner_ros.planning.task import PlanningTask, perform
+from ff_planner_ros.planning.scenario.scenario import load_scenario
+from ff_planner_ros.planning.search.planner import plan
+from ff_planner_ros.planning.task.tail import EndBehaviour
+from ff_planner_ros.planning.task.task import PlanningTask, perform
 from ff_planner_ros.robot.quaternion import angle_of_quaternion
 
 SETTINGS = load_parameters().planner

@@ -9,18 +9,18 @@ import pytest
 from dense_motion import joints_between, truth
 from judging import require_sound
 
+from ff_planner_ros.common.share import share_directory
 from ff_planner_ros.errors import NoPlanFound, Status
 from ff_planner_ros.parameters import load_parameters
-from ff_planner_ros.planning.certificate import certified_clearance
-from ff_planner_ros.planning.check import measure
-from ff_planner_ros.planning.clearance import arm_points, clearances, segments
-from ff_planner_ros.planning.end_effector_polynomial import end_effector_paths
-from ff_planner_ros.planning.motion import from_trajectory, to_trajectory
-from ff_planner_ros.planning.planner import plan
-from ff_planner_ros.planning.problem import Limits, Objective, Sphere
-from ff_planner_ros.planning.scenario import load_scenario
+from ff_planner_ros.planning.check.check import measure
+from ff_planner_ros.planning.distance.certificate import certified_clearance
+from ff_planner_ros.planning.distance.clearance import arm_points, clearances, segments
+from ff_planner_ros.planning.motion.motion import from_trajectory, to_trajectory
+from ff_planner_ros.planning.paths.end_effector_polynomial import end_effector_paths
+from ff_planner_ros.planning.problem.problem import Limits, Objective, Sphere
+from ff_planner_ros.planning.scenario.scenario import load_scenario
+from ff_planner_ros.planning.search.planner import plan
 from ff_planner_ros.robot.configuration import configuration
-from ff_planner_ros.share import share_directory
 
 CONFIG = share_directory() / "config"
 SETTINGS = load_parameters().planner

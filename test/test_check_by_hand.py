@@ -14,9 +14,9 @@ from scipy.spatial.transform import Rotation
 from test_limits_by_hand import AT_POINTS, PLACE, POSTURE, TWIST, the_one
 from test_planar_base import TESTBED_URDF
 
-from ff_planner_ros.arrays import Array
+from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import Failure, Status
-from ff_planner_ros.planning.problem import Parametrisation
+from ff_planner_ros.planning.problem.problem import Parametrisation
 from ff_planner_ros.robot.bodies import Geometry
 from ff_planner_ros.robot.model import Base, load_robot, robot_from_urdf_text
 

@@ -9,8 +9,8 @@ from paper_equations import paper_terms
 from robots import LEMUR_URDF, random_state, random_urdf
 from scipy.spatial.transform import Rotation
 
-from ff_planner_ros.arrays import Array
-from ff_planner_ros.planning.clearance import (
+from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.planning.distance.clearance import (
     arm_points,
     arm_points_with_derivatives,
     clearance_gradients,
@@ -18,7 +18,7 @@ from ff_planner_ros.planning.clearance import (
     penalty,
     segments,
 )
-from ff_planner_ros.planning.problem import Sphere
+from ff_planner_ros.planning.problem.problem import Sphere
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import Robot, robot_from_urdf_text
 

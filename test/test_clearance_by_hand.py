@@ -22,10 +22,10 @@ from handmade_plans import (
 from robots import ROBOTS
 from test_limits_by_hand import AT_POINTS, PLACE, POSTURE, the_one
 
-from ff_planner_ros.arrays import Array
+from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import Status
-from ff_planner_ros.planning.contact import deepest_contact, way_out
-from ff_planner_ros.planning.problem import Sphere
+from ff_planner_ros.planning.distance.contact import deepest_contact, way_out
+from ff_planner_ros.planning.problem.problem import Sphere
 from ff_planner_ros.robot.model import Robot, robot_from_urdf_text
 
 FAR = [Sphere(name, PLACE + 30.0, 0.5) for name in ("moon", "sun")]

@@ -16,8 +16,8 @@ from rosbags.highlevel import AnyReader
 
 from ff_planner_ros.cli import main
 from ff_planner_ros.commands.parser import command_parser
-from ff_planner_ros.planning.polynomial import PARAMETERS
-from ff_planner_ros.share import share_directory
+from ff_planner_ros.common.share import share_directory
+from ff_planner_ros.planning.paths.polynomial import PARAMETERS
 
 CONFIG = share_directory() / "config"
 CAPTURE = CONFIG / "scenarios" / "lemur_capture.yaml"

@@ -9,9 +9,9 @@ import pytest
 import yaml
 from robots import LEMUR_SCENARIO, LEMUR_URDF
 
-from ff_planner_ros import compare
 from ff_planner_ros.baselines.straight_line import straight_line
 from ff_planner_ros.cli import main
+from ff_planner_ros.commands import compare
 from ff_planner_ros.errors import NoPlanFound, Status
 
 METHODS = [

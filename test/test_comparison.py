@@ -26,11 +26,11 @@ from ff_planner_ros.analysis.methods import (
 )
 from ff_planner_ros.errors import InvalidInput, NoPlanFound, Status
 from ff_planner_ros.parameters import load_parameters
-from ff_planner_ros.planning.check import failures
-from ff_planner_ros.planning.metrics import Metrics
-from ff_planner_ros.planning.plan import Plan
-from ff_planner_ros.planning.problem import PlanningProblem
-from ff_planner_ros.planning.settings import PlannerSettings
+from ff_planner_ros.planning.check.check import failures
+from ff_planner_ros.planning.motion.metrics import Metrics
+from ff_planner_ros.planning.motion.plan import Plan
+from ff_planner_ros.planning.problem.problem import PlanningProblem
+from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.robot.model import Robot
 
 OUT_OF_REACH = NoPlanFound(Status.GOAL_OUT_OF_REACH, "target.position is 9 m away")

@@ -12,16 +12,16 @@ import pytest
 from ff_planner_ros.bench import bodies
 from ff_planner_ros.bench.robots import bench_robot
 from ff_planner_ros.bench.touching import touching
+from ff_planner_ros.commands.verify import print_verdict
 from ff_planner_ros.parameters import load_parameters
-from ff_planner_ros.planning.plan import Trajectory
-from ff_planner_ros.planning.planner import plan
-from ff_planner_ros.planning.problem import PlanningProblem, Sphere, Target
-from ff_planner_ros.planning.scene import Scene
+from ff_planner_ros.planning.motion.plan import Trajectory
+from ff_planner_ros.planning.problem.problem import PlanningProblem, Sphere, Target
+from ff_planner_ros.planning.problem.scene import Scene
+from ff_planner_ros.planning.search.planner import plan
 from ff_planner_ros.robot.bodies import Geometry
 from ff_planner_ros.robot.model import Robot, robot_from_urdf_text
 from ff_planner_ros.simulation.contacts import Contact, Touch
 from ff_planner_ros.simulation.verification import verify
-from ff_planner_ros.verify import print_verdict
 
 # What the surface of each solid is away from its centre along its x axis: 0.5 m.
 SOLIDS = {

@@ -13,17 +13,16 @@ import pinocchio as pin
 import pytest
 from robots import LEMUR_SCENARIO
 
-from ff_planner_ros.arrays import Array
+from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.demo.executive import end_effector
 from ff_planner_ros.demo.following import miss_by_torques_alone
 from ff_planner_ros.demo.testbed import with_heavier_arm
 from ff_planner_ros.errors import FfPlannerError, InvalidInput, Status
 from ff_planner_ros.parameters import load_parameters
-from ff_planner_ros.planning.continuing import Remainder, joined
-from ff_planner_ros.planning.forward import carried_forward
-from ff_planner_ros.planning.joint_motion import JointMotion, joint_motion
-from ff_planner_ros.planning.plan import Plan
-from ff_planner_ros.planning.problem import (
+from ff_planner_ros.planning.motion.forward import carried_forward
+from ff_planner_ros.planning.motion.joint_motion import JointMotion, joint_motion
+from ff_planner_ros.planning.motion.plan import Plan
+from ff_planner_ros.planning.problem.problem import (
     DurationRange,
     Objective,
     Parametrisation,
@@ -31,9 +30,10 @@ from ff_planner_ros.planning.problem import (
     capturing,
     lasting,
 )
-from ff_planner_ros.planning.scenario import Defaults, load_scenario, load_task
-from ff_planner_ros.planning.scenario_writer import write_scenario
-from ff_planner_ros.planning.task import PlanningTask, perform
+from ff_planner_ros.planning.scenario.scenario import Defaults, load_scenario, load_task
+from ff_planner_ros.planning.scenario.scenario_writer import write_scenario
+from ff_planner_ros.planning.search.continuing import Remainder, joined
+from ff_planner_ros.planning.task.task import PlanningTask, perform
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.momentum import total_momentum
 from ff_planner_ros.robot.state import SystemState

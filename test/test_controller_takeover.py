@@ -14,12 +14,12 @@ import pytest
 from test_continuing import AHEAD, SETTINGS, TURN_ERROR, continuing, off
 from trajectory_msgs.msg import JointTrajectory
 
-from ff_planner_ros.arrays import Array
 from ff_planner_ros.bag.decoding import NANOSECONDS, nanoseconds
+from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.demo.testbed import motion_from_message, with_heavier_arm
-from ff_planner_ros.planning.plan import Plan
-from ff_planner_ros.planning.problem import Parametrisation, PlanningProblem
-from ff_planner_ros.planning.task import PlanningTask, perform
+from ff_planner_ros.planning.motion.plan import Plan
+from ff_planner_ros.planning.problem.problem import Parametrisation, PlanningProblem
+from ff_planner_ros.planning.task.task import PlanningTask, perform
 from ff_planner_ros.ros.messages.controller_message import controller_message
 from ff_planner_ros.ros.messages.to_messages import plan_message
 from ff_planner_ros.simulation.free_floating import FreeFloatingSystem

@@ -23,7 +23,7 @@ from robots import CONFIG
 from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.bag.decoding import nanoseconds
-from ff_planner_ros.declared_messages import value_at
+from ff_planner_ros.common.declared_messages import value_at
 from ff_planner_ros.errors import (
     FfPlannerError,
     InvalidInput,
@@ -33,17 +33,17 @@ from ff_planner_ros.errors import (
     retry_after,
 )
 from ff_planner_ros.parameters import load_parameters
-from ff_planner_ros.planning.goal_words import GoalKind
-from ff_planner_ros.planning.metrics import Metrics
-from ff_planner_ros.planning.plan import Plan, SolverReport, Trajectory
-from ff_planner_ros.planning.problem import (
+from ff_planner_ros.planning.motion.metrics import Metrics
+from ff_planner_ros.planning.motion.plan import Plan, SolverReport, Trajectory
+from ff_planner_ros.planning.problem.goal_words import GoalKind
+from ff_planner_ros.planning.problem.problem import (
     DurationRange,
     Objective,
     Orientation,
     Parametrisation,
     PlanningProblem,
 )
-from ff_planner_ros.planning.scenario import load_scenario
+from ff_planner_ros.planning.scenario.scenario import load_scenario
 from ff_planner_ros.ros.messages.from_messages import (
     plan_from_answer,
     problem_from_request,

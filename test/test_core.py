@@ -13,22 +13,22 @@ import reference_end_effector as reference
 from reference_velocity_map import VelocityMap, stacked
 from robots import random_path, random_state, random_urdf
 
-from ff_planner_ros.arrays import Array
 from ff_planner_ros.bench.robots import planar_urdf
+from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.core import compiled
 from ff_planner_ros.core.chain import chain_of
 from ff_planner_ros.errors import InvalidInput
 from ff_planner_ros.parameters import load_parameters
-from ff_planner_ros.planning.check import failures, measure
-from ff_planner_ros.planning.clearance import (
+from ff_planner_ros.planning.check.check import failures, measure
+from ff_planner_ros.planning.distance.clearance import (
     arm_points,
     arm_points_with_derivatives,
     clearance_rows,
 )
-from ff_planner_ros.planning.end_effector_polynomial import EndEffectorPaths
-from ff_planner_ros.planning.plan import Plan
-from ff_planner_ros.planning.problem import PlanningProblem, Sphere
-from ff_planner_ros.planning.start_motion import NullSpaceFade
+from ff_planner_ros.planning.motion.plan import Plan
+from ff_planner_ros.planning.paths.end_effector_polynomial import EndEffectorPaths
+from ff_planner_ros.planning.paths.start_motion import NullSpaceFade
+from ff_planner_ros.planning.problem.problem import PlanningProblem, Sphere
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import Base, Robot, robot_from_urdf_text
 from ff_planner_ros.robot.momentum import smallest_singular_values, total_momentum

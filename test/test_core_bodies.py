@@ -12,21 +12,21 @@ from bodied_robots import body_placements, random_robot
 from test_body_clearance import random_motion
 from test_body_distances import all_pairs, configurations, every_row, spheres_around
 
-from ff_planner_ros.arrays import Array
+from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.core import compiled
 from ff_planner_ros.core.chain import chain_of
-from ff_planner_ros.planning import search_certificate
-from ff_planner_ros.planning.bodies import Kind, kinds_and_sizes, placed_bodies
-from ff_planner_ros.planning.body_certificate import (
+from ff_planner_ros.planning.distance import search_certificate
+from ff_planner_ros.planning.distance.bodies import Kind, kinds_and_sizes, placed_bodies
+from ff_planner_ros.planning.distance.body_certificate import (
     EXACT_PART,
     least_pair_distance,
     least_sphere_distance,
 )
-from ff_planner_ros.planning.body_distances import pair_distances
-from ff_planner_ros.planning.body_reaches import base_reaches, body_reaches, pair_reaches
-from ff_planner_ros.planning.certificate import CERTIFICATE_GAP
-from ff_planner_ros.planning.compiled_bodies import compiled_bodies
-from ff_planner_ros.planning.problem import Sphere
+from ff_planner_ros.planning.distance.body_distances import pair_distances
+from ff_planner_ros.planning.distance.body_reaches import base_reaches, body_reaches, pair_reaches
+from ff_planner_ros.planning.distance.certificate import CERTIFICATE_GAP
+from ff_planner_ros.planning.distance.compiled_bodies import compiled_bodies
+from ff_planner_ros.planning.problem.problem import Sphere
 from ff_planner_ros.robot.model import Robot
 
 

@@ -13,7 +13,7 @@ from bodied_robots import random_robot
 
 from ff_planner_ros.core import compiled
 from ff_planner_ros.core.chain import chain_of
-from ff_planner_ros.planning.compiled_bodies import compiled_bodies
+from ff_planner_ros.planning.distance.compiled_bodies import compiled_bodies
 
 Arguments = dict[str, Any]
 

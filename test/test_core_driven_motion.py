@@ -13,15 +13,15 @@ from reference_joint_spline import reference_motion, reference_sensitivity
 from robots import random_state
 from test_core import FREE, PLANAR, agree, chain_robot
 
-from ff_planner_ros.arrays import Array
+from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.core import compiled
 from ff_planner_ros.core.chain import chain_of
 from ff_planner_ros.parameters import load_parameters
-from ff_planner_ros.planning.followed import followed
-from ff_planner_ros.planning.followed_path import followed_path
-from ff_planner_ros.planning.joint_motion import JointMotion
-from ff_planner_ros.planning.joint_spline import JointSplines, joint_splines
-from ff_planner_ros.planning.problem import Orientation, PlanningProblem, Target
+from ff_planner_ros.planning.motion.followed import followed
+from ff_planner_ros.planning.motion.followed_path import followed_path
+from ff_planner_ros.planning.motion.joint_motion import JointMotion
+from ff_planner_ros.planning.paths.joint_spline import JointSplines, joint_splines
+from ff_planner_ros.planning.problem.problem import Orientation, PlanningProblem, Target
 from ff_planner_ros.robot.model import Base, Robot
 from ff_planner_ros.robot.state import SystemState
 

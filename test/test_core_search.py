@@ -17,13 +17,13 @@ from test_core import FREE, PLANAR, agree, chain_robot
 from ff_planner_ros.core import compiled
 from ff_planner_ros.core.chain import chain_of
 from ff_planner_ros.parameters import load_parameters
-from ff_planner_ros.planning.certificate import CERTIFICATE_GAP, certified_clearance
-from ff_planner_ros.planning.check import failures, measure
-from ff_planner_ros.planning.clearance import arm_points
-from ff_planner_ros.planning.metrics import Metrics
-from ff_planner_ros.planning.planner import plan
-from ff_planner_ros.planning.problem import Parametrisation, PlanningProblem, Sphere
-from ff_planner_ros.planning.search_certificate import search_certificate
+from ff_planner_ros.planning.check.check import failures, measure
+from ff_planner_ros.planning.distance.certificate import CERTIFICATE_GAP, certified_clearance
+from ff_planner_ros.planning.distance.clearance import arm_points
+from ff_planner_ros.planning.distance.search_certificate import search_certificate
+from ff_planner_ros.planning.motion.metrics import Metrics
+from ff_planner_ros.planning.problem.problem import Parametrisation, PlanningProblem, Sphere
+from ff_planner_ros.planning.search.planner import plan
 from ff_planner_ros.robot.configuration import configuration
 
 SETTINGS = load_parameters().planner

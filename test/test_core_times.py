@@ -12,18 +12,18 @@ from dense_motion import centers_of, to_lines
 from test_body_distances import configurations
 from test_core import chain_robot
 
-from ff_planner_ros.arrays import Array
+from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.core import compiled
 from ff_planner_ros.core.chain import chain_of
-from ff_planner_ros.planning.clearance import (
+from ff_planner_ros.planning.distance.clearance import (
     arm_points,
     attached_to_bodies,
     clearance_rows,
     segments,
     sphere_arrays,
 )
-from ff_planner_ros.planning.compiled_bodies import compiled_bodies
-from ff_planner_ros.planning.problem import Sphere
+from ff_planner_ros.planning.distance.compiled_bodies import compiled_bodies
+from ff_planner_ros.planning.problem.problem import Sphere
 
 STEP, POINTS, FAR = 1e-5, 8, 1e3
 # In which part of a second each point comes later by the last variable, some of them earlier.

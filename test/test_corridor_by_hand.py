@@ -13,9 +13,9 @@ from robots import ROBOTS
 from scipy.spatial.transform import Rotation
 from test_limits_by_hand import PLACE, POSTURE, the_one
 
-from ff_planner_ros.arrays import Array
+from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import Status
-from ff_planner_ros.planning.approach import RADIUS_AT_GRASP, Approach
+from ff_planner_ros.planning.problem.approach import RADIUS_AT_GRASP, Approach
 from ff_planner_ros.robot.model import robot_from_urdf_text
 
 GAP = 6e-4  # to which the margin is known between the points, and a little more [m]

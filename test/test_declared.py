@@ -14,8 +14,8 @@ from ff_planner_msgs.msg import TargetBody as TargetBodyMessage
 
 from ff_planner_ros.bag.older_messages import present_request
 from ff_planner_ros.bench import tumbling
-from ff_planner_ros.declared import DeclaredField, declared
-from ff_planner_ros.declared_messages import (
+from ff_planner_ros.common.declared import DeclaredField, declared
+from ff_planner_ros.common.declared_messages import (
     names_in,
     places_in,
     value_at,
@@ -24,8 +24,8 @@ from ff_planner_ros.declared_messages import (
     write_value,
 )
 from ff_planner_ros.errors import Faults, InvalidInput, fields_named
-from ff_planner_ros.planning.approach import HALF_ANGLE, Approach
-from ff_planner_ros.planning.problem import (
+from ff_planner_ros.planning.problem.approach import HALF_ANGLE, Approach
+from ff_planner_ros.planning.problem.problem import (
     Limits,
     Objective,
     Orientation,
@@ -34,8 +34,8 @@ from ff_planner_ros.planning.problem import (
     Sphere,
     Target,
 )
-from ff_planner_ros.planning.target_body import AttachedSphere, TargetBody
-from ff_planner_ros.planning.task import PlanningTask
+from ff_planner_ros.planning.problem.target_body import AttachedSphere, TargetBody
+from ff_planner_ros.planning.task.task import PlanningTask
 from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.ros.messages.interfaces import entry_of
 

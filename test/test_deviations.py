@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from ff_planner_ros.analysis.tracking import deviations
-from ff_planner_ros.planning.plan import Plan
+from ff_planner_ros.planning.motion.plan import Plan
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])

@@ -13,8 +13,8 @@ from ff_planner_msgs.msg import PlanAnswer
 from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.errors import NoPlanFound, Status
-from ff_planner_ros.planning.metrics import METRICS, Metrics
-from ff_planner_ros.planning.plan import Plan, Trajectory
+from ff_planner_ros.planning.motion.metrics import METRICS, Metrics
+from ff_planner_ros.planning.motion.plan import Plan, Trajectory
 from ff_planner_ros.ros.messages.to_messages import answer_of_error
 from ff_planner_ros.runs.differences import QUANTITIES, differences
 

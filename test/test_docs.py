@@ -21,7 +21,7 @@ from ff_planner_ros.cli import main
 from ff_planner_ros.commands.parser import command_parser
 from ff_planner_ros.errors import InvalidInput
 from ff_planner_ros.parameters import load_parameters
-from ff_planner_ros.planning.scenario import load_task, scenario_schema
+from ff_planner_ros.planning.scenario.scenario import load_task, scenario_schema
 
 BENCHMARK = SOURCE_TREE / "docs" / "benchmark.md"
 INTERFACES = SOURCE_TREE / "docs" / "interfaces.md"

@@ -15,18 +15,18 @@ from robots import random_path, random_state
 from test_core import FREE, PLANAR, chain_robot
 from test_core_driven_motion import drawn_splines
 
-from ff_planner_ros.arrays import Array
-from ff_planner_ros.planning.end_effector_polynomial import EndEffectorPaths
-from ff_planner_ros.planning.path_family import GoalMotion, Motion, Sensitivity
-from ff_planner_ros.planning.polynomial import EndEffectorMotion
-from ff_planner_ros.planning.problem import Orientation, PlanningProblem, Target, TargetBody
+from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.planning.paths.end_effector_polynomial import EndEffectorPaths
+from ff_planner_ros.planning.paths.path_family import GoalMotion, Motion, Sensitivity
+from ff_planner_ros.planning.paths.polynomial import EndEffectorMotion
+from ff_planner_ros.planning.paths.start_motion import NullSpaceFade
+from ff_planner_ros.planning.problem.problem import Orientation, PlanningProblem, Target, TargetBody
 from ff_planner_ros.planning.requirements.accelerations import (
     accelerations_at_points,
     accelerations_by_x,
 )
 from ff_planner_ros.planning.requirements.requirement import Rows
 from ff_planner_ros.planning.requirements.turns import Between, beyond, peak_rates, turns
-from ff_planner_ros.planning.start_motion import NullSpaceFade
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import Base, Robot
 from ff_planner_ros.robot.momentum import total_momentum

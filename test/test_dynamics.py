@@ -12,14 +12,14 @@ from paper_equations import PaperTerms, coriolis_matrix, paper_terms
 from robots import ROBOTS, paper_velocity, random_path, random_state, tangent_per_paper_velocity
 from scipy.spatial.transform import Rotation
 
-from ff_planner_ros.arrays import Array
+from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.parameters import load_parameters
-from ff_planner_ros.planning.end_effector_polynomial import EndEffectorPaths
-from ff_planner_ros.planning.motion import from_trajectory
-from ff_planner_ros.planning.path_family import Motion as Rollout
-from ff_planner_ros.planning.plan import Plan
-from ff_planner_ros.planning.planner import plan
-from ff_planner_ros.planning.problem import PlanningProblem
+from ff_planner_ros.planning.motion.motion import from_trajectory
+from ff_planner_ros.planning.motion.plan import Plan
+from ff_planner_ros.planning.paths.end_effector_polynomial import EndEffectorPaths
+from ff_planner_ros.planning.paths.path_family import Motion as Rollout
+from ff_planner_ros.planning.problem.problem import PlanningProblem
+from ff_planner_ros.planning.search.planner import plan
 from ff_planner_ros.robot.configuration import configuration, system_state
 from ff_planner_ros.robot.dynamics import base_acceleration, inverse_dynamics, joint_torques
 from ff_planner_ros.robot.model import Robot, robot_from_urdf_text

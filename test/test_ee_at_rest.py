@@ -11,7 +11,7 @@ from robots import CANADARM2_URDF, LEMUR_URDF, random_state, random_urdf
 
 from ff_planner_ros.core.velocity_map import velocity
 from ff_planner_ros.errors import InvalidInput, Status
-from ff_planner_ros.planning.problem import PlanningProblem
+from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.ee_at_rest import joint_rates_with_ee_at_rest
 from ff_planner_ros.robot.model import load_robot, robot_from_urdf_text

@@ -11,14 +11,14 @@ import pytest
 
 from ff_planner_ros.errors import BagError, Failure, FfPlannerError, OutOfTime, Status
 from ff_planner_ros.parameters import load_parameters
-from ff_planner_ros.planning.check import failures, measure, refusal
-from ff_planner_ros.planning.clearance import arm_points, clearances, segments
-from ff_planner_ros.planning.metrics import METRIC_BY_NAME
-from ff_planner_ros.planning.motion import from_trajectory
-from ff_planner_ros.planning.plan import Plan, Trajectory
-from ff_planner_ros.planning.planner import plan
-from ff_planner_ros.planning.problem import Limits, PlanningProblem, Sphere
-from ff_planner_ros.planning.settings import PlannerSettings
+from ff_planner_ros.planning.check.check import failures, measure, refusal
+from ff_planner_ros.planning.distance.clearance import arm_points, clearances, segments
+from ff_planner_ros.planning.motion.metrics import METRIC_BY_NAME
+from ff_planner_ros.planning.motion.motion import from_trajectory
+from ff_planner_ros.planning.motion.plan import Plan, Trajectory
+from ff_planner_ros.planning.problem.problem import Limits, PlanningProblem, Sphere
+from ff_planner_ros.planning.problem.settings import PlannerSettings
+from ff_planner_ros.planning.search.planner import plan
 
 
 @pytest.fixture(scope="module")

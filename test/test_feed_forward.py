@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ff_planner_ros.arrays import Array
-from ff_planner_ros.planning.end_effector_polynomial import end_effector_paths
-from ff_planner_ros.planning.motion import to_trajectory
-from ff_planner_ros.planning.plan import Plan, Trajectory
-from ff_planner_ros.planning.problem import PlanningProblem
+from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.planning.motion.motion import to_trajectory
+from ff_planner_ros.planning.motion.plan import Plan, Trajectory
+from ff_planner_ros.planning.paths.end_effector_polynomial import end_effector_paths
+from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.simulation.feed_forward import feed_forward, torque_spline
 
 STEPS = 4

@@ -44,9 +44,9 @@ from ff_planner_ros.analysis.panels import (
     joint_rates,
     joint_torques,
 )
-from ff_planner_ros.arrays import Array
-from ff_planner_ros.planning.plan import Plan, Trajectory
-from ff_planner_ros.planning.problem import PlanningProblem
+from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.planning.motion.plan import Plan, Trajectory
+from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.robot.model import Robot
 
 ALL_METHODS = (*PAPERS_METHODS, WEIGHTED, FIXED_BASE, ZERO_MOMENTUM)

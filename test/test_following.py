@@ -25,7 +25,7 @@ from ff_planner_ros.demo.following import (
     rows,
 )
 from ff_planner_ros.errors import Status
-from ff_planner_ros.planning.plan import Plan
+from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.simulation import execution as execution_module

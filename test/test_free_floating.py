@@ -9,12 +9,12 @@ import pinocchio as pin
 import pytest
 from robots import random_state
 
-from ff_planner_ros.arrays import Array
 from ff_planner_ros.baselines.beliefs import executed
+from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.parameters import load_parameters
-from ff_planner_ros.planning.joint_motion import JointMotion, joint_motion
-from ff_planner_ros.planning.plan import Plan
-from ff_planner_ros.planning.problem import PlanningProblem
+from ff_planner_ros.planning.motion.joint_motion import JointMotion, joint_motion
+from ff_planner_ros.planning.motion.plan import Plan
+from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.momentum import total_momentum

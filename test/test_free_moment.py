@@ -15,21 +15,21 @@ from test_any_frame import FRAMES
 from test_tumbling import seen_from
 
 from ff_planner_ros.analysis.plan_json import plan_dictionary, planned_scene
-from ff_planner_ros.arrays import Array
 from ff_planner_ros.bench import tumbling
 from ff_planner_ros.bench.robots import ROBOTS, bench_robot
+from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import InvalidInput, NoPlanFound, OutOfTime, Status
 from ff_planner_ros.parameters import load_parameters
-from ff_planner_ros.planning import task as task_module
-from ff_planner_ros.planning.approach import Approach
-from ff_planner_ros.planning.end_effector_polynomial import end_effector_paths
-from ff_planner_ros.planning.free_program import FreeProgram
-from ff_planner_ros.planning.joint_spline import joint_splines
-from ff_planner_ros.planning.path_family import PathFamily
-from ff_planner_ros.planning.plan import Plan
-from ff_planner_ros.planning.planner import NOBODY
-from ff_planner_ros.planning.planner import plan as planner
-from ff_planner_ros.planning.problem import (
+from ff_planner_ros.planning.motion.plan import Plan
+from ff_planner_ros.planning.motion.system_frame import in_own_frame
+from ff_planner_ros.planning.motion.watch import CHECKING, Progress, Watch
+from ff_planner_ros.planning.optimisation.free_program import FreeProgram
+from ff_planner_ros.planning.optimisation.program import PathLinearisation, path_program
+from ff_planner_ros.planning.paths.end_effector_polynomial import end_effector_paths
+from ff_planner_ros.planning.paths.joint_spline import joint_splines
+from ff_planner_ros.planning.paths.path_family import PathFamily
+from ff_planner_ros.planning.problem.approach import Approach
+from ff_planner_ros.planning.problem.problem import (
     DurationRange,
     Limits,
     Objective,
@@ -38,13 +38,13 @@ from ff_planner_ros.planning.problem import (
     Sphere,
     lasting,
 )
-from ff_planner_ros.planning.program import PathLinearisation, path_program
-from ff_planner_ros.planning.scenario import Defaults, load_task
-from ff_planner_ros.planning.scenario_writer import write_scenario
-from ff_planner_ros.planning.settings import PlannerSettings
-from ff_planner_ros.planning.system_frame import in_own_frame
-from ff_planner_ros.planning.task import PlanningTask, perform
-from ff_planner_ros.planning.watch import CHECKING, Progress, Watch
+from ff_planner_ros.planning.problem.settings import PlannerSettings
+from ff_planner_ros.planning.scenario.scenario import Defaults, load_task
+from ff_planner_ros.planning.scenario.scenario_writer import write_scenario
+from ff_planner_ros.planning.search.planner import NOBODY
+from ff_planner_ros.planning.search.planner import plan as planner
+from ff_planner_ros.planning.task import task as task_module
+from ff_planner_ros.planning.task.task import PlanningTask, perform
 from ff_planner_ros.robot.bodies import Geometry
 
 SETTINGS = load_parameters().planner

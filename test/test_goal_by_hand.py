@@ -14,9 +14,9 @@ from scipy.spatial.transform import Rotation
 from test_check_by_hand import on_a_table, spoilt, without_momentum
 from test_limits_by_hand import PLACE, POSTURE, TWIST, the_one
 
-from ff_planner_ros.arrays import Array
+from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import Status
-from ff_planner_ros.planning.problem import Orientation, Target
+from ff_planner_ros.planning.problem.problem import Orientation, Target
 from ff_planner_ros.planning.requirements.goal import beside, miss
 from ff_planner_ros.robot.model import robot_from_urdf_text
 

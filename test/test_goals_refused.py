@@ -15,10 +15,10 @@ from robots import ROBOTS
 from scipy.spatial.transform import Rotation
 from test_limits_by_hand import PLACE, POSTURE, TWIST
 
-from ff_planner_ros.arrays import Array
+from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import NoPlanFound, Status
-from ff_planner_ros.planning.preconditions import require_plannable
-from ff_planner_ros.planning.problem import Orientation, PlanningProblem, Sphere, Target
+from ff_planner_ros.planning.check.preconditions import require_plannable
+from ff_planner_ros.planning.problem.problem import Orientation, PlanningProblem, Sphere, Target
 from ff_planner_ros.robot.bodies import Geometry
 from ff_planner_ros.robot.model import Robot, robot_from_urdf_text
 

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import NoReturn
 
 import pytest
+from ff_planner_ros.planning.plan import Plan
 from mcap.reader import make_reader
 from mcap.writer import Writer
 
@@ -15,7 +16,6 @@ from ff_planner_ros.bag.reader import open_bag
 from ff_planner_ros.cli import main
 from ff_planner_ros.errors import NoPlanFound, Status
 from ff_planner_ros.parameters import load_parameters
-from ff_planner_ros.planning.plan import Plan
 from ff_planner_ros.planning.problem import PlanningProblem
 from ff_planner_ros.planning.task import PlanningTask
 from ff_planner_ros.ros.messages.from_messages import plan_from_answer

@@ -8,7 +8,7 @@ import pytest
 from planar_model import TESTBED, planar_urdf
 from robots import LEMUR_URDF, random_urdf
 
-from ff_planner_ros.arrays import Array
+from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import InvalidInput
 from ff_planner_ros.parameters import AUTO, RobotParameters, held_joints_of
 from ff_planner_ros.robot.model import Base, Robot, robot_from_urdf_text

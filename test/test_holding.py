@@ -11,16 +11,16 @@ import pytest
 from scipy.linalg import expm, null_space
 from scipy.spatial.transform import Rotation
 
-from ff_planner_ros.arrays import Array
 from ff_planner_ros.bench import tumbling
+from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import NoPlanFound, Status
 from ff_planner_ros.parameters import load_parameters
-from ff_planner_ros.planning import tail
-from ff_planner_ros.planning.holding import holding_in_part, poses_held
-from ff_planner_ros.planning.plan import Plan, Trajectory
-from ff_planner_ros.planning.planner import plan
-from ff_planner_ros.planning.problem import Orientation, PlanningProblem
-from ff_planner_ros.planning.tail import EndBehaviour, with_tail
+from ff_planner_ros.planning.motion.plan import Plan, Trajectory
+from ff_planner_ros.planning.paths.holding import holding_in_part, poses_held
+from ff_planner_ros.planning.problem.problem import Orientation, PlanningProblem
+from ff_planner_ros.planning.search.planner import plan
+from ff_planner_ros.planning.task import tail
+from ff_planner_ros.planning.task.tail import EndBehaviour, with_tail
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.momentum import base_twist, total_momentum
 from ff_planner_ros.robot.rotation import skew

@@ -22,7 +22,7 @@ from ros_processes import (
 )
 
 from ff_planner_ros.errors import Status
-from ff_planner_ros.planning.problem import PlanningProblem
+from ff_planner_ros.planning.problem.problem import PlanningProblem
 
 # The private domain stays on this host and without multicast: Cyclone DDS is told where to look.
 _ON_THIS_HOST = """

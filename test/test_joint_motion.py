@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ff_planner_ros.arrays import Array
-from ff_planner_ros.planning.joint_motion import JointMotion, joint_motion, steady_motion
-from ff_planner_ros.planning.plan import Plan
+from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.planning.motion.joint_motion import JointMotion, joint_motion, steady_motion
+from ff_planner_ros.planning.motion.plan import Plan
 
 TIME = np.array([0.5, 1.0, 2.5])
 

@@ -9,24 +9,24 @@ import pinocchio as pin
 import pytest
 from robots import random_state, random_urdf
 
-from ff_planner_ros.arrays import Array
 from ff_planner_ros.bench.robots import bench_robot
 from ff_planner_ros.bench.witnessed import drawn_problem
 from ff_planner_ros.bench.witnessed import problem as witnessed_problem
+from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.parameters import load_parameters
-from ff_planner_ros.planning.forward import driven
-from ff_planner_ros.planning.joint_motion import JointMotion
-from ff_planner_ros.planning.joint_spline import JointSplines, joint_splines
-from ff_planner_ros.planning.problem import (
+from ff_planner_ros.planning.motion.forward import driven
+from ff_planner_ros.planning.motion.joint_motion import JointMotion
+from ff_planner_ros.planning.optimisation.program import path_program
+from ff_planner_ros.planning.optimisation.solver import Linearisation
+from ff_planner_ros.planning.paths.joint_spline import JointSplines, joint_splines
+from ff_planner_ros.planning.problem.problem import (
     Objective,
     Orientation,
     Parametrisation,
     PlanningProblem,
     Target,
 )
-from ff_planner_ros.planning.program import path_program
-from ff_planner_ros.planning.solver import Linearisation
-from ff_planner_ros.planning.task import PlanningTask, perform
+from ff_planner_ros.planning.task.task import PlanningTask, perform
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import Robot, robot_from_urdf_text
 from ff_planner_ros.robot.momentum import total_momentum

@@ -15,9 +15,12 @@ from scipy.stats import norm
 
 from ff_planner_ros.errors import NoPlanFound, Status
 from ff_planner_ros.parameters import load_parameters
-from ff_planner_ros.planning import robust
-from ff_planner_ros.planning.approach import Approach
-from ff_planner_ros.planning.margins import (
+from ff_planner_ros.planning.motion.plan import Plan, Trajectory
+from ff_planner_ros.planning.problem.approach import Approach
+from ff_planner_ros.planning.problem.problem import Limits, PlanningProblem, Sphere
+from ff_planner_ros.planning.problem.settings import USUAL_SIGMAS, RobustSettings
+from ff_planner_ros.planning.robust import robust
+from ff_planner_ros.planning.robust.margins import (
     ATTITUDE,
     CLEARANCE,
     CORRIDOR,
@@ -25,11 +28,8 @@ from ff_planner_ros.planning.margins import (
     TORQUE,
     Margins,
 )
-from ff_planner_ros.planning.plan import Plan, Trajectory
-from ff_planner_ros.planning.planner import NOBODY
-from ff_planner_ros.planning.problem import Limits, PlanningProblem, Sphere
-from ff_planner_ros.planning.scenario import Defaults, load_task
-from ff_planner_ros.planning.settings import USUAL_SIGMAS, RobustSettings
+from ff_planner_ros.planning.scenario.scenario import Defaults, load_task
+from ff_planner_ros.planning.search.planner import NOBODY
 
 SIGMAS = 3.0
 PLAIN = load_parameters().planner

@@ -16,7 +16,7 @@ from typing import Any
 import pytest
 import yaml
 
-from ff_planner_ros.share import share_directory
+from ff_planner_ros.common.share import share_directory
 
 LAUNCH_FILE = Path(__file__).parents[1] / "launch" / "planner.launch.py"
 # Where the real packages have these names.

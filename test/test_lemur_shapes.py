@@ -12,15 +12,15 @@ from bodied_robots import lemur_with_bodies
 from whole_bodies import judge_of
 
 from ff_planner_ros.analysis.methods import OBJECTIVES, SHORTEST, STEADIEST, WEIGHTED
-from ff_planner_ros.arrays import Array
 from ff_planner_ros.baselines.straight_line import straight_line
+from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.parameters import load_parameters
-from ff_planner_ros.planning.bodies import placed_bodies
-from ff_planner_ros.planning.body_distances import pair_distances
-from ff_planner_ros.planning.plan import Plan
-from ff_planner_ros.planning.planner import plan
-from ff_planner_ros.planning.problem import Parametrisation, PlanningProblem
-from ff_planner_ros.planning.task import PlanningTask, attempted, without_search
+from ff_planner_ros.planning.distance.bodies import placed_bodies
+from ff_planner_ros.planning.distance.body_distances import pair_distances
+from ff_planner_ros.planning.motion.plan import Plan
+from ff_planner_ros.planning.problem.problem import Parametrisation, PlanningProblem
+from ff_planner_ros.planning.search.planner import plan
+from ff_planner_ros.planning.task.task import PlanningTask, attempted, without_search
 
 SETTINGS = load_parameters().planner
 

@@ -14,13 +14,13 @@ from scipy.spatial.transform import Rotation
 from ff_planner_ros.bench.scenarios import scenario
 from ff_planner_ros.cli import main
 from ff_planner_ros.errors import InvalidInput, NoPlanFound
-from ff_planner_ros.library_file import LIBRARY, load_library, save_library
 from ff_planner_ros.parameters import load_parameters
-from ff_planner_ros.planning.library import Library, StoredPlan, kind_and_place
-from ff_planner_ros.planning.plan import Plan
-from ff_planner_ros.planning.problem import Objective, PlanningProblem
-from ff_planner_ros.planning.scenario import load_scenario
-from ff_planner_ros.planning.task import PlanningTask, perform
+from ff_planner_ros.planning.motion.plan import Plan
+from ff_planner_ros.planning.problem.problem import Objective, PlanningProblem
+from ff_planner_ros.planning.scenario.library_file import LIBRARY, load_library, save_library
+from ff_planner_ros.planning.scenario.scenario import load_scenario
+from ff_planner_ros.planning.task.library import Library, StoredPlan, kind_and_place
+from ff_planner_ros.planning.task.task import PlanningTask, perform
 
 SETTINGS = replace(load_parameters().planner, attitude_rounds=1)
 CAPTURE = load_scenario(LEMUR_SCENARIO)

@@ -11,9 +11,9 @@ from handmade_plans import GOAL, PLACES, POINTS, STEP, Joints, Made, made, resti
 from robots import ROBOTS
 from scipy.spatial.transform import Rotation
 
-from ff_planner_ros.arrays import Array
+from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import Failure, Status
-from ff_planner_ros.planning.problem import Limits
+from ff_planner_ros.planning.problem.problem import Limits
 from ff_planner_ros.robot.model import Robot, robot_from_urdf_text
 
 POSTURE = np.array([0.4, -0.7, 0.9, -1.1, 0.6, 0.5])

@@ -13,15 +13,13 @@ from judging import require_sound
 from numpy.polynomial import Polynomial
 from robots import CANADARM2_SCENARIO, ROBOTS, random_state
 
-from ff_planner_ros.arrays import Array, frozen
 from ff_planner_ros.bench.witnessed import problem as witnessed_problem
+from ff_planner_ros.common.arrays import Array, frozen
 from ff_planner_ros.errors import InvalidInput, NoPlanFound, Status
 from ff_planner_ros.parameters import load_parameters
-from ff_planner_ros.planning.families import path_families
-from ff_planner_ros.planning.path_family import PathFamily
-from ff_planner_ros.planning.plan import Plan
-from ff_planner_ros.planning.planner import plan
-from ff_planner_ros.planning.problem import (
+from ff_planner_ros.planning.motion.plan import Plan
+from ff_planner_ros.planning.paths.path_family import PathFamily
+from ff_planner_ros.planning.problem.problem import (
     DurationRange,
     Limits,
     Objective,
@@ -32,9 +30,11 @@ from ff_planner_ros.planning.requirements.accelerations import accelerations_at_
 from ff_planner_ros.planning.requirements.joint_accelerations import JointAccelerations
 from ff_planner_ros.planning.requirements.requirement import Requirement
 from ff_planner_ros.planning.requirements.torques import Torques
-from ff_planner_ros.planning.scenario import Defaults, load_scenario, load_task
-from ff_planner_ros.planning.scenario_writer import write_scenario
-from ff_planner_ros.planning.task import PlanningTask
+from ff_planner_ros.planning.scenario.scenario import Defaults, load_scenario, load_task
+from ff_planner_ros.planning.scenario.scenario_writer import write_scenario
+from ff_planner_ros.planning.search.families import path_families
+from ff_planner_ros.planning.search.planner import plan
+from ff_planner_ros.planning.task.task import PlanningTask
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.dynamics import joint_torques_by_x
 from ff_planner_ros.robot.model import Robot, robot_from_urdf_text

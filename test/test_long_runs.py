@@ -22,9 +22,9 @@ from ff_planner_ros.bag.reader import Bag, open_bag
 from ff_planner_ros.bag.rosbag2_metadata import ROSBAG2
 from ff_planner_ros.bag.writer import BagWriter
 from ff_planner_ros.parameters import load_parameters
-from ff_planner_ros.planning.plan import Plan
-from ff_planner_ros.planning.problem import PlanningProblem
-from ff_planner_ros.planning.task import PlanningTask
+from ff_planner_ros.planning.motion.plan import Plan
+from ff_planner_ros.planning.problem.problem import PlanningProblem
+from ff_planner_ros.planning.task.task import PlanningTask
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.ros.messages.to_messages import time_message
 from ff_planner_ros.runs import measured

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ff_planner_ros.planning.margins import Margins, _both_ways
+from ff_planner_ros.planning.robust.margins import Margins, _both_ways
 
 BY_ERRORS = np.array([[3.0, 4.0], [-1.0, 0.0]])
 

@@ -13,7 +13,7 @@ import pinocchio as pin
 import pytest
 from robots import random_urdf
 
-from ff_planner_ros.arrays import Array
+from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import InvalidInput
 from ff_planner_ros.robot.bodies import Body, Geometry
 from ff_planner_ros.robot.convex_hull import MAX_VERTICES

@@ -15,7 +15,7 @@ from test_state_input import FRAME, NOW_NS, Fed, _joints, _odometry
 
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.parameters import load_parameters
-from ff_planner_ros.planning.problem import Limits, PlanningProblem
+from ff_planner_ros.planning.problem.problem import Limits, PlanningProblem
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.ros.messages.from_messages import (
     problem_from_request,

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from ff_planner_ros.errors import InvalidInput
-from ff_planner_ros.planning.plan import Plan
-from ff_planner_ros.planning.problem import PlanningProblem
+from ff_planner_ros.planning.motion.plan import Plan
+from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.simulation.model_errors import ModelError, model_errors
 from ff_planner_ros.simulation.verification import Deviation, verify
 

@@ -10,13 +10,18 @@ import robots
 from scipy.spatial.transform import Rotation
 from scipy.stats import binom
 
+from ff_planner_ros.common.intervals import exact_interval
 from ff_planner_ros.errors import InvalidInput, Status
-from ff_planner_ros.intervals import exact_interval
 from ff_planner_ros.parameters import load_parameters
-from ff_planner_ros.planning.approach import Approach
-from ff_planner_ros.planning.base_spread import base_spread, tracked_motion
-from ff_planner_ros.planning.clearance import arm_points, clearances, segments
-from ff_planner_ros.planning.margins import (
+from ff_planner_ros.planning.distance.base_spread import base_spread, tracked_motion
+from ff_planner_ros.planning.distance.clearance import arm_points, clearances, segments
+from ff_planner_ros.planning.distance.nearness import nearness
+from ff_planner_ros.planning.motion.plan import Plan
+from ff_planner_ros.planning.problem.approach import Approach
+from ff_planner_ros.planning.problem.problem import Limits, PlanningProblem
+from ff_planner_ros.planning.problem.scene import scene_of
+from ff_planner_ros.planning.problem.uncertainty import Uncertainty, directions, draws
+from ff_planner_ros.planning.robust.margins import (
     ATTITUDE,
     CLEARANCE,
     CORRIDOR,
@@ -24,13 +29,8 @@ from ff_planner_ros.planning.margins import (
     TORQUE,
     margins,
 )
-from ff_planner_ros.planning.nearness import nearness
-from ff_planner_ros.planning.plan import Plan
-from ff_planner_ros.planning.planner import plan
-from ff_planner_ros.planning.problem import Limits, PlanningProblem
-from ff_planner_ros.planning.scenario import load_scenario
-from ff_planner_ros.planning.scene import scene_of
-from ff_planner_ros.planning.uncertainty import Uncertainty, directions, draws
+from ff_planner_ros.planning.scenario.scenario import load_scenario
+from ff_planner_ros.planning.search.planner import plan
 from ff_planner_ros.simulation.monte_carlo import MonteCarlo, monte_carlo
 from ff_planner_ros.simulation.torque_runs import torque_monte_carlo
 from ff_planner_ros.simulation.tracked_runs import tracked_runs

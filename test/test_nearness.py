@@ -12,10 +12,10 @@ import pytest
 from bodied_robots import body_placements, coal_distance
 from straight_arms import ball, straight_arm
 
-from ff_planner_ros.arrays import Array
-from ff_planner_ros.planning.nearness import Nearness, nearness
-from ff_planner_ros.planning.problem import Sphere, Target
-from ff_planner_ros.planning.scene import Scene
+from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.planning.distance.nearness import Nearness, nearness
+from ff_planner_ros.planning.problem.problem import Sphere, Target
+from ff_planner_ros.planning.problem.scene import Scene
 from ff_planner_ros.robot.model import Robot
 
 LINES = straight_arm(0.4, 1.0, 0.6)

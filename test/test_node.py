@@ -17,7 +17,7 @@ from rosbags.highlevel import AnyReader
 from rosgraph_msgs.msg import Clock
 
 from ff_planner_ros.errors import Status
-from ff_planner_ros.planning.problem import PlanningProblem
+from ff_planner_ros.planning.problem.problem import PlanningProblem
 
 in_ci = partial(pytest.param, marks=pytest.mark.ci)  # each starts a node
 

@@ -26,8 +26,8 @@ from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.errors import Status
 from ff_planner_ros.parameters import load_parameters
-from ff_planner_ros.planning.planner import plan
-from ff_planner_ros.planning.problem import PlanningProblem
+from ff_planner_ros.planning.problem.problem import PlanningProblem
+from ff_planner_ros.planning.search.planner import plan
 
 SPOKEN_ON = {
     "/chaser_state",

@@ -33,9 +33,9 @@ from ros_processes import (
 from ff_planner_ros.bag.decoding import NANOSECONDS, nanoseconds
 from ff_planner_ros.bag.plans import trajectory_in
 from ff_planner_ros.errors import Status
-from ff_planner_ros.planning.forward import carried_forward
-from ff_planner_ros.planning.joint_motion import joint_motion
-from ff_planner_ros.planning.problem import PlanningProblem
+from ff_planner_ros.planning.motion.forward import carried_forward
+from ff_planner_ros.planning.motion.joint_motion import joint_motion
+from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.ros.messages.to_messages import state_message, time_message
 
 # States and plans are of this much ahead of the request: nobody is ever too late or too old [ns].

@@ -34,7 +34,7 @@ from ros_processes import (
 )
 
 from ff_planner_ros.errors import Status
-from ff_planner_ros.planning.scenario import load_scenario
+from ff_planner_ros.planning.scenario.scenario import load_scenario
 
 SEED = 20260102
 NO_NUMBERS = (float("nan"), float("inf"), float("-inf"))

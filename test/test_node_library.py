@@ -17,12 +17,12 @@ from ros_processes import Scene, connected_client, private_domain, running_plann
 from ff_planner_ros.bag.plans import read_plans
 from ff_planner_ros.cli import main
 from ff_planner_ros.errors import Status
-from ff_planner_ros.library_file import LIBRARY, load_library, save_library
 from ff_planner_ros.parameters import load_parameters
-from ff_planner_ros.planning.library import StoredPlan, kind_and_place
-from ff_planner_ros.planning.problem import PlanningProblem, Sphere
-from ff_planner_ros.planning.scenario_writer import write_scenario
-from ff_planner_ros.planning.task import PlanningTask, perform
+from ff_planner_ros.planning.problem.problem import PlanningProblem, Sphere
+from ff_planner_ros.planning.scenario.library_file import LIBRARY, load_library, save_library
+from ff_planner_ros.planning.scenario.scenario_writer import write_scenario
+from ff_planner_ros.planning.task.library import StoredPlan, kind_and_place
+from ff_planner_ros.planning.task.task import PlanningTask, perform
 
 pytestmark = pytest.mark.ci
 

@@ -26,7 +26,7 @@ from sensor_msgs.msg import JointState
 from ff_planner_ros.bag.decoding import nanoseconds
 from ff_planner_ros.bag.reader import open_bag
 from ff_planner_ros.errors import Status
-from ff_planner_ros.planning.problem import PlanningProblem
+from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.ros.messages.to_messages import time_message
 from ff_planner_ros.runs.recorded_run import recorded_run
 from ff_planner_ros.runs.replay import Verdict, replay

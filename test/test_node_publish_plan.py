@@ -26,8 +26,8 @@ from ros_processes import (
 from ff_planner_ros.bag.decoding import NANOSECONDS, nanoseconds
 from ff_planner_ros.bag.reader import open_bag
 from ff_planner_ros.errors import Status
-from ff_planner_ros.planning.forward import carried_forward
-from ff_planner_ros.planning.joint_motion import joint_motion
+from ff_planner_ros.planning.motion.forward import carried_forward
+from ff_planner_ros.planning.motion.joint_motion import joint_motion
 from ff_planner_ros.ros.messages.from_messages import plan_from_answer
 from ff_planner_ros.ros.messages.to_messages import state_message, time_message
 from ff_planner_ros.runs.recorded_run import recorded_run

@@ -23,7 +23,7 @@ from ros_processes import (
 from rosgraph_msgs.msg import Clock
 
 from ff_planner_ros.errors import Status
-from ff_planner_ros.planning.problem import PlanningProblem
+from ff_planner_ros.planning.problem.problem import PlanningProblem
 
 NOW = 100  # [s] simulated
 ALLOWANCE = 3

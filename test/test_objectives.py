@@ -8,16 +8,16 @@ import pytest
 from robots import random_state, random_urdf
 from scipy.spatial.transform import Rotation
 
-from ff_planner_ros.arrays import Array
-from ff_planner_ros.planning.end_effector_polynomial import EndEffectorPaths
-from ff_planner_ros.planning.objectives import (
+from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.planning.motion.measures import (
     chaser_euler,
     chaser_euler_with_derivative,
-    joint_path,
     joint_path_length,
 )
-from ff_planner_ros.planning.polynomial import EndEffectorMotion, end_effector_polynomial
-from ff_planner_ros.planning.problem import PlanningProblem
+from ff_planner_ros.planning.optimisation.objectives import joint_path
+from ff_planner_ros.planning.paths.end_effector_polynomial import EndEffectorPaths
+from ff_planner_ros.planning.paths.polynomial import EndEffectorMotion, end_effector_polynomial
+from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.robot.configuration import configuration, system_state
 from ff_planner_ros.robot.model import Robot, robot_from_urdf_text
 from ff_planner_ros.robot.momentum import smallest_singular_values, total_momentum

@@ -20,7 +20,7 @@ from ff_planner_ros.bag.older_messages import (
     present_request,
 )
 from ff_planner_ros.bag.reader import open_bag
-from ff_planner_ros.declared_messages import value_at
+from ff_planner_ros.common.declared_messages import value_at
 from ff_planner_ros.errors import Status
 from ff_planner_ros.ros.messages.interfaces import entry_of
 from ff_planner_ros.runs.installed import as_installed

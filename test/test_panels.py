@@ -18,9 +18,9 @@ from ff_planner_ros.analysis.panels import (
     panels,
 )
 from ff_planner_ros.analysis.plots import clearance_plot, panel_plot
-from ff_planner_ros.arrays import frozen
-from ff_planner_ros.planning.plan import Trajectory
-from ff_planner_ros.planning.problem import PlanningProblem
+from ff_planner_ros.common.arrays import frozen
+from ff_planner_ros.planning.motion.plan import Trajectory
+from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.robot.model import Robot
 
 

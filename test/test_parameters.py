@@ -16,6 +16,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from ros_processes import private_domain
 
+from ff_planner_ros.common.share import share_directory
 from ff_planner_ros.errors import InvalidInput
 from ff_planner_ros.parameters import DECLARATIONS, NodeParameters, default_values
 from ff_planner_ros.ros.parameters import (
@@ -25,7 +26,6 @@ from ff_planner_ros.ros.parameters import (
     stricter_since,
     value_of,
 )
-from ff_planner_ros.share import share_directory
 
 BUILT_IN = {"use_sim_time", "start_type_description_service"}
 

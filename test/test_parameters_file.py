@@ -20,7 +20,7 @@ from ff_planner_ros.parameters import (
     load_parameters,
     replaced,
 )
-from ff_planner_ros.planning.problem import Limits
+from ff_planner_ros.planning.problem.problem import Limits
 
 FILE = CONFIG / "planner.yaml"
 

@@ -14,11 +14,11 @@ from ff_planner_ros.bench.witnessed import SINGULAR, problem
 from ff_planner_ros.cli import main
 from ff_planner_ros.errors import InvalidInput, NoPlanFound, Status
 from ff_planner_ros.parameters import load_parameters
-from ff_planner_ros.planning.planner import plan
-from ff_planner_ros.planning.problem import Objective, Parametrisation, PlanningProblem
-from ff_planner_ros.planning.scenario import load_scenario
-from ff_planner_ros.planning.tail import EndBehaviour
-from ff_planner_ros.planning.task import PlanningTask, perform
+from ff_planner_ros.planning.problem.problem import Objective, Parametrisation, PlanningProblem
+from ff_planner_ros.planning.scenario.scenario import load_scenario
+from ff_planner_ros.planning.search.planner import plan
+from ff_planner_ros.planning.task.tail import EndBehaviour
+from ff_planner_ros.planning.task.task import PlanningTask, perform
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.momentum import smallest_singular_values
 from ff_planner_ros.simulation.verification import verify

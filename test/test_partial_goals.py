@@ -13,23 +13,23 @@ from planar_model import TESTBED, planar_robot, planar_state
 from robots import CONFIG, random_urdf
 from scipy.spatial.transform import Rotation
 
-from ff_planner_ros.arrays import Array
+from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.parameters import load_parameters
-from ff_planner_ros.planning.check import failures
-from ff_planner_ros.planning.plan import Plan
-from ff_planner_ros.planning.problem import (
+from ff_planner_ros.planning.check.check import failures
+from ff_planner_ros.planning.motion.plan import Plan
+from ff_planner_ros.planning.motion.steered import steered
+from ff_planner_ros.planning.problem.problem import (
     Objective,
     Orientation,
     PlanningProblem,
     Sphere,
     Target,
 )
+from ff_planner_ros.planning.problem.target import conditions_of
 from ff_planner_ros.planning.requirements.goal import miss
-from ff_planner_ros.planning.scenario import load_scenario
-from ff_planner_ros.planning.steered import steered
-from ff_planner_ros.planning.target import conditions_of
-from ff_planner_ros.planning.task import PlanningTask, perform
+from ff_planner_ros.planning.scenario.scenario import load_scenario
+from ff_planner_ros.planning.task.task import PlanningTask, perform
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import Base, Robot, load_robot, robot_from_urdf_text
 from ff_planner_ros.simulation.verification import verify

@@ -8,9 +8,9 @@ from robots import random_path, random_state
 from test_core import chain_robot
 from test_core_driven_motion import drawn_splines
 
-from ff_planner_ros.arrays import Array
-from ff_planner_ros.planning.end_effector_polynomial import EndEffectorPaths
-from ff_planner_ros.planning.problem import Orientation
+from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.planning.paths.end_effector_polynomial import EndEffectorPaths
+from ff_planner_ros.planning.problem.problem import Orientation
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.momentum import total_momentum
 

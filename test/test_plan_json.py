@@ -15,12 +15,12 @@ from ff_planner_ros.analysis.plan_json import (
     planned_motion,
     refusal_dictionary,
 )
-from ff_planner_ros.arrays import frozen
+from ff_planner_ros.common.arrays import frozen
 from ff_planner_ros.errors import InvalidInput, NoPlanFound, Status
 from ff_planner_ros.parameters import load_parameters
-from ff_planner_ros.planning.plan import Plan
-from ff_planner_ros.planning.problem import Orientation, PlanningProblem
-from ff_planner_ros.planning.task import PlanningTask
+from ff_planner_ros.planning.motion.plan import Plan
+from ff_planner_ros.planning.problem.problem import Orientation, PlanningProblem
+from ff_planner_ros.planning.task.task import PlanningTask
 
 
 @pytest.fixture

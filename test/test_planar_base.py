@@ -20,11 +20,11 @@ from planar_model import (
 )
 from robots import CONFIG
 
-from ff_planner_ros.arrays import Array
+from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import InvalidInput, Status
-from ff_planner_ros.planning.forward import carried_forward, driven
-from ff_planner_ros.planning.joint_motion import JointMotion
-from ff_planner_ros.planning.motion import to_trajectory
+from ff_planner_ros.planning.motion.forward import carried_forward, driven
+from ff_planner_ros.planning.motion.joint_motion import JointMotion
+from ff_planner_ros.planning.motion.motion import to_trajectory
 from ff_planner_ros.robot.bodies import Geometry
 from ff_planner_ros.robot.configuration import configuration, system_state
 from ff_planner_ros.robot.dynamics import base_acceleration, inverse_dynamics

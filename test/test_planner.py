@@ -8,15 +8,15 @@ import pinocchio as pin
 import pytest
 from dense_motion import joints_between
 
+from ff_planner_ros.common.share import share_directory
 from ff_planner_ros.errors import InvalidInput, NoPlanFound, OutOfTime, Status
 from ff_planner_ros.parameters import load_parameters
-from ff_planner_ros.planning import guided_search
-from ff_planner_ros.planning.planner import plan
-from ff_planner_ros.planning.problem import Limits, Objective, Parametrisation, Sphere
-from ff_planner_ros.planning.scenario import load_scenario
-from ff_planner_ros.planning.watch import Watch
+from ff_planner_ros.planning.motion.watch import Watch
+from ff_planner_ros.planning.problem.problem import Limits, Objective, Parametrisation, Sphere
+from ff_planner_ros.planning.scenario.scenario import load_scenario
+from ff_planner_ros.planning.search import guided_search
+from ff_planner_ros.planning.search.planner import plan
 from ff_planner_ros.robot.state import SystemState
-from ff_planner_ros.share import share_directory
 
 CONFIG = share_directory() / "config"
 LENGTH, ATTITUDE = Objective(1.0, 0.0), Objective(0.0, 1.0)

@@ -9,11 +9,11 @@ import sys
 # Both kinds of search, and joint rates at their limits; printed is every bit of the answers.
 PLAN = """
 from dataclasses import fields, replace
-from ff_planner_ros.planning.planner import plan
-from ff_planner_ros.planning.problem import Limits, Objective
-from ff_planner_ros.planning.scenario import load_scenario
+from ff_planner_ros.planning.search.planner import plan
+from ff_planner_ros.planning.problem.problem import Limits, Objective
+from ff_planner_ros.planning.scenario.scenario import load_scenario
 from ff_planner_ros.parameters import load_parameters
-from ff_planner_ros.share import share_directory
+from ff_planner_ros.common.share import share_directory
 
 config = share_directory() / "config"
 settings = replace(load_parameters().planner, starts=3)

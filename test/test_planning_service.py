@@ -22,7 +22,7 @@ from ros_processes import Scene, private_domain
 from unique_identifier_msgs.msg import UUID
 
 from ff_planner_ros.errors import FfPlannerError, NoPlanFound, Status
-from ff_planner_ros.planning.problem import PlanningProblem
+from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.ros.inputs.scene_input import SceneInput
 from ff_planner_ros.ros.inputs.state_input import StateInput
 from ff_planner_ros.ros.outputs.plan_output import PlanOutput

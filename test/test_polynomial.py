@@ -10,14 +10,14 @@ import pinocchio as pin
 import pytest
 from scipy.spatial.transform import Rotation
 
-from ff_planner_ros.arrays import Array
-from ff_planner_ros.planning.polynomial import (
+from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.planning.paths.polynomial import (
     EndEffectorMotion,
     EndEffectorPolynomial,
     end_effector_polynomial,
     end_effector_polynomials,
 )
-from ff_planner_ros.planning.problem import PlanningProblem
+from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.robot.configuration import configuration
 
 DURATIONS = (0.5, 10.0, 600.0)

@@ -17,7 +17,7 @@ from ff_planner_ros.baselines.potential_field import (
 )
 from ff_planner_ros.core.velocity_map import velocity
 from ff_planner_ros.errors import InvalidInput
-from ff_planner_ros.planning.problem import Objective, PlanningProblem, Sphere, Target
+from ff_planner_ros.planning.problem.problem import Objective, PlanningProblem, Sphere, Target
 from ff_planner_ros.robot.configuration import configuration
 
 FILE = CONFIG / "baselines.yaml"

@@ -9,15 +9,15 @@ import pytest
 from dense_motion import joints_between
 from judging import require_sound
 
-from ff_planner_ros.arrays import Array
+from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import InvalidInput, NoPlanFound, Status
 from ff_planner_ros.parameters import load_parameters
-from ff_planner_ros.planning.check import measure
-from ff_planner_ros.planning.plan import Plan
-from ff_planner_ros.planning.planner import plan
-from ff_planner_ros.planning.preconditions import require_plannable
-from ff_planner_ros.planning.problem import Limits, Parametrisation, PlanningProblem
-from ff_planner_ros.planning.settings import PlannerSettings
+from ff_planner_ros.planning.check.check import measure
+from ff_planner_ros.planning.check.preconditions import require_plannable
+from ff_planner_ros.planning.motion.plan import Plan
+from ff_planner_ros.planning.problem.problem import Limits, Parametrisation, PlanningProblem
+from ff_planner_ros.planning.problem.settings import PlannerSettings
+from ff_planner_ros.planning.search.planner import plan
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.momentum import smallest_singular_values
 

@@ -12,9 +12,9 @@ from builtin_interfaces.msg import Time
 from drawn_plans import POINTS, drawn_plan
 from rclpy.lifecycle import LifecycleNode
 
-from ff_planner_ros.arrays import Array
+from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.parameters import load_parameters
-from ff_planner_ros.planning.plan import Plan
+from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.ros.outputs import plan_output
 from ff_planner_ros.ros.outputs.plan_output import PlanOutput

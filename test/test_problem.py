@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from ff_planner_ros.errors import InvalidInput, Status
-from ff_planner_ros.planning.problem import Objective, PlanningProblem, Sphere, Target
+from ff_planner_ros.planning.problem.problem import Objective, PlanningProblem, Sphere, Target
 
 TARGET: dict[str, Any] = {
     "position": [1.0, 2.0, 3.0],

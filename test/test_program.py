@@ -12,12 +12,18 @@ import pytest
 from robots import ROBOTS, random_path, random_state
 from scipy.interpolate import CubicHermiteSpline
 
-from ff_planner_ros.arrays import Array
-from ff_planner_ros.planning.clearance import arm_points
-from ff_planner_ros.planning.end_effector_polynomial import EndEffectorPaths
-from ff_planner_ros.planning.path_family import Motion
-from ff_planner_ros.planning.problem import Limits, Objective, PlanningProblem, Sphere, Target
-from ff_planner_ros.planning.program import PathProgram
+from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.planning.distance.clearance import arm_points
+from ff_planner_ros.planning.optimisation.program import PathProgram
+from ff_planner_ros.planning.paths.end_effector_polynomial import EndEffectorPaths
+from ff_planner_ros.planning.paths.path_family import Motion
+from ff_planner_ros.planning.problem.problem import (
+    Limits,
+    Objective,
+    PlanningProblem,
+    Sphere,
+    Target,
+)
 from ff_planner_ros.planning.requirements import REQUIREMENTS
 from ff_planner_ros.planning.requirements.torques import Torques
 from ff_planner_ros.robot.configuration import configuration

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 import ff_planner_ros
-from ff_planner_ros.planning.problem import Sphere
+from ff_planner_ros.planning.problem.problem import Sphere
 
 SOURCE_TREE = Path(__file__).resolve().parents[1]
 

@@ -27,7 +27,7 @@ from ff_planner_ros.bag.rosbag2_metadata import QualityOfService
 from ff_planner_ros.bag.writer import BagWriter
 from ff_planner_ros.cli import main
 from ff_planner_ros.errors import Status
-from ff_planner_ros.planning.problem import PlanningProblem
+from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.ros.messages.interfaces import type_name
 from ff_planner_ros.runs import publish
 

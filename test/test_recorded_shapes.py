@@ -16,11 +16,11 @@ from ff_planner_ros.analysis.plan_json import planned_motion
 from ff_planner_ros.bag.robot_plans import attached_robot
 from ff_planner_ros.errors import InvalidInput
 from ff_planner_ros.parameters import RobotParameters, load_parameters
-from ff_planner_ros.planning.plan import Trajectory
-from ff_planner_ros.planning.problem import Objective, Orientation, PlanningProblem, Target
-from ff_planner_ros.planning.scenario import Defaults, load_task
-from ff_planner_ros.planning.scenario_writer import write_scenario
-from ff_planner_ros.planning.task import PlanningTask
+from ff_planner_ros.planning.motion.plan import Trajectory
+from ff_planner_ros.planning.problem.problem import Objective, Orientation, PlanningProblem, Target
+from ff_planner_ros.planning.scenario.scenario import Defaults, load_task
+from ff_planner_ros.planning.scenario.scenario_writer import write_scenario
+from ff_planner_ros.planning.task.task import PlanningTask
 from ff_planner_ros.robot.bodies import Geometry
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.state import SystemState

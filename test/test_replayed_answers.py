@@ -15,7 +15,7 @@ from ff_planner_msgs.msg import PlanAnswer, PlanRequest
 
 from ff_planner_ros.bag.decoding import NANOSECONDS
 from ff_planner_ros.errors import BagError, FfPlannerError, Status
-from ff_planner_ros.planning.plan import Plan
+from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.ros.messages.to_messages import answer_of_error, time_message
 from ff_planner_ros.runs import replay as replay_module
 from ff_planner_ros.runs.installed import PlanExchange

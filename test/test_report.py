@@ -35,10 +35,10 @@ from ff_planner_ros.bag.writer import BagWriter
 from ff_planner_ros.cli import main
 from ff_planner_ros.errors import BagError, FfPlannerError, InvalidInput, NoPlanFound, Status
 from ff_planner_ros.parameters import load_parameters
-from ff_planner_ros.planning.plan import Plan, Trajectory
-from ff_planner_ros.planning.planner import plan
-from ff_planner_ros.planning.problem import PlanningProblem
-from ff_planner_ros.planning.task import PlanningTask
+from ff_planner_ros.planning.motion.plan import Plan, Trajectory
+from ff_planner_ros.planning.problem.problem import PlanningProblem
+from ff_planner_ros.planning.search.planner import plan
+from ff_planner_ros.planning.task.task import PlanningTask
 from ff_planner_ros.robot.model import robot_from_urdf_text
 from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.ros.messages.interfaces import GET_RESULT, SEND_GOAL, type_name

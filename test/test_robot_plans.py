@@ -18,10 +18,10 @@ from ff_planner_ros.bag.robot_plans import robot_plans
 from ff_planner_ros.bag.writer import BagWriter
 from ff_planner_ros.errors import BagError, InvalidInput, NoPlanFound, Status
 from ff_planner_ros.parameters import load_parameters
-from ff_planner_ros.planning.plan import Plan
-from ff_planner_ros.planning.problem import Limits, PlanningProblem
-from ff_planner_ros.planning.task import PlanningTask
-from ff_planner_ros.planning.uncertainty import Uncertainty
+from ff_planner_ros.planning.motion.plan import Plan
+from ff_planner_ros.planning.problem.problem import Limits, PlanningProblem
+from ff_planner_ros.planning.problem.uncertainty import Uncertainty
+from ff_planner_ros.planning.task.task import PlanningTask
 from ff_planner_ros.ros.messages.to_messages import answer_of_error, obstacles_message
 from ff_planner_ros.runs.offline_bag import record_answer
 

@@ -15,16 +15,16 @@ import yaml
 from ff_planner_ros.cli import main
 from ff_planner_ros.errors import InvalidInput, NoPlanFound, Status
 from ff_planner_ros.parameters import load_parameters
-from ff_planner_ros.planning.approach import Approach
-from ff_planner_ros.planning.plan import Plan
-from ff_planner_ros.planning.problem import Limits, PlanningProblem, Sphere
-from ff_planner_ros.planning.scenario import Defaults, load_task
-from ff_planner_ros.planning.scenario_writer import write_scenario
-from ff_planner_ros.planning.scene import scene_of
-from ff_planner_ros.planning.settings import USUAL_SIGMAS
-from ff_planner_ros.planning.tail import EndBehaviour
-from ff_planner_ros.planning.task import PlanningTask, in_frame_of_user, perform
-from ff_planner_ros.planning.uncertainty import Uncertainty
+from ff_planner_ros.planning.motion.plan import Plan
+from ff_planner_ros.planning.problem.approach import Approach
+from ff_planner_ros.planning.problem.problem import Limits, PlanningProblem, Sphere
+from ff_planner_ros.planning.problem.scene import scene_of
+from ff_planner_ros.planning.problem.settings import USUAL_SIGMAS
+from ff_planner_ros.planning.problem.uncertainty import Uncertainty
+from ff_planner_ros.planning.scenario.scenario import Defaults, load_task
+from ff_planner_ros.planning.scenario.scenario_writer import write_scenario
+from ff_planner_ros.planning.task.tail import EndBehaviour
+from ff_planner_ros.planning.task.task import PlanningTask, in_frame_of_user, perform
 from ff_planner_ros.simulation.monte_carlo import monte_carlo
 
 SCENARIOS = robots.CONFIG / "scenarios"

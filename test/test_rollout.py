@@ -13,11 +13,11 @@ from robots import ROBOTS, one_line_urdf, random_path, random_state
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from ff_planner_ros.arrays import Array
+from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import Status
-from ff_planner_ros.planning.end_effector_polynomial import EndEffectorPaths
-from ff_planner_ros.planning.path_family import Motion, singular_refusal
-from ff_planner_ros.planning.polynomial import (
+from ff_planner_ros.planning.paths.end_effector_polynomial import EndEffectorPaths
+from ff_planner_ros.planning.paths.path_family import Motion, singular_refusal
+from ff_planner_ros.planning.paths.polynomial import (
     EndEffectorPolynomial,
 )
 from ff_planner_ros.robot.configuration import configuration, system_state

@@ -9,8 +9,8 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 from straight_arms import straight_arm
 
-from ff_planner_ros.arrays import Array
-from ff_planner_ros.planning.runge_kutta import runge_kutta_step, turned_by_momentum
+from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.planning.motion.runge_kutta import runge_kutta_step, turned_by_momentum
 from ff_planner_ros.robot.rotation import skew
 
 SECONDS = 10.0

@@ -15,16 +15,16 @@ from robots import ROBOTS
 from scipy.spatial.transform import Rotation
 from test_limits_by_hand import PLACE, POSTURE, TWIST
 
-from ff_planner_ros.arrays import Array
+from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import InvalidInput, Status
-from ff_planner_ros.planning.contact import deepest_contact, is_near_goal
-from ff_planner_ros.planning.followed import steps_of
-from ff_planner_ros.planning.joint_motion import JointMotion
-from ff_planner_ros.planning.metrics import METRIC_BY_NAME, METRICS
-from ff_planner_ros.planning.motion import chaser_motion, from_trajectory, to_trajectory
-from ff_planner_ros.planning.plan import Trajectory
-from ff_planner_ros.planning.problem import Sphere
-from ff_planner_ros.planning.sound_samples import require_sound_samples
+from ff_planner_ros.planning.distance.contact import deepest_contact, is_near_goal
+from ff_planner_ros.planning.motion.followed import steps_of
+from ff_planner_ros.planning.motion.joint_motion import JointMotion
+from ff_planner_ros.planning.motion.metrics import METRIC_BY_NAME, METRICS
+from ff_planner_ros.planning.motion.motion import chaser_motion, from_trajectory, to_trajectory
+from ff_planner_ros.planning.motion.plan import Trajectory
+from ff_planner_ros.planning.motion.sound_samples import require_sound_samples
+from ff_planner_ros.planning.problem.problem import Sphere
 from ff_planner_ros.robot.configuration import system_state
 from ff_planner_ros.robot.model import robot_from_urdf_text
 

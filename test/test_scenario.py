@@ -14,8 +14,8 @@ from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.parameters import load_parameters
-from ff_planner_ros.planning.problem import PlanningProblem
-from ff_planner_ros.planning.scenario import Defaults, load_scenario, load_task
+from ff_planner_ros.planning.problem.problem import PlanningProblem
+from ff_planner_ros.planning.scenario.scenario import Defaults, load_scenario, load_task
 
 # Every key of the format; the robot lies in the directory that `saved` writes to.
 SCENARIO: dict[str, Any] = {

@@ -16,8 +16,8 @@ from test_scenario import MISSING, SCENARIO, saved
 
 from ff_planner_ros.campaign.study import study_schema
 from ff_planner_ros.cli import main
-from ff_planner_ros.planning.scenario import scenario_schema
-from ff_planner_ros.share import share_directory
+from ff_planner_ros.common.share import share_directory
+from ff_planner_ros.planning.scenario.scenario import scenario_schema
 
 CONFIG = share_directory() / "config"
 SHIPPED = [path for kind in ("scenarios", "studies") for path in sorted(CONFIG.glob(f"{kind}/*"))]

@@ -18,10 +18,10 @@ from scipy.spatial.transform import Rotation
 from ff_planner_ros.analysis.methods import PAPERS_METHODS, SHORTEST, STEADIEST, Method
 from ff_planner_ros.analysis.scene import save_scene, scene_figure
 from ff_planner_ros.analysis.surroundings import near_arm
-from ff_planner_ros.arrays import Array
-from ff_planner_ros.planning.motion import from_trajectory
-from ff_planner_ros.planning.plan import Plan
-from ff_planner_ros.planning.problem import Orientation, PlanningProblem, Sphere
+from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.planning.motion.motion import from_trajectory
+from ff_planner_ros.planning.motion.plan import Plan
+from ff_planner_ros.planning.problem.problem import Orientation, PlanningProblem, Sphere
 from ff_planner_ros.robot.model import Robot
 
 

@@ -21,9 +21,9 @@ from test_limits_by_hand import (
     with_limit,
 )
 
-from ff_planner_ros.arrays import Array
-from ff_planner_ros.planning.path_family import Motion, Sensitivity
-from ff_planner_ros.planning.problem import (
+from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.planning.paths.path_family import Motion, Sensitivity
+from ff_planner_ros.planning.problem.problem import (
     Limits,
     Objective,
     Orientation,

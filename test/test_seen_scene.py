@@ -10,20 +10,20 @@ from robots import CONFIG
 from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 
-from ff_planner_ros.arrays import Array
 from ff_planner_ros.bench import tumbling
-from ff_planner_ros.planning.grasp_frames import grasp_frames
-from ff_planner_ros.planning.grasp_seen import GraspSeen
-from ff_planner_ros.planning.problem import (
+from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.planning.problem.grasp_frames import grasp_frames
+from ff_planner_ros.planning.problem.grasp_seen import GraspSeen
+from ff_planner_ros.planning.problem.problem import (
     PlanningProblem,
     Sphere,
     Target,
     capturing,
     with_attached_spheres,
 )
-from ff_planner_ros.planning.scenario import load_scenario
-from ff_planner_ros.planning.scene import Scene, scene_of
-from ff_planner_ros.planning.target_body import TargetBody
+from ff_planner_ros.planning.problem.scene import Scene, scene_of
+from ff_planner_ros.planning.problem.target_body import TargetBody
+from ff_planner_ros.planning.scenario.scenario import load_scenario
 from ff_planner_ros.robot.model import Base
 from ff_planner_ros.robot.rotation import skew
 

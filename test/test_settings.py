@@ -10,7 +10,7 @@ from robots import CONFIG
 
 from ff_planner_ros.errors import InvalidInput
 from ff_planner_ros.parameters import load_parameters
-from ff_planner_ros.planning.settings import PlannerSettings, RobustSettings
+from ff_planner_ros.planning.problem.settings import PlannerSettings, RobustSettings
 
 FILE = CONFIG / "planner.yaml"
 BLOCK = yaml.safe_load(FILE.read_text())["/**"]["ros__parameters"]["planner"]

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 import ff_planner_ros
+from ff_planner_ros.common.share import resolve_uri, share_directory
 from ff_planner_ros.errors import InvalidInput, Status
-from ff_planner_ros.share import resolve_uri, share_directory
 
 SOURCE_TREE = Path(__file__).resolve().parents[1]
 
@@ -36,9 +36,10 @@ def copied_package(directory):
     """A copy of the package alone, as an installation has it: no package.xml beside it."""
     library = directory / "lib"
     library.mkdir()
-    (library / "ff_planner_ros").mkdir()
-    for name in ("__init__.py", "errors.py", "share.py", "shown.py"):
-        shutil.copy(Path(ff_planner_ros.__file__).parent / name, library / "ff_planner_ros")
+    package = Path(ff_planner_ros.__file__).parent
+    shutil.copytree(package / "common", library / "ff_planner_ros" / "common")
+    for name in ("__init__.py", "errors.py"):
+        shutil.copy(package / name, library / "ff_planner_ros")
     return library
 
 
@@ -46,7 +47,7 @@ def share_directory_seen_by(library, prefix):
     """Ask a Python without site packages, hence without ROS, for the share directory."""
     program = (
         f"import sys; sys.path.insert(0, {str(library)!r}); sys.prefix = {str(prefix)!r}\n"
-        "from ff_planner_ros.share import share_directory; print(share_directory())"
+        "from ff_planner_ros.common.share import share_directory; print(share_directory())"
     )
     return subprocess.run(
         [sys.executable, "-I", "-S", "-c", program], capture_output=True, text=True, env={}

@@ -10,23 +10,23 @@ import pinocchio as pin
 import pytest
 from robots import CANADARM2_SCENARIO, LEMUR_SCENARIO, ROBOTS, random_path, random_state
 
-from ff_planner_ros.arrays import Array
 from ff_planner_ros.bench.scenarios import scenario
+from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.parameters import load_parameters
-from ff_planner_ros.planning.end_effector_polynomial import EndEffectorPaths, Rollout
-from ff_planner_ros.planning.forward import driven
-from ff_planner_ros.planning.joint_motion import JointMotion, joint_motion
-from ff_planner_ros.planning.motion import from_trajectory
-from ff_planner_ros.planning.planner import plan
-from ff_planner_ros.planning.problem import Limits, Objective, PlanningProblem
+from ff_planner_ros.planning.motion.forward import driven
+from ff_planner_ros.planning.motion.joint_motion import JointMotion, joint_motion
+from ff_planner_ros.planning.motion.motion import from_trajectory
+from ff_planner_ros.planning.motion.watch import Watch
+from ff_planner_ros.planning.paths.end_effector_polynomial import EndEffectorPaths, Rollout
+from ff_planner_ros.planning.paths.start_motion import NullSpaceFade, start_motion
+from ff_planner_ros.planning.problem.problem import Limits, Objective, PlanningProblem
 from ff_planner_ros.planning.requirements.joint_positions import JointPositions
 from ff_planner_ros.planning.requirements.joint_rates import JointRates
-from ff_planner_ros.planning.scenario import load_scenario
-from ff_planner_ros.planning.start_motion import NullSpaceFade, start_motion
-from ff_planner_ros.planning.tail import EndBehaviour
-from ff_planner_ros.planning.task import PlanningTask, perform
-from ff_planner_ros.planning.watch import Watch
+from ff_planner_ros.planning.scenario.scenario import load_scenario
+from ff_planner_ros.planning.search.planner import plan
+from ff_planner_ros.planning.task.tail import EndBehaviour
+from ff_planner_ros.planning.task.task import PlanningTask, perform
 from ff_planner_ros.robot.configuration import configuration, system_state
 from ff_planner_ros.robot.model import Robot, robot_from_urdf_text
 from ff_planner_ros.robot.momentum import generalised_jacobian, total_momentum

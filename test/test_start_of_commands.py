@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from ff_planner_ros.commands.parser import ADDERS
-from ff_planner_ros.share import share_directory
+from ff_planner_ros.common.share import share_directory
 
 CAPTURE = str(share_directory() / "config" / "scenarios" / "lemur_capture.yaml")
 GOLDEN_BAG = str(Path(__file__).parent / "golden_bags" / "node")

@@ -14,12 +14,12 @@ from robots import ROBOTS
 from scipy.spatial.transform import Rotation
 from test_limits_by_hand import PLACE, POSTURE, TWIST
 
-from ff_planner_ros.arrays import Array
+from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import InvalidInput, Status
-from ff_planner_ros.planning.approach import Approach
-from ff_planner_ros.planning.preconditions import require_plannable
-from ff_planner_ros.planning.problem import Limits, PlanningProblem, Sphere
-from ff_planner_ros.planning.start_motion import least_highest_positions, least_highest_rates
+from ff_planner_ros.planning.check.preconditions import require_plannable
+from ff_planner_ros.planning.paths.start_motion import least_highest_positions, least_highest_rates
+from ff_planner_ros.planning.problem.approach import Approach
+from ff_planner_ros.planning.problem.problem import Limits, PlanningProblem, Sphere
 from ff_planner_ros.robot.model import robot_from_urdf_text
 
 JERK = 10.0  # that no plan exceeds [rad/s3]

@@ -9,9 +9,9 @@ import pytest
 from planar_model import Body, planar_urdf
 from robots import CANADARM2_URDF, LEMUR_URDF, of_lines
 
-from ff_planner_ros.planning.goal_words import Orientation
-from ff_planner_ros.planning.steered import steered
-from ff_planner_ros.planning.target import Target
+from ff_planner_ros.planning.motion.steered import steered
+from ff_planner_ros.planning.problem.goal_words import Orientation
+from ff_planner_ros.planning.problem.target import Target
 from ff_planner_ros.robot.model import Base, robot_from_urdf_text
 
 

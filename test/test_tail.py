@@ -10,16 +10,16 @@ import pytest
 from judging import require_sound
 from scipy.spatial.transform import Rotation
 
-from ff_planner_ros.arrays import Array
+from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import InvalidInput, NoPlanFound, Status
 from ff_planner_ros.parameters import load_parameters
-from ff_planner_ros.planning.certificate import certified_clearance
-from ff_planner_ros.planning.check import measure
-from ff_planner_ros.planning.motion import from_trajectory
-from ff_planner_ros.planning.plan import Plan, Trajectory
-from ff_planner_ros.planning.planner import plan
-from ff_planner_ros.planning.problem import MAX_POINTS, Limits, PlanningProblem, Sphere
-from ff_planner_ros.planning.tail import EndBehaviour, _intervals, with_tail
+from ff_planner_ros.planning.check.check import measure
+from ff_planner_ros.planning.distance.certificate import certified_clearance
+from ff_planner_ros.planning.motion.motion import from_trajectory
+from ff_planner_ros.planning.motion.plan import Plan, Trajectory
+from ff_planner_ros.planning.problem.problem import MAX_POINTS, Limits, PlanningProblem, Sphere
+from ff_planner_ros.planning.search.planner import plan
+from ff_planner_ros.planning.task.tail import EndBehaviour, _intervals, with_tail
 from ff_planner_ros.robot.momentum import total_momentum
 from ff_planner_ros.simulation.verification import verify
 

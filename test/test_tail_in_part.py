@@ -10,11 +10,11 @@ from robots import CONFIG
 from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.parameters import load_parameters
-from ff_planner_ros.planning.joint_motion import joint_motion
-from ff_planner_ros.planning.problem import Orientation, Parametrisation, PlanningProblem
-from ff_planner_ros.planning.scenario import load_scenario
-from ff_planner_ros.planning.tail import EndBehaviour
-from ff_planner_ros.planning.task import PlanningTask, perform
+from ff_planner_ros.planning.motion.joint_motion import joint_motion
+from ff_planner_ros.planning.problem.problem import Orientation, Parametrisation, PlanningProblem
+from ff_planner_ros.planning.scenario.scenario import load_scenario
+from ff_planner_ros.planning.task.tail import EndBehaviour
+from ff_planner_ros.planning.task.task import PlanningTask, perform
 from ff_planner_ros.simulation.verification import verify
 
 SETTINGS = load_parameters().planner

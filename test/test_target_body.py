@@ -10,9 +10,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 from scipy.special import ellipj
 
-from ff_planner_ros.arrays import Array
+from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import InvalidInput
-from ff_planner_ros.planning.target_body import AttachedSphere, TargetBody
+from ff_planner_ros.planning.problem.target_body import AttachedSphere, TargetBody
 
 DEG = np.pi / 180.0
 ASYMMETRIC = np.array([1.0, 1.7, 2.3])

@@ -29,16 +29,16 @@ from ff_planner_ros.bench import tumbling
 from ff_planner_ros.demo.executive import captured
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.parameters import load_parameters
-from ff_planner_ros.planning.plan import Plan
-from ff_planner_ros.planning.problem import (
+from ff_planner_ros.planning.motion.plan import Plan
+from ff_planner_ros.planning.problem.problem import (
     DurationRange,
     Objective,
     PlanningProblem,
     Sphere,
     capturing,
 )
-from ff_planner_ros.planning.tail import EndBehaviour
-from ff_planner_ros.planning.task import PlanningTask, perform
+from ff_planner_ros.planning.task.tail import EndBehaviour
+from ff_planner_ros.planning.task.task import PlanningTask, perform
 from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.ros.inputs.input_topics import TARGET_BODY
 from ff_planner_ros.ros.inputs.scene_input import SceneInput

@@ -13,18 +13,24 @@ import numpy as np
 import pytest
 from drawn_plans import drawn_plan
 
-from ff_planner_ros.arrays import Array
 from ff_planner_ros.baselines.straight_line import straight_line
+from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import InvalidInput, NoPlanFound, OutOfTime, Status
 from ff_planner_ros.parameters import load_parameters
-from ff_planner_ros.planning.controller_rules import Controller
-from ff_planner_ros.planning.joint_motion import joint_motion
-from ff_planner_ros.planning.plan import Plan
-from ff_planner_ros.planning.problem import Limits, Objective, PlanningProblem, Sphere
-from ff_planner_ros.planning.settings import PlannerSettings
-from ff_planner_ros.planning.tail import EndBehaviour
-from ff_planner_ros.planning.task import PlanningTask, attempted, canonical, perform, without_search
-from ff_planner_ros.planning.watch import Progress, Watch
+from ff_planner_ros.planning.motion.joint_motion import joint_motion
+from ff_planner_ros.planning.motion.plan import Plan
+from ff_planner_ros.planning.motion.watch import Progress, Watch
+from ff_planner_ros.planning.problem.controller_rules import Controller
+from ff_planner_ros.planning.problem.problem import Limits, Objective, PlanningProblem, Sphere
+from ff_planner_ros.planning.problem.settings import PlannerSettings
+from ff_planner_ros.planning.task.tail import EndBehaviour
+from ff_planner_ros.planning.task.task import (
+    PlanningTask,
+    attempted,
+    canonical,
+    perform,
+    without_search,
+)
 from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.simulation.engine import Engine
 from ff_planner_ros.simulation.execution import execute

@@ -44,8 +44,8 @@ from ff_planner_ros.demo.testbed import (
     with_sensor_noise,
 )
 from ff_planner_ros.errors import InvalidInput, Status
-from ff_planner_ros.planning.forward import carried_forward
-from ff_planner_ros.planning.problem import PlanningProblem, Sphere
+from ff_planner_ros.planning.motion.forward import carried_forward
+from ff_planner_ros.planning.problem.problem import PlanningProblem, Sphere
 from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.ros.background import spin_in_background
 from ff_planner_ros.ros.messages.from_messages import (

@@ -16,34 +16,34 @@ from scipy.spatial.transform import Rotation
 from test_any_frame import FRAMES, Frame
 
 from ff_planner_ros.analysis.plan_json import plan_dictionary, plan_document
-from ff_planner_ros.arrays import Array
 from ff_planner_ros.bench import tumbling
+from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import InvalidInput, NoPlanFound
 from ff_planner_ros.parameters import load_parameters
-from ff_planner_ros.planning.certificate import certified_clearance
-from ff_planner_ros.planning.clearance import (
+from ff_planner_ros.planning.distance.certificate import certified_clearance
+from ff_planner_ros.planning.distance.clearance import (
     arm_points,
     centers_at,
     clearance_rows,
     clearances,
     segments,
 )
-from ff_planner_ros.planning.motion import from_trajectory
-from ff_planner_ros.planning.plan import Plan
-from ff_planner_ros.planning.problem import (
+from ff_planner_ros.planning.distance.search_certificate import search_certificate
+from ff_planner_ros.planning.motion.motion import from_trajectory
+from ff_planner_ros.planning.motion.plan import Plan
+from ff_planner_ros.planning.motion.system_frame import system_frame
+from ff_planner_ros.planning.problem.problem import (
     PlanningProblem,
     Sphere,
     attached_spheres,
     capturing,
 )
-from ff_planner_ros.planning.scenario import Defaults, load_scenario, load_task
-from ff_planner_ros.planning.scenario_writer import write_scenario
-from ff_planner_ros.planning.scene import Scene, scene_of
-from ff_planner_ros.planning.search_certificate import search_certificate
-from ff_planner_ros.planning.system_frame import system_frame
-from ff_planner_ros.planning.tail import EndBehaviour
-from ff_planner_ros.planning.target_body import AttachedSphere, TargetBody
-from ff_planner_ros.planning.task import PlanningTask, perform
+from ff_planner_ros.planning.problem.scene import Scene, scene_of
+from ff_planner_ros.planning.problem.target_body import AttachedSphere, TargetBody
+from ff_planner_ros.planning.scenario.scenario import Defaults, load_scenario, load_task
+from ff_planner_ros.planning.scenario.scenario_writer import write_scenario
+from ff_planner_ros.planning.task.tail import EndBehaviour
+from ff_planner_ros.planning.task.task import PlanningTask, perform
 from ff_planner_ros.simulation.verification import verify
 
 SETTINGS = load_parameters().planner

@@ -10,8 +10,13 @@ import pytest
 from robots import CONFIG
 
 from ff_planner_ros.errors import InvalidInput
-from ff_planner_ros.planning.scenario import load_scenario
-from ff_planner_ros.planning.uncertainty import Uncertainty, directions, draws, uncertainty_from
+from ff_planner_ros.planning.problem.uncertainty import (
+    Uncertainty,
+    directions,
+    draws,
+    uncertainty_from,
+)
+from ff_planner_ros.planning.scenario.scenario import load_scenario
 from ff_planner_ros.robot.model import Robot
 
 RUNS, SEED = range(6), 4

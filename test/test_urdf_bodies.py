@@ -9,7 +9,7 @@ import pinocchio as pin
 import pytest
 from robots import LEMUR_URDF
 
-from ff_planner_ros.arrays import Array
+from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import InvalidInput
 from ff_planner_ros.robot.model import Robot, robot_from_urdf_text
 from ff_planner_ros.simulation.engine import Engine

@@ -10,7 +10,7 @@ import pinocchio as pin
 import pytest
 from robots import one_line_urdf, random_state
 
-from ff_planner_ros.arrays import Array
+from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.core.velocity_map import velocity
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import Robot, robot_from_urdf_text

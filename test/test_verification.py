@@ -13,17 +13,17 @@ import pytest
 from robots import CANADARM2_SCENARIO, CONFIG, LEMUR_SCENARIO
 from scipy.spatial.transform import Rotation
 
-from ff_planner_ros.arrays import Array
 from ff_planner_ros.bench import witnessed
+from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.parameters import load_parameters
-from ff_planner_ros.planning.end_effector_polynomial import end_effector_paths
-from ff_planner_ros.planning.plan import Plan, SolverReport, Trajectory
-from ff_planner_ros.planning.planner import plan, plan_of_path
-from ff_planner_ros.planning.problem import Objective, PlanningProblem, Target
-from ff_planner_ros.planning.program import path_program
-from ff_planner_ros.planning.scenario import load_scenario
-from ff_planner_ros.planning.search import FoundPath
+from ff_planner_ros.planning.motion.plan import Plan, SolverReport, Trajectory
+from ff_planner_ros.planning.optimisation.program import path_program
+from ff_planner_ros.planning.paths.end_effector_polynomial import end_effector_paths
+from ff_planner_ros.planning.problem.problem import Objective, PlanningProblem, Target
+from ff_planner_ros.planning.scenario.scenario import load_scenario
+from ff_planner_ros.planning.search.planner import plan, plan_of_path
+from ff_planner_ros.planning.search.search import FoundPath
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.simulation.engine import Engine

@@ -13,7 +13,7 @@ from robots import ROBOTS
 from scipy.spatial.transform import Rotation
 from test_limits_by_hand import PLACE, POSTURE, TWIST
 
-from ff_planner_ros.arrays import Array
+from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.robot.model import robot_from_urdf_text
 from ff_planner_ros.simulation import verification

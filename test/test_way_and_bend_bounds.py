@@ -13,8 +13,8 @@ from robots import random_state
 from straight_arms import straight_arm
 from test_core import chain_robot
 
-from ff_planner_ros.arrays import Array
-from ff_planner_ros.planning.certificate import (
+from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.planning.distance.certificate import (
     _lower_bounds,
     bend_bounds,
     cubics_between,

@@ -12,9 +12,9 @@ from read_page import Page
 from ff_planner_ros.cli import main
 from ff_planner_ros.errors import InvalidInput, NoPlanFound, Status
 from ff_planner_ros.parameters import load_parameters
-from ff_planner_ros.planning.plan import Plan
-from ff_planner_ros.planning.problem import Objective, PlanningProblem
-from ff_planner_ros.planning.task import PlanningTask, perform
+from ff_planner_ros.planning.motion.plan import Plan
+from ff_planner_ros.planning.problem.problem import Objective, PlanningProblem
+from ff_planner_ros.planning.task.task import PlanningTask, perform
 from ff_planner_ros.runs.offline_bag import record_answer
 from ff_planner_ros.runs.what_if import allowed_keys, parsed
 

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from ff_planner_ros.share import installation_prefixes, share_directory
+from ff_planner_ros.common.share import installation_prefixes, share_directory
 
 CONFIG = share_directory() / "config"
 CAPTURE = str(CONFIG / "scenarios" / "lemur_capture.yaml")

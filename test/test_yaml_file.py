@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from ff_planner_ros.common.plain_values import integer, mapping, number, numbers, sequence, text
+from ff_planner_ros.common.yaml_file import read_yaml
 from ff_planner_ros.errors import InvalidInput
-from ff_planner_ros.plain_values import integer, mapping, number, numbers, sequence, text
-from ff_planner_ros.planning.yaml_file import read_yaml
 
 
 def written(directory: Path, content: bytes) -> Path:

@@ -19,9 +19,9 @@ import pinocchio as pin
 from scipy.interpolate import BPoly
 from scipy.spatial.transform import Rotation, RotationSpline
 
-from ff_planner_ros.arrays import Array
-from ff_planner_ros.planning.plan import Trajectory
-from ff_planner_ros.planning.problem import Sphere
+from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.planning.motion.plan import Trajectory
+from ff_planner_ros.planning.problem.problem import Sphere
 
 RATE = 1000.0  # [Hz]
 ROBOTS = Path(__file__).parent.parent / "config" / "robots"
@@ -144,7 +144,7 @@ def main(plans: int, first: int = 0) -> int:
     from ff_planner_ros.bench.geometries import OBJECTIVES
     from ff_planner_ros.errors import FfPlannerError
     from ff_planner_ros.parameters import load_parameters
-    from ff_planner_ros.planning.task import PlanningTask, perform
+    from ff_planner_ros.planning.task.task import PlanningTask, perform
 
     settings, solved, tried, touching = load_parameters().planner, 0, 0, 0
     with tempfile.TemporaryDirectory() as directory:

@@ -18,9 +18,9 @@ from ff_planner_benchmark.flown import HEADER, flown_rows
 from ff_planner_benchmark.method_process import ENTRANTS
 from ff_planner_benchmark.scorer import score as scorer
 from ff_planner_ros.analysis.json_file import read_json
+from ff_planner_ros.common.one_thread import ONE_THREAD
+from ff_planner_ros.common.text_table import print_table
 from ff_planner_ros.errors import InvalidInput, Status
-from ff_planner_ros.one_thread import ONE_THREAD
-from ff_planner_ros.text_table import print_table
 
 # Scenarios of a class and processes at a time.
 _MOST = 10_000

@@ -8,8 +8,8 @@ from pathlib import Path
 from ff_planner_benchmark.dataset import CLASSES
 from ff_planner_ros.errors import NoPlanFound
 from ff_planner_ros.parameters import load_parameters
-from ff_planner_ros.planning.scenario import load_scenario
-from ff_planner_ros.planning.task import PlanningTask, perform
+from ff_planner_ros.planning.scenario.scenario import load_scenario
+from ff_planner_ros.planning.task.task import PlanningTask, perform
 
 HEADER = (
     *("class", "plans", "worst miss in MuJoCo [mm]", "[deg]"),

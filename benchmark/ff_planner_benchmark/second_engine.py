@@ -12,9 +12,9 @@ from xml.etree import ElementTree
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ff_planner_ros.arrays import Array
+from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import FfPlannerError, Status
-from ff_planner_ros.planning.plan import Trajectory
+from ff_planner_ros.planning.motion.plan import Trajectory
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.simulation.feed_forward import feed_forward
 

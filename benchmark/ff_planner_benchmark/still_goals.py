@@ -12,11 +12,11 @@ from functools import cache
 import numpy as np
 import pinocchio as pin
 
-from ff_planner_ros.arrays import Array
 from ff_planner_ros.bench.robots import bench_robot
 from ff_planner_ros.bench.tumbling_witness import FROM_LIMITS, Grip, Witness, tip, witness_to_grip
 from ff_planner_ros.bench.witnessed import spheres_beside
-from ff_planner_ros.planning.problem import (
+from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.planning.problem.problem import (
     Limits,
     Objective,
     Orientation,

@@ -21,7 +21,7 @@ from ff_planner_benchmark.scorer.score import score
 from ff_planner_ros.bench import bodies, scenarios, tumbling, tumbling_witness
 from ff_planner_ros.bench.paths import roll_out
 from ff_planner_ros.errors import InvalidInput
-from ff_planner_ros.planning.scenario import load_scenario
+from ff_planner_ros.planning.scenario.scenario import load_scenario
 
 
 @pytest.fixture(scope="module")

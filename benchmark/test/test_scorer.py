@@ -18,8 +18,8 @@ from ff_planner_benchmark.scorer.score import Score, load, score
 from ff_planner_ros.analysis.plan_json import plan_dictionary
 from ff_planner_ros.errors import InvalidInput
 from ff_planner_ros.parameters import load_parameters
-from ff_planner_ros.planning.scenario import load_scenario
-from ff_planner_ros.planning.task import PlanningTask, perform
+from ff_planner_ros.planning.scenario.scenario import load_scenario
+from ff_planner_ros.planning.task.task import PlanningTask, perform
 from ff_planner_ros.robot.state import SystemState
 
 KINDS = ("planar", "ordinary", "bodies", "tumbling")

@@ -13,12 +13,12 @@ from matplotlib.patches import Circle
 
 from ff_planner_ros.analysis.methods import Method
 from ff_planner_ros.analysis.relative_motion import relative_motion
-from ff_planner_ros.arrays import Array
-from ff_planner_ros.planning.clearance import arm_points
-from ff_planner_ros.planning.motion import from_trajectory
-from ff_planner_ros.planning.plan import Trajectory
-from ff_planner_ros.planning.problem import PlanningProblem
-from ff_planner_ros.planning.target_body import TargetBody
+from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.planning.distance.clearance import arm_points
+from ff_planner_ros.planning.motion.motion import from_trajectory
+from ff_planner_ros.planning.motion.plan import Trajectory
+from ff_planner_ros.planning.problem.problem import PlanningProblem
+from ff_planner_ros.planning.problem.target_body import TargetBody
 
 # So many times the arm is drawn between the start and the capture.
 _POSES = 5

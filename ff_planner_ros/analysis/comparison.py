@@ -15,8 +15,8 @@ from ff_planner_ros.analysis.methods import (
     Method,
 )
 from ff_planner_ros.errors import Failure, FfPlannerError
-from ff_planner_ros.planning.plan import Plan
-from ff_planner_ros.planning.problem import PlanningProblem
+from ff_planner_ros.planning.motion.plan import Plan
+from ff_planner_ros.planning.problem.problem import PlanningProblem
 
 COLUMNS = (
     "method",

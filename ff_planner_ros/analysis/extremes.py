@@ -8,15 +8,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ff_planner_ros.arrays import Array
-from ff_planner_ros.planning.bodies import placed_bodies, radii
-from ff_planner_ros.planning.body_certificate import centers_in_base
-from ff_planner_ros.planning.body_distances import sphere_bounds, sphere_distances
-from ff_planner_ros.planning.clearance import arm_points, centers_at, clearances, segments
-from ff_planner_ros.planning.joint_motion import joint_motion
-from ff_planner_ros.planning.plan import Trajectory
-from ff_planner_ros.planning.pose_motion import poses_between
-from ff_planner_ros.planning.problem import Sphere
+from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.planning.distance.bodies import placed_bodies, radii
+from ff_planner_ros.planning.distance.body_certificate import centers_in_base
+from ff_planner_ros.planning.distance.body_distances import sphere_bounds, sphere_distances
+from ff_planner_ros.planning.distance.clearance import arm_points, centers_at, clearances, segments
+from ff_planner_ros.planning.motion.joint_motion import joint_motion
+from ff_planner_ros.planning.motion.plan import Trajectory
+from ff_planner_ros.planning.motion.pose_motion import poses_between
+from ff_planner_ros.planning.problem.problem import Sphere
 from ff_planner_ros.planning.requirements.clearance import link_name
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import Robot

@@ -27,8 +27,8 @@ from ff_planner_ros.analysis.panels import (
 )
 from ff_planner_ros.analysis.relative_motion import relative_motion
 from ff_planner_ros.analysis.scene import save_scene
-from ff_planner_ros.planning.plan import Plan, Trajectory
-from ff_planner_ros.planning.problem import PlanningProblem, lasting
+from ff_planner_ros.planning.motion.plan import Plan, Trajectory
+from ff_planner_ros.planning.problem.problem import PlanningProblem, lasting
 from ff_planner_ros.robot.model import Base
 
 _FORBIDDEN = "0.85"  # light grey, beside which every method's colour stands out

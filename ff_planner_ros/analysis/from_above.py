@@ -11,10 +11,10 @@ from matplotlib.patches import Circle
 from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.analysis.methods import Method
-from ff_planner_ros.planning.clearance import arm_points
-from ff_planner_ros.planning.motion import from_trajectory
-from ff_planner_ros.planning.plan import Trajectory
-from ff_planner_ros.planning.problem import Orientation, PlanningProblem
+from ff_planner_ros.planning.distance.clearance import arm_points
+from ff_planner_ros.planning.motion.motion import from_trajectory
+from ff_planner_ros.planning.motion.plan import Trajectory
+from ff_planner_ros.planning.problem.problem import Orientation, PlanningProblem
 
 # So many times the arm is drawn between the start and the end of a motion.
 _POSES = 6

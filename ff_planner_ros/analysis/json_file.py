@@ -7,8 +7,8 @@ import re
 from pathlib import Path
 from typing import Any
 
+from ff_planner_ros.common.text_file import read_text
 from ff_planner_ros.errors import InvalidInput, Status
-from ff_planner_ros.text_file import read_text
 
 # A plan of ten thousand points for fourteen joints has a million values in 18 MB. Whatever is
 # larger would take seconds and hundreds of megabytes only to be refused.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ff_planner_ros.planning.problem import Objective
+from ff_planner_ros.planning.problem.problem import Objective
 
 
 @dataclass(frozen=True)

@@ -9,11 +9,11 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from ff_planner_ros.arrays import Array
-from ff_planner_ros.planning.clearance import centers_at
-from ff_planner_ros.planning.motion import from_trajectory
-from ff_planner_ros.planning.plan import Trajectory
-from ff_planner_ros.planning.problem import Sphere
+from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.planning.distance.clearance import centers_at
+from ff_planner_ros.planning.motion.motion import from_trajectory
+from ff_planner_ros.planning.motion.plan import Trajectory
+from ff_planner_ros.planning.problem.problem import Sphere
 from ff_planner_ros.robot.model import Robot
 
 

@@ -11,9 +11,9 @@ from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.analysis.extremes import distances, nearest
 from ff_planner_ros.analysis.methods import Method
-from ff_planner_ros.arrays import Array
-from ff_planner_ros.planning.plan import Trajectory
-from ff_planner_ros.planning.problem import Sphere
+from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.planning.motion.plan import Trajectory
+from ff_planner_ros.planning.problem.problem import Sphere
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.rotation import euler_from_rotation
 

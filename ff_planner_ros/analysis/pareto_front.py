@@ -12,11 +12,11 @@ from matplotlib.figure import Figure
 
 from ff_planner_ros.analysis.plan_json import plan_dictionary
 from ff_planner_ros.errors import NoPlanFound, Status
-from ff_planner_ros.planning.metrics import METRIC_BY_NAME
-from ff_planner_ros.planning.plan import Plan
-from ff_planner_ros.planning.problem import Objective
-from ff_planner_ros.planning.task import PlanningTask, perform
-from ff_planner_ros.planning.watch import Watch
+from ff_planner_ros.planning.motion.metrics import METRIC_BY_NAME
+from ff_planner_ros.planning.motion.plan import Plan
+from ff_planner_ros.planning.motion.watch import Watch
+from ff_planner_ros.planning.problem.problem import Objective
+from ff_planner_ros.planning.task.task import PlanningTask, perform
 
 # From min(L) to min(Theta). A radian of attitude is worth about ten of joint path where the two
 # pull at a plan alike.

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from ff_planner_ros.arrays import Array, finite_number, finite_vector, frozen
-from ff_planner_ros.declared import (
+from ff_planner_ros.common.arrays import Array, finite_number, finite_vector, frozen
+from ff_planner_ros.common.declared import (
     DeclaredFields,
     declared,
     fields_of,
@@ -17,11 +17,12 @@ from ff_planner_ros.declared import (
     written,
     written_object,
 )
+from ff_planner_ros.common.forms import a_word
 from ff_planner_ros.errors import Faults, FfPlannerError, InvalidInput, NoPlanFound, Status
-from ff_planner_ros.forms import a_word
-from ff_planner_ros.planning.metrics import Metrics
-from ff_planner_ros.planning.plan import Plan, RobustReport, SolverReport, Trajectory
-from ff_planner_ros.planning.problem import (
+from ff_planner_ros.planning.motion.metrics import Metrics
+from ff_planner_ros.planning.motion.plan import Plan, RobustReport, SolverReport, Trajectory
+from ff_planner_ros.planning.motion.sound_samples import require_sound_samples
+from ff_planner_ros.planning.problem.problem import (
     Approach,
     PlanningProblem,
     Sphere,
@@ -29,11 +30,10 @@ from ff_planner_ros.planning.problem import (
     attached_spheres,
     lasting,
 )
-from ff_planner_ros.planning.scene import Scene
-from ff_planner_ros.planning.sound_samples import require_sound_samples
-from ff_planner_ros.planning.target_body import TargetBody
-from ff_planner_ros.planning.task import PlanningTask
-from ff_planner_ros.planning.uncertainty import Uncertainty, uncertainty_from
+from ff_planner_ros.planning.problem.scene import Scene
+from ff_planner_ros.planning.problem.target_body import TargetBody
+from ff_planner_ros.planning.problem.uncertainty import Uncertainty, uncertainty_from
+from ff_planner_ros.planning.task.task import PlanningTask
 from ff_planner_ros.robot.bodies import Geometry
 from ff_planner_ros.robot.model import Base, Robot, robot_from_urdf_text
 from ff_planner_ros.robot.quaternion import quaternion_from_rotation

@@ -6,9 +6,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.analysis.panels import Quantity
-from ff_planner_ros.arrays import Array
-from ff_planner_ros.planning.plan import Trajectory
-from ff_planner_ros.planning.target_body import TargetBody
+from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.planning.motion.plan import Trajectory
+from ff_planner_ros.planning.problem.target_body import TargetBody
 
 
 def relative_motion(body: TargetBody) -> tuple[Quantity, Quantity]:

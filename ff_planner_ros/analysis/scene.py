@@ -33,11 +33,11 @@ from ff_planner_ros.analysis.surroundings import (
     with_gaps,
     xyz,
 )
-from ff_planner_ros.arrays import Array
-from ff_planner_ros.planning.clearance import arm_points
-from ff_planner_ros.planning.motion import from_trajectory
-from ff_planner_ros.planning.plan import Trajectory
-from ff_planner_ros.planning.problem import PlanningProblem, Sphere, Target
+from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.planning.distance.clearance import arm_points
+from ff_planner_ros.planning.motion.motion import from_trajectory
+from ff_planner_ros.planning.motion.plan import Trajectory
+from ff_planner_ros.planning.problem.problem import PlanningProblem, Sphere, Target
 from ff_planner_ros.robot.box import uniform_box
 from ff_planner_ros.robot.model import Robot
 

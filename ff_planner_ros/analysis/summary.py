@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 
-from ff_planner_ros.arrays import Array
+from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import Status
-from ff_planner_ros.planning.metrics import METRIC_BY_NAME
-from ff_planner_ros.planning.plan import Plan
-from ff_planner_ros.planning.problem import Limits
+from ff_planner_ros.planning.motion.metrics import METRIC_BY_NAME
+from ff_planner_ros.planning.motion.plan import Plan
+from ff_planner_ros.planning.problem.problem import Limits
 from ff_planner_ros.robot.bodies import Geometry, defining_numbers
 from ff_planner_ros.robot.model import Robot
 

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.analysis.solids import sphere
-from ff_planner_ros.arrays import Array
-from ff_planner_ros.planning.approach import RADIUS_AT_GRASP, Approach
-from ff_planner_ros.planning.clearance import centers_at
-from ff_planner_ros.planning.problem import Orientation, Sphere, Target
+from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.planning.distance.clearance import centers_at
+from ff_planner_ros.planning.problem.approach import RADIUS_AT_GRASP, Approach
+from ff_planner_ros.planning.problem.problem import Orientation, Sphere, Target
 
 # More obstacles than the first number are drawn with the coarser circles, more than the last not
 # at all but for the nearest: a browser stands still under thousands.

@@ -10,11 +10,11 @@ import pinocchio as pin
 
 from ff_planner_ros.analysis.methods import DEVIATION
 from ff_planner_ros.analysis.panels import Panel
-from ff_planner_ros.arrays import Array
-from ff_planner_ros.planning.joint_motion import joint_motion
-from ff_planner_ros.planning.motion import chaser_motion
-from ff_planner_ros.planning.plan import Trajectory
-from ff_planner_ros.planning.pose_motion import poses_between
+from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.planning.motion.joint_motion import joint_motion
+from ff_planner_ros.planning.motion.motion import chaser_motion
+from ff_planner_ros.planning.motion.plan import Trajectory
+from ff_planner_ros.planning.motion.pose_motion import poses_between
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.quaternion import (

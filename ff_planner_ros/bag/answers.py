@@ -6,9 +6,9 @@ import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from ff_planner_ros.declared_messages import value_at
-from ff_planner_ros.planning.goal_words import GoalKind
-from ff_planner_ros.planning.metrics import METRICS
+from ff_planner_ros.common.declared_messages import value_at
+from ff_planner_ros.planning.motion.metrics import METRICS
+from ff_planner_ros.planning.problem.goal_words import GoalKind
 
 if TYPE_CHECKING:
     from ff_planner_ros.bag.plans import RecordedPlan

@@ -7,8 +7,8 @@ import re
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from ff_planner_ros.common.share import installation_prefixes
 from ff_planner_ros.errors import BagError
-from ff_planner_ros.share import installation_prefixes
 
 _TYPE_NAME = re.compile(
     r"\w+/(msg/\w+|srv/\w+_(Event|Request|Response)"

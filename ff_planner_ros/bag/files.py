@@ -11,10 +11,10 @@ from ff_planner_ros.bag.mcap_file import McapFile
 from ff_planner_ros.bag.mcap_index import open_mcap
 from ff_planner_ros.bag.mcap_records import printable, unreadable
 from ff_planner_ros.bag.progress_bar import progress_bar
+from ff_planner_ros.common.shown import shown
+from ff_planner_ros.common.text_file import not_a_file
+from ff_planner_ros.common.yaml_file import read_yaml
 from ff_planner_ros.errors import BagError, InvalidInput
-from ff_planner_ros.planning.yaml_file import read_yaml
-from ff_planner_ros.shown import shown
-from ff_planner_ros.text_file import not_a_file
 
 _COMPRESSED = "compressed by rosbag2: `ros2 bag convert` it to plain mcap first"
 _FOREIGN = {

@@ -13,7 +13,7 @@ import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.records import Chunk
 
-from ff_planner_ros import shown
+from ff_planner_ros.common import shown
 from ff_planner_ros.errors import BagError
 
 FRAME = struct.Struct("<BQ")  # of a record: opcode, length of what follows

@@ -6,8 +6,8 @@ from collections.abc import Callable, Mapping
 from types import SimpleNamespace
 from typing import Any
 
-from ff_planner_ros.declared_messages import value_at
-from ff_planner_ros.planning.goal_words import GoalKind, Orientation
+from ff_planner_ros.common.declared_messages import value_at
+from ff_planner_ros.planning.problem.goal_words import GoalKind, Orientation
 
 # Where a field of version 0.2 is now. What of version 0.2 said whether another field counts, or was
 # zero where it did not, is an array of at most one now.

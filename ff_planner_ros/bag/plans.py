@@ -10,14 +10,14 @@ from typing import Any
 
 import numpy as np
 
-from ff_planner_ros.arrays import Array
 from ff_planner_ros.bag.answers import Cell, answer_row, asked_in, solver_in
 from ff_planner_ros.bag.decoding import NANOSECONDS, nanoseconds
 from ff_planner_ros.bag.exchanges import Exchange, exchanges
 from ff_planner_ros.bag.reader import Bag, Message, open_bag
-from ff_planner_ros.declared_messages import value_at
+from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.common.declared_messages import value_at
 from ff_planner_ros.errors import BagError, Status
-from ff_planner_ros.planning.plan import Trajectory
+from ff_planner_ros.planning.motion.plan import Trajectory
 
 _AXES, _QUATERNION = ("x", "y", "z"), ("qx", "qy", "qz", "qw")
 # Of a trajectory's field: what stands before its columns, their names, and behind them the unit.

@@ -27,8 +27,8 @@ from ff_planner_ros.bag.rosbag2_metadata import (
     metadata,
 )
 from ff_planner_ros.bag.salvage import salvaged
+from ff_planner_ros.common.yaml_file import yaml_document
 from ff_planner_ros.errors import BagError, InvalidInput
-from ff_planner_ros.planning.yaml_file import yaml_document
 
 WHOLE, NOTHING, LOSSY = 0, 1, 3  # exit codes
 RECORD = "ff_planner_ros_recovery"  # metadata of the new bag: where it is from, what was lost

@@ -19,14 +19,14 @@ from ff_planner_ros.bag.scenes import (
     scene_at_start,
     stamps_of,
 )
-from ff_planner_ros.declared_messages import value_at
+from ff_planner_ros.common.declared_messages import value_at
+from ff_planner_ros.common.yaml_file import yaml_document
 from ff_planner_ros.errors import BagError, InvalidInput
 from ff_planner_ros.parameters import RobotParameters
-from ff_planner_ros.planning.plan import Trajectory
-from ff_planner_ros.planning.problem import Limits
-from ff_planner_ros.planning.scene import Scene
-from ff_planner_ros.planning.uncertainty import Uncertainty, uncertainty_from
-from ff_planner_ros.planning.yaml_file import yaml_document
+from ff_planner_ros.planning.motion.plan import Trajectory
+from ff_planner_ros.planning.problem.problem import Limits
+from ff_planner_ros.planning.problem.scene import Scene
+from ff_planner_ros.planning.problem.uncertainty import Uncertainty, uncertainty_from
 from ff_planner_ros.robot.bodies import Geometry
 from ff_planner_ros.robot.model import Base, Robot
 

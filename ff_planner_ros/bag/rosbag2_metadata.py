@@ -8,8 +8,8 @@ from typing import Any
 
 import yaml
 
+from ff_planner_ros.common.yaml_file import yaml_document
 from ff_planner_ros.errors import InvalidInput
-from ff_planner_ros.planning.yaml_file import yaml_document
 
 ROSBAG2 = "rosbag2"  # the metadata record of MCAP that holds the same
 INT64_MAX = 2**63 - 1  # rosbag2 holds times so, and gives it as start of a file without messages

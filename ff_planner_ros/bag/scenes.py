@@ -9,17 +9,17 @@ from typing import Any
 from ff_planner_ros.bag.decoding import NANOSECONDS, nanoseconds
 from ff_planner_ros.bag.reader import Bag
 from ff_planner_ros.bag.target_bodies import target_body_in
-from ff_planner_ros.declared_messages import value_at, values_in
+from ff_planner_ros.common.declared_messages import value_at, values_in
 from ff_planner_ros.errors import InvalidInput
-from ff_planner_ros.planning.goal_words import GoalKind
-from ff_planner_ros.planning.problem import (
+from ff_planner_ros.planning.problem.goal_words import GoalKind
+from ff_planner_ros.planning.problem.problem import (
     PlanningProblem,
     Sphere,
     TargetBody,
     carried_spheres,
     with_attached_spheres,
 )
-from ff_planner_ros.planning.scene import Scene
+from ff_planner_ros.planning.problem.scene import Scene
 
 _OBSTACLES = "ff_planner_msgs/msg/ObstacleSphereArray"
 _TARGET_BODY = "ff_planner_msgs/msg/TargetBody"

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
-from ff_planner_ros.arrays import finite_vector
-from ff_planner_ros.declared_messages import names_in, value_at, values_in
+from ff_planner_ros.common.arrays import finite_vector
+from ff_planner_ros.common.declared_messages import names_in, value_at, values_in
 from ff_planner_ros.errors import InvalidInput, Status, fields_named
-from ff_planner_ros.planning.target_body import AttachedSphere, TargetBody
+from ff_planner_ros.planning.problem.target_body import AttachedSphere, TargetBody
 
 FIELD = "target_body"  # as topic and field of a request are called
 NAMED_AS = names_in(TargetBody, FIELD, FIELD)  # fields of the message, by those of a scenario

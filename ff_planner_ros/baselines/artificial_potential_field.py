@@ -14,22 +14,22 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from ff_planner_ros.arrays import Array
 from ff_planner_ros.baselines.potential_field import (
     PotentialFieldParameters,
     attraction,
     repulsion,
 )
+from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.core.velocity_map import velocity
-from ff_planner_ros.planning.families import require_papers_paths
-from ff_planner_ros.planning.metrics import Metrics
-from ff_planner_ros.planning.path_family import singular_refusal
-from ff_planner_ros.planning.plan import Plan, SolverReport
-from ff_planner_ros.planning.planner import plan_of_motion
-from ff_planner_ros.planning.preconditions import require_plannable
-from ff_planner_ros.planning.problem import PlanningProblem
-from ff_planner_ros.planning.runge_kutta import runge_kutta_step
-from ff_planner_ros.planning.settings import PlannerSettings
+from ff_planner_ros.planning.check.preconditions import require_plannable
+from ff_planner_ros.planning.motion.metrics import Metrics
+from ff_planner_ros.planning.motion.plan import Plan, SolverReport
+from ff_planner_ros.planning.motion.runge_kutta import runge_kutta_step
+from ff_planner_ros.planning.paths.path_family import singular_refusal
+from ff_planner_ros.planning.problem.problem import PlanningProblem
+from ff_planner_ros.planning.problem.settings import PlannerSettings
+from ff_planner_ros.planning.search.families import require_papers_paths
+from ff_planner_ros.planning.search.planner import plan_of_motion
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.momentum import total_momentum
 

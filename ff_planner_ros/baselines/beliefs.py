@@ -14,14 +14,14 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 
-from ff_planner_ros.planning.forward import driven
-from ff_planner_ros.planning.joint_motion import joint_motion
-from ff_planner_ros.planning.plan import Plan
-from ff_planner_ros.planning.planner import plan_of_motion
-from ff_planner_ros.planning.problem import PlanningProblem
-from ff_planner_ros.planning.settings import PlannerSettings
-from ff_planner_ros.planning.system_frame import system_frame
-from ff_planner_ros.planning.task import PlanningTask, perform
+from ff_planner_ros.planning.motion.forward import driven
+from ff_planner_ros.planning.motion.joint_motion import joint_motion
+from ff_planner_ros.planning.motion.plan import Plan
+from ff_planner_ros.planning.motion.system_frame import system_frame
+from ff_planner_ros.planning.problem.problem import PlanningProblem
+from ff_planner_ros.planning.problem.settings import PlannerSettings
+from ff_planner_ros.planning.search.planner import plan_of_motion
+from ff_planner_ros.planning.task.task import PlanningTask, perform
 from ff_planner_ros.robot.configuration import configuration, system_state
 from ff_planner_ros.robot.momentum import base_twist, generalised_jacobian, total_momentum
 

@@ -14,18 +14,18 @@ from pathlib import Path
 
 import numpy as np
 
-from ff_planner_ros.arrays import Array
-from ff_planner_ros.declared import check_declared
-from ff_planner_ros.plain_values import mapping
-from ff_planner_ros.planning.clearance import (
+from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.common.declared import check_declared
+from ff_planner_ros.common.plain_values import mapping
+from ff_planner_ros.common.yaml_file import read_yaml
+from ff_planner_ros.planning.distance.clearance import (
     arm_points_with_derivatives,
     clearance_gradients,
     clearances,
     segments,
 )
-from ff_planner_ros.planning.problem import PlanningProblem
-from ff_planner_ros.planning.settings import tunable
-from ff_planner_ros.planning.yaml_file import read_yaml
+from ff_planner_ros.planning.problem.problem import PlanningProblem
+from ff_planner_ros.planning.problem.settings import tunable
 
 _BLOCK = "artificial_potential_field"
 

@@ -15,7 +15,6 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from ff_planner_ros.arrays import Array
 from ff_planner_ros.bench.paths import STRAIGHT, roll_out, within_limits
 from ff_planner_ros.bench.robots import bench_robot
 from ff_planner_ros.bench.scenarios import (
@@ -24,10 +23,11 @@ from ff_planner_ros.bench.scenarios import (
     draw_near,
     stretched_length,
 )
+from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import InvalidInput, NoPlanFound
-from ff_planner_ros.planning.clearance import arm_points
-from ff_planner_ros.planning.polynomial import COMPONENTS, FREE_TERMS
-from ff_planner_ros.planning.problem import PlanningProblem, Sphere
+from ff_planner_ros.planning.distance.clearance import arm_points
+from ff_planner_ros.planning.paths.polynomial import COMPONENTS, FREE_TERMS
+from ff_planner_ros.planning.problem.problem import PlanningProblem, Sphere
 from ff_planner_ros.robot.bodies import Geometry
 from ff_planner_ros.robot.model import Robot
 

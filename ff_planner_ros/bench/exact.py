@@ -11,11 +11,11 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.optimize import minimize
 
-from ff_planner_ros.arrays import Array
 from ff_planner_ros.bench.direct import Stop
-from ff_planner_ros.planning.path_family import singular_refusal
-from ff_planner_ros.planning.program import PathProgram
-from ff_planner_ros.planning.solver import Linearisation
+from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.planning.optimisation.program import PathProgram
+from ff_planner_ros.planning.optimisation.solver import Linearisation
+from ff_planner_ros.planning.paths.path_family import singular_refusal
 
 # Rows given to the solver, of the constraints and of the peaks; the others are further away.
 _ROWS = 80

@@ -12,9 +12,14 @@ from dataclasses import dataclass, replace
 from ff_planner_ros.bench import tumbling
 from ff_planner_ros.bench.success import Stopwatch, solved_and_times
 from ff_planner_ros.errors import FfPlannerError, NoPlanFound, Status
-from ff_planner_ros.planning.problem import DurationRange, Objective, PlanningProblem, lasting
-from ff_planner_ros.planning.settings import PlannerSettings
-from ff_planner_ros.planning.task import PlanningTask, perform
+from ff_planner_ros.planning.problem.problem import (
+    DurationRange,
+    Objective,
+    PlanningProblem,
+    lasting,
+)
+from ff_planner_ros.planning.problem.settings import PlannerSettings
+from ff_planner_ros.planning.task.task import PlanningTask, perform
 
 HEADER = (
     *("from", "problems", "solved", "median [s]", "95 % [s]", "slowest of the witness's"),

@@ -12,16 +12,16 @@ from ff_planner_ros.bench import bodies
 from ff_planner_ros.bench.bodies import Swept, sphere_gap
 from ff_planner_ros.bench.robots import bench_robot
 from ff_planner_ros.bench.touching import touching
+from ff_planner_ros.common.share import share_directory
 from ff_planner_ros.errors import FfPlannerError, Status
-from ff_planner_ros.planning.motion import from_trajectory
-from ff_planner_ros.planning.plan import Plan
-from ff_planner_ros.planning.problem import Objective, PlanningProblem, Sphere
-from ff_planner_ros.planning.scenario import load_scenario
-from ff_planner_ros.planning.settings import PlannerSettings
-from ff_planner_ros.planning.task import PlanningTask, perform
+from ff_planner_ros.planning.motion.motion import from_trajectory
+from ff_planner_ros.planning.motion.plan import Plan
+from ff_planner_ros.planning.problem.problem import Objective, PlanningProblem, Sphere
+from ff_planner_ros.planning.problem.settings import PlannerSettings
+from ff_planner_ros.planning.scenario.scenario import load_scenario
+from ff_planner_ros.planning.task.task import PlanningTask, perform
 from ff_planner_ros.robot.bodies import Geometry
 from ff_planner_ros.robot.model import Robot
-from ff_planner_ros.share import share_directory
 
 OBJECTIVES = {
     "min(L)": Objective(1.0, 0.0),

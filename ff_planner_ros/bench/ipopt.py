@@ -11,10 +11,10 @@ from typing import Any
 
 import numpy as np
 
-from ff_planner_ros.arrays import Array
 from ff_planner_ros.bench.direct import Stop
 from ff_planner_ros.bench.exact import TOLERANCE, ExactFunctions
-from ff_planner_ros.planning.program import PathProgram
+from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.planning.optimisation.program import PathProgram
 
 
 def solve_by_ipopt(program: PathProgram, max_iterations: int) -> Stop | None:

@@ -6,15 +6,15 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ff_planner_ros.arrays import Array
+from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import NoPlanFound
-from ff_planner_ros.planning.certificate import certified_clearance
-from ff_planner_ros.planning.clearance import arm_points, clearances, segments
-from ff_planner_ros.planning.end_effector_polynomial import end_effector_paths
-from ff_planner_ros.planning.objectives import chaser_euler, joint_path_length
-from ff_planner_ros.planning.path_family import Motion, singular_refusal
-from ff_planner_ros.planning.polynomial import COMPONENTS, FREE_TERMS
-from ff_planner_ros.planning.problem import PlanningProblem, Sphere
+from ff_planner_ros.planning.distance.certificate import certified_clearance
+from ff_planner_ros.planning.distance.clearance import arm_points, clearances, segments
+from ff_planner_ros.planning.motion.measures import chaser_euler, joint_path_length
+from ff_planner_ros.planning.paths.end_effector_polynomial import end_effector_paths
+from ff_planner_ros.planning.paths.path_family import Motion, singular_refusal
+from ff_planner_ros.planning.paths.polynomial import COMPONENTS, FREE_TERMS
+from ff_planner_ros.planning.problem.problem import PlanningProblem, Sphere
 from ff_planner_ros.robot.momentum import smallest_singular_values
 
 # Coefficients of the straight path, xi = 0.

@@ -11,17 +11,17 @@ import numpy as np
 from ff_planner_ros.bench.robots import ROBOTS
 from ff_planner_ros.bench.scenarios import scenario
 from ff_planner_ros.errors import FfPlannerError, Status
-from ff_planner_ros.planning.forward import carried_forward
-from ff_planner_ros.planning.joint_motion import JointMotion, joint_motion
-from ff_planner_ros.planning.problem import (
+from ff_planner_ros.planning.motion.forward import carried_forward
+from ff_planner_ros.planning.motion.joint_motion import JointMotion, joint_motion
+from ff_planner_ros.planning.problem.problem import (
     Objective,
     Parametrisation,
     PlanningProblem,
     capturing,
     carried_spheres,
 )
-from ff_planner_ros.planning.settings import PlannerSettings
-from ff_planner_ros.planning.task import PlanningTask, perform
+from ff_planner_ros.planning.problem.settings import PlannerSettings
+from ff_planner_ros.planning.task.task import PlanningTask, perform
 
 HEADER = (
     *("what is planned again", "asked", "solved", "near the rest", "iterations"),

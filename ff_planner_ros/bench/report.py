@@ -41,15 +41,15 @@ from ff_planner_ros.bench.scaling import Growth, with_joints, with_points, with_
 from ff_planner_ros.bench.scenarios import KINDS
 from ff_planner_ros.bench.starts import StartAttempt, joins, null_space_starts
 from ff_planner_ros.bench.success import Attempt, attempts, solved_and_times
+from ff_planner_ros.common.one_thread import ONE_THREAD
+from ff_planner_ros.common.share import share_directory
+from ff_planner_ros.common.text_table import print_table
 from ff_planner_ros.errors import Status
-from ff_planner_ros.one_thread import ONE_THREAD
 from ff_planner_ros.parameters import load_parameters
-from ff_planner_ros.planning.problem import Parametrisation, PlanningProblem
-from ff_planner_ros.planning.scenario import load_scenario
-from ff_planner_ros.planning.settings import PlannerSettings
+from ff_planner_ros.planning.problem.problem import Parametrisation, PlanningProblem
+from ff_planner_ros.planning.problem.settings import PlannerSettings
+from ff_planner_ros.planning.scenario.scenario import load_scenario
 from ff_planner_ros.robot.bodies import Geometry
-from ff_planner_ros.share import share_directory
-from ff_planner_ros.text_table import print_table
 
 # Scenarios of each class whose plans are executed: as many as in a published check by others.
 _EXECUTED = 40

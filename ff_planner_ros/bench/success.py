@@ -12,13 +12,13 @@ import numpy as np
 from ff_planner_ros.bench.robots import ROBOTS
 from ff_planner_ros.bench.scenarios import scenario
 from ff_planner_ros.errors import FfPlannerError, NoPlanFound, Status
-from ff_planner_ros.planning.check import measure
-from ff_planner_ros.planning.plan import Plan
-from ff_planner_ros.planning.planner import FirstGuess, plan
-from ff_planner_ros.planning.problem import PlanningProblem, lasting
-from ff_planner_ros.planning.settings import PlannerSettings
-from ff_planner_ros.planning.task import PlanningTask, perform
-from ff_planner_ros.planning.watch import Watch
+from ff_planner_ros.planning.check.check import measure
+from ff_planner_ros.planning.motion.plan import Plan
+from ff_planner_ros.planning.motion.watch import Watch
+from ff_planner_ros.planning.problem.problem import PlanningProblem, lasting
+from ff_planner_ros.planning.problem.settings import PlannerSettings
+from ff_planner_ros.planning.search.planner import FirstGuess, plan
+from ff_planner_ros.planning.task.task import PlanningTask, perform
 
 
 @dataclass(frozen=True)

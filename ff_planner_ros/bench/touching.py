@@ -10,9 +10,9 @@ import pinocchio as pin
 from scipy.interpolate import BPoly
 from scipy.spatial.transform import Rotation, RotationSpline
 
-from ff_planner_ros.arrays import Array
-from ff_planner_ros.planning.plan import Trajectory
-from ff_planner_ros.planning.problem import Sphere
+from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.planning.motion.plan import Trajectory
+from ff_planner_ros.planning.problem.problem import Sphere
 from ff_planner_ros.robot.model import Robot
 
 RATE = 1000.0  # [Hz]

@@ -13,12 +13,12 @@ import numpy as np
 import pinocchio as pin
 from scipy.optimize import minimize
 
-from ff_planner_ros.arrays import Array
 from ff_planner_ros.bench.robots import bench_robot
-from ff_planner_ros.planning.clearance import arm_points, clearances, segments
-from ff_planner_ros.planning.forward import driven
-from ff_planner_ros.planning.joint_motion import JointMotion
-from ff_planner_ros.planning.problem import (
+from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.planning.distance.clearance import arm_points, clearances, segments
+from ff_planner_ros.planning.motion.forward import driven
+from ff_planner_ros.planning.motion.joint_motion import JointMotion
+from ff_planner_ros.planning.problem.problem import (
     Limits,
     Objective,
     Orientation,

@@ -12,9 +12,9 @@ from ff_planner_ros.campaign.changes import SET, TIMES, Change, changed, is_iner
 from ff_planner_ros.campaign.methods import FIXED_BASE, OPTIMAL, ZERO_MOMENTUM
 from ff_planner_ros.campaign.run import PARAMETERS, scenario_directory
 from ff_planner_ros.campaign.sources import SCENARIO, URDF, content, generated_by_name, write
+from ff_planner_ros.common.yaml_file import read_yaml
 from ff_planner_ros.parameters import load_parameters
-from ff_planner_ros.planning.scenario import Defaults
-from ff_planner_ros.planning.yaml_file import read_yaml
+from ff_planner_ros.planning.scenario.scenario import Defaults
 
 
 def command_again(row: Mapping[str, Any], directory: Path) -> str:

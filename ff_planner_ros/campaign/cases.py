@@ -14,7 +14,7 @@ from ff_planner_ros.campaign.changes import Change, Draw, changed
 from ff_planner_ros.campaign.sources import Source, content, task_of
 from ff_planner_ros.campaign.study import MethodOfStudy, Study, random_changes
 from ff_planner_ros.errors import InvalidInput, Status
-from ff_planner_ros.planning.scenario import Defaults
+from ff_planner_ros.planning.scenario.scenario import Defaults
 
 _DIGITS = 16  # of an id
 # Of so many draws one can be planned, or the study is refused: the mistake is hardly chance.

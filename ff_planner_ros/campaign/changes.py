@@ -12,8 +12,8 @@ from xml.etree import ElementTree
 
 import numpy as np
 
+from ff_planner_ros.common.shown import quoted
 from ff_planner_ros.errors import InvalidInput, Status
-from ff_planner_ros.shown import quoted
 
 SET, TIMES, PLUS = "set", "times", "plus"
 UNIFORM, NORMAL, CHOICE = "uniform", "normal", "choice"

@@ -8,7 +8,7 @@ import platform
 from functools import cache
 from pathlib import Path
 
-from ff_planner_ros.share import PACKAGE, share_directory
+from ff_planner_ros.common.share import PACKAGE, share_directory
 
 _LIBRARIES = ("numpy", "pin", "piqp", "scipy")
 _DIGITS = 8  # of the sources' hash

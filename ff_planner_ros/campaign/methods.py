@@ -8,10 +8,10 @@ from ff_planner_ros.baselines.artificial_potential_field import artificial_poten
 from ff_planner_ros.baselines.beliefs import fixed_base, zero_momentum
 from ff_planner_ros.baselines.potential_field import load_parameters
 from ff_planner_ros.baselines.straight_line import straight_line
-from ff_planner_ros.planning.planner import plan
-from ff_planner_ros.planning.problem import PlanningProblem
-from ff_planner_ros.planning.task import Method, in_frame_of_user, without_search
-from ff_planner_ros.share import share_directory
+from ff_planner_ros.common.share import share_directory
+from ff_planner_ros.planning.problem.problem import PlanningProblem
+from ff_planner_ros.planning.search.planner import plan
+from ff_planner_ros.planning.task.task import Method, in_frame_of_user, without_search
 
 OPTIMAL, STRAIGHT, APF = "optimal", "straight", "apf"
 FIXED_BASE, ZERO_MOMENTUM = "fixed_base", "zero_momentum"

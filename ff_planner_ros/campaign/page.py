@@ -16,7 +16,7 @@ from ff_planner_ros.campaign.run import VERSIONS
 from ff_planner_ros.campaign.statistics import Group, Rate, Row, grouped, worst
 from ff_planner_ros.campaign.table import digest_of, read_plans
 from ff_planner_ros.errors import FfPlannerError, Status
-from ff_planner_ros.planning.metrics import METRIC_BY_NAME
+from ff_planner_ros.planning.motion.metrics import METRIC_BY_NAME
 from ff_planner_ros.runs.report_file import save_file
 from ff_planner_ros.runs.report_html import bullets, element, pairs, plot, row, table
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ff_planner_ros.intervals import exact_interval
+from ff_planner_ros.common.intervals import exact_interval
 
 Row = Mapping[str, Any]
 

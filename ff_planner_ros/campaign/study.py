@@ -28,10 +28,9 @@ from ff_planner_ros.campaign.sources import (
     require_robot,
     written,
 )
-from ff_planner_ros.declared import declare, declared, schema_of
-from ff_planner_ros.declared_parts import part
-from ff_planner_ros.errors import Faults, InvalidInput, Status
-from ff_planner_ros.forms import (
+from ff_planner_ros.common.declared import declare, declared, schema_of
+from ff_planner_ros.common.declared_parts import part
+from ff_planner_ros.common.forms import (
     DIALECT,
     TEXT,
     TRUTH,
@@ -42,11 +41,12 @@ from ff_planner_ros.forms import (
     each,
     of_mapping,
 )
+from ff_planner_ros.common.plain_values import mapping, number, sequence, text
+from ff_planner_ros.common.shown import quoted
+from ff_planner_ros.common.yaml_file import read_yaml
+from ff_planner_ros.errors import Faults, InvalidInput, Status
 from ff_planner_ros.parameters import load_parameters
-from ff_planner_ros.plain_values import mapping, number, sequence, text
-from ff_planner_ros.planning.scenario import Defaults
-from ff_planner_ros.planning.yaml_file import read_yaml
-from ff_planner_ros.shown import quoted
+from ff_planner_ros.planning.scenario.scenario import Defaults
 
 _SOURCES = ("scenarios", "generated", "bag")
 _DISTRIBUTIONS = (UNIFORM, NORMAL, CHOICE)

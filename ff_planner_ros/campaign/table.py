@@ -17,8 +17,8 @@ import pyarrow.parquet
 
 from ff_planner_ros.campaign.work import Outcome
 from ff_planner_ros.errors import InvalidInput, Status
-from ff_planner_ros.planning.metrics import Metrics
-from ff_planner_ros.planning.plan import Trajectory
+from ff_planner_ros.planning.motion.metrics import Metrics
+from ff_planner_ros.planning.motion.plan import Trajectory
 
 PLANS, TRAJECTORIES = "plans", "trajectories"  # directories of the two tables
 _LOCK = "lock"

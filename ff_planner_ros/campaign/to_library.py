@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from ff_planner_ros.campaign.table import read_plans
-from ff_planner_ros.library_file import save_library
-from ff_planner_ros.planning.library import StoredPlan
+from ff_planner_ros.planning.scenario.library_file import save_library
+from ff_planner_ros.planning.task.library import StoredPlan
 
 _COLUMNS = ["kind", "place", "coefficients"]
 

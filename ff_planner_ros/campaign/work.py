@@ -19,10 +19,10 @@ from ff_planner_ros.campaign.environment import difference
 from ff_planner_ros.campaign.methods import OPTIMAL, method_of
 from ff_planner_ros.campaign.sources import task_of
 from ff_planner_ros.errors import FfPlannerError, Status
-from ff_planner_ros.planning.library import kind_and_place
-from ff_planner_ros.planning.plan import Plan
-from ff_planner_ros.planning.task import perform
-from ff_planner_ros.planning.watch import Watch
+from ff_planner_ros.planning.motion.plan import Plan
+from ff_planner_ros.planning.motion.watch import Watch
+from ff_planner_ros.planning.task.library import kind_and_place
+from ff_planner_ros.planning.task.task import perform
 
 _DIGITS = 16  # of a motion's digest
 # A robot's scratch space is for one thread: a worker with several plans one case at a time.

@@ -2,7 +2,7 @@
 
 import os
 
-from ff_planner_ros.one_thread import ONE_THREAD
+from ff_planner_ros.common.one_thread import ONE_THREAD
 
 SOLVED, BAD_INPUT, NO_PLAN = 0, 2, 3  # exit codes
 

@@ -7,7 +7,6 @@ import json
 from collections.abc import Sequence
 from pathlib import Path
 
-from ff_planner_ros.arrays import finite_number
 from ff_planner_ros.campaign.fleet import (
     bags_below,
     fleet_document,
@@ -18,6 +17,7 @@ from ff_planner_ros.campaign.fleet import (
 from ff_planner_ros.commands import SOLVED
 from ff_planner_ros.commands.campaigns import require_packages
 from ff_planner_ros.commands.printed import print_notes
+from ff_planner_ros.common.arrays import finite_number
 from ff_planner_ros.errors import InvalidInput, Status
 
 

@@ -18,7 +18,7 @@ from typing import Any
 
 from ff_planner_ros.commands import BAD_INPUT, SOLVED
 from ff_planner_ros.commands.printed import print_table
-from ff_planner_ros.share import PACKAGE, share_directory
+from ff_planner_ros.common.share import PACKAGE, share_directory
 
 # Processor time of the second plan of a process [s], and where it was measured (README.md).
 REFERENCE, REFERENCE_MACHINE = 0.05, "one core of an AMD EPYC"
@@ -124,9 +124,9 @@ def _plan() -> dict[str, Any]:
     """Plan the paper's capture twice, and time the second: the first loads what it needs."""
     try:
         from ff_planner_ros.parameters import load_parameters
-        from ff_planner_ros.planning.problem import Objective
-        from ff_planner_ros.planning.scenario import Defaults, load_task
-        from ff_planner_ros.planning.task import perform
+        from ff_planner_ros.planning.problem.problem import Objective
+        from ff_planner_ros.planning.scenario.scenario import Defaults, load_task
+        from ff_planner_ros.planning.task.task import perform
 
         scenario = share_directory() / "config" / "scenarios" / "lemur_capture.yaml"
         task = load_task(scenario, Defaults(load_parameters().planner))

@@ -7,10 +7,10 @@ import json
 from pathlib import Path
 
 from ff_planner_ros.commands import BAD_INPUT, SOLVED
+from ff_planner_ros.common.yaml_file import located, read_yaml
 from ff_planner_ros.errors import InvalidInput
 from ff_planner_ros.parameters import load_parameters
-from ff_planner_ros.planning.scenario import Defaults, load_task, scenario_schema
-from ff_planner_ros.planning.yaml_file import located, read_yaml
+from ff_planner_ros.planning.scenario.scenario import Defaults, load_task, scenario_schema
 
 _OF_STUDIES = {"scenarios", "generated", "bag"}
 

@@ -22,25 +22,30 @@ from ff_planner_ros.analysis.plan_json import (
     uncertainty_in,
 )
 from ff_planner_ros.analysis.summary import plan_rows, robot_rows
-from ff_planner_ros.arrays import finite_number
 from ff_planner_ros.commands import NO_PLAN, OPTIMAL, SOLVED
 from ff_planner_ros.commands.printed import print_notes, print_table
+from ff_planner_ros.common.arrays import finite_number
+from ff_planner_ros.common.share import share_directory
 from ff_planner_ros.errors import FfPlannerError, InvalidInput, Status
-from ff_planner_ros.library_file import load_library
 from ff_planner_ros.parameters import load_parameters
-from ff_planner_ros.planning.library import Library
-from ff_planner_ros.planning.plan import Plan, Trajectory
-from ff_planner_ros.planning.planner import plan
-from ff_planner_ros.planning.problem import Limits, Objective, Parametrisation, lasting
-from ff_planner_ros.planning.robust import withstood
-from ff_planner_ros.planning.scenario import Defaults, limits_from, load_scenario, load_task
-from ff_planner_ros.planning.scene import Scene, scene_of
-from ff_planner_ros.planning.task import Method, PlanningTask, perform, without_search
-from ff_planner_ros.planning.uncertainty import Uncertainty
-from ff_planner_ros.planning.watch import Watch
+from ff_planner_ros.planning.motion.plan import Plan, Trajectory
+from ff_planner_ros.planning.motion.watch import Watch
+from ff_planner_ros.planning.problem.problem import Limits, Objective, Parametrisation, lasting
+from ff_planner_ros.planning.problem.scene import Scene, scene_of
+from ff_planner_ros.planning.problem.uncertainty import Uncertainty
+from ff_planner_ros.planning.robust.robust import withstood
+from ff_planner_ros.planning.scenario.library_file import load_library
+from ff_planner_ros.planning.scenario.scenario import (
+    Defaults,
+    limits_from,
+    load_scenario,
+    load_task,
+)
+from ff_planner_ros.planning.search.planner import plan
+from ff_planner_ros.planning.task.library import Library
+from ff_planner_ros.planning.task.task import Method, PlanningTask, perform, without_search
 from ff_planner_ros.robot.bodies import Geometry
 from ff_planner_ros.robot.model import Robot, read_urdf, robot_from_urdf_text
-from ff_planner_ros.share import share_directory
 from ff_planner_ros.time_budget import TimeBudget
 
 OBJECTIVES = {"length": Objective(1.0, 0.0), "attitude": Objective(0.0, 1.0)}
@@ -83,7 +88,7 @@ def plan_scenario(options: argparse.Namespace) -> int:
 def _plan_pareto_front(options: argparse.Namespace) -> int:
     """Plan a scenario with one pair of weights after the other, and show what they trade."""
     from ff_planner_ros.analysis import pareto_front
-    from ff_planner_ros.text_table import print_table as print_columns
+    from ff_planner_ros.common.text_table import print_table as print_columns
 
     for name, default in (("objective", None), ("method", OPTIMAL), ("bag", None)):
         value = getattr(options, name)
@@ -173,7 +178,7 @@ def _method(name: str) -> Method:
 
 def verify_plans(options: argparse.Namespace) -> int:
     """Execute plans in an independent physics engine."""
-    from ff_planner_ros.verify import Draw, print_monte_carlo, print_verdict
+    from ff_planner_ros.commands.verify import Draw, print_monte_carlo, print_verdict
 
     total, asked = _runs_asked_for(options)
     verdicts, answers = list[bool](), list[dict[str, Any]]()
@@ -191,8 +196,8 @@ def verify_plans(options: argparse.Namespace) -> int:
 
 def _runs_asked_for(options: argparse.Namespace) -> tuple[int | None, Uncertainty | None]:
     """Return how many runs to make, and of what systems; None: none, and of the usual ones."""
+    from ff_planner_ros.commands.verify import uncertainty_of
     from ff_planner_ros.simulation.monte_carlo import require_runs
-    from ff_planner_ros.verify import uncertainty_of
 
     if options.monte_carlo is None:
         for name, default in (("seed", 0), ("execution", "tracked"), ("uncertainty", None)):
@@ -258,7 +263,7 @@ def _motion_in_json(source: Path) -> _Motion:
 def compare_methods(options: argparse.Namespace) -> int:
     """Let every method plan a scenario, and show the plans side by side."""
     from ff_planner_ros.baselines.potential_field import load_parameters as load_potential_field
-    from ff_planner_ros.compare import compare
+    from ff_planner_ros.commands.compare import compare
 
     config = share_directory() / "config"
     papers_scenario = config / "scenarios" / "lemur_capture.yaml"

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from ff_planner_ros.arrays import Array, Indices
+from ff_planner_ros.common.arrays import Array, Indices
 
 MAX_JOINTS: int
 SOURCES_DIGEST: str  # SHA-256 of the *.cpp and *.hpp that it was built from, in the order of names

@@ -28,12 +28,12 @@ from rclpy.task import Future as RosFuture
 from scipy.spatial.transform import Rotation
 from trajectory_msgs.msg import JointTrajectory
 
-from ff_planner_ros.arrays import Array
 from ff_planner_ros.bag.decoding import NANOSECONDS, nanoseconds
+from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.demo.testbed import CONTROLLER_TOPIC
 from ff_planner_ros.errors import FfPlannerError, Status
-from ff_planner_ros.planning.plan import Plan
-from ff_planner_ros.planning.target_body import TargetBody as FreeBody
+from ff_planner_ros.planning.motion.plan import Plan
+from ff_planner_ros.planning.problem.target_body import TargetBody as FreeBody
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.state import SystemState

@@ -15,14 +15,14 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from ff_planner_ros.analysis.methods import OBJECTIVES, SHORTEST, SOONER, STEADIEST, Method
+from ff_planner_ros.common.share import share_directory
 from ff_planner_ros.demo.following import ARM_HEAVIER, OPEN_LOOP, RATE_BIAS, REPLANNED
 from ff_planner_ros.errors import FfPlannerError, Status
-from ff_planner_ros.planning.problem import DurationRange, Objective, PlanningProblem
-from ff_planner_ros.planning.task import PlanningTask, perform
+from ff_planner_ros.planning.problem.problem import DurationRange, Objective, PlanningProblem
+from ff_planner_ros.planning.task.task import PlanningTask, perform
 from ff_planner_ros.robot.bodies import Geometry
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.ros.background import StopRequest
-from ff_planner_ros.share import share_directory
 
 # How long a process of ROS takes to start and a plan to be made is measured, both at once. A plan
 # that is flown begins this many times as long after the start of its processes, so that it is there

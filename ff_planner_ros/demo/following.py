@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from ff_planner_ros.analysis.methods import Method
 from ff_planner_ros.errors import FfPlannerError
-from ff_planner_ros.planning.plan import Trajectory
+from ff_planner_ros.planning.motion.plan import Trajectory
 from ff_planner_ros.robot.model import Robot
 
 # How the testbed differs from its model: so much heavier is the arm, and so wrong is the chaser's

@@ -18,6 +18,8 @@ from ff_planner_ros.analysis.methods import Method
 from ff_planner_ros.analysis.scene import save_scene
 from ff_planner_ros.bag.robot_plans import robot_plans
 from ff_planner_ros.bag.writer import unique_directory
+from ff_planner_ros.common.share import share_directory
+from ff_planner_ros.common.text_table import print_table
 from ff_planner_ros.demo.domain import private_environment
 from ff_planner_ros.demo.flights import (
     TESTBEDS,
@@ -39,11 +41,9 @@ from ff_planner_ros.demo.following import (
 )
 from ff_planner_ros.errors import FfPlannerError, Status
 from ff_planner_ros.parameters import load_parameters
-from ff_planner_ros.planning.scenario import load_task
+from ff_planner_ros.planning.scenario.scenario import load_task
 from ff_planner_ros.robot.rotation import euler_from_rotation
 from ff_planner_ros.ros.background import StopRequest
-from ff_planner_ros.share import share_directory
-from ff_planner_ros.text_table import print_table
 
 
 def run_demo(

@@ -14,14 +14,14 @@ from rclpy.node import Node
 from scipy.spatial.transform import Rotation
 from trajectory_msgs.msg import JointTrajectory
 
-from ff_planner_ros.arrays import Array
 from ff_planner_ros.bag.decoding import NANOSECONDS, nanoseconds
+from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.demo.waiting import Wait
 from ff_planner_ros.errors import InvalidInput, Status
-from ff_planner_ros.planning.joint_motion import JointMotion
-from ff_planner_ros.planning.problem import PlanningProblem, carried_spheres
-from ff_planner_ros.planning.scenario import SCENARIO_FRAME
-from ff_planner_ros.planning.target_body import TargetBody as FreeBody
+from ff_planner_ros.planning.motion.joint_motion import JointMotion
+from ff_planner_ros.planning.problem.problem import PlanningProblem, carried_spheres
+from ff_planner_ros.planning.problem.target_body import TargetBody as FreeBody
+from ff_planner_ros.planning.scenario.scenario import SCENARIO_FRAME
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.ros.inputs.input_topics import CHASER_STATE

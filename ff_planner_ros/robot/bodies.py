@@ -10,7 +10,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from ff_planner_ros.arrays import Array, frozen
+from ff_planner_ros.common.arrays import Array, frozen
 from ff_planner_ros.robot.convex_hull import LARGEST_SIZE, SMALLEST_SIZE
 from ff_planner_ros.robot.geometry import Geometry as Geometry
 from ff_planner_ros.robot.meshes import Meshes

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ff_planner_ros.arrays import Array
+from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.robot.model import Robot
 
 

@@ -6,7 +6,7 @@ import coal
 import numpy as np
 from numpy.typing import NDArray
 
-from ff_planner_ros.arrays import Array
+from ff_planner_ros.common.arrays import Array
 
 # A solid that is smaller is a slip of the pen, and one that is larger no robot [m].
 SMALLEST_SIZE, LARGEST_SIZE = 1e-6, 1e4

@@ -14,10 +14,10 @@ from xml.etree.ElementTree import Element
 import coal
 import numpy as np
 
-from ff_planner_ros.arrays import Array
+from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.common.share import PACKAGE_SCHEME, package_directory
 from ff_planner_ros.robot.convex_hull import LARGEST_SIZE, NoSolid, convex_hull, few_corners
 from ff_planner_ros.robot.urdf_faults import Faults, shortened
-from ff_planner_ros.share import PACKAGE_SCHEME, package_directory
 
 # A binary STL of a million triangles: it is read in two seconds. And all files of a robot [bytes].
 MAX_FILE, MAX_FILES = 50_000_100, 200_000_000

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 
-from ff_planner_ros.arrays import Array, frozen
+from ff_planner_ros.common.arrays import Array, frozen
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.robot.bodies import Body, Geometry
 from ff_planner_ros.robot.srdf import MayTouch

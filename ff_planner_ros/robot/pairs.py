@@ -10,7 +10,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 import pinocchio as pin
 
-from ff_planner_ros.arrays import Array
+from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.robot.bodies import Body
 from ff_planner_ros.robot.srdf import ADJACENT, ALWAYS, NEVER, Links, MayTouch
 from ff_planner_ros.robot.urdf_tree import link_of

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ff_planner_ros.arrays import Array
+from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.robot.rotation import cross
 
 _SMALL = 1e-3  # [rad]: below, sines are replaced by their series, which are exact to rounding there

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ff_planner_ros.arrays import Array
+from ff_planner_ros.common.arrays import Array
 
 
 def cross(a: Array, b: Array) -> Array:

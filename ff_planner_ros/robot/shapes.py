@@ -13,7 +13,7 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from ff_planner_ros.arrays import Array, frozen
+from ff_planner_ros.common.arrays import Array, frozen
 from ff_planner_ros.robot.rotation import rotation_from_euler
 from ff_planner_ros.robot.urdf_xml import read_shapes
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ff_planner_ros.arrays import Array, finite_vector
-from ff_planner_ros.declared import check_declared, declare
-from ff_planner_ros.forms import QUATERNION, TRUTH, a_vector
+from ff_planner_ros.common.arrays import Array, finite_vector
+from ff_planner_ros.common.declared import check_declared, declare
+from ff_planner_ros.common.forms import QUATERNION, TRUTH, a_vector
 
 
 @dataclass(frozen=True, eq=False)

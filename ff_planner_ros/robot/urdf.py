@@ -12,7 +12,7 @@ from xml.etree.ElementTree import Element, SubElement
 import numpy as np
 import pinocchio as pin
 
-from ff_planner_ros.arrays import Array
+from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.robot.urdf_bodies import SMALLEST, check_bodies, placement
 from ff_planner_ros.robot.urdf_faults import LARGEST, Faults, listed, shortened
 from ff_planner_ros.robot.urdf_tree import Tree, link_of, one_of, tree_of

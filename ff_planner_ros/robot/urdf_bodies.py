@@ -9,7 +9,7 @@ from xml.etree.ElementTree import Element, SubElement
 import numpy as np
 import pinocchio as pin
 
-from ff_planner_ros.arrays import Array
+from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.robot.urdf_faults import Faults
 from ff_planner_ros.robot.urdf_tree import Tree, link_of
 

@@ -19,7 +19,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
 
 from ff_planner_ros.errors import FfPlannerError, InvalidInput, Status
-from ff_planner_ros.planning.scenario import load_scenario
+from ff_planner_ros.planning.scenario.scenario import load_scenario
 from ff_planner_ros.ros.background import ask, spin_in_background
 from ff_planner_ros.ros.joining import joining_ros
 from ff_planner_ros.ros.messages.request_values import (

@@ -14,8 +14,9 @@ from rclpy.lifecycle import LifecycleNode
 
 from ff_planner_ros.bag.decoding import NANOSECONDS
 from ff_planner_ros.bag.writer import unique_directory
+from ff_planner_ros.common.share import resolve_uri
 from ff_planner_ros.errors import InvalidInput, Status
-from ff_planner_ros.library_file import load_library
+from ff_planner_ros.planning.scenario.library_file import load_library
 from ff_planner_ros.robot.model import read_urdf
 from ff_planner_ros.ros.inputs.input_topics import OBSTACLES, TARGET_BODY, heard_with
 from ff_planner_ros.ros.inputs.listener import Listener
@@ -30,7 +31,6 @@ from ff_planner_ros.ros.recorder.recording_services import recording_services
 from ff_planner_ros.ros.requests.namesakes import namesakes
 from ff_planner_ros.ros.requests.planning_service import PlanningService
 from ff_planner_ros.ros.requests.worker import Worker
-from ff_planner_ros.share import resolve_uri
 
 # Longest wait for the answer to a request that was given up [s].
 _LAST_ANSWER = 2.0

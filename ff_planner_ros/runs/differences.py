@@ -9,9 +9,9 @@ from dataclasses import dataclass, fields
 import numpy as np
 from ff_planner_msgs.msg import PlanAnswer, PlanMetrics
 
-from ff_planner_ros.arrays import Array
+from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import Status
-from ff_planner_ros.planning.metrics import METRICS
+from ff_planner_ros.planning.motion.metrics import METRICS
 from ff_planner_ros.ros.messages.from_messages import plan_from_answer
 
 # On one machine, a plan comes out the same to the last bit. Another processor has other kernels of

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from ff_planner_ros.bag.reader import open_bag
 from ff_planner_ros.errors import BagError, FfPlannerError
-from ff_planner_ros.planning.scenario_writer import write_scenario
+from ff_planner_ros.planning.scenario.scenario_writer import write_scenario
 from ff_planner_ros.runs.recorded_run import recorded_run
 
 

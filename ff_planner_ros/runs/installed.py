@@ -16,7 +16,7 @@ from trajectory_msgs.msg import JointTrajectoryPoint
 
 from ff_planner_ros.bag.exchanges import Exchange, answer_in, exchanges
 from ff_planner_ros.bag.reader import Bag
-from ff_planner_ros.declared_messages import value_at
+from ff_planner_ros.common.declared_messages import value_at
 from ff_planner_ros.errors import BagError
 from ff_planner_ros.ros.messages.interfaces import class_of, type_name
 

@@ -19,9 +19,9 @@ from ff_planner_ros.bag.encoding import encode
 from ff_planner_ros.bag.provenance import PROVENANCE, provenance
 from ff_planner_ros.bag.writer import BagWriter
 from ff_planner_ros.errors import FfPlannerError, InvalidInput, Status
-from ff_planner_ros.planning.plan import Plan
-from ff_planner_ros.planning.scenario import SCENARIO_FRAME
-from ff_planner_ros.planning.task import PlanningTask
+from ff_planner_ros.planning.motion.plan import Plan
+from ff_planner_ros.planning.scenario.scenario import SCENARIO_FRAME
+from ff_planner_ros.planning.task.task import PlanningTask
 from ff_planner_ros.ros.messages.interfaces import type_name
 from ff_planner_ros.ros.messages.to_messages import (
     answer_of_error,

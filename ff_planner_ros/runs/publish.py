@@ -25,8 +25,8 @@ from rosgraph_msgs.msg import Clock
 
 from ff_planner_ros.bag.definition import message_definition
 from ff_planner_ros.bag.reader import Bag, Topic, open_bag
+from ff_planner_ros.common.yaml_file import yaml_document
 from ff_planner_ros.errors import BagError, InvalidInput
-from ff_planner_ros.planning.yaml_file import yaml_document
 from ff_planner_ros.ros.inputs.input_topics import INPUT_TOPICS, OUTPUTS_OF_THESE_TYPES
 from ff_planner_ros.ros.joining import joining_ros
 from ff_planner_ros.ros.messages.interfaces import type_name

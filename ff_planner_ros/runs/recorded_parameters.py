@@ -10,6 +10,7 @@ from rcl_interfaces.msg import ParameterEvent, ParameterType, ParameterValue
 
 from ff_planner_ros.bag.decoding import nanoseconds
 from ff_planner_ros.bag.reader import Bag
+from ff_planner_ros.common.yaml_file import yaml_document
 from ff_planner_ros.errors import BagError, InvalidInput, Status
 from ff_planner_ros.parameters import (
     DECLARATIONS,
@@ -19,7 +20,6 @@ from ff_planner_ros.parameters import (
     parameters_of,
     replaced,
 )
-from ff_planner_ros.planning.yaml_file import yaml_document
 from ff_planner_ros.ros.messages.interfaces import type_name
 from ff_planner_ros.runs.installed import as_installed
 

@@ -13,7 +13,7 @@ from ff_planner_ros.bag.provenance import PROVENANCE
 from ff_planner_ros.bag.reader import Bag
 from ff_planner_ros.bag.robot_plans import attached_robot
 from ff_planner_ros.errors import BagError, Status
-from ff_planner_ros.planning.library import KnownGuess
+from ff_planner_ros.planning.task.library import KnownGuess
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.ros.inputs.input_topics import INPUT_TOPICS
 from ff_planner_ros.ros.inputs.scene_input import SceneInput

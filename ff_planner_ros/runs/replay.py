@@ -13,8 +13,9 @@ from ff_planner_msgs.msg import PlanAnswer
 from ff_planner_ros.bag.progress_bar import progress_bar
 from ff_planner_ros.bag.provenance import provenance
 from ff_planner_ros.bag.reader import open_bag
+from ff_planner_ros.common.text_table import print_table
 from ff_planner_ros.errors import BagError, FfPlannerError, Status
-from ff_planner_ros.planning.task import perform
+from ff_planner_ros.planning.task.task import perform
 from ff_planner_ros.ros.messages.to_messages import (
     answer_of_error,
     answer_with_plan,
@@ -23,7 +24,6 @@ from ff_planner_ros.ros.messages.to_messages import (
 from ff_planner_ros.ros.requests.reading import Provenance
 from ff_planner_ros.runs.differences import Difference, differences
 from ff_planner_ros.runs.recorded_run import RecordedRequest, RecordedRun, recorded_run
-from ff_planner_ros.text_table import print_table
 
 ALL_SAME, DIFFERS = 0, 3
 

@@ -14,9 +14,9 @@ from ff_planner_ros.analysis.plan_json import plan_document
 from ff_planner_ros.analysis.tracking import Deviations
 from ff_planner_ros.bag.decoding import NANOSECONDS
 from ff_planner_ros.errors import InvalidInput, Status
-from ff_planner_ros.planning.metrics import Metrics
-from ff_planner_ros.planning.plan import SolverReport, Trajectory
-from ff_planner_ros.planning.problem import Approach, Sphere, Target
+from ff_planner_ros.planning.motion.metrics import Metrics
+from ff_planner_ros.planning.motion.plan import SolverReport, Trajectory
+from ff_planner_ros.planning.problem.problem import Approach, Sphere, Target
 from ff_planner_ros.robot.model import Robot
 
 

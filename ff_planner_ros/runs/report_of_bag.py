@@ -17,17 +17,17 @@ from ff_planner_ros.bag.decoding import NANOSECONDS, nanoseconds
 from ff_planner_ros.bag.provenance import PROVENANCE
 from ff_planner_ros.bag.reader import Bag, Message, open_bag
 from ff_planner_ros.bag.robot_plans import attached_robot
-from ff_planner_ros.declared_messages import value_at, values_in
+from ff_planner_ros.common.declared_messages import value_at, values_in
 from ff_planner_ros.errors import BagError, FfPlannerError, InvalidInput, Status
 from ff_planner_ros.parameters import NodeParameters
-from ff_planner_ros.planning.goal_words import GoalKind
-from ff_planner_ros.planning.problem import (
+from ff_planner_ros.planning.motion.sound_samples import require_sound_samples
+from ff_planner_ros.planning.problem.goal_words import GoalKind
+from ff_planner_ros.planning.problem.problem import (
     PlanningProblem,
     TargetBody,
     carried_spheres,
     with_attached_spheres,
 )
-from ff_planner_ros.planning.sound_samples import require_sound_samples
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.ros.inputs.input_topics import OBSTACLES, TARGET_BODY, InputTopic
 from ff_planner_ros.ros.messages.from_messages import (

@@ -9,11 +9,11 @@ from pathlib import Path
 from ff_planner_msgs.msg import PlanAnswer
 
 from ff_planner_ros.analysis.methods import CHANGED, RECORDED
-from ff_planner_ros.declared_messages import value_at
+from ff_planner_ros.common.declared_messages import value_at
 from ff_planner_ros.errors import FfPlannerError, Status
-from ff_planner_ros.planning.plan import Trajectory
-from ff_planner_ros.planning.problem import PlanningProblem, lasting
-from ff_planner_ros.planning.sound_samples import require_sound_samples
+from ff_planner_ros.planning.motion.plan import Trajectory
+from ff_planner_ros.planning.motion.sound_samples import require_sound_samples
+from ff_planner_ros.planning.problem.problem import PlanningProblem, lasting
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.ros.messages.from_messages import plan_from_answer
 from ff_planner_ros.runs.recorded_run import RecordedRequest

@@ -9,7 +9,7 @@ from xml.etree.ElementTree import Element
 from ff_planner_ros.bag.decoding import NANOSECONDS
 from ff_planner_ros.bag.progress_bar import progress_bar
 from ff_planner_ros.errors import Status
-from ff_planner_ros.planning.metrics import METRIC_BY_NAME
+from ff_planner_ros.planning.motion.metrics import METRIC_BY_NAME
 from ff_planner_ros.runs.report import Report, ReportedRequest, clock_time
 from ff_planner_ros.runs.report_file import save_file
 from ff_planner_ros.runs.report_html import bullets, element, pairs, plot, row, table

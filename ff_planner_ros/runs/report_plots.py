@@ -18,7 +18,7 @@ from ff_planner_ros.analysis.plots import clearance_plot, joint_plot, panel_plot
 from ff_planner_ros.analysis.scene import scene_figure
 from ff_planner_ros.analysis.surroundings import drawn_corridor
 from ff_planner_ros.analysis.tracking import Deviations, deviation_panels, in_shown_units
-from ff_planner_ros.planning.plan import Trajectory
+from ff_planner_ros.planning.motion.plan import Trajectory
 from ff_planner_ros.runs.report import ReportedPlan
 
 # More points of a curve than a screen has columns for make the file large and show nothing; the

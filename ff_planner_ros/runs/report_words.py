@@ -15,10 +15,10 @@ from ff_planner_ros.analysis.extremes import (
     joint_extremes,
     nearest,
 )
-from ff_planner_ros.arrays import Array
-from ff_planner_ros.planning.metrics import Metrics
-from ff_planner_ros.planning.plan import Trajectory
-from ff_planner_ros.planning.problem import Orientation, Sphere, Target
+from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.planning.motion.metrics import Metrics
+from ff_planner_ros.planning.motion.plan import Trajectory
+from ff_planner_ros.planning.problem.problem import Orientation, Sphere, Target
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.rotation import euler_from_rotation
 from ff_planner_ros.runs.report import ReportedPlan

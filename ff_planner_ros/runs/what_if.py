@@ -12,9 +12,10 @@ from typing import Any
 from ff_planner_msgs.msg import PlanAnswer
 
 from ff_planner_ros.bag.reader import open_bag
+from ff_planner_ros.common.text_table import print_table
 from ff_planner_ros.errors import BagError
-from ff_planner_ros.library_file import load_library
 from ff_planner_ros.parameters import DECLARATIONS, checked, replaced
+from ff_planner_ros.planning.scenario.library_file import load_library
 from ff_planner_ros.ros.messages.request_values import (
     REQUEST_KEYS,
     request_value,
@@ -26,7 +27,6 @@ from ff_planner_ros.runs.recorded_run import RecordedRequest, recorded_run
 from ff_planner_ros.runs.replay import answer_again, one_by_one, status_name
 from ff_planner_ros.runs.report_of_changes import Answered, report_of_changes
 from ff_planner_ros.runs.report_page import save_page
-from ff_planner_ros.text_table import print_table
 
 # What may be changed in a request. The goal stays what it is.
 _OF_REQUEST = tuple(key for key in REQUEST_KEYS if not key.startswith("target."))

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ff_planner_ros.arrays import Array
-from ff_planner_ros.planning.target_body import TargetBody
+from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.planning.problem.target_body import TargetBody
 
 if TYPE_CHECKING:
     from ff_planner_ros.simulation.execution import Execution

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ff_planner_ros.arrays import Array
-from ff_planner_ros.planning.scene import Scene
+from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.planning.problem.scene import Scene
 from ff_planner_ros.robot.model import Base
 from ff_planner_ros.simulation.capture import moved_in_engine
 from ff_planner_ros.simulation.engine import Engine

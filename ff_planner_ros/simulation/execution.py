@@ -7,8 +7,8 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from ff_planner_ros.arrays import Array, frozen
-from ff_planner_ros.planning.plan import Trajectory
+from ff_planner_ros.common.arrays import Array, frozen
+from ff_planner_ros.planning.motion.plan import Trajectory
 from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.simulation.engine import Engine
 from ff_planner_ros.simulation.feed_forward import FeedForward

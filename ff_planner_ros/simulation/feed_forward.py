@@ -7,11 +7,11 @@ from typing import NamedTuple
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from ff_planner_ros.arrays import Array
-from ff_planner_ros.planning.forward import carried_base
-from ff_planner_ros.planning.joint_motion import joint_motion
-from ff_planner_ros.planning.motion import from_trajectory
-from ff_planner_ros.planning.plan import Trajectory
+from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.planning.motion.forward import carried_base
+from ff_planner_ros.planning.motion.joint_motion import joint_motion
+from ff_planner_ros.planning.motion.motion import from_trajectory
+from ff_planner_ros.planning.motion.plan import Trajectory
 from ff_planner_ros.robot.dynamics import joint_torques
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.momentum import total_momentum

@@ -10,9 +10,9 @@ from dataclasses import fields, replace
 
 import numpy as np
 
-from ff_planner_ros.planning.forward import carried_forward, driven
-from ff_planner_ros.planning.joint_motion import JointMotion, steady_motion
-from ff_planner_ros.planning.system_frame import system_frame
+from ff_planner_ros.planning.motion.forward import carried_forward, driven
+from ff_planner_ros.planning.motion.joint_motion import JointMotion, steady_motion
+from ff_planner_ros.planning.motion.system_frame import system_frame
 from ff_planner_ros.robot.configuration import configuration, system_state
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.momentum import total_momentum

@@ -8,8 +8,8 @@ from itertools import chain
 
 import numpy as np
 
-from ff_planner_ros.planning.plan import Trajectory
-from ff_planner_ros.planning.sound_samples import require_sound_samples
+from ff_planner_ros.planning.motion.plan import Trajectory
+from ff_planner_ros.planning.motion.sound_samples import require_sound_samples
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.simulation.engine import Engine

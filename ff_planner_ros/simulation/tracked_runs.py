@@ -14,9 +14,9 @@ import numpy as np
 import pinocchio as pin
 from scipy.spatial.transform import Rotation
 
-from ff_planner_ros.arrays import Array
-from ff_planner_ros.planning.base_spread import TrackedMotion
-from ff_planner_ros.planning.uncertainty import Draws
+from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.planning.distance.base_spread import TrackedMotion
+from ff_planner_ros.planning.problem.uncertainty import Draws
 from ff_planner_ros.robot.dynamics import joint_torques
 from ff_planner_ros.robot.model import Base
 from ff_planner_ros.robot.momentum_regressor import PARAMETERS

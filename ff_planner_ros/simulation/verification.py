@@ -6,11 +6,11 @@ from dataclasses import astuple, dataclass, replace
 
 import numpy as np
 
-from ff_planner_ros.arrays import Array
+from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import InvalidInput, Status
-from ff_planner_ros.planning.plan import Trajectory
-from ff_planner_ros.planning.scene import Scene
-from ff_planner_ros.planning.sound_samples import require_sound_samples
+from ff_planner_ros.planning.motion.plan import Trajectory
+from ff_planner_ros.planning.motion.sound_samples import require_sound_samples
+from ff_planner_ros.planning.problem.scene import Scene
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.simulation.capture import Capture, capture, is_soft
 from ff_planner_ros.simulation.contacts import Contact, Touch

@@ -7,16 +7,16 @@ from typing import Any
 
 from ff_planner_benchmark.entrants.planned import answer_of
 from ff_planner_ros.bench.direct import solve_directly
-from ff_planner_ros.planning.end_effector_polynomial import end_effector_paths
-from ff_planner_ros.planning.families import require_papers_paths
-from ff_planner_ros.planning.path_family import singular_refusal
-from ff_planner_ros.planning.plan import Plan, SolverReport
-from ff_planner_ros.planning.planner import plan_of_path
-from ff_planner_ros.planning.problem import PlanningProblem
-from ff_planner_ros.planning.program import path_program
-from ff_planner_ros.planning.search import FoundPath
-from ff_planner_ros.planning.settings import PlannerSettings
-from ff_planner_ros.planning.system_frame import in_own_frame
+from ff_planner_ros.planning.motion.plan import Plan, SolverReport
+from ff_planner_ros.planning.motion.system_frame import in_own_frame
+from ff_planner_ros.planning.optimisation.program import path_program
+from ff_planner_ros.planning.paths.end_effector_polynomial import end_effector_paths
+from ff_planner_ros.planning.paths.path_family import singular_refusal
+from ff_planner_ros.planning.problem.problem import PlanningProblem
+from ff_planner_ros.planning.problem.settings import PlannerSettings
+from ff_planner_ros.planning.search.families import require_papers_paths
+from ff_planner_ros.planning.search.planner import plan_of_path
+from ff_planner_ros.planning.search.search import FoundPath
 
 _ITERATIONS = 100
 

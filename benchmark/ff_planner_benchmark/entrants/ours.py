@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from ff_planner_benchmark.entrants.planned import answer_of
-from ff_planner_ros.planning.task import PlanningTask, perform
+from ff_planner_ros.planning.task.task import PlanningTask, perform
 
 
 def answer(scenario: Path, _seconds: float) -> dict[str, Any]:

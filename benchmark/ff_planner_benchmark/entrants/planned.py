@@ -8,10 +8,10 @@ from typing import Any
 
 from ff_planner_ros.errors import FfPlannerError
 from ff_planner_ros.parameters import load_parameters
-from ff_planner_ros.planning.plan import Plan, Trajectory
-from ff_planner_ros.planning.problem import PlanningProblem
-from ff_planner_ros.planning.scenario import load_scenario
-from ff_planner_ros.planning.settings import PlannerSettings
+from ff_planner_ros.planning.motion.plan import Plan, Trajectory
+from ff_planner_ros.planning.problem.problem import PlanningProblem
+from ff_planner_ros.planning.problem.settings import PlannerSettings
+from ff_planner_ros.planning.scenario.scenario import load_scenario
 
 _OF_ANSWER = ("time", "joint_positions", "joint_velocities", "joint_accelerations")
 

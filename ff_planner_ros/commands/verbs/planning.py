@@ -7,7 +7,7 @@ from pathlib import Path
 
 from ff_planner_ros.commands import METHODS, OPTIMAL
 from ff_planner_ros.commands.verbs import Add, add_renamed
-from ff_planner_ros.planning.parametrisation import Parametrisation
+from ff_planner_ros.planning.problem.parametrisation import Parametrisation
 from ff_planner_ros.robot.geometry import Geometry
 
 

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ff_planner_ros.arrays import Array
-from ff_planner_ros.planning.path_family import Motion, Sensitivity
+from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.planning.paths.path_family import Motion, Sensitivity
 
 
 def accelerations_at_points(positions: Array, rates: Array, step: float) -> Array:

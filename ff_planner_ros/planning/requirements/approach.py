@@ -9,15 +9,16 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from ff_planner_ros.arrays import Array
+from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import Failure, InvalidInput, Status
-from ff_planner_ros.planning.approach import Approach
-from ff_planner_ros.planning.clearance import arm_points, arm_points_with_derivatives
-from ff_planner_ros.planning.followed import FollowedMotion
-from ff_planner_ros.planning.grasp_seen import GraspSeen
-from ff_planner_ros.planning.metrics import Metrics
-from ff_planner_ros.planning.path_family import Motion, Sensitivity
-from ff_planner_ros.planning.problem import PlanningProblem
+from ff_planner_ros.planning.distance.clearance import arm_points, arm_points_with_derivatives
+from ff_planner_ros.planning.motion.followed import FollowedMotion
+from ff_planner_ros.planning.motion.metrics import Metrics
+from ff_planner_ros.planning.paths.path_family import Motion, Sensitivity
+from ff_planner_ros.planning.problem.approach import Approach
+from ff_planner_ros.planning.problem.grasp_seen import GraspSeen
+from ff_planner_ros.planning.problem.problem import PlanningProblem
+from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.requirements.requirement import (
     LIMIT_TOLERANCE,
     OF_INTEREST,
@@ -25,7 +26,6 @@ from ff_planner_ros.planning.requirements.requirement import (
     Rows,
     Samples,
 )
-from ff_planner_ros.planning.settings import PlannerSettings
 from ff_planner_ros.robot.model import Robot
 
 # The search keeps this much more at the distance [m], and towards the grasp, where the corridor is

@@ -10,28 +10,32 @@ from functools import lru_cache
 
 import numpy as np
 
-from ff_planner_ros.arrays import Array, Indices
+from ff_planner_ros.common.arrays import Array, Indices
 from ff_planner_ros.errors import Failure, InvalidInput, Status
-from ff_planner_ros.planning.allowed_contact import before_contact, split_pairs, split_spheres
-from ff_planner_ros.planning.body_certificate import (
+from ff_planner_ros.planning.distance.allowed_contact import (
+    before_contact,
+    split_pairs,
+    split_spheres,
+)
+from ff_planner_ros.planning.distance.body_certificate import (
     NOTHING,
     Least,
     least_pair_distance,
     least_sphere_distance,
     lesser,
 )
-from ff_planner_ros.planning.contact import deepest_contact, way_out
-from ff_planner_ros.planning.followed import FollowedMotion
-from ff_planner_ros.planning.metrics import Metrics
-from ff_planner_ros.planning.path_family import Motion, Sensitivity
-from ff_planner_ros.planning.problem import PlanningProblem
-from ff_planner_ros.planning.requirements.body_rows import pair_rows, sphere_rows
-from ff_planner_ros.planning.requirements.requirement import Requirement, Rows, Samples
-from ff_planner_ros.planning.search_certificate import (
+from ff_planner_ros.planning.distance.contact import deepest_contact, way_out
+from ff_planner_ros.planning.distance.search_certificate import (
     search_pair_distance,
     search_sphere_distance,
 )
-from ff_planner_ros.planning.settings import PlannerSettings
+from ff_planner_ros.planning.motion.followed import FollowedMotion
+from ff_planner_ros.planning.motion.metrics import Metrics
+from ff_planner_ros.planning.paths.path_family import Motion, Sensitivity
+from ff_planner_ros.planning.problem.problem import PlanningProblem
+from ff_planner_ros.planning.problem.settings import PlannerSettings
+from ff_planner_ros.planning.requirements.body_rows import pair_rows, sphere_rows
+from ff_planner_ros.planning.requirements.requirement import Requirement, Rows, Samples
 
 # The search asks only whether anything is left of a clearance.
 _SLACK_PART = 0.5

@@ -11,27 +11,31 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ff_planner_ros.arrays import Array, Indices
+from ff_planner_ros.common.arrays import Array, Indices
 from ff_planner_ros.core import compiled
 from ff_planner_ros.core.chain import chain_of
-from ff_planner_ros.planning.allowed_contact import before_contact, split_pairs, split_spheres
-from ff_planner_ros.planning.bodies import placed_bodies
-from ff_planner_ros.planning.body_certificate import centers_in_base
-from ff_planner_ros.planning.body_distances import (
+from ff_planner_ros.planning.distance.allowed_contact import (
+    before_contact,
+    split_pairs,
+    split_spheres,
+)
+from ff_planner_ros.planning.distance.bodies import placed_bodies
+from ff_planner_ros.planning.distance.body_certificate import centers_in_base
+from ff_planner_ros.planning.distance.body_distances import (
     pair_distances,
     pair_gradients,
     sphere_distances,
     sphere_gradients,
 )
-from ff_planner_ros.planning.clearance import (
+from ff_planner_ros.planning.distance.clearance import (
     attached_to_bodies,
     centers_at,
     sphere_arrays,
     velocities_at,
 )
-from ff_planner_ros.planning.compiled_bodies import compiled_bodies
-from ff_planner_ros.planning.path_family import Motion, Sensitivity
-from ff_planner_ros.planning.problem import PlanningProblem
+from ff_planner_ros.planning.distance.compiled_bodies import compiled_bodies
+from ff_planner_ros.planning.paths.path_family import Motion, Sensitivity
+from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.requirements.requirement import Rows
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.kinematics import rotation_base_to_inertial

@@ -11,14 +11,15 @@ from functools import lru_cache
 
 import numpy as np
 
-from ff_planner_ros.arrays import Array
+from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import Failure, Status
-from ff_planner_ros.planning.followed import FollowedMotion
-from ff_planner_ros.planning.metrics import Metrics
-from ff_planner_ros.planning.objectives import chaser_euler_with_derivative
-from ff_planner_ros.planning.path_family import Motion, Sensitivity
-from ff_planner_ros.planning.pose_motion import attitudes_between
-from ff_planner_ros.planning.problem import PlanningProblem
+from ff_planner_ros.planning.motion.followed import FollowedMotion
+from ff_planner_ros.planning.motion.measures import chaser_euler_with_derivative
+from ff_planner_ros.planning.motion.metrics import Metrics
+from ff_planner_ros.planning.motion.pose_motion import attitudes_between
+from ff_planner_ros.planning.paths.path_family import Motion, Sensitivity
+from ff_planner_ros.planning.problem.problem import PlanningProblem
+from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.requirements.requirement import (
     LIMIT_TOLERANCE,
     OF_INTEREST,
@@ -27,7 +28,6 @@ from ff_planner_ros.planning.requirements.requirement import (
     Samples,
     within,
 )
-from ff_planner_ros.planning.settings import PlannerSettings
 from ff_planner_ros.robot.kinematics import rotation_base_to_inertial
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.quaternion import quaternion_from_rotation, rotation_from_quaternion

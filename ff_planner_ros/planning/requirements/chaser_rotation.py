@@ -21,12 +21,13 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from ff_planner_ros.arrays import Array
+from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import Failure, Status
-from ff_planner_ros.planning.followed import FollowedMotion
-from ff_planner_ros.planning.metrics import Metrics
-from ff_planner_ros.planning.path_family import Motion, Sensitivity
-from ff_planner_ros.planning.problem import PlanningProblem
+from ff_planner_ros.planning.motion.followed import FollowedMotion
+from ff_planner_ros.planning.motion.metrics import Metrics
+from ff_planner_ros.planning.paths.path_family import Motion, Sensitivity
+from ff_planner_ros.planning.problem.problem import PlanningProblem
+from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.requirements.chaser_attitude import attitudes_along
 from ff_planner_ros.planning.requirements.requirement import (
     LIMIT_TOLERANCE,
@@ -35,7 +36,6 @@ from ff_planner_ros.planning.requirements.requirement import (
     Rows,
     Samples,
 )
-from ff_planner_ros.planning.settings import PlannerSettings
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.quaternion import (
     angle_of_quaternion,

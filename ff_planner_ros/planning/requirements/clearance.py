@@ -12,20 +12,22 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ff_planner_ros.arrays import Array
+from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import Failure, InvalidInput, Status
-from ff_planner_ros.planning.certificate import certified_clearance
-from ff_planner_ros.planning.clearance import (
+from ff_planner_ros.planning.distance.certificate import certified_clearance
+from ff_planner_ros.planning.distance.clearance import (
     arm_points,
     clearance_rows,
     clearances,
     penalty,
     segments,
 )
-from ff_planner_ros.planning.followed import FollowedMotion
-from ff_planner_ros.planning.metrics import Metrics
-from ff_planner_ros.planning.path_family import Motion, Sensitivity
-from ff_planner_ros.planning.problem import PlanningProblem
+from ff_planner_ros.planning.distance.search_certificate import search_certificate
+from ff_planner_ros.planning.motion.followed import FollowedMotion
+from ff_planner_ros.planning.motion.metrics import Metrics
+from ff_planner_ros.planning.paths.path_family import Motion, Sensitivity
+from ff_planner_ros.planning.problem.problem import PlanningProblem
+from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.requirements.body_rows import FEW_POINTS, quarter_way
 from ff_planner_ros.planning.requirements.requirement import (
     OF_INTEREST,
@@ -33,8 +35,6 @@ from ff_planner_ros.planning.requirements.requirement import (
     Rows,
     Samples,
 )
-from ff_planner_ros.planning.search_certificate import search_certificate
-from ff_planner_ros.planning.settings import PlannerSettings
 from ff_planner_ros.robot.bodies import Geometry
 from ff_planner_ros.robot.model import Robot
 

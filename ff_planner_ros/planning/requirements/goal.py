@@ -9,10 +9,10 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 
-from ff_planner_ros.arrays import Array
+from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import Failure
-from ff_planner_ros.planning.metrics import Metrics
-from ff_planner_ros.planning.problem import Orientation, Target
+from ff_planner_ros.planning.motion.metrics import Metrics
+from ff_planner_ros.planning.problem.problem import Orientation, Target
 from ff_planner_ros.planning.requirements.requirement import (
     Requirement,
     Samples,

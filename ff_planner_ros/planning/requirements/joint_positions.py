@@ -6,13 +6,15 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from ff_planner_ros.arrays import Array
+from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import Failure, InvalidInput, Status
-from ff_planner_ros.planning.followed import FollowedMotion
-from ff_planner_ros.planning.joint_motion import JointMotion
-from ff_planner_ros.planning.metrics import Metrics
-from ff_planner_ros.planning.path_family import Motion, Sensitivity
-from ff_planner_ros.planning.problem import PlanningProblem
+from ff_planner_ros.planning.motion.followed import FollowedMotion
+from ff_planner_ros.planning.motion.joint_motion import JointMotion
+from ff_planner_ros.planning.motion.metrics import Metrics
+from ff_planner_ros.planning.paths.path_family import Motion, Sensitivity
+from ff_planner_ros.planning.paths.start_motion import least_highest_positions
+from ff_planner_ros.planning.problem.problem import PlanningProblem
+from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.requirements.requirement import (
     ALLOWED_EXCESS,
     LIMIT_TOLERANCE,
@@ -23,8 +25,6 @@ from ff_planner_ros.planning.requirements.requirement import (
     within,
 )
 from ff_planner_ros.planning.requirements.turns import beyond, joined, turns
-from ff_planner_ros.planning.settings import PlannerSettings
-from ff_planner_ros.planning.start_motion import least_highest_positions
 from ff_planner_ros.robot.model import Robot
 
 # Between 50 points the quintics and the cubics that the search knows differ by less [rad].

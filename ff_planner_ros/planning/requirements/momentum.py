@@ -7,9 +7,9 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 import pinocchio as pin
 
-from ff_planner_ros.arrays import Array
+from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import Failure
-from ff_planner_ros.planning.metrics import Metrics
+from ff_planner_ros.planning.motion.metrics import Metrics
 from ff_planner_ros.planning.requirements.requirement import (
     LIMIT_TOLERANCE,
     Requirement,

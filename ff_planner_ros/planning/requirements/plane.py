@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from ff_planner_ros.errors import Failure, Status
-from ff_planner_ros.planning.metrics import Metrics
+from ff_planner_ros.planning.motion.metrics import Metrics
 from ff_planner_ros.planning.requirements.requirement import Requirement, Samples
 from ff_planner_ros.robot.model import Base
 from ff_planner_ros.robot.quaternion import rotation_from_quaternion

@@ -12,17 +12,17 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from ff_planner_ros.arrays import Array, Indices
+from ff_planner_ros.common.arrays import Array, Indices
 from ff_planner_ros.errors import Failure, Status
-from ff_planner_ros.planning.clearance import arm_points
-from ff_planner_ros.planning.followed import FollowedMotion, followed
-from ff_planner_ros.planning.joint_motion import joint_motion
-from ff_planner_ros.planning.metrics import Metrics
-from ff_planner_ros.planning.motion import from_trajectory
-from ff_planner_ros.planning.path_family import Motion, Sensitivity
-from ff_planner_ros.planning.plan import Trajectory
-from ff_planner_ros.planning.problem import PlanningProblem
-from ff_planner_ros.planning.settings import PlannerSettings
+from ff_planner_ros.planning.distance.clearance import arm_points
+from ff_planner_ros.planning.motion.followed import FollowedMotion, followed
+from ff_planner_ros.planning.motion.joint_motion import joint_motion
+from ff_planner_ros.planning.motion.metrics import Metrics
+from ff_planner_ros.planning.motion.motion import from_trajectory
+from ff_planner_ros.planning.motion.plan import Trajectory
+from ff_planner_ros.planning.paths.path_family import Motion, Sensitivity
+from ff_planner_ros.planning.problem.problem import PlanningProblem
+from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.robot.dynamics import joint_torques
 from ff_planner_ros.robot.momentum import momentum_maps
 

@@ -11,7 +11,7 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 
 from ff_planner_ros.errors import Failure
-from ff_planner_ros.planning.metrics import Metrics
+from ff_planner_ros.planning.motion.metrics import Metrics
 from ff_planner_ros.planning.requirements.requirement import (
     LIMIT_TOLERANCE,
     Requirement,

@@ -6,12 +6,13 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from ff_planner_ros.arrays import Array
+from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import Failure, InvalidInput, Status
-from ff_planner_ros.planning.followed import FollowedMotion
-from ff_planner_ros.planning.metrics import Metrics
-from ff_planner_ros.planning.path_family import Motion, Sensitivity
-from ff_planner_ros.planning.problem import PlanningProblem
+from ff_planner_ros.planning.motion.followed import FollowedMotion
+from ff_planner_ros.planning.motion.metrics import Metrics
+from ff_planner_ros.planning.paths.path_family import Motion, Sensitivity
+from ff_planner_ros.planning.problem.problem import PlanningProblem
+from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.requirements.accelerations import (
     accelerations_at_points,
     accelerations_by_x,
@@ -23,7 +24,6 @@ from ff_planner_ros.planning.requirements.requirement import (
     Samples,
     within,
 )
-from ff_planner_ros.planning.settings import PlannerSettings
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.dynamics import joint_torques, joint_torques_by_x
 from ff_planner_ros.robot.model import Robot

@@ -12,8 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ff_planner_ros.arrays import Array, Indices
-from ff_planner_ros.planning.path_family import Motion, Sensitivity
+from ff_planner_ros.common.arrays import Array, Indices
+from ff_planner_ros.planning.paths.path_family import Motion, Sensitivity
 from ff_planner_ros.planning.requirements.requirement import Rows
 
 

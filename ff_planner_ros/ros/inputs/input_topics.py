@@ -17,8 +17,8 @@ from nav_msgs.msg import Odometry
 from sensor_msgs.msg import JointState
 
 from ff_planner_ros.bag.decoding import NANOSECONDS
-from ff_planner_ros.declared_messages import value_at
-from ff_planner_ros.planning.goal_words import GoalKind
+from ff_planner_ros.common.declared_messages import value_at
+from ff_planner_ros.planning.problem.goal_words import GoalKind
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from rclpy.serialization import deserialize_message
 
 from ff_planner_ros.bag.decoding import nanoseconds
 from ff_planner_ros.errors import InvalidInput, Status
-from ff_planner_ros.planning.problem import Sphere, TargetBody
+from ff_planner_ros.planning.problem.problem import Sphere, TargetBody
 from ff_planner_ros.ros.inputs.input_topics import (
     OBSTACLE_BODIES,
     OBSTACLES,

@@ -10,17 +10,18 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ff_planner_ros.arrays import Array, finite_number, finite_vector
 from ff_planner_ros.bag.decoding import NANOSECONDS, nanoseconds
 from ff_planner_ros.bag.plans import trajectory_in
 from ff_planner_ros.bag.target_bodies import NAMED_AS, target_body_in
-from ff_planner_ros.declared_messages import names_in, value_at, values_in
+from ff_planner_ros.common.arrays import Array, finite_number, finite_vector
+from ff_planner_ros.common.declared_messages import names_in, value_at, values_in
+from ff_planner_ros.common.shown import quoted
 from ff_planner_ros.errors import InvalidInput, Status, fields_named
 from ff_planner_ros.parameters import NodeParameters
-from ff_planner_ros.planning.goal_words import GoalKind
-from ff_planner_ros.planning.metrics import Metrics
-from ff_planner_ros.planning.plan import Plan, SolverReport
-from ff_planner_ros.planning.problem import (
+from ff_planner_ros.planning.motion.metrics import Metrics
+from ff_planner_ros.planning.motion.plan import Plan, SolverReport
+from ff_planner_ros.planning.problem.goal_words import GoalKind
+from ff_planner_ros.planning.problem.problem import (
     DurationRange,
     Limits,
     Orientation,
@@ -32,7 +33,6 @@ from ff_planner_ros.planning.problem import (
 )
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.state import SystemState
-from ff_planner_ros.shown import quoted
 
 if TYPE_CHECKING:  # what is read may also be a message decoded where ROS is not installed
     from builtin_interfaces.msg import Time

@@ -7,13 +7,13 @@ from typing import Any
 
 from ff_planner_msgs.msg import PlanRequest
 
-from ff_planner_ros.arrays import finite_vector
-from ff_planner_ros.declared import DeclaredField
-from ff_planner_ros.declared_messages import places_in, write_value
+from ff_planner_ros.common.arrays import finite_vector
+from ff_planner_ros.common.declared import DeclaredField
+from ff_planner_ros.common.declared_messages import places_in, write_value
+from ff_planner_ros.common.yaml_file import yaml_document
 from ff_planner_ros.errors import InvalidInput, Status
-from ff_planner_ros.planning.problem import PlanningProblem
-from ff_planner_ros.planning.task import PlanningTask
-from ff_planner_ros.planning.yaml_file import yaml_document
+from ff_planner_ros.planning.problem.problem import PlanningProblem
+from ff_planner_ros.planning.task.task import PlanningTask
 from ff_planner_ros.ros.messages.interfaces import entry_of
 
 # Place in the message, and declaration, by key.

@@ -27,9 +27,10 @@ from scipy.spatial.transform import Rotation
 from std_msgs.msg import Header
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from ff_planner_ros.arrays import Array
 from ff_planner_ros.bag.decoding import NANOSECONDS
-from ff_planner_ros.declared_messages import write_object
+from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.common.declared_messages import write_object
+from ff_planner_ros.common.shown import shortened, shown
 from ff_planner_ros.errors import (
     LONGEST_MESSAGE,
     FfPlannerError,
@@ -38,11 +39,10 @@ from ff_planner_ros.errors import (
     Status,
     retry_after,
 )
-from ff_planner_ros.planning.plan import Plan
-from ff_planner_ros.planning.problem import PlanningProblem, Sphere, TargetBody
+from ff_planner_ros.planning.motion.plan import Plan
+from ff_planner_ros.planning.problem.problem import PlanningProblem, Sphere, TargetBody
 from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.ros.messages.interfaces import entry_of
-from ff_planner_ros.shown import shortened, shown
 
 
 def request_message(problem: PlanningProblem, inertial_frame: str) -> PlanRequest:

@@ -12,11 +12,11 @@ from visualization_msgs.msg import Marker, MarkerArray
 from ff_planner_ros.analysis.nearest import Nearest, nearest
 from ff_planner_ros.analysis.solids import robot_surface, surface_at
 from ff_planner_ros.analysis.surroundings import corridor_lines
-from ff_planner_ros.arrays import Array
-from ff_planner_ros.planning.clearance import arm_points
-from ff_planner_ros.planning.motion import from_trajectory
-from ff_planner_ros.planning.plan import Plan
-from ff_planner_ros.planning.problem import Approach, Sphere, TargetBody
+from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.planning.distance.clearance import arm_points
+from ff_planner_ros.planning.motion.motion import from_trajectory
+from ff_planner_ros.planning.motion.plan import Plan
+from ff_planner_ros.planning.problem.problem import Approach, Sphere, TargetBody
 from ff_planner_ros.robot.box import uniform_box
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.ros.messages.to_messages import point_message, pose_message

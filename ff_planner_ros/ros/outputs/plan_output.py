@@ -23,9 +23,9 @@ from visualization_msgs.msg import MarkerArray
 
 from ff_planner_ros.bag.decoding import NANOSECONDS, nanoseconds
 from ff_planner_ros.parameters import NodeParameters
-from ff_planner_ros.planning.joint_motion import JointMotion, joint_motion
-from ff_planner_ros.planning.plan import Plan, Trajectory
-from ff_planner_ros.planning.problem import Approach, Sphere, TargetBody
+from ff_planner_ros.planning.motion.joint_motion import JointMotion, joint_motion
+from ff_planner_ros.planning.motion.plan import Plan, Trajectory
+from ff_planner_ros.planning.problem.problem import Approach, Sphere, TargetBody
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.ros.inputs.state_input import Snapshot
 from ff_planner_ros.ros.messages.to_messages import time_message

@@ -10,10 +10,10 @@ from scipy.spatial.transform import Rotation
 from std_msgs.msg import Header
 
 from ff_planner_ros.analysis.tracking import planned_poses
-from ff_planner_ros.arrays import Array
 from ff_planner_ros.bag.decoding import NANOSECONDS
-from ff_planner_ros.planning.plan import Trajectory
-from ff_planner_ros.planning.target_body import TargetBody
+from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.planning.motion.plan import Trajectory
+from ff_planner_ros.planning.problem.target_body import TargetBody
 from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.ros.messages.to_messages import pose_message, time_message
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from sensor_msgs.msg import JointState
 
-from ff_planner_ros.planning.joint_motion import joint_motion
-from ff_planner_ros.planning.plan import Plan
+from ff_planner_ros.planning.motion.joint_motion import joint_motion
+from ff_planner_ros.planning.motion.plan import Plan
 
 
 def preview_joint_states(plan: Plan, rate: float) -> list[JointState]:

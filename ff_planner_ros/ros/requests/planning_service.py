@@ -27,11 +27,11 @@ from trajectory_msgs.msg import JointTrajectory
 from ff_planner_ros.bag.decoding import NANOSECONDS
 from ff_planner_ros.errors import FfPlannerError, Interrupted, NoPlanFound, Status
 from ff_planner_ros.parameters import PREEMPT, NodeParameters
-from ff_planner_ros.planning.controller_rules import require_in_time
-from ff_planner_ros.planning.library import Guesses
-from ff_planner_ros.planning.metrics import METRIC_BY_NAME
-from ff_planner_ros.planning.plan import Plan
-from ff_planner_ros.planning.watch import Progress
+from ff_planner_ros.planning.motion.metrics import METRIC_BY_NAME
+from ff_planner_ros.planning.motion.plan import Plan
+from ff_planner_ros.planning.motion.watch import Progress
+from ff_planner_ros.planning.problem.controller_rules import require_in_time
+from ff_planner_ros.planning.task.library import Guesses
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.ros.inputs.scene_input import SceneInput
 from ff_planner_ros.ros.inputs.state_input import StateInput

@@ -8,17 +8,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 from ff_planner_msgs.msg import ChaserState, PlanAnswer, PlanInputs, PlanRequest
 
-from ff_planner_ros.arrays import finite_number
 from ff_planner_ros.bag.decoding import NANOSECONDS, nanoseconds
 from ff_planner_ros.bag.target_bodies import NAMED_AS
+from ff_planner_ros.common.arrays import finite_number
 from ff_planner_ros.errors import InvalidInput, Status, fields_named
 from ff_planner_ros.parameters import NodeParameters
-from ff_planner_ros.planning.goal_words import GoalKind
-from ff_planner_ros.planning.joint_motion import JointMotion
-from ff_planner_ros.planning.library import Guesses
-from ff_planner_ros.planning.problem import TargetBody, carried_spheres
-from ff_planner_ros.planning.tail import EndBehaviour
-from ff_planner_ros.planning.task import PlanningTask
+from ff_planner_ros.planning.motion.joint_motion import JointMotion
+from ff_planner_ros.planning.problem.goal_words import GoalKind
+from ff_planner_ros.planning.problem.problem import TargetBody, carried_spheres
+from ff_planner_ros.planning.task.library import Guesses
+from ff_planner_ros.planning.task.tail import EndBehaviour
+from ff_planner_ros.planning.task.task import PlanningTask
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.ros.inputs.scene_input import SceneInput, SeenBody
 from ff_planner_ros.ros.inputs.state_input import Snapshot, StateInput, require_current

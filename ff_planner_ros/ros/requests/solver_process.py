@@ -19,9 +19,9 @@ from contextlib import suppress
 from dataclasses import dataclass
 
 from ff_planner_ros.errors import FfPlannerError
-from ff_planner_ros.planning.plan import Plan
-from ff_planner_ros.planning.task import PlanningTask, perform
-from ff_planner_ros.planning.watch import Progress
+from ff_planner_ros.planning.motion.plan import Plan
+from ff_planner_ros.planning.motion.watch import Progress
+from ff_planner_ros.planning.task.task import PlanningTask, perform
 from ff_planner_ros.time_budget import TimeBudget
 
 # What the server says when it is ready, and what it is told, with two connections.

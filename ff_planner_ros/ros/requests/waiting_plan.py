@@ -9,13 +9,13 @@ import numpy as np
 from ff_planner_msgs.msg import ChaserState
 from scipy.spatial.transform import Rotation
 
-from ff_planner_ros.arrays import Array
 from ff_planner_ros.bag.decoding import NANOSECONDS
+from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import NoPlanFound, Status
 from ff_planner_ros.parameters import NodeParameters
-from ff_planner_ros.planning.forward import carried_forward
-from ff_planner_ros.planning.plan import Plan, Trajectory
-from ff_planner_ros.planning.problem import Approach, Sphere, TargetBody
+from ff_planner_ros.planning.motion.forward import carried_forward
+from ff_planner_ros.planning.motion.plan import Plan, Trajectory
+from ff_planner_ros.planning.problem.problem import Approach, Sphere, TargetBody
 from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.ros.parameters import stricter_since
 from ff_planner_ros.ros.requests.reading import Knowledge, measured_state, motion_until_start

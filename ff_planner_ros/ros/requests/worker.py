@@ -13,11 +13,11 @@ import time
 from collections.abc import Callable
 from contextlib import closing, suppress
 
+from ff_planner_ros.common.one_thread import ONE_THREAD
 from ff_planner_ros.errors import FfPlannerError, Interrupted, NoPlanFound, Status
-from ff_planner_ros.one_thread import ONE_THREAD
-from ff_planner_ros.planning.plan import Plan
-from ff_planner_ros.planning.task import PlanningTask
-from ff_planner_ros.planning.watch import Progress
+from ff_planner_ros.planning.motion.plan import Plan
+from ff_planner_ros.planning.motion.watch import Progress
+from ff_planner_ros.planning.task.task import PlanningTask
 from ff_planner_ros.ros.requests import solver_process
 from ff_planner_ros.ros.requests.lines import POLL, Lines
 from ff_planner_ros.ros.requests.solver_process import (

@@ -1,0 +1,307 @@
+"""Fields that are declared once, beside the class that they belong to.
+
+From the declarations follow what reads a mapping of a file, or a message, and what writes it, the
+checks of the class itself, and the JSON Schema of the file.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator, Mapping
+from dataclasses import MISSING, dataclass, field, fields, replace
+from functools import cache
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from ff_planner_ros.common.forms import Form, Schema, a_number, a_whole_number
+from ff_planner_ros.common.plain_values import dotted, mapping
+from ff_planner_ros.errors import Faults, InvalidInput
+
+
+@dataclass(frozen=True)
+class DeclaredField:
+    """What is declared of a field."""
+
+    form: Form
+    sentence: str  # what it is, in one
+    key: str = ""  # in files, dotted within its class's mapping; empty: the field's name
+    unit: str = ""
+    frame: str = ""  # that a vector is in
+    since: str = ""  # the version that it came with; empty: that of its class
+    # Where it is in the message of its class, dotted; `name[0]` is the entry of an array that has
+    # one at most; None: nowhere
+    message: str | None = None
+    optional: bool = False  # whether a file may leave it out although the class has no default
+    brief: bool = False  # whether a file leaves it out where it is the default
+    late: bool = False  # and so do digests: there were some before it came
+    formerly: str = ""  # its key, of one level, until version 0.3: deprecated
+    # Key and form of what may be given instead of it
+    instead: tuple[str, Form, str] | None = None  # and its sentence
+    # Another key, the value with which it may be left out, and what it is then
+    unless: tuple[str, str, Any] | None = None
+    name: str = ""  # of the field
+    default: Any = field(default_factory=lambda: MISSING)
+
+    @property
+    def empties(self) -> bool:
+        """Whether a message that is empty there says what its default says."""
+        usual = self.default
+        return usual is None or (usual is not MISSING and bool(np.any(usual)))
+
+    @property
+    def required(self) -> bool:
+        """Whether every file must have it, and nothing can be given instead."""
+        return not (self.optional or self.instead)
+
+
+DeclaredFields: TypeAlias = Mapping[str, DeclaredField]  # by key
+
+
+def declare(form: Form, sentence: str, **more: Any) -> Any:
+    """Declare a field of a dataclass, whose `default` or `default_factory` is given as usual."""
+    usual = {name: more[name] for name in ("default", "default_factory") if name in more}
+    more.pop("default_factory", None)
+    return field(metadata={"declared": DeclaredField(form, sentence, **more)}, **usual)
+
+
+def declared(kind: Any) -> DeclaredFields:
+    """Return what is declared of a dataclass's fields, by key, in the order of files.
+
+    A class attribute `BESIDE` holds, by key, what files say beside the fields; `FIRST` the keys
+    that files begin with, where that is not the order of the fields; `SINCE` the version that the
+    class came with, 0.1 where there is none.
+    """
+    return _declared(kind)
+
+
+@cache
+def _declared(kind: Any) -> DeclaredFields:
+    found: dict[str, DeclaredField] = dict(vars(kind).get("BESIDE", {}))
+    for item in fields(kind):
+        one: DeclaredField | None = item.metadata.get("declared")
+        if "description" in item.metadata:
+            one = _tunable(item.type == "int", item.metadata)
+        if one is not None:
+            default = item.default
+            if item.default_factory is not MISSING:
+                default = item.default_factory()
+            one = replace(one, name=item.name, default=default)
+            found[one.key or item.name] = replace(
+                one, optional=one.optional or default is not MISSING
+            )
+    first = [key for key in vars(kind).get("FIRST", ()) if key in found]
+    since = vars(kind).get("SINCE", "0.1")
+    return {
+        key: replace(found[key], since=found[key].since or since)
+        for key in dict.fromkeys([*first, *found])
+    }
+
+
+def _tunable(whole: bool, metadata: Mapping[str, Any]) -> DeclaredField:
+    low, high = metadata["minimum"], metadata["maximum"]
+    form = a_whole_number(low, high) if whole else a_number(at_least=low, at_most=high)
+    return DeclaredField(form, metadata["description"], unit=metadata["unit"], optional=True)
+
+
+@cache
+def declared_by_name(kind: Any) -> Mapping[str, DeclaredField]:
+    """Return what is declared of a dataclass's fields, by their names."""
+    return {one.name: one for one in declared(kind).values()}
+
+
+def check_declared(self: Any, block: str) -> None:
+    """Check every declared field of a frozen dataclass, and keep what its form makes of it.
+
+    Args:
+        block: In front of the keys in errors.
+
+    Raises:
+        InvalidInput: A value is not allowed.
+    """
+    for key, one in declared(type(self)).items():
+        value = getattr(self, one.name) if one.name else None
+        if value is not None:
+            object.__setattr__(self, one.name, one.form.checked(dotted(block, key), value))
+
+
+def read_keys(
+    known: DeclaredFields, field: str, value: object, faults: Faults, named: str = ""
+) -> dict[str, Any]:
+    """Return what a file's mapping says, by dotted key; what it leaves out is not there.
+
+    Args:
+        field: Where it is.
+        faults: Gather every key that is unknown or missing, and every value that is wrong.
+        named: As errors of values call it; empty: as `field`.
+    """
+    read = dict[str, Any]()
+    value = _with_present_keys(known, field, value, faults)
+    _read_level(known, (field, named or field), value, "", (faults, read))
+    return read
+
+
+def _with_present_keys(known: DeclaredFields, field: str, value: object, faults: Faults) -> object:
+    """Return a mapping in which deprecated keys have their present names, and tell of them."""
+    formerly = {one.formerly: key for key, one in known.items() if one.formerly}
+    if not isinstance(value, dict) or not formerly.keys() & value.keys():
+        return value
+    present: dict[str, Any] = {key: value[key] for key in value if key not in formerly}
+    for old in (key for key in value if key in formerly):
+        *groups, last = formerly[old].split(".")
+        block: Any = present
+        for group in groups:
+            within = block.get(group, {})
+            block[group] = dict(within) if isinstance(within, dict) else within
+            block = block[group]
+            if not isinstance(block, dict):
+                break  # it is refused where it is read
+        else:
+            if last in block:
+                faults.add(dotted(field, old), "given twice", f"give {formerly[old]} alone")
+            block[last] = value[old]
+        words = f"{dotted(field, old)} is deprecated: say {dotted(field, formerly[old])}"
+        warnings.warn(words, FutureWarning, stacklevel=2)
+    return present
+
+
+def _read_level(
+    known: DeclaredFields,
+    places: tuple[str, str],
+    value: object,
+    prefix: str,
+    into: tuple[Faults, dict[str, Any]],
+) -> None:
+    """Read one level of a mapping whose keys may be dotted."""
+    faults, read = into
+    field, named = places
+    level = dict(_level(known, prefix))
+    instead = {one.instead[0]: head for head, one in level.items() if one and one.instead}
+    must = [head for head, one in level.items() if _must(known, prefix + head, one)]
+    heads = list(level)
+    for other, head in instead.items():
+        heads.insert(heads.index(head) + 1, other)
+    with faults.gathered():
+        mapping(field, value, must, [head for head in heads if head not in must])
+    if not isinstance(value, dict):
+        return
+    for head in (head for head in heads if head in value):
+        one, given = level.get(instead.get(head, head)), value[head]
+        here, called = dotted(field, head), dotted(named, head)
+        if one is None:
+            _read_level(known, (here, called), given, f"{prefix}{head}.", into)
+            continue
+        with faults.gathered():
+            if head not in instead:
+                read[prefix + head] = one.form.read(here, given)
+                one.form.checked(called, read[prefix + head])
+            elif one.instead and (found := one.instead[1].read(here, given)) is not False:
+                read[prefix + instead[head]] = found  # what is given instead is whole
+    for head in instead.values():
+        with faults.gathered():
+            if (usual := _usual(level[head], field, head, value)) is not None:
+                read[prefix + head] = usual
+
+
+def _usual(one: DeclaredField | None, field: str, head: str, value: dict[str, Any]) -> Any:
+    """Return what a value is that may be left out; None: it, or something instead, is given.
+
+    Raises:
+        InvalidInput: Neither is given, or both are.
+    """
+    if one is None or one.instead is None:
+        return None
+    other = one.instead[0]
+    given = [name for name in (head, other) if value.get(name, False) is not False]
+    if len(given) == 1:
+        return None
+    if not given and one.unless is not None and value.get(one.unless[0]) == one.unless[1]:
+        return one.unless[2]
+    found, allowed = "given twice" if given else "missing", f"give it or {other}"
+    raise InvalidInput(one.form.absent, dotted(field, head), found, allowed)
+
+
+def _level(known: DeclaredFields, prefix: str) -> Iterator[tuple[str, DeclaredField | None]]:
+    """Yield the first parts of keys behind a prefix; None: of keys that go on."""
+    for key, one in known.items():
+        if key.startswith(prefix):
+            head, _, rest = key.removeprefix(prefix).partition(".")
+            yield head, None if rest else one
+
+
+def _must(known: DeclaredFields, key: str, one: DeclaredField | None) -> bool:
+    if one is not None:
+        return one.required
+    return any(inner.required for name, inner in known.items() if name.startswith(f"{key}."))
+
+
+def fields_of(kind: type[Any], read: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what was read of a class's fields, by their names."""
+    return {one.name: read[key] for key, one in declared(kind).items() if one.name and key in read}
+
+
+def written_object(value: Any) -> dict[str, Any]:
+    """Return an object with declared fields as a file has it."""
+    known = declared(type(value))
+    return written(known, {key: getattr(value, one.name, None) for key, one in known.items()})
+
+
+def written(known: DeclaredFields, values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return values by their dotted keys as a file has them; what is None is left out."""
+    document: dict[str, Any] = {}
+    for key, one in known.items():
+        value = values.get(key) if one.name else one.default
+        if value is None and not one.form.spells_none:
+            continue
+        plain = one.form.written(value)
+        if one.brief and plain == one.form.written(one.default):
+            continue
+        *groups, last = key.split(".")
+        block = document
+        for group in groups:
+            block = block.setdefault(group, {})
+        block[last] = plain
+    return document
+
+
+def schema_of(known: DeclaredFields, prefix: str = "") -> Schema:
+    """Return the JSON Schema of a mapping with these keys."""
+    properties: Schema = {}
+    required, either = [], []
+    for head, one in dict(_level(known, prefix)).items():
+        if one is None:
+            properties[head] = schema_of(known, f"{prefix}{head}.")
+        else:
+            properties[head] = _described(one.form.schema(), one)
+        if _must(known, prefix + head, one):
+            required.append(head)
+        if one is not None and one.instead is not None:
+            other, form, sentence = one.instead
+            properties[other] = form.schema() | {"description": f"instead of {head}: {sentence}."}
+            either.append(_one_of(head, other, one))
+    schema: Schema = {"type": "object", "properties": properties, "additionalProperties": False}
+    if required:
+        schema["required"] = required
+    return schema | ({"allOf": either} if either else {})
+
+
+def _described(schema: Schema, one: DeclaredField) -> Schema:
+    words = one.sentence + (f", {one.frame}" if one.frame else "")
+    words += f" [{one.unit}]" if one.unit else ""
+    described = schema | {"description": f"{words}. Since version {one.since}."}
+    if one.form.of or one.default is MISSING or (one.default is None and not one.form.spells_none):
+        return described
+    return described | {"default": one.form.written(one.default)}
+
+
+def _one_of(head: str, other: str, one: DeclaredField) -> Schema:
+    """Return the schema of a mapping with one of two keys; false is as good as left out."""
+    given = [
+        {"required": [name], "properties": {name: {"not": {"const": False}}}}
+        for name in (head, other)
+    ]
+    choices: list[Schema] = [*given]
+    if one.unless is not None:
+        key, value, _ = one.unless
+        choices.append({"required": [key], "properties": {key: {"const": value}}})
+    return {"anyOf": choices, "not": {"allOf": given}}

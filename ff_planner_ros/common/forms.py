@@ -1,0 +1,327 @@
+"""The forms of declared values: how a file spells them, what is allowed, and their JSON Schema."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Callable, Iterable, Mapping, Sized
+from dataclasses import dataclass, replace
+from enum import StrEnum
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from ff_planner_ros.common.arrays import (
+    Array,
+    finite_number,
+    finite_vector,
+    normalising_to,
+    unit_quaternion,
+)
+from ff_planner_ros.common.plain_values import (
+    boolean,
+    integer,
+    mapping,
+    number,
+    numbers,
+    sequence,
+    text,
+)
+from ff_planner_ros.common.shown import quoted
+from ff_planner_ros.errors import Faults, InvalidInput, Status
+
+Schema: TypeAlias = dict[str, Any]
+DIALECT = "https://json-schema.org/draft/2020-12/schema"  # of JSON Schema
+
+
+@dataclass(frozen=True)
+class Form:
+    """What a value may be. All readers name the field of a value in errors, `InvalidInput`."""
+
+    read: Callable[[str, object], Any]  # what a file's value stands for
+    schema: Callable[[], Schema]  # of what a file may have
+    checked: Callable[[str, Any], Any] = lambda _field, value: value  # as its class keeps it
+    written: Callable[[Any], Any] = lambda value: value  # as a file has it
+    absent: Status = Status.OUT_OF_RANGE  # what it is to leave the value out
+    spells_none: bool = False  # whether a file has a word for None
+    # Fields of the part of a message that holds it; none: a number, text or list of the message
+    slots: tuple[str, ...] = ()
+    # What a message's value stands for, or its slots' values
+    from_message: Callable[[str, Any], Any] = lambda _field, value: value
+    # What a message has of what a file has
+    to_message: Callable[[Any], Any] = lambda plain: plain
+    of: type[Any] | None = None  # whose declared fields it holds
+
+
+def of_numbers(size: int | None = None) -> Schema:
+    """Return the schema of a list of numbers; size: None: any."""
+    bounds = {} if size is None else {"minItems": size, "maxItems": size}
+    return {"type": "array", "items": {"type": "number"}} | bounds
+
+
+def of_mapping(properties: Mapping[str, Schema]) -> Schema:
+    """Return the schema of a mapping that has all of these keys and no other one."""
+    schema = {"type": "object", "properties": dict(properties), "required": list(properties)}
+    return schema | {"additionalProperties": False}
+
+
+def a_number(
+    above: float | None = None, at_least: float | None = None, at_most: float | None = None
+) -> Form:
+    """Return the form of a finite number within bounds."""
+    bounds = {"exclusiveMinimum": above, "minimum": at_least, "maximum": at_most}
+    words = (("at least", at_least), ("at most", at_most))
+    allowed = "be " + " and ".join(f"{word} {at:g}" for word, at in words if at is not None)
+    if at_least == 0.0 and at_most is None:
+        allowed = "not be negative"
+    low = -math.inf if at_least is None else at_least
+    high = math.inf if at_most is None else at_most
+
+    def checked(field: str, value: Any) -> float:
+        found = finite_number(field, number(field, value), above=above)
+        if not low <= found <= high:
+            raise InvalidInput(Status.OUT_OF_RANGE, field, found, f"it must {allowed}")
+        return found
+
+    schema = {"type": "number"} | {key: at for key, at in bounds.items() if at is not None}
+    return Form(number, lambda: schema, checked, float)
+
+
+def a_whole_number(least: int, most: int) -> Form:
+    """Return the form of a whole number within bounds."""
+
+    def checked(field: str, value: Any) -> int:
+        if not least <= integer(field, value) <= most:
+            allowed = f"it must be from {least} to {most}"
+            raise InvalidInput(Status.OUT_OF_RANGE, field, value, allowed)
+        return int(value)
+
+    return Form(integer, lambda: {"type": "integer", "minimum": least, "maximum": most}, checked)
+
+
+def a_word(words: Iterable[str], formerly: Mapping[str, str] | None = None) -> Form:
+    """Return the form of one of some words, or of an enumeration.
+
+    Args:
+        formerly: Deprecated words, and what stands in their place.
+    """
+
+    def read(field: str, value: object) -> str:
+        for word in words:
+            if value == word:
+                return word
+        for old, word in (formerly or {}).items():
+            if value == old:
+                words_now = f"{field}: {old} is deprecated: say {word}"
+                warnings.warn(words_now, FutureWarning, stacklevel=2)
+                return word
+        *others, last = words
+        allowed = f"it must be {', '.join(others)} or {last}"
+        raise InvalidInput(Status.OUT_OF_RANGE, field, quoted(value), allowed)
+
+    return Form(
+        read, lambda: {"enum": [str(word) for word in words]}, written=str, from_message=read
+    )
+
+
+def a_numbered_word(words: type[StrEnum]) -> Form:
+    """Return the form of one of an enumeration's words, which messages number in their order."""
+    form, numbered = a_word(words), tuple(words)
+
+    def from_message(field: str, value: int) -> str:
+        if 0 <= value < len(numbered):
+            return numbered[value]
+        named = ", ".join(f"{number} ({word})" for number, word in enumerate(numbered))
+        raise InvalidInput(Status.OUT_OF_RANGE, field, value, f"it must be one of {named}")
+
+    return replace(form, from_message=from_message, to_message=numbered.index)
+
+
+def a_vector(size: int | None = 3) -> Form:
+    """Return the form of a list of finite numbers; size: None: that of what they belong to."""
+
+    def checked(field: str, value: Any) -> Array:
+        given = len(value) if isinstance(value, Sized) else 1
+        return finite_vector(field, value, given if size is None else size)
+
+    slots = tuple("xyz") if size == 3 else ()
+    return Form(numbers, lambda: of_numbers(size), checked, _as_list, slots=slots)
+
+
+def by_name(of: str) -> Form:
+    """Return the form of numbers by names; of: what has the names, in words."""
+
+    def read(field: str, value: object) -> dict[str, float]:
+        if not isinstance(value, dict) or not all(isinstance(name, str) for name in value):
+            allowed = f"it must hold a position for each name of {of}"
+            raise InvalidInput(Status.OUT_OF_RANGE, field, value, allowed)
+        named = {f"{field}.{name}": (name, given) for name, given in value.items()}
+        return {name: finite_number(at, number(at, one)) for at, (name, one) in named.items()}
+
+    return Form(read, lambda: {"type": "object", "additionalProperties": {"type": "number"}})
+
+
+def each(of: Form, least: int = 0, unique: str = "id") -> Form:
+    """Return the form of a tuple of values of one form.
+
+    Args:
+        least: Number of values.
+        unique: Key of what must be another for each, where they are mappings that have it.
+    """
+
+    def read(field: str, value: object) -> tuple[Any, ...]:
+        faults, found, names = Faults(), [], set[str]()
+        for index, one in enumerate(entries := sequence(field, value)):
+            place = f"{field}[{index}]"
+            with faults.gathered():
+                found.append(of.read(place, one))
+            name = one.get(unique) if isinstance(one, dict) else None
+            if isinstance(name, str):
+                if name in names:
+                    faults.add(f"{place}.{unique}", name, "it must be unique")
+                names.add(name)
+        faults.refuse()
+        if len(entries) < least:
+            raise InvalidInput(Status.WRONG_SIZE, field, "empty", "it must have one entry or more")
+        return tuple(found)
+
+    def written(value: Any) -> list[Any]:
+        return [of.written(one) for one in value]
+
+    def from_message(field: str, value: Any) -> tuple[Any, ...]:
+        return tuple(of.from_message(f"{field}[{index}]", one) for index, one in enumerate(value))
+
+    def schema() -> Schema:
+        bounds = {"minItems": least} if least else {}
+        return {"type": "array", "items": of.schema()} | bounds
+
+    return Form(read, schema, written=written, from_message=from_message)
+
+
+def or_none(form: Form, none: Any = None) -> Form:
+    """Return a form that the word `none` has, too; none: what it stands for."""
+
+    def either(reader: Callable[[str, Any], Any], field: str, value: Any) -> Any:
+        try:
+            return reader(field, value)
+        except InvalidInput as error:
+            if error.field != field or len(error.faults) > 1:
+                raise
+            allowed = f"{error.allowed}, or none"
+            raise InvalidInput(error.status, field, error.value, allowed) from None
+
+    return Form(
+        lambda field, value: none if value == "none" else either(form.read, field, value),
+        lambda: {"anyOf": [{"const": "none"}, form.schema()]},
+        lambda field, value: value if value == none else either(form.checked, field, value),
+        lambda value: "none" if value == none else form.written(value),
+        spells_none=True,
+        slots=form.slots,
+        from_message=form.from_message,
+    )
+
+
+def or_part(form: Form, whole: Form) -> Form:
+    """Return a form that a mapping has, too; whole: of the object that it stands for."""
+
+    def of(value: object) -> Form:
+        return whole if isinstance(value, dict | whole.of) else form
+
+    return Form(
+        lambda field, value: of(value).read(field, value),
+        lambda: {"anyOf": [form.schema(), whole.schema()]},
+        lambda field, value: of(value).checked(field, value),
+        lambda value: of(value).written(value),
+    )
+
+
+def a_source(*words: str) -> Form:
+    """Return the form of whether limits are those of the URDF: the first of the words says so."""
+
+    def read(field: str, value: object) -> bool:
+        if value not in words:
+            allowed = f"it must be {' or '.join(words)}"
+            raise InvalidInput(Status.UNSUPPORTED, field, value, allowed)
+        return value == words[0]
+
+    return Form(read, lambda: {"enum": list(words)}, written=lambda kept: words[0 if kept else 1])
+
+
+def _as_list(value: Array) -> list[Any]:
+    return list(value.tolist())
+
+
+def _named(field: str, value: object) -> str:
+    if not isinstance(value, str):
+        raise InvalidInput(Status.OUT_OF_RANGE, field, quoted(value), "it must be text")
+    return value
+
+
+def _tensor(_field: str, elements: Iterable[float]) -> Array:
+    xx, xy, xz, yy, yz, zz = elements
+    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+
+
+def _inertia(field: str, value: object) -> Array:
+    """Return a tensor, shape (3, 3), of its elements as in a URDF."""
+    entry, faults, read = mapping(field, value, _ELEMENTS), Faults(), dict[str, float]()
+    for name in _ELEMENTS:
+        with faults.gathered():
+            read[name] = number(f"{field}.{name}", entry[name])
+    faults.refuse()
+    return _tensor(field, read.values())
+
+
+def _rows(field: str, value: object) -> list[Array]:
+    faults, rows = Faults(), []
+    for index, row in enumerate(sequence(field, value)):
+        with faults.gathered():
+            rows.append(numbers(f"{field}[{index}]", row))
+    faults.refuse()
+    return rows
+
+
+def _one_or_each(field: str, value: object) -> tuple[float, ...]:
+    if isinstance(value, list):
+        return tuple(numbers(field, value).tolist())
+    return (finite_number(field, number(field, value), above=0.0),)
+
+
+def _positive(field: str, value: Any) -> tuple[float, ...]:
+    return tuple(
+        finite_number(f"{field}[{index}]", limit, above=0.0) for index, limit in enumerate(value)
+    )
+
+
+_ELEMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+_ABOVE_ZERO: Schema = {"type": "number", "exclusiveMinimum": 0.0}
+
+TEXT = Form(text, lambda: {"type": "string", "minLength": 1})
+NAME = Form(_named, lambda: {"type": "string"}, written=str)  # text that may be empty
+TRUTH = Form(boolean, lambda: {"type": "boolean"})
+# Of unit length to the last bit, and written so that it is read as the same
+QUATERNION = Form(
+    numbers,
+    lambda: of_numbers(4),
+    unit_quaternion,
+    lambda value: _as_list(normalising_to(value)),
+    Status.BAD_QUATERNION,
+    slots=tuple("xyzw"),
+)
+INERTIA = Form(
+    _inertia,
+    lambda: of_mapping({name: {"type": "number"} for name in _ELEMENTS}),
+    written=lambda value: dict(zip(_ELEMENTS, _as_list(value[np.triu_indices(3)]), strict=True)),
+    slots=_ELEMENTS,
+    from_message=_tensor,
+)
+ROWS = Form(_rows, lambda: {"type": "array", "items": of_numbers()}, written=_as_list)
+# A positive number for all joints, or one for each; kept as a tuple
+ONE_OR_EACH = Form(
+    _one_or_each,
+    lambda: {"anyOf": [_ABOVE_ZERO, {"type": "array", "items": _ABOVE_ZERO}]},
+    _positive,
+    list,
+    from_message=lambda _field, value: tuple(value),
+)
+FROM_URDF, ALWAYS_FROM_URDF = a_source("from_urdf", "none"), a_source("from_urdf")

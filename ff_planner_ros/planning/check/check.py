@@ -1,0 +1,94 @@
+"""The check after the solve: what the plan's samples themselves say, whatever the solver said.
+
+Nothing here uses the velocity map, the path family or the optimisation problem. Poses, momentum
+and clearance are recomputed by forward kinematics and dynamics from the samples.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from ff_planner_ros.errors import Failure, NoPlanFound, OutOfTime, Status
+from ff_planner_ros.planning.motion.measures import chaser_euler, joint_path_length
+from ff_planner_ros.planning.motion.metrics import Metrics
+from ff_planner_ros.planning.motion.plan import Plan, Trajectory
+from ff_planner_ros.planning.problem.problem import Parametrisation, PlanningProblem
+from ff_planner_ros.planning.problem.settings import PlannerSettings
+from ff_planner_ros.planning.requirements import REQUIREMENTS
+from ff_planner_ros.planning.requirements.requirement import Samples
+from ff_planner_ros.planning.requirements.singular_values import SingularValues
+
+
+def measure(problem: PlanningProblem, trajectory: Trajectory, settings: PlannerSettings) -> Metrics:
+    """Return the metrics of a trajectory, computed from its samples alone."""
+    samples = _samples(problem, settings, trajectory)
+    to_goal = slice(samples.goal + 1)
+    required: dict[str, Any] = {}
+    for requirement in REQUIREMENTS:
+        required |= requirement.metrics(samples)
+    return Metrics(
+        joint_path_length=joint_path_length(
+            trajectory.joint_velocities[to_goal], problem.duration / samples.goal
+        ),
+        max_chaser_euler=float(np.abs(chaser_euler(problem.robot, samples.q[to_goal])).max()),
+        **required,
+    )
+
+
+def failures(problem: PlanningProblem, plan: Plan, settings: PlannerSettings) -> Iterator[Failure]:
+    """Yield every requirement that a measured plan does not meet, the most harmful first."""
+    samples = _samples(problem, settings, plan.trajectory)
+    for required in REQUIREMENTS:
+        if plan.family != Parametrisation.JOINT_SPLINE or required.name != SingularValues.name:
+            yield from required.failures(samples, plan.metrics)
+
+
+@lru_cache(maxsize=2)
+def _samples(
+    problem: PlanningProblem, settings: PlannerSettings, trajectory: Trajectory
+) -> Samples:
+    """Return the samples of a trajectory; what is measured first is judged soon after."""
+    return Samples(problem, settings, trajectory)
+
+
+def refusal(
+    plan: Plan, found: Sequence[Failure], advice: Sequence[str] | None = None
+) -> NoPlanFound:
+    """Return the error that tells of all failures, with their advice where `advice` is None."""
+    starts = plan.solver.starts
+    attempts = "the only attempt" if starts == 1 else f"{starts} attempts; in the best"
+    if advice is None:
+        advice = list(dict.fromkeys(word for failure in found for word in failure.advice))
+    message = f"no plan found in {attempts}, {_findings(found)}. What may help: {', '.join(advice)}"
+    return NoPlanFound(found[0].status, message, plan, found)
+
+
+def out_of_time(
+    end: OutOfTime, plan: Plan | None = None, found: Sequence[Failure] = ()
+) -> NoPlanFound:
+    """Return the error that tells how far a search came that was ended; plan: the best attempt."""
+    message = f"{end}; whether there is a plan is not known: give it more time or fewer points"
+    if plan is not None:
+        points = f"the best attempt so far, on {len(plan.trajectory.time)} points"
+        state = (
+            _findings(found) or "it keeps every constraint, but was not yet optimised to the end"
+        )
+        message += f"; {points}: {state}"
+    return NoPlanFound(Status.TIMED_OUT, message, plan, found)
+
+
+def out_of_time_beside(end: OutOfTime, shortest: Plan) -> NoPlanFound:
+    """Return the error of a search that was ended after it had found a plan of least joint path."""
+    message = (
+        f"{end}; a plan of least joint path was found, but the search for a better attitude was "
+        "not finished: give it more time or fewer points, or fewer planner.attitude_rounds"
+    )
+    return NoPlanFound(Status.TIMED_OUT, message, shortest)
+
+
+def _findings(found: Sequence[Failure]) -> str:
+    return "; ".join(failure.finding for failure in found)

@@ -1,0 +1,110 @@
+"""Where the robot's bodies are at some joint angles, and of what kind.
+
+Everything here is in the frame of the chaser, that of the free-flyer joint: the joint angles
+alone decide where the bodies are in it.
+"""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Sequence
+from functools import lru_cache
+from typing import NamedTuple
+
+import coal
+import numpy as np
+
+from ff_planner_ros.common.arrays import Array, Indices
+from ff_planner_ros.robot.kinematics import joint_rotations
+from ff_planner_ros.robot.model import Robot
+
+
+class Placed(NamedTuple):
+    """Bodies and joints at each configuration, seen from the chaser."""
+
+    rotations: Array  # of the solids; shape (configurations, bodies, 3, 3)
+    positions: Array  # of the solids' own frames; shape (configurations, bodies, 3) [m]
+    centers: Array  # of the spheres around the bodies; likewise
+    origins: Array  # of the joints; shape (configurations, joints, 3) [m]
+    axes: Array  # of the joints, unit length; likewise
+
+
+def placed_bodies(robot: Robot, angles: Array) -> Placed:
+    """Follow the chain of joints; angles: shape (configurations, joints) [rad]."""
+    count = len(angles)
+    steps = joint_rotations(robot, angles)
+    rotations = np.empty((count, robot.joints + 1, 3, 3))
+    positions = np.empty((count, robot.joints + 1, 3))
+    axes = np.empty((count, robot.joints, 3))
+    rotations[:, 0], positions[:, 0] = np.eye(3), 0.0
+    for k, placement in enumerate(robot.model.jointPlacements[2:]):
+        before = rotations[:, k]
+        positions[:, k + 1] = positions[:, k] + before @ placement.translation
+        axes[:, k] = before @ (placement.rotation @ robot.joint_axes[k])
+        np.matmul(before, steps[:, k], out=rotations[:, k + 1])
+    carriers, placements, offsets, centers = _in_joints(robot)
+    carried = rotations[:, carriers]
+    return Placed(
+        rotations=carried @ placements,
+        positions=positions[:, carriers] + np.einsum("cbij,bj->cbi", carried, offsets),
+        centers=positions[:, carriers] + np.einsum("cbij,bj->cbi", carried, centers),
+        origins=positions[:, 1:],
+        axes=axes,
+    )
+
+
+@lru_cache(maxsize=8)
+def _in_joints(robot: Robot) -> tuple[Indices, Array, Array, Array]:
+    """Return how many joints carry each body, and its placement and centre in the last of them."""
+    bodies = robot.bodies
+    return (
+        np.array([body.joint - 1 for body in bodies], np.intp),
+        np.array([body.placement_in_joint.rotation for body in bodies]).reshape(-1, 3, 3),
+        np.array([body.placement_in_joint.translation for body in bodies]).reshape(-1, 3),
+        np.array([body.center_in_joint for body in bodies]).reshape(-1, 3),
+    )
+
+
+def carriers(robot: Robot) -> Indices:
+    """Return how many of the arm's joints carry each body. Shape (bodies,)."""
+    return _in_joints(robot)[0]
+
+
+def radii(robot: Robot) -> Array:
+    """Return the radii of the spheres around the bodies. Shape (bodies,) [m]."""
+    return np.array([body.radius for body in robot.bodies])
+
+
+def pairs(robot: Robot) -> tuple[Indices, Indices]:
+    """Return the first and the second body of every pair."""
+    first, second = np.array(robot.pairs, np.intp).reshape(-1, 2).T
+    return first, second
+
+
+class Kind(enum.IntEnum):
+    """Of what kind a solid is: which formula measures it. The core has the same numbers."""
+
+    ROUND = 0  # what is within a radius of a piece of the z axis: spheres and capsules
+    BOX = 1
+    CYLINDER = 2
+    HULL = 3  # there is none: Coal measures it
+
+
+def kind_and_sizes(solid: coal.CollisionGeometry) -> tuple[Kind, Sequence[float]]:
+    """Return a solid's kind, and its half edges, or radius and half length."""
+    if isinstance(solid, coal.Sphere):
+        return Kind.ROUND, (solid.radius, 0.0, 0.0)
+    if isinstance(solid, coal.Capsule):
+        return Kind.ROUND, (solid.radius, solid.halfLength, 0.0)
+    if isinstance(solid, coal.Box):
+        return Kind.BOX, tuple(solid.halfSide)
+    if isinstance(solid, coal.Cylinder):
+        return Kind.CYLINDER, (solid.radius, solid.halfLength, 0.0)
+    return Kind.HULL, (0.0, 0.0, 0.0)
+
+
+@lru_cache(maxsize=8)
+def kinds_and_sizes(robot: Robot) -> tuple[Indices, Array]:
+    """Return kind and sizes of every body."""
+    kinds, sizes = zip(*(kind_and_sizes(body.solid) for body in robot.bodies), strict=True)
+    return np.array(kinds, np.intp), np.array(sizes)

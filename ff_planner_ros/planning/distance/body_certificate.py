@@ -1,0 +1,269 @@
+"""A lower bound of the distances of bodies along a whole motion, between its points too.
+
+Between two points the motion is the cubic through both configurations and velocities, as for the
+arm's lines. While it goes on, no point of a body moves further than the joints' turns times what
+lies between the joint and the farthest point of the body. Two bodies of the robot are moved against
+each other by the joints between them alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from ff_planner_ros.common.arrays import Array, Indices
+from ff_planner_ros.planning.distance.bodies import Placed, placed_bodies
+from ff_planner_ros.planning.distance.body_distances import (
+    pair_bounds,
+    pair_distances,
+    sphere_bounds,
+    sphere_distances,
+)
+from ff_planner_ros.planning.distance.body_reaches import base_reaches, body_reaches, pair_reaches
+from ff_planner_ros.planning.distance.certificate import CERTIFICATE_GAP, cubics_between
+from ff_planner_ros.planning.distance.clearance import centers_at
+from ff_planner_ros.planning.motion.followed import FollowedMotion
+from ff_planner_ros.planning.problem.problem import Sphere
+from ff_planner_ros.robot.model import Robot
+from ff_planner_ros.robot.quaternion import rotation_from_quaternion
+
+# What is far apart need not be known to half a millimetre, but to this part of the distance.
+EXACT_PART = 0.02
+# The motion is first looked at in so many steps at once: most pairs stay far apart for long.
+_STRIDE = 8
+# Of a sphere's whole way: its distance is not known more closely than that.
+_ROUNDING = 1e-14
+
+
+class Least(NamedTuple):
+    """The least distance along a motion."""
+
+    # The least there is, or below it by at most `CERTIFICATE_GAP` or a part of it [m]
+    certified: float
+    found: float  # the least that was met [m]
+    pair: int  # whose: number of the pair, or body times spheres plus sphere; -1: of none
+    time: float  # when [s]
+
+
+NOTHING = Least(np.inf, np.inf, -1, np.inf)
+
+
+def lesser(one: Least, other: Least) -> Least:
+    """Return the least of both."""
+    nearer = min(one, other, key=lambda least: least.found)
+    return nearer._replace(certified=min(one.certified, other.certified))
+
+
+@dataclass(frozen=True, eq=False)
+class _Kind:
+    """What is measured: the pairs of bodies, or each body with each sphere."""
+
+    # Lower bounds at steps for all pairs, (steps, pairs); distances of pairs, each at its own step
+    bounds: Callable[[Array], Array]
+    distances: Callable[[Array, Indices], Array]
+    # How far pairs have moved against each other at most, each at its own step
+    ways: Callable[[Array, Indices], Array]
+
+
+def least_pair_distance(
+    robot: Robot, motion: FollowedMotion, chosen: Indices, last: int, part: float = EXACT_PART
+) -> Least:
+    """Return the least distance of chosen pairs from the first point to the last.
+
+    Args:
+        part: Of a distance, to which it is certified.
+    """
+    if not len(chosen) or last < 0:
+        return NOTHING
+
+    def bounds(steps: Array) -> Array:
+        return pair_bounds(robot, _seen_at(robot, motion, steps).placed)
+
+    def distances(steps: Array, which: Indices) -> Array:
+        at = _seen_at(robot, motion, steps)
+        return pair_distances(robot, at.placed, (at.rows, which)).distance
+
+    sums = _sums(pair_ways(robot, motion))
+
+    def ways(steps: Array, which: Indices) -> Array:
+        return _reached(sums, steps, which)
+
+    return _least(_Kind(bounds, distances, ways), chosen, last, motion.time, part)
+
+
+def least_sphere_distance(
+    robot: Robot,
+    motion: FollowedMotion,
+    spheres: Sequence[Sphere],
+    chosen: Indices,
+    last: int,
+    part: float = EXACT_PART,
+) -> Least:
+    """Return the least distance of chosen bodies and spheres from the first point to the last.
+
+    Args:
+        chosen: Body times the number of spheres, plus sphere.
+        part: Of a distance, to which it is certified.
+    """
+    if not len(chosen) or last < 0:
+        return NOTHING
+    radius = np.array([sphere.radius for sphere in spheres])
+
+    speeds = np.array([sphere.highest_speed for sphere in spheres])
+    of_bodies = _sums(body_ways(robot, motion))
+
+    def bounds(steps: Array) -> Array:
+        at = _seen_at(robot, motion, steps)
+        centers = centers_in_base(at.q, centers_at(at.times, spheres))
+        return sphere_bounds(robot, at.placed, centers, radius).reshape(len(steps), -1)
+
+    def distances(steps: Array, which: Indices) -> Array:
+        at = _seen_at(robot, motion, steps)
+        bodies, sphere = np.divmod(which, len(spheres))
+        few, column = np.unique(sphere, return_inverse=True)
+        centers = centers_in_base(at.q, centers_at(at.times, [spheres[k] for k in few]))
+        rows = at.rows, bodies, column
+        return sphere_distances(robot, at.placed, centers, radius[few], rows).distance
+
+    def ways(steps: Array, which: Indices) -> Array:
+        bodies, sphere = np.divmod(which, len(spheres))
+        moved: Array = _reached(of_bodies, steps, bodies) + _times(motion, steps) * speeds[sphere]
+        return moved
+
+    return _least(_Kind(bounds, distances, ways), chosen, last, motion.time, part)
+
+
+@lru_cache(maxsize=4)
+def cubics_of(robot: Robot, motion: FollowedMotion) -> Array:
+    """Return the cubics between the points of a motion; see `cubics_between`."""
+    return cubics_between(robot, motion.q, motion.v, np.diff(motion.time))
+
+
+def pair_ways(robot: Robot, motion: FollowedMotion) -> Array:
+    """Return how far pairs move against each other at most. Shape (points - 1, pairs) [m]."""
+    rates = np.array([1.0, 2.0, 3.0]) @ np.abs(cubics_of(robot, motion)[:, :, 6:])
+    return np.asarray(rates @ pair_reaches(robot), np.float64)
+
+
+def body_ways(robot: Robot, motion: FollowedMotion) -> Array:
+    """Return how far bodies move at most from point to point. Shape (points - 1, bodies) [m]."""
+    cubics = cubics_of(robot, motion)
+    rates = np.array([1.0, 2.0, 3.0]) @ np.abs(cubics)
+    # The base's linear rate belongs to an axis that turns on the way, by at most `way`.
+    way = np.linalg.norm(np.abs(cubics[:, :, :3]).sum(axis=1), axis=1)
+    moving, turning = (np.linalg.norm(part, axis=1) for part in np.split(rates[:, :6], 2, axis=1))
+    of_base = moving[:, None] + turning[:, None] * (base_reaches(robot) + way[:, None] / 2)
+    return np.asarray(of_base + rates[:, 6:] @ body_reaches(robot), np.float64)
+
+
+class _Seen(NamedTuple):
+    """Where the robot is at some steps, each once."""
+
+    q: Array  # shape (configurations, 7 + joints)
+    times: Array  # shape (configurations,) [s]
+    placed: Placed
+    rows: Indices  # the configuration of each step
+
+
+def _seen_at(robot: Robot, motion: FollowedMotion, steps: Array) -> _Seen:
+    """Return where the robot is at steps, points or parts of the way between two."""
+    different, rows = np.unique(steps, return_inverse=True)
+    if not (different % 1.0).any():
+        placed, which = _placed_at_points(robot, motion), different.astype(np.intp)
+        return _Seen(
+            motion.q[which], motion.time[which], Placed(*(each[which] for each in placed)), rows
+        )
+    q = _between(robot, motion.q, cubics_of(robot, motion), different)
+    return _Seen(q, _times(motion, different), placed_bodies(robot, q[:, 7:]), rows)
+
+
+@lru_cache(maxsize=4)
+def _placed_at_points(robot: Robot, motion: FollowedMotion) -> Placed:
+    return placed_bodies(robot, motion.q[:, 7:])
+
+
+def centers_in_base(q: Array, centers: Array) -> Array:
+    """Return points as the chaser sees them. Shape (configurations, points, 3)."""
+    turns = rotation_from_quaternion(q[:, 3:7])
+    return np.asarray((centers - q[:, None, :3]) @ turns, np.float64)
+
+
+def _least(kind: _Kind, chosen: Indices, last: int, time: Array, part: float) -> Least:
+    """Halve pieces of the motion until the least distance is known."""
+    steps = np.append(np.arange(0.0, last, _STRIDE), float(last))
+    bounds = kind.bounds(steps)[:, chosen]
+    # What is met where two may be nearest tells which others need not be looked at.
+    first_look = bounds.argmin(axis=0)
+    candidate = int(bounds.min(axis=0).argmin())
+    met = kind.distances(steps[first_look[[candidate]]], chosen[[candidate]])[0]
+    ways = np.diff(kind.ways(steps[:, None], chosen[None]), axis=0)
+    between = ((bounds[:-1] + bounds[1:] - ways) / 2).min(axis=0, initial=np.inf)
+    lowest = np.minimum(bounds.min(axis=0), between)
+    # A bound that is exact may be above what is met, by rounding.
+    within = np.flatnonzero(lowest <= max(met, float(lowest.min())))
+    which = np.repeat(chosen[within], len(steps))
+    at = np.tile(steps, len(within))
+    distance = kind.distances(at, which)
+    best = int(distance.argmin())
+    found, pair, step = float(distance[best]), int(which[best]), float(at[best])
+    table = distance.reshape(len(within), len(steps))
+    pair_of = np.repeat(chosen[within], len(steps) - 1)
+    begin, end = np.tile(steps[:-1], len(within)), np.tile(steps[1:], len(within))
+    at_begin, at_end = table[:, :-1].ravel(), table[:, 1:].ravel()
+    certified = found
+    finest = max(CERTIFICATE_GAP, _ROUNDING * float(ways.sum(axis=0)[within].max(initial=0.0)))
+    while True:
+        way = kind.ways(end, pair_of) - kind.ways(begin, pair_of)
+        bound = (at_begin + at_end - way) / 2
+        open_ = bound < found - max(finest, part * found)
+        certified = min(certified, float(bound[~open_].min(initial=np.inf)))
+        if not open_.any():
+            return Least(certified, found, pair, float(np.interp(step, np.arange(len(time)), time)))
+        pair_of, begin, end = pair_of[open_], begin[open_], end[open_]
+        middle = (begin + end) / 2
+        middle = np.where(end - begin > 1.0, np.floor(middle), middle)
+        at_middle = kind.distances(middle, pair_of)
+        best = int(at_middle.argmin())
+        if at_middle[best] < found:
+            found, pair, step = float(at_middle[best]), int(pair_of[best]), float(middle[best])
+            certified = min(certified, found)
+        pair_of = np.concatenate([pair_of, pair_of])
+        begin, end = np.concatenate([begin, middle]), np.concatenate([middle, end])
+        at_begin = np.concatenate([at_begin[open_], at_middle])
+        at_end = np.concatenate([at_middle, at_end[open_]])
+
+
+def _sums(ways: Array) -> Array:
+    """Return the ways up to each point of those between two points."""
+    return np.vstack([np.zeros(ways.shape[1]), ways.cumsum(axis=0)])
+
+
+def _reached(sums: Array, steps: Array, column: Indices) -> Array:
+    """Return the sums up to steps, points or parts of the way between two."""
+    whole = np.minimum(steps.astype(np.intp), len(sums) - 2)
+    before, after = sums[whole, column], sums[whole + 1, column]
+    reached: Array = before + (steps - whole) * (after - before)
+    return reached
+
+
+def _times(motion: FollowedMotion, steps: Array) -> Array:
+    return np.interp(steps, np.arange(len(motion.time)), motion.time)
+
+
+def _between(robot: Robot, q: Array, cubics: Array, steps: Array) -> Array:
+    """Return configurations at steps, points or parts of the way between two."""
+    whole = np.minimum(steps.astype(np.intp), len(q) - 2)
+    part = steps - whole
+    at_points = q[np.round(steps).astype(np.intp)]
+    rows = np.flatnonzero(part % 1.0)
+    if rows.size:
+        powers = part[rows, None] ** np.array([1, 2, 3])
+        moved = np.einsum("ip,ipj->ij", powers, cubics[whole[rows]])
+        begin = q[whole[rows]]
+        at_points[rows] = [pin.integrate(robot.model, *at) for at in zip(begin, moved, strict=True)]
+    return at_points

@@ -1,0 +1,116 @@
+"""How far the joints and the base's turn move bodies at most: what certificates are made of."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from itertools import product
+
+import numpy as np
+
+from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.planning.distance.bodies import Kind, carriers, kinds_and_sizes, pairs
+from ff_planner_ros.robot.model import Robot
+
+# A cylinder is in the prism around it; one of so many sides is hardly thicker.
+_SIDES = 16
+
+
+@lru_cache(maxsize=8)
+def pair_reaches(robot: Robot) -> Array:
+    """Return how far each joint moves the bodies of each pair against each other at most.
+
+    Nearest points of both lie on one line along the normal, and so a joint between moves one of
+    them along it as fast as the other: the nearer body decides.
+
+    Shape (joints, pairs) [m per rad].
+    """
+    sides, carried = pairs(robot), carriers(robot)
+    inner, outer = np.sort([carried[side] for side in sides], axis=0)
+    order = np.argsort([carried[side] for side in sides], axis=0)
+    before, behind = np.take_along_axis(np.array(sides), order, axis=0)
+    joint = np.arange(robot.joints)[:, None]
+    nearer = np.minimum(_reaches_back(robot)[:, before], body_reaches(robot)[:, behind])
+    return np.where((inner <= joint) & (joint < outer), nearer, 0.0)
+
+
+@lru_cache(maxsize=8)
+def body_reaches(robot: Robot) -> Array:
+    """Return how far any point of a body is at most from each joint that carries it.
+
+    Of the last one it is the distance from the axis. Zero for joints beyond the body. Shape
+    (joints, bodies) [m].
+    """
+    along, reaches = _stretched(robot), np.zeros((robot.joints, len(robot.bodies)))
+    for number, body in enumerate(_outlines(robot)):
+        carried = robot.bodies[number].joint - 1
+        if carried:
+            reaches[:carried, number] = along[carried] - along[1 : carried + 1] + body.farthest()
+            reaches[carried - 1, number] = body.farthest(axis=robot.joint_axes[carried - 1])
+    return reaches
+
+
+@lru_cache(maxsize=8)
+def base_reaches(robot: Robot) -> Array:
+    """Return how far any point of a body is at most from the base. Shape (bodies,) [m]."""
+    farthest = [body.farthest() for body in _outlines(robot)]
+    return np.asarray(_stretched(robot)[carriers(robot)] + farthest, np.float64)
+
+
+def _reaches_back(robot: Robot) -> Array:
+    """Return how far any point of a body is at most from each joint beyond it.
+
+    Of the first of them it is the distance from the axis. Shape (joints, bodies) [m].
+    """
+    along, reaches = _stretched(robot), np.zeros((robot.joints, len(robot.bodies)))
+    for number, body in enumerate(_outlines(robot)):
+        carried = robot.bodies[number].joint - 1
+        if carried < robot.joints:
+            joint = robot.model.jointPlacements[2 + carried]
+            farthest = body.farthest(joint.translation)
+            reaches[carried:, number] = along[carried + 1 :] - along[carried + 1] + farthest
+            axis = joint.rotation @ robot.joint_axes[carried]
+            reaches[carried, number] = body.farthest(joint.translation, axis)
+    return reaches
+
+
+def _stretched(robot: Robot) -> Array:
+    """Return how far base and joints are along the stretched arm. Shape (joints + 1,) [m]."""
+    placements = robot.model.jointPlacements[2:]
+    return np.cumsum([0.0, *(np.linalg.norm(at.translation) for at in placements)])
+
+
+class _Outline:
+    """Points that have a body in their hull, in the frame of the joint that carries it."""
+
+    def __init__(self, points: Array, radius: float) -> None:
+        self._points, self._radius = points, radius  # the body may be thicker by the radius [m]
+
+    def farthest(self, origin: Array | None = None, axis: Array | None = None) -> float:
+        """Return how far a point is at most from an origin, or from an axis through it [m].
+
+        Args:
+            origin: None: that of the frame.
+        """
+        seen = self._points if origin is None else self._points - origin
+        away = seen if axis is None else np.cross(seen, axis)
+        return float(np.linalg.norm(away, axis=1).max()) + self._radius
+
+
+@lru_cache(maxsize=8)
+def _outlines(robot: Robot) -> tuple[_Outline, ...]:
+    found = []
+    for body, kind, sizes in zip(robot.bodies, *kinds_and_sizes(robot), strict=True):
+        if kind == Kind.HULL:
+            points = np.asarray(body.solid.points())
+        elif kind == Kind.BOX:
+            points = sizes * list(product((1.0, -1.0), repeat=3))
+        else:
+            radius, half_length, _ = sizes
+            thick = radius / np.cos(np.pi / _SIDES) if kind == Kind.CYLINDER else 0.0
+            angles = 2 * np.pi / _SIDES * np.arange(_SIDES)
+            ring = thick * np.column_stack([np.cos(angles), np.sin(angles)])
+            points = np.array([(*at, end) for at in ring for end in (half_length, -half_length)])
+        at = body.placement_in_joint
+        radius = sizes[0] if kind == Kind.ROUND else 0.0
+        found.append(_Outline(points @ at.rotation.T + at.translation, float(radius)))
+    return tuple(found)

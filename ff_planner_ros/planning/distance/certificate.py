@@ -1,0 +1,175 @@
+"""A lower bound of the clearance along a whole motion, between its points too."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+import pinocchio as pin
+
+from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.planning.distance.clearance import arm_points, centers_at, clearances, segments
+from ff_planner_ros.planning.problem.problem import Sphere
+from ff_planner_ros.robot.model import Robot
+
+# The search's certificate and those of bodies are below the truth by at most this [m]: thinner than
+# paint, and a quarter of the default margin.
+CERTIFICATE_GAP = 5e-4
+# The check's certified clearance of lines is below the truth by at most this [m].
+_GAP = 1e-4
+# Into so many a piece is cut: to look once at several moments takes less time than to look twice.
+_PIECES = 4
+# Part of the way between two points that is not cut further: rounding is all that is left.
+SHORTEST_PIECE = 1e-12
+_TINY = np.finfo(float).tiny
+
+
+def certified_clearance(
+    robot: Robot,
+    q: Array,
+    v: Array,
+    times: Array,
+    spheres: Sequence[Sphere],
+    positions: Array | None = None,
+) -> float:
+    """Return a lower bound of the clearance along the whole motion, between the points too.
+
+    Between two points the motion is the cubic through both configurations and velocities. For a
+    piece of it there are two bounds. No point of the arm moves further than its speed allows, nor
+    does a sphere, so that the distance is at least the mean of both ends' less half both ways. And
+    the distance curves up no more than speed and acceleration let it, so that it is not below a
+    parabola through both ends. Pieces whose better bound is too low to tell are cut smaller.
+
+    Args:
+        q: Configurations. Shape (points, 7 + joints).
+        v: Tangent velocities. Shape (points, 6 + joints).
+        times: Of the points, from the plan's first on. Shape (points,) [s].
+        positions: Of `arm_points`. None: they are worked out.
+
+    Returns:
+        Clearance [m], within `_GAP` of the truth; infinite without spheres.
+    """
+    if not spheres:
+        return np.inf
+    steps = np.diff(times)
+    positions = arm_points(robot, q) if positions is None else positions
+    starts = segments(positions)
+    centers = centers_at(times, spheres)
+    by_sphere = clearances(positions, times, starts, spheres, centers).distance.min(axis=1)
+    cubics = cubics_between(robot, q, v, steps)
+    speeds = np.array([sphere.highest_speed for sphere in spheres])
+    changes = np.array([sphere.highest_acceleration for sphere in spheres])
+    # Of arm and sphere together, from each point to the next. Shape (points - 1, spheres).
+    ways = way_bounds(positions[0], q[0], cubics)[:, None] + steps[:, None] * speeds
+    bends = bend_bounds(positions[0], q[0], cubics)[:, None] + steps[:, None] ** 2 * changes
+    # Nothing is faster than on the whole way from point to point by more than half of the bend.
+    whole = np.diff(positions[:, :, None] - centers[:, None], axis=0)
+    ways = np.minimum(ways, np.linalg.norm(whole, axis=-1).max(axis=1) + bends / 2)
+    lowest = certified = float(by_sphere.min())
+    # What no step can bring nearer than the nearest point need not be looked at again.
+    near = by_sphere.min(axis=0) <= lowest + ways.max(axis=0)
+    spheres = [sphere for sphere, keep in zip(spheres, near, strict=True) if keep]
+    radii = np.array([sphere.radius for sphere in spheres])
+    # Each of shape (cubics, spheres): a fast one that is far away is not looked at closely.
+    at_begin, at_end = by_sphere[:-1, near], by_sphere[1:, near]
+    ways, bends = ways[:, near], bends[:, near]
+    index, begin, end = np.arange(len(cubics)), np.zeros(len(cubics)), np.ones(len(cubics))
+    while True:
+        part = (end - begin)[:, None]
+        bound = _lower_bounds(at_begin, at_end, ways[index] * part, bends[index] * part**2, radii)
+        bound = bound.min(axis=1)
+        open_ = (bound < lowest - _GAP) & (end - begin > SHORTEST_PIECE)
+        certified = min(certified, float(bound[~open_].min(initial=np.inf)))
+        if not open_.any():
+            return certified
+        index, begin, end = index[open_], begin[open_], end[open_]
+        ends = begin + np.linspace(0.0, 1.0, _PIECES + 1)[:, None] * (end - begin)
+        inside, which = ends[1:-1].ravel(), np.tile(index, _PIECES - 1)
+        moved = np.einsum("ip,ipj->ij", inside[:, None] ** np.array([1, 2, 3]), cubics[which])
+        between = np.array(
+            [pin.integrate(robot.model, *at) for at in zip(q[which], moved, strict=True)]
+        )
+        then = times[which] + inside * steps[which]
+        found = clearances(arm_points(robot, between), then, starts, spheres).distance.min(axis=1)
+        lowest = min(lowest, float(found.min()))
+        found = found.reshape(_PIECES - 1, len(index), -1)
+        at_ends = np.concatenate([at_begin[None, open_], found, at_end[None, open_]])
+        index, begin, end = np.tile(index, _PIECES), ends[:-1].ravel(), ends[1:].ravel()
+        at_begin, at_end = (each.reshape(len(index), -1) for each in (at_ends[:-1], at_ends[1:]))
+
+
+def _lower_bounds(at_begin: Array, at_end: Array, ways: Array, bends: Array, radii: Array) -> Array:
+    """Return what the distances are not below between two moments.
+
+    For a point at x from a sphere's centre, |x|'' = (|x'|^2 - (x' x / |x|)^2) / |x| + x'' x / |x|,
+    which is not above way^2 / |x| + bend. The distance of the arm is the least over its points, and
+    thus not below the parabola through both ends that is curved as much as the most curved of them.
+
+    Args:
+        at_begin: Distances, each of one piece and sphere. Shape (pieces, spheres) [m].
+        at_end: As at_begin.
+        ways: How far arm and sphere move at most, together, on a piece. Same shape [m].
+        bends: Their second derivative at most, by the part of the piece. Same shape [m].
+        radii: Of the spheres. Shape (spheres,) [m].
+    """
+    first, rise = (at_begin + at_end - ways) / 2, at_end - at_begin
+    with np.errstate(over="ignore"):  # infinite where the arm may come to the centre
+        curvature = ways**2 / np.maximum(radii + first, _TINY) + bends + _TINY
+        second = (at_begin + at_end) / 2 - curvature / 8 - rise * (rise / curvature) / 2
+    second = np.where(2 * np.abs(rise) < curvature, second, np.minimum(at_begin, at_end))
+    bounds: Array = np.maximum(first, second)
+    return bounds
+
+
+def cubics_between(robot: Robot, q: Array, v: Array, steps: Array) -> Array:
+    """Return the tangent-space cubics through consecutive configurations and velocities.
+
+    Returns:
+        Coefficients of s, s^2, s^3 from one to the next, s from 0 to 1. Shape
+        (points - 1, 3, 6 + joints).
+    """
+    whole = np.array([pin.difference(robot.model, *pair) for pair in pairwise(q)])
+    first, last = steps[:, None] * v[:-1], steps[:, None] * v[1:]
+    turned = np.array([pin.Jexp6(pin.Motion(way[:6])) for way in whole])
+    last[:, :6] = np.linalg.solve(turned, last[:, :6, None])[:, :, 0]
+    return np.stack([first, 3 * whole - 2 * first - last, first + last - 2 * whole], axis=1)
+
+
+def way_bounds(positions: Array, q: Array, cubics: Array) -> Array:
+    """Return a speed for each cubic that no point of the arm exceeds along it [m per unit of s].
+
+    Each joint, and the base's turn, move a point at most at their rate times the stretched
+    length of what lies beyond them.
+    """
+    lengths = np.linalg.norm(np.diff(positions, axis=0), axis=1)
+    beyond = np.cumsum(lengths[::-1])[::-1]
+    reach = np.linalg.norm(positions[0] - q[:3]) + beyond[0]
+    rates = np.array([1.0, 2.0, 3.0]) @ np.abs(cubics)
+    # The base's linear rate belongs to an axis that turns on the way, by at most `way`.
+    way = np.linalg.norm(np.abs(cubics[:, :, :3]).sum(axis=1), axis=1)
+    moving, turning = (np.linalg.norm(part, axis=1) for part in np.split(rates[:, :6], 2, axis=1))
+    bounds: Array = moving + turning * (reach + way / 2) + rates[:, 6:] @ beyond
+    return bounds
+
+
+def bend_bounds(positions: Array, q: Array, cubics: Array) -> Array:
+    """Return for each cubic what no point's second derivative by s exceeds along it [m].
+
+    With rates W and changes of rates S, summed from the base to a link, the link turns at W at most
+    and that changes by S + W^2 / 2, of which the last is what the axes' own turns make. A link of
+    length l adds l (S + 3/2 W^2). The base's place is R_0 V(phi) nu, its twist (nu, phi).
+    """
+    lengths = np.linalg.norm(np.diff(positions, axis=0, prepend=q[None, :3]), axis=1)
+    rates, changes = (np.array(of) @ np.abs(cubics) for of in ([1.0, 2.0, 3.0], [0.0, 2.0, 6.0]))
+    way = np.linalg.norm(np.abs(cubics[:, :, :3]).sum(axis=1), axis=1)
+    moving, turning, faster, tumbling = np.linalg.norm(
+        np.hstack([rates[:, :6], changes[:, :6]]).reshape(-1, 4, 3), axis=2
+    ).T
+    of_base = faster + turning * moving + (tumbling + turning**2) / 2 * way
+    summed, changed = (
+        np.cumsum(np.column_stack(each), axis=1)
+        for each in ((turning, rates[:, 6:]), (tumbling, changes[:, 6:]))
+    )
+    bounds: Array = of_base + (changed + 1.5 * summed**2) @ lengths
+    return bounds

@@ -1,0 +1,233 @@
+"""Distance of the arm's centre lines from spheres, Sec. 3.3 of the paper.
+
+The arm is the chain of line segments between consecutive joint origins, the last ending at the
+end effector. Segments without length, as in a spherical wrist, are left out.
+
+Throughout, q are configurations, shape (points, 7 + joints); `positions` are those of `arm_points`,
+`times` are those of the points from the plan's first on, shape (points,) [s], and `starts` are the
+indices of `segments`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from ff_planner_ros.common.arrays import Array, Indices, frozen
+from ff_planner_ros.core import compiled
+from ff_planner_ros.core.chain import chain_of
+from ff_planner_ros.planning.problem.problem import Sphere
+from ff_planner_ros.robot.kinematics import (
+    joint_offsets,
+    joint_rotations,
+    rotation_base_to_inertial,
+)
+from ff_planner_ros.robot.model import Robot
+
+# Joint origins nearer than this are the same point; drawings are not more exact.
+_SAME_POINT = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class Clearances:
+    """Surface distance of every segment from every sphere at every point."""
+
+    distance: Array  # negative inside the sphere; shape (points, segments, spheres) [m]
+    fraction: Array  # place of the nearest point on the segment, 0 to 1; same shape
+    offset: Array  # of that point from the sphere's centre; shape (..., 3) [m]
+
+    @property
+    def direction(self) -> Array:
+        """From the sphere's centre to the nearest point, unit length. Shape (..., 3)."""
+        away = np.maximum(np.linalg.norm(self.offset, axis=-1), _SAME_POINT)
+        return np.asarray(self.offset / away[..., None], np.float64)
+
+
+def arm_points(robot: Robot, q: Array) -> Array:
+    """Return joint origins and end effector, inertial frame. Shape (points, joints + 1, 3) [m]."""
+    rotations = np.empty((robot.joints + 1, len(q), 3, 3))
+    rotations[0] = rotation_base_to_inertial(q)
+    turned = joint_rotations(robot, q[:, 7:])
+    for k in range(robot.joints):
+        np.matmul(rotations[k], turned[:, k], out=rotations[k + 1])
+    steps = np.einsum("kpij,kj->pki", rotations, joint_offsets(robot))
+    points: Array = q[:, None, :3] + np.cumsum(steps, axis=1)
+    return points
+
+
+def arm_points_with_derivatives(
+    robot: Robot, q: Array, q_sensitivity: Array
+) -> tuple[Array, Array]:
+    """Return `arm_points` and their derivatives, shape (points, joints + 1, 3, columns).
+
+    Args:
+        q_sensitivity: Derivatives of q in its tangent space. Shape (points, 6 + joints, columns).
+    """
+    return compiled.arm_points_with_derivatives(chain_of(robot), q, q_sensitivity)
+
+
+def segments(positions: Array) -> Indices:
+    """Return the indices of the points that start a segment of some length."""
+    length = np.linalg.norm(np.diff(positions[0], axis=0), axis=1)
+    return np.flatnonzero(length > _SAME_POINT)
+
+
+def sphere_arrays(spheres: Sequence[Sphere]) -> tuple[Array, Array, Array]:
+    """Return centres and velocities, shape (spheres, 3) [m, m/s], and radii, (spheres,) [m].
+
+    They are read-only: a search asks for them again and again.
+    """
+    return _sphere_arrays(tuple(spheres))
+
+
+@lru_cache(maxsize=8)
+def _sphere_arrays(spheres: tuple[Sphere, ...]) -> tuple[Array, Array, Array]:
+    centers = np.array([sphere.center for sphere in spheres]).reshape(-1, 3)
+    velocities = np.array([sphere.velocity for sphere in spheres]).reshape(-1, 3)
+    return frozen(centers), frozen(velocities), frozen([sphere.radius for sphere in spheres])
+
+
+def centers_at(times: Array, spheres: Sequence[Sphere]) -> Array:
+    """Return where the spheres' centres are. Shape (points, spheres, 3) [m]."""
+    centers, velocities, _ = sphere_arrays(spheres)
+    moved: Array = centers + times[:, None, None] * velocities
+    bodies = {id(sphere.body): sphere.body for sphere in spheres if sphere.body is not None}
+    for body in bodies.values():
+        attached = [k for k, sphere in enumerate(spheres) if sphere.body is body]
+        moved[:, attached] = body.places(
+            np.array([spheres[k].place_in_body for k in attached], np.float64), times
+        )
+    return moved
+
+
+def velocities_at(times: Array, spheres: Sequence[Sphere]) -> Array:
+    """Return how fast the spheres' centres move. Shape (points, spheres, 3) [m/s]."""
+    velocities = np.empty((len(times), len(spheres), 3))
+    for k, sphere in enumerate(spheres):
+        velocities[:, k] = sphere.velocity
+        if sphere.body is not None and sphere.place_in_body is not None:
+            velocities[:, k] = sphere.body.motion(sphere.place_in_body, times).twists[:, :3]
+    return velocities
+
+
+def clearances(
+    positions: Array,
+    times: Array,
+    starts: Indices,
+    spheres: Sequence[Sphere],
+    centers: Array | None = None,
+) -> Clearances:
+    """Return the surface distance of every segment from every sphere.
+
+    Args:
+        centers: Of `centers_at`. None: they are worked out.
+    """
+    centers = (centers_at(times, spheres) if centers is None else centers)[:, None]
+    _, _, radii = sphere_arrays(spheres)
+    start, end = positions[:, starts, None], positions[:, starts + 1, None]
+    along = end - start
+    from_center = start - centers
+    fraction = -_dot(from_center, along) / _dot(along, along)
+    fraction = np.clip(fraction, 0.0, 1.0)
+    offset = from_center + fraction[..., None] * along
+    return Clearances(np.sqrt(_dot(offset, offset)) - radii, fraction, offset)
+
+
+def _dot(a: Array, b: Array) -> Array:
+    """Return the products of vectors along the last axis."""
+    return np.asarray(np.einsum("...k,...k->...", a, b), np.float64)
+
+
+def clearance_gradients(
+    clear: Clearances, derivatives: Array, starts: Indices, rows: tuple[Indices, ...]
+) -> Array:
+    """Return the derivatives of selected distances.
+
+    The nearest point of a segment moves with the segment; its sliding along it does not change
+    the distance to first order.
+
+    Args:
+        derivatives: Of `arm_points_with_derivatives`.
+        rows: Indices into `clear.distance`.
+
+    Returns:
+        Shape (rows, columns).
+    """
+    point, segment, _ = rows
+    start, end = derivatives[point, starts[segment]], derivatives[point, starts[segment] + 1]
+    moving = start + clear.fraction[rows][:, None, None] * (end - start)
+    gradients: Array = np.einsum("rk,rkc->rc", clear.direction[rows], moving)
+    return gradients
+
+
+def clearance_rows(
+    robot: Robot,
+    q: Array,
+    q_sensitivity: Array,
+    times: Array,
+    spheres: Sequence[Sphere],
+    interest: float,
+    quarter_way: bool,
+    times_by_last: Array | None = None,
+) -> tuple[Array, Array, Indices]:
+    """Return distances of segments from spheres below `interest` [m], and their derivatives.
+
+    Args:
+        q: At all points but the first, then half-way in every interval.
+        q_sensitivity: As for `arm_points_with_derivatives`.
+        times: Of all points that are looked at.
+        spheres: In the order in which they are named.
+        quarter_way: Look at the arm a quarter of the way between points, too, and three quarters:
+            by the parabola through both points and the one half-way, but in the first interval.
+        times_by_last: Derivatives of the times by the last variable. None, empty: there are none.
+
+    Returns:
+        Shapes (rows,), (rows, columns) and (rows,): the last says which point, segment and sphere.
+    """
+    centers, velocities, radii = sphere_arrays(spheres)
+    return compiled.clearances(
+        chain=chain_of(robot),
+        q=q,
+        q_sensitivity=q_sensitivity,
+        times=times,
+        centers=centers,
+        velocities=velocities,
+        radii=radii,
+        interest=interest,
+        quarter_way=quarter_way,
+        attached=attached_to_bodies(spheres, float(times.max())),
+        times_by_last=times[:0] if times_by_last is None else times_by_last,
+    )
+
+
+def attached_to_bodies(spheres: Sequence[Sphere], until: float) -> list[compiled.Attached]:
+    """Return for the core which spheres are fixed to bodies, whose motion is known so far [s]."""
+    found = []
+    for body in {id(sphere.body): sphere.body for sphere in spheres if sphere.body}.values():
+        fixed = [k for k, sphere in enumerate(spheres) if sphere.body is body]
+        begins, series = body.attitude_series(until)
+        places = np.array([spheres[k].place_in_body for k in fixed], np.float64)
+        found.append(
+            compiled.Attached(
+                fixed,
+                places,
+                body.position,
+                body.linear_velocity,
+                begins,
+                series,
+                body.fastest_turn,
+            )
+        )
+    return found
+
+
+def penalty(distance: Array, gain: float, exponent: float) -> float:
+    """Return R_obst of Eqs. (46) and (47) with g1 and g2, from the distance of `Clearances`.
+
+    The paper's delta_k is the distance of the whole arm from a centre: the nearest segment's.
+    """
+    depth = np.maximum(0.0, -distance.min(axis=1))
+    return float(np.sum(gain * depth[depth > 0.0] ** exponent))

@@ -1,0 +1,131 @@
+"""Contacts in one configuration: which are the deepest, and how to get out of them."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.planning.distance.allowed_contact import (
+    before_contact,
+    split_pairs,
+    split_spheres,
+)
+from ff_planner_ros.planning.distance.bodies import placed_bodies
+from ff_planner_ros.planning.distance.body_certificate import centers_in_base
+from ff_planner_ros.planning.distance.body_distances import (
+    distance_from,
+    pair_bounds,
+    pair_distances,
+    pair_gradients,
+    sphere_bounds,
+    sphere_distances,
+    sphere_gradients,
+)
+from ff_planner_ros.planning.distance.clearance import centers_at
+from ff_planner_ros.planning.problem.problem import Orientation, PlanningProblem
+
+# Turns of one joint that are tried as a way out of a contact [rad].
+_TURNS = np.deg2rad([1.0, 2.0, 5.0, 10.0, 15.0, 20.0, 30.0, 45.0])
+
+
+class Contact(NamedTuple):
+    """Two that touch."""
+
+    distance: float  # zero or less: how deep one is in the other [m]
+    first: str  # name of a body
+    second: str  # name of another, or id of an obstacle
+    obstacle: bool  # whether the second one is an obstacle
+    by_joints: Array  # derivatives of the distance by the joint angles; shape (joints,)
+
+
+def deepest_contact(problem: PlanningProblem, q: Array, time: float = 0.0) -> Contact | None:
+    """Return the deepest contact in a configuration at a time [s] that is not allowed then."""
+    robot, bodies = problem.robot, problem.robot.bodies
+    if not bodies:
+        return None
+    placed, found = placed_bodies(robot, q[None, 7:]), list[Contact]()
+    free = is_near_goal(problem, q, time)
+    near = pair_bounds(robot, placed) <= 0.0
+    near[0, split_pairs(problem)[1]] &= not free
+    rows = np.nonzero(near)
+    measured = pair_distances(robot, placed, rows)
+    gradients = pair_gradients(robot, placed, measured, rows)
+    for number, distance, by_joints in zip(rows[1], measured.distance, gradients, strict=True):
+        first, second = (bodies[body].name for body in robot.pairs[number])
+        found.append(Contact(float(distance), first, second, False, by_joints))
+    centers, radius = _spheres(problem, q, time)
+    near = sphere_bounds(robot, placed, centers, radius) <= 0.0
+    near.reshape(-1)[split_spheres(problem)[1]] &= not free
+    at = np.nonzero(near)
+    measured = sphere_distances(robot, placed, centers, radius, at)
+    gradients = sphere_gradients(robot, placed, measured, at)[:, 6:]
+    for body, sphere, distance, by_joints in zip(
+        *at[1:], measured.distance, gradients, strict=True
+    ):
+        names = bodies[body].name, problem.obstacles[sphere].id
+        found.append(Contact(float(distance), *names, True, by_joints))
+    touching = [contact for contact in found if contact.distance <= 0.0]
+    return min(touching, key=lambda contact: contact.distance, default=None)
+
+
+def way_out(problem: PlanningProblem, q: Array, contact: Contact) -> str:
+    """Return words for one joint's turn after which nothing touches any more; empty: none is known.
+
+    Args:
+        q: Where the contact is the deepest one. Shape (7 + joints,).
+    """
+    robot = problem.robot
+    for turn in _TURNS:
+        # First the way that the distance grows; deep inside, the other may be the shorter one.
+        ways = [math.copysign(turn, slope) for slope in contact.by_joints]
+        order = np.argsort(-np.abs(contact.by_joints), kind="stable").tolist()
+        for joint, way in [(j, sign * ways[j]) for sign in (1.0, -1.0) for j in order]:
+            aside = q.copy()
+            aside[7 + joint] += way
+            lower, upper = robot.lower_position_limits[joint], robot.upper_position_limits[joint]
+            if not (contact.by_joints[joint] and lower <= aside[7 + joint] <= upper):
+                continue
+            if deepest_contact(problem, aside) is None:
+                degrees = math.degrees(aside[7 + joint] - q[7 + joint])
+                return f"; {robot.joint_names[joint]} turned by {degrees:+.0f} deg is out of it"
+    return ""
+
+
+def tool_contact(problem: PlanningProblem) -> Contact | None:
+    """Return the deepest contact of what the last joint carries with an obstacle at the goal.
+
+    Where the target leaves the orientation free, there is none for certain.
+    """
+    robot, target = problem.robot, problem.target
+    if target.orientation is not Orientation.FIXED:
+        return None
+    goal = pin.SE3(pin.Quaternion(target.quaternion_xyzw).toRotationMatrix(), target.position)
+    last_joint = goal * robot.model.frames[robot.tip_frame_id].placement.inverse()
+    allowed, found = split_spheres(problem)[1], list[Contact]()
+    centers = centers_at(np.array([problem.duration]), problem.obstacles)[0]
+    for number, body in enumerate(robot.bodies):
+        if body.joint != robot.joints + 1:
+            continue
+        place = last_joint * body.placement_in_joint
+        for index, sphere in enumerate(problem.obstacles):
+            distance = distance_from(body, place.actInv(centers[index])) - sphere.radius
+            if distance <= 0.0 and number * len(problem.obstacles) + index not in allowed:
+                found.append(Contact(distance, body.name, sphere.id, True, np.zeros(robot.joints)))
+    return min(found, key=lambda contact: contact.distance, default=None)
+
+
+def is_near_goal(problem: PlanningProblem, q: Array, time: float) -> bool:
+    """Tell whether a configuration may belong to the part of the way where contact is allowed."""
+    if not problem.allowed_collisions:
+        return False
+    return before_contact(problem, np.array([time]), q[None]) < 0
+
+
+def _spheres(problem: PlanningProblem, q: Array, time: float) -> tuple[Array, Array]:
+    """Return the spheres' centres seen from the chaser, (1, spheres, 3), and their radii."""
+    centers = centers_in_base(q[None], centers_at(np.array([time]), problem.obstacles))
+    return centers, np.array([sphere.radius for sphere in problem.obstacles])

@@ -1,0 +1,1 @@
+"""What moves: plans, motions of joints and chaser, and how good they are."""

@@ -1,0 +1,70 @@
+"""What comes of a plan's samples: a controller follows them, and nothing pushes the system.
+
+The joints move on the quintics through the samples, and the base as the momentum demands. That
+is the motion which a plan promises, at its points and between them. The check takes it from
+`followed`, by Pinocchio; the search, which asks for it while it solves, from `followed_path.py`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.planning.motion.forward import carried_base_and_maps
+from ff_planner_ros.planning.motion.joint_motion import JointMotion
+from ff_planner_ros.robot.model import Robot
+from ff_planner_ros.robot.momentum import total_momentum
+
+# In one step of the integration nothing turns further [rad]: RK4 is off by less than 1e-7 then.
+# A motion has this many steps at least: what is looked at between the points lies at their ends.
+_STEP_TURN, _STEPS = 0.1, 98
+# So fast [rad/s] a motion is refused, however well it is integrated.
+_FASTEST = 20.0
+
+
+@dataclass(frozen=True, eq=False)
+class FollowedMotion:
+    """The motion that follows from samples of the joints, at equal steps between two samples."""
+
+    joints: JointMotion  # through the samples
+    pieces: int  # steps from one sample to the next
+    time: Array  # shape (times,) [s]
+    q: Array  # configurations; shape (times, 7 + joints)
+    v: Array  # tangent velocities; shape (times, 6 + joints)
+    maps: Array | None = None  # of `momentum_maps`; None: nobody has worked them out
+
+
+def followed(
+    robot: Robot, q_start: Array, v_start: Array, joints: JointMotion, multiple: int = 1
+) -> FollowedMotion:
+    """Return what comes of samples of the joints.
+
+    Args:
+        q_start: Configuration at the first sample. Shape (7 + joints,).
+        v_start: Tangent velocity there; it says what the momentum is. Shape (6 + joints,).
+        multiple: Of which the steps from one sample to the next are.
+    """
+    momentum = total_momentum(robot, robot.model.createData(), q_start, v_start)
+    pieces, time = steps_of(joints, v_start, multiple)
+    q, v, maps = carried_base_and_maps(robot, q_start, momentum, joints, time)
+    return FollowedMotion(joints, pieces, time, q, v, maps)
+
+
+def steps_of(joints: JointMotion, v_start: Array, multiple: int) -> tuple[int, Array]:
+    """Return how many steps of the integration a sample takes, and the times of all.
+
+    Args:
+        v_start: Tangent velocity at the first sample. Shape (6 + joints,).
+        multiple: Of which the steps from one sample to the next are.
+    """
+    count, steps = len(joints.time) - 1, np.diff(joints.time)
+    # What the arm's motion adds to the chaser's turn is less than what its joints turn.
+    rates = np.linalg.norm(v_start[3:6]) + np.abs(joints.velocities).sum(axis=1).max()
+    turn = min(float(rates), _FASTEST) * steps.max()
+    pieces = max(_STEPS / count, turn / _STEP_TURN)
+    pieces = multiple * int(np.ceil(pieces / multiple - 1e-9))
+    return pieces, np.interp(
+        np.arange(pieces * count + 1), pieces * np.arange(count + 1), joints.time
+    )

@@ -1,0 +1,43 @@
+"""What comes of a path's points, for the search: the same as `followed`, by the compiled core."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.core import compiled
+from ff_planner_ros.core.chain import chain_of
+from ff_planner_ros.core.start import start_of
+from ff_planner_ros.planning.motion.followed import FollowedMotion, steps_of
+from ff_planner_ros.planning.motion.joint_motion import JointMotion
+from ff_planner_ros.planning.problem.problem import PlanningProblem
+
+
+def followed_path(
+    problem: PlanningProblem, q: Array, v: Array, acceleration: Array
+) -> FollowedMotion:
+    """Return what comes of the points of a path that its plan holds: every first, second, ...
+
+    Its steps end at all points of the path and half-way between them.
+
+    Args:
+        q: Configurations at equal steps of time. Shape (points, 7 + joints).
+        v: Tangent velocities. Shape (points, 6 + joints).
+        acceleration: dv/dt. Shape (points, 6 + joints).
+    """
+    robot, every = problem.robot, points_per_sample(len(q), problem.points)
+    time = np.linspace(0.0, 1.0, len(q[::every])) * problem.duration
+    samples = (rows[::every] for rows in (q[:, 7:], v[:, 6:], acceleration[:, 6:]))
+    joints = JointMotion(time, *samples)
+    pieces, time = steps_of(joints, v[0], 2 * every)
+    half_steps = np.linspace(0.0, problem.duration, 2 * len(time) - 1)
+    motion = compiled.DrivenMotion(
+        chain_of(robot), start_of(robot, q[0], v[0]), *joints.at(half_steps), problem.duration
+    )
+    return FollowedMotion(joints, pieces, time, motion.q, motion.v)
+
+
+def points_per_sample(points: int, samples: int) -> int:
+    """Return which points of a path a plan holds: every one, every second, ..."""
+    every, rest = divmod(points - 1, samples - 1)
+    return every if every and not rest else 1  # a path that fell short of its grid is shown whole

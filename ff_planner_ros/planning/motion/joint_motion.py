@@ -1,0 +1,198 @@
+"""The motion of the joints between the points of a trajectory, as a controller makes it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache, cached_property
+from math import comb
+from typing import ClassVar
+
+import numpy as np
+
+from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.common.declared import declare
+from ff_planner_ros.common.forms import ROWS, a_vector
+from ff_planner_ros.planning.motion.plan import Trajectory
+
+# Extremes are found to this [rad, rad/s, rad/s2]: far below what any limit is measured to.
+_EXACT = 1e-9
+# Of the largest coefficient of a polynomial: what the halving of pieces may lose.
+_ROUNDING = 1e-12
+
+
+@dataclass(frozen=True, eq=False)
+class JointMotion:
+    """Joints on the quintics through positions, velocities and accelerations.
+
+    This is how ROS's `joint_trajectory_controller` interpolates a trajectory that has all three.
+    """
+
+    SINCE: ClassVar[str] = "0.3"
+
+    time: Array = declare(  # shape (points,)
+        a_vector(None),
+        "from the state, strictly increasing, two or more",
+        unit="s",
+    )
+    # All three have the shape (points, joints)
+    positions: Array = declare(ROWS, "a row per time", unit="rad")
+    velocities: Array = declare(ROWS, "a row per time", unit="rad/s")
+    accelerations: Array = declare(ROWS, "a row per time", unit="rad/s2")
+
+    def at(self, time: Array) -> tuple[Array, Array, Array]:
+        """Return positions, velocities and accelerations, each of shape (times, joints).
+
+        Before the first and after the last point their quintics go on.
+        """
+        last = len(self.time) - 2
+        piece = np.clip(np.searchsorted(self.time, time, side="right") - 1, 0, last)
+        step = np.diff(self.time)[piece, None]
+        part = (time - self.time[piece])[:, None] / step
+        # De Casteljau's: of six coefficients five, four, three and so on.
+        left = self._coefficients[0][:, piece]
+        while len(left) > 3:
+            left = left[:-1] + part * np.diff(left, axis=0)
+        of_rates = np.diff(left, axis=0)
+        accelerations = np.diff(of_rates, axis=0)[0] * (20 / step**2)
+        rates = (of_rates[0] + part * (of_rates[1] - of_rates[0])) * (5 / step)
+        left = left[:-1] + part * of_rates
+        return left[0] + part * (left[1] - left[0]), rates, accelerations
+
+    def extremes(self, order: int = 0) -> tuple[Array, Array]:
+        """Return the lowest and highest value of each joint between first and last point, and when.
+
+        Args:
+            order: 0 for positions, 1 for rates, 2 for accelerations.
+
+        Returns:
+            Values, exact to `_EXACT` or to rounding, and their times: each of shape (2, joints).
+        """
+        pieces = self._coefficients[order]
+        both = np.concatenate([-pieces, pieces], axis=2)
+        values, times = _highest(both, self.time)
+        signs = np.array([[-1.0], [1.0]])
+        return signs * values.reshape(2, -1), times.reshape(2, -1)
+
+    def distances(self, lower: Array, upper: Array, order: int = 0) -> tuple[Array, Array]:
+        """Return how near each joint comes to its limits, lower first, and when: (2, joints).
+
+        Args:
+            lower: Of positions, rates or accelerations, as `order` is 0, 1 or 2. Shape (joints,).
+            upper: As lower.
+        """
+        (lowest, highest), times = self.extremes(order)
+        return np.array([lowest - lower, upper - highest]), times
+
+    def least_distance(self, lower: Array, upper: Array, order: int = 0) -> float:
+        """Return the least of all `distances`."""
+        pieces = self._coefficients[order]
+        beyond = np.concatenate([lower - pieces, pieces - upper], axis=2)
+        beyond = beyond[..., np.isfinite(beyond[0, 0])].reshape(len(pieces), -1)
+        exact = max(_EXACT, _ROUNDING * float(np.abs(pieces).max()))
+        return -_highest_of_all(beyond, exact)
+
+    def least_distances(self, lower: Array, upper: Array, order: int = 0) -> Array:
+        """Return what `distances` are not below, in a tenth of the time: (2, joints)."""
+        pieces = self._coefficients[order]
+        return np.array([pieces.min(axis=(0, 1)) - lower, upper - pieces.max(axis=(0, 1))])
+
+    @cached_property
+    def _coefficients(self) -> tuple[Array, Array, Array]:
+        """Positions, rates, accelerations in Bernstein's form: (degree + 1, pieces, joints)."""
+        step = np.diff(self.time)[:, None]
+        p, v, a = self.positions, step * self.velocities[:-1], step**2 * self.accelerations[:-1]
+        v_end, a_end = step * self.velocities[1:], step**2 * self.accelerations[1:]
+        first = [p[:-1], p[:-1] + v / 5, p[:-1] + 2 * v / 5 + a / 20]
+        last = [p[1:] - 2 * v_end / 5 + a_end / 20, p[1:] - v_end / 5, p[1:]]
+        positions = np.array([*first, *last])
+        rates = np.diff(positions, axis=0) * (5 / step)
+        return positions, rates, np.diff(rates, axis=0) * (4 / step)
+
+
+def joint_motion(trajectory: Trajectory, start: float = 0.0) -> JointMotion:
+    """Return the motion that a controller makes of a trajectory; it begins at `start` [s]."""
+    return JointMotion(
+        start + trajectory.time,
+        trajectory.joint_positions,
+        trajectory.joint_velocities,
+        trajectory.joint_accelerations,
+    )
+
+
+def steady_motion(begin: float, end: float, positions: Array, rates: Array) -> JointMotion:
+    """Return the motion at constant rates [rad/s] from some positions [rad] on.
+
+    It lasts from `begin` to `end` [s], and for a second at least.
+    """
+    # Quintics neither go far beyond their points nor have room between two at nearly one time.
+    span, none = max(end - begin, 1.0), np.zeros((2, len(rates)))
+    return JointMotion(
+        np.array([begin, begin + span]),
+        np.array([positions, positions + span * rates]),
+        none + rates,
+        none,
+    )
+
+
+def _highest(coefficients: Array, time: Array) -> tuple[Array, Array]:
+    """Return the highest value of each of several piecewise polynomials, and when.
+
+    No value of a polynomial is above its highest coefficient in Bernstein's form. Pieces whose
+    bound is above what was found are halved; their bounds close in on them by a quarter each time.
+
+    Args:
+        coefficients: In Bernstein's form. Shape (degree + 1, pieces, polynomials).
+        time: At which the pieces begin and end. Shape (pieces + 1,).
+    """
+    size, count, polynomials = coefficients.shape
+    parts = [_half(size), _half(size)[::-1, ::-1]]
+    which = np.tile(np.arange(polynomials), count)
+    begin, width = (np.repeat(at, polynomials) for at in (time[:-1], np.diff(time)))
+    pieces = coefficients.reshape(size, -1)
+    highest, when = np.full(polynomials, -np.inf), np.zeros(polynomials)
+    # Of values without measure rounding leaves no absolute digits.
+    exact = np.maximum(_EXACT, _ROUNDING * np.abs(coefficients).max(axis=(0, 1)))
+    while pieces.size:
+        for at_end, times in ((pieces[0], begin), (pieces[-1], begin + width)):
+            order = np.argsort(at_end, kind="stable")  # of equal indices numpy keeps the last
+            found, found_when = highest.copy(), when.copy()
+            found[which[order]], found_when[which[order]] = at_end[order], times[order]
+            better = found > highest
+            highest, when = np.where(better, found, highest), np.where(better, found_when, when)
+        open_ = pieces.max(axis=0) > (highest + exact)[which]
+        pieces = np.concatenate([part @ pieces[:, open_] for part in parts], axis=1)
+        which, half, first = which[open_], width[open_] / 2, begin[open_]
+        which, width = np.concatenate([which, which]), np.concatenate([half, half])
+        begin = np.concatenate([first, first + half])
+    return highest, when
+
+
+def _highest_of_all(pieces: Array, exact: float) -> float:
+    """Return the highest value of all of several polynomials: what `_highest` finds of one.
+
+    Args:
+        pieces: In Bernstein's form. Shape (degree + 1, pieces).
+        exact: The value may be as much too low.
+    """
+    highest = float(pieces[[0, -1]].max(initial=-np.inf))
+    while True:
+        pieces = pieces[:, pieces.max(axis=0) > highest + exact]
+        if not pieces.size:
+            return highest
+        pieces = np.concatenate(_eighths(len(pieces)) @ pieces, axis=1)
+        highest = max(highest, float(pieces[[0, -1]].max()))
+
+
+@cache
+def _half(size: int) -> Array:
+    """Return the matrix that makes the first half's coefficients of those of a piece."""
+    return np.array([[comb(i, j) / 2**i for j in range(size)] for i in range(size)])
+
+
+@cache
+def _eighths(size: int) -> Array:
+    """Return the matrices that make those of its eight parts."""
+    parts = halves = np.array([_half(size), _half(size)[::-1, ::-1]])
+    for _ in range(2):
+        parts = (halves[:, None] @ parts).reshape(-1, size, size)
+    return parts

@@ -1,0 +1,103 @@
+"""A motion as Pinocchio writes it to a motion as a user reads it, and back."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pinocchio as pin
+
+from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.planning.motion.plan import Trajectory
+from ff_planner_ros.robot.dynamics import inverse_dynamics
+from ff_planner_ros.robot.kinematics import rotation_base_to_inertial
+from ff_planner_ros.robot.model import Robot
+from ff_planner_ros.robot.quaternion import quaternion_from_rotation, rotation_from_quaternion
+from ff_planner_ros.robot.state import SystemState
+
+
+def to_trajectory(
+    robot: Robot, time: Array, q: Array, v: Array, accelerations: Array
+) -> Trajectory:
+    """Return chaser, joints with their torques, and end effector of a motion.
+
+    Args:
+        time: Shape (points,) [s].
+        q: Configurations. Shape (points, 7 + joints).
+        v: Tangent velocities. Shape (points, 6 + joints).
+        accelerations: dv/dt. Shape (points, 6 + joints).
+    """
+    model, data, tip = robot.model, robot.model.createData(), robot.tip_frame_id
+    torques, ee_poses, ee_twists = [], [], []
+    for q_i, v_i, acceleration in zip(q, v, accelerations, strict=True):
+        torques.append(inverse_dynamics(robot, data, q_i, v_i, acceleration)[6:])
+        pin.forwardKinematics(model, data, q_i, v_i)
+        ee_poses.append(pin.SE3ToXYZQUAT(pin.updateFramePlacement(model, data, tip)))
+        ee_twists.append(pin.getFrameVelocity(model, data, tip, pin.LOCAL_WORLD_ALIGNED).vector)
+    poses, twists = np.array(ee_poses), np.array(ee_twists)
+    return Trajectory(
+        time=time,
+        joint_positions=q[:, 7:],
+        joint_velocities=v[:, 6:],
+        joint_accelerations=accelerations[:, 6:],
+        joint_torques=np.array(torques),
+        **_chaser(robot, q, v),
+        ee_positions=poses[:, :3],
+        ee_quaternions_xyzw=poses[:, 3:],
+        ee_linear_velocities=twists[:, :3],
+        ee_angular_velocities=twists[:, 3:],
+    )
+
+
+def chaser_motion(states: Sequence[SystemState]) -> dict[str, Array]:
+    """Return the chaser's part of a trajectory, from the state at each point."""
+    return {
+        "chaser_positions": np.array([s.position_chaser_in_inertial for s in states]),
+        "chaser_quaternions_xyzw": np.array([s.quaternion_chaser_to_inertial_xyzw for s in states]),
+        "chaser_linear_velocities": np.array(
+            [s.linear_velocity_chaser_in_inertial for s in states]
+        ),
+        "chaser_angular_velocities": np.array(
+            [s.angular_velocity_chaser_in_inertial for s in states]
+        ),
+    }
+
+
+def _chaser(robot: Robot, q: Array, v: Array) -> dict[str, Array]:
+    """Return what `chaser_motion` does, of all configurations and velocities at once."""
+    base_to_inertial = rotation_base_to_inertial(q)
+    chaser_from_base = base_to_inertial @ robot.position_chaser_in_base
+    omega = np.einsum("pij,pj->pi", base_to_inertial, v[:, 3:6])
+    velocity_base = np.einsum("pij,pj->pi", base_to_inertial, v[:, :3])
+    attitudes = base_to_inertial @ robot.rotation_chaser_to_base
+    return {
+        "chaser_positions": q[:, :3] + chaser_from_base,
+        "chaser_quaternions_xyzw": np.array([pin.Quaternion(R).coeffs() for R in attitudes]),
+        "chaser_linear_velocities": velocity_base + np.cross(omega, chaser_from_base),
+        "chaser_angular_velocities": omega,
+    }
+
+
+def from_trajectory(robot: Robot, trajectory: Trajectory) -> tuple[Array, Array]:
+    """Return configurations, (points, 7 + joints), and tangent velocities, (points, 6 + joints)."""
+    motion = trajectory
+    attitudes = rotation_from_quaternion(motion.chaser_quaternions_xyzw)
+    base_to_inertial = attitudes @ robot.rotation_chaser_to_base.T
+    base_from_chaser = -base_to_inertial @ robot.position_chaser_in_base
+    omega = motion.chaser_angular_velocities
+    velocity_base = motion.chaser_linear_velocities + np.cross(omega, base_from_chaser)
+    q = np.hstack(
+        [
+            motion.chaser_positions + base_from_chaser,
+            quaternion_from_rotation(base_to_inertial),
+            motion.joint_positions,
+        ]
+    )
+    v = np.hstack(
+        [
+            np.einsum("pji,pj->pi", base_to_inertial, velocity_base),
+            np.einsum("pji,pj->pi", base_to_inertial, omega),
+            motion.joint_velocities,
+        ]
+    )
+    return q, v

@@ -1,0 +1,107 @@
+"""The plan: a motion, its metrics, and how it was found."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, fields
+
+import numpy as np
+
+from ff_planner_ros.common.arrays import Array, frozen
+from ff_planner_ros.planning.motion.metrics import Metrics
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """The sampled motion of the system, in the inertial frame; one row per point.
+
+    The chaser frame has its origin at the centre of mass of the chaser alone and the axes of
+    the base link; quaternions turn chaser or end effector axes to inertial axes.
+    """
+
+    time: Array  # from the start, at equal steps to the goal and in the tail; shape (points,) [s]
+    joint_positions: Array  # shape (points, joints) [rad]
+    joint_velocities: Array  # shape (points, joints) [rad/s]
+    joint_accelerations: Array  # shape (points, joints) [rad/s2]
+    joint_torques: Array  # what makes the joints move so, Eq. (20); shape (points, joints) [N m]
+    chaser_positions: Array  # shape (points, 3) [m]
+    chaser_quaternions_xyzw: Array  # shape (points, 4)
+    chaser_linear_velocities: Array  # of the chaser centre of mass; shape (points, 3) [m/s]
+    chaser_angular_velocities: Array  # shape (points, 3) [rad/s]
+    ee_positions: Array  # shape (points, 3) [m]
+    ee_quaternions_xyzw: Array  # shape (points, 4)
+    ee_linear_velocities: Array  # shape (points, 3) [m/s]
+    ee_angular_velocities: Array  # shape (points, 3) [rad/s]
+
+    def __post_init__(self) -> None:
+        """Replace every array by a read-only copy."""
+        for item in fields(self):
+            object.__setattr__(self, item.name, frozen(getattr(self, item.name)))
+
+
+@dataclass(frozen=True)
+class SolverReport:
+    """How the solver found a path."""
+
+    starts: int  # first guesses tried
+    iterations: int  # quadratic programs solved, over all starts
+    rollouts: int  # over all starts, each with derivatives
+    optimality: float  # first-order, see `solver`; infinite where nothing was optimised
+    stop_reason: str  # why it stopped, a sentence
+
+
+@dataclass(frozen=True)
+class RobustReport:
+    """What a plan keeps back for what is not known exactly, and the price."""
+
+    sigmas: float  # so many deviations were asked for
+    least_sigmas: float  # so many the nearest of all margins has
+    rounds: int  # plans made with more and more kept back; 0: the plain plan has it all
+    plain_joint_path_length: float  # of the plan without [rad]
+    # Of what the solver kept back beyond the limits themselves
+    clearance: tuple[tuple[str, float], ...] = ()  # obstacle and distance [m]
+    chaser_attitude: float = 0.0  # of the Euler angles [rad]
+    torques: tuple[tuple[str, float], ...] = ()  # joint and torque [N m]
+    corridor: float = 0.0  # of the approach [m]
+    chaser_rotation: float = 0.0  # [rad]
+    # Standard deviations that were asked for, by name of `Uncertainty`
+    deviations: tuple[tuple[str, float], ...] = ()
+
+    def told(self, joint_path_length: float) -> str:
+        """Return what is kept back, and the price, in words; with the path of the plan [rad]."""
+        longer = joint_path_length - self.plain_joint_path_length
+        return (
+            f"{self.least_sigmas:.2f} sigmas kept back, {self.sigmas:g} asked for; joint path "
+            f"{longer:+.4f} rad beside {self.plain_joint_path_length:.4f} rad of the plain plan"
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """A plan that a consumer can trust: motion, metrics, and why the solver stopped."""
+
+    joint_names: tuple[str, ...]  # in the order of the trajectory's columns
+    trajectory: Trajectory
+    # The paper's a6..a8 of the six components, Eq. (42), in the chaser's axes at the first point;
+    # shape (18,), empty for another path
+    xi: Array
+    orientation_reading: str  # what the last nine of them describe (see `polynomial`), or empty
+    metrics: Metrics
+    solver: SolverReport
+    family: str = ""  # name of the path family; empty where the motion is no path of a family
+    # Decision variables, a first guess for another plan; shape (variables,), empty without a family
+    coefficients: Array = field(default_factory=lambda: np.empty(0))
+    duration: float | None = None  # from the first point to the goal [s]; None: as was asked for
+    robust: RobustReport | None = None  # None: it was not asked for
+
+    @property
+    def message(self) -> str:
+        """Why the search ended, and what a robust plan keeps back at which price."""
+        reason = self.solver.stop_reason
+        if self.robust is None:
+            return reason
+        return f"{reason}; {self.robust.told(self.metrics.joint_path_length)}"
+
+    def __post_init__(self) -> None:
+        """Make the decision variables read-only."""
+        for name in ("xi", "coefficients"):
+            object.__setattr__(self, name, frozen(getattr(self, name)))

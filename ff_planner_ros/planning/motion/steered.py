@@ -1,0 +1,67 @@
+"""How many of a target's conditions an arm can meet at once, as the axes of its joints lie."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+import pinocchio as pin
+
+from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.planning.problem.goal_words import Orientation
+from ff_planner_ros.planning.problem.target import Target
+from ff_planner_ros.robot.model import Robot
+from ff_planner_ros.robot.momentum import generalised_jacobian
+
+# Postures that are looked at: one of them is regular, if any is.
+_POSTURES = 8
+# A direction in which the arm moves the end effector by less than this part of the one in which it
+# does most is none that it can be steered in. Arms drawn at random have 0.02 and more; those whose
+# last axis is the end effector's free axis have 0.001: they turn the chaser a little.
+_LEAST_PART = 0.003
+
+
+def steered(robot: Robot, target: Target) -> int:
+    """Return in how many directions at once the arm can steer what a target asks for."""
+    data = robot.model.createData()
+    asked = [
+        twist_conditions(robot, data, target, q) @ of_rates for q, of_rates in _postures(robot)
+    ]
+    values = np.linalg.svd(np.array(asked), compute_uv=False)
+    return int((values > _LEAST_PART * values[:, :1]).sum(axis=1).max())
+
+
+@lru_cache(maxsize=8)
+def _postures(robot: Robot) -> tuple[tuple[Array, Array], ...]:
+    """Return configurations with their generalised Jacobians.
+
+    Lengths and angles count in parts of what the arm moves them by.
+    """
+    data, rng = robot.model.createData(), np.random.default_rng(0)
+    lowest = np.maximum(robot.lower_position_limits, -np.pi)
+    highest = np.minimum(robot.upper_position_limits, np.pi)
+    linear = sum(row < 3 for row in robot.base.rows)
+    found = []
+    for _ in range(_POSTURES):
+        joints = rng.uniform(lowest, np.maximum(lowest, highest))
+        q = np.concatenate([pin.neutral(robot.model)[:7], joints])
+        of_rates = generalised_jacobian(robot, data, q)
+        for rows in (of_rates[:linear], of_rates[linear:]):
+            rows /= max(float(np.linalg.norm(rows)), np.finfo(float).tiny)
+        found.append((q, of_rates))
+    return tuple(found)
+
+
+def twist_conditions(robot: Robot, data: pin.Data, target: Target, q: Array) -> Array:
+    """Return what of a twist in inertial axes, the base's rows of it, a target asks for."""
+    rows = robot.base.rows
+    every = np.eye(len(rows))
+    linear = every[[row < 3 for row in rows]]
+    if target.orientation is Orientation.FREE:
+        return linear
+    if target.free_axis_in_ee is None:
+        return every
+    pin.forwardKinematics(robot.model, data, q)
+    tip = pin.updateFramePlacement(robot.model, data, robot.tip_frame_id)
+    _, _, across = np.linalg.svd((tip.rotation @ target.free_axis_in_ee)[None])
+    return np.concatenate([linear, np.hstack([np.zeros((2, 3)), across[1:]])])

@@ -1,0 +1,193 @@
+"""The inertial frame that a plan is made in: it moves with the system's centre of mass.
+
+The laws of motion are the same in every inertial frame, but numbers are not: far from the origin,
+or where everything moves fast, differences lose digits, and an integration in steps turns a uniform
+motion into an error. Here the centre of mass rests at the origin, linear momentum is zero, and the
+chaser's axes at the first point are those of the frame. Its Euler angles are then those relative to
+its start attitude, whatever the user's frame is.
+
+A search that is sensitive may make two plans of two problems that differ by rounding. So a problem
+is rounded here, to far less than anything is measured to: seen from most frames it is then the same
+to the last bit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pinocchio as pin
+
+from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.planning.motion.plan import Plan
+from ff_planner_ros.planning.problem.problem import PlanningProblem, capturing
+from ff_planner_ros.robot.configuration import configuration
+from ff_planner_ros.robot.model import Robot
+from ff_planner_ros.robot.quaternion import (
+    canonical_quaternion,
+    quaternion_inverse,
+    quaternion_product,
+    rotation_from_quaternion,
+)
+from ff_planner_ros.robot.state import SystemState
+
+# To multiples of these: a thousand times what 7000 km and 8 km/s leave of double precision, and a
+# thousandth of what a plan may miss its goal by [m, m/s]; and rad/s, m/s2, rad/s2 and quaternions.
+_PLACE, _SPEED, _OTHER = 2.0**-20, 2.0**-30, 2.0**-40
+
+
+@dataclass(frozen=True, eq=False)
+class SystemFrame:
+    """An inertial frame, seen from the user's; both measure time from the same moment."""
+
+    origin: Array  # at time zero, in the user's frame; shape (3,) [m]
+    velocity: Array  # constant, in the user's frame; shape (3,) [m/s]
+    quaternion_xyzw: Array  # its axes to the user's; shape (4,)
+    start: SystemState  # of the system at time zero, in this frame
+
+    @property
+    def rotation(self) -> Array:
+        """Its axes to the user's. Shape (3, 3)."""
+        return rotation_from_quaternion(self.quaternion_xyzw)
+
+    def problem(self, problem: PlanningProblem) -> PlanningProblem:
+        """Return a problem of the user's frame, whose first point is at time zero, in this one."""
+        target, end, window = problem.target, problem.duration, problem.duration_range
+        seen = replace(
+            problem,
+            start=self.start,
+            target=replace(
+                target,
+                position=self._place_here(target.position, end),
+                quaternion_xyzw=self._attitude_here(target.quaternion_xyzw),
+                linear_velocity=self._velocity_here(target.linear_velocity),
+                angular_velocity=self._vector_here(target.angular_velocity, _OTHER),
+                linear_acceleration=self._vector_here(target.linear_acceleration, _OTHER),
+                angular_acceleration=self._vector_here(target.angular_acceleration, _OTHER),
+            ),
+            obstacles=tuple(
+                replace(
+                    sphere,
+                    center=self._place_here(sphere.center, 0.0),
+                    velocity=self._velocity_here(sphere.velocity),
+                )
+                for sphere in problem.obstacles
+            ),
+            duration_range=None
+            if window is None
+            else replace(window, target_velocity=self._velocity_here(window.target_velocity)),
+        )
+        body = problem.target_body
+        if body is None:
+            return seen
+        moved = replace(
+            body,
+            position=self._place_here(body.position, 0.0),
+            quaternion_xyzw=self._attitude_here(body.quaternion_xyzw),
+            linear_velocity=self._velocity_here(body.linear_velocity),
+            angular_velocity=self._vector_here(body.angular_velocity, _OTHER),
+        )
+        return capturing(moved, seen)
+
+    def state_seen_by_user(self, state: SystemState, time: float) -> SystemState:
+        """Return a state of this frame at a time [s] in the user's."""
+        axes = self.rotation
+        place = axes @ state.position_chaser_in_inertial + self.velocity * time
+        attitude = quaternion_product(
+            self.quaternion_xyzw, state.quaternion_chaser_to_inertial_xyzw
+        )
+        velocity = axes @ state.linear_velocity_chaser_in_inertial + self.velocity
+        return replace(
+            state,
+            position_chaser_in_inertial=self.origin + place,
+            quaternion_chaser_to_inertial_xyzw=attitude,
+            linear_velocity_chaser_in_inertial=velocity,
+            angular_velocity_chaser_in_inertial=axes @ state.angular_velocity_chaser_in_inertial,
+        )
+
+    def plan(self, plan: Plan) -> Plan:
+        """Return a plan of the user's frame, its first point at time zero, in this one."""
+        axes = self.rotation
+
+        def here(time: Array, x: Array, q: Array, v: Array, omega: Array) -> tuple[Array, ...]:
+            place = ((x - self.origin) - np.outer(time, self.velocity)) @ axes
+            attitude = quaternion_product(quaternion_inverse(self.quaternion_xyzw), q)
+            return place, attitude, (v - self.velocity) @ axes, omega @ axes
+
+        return _with_motion(plan, here)
+
+    def plan_seen_by_user(self, plan: Plan) -> Plan:
+        """Return a plan of this frame, its first point at time zero, in the user's."""
+        axes = self.rotation.T
+
+        def there(time: Array, x: Array, q: Array, v: Array, omega: Array) -> tuple[Array, ...]:
+            place = self.origin + (np.outer(time, self.velocity) + x @ axes)
+            attitude = quaternion_product(self.quaternion_xyzw, q)
+            return place, attitude, v @ axes + self.velocity, omega @ axes
+
+        return _with_motion(plan, there)
+
+    def _place_here(self, point: Array, time: float) -> Array:
+        # Subtracted before anything is multiplied: far away a turn would cost the last digits.
+        return self._vector_here((point - self.origin) - self.velocity * time, _PLACE)
+
+    def _velocity_here(self, velocity: Array) -> Array:
+        return self._vector_here(velocity - self.velocity, _SPEED)
+
+    def _vector_here(self, vector: Array, grid: float) -> Array:
+        return _rounded(vector @ self.rotation, grid)
+
+    def _attitude_here(self, quaternion_xyzw: Array) -> Array:
+        attitude = quaternion_product(quaternion_inverse(self.quaternion_xyzw), quaternion_xyzw)
+        return _rounded(canonical_quaternion(attitude), _OTHER)
+
+
+def system_frame(robot: Robot, state: SystemState) -> SystemFrame:
+    """Return the frame of a system, the state being that at time zero."""
+    quaternion = state.quaternion_chaser_to_inertial_xyzw
+    axes = rotation_from_quaternion(quaternion)
+    # Relative to the chaser, so that no digit is lost to where the system is or how fast it moves.
+    beside_chaser = replace(
+        state,
+        position_chaser_in_inertial=np.zeros(3),
+        quaternion_chaser_to_inertial_xyzw=np.array([0.0, 0.0, 0.0, 1.0]),
+        linear_velocity_chaser_in_inertial=np.zeros(3),
+        angular_velocity_chaser_in_inertial=_rounded(
+            state.angular_velocity_chaser_in_inertial @ axes, _OTHER
+        ),
+    )
+    model, data = robot.model, robot.model.createData()
+    pin.centerOfMass(model, data, *configuration(robot, beside_chaser))
+    place, velocity = data.com[0], data.vcom[0]
+    return SystemFrame(
+        origin=state.position_chaser_in_inertial + axes @ place,
+        velocity=state.linear_velocity_chaser_in_inertial + axes @ velocity,
+        quaternion_xyzw=quaternion,
+        start=replace(
+            beside_chaser,
+            position_chaser_in_inertial=-place,
+            linear_velocity_chaser_in_inertial=-velocity,
+        ),
+    )
+
+
+def in_own_frame(problem: PlanningProblem) -> PlanningProblem:
+    """Return a problem in the frame of its system at the first point."""
+    return system_frame(problem.robot, problem.start).problem(problem)
+
+
+def _rounded(values: Array, grid: float) -> Array:
+    rounded: Array = np.round(values / grid) * grid
+    return rounded
+
+
+def _with_motion(plan: Plan, seen: Callable[..., tuple[Array, ...]]) -> Plan:
+    """Return a plan with poses and twists of chaser and end effector as they are seen."""
+    motion, arrays = plan.trajectory, dict[str, Array]()
+    quantities = ("positions", "quaternions_xyzw", "linear_velocities", "angular_velocities")
+    for part in ("chaser", "ee"):
+        names = [f"{part}_{quantity}" for quantity in quantities]
+        values = seen(motion.time, *(getattr(motion, name) for name in names))
+        arrays |= dict(zip(names, values, strict=True))
+    return replace(plan, trajectory=replace(motion, **arrays))

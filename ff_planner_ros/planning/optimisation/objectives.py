@@ -1,0 +1,106 @@
+"""The paper's objectives, Eqs. (44) and (45), and their derivatives: what a program minimises.
+
+Throughout, q are configurations, shape (points, 7 + joints), with derivatives `q_sensitivity` in
+their tangent space, shape (points, 6 + joints, variables); joint velocities have the shape
+(points, joints) [rad/s], and `step` is the time between two points [s].
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.core import compiled
+from ff_planner_ros.planning.motion.measures import chaser_euler_with_derivative
+from ff_planner_ros.planning.motion.metrics import Metrics
+from ff_planner_ros.planning.paths.path_family import Motion, Sensitivity
+from ff_planner_ros.planning.problem.problem import Objective
+from ff_planner_ros.planning.problem.settings import PlannerSettings
+from ff_planner_ros.robot.model import Robot
+
+# So far turns the joint that rounds the joint path [rad]: it makes a path of 1 rad 0.05 % longer.
+_ROUNDING = 0.03
+
+
+class Term(NamedTuple):
+    """What one objective adds to a program: f, and peaks of which the largest counts."""
+
+    value: float  # f
+    gradient: Array  # of f; shape (variables,)
+    hessian: Array  # Gauss-Newton approximation for f; shape (variables, variables)
+    peaks: Array  # shape (peaks,), may be empty
+    peaks_jacobian: Array  # shape (peaks, variables)
+
+
+def terms(
+    weights: Objective,
+    robot: Robot,
+    motion: Motion,
+    sensitivity: Sensitivity,
+    step: float,
+    smoothing: float = 0.0,
+) -> list[Term]:
+    """Return the terms of all objectives that have a weight.
+
+    Args:
+        smoothing: Weight of evenly run joints, where the joint path's is one; see `joint_path`.
+    """
+    found = []
+    variables = sensitivity.variables
+    weight, nothing = weights.joint_path_length, np.zeros((variables, variables))
+    if weight > 0.0:
+        v, by_x, duration = motion.v, sensitivity.v, (len(motion.v) - 1) * step
+        if sensitivity.goal_motion is not None:
+            # Run by parts of the duration, a path is as long, and knows the duration no more.
+            by_x = duration * by_x
+            by_x[..., -1] += v
+            v, step = duration * v, step / duration
+        value, gradient, hessian = joint_path(v, by_x, step, smoothing)
+        value = weight * value
+        found.append(Term(value, weight * gradient, weight * hessian, nothing[0, :0], nothing[:0]))
+    weight = weights.chaser_attitude
+    if weight > 0.0:
+        # The Euler angles whose largest modulus is J_Theta.
+        euler, jacobian = chaser_euler_with_derivative(robot, motion.q, sensitivity.q)
+        euler, jacobian = weight * euler.ravel(), (weight * jacobian).reshape(-1, variables)
+        peaks, jacobian = np.append(euler, -euler), np.concatenate([jacobian, -jacobian])
+        found.append(Term(0.0, nothing[0], nothing, peaks, jacobian))
+    return found
+
+
+def with_tie_break(objective: Objective, settings: PlannerSettings) -> Objective:
+    """Return the objective to solve where the duration is given: never the attitude alone."""
+    if objective.joint_path_length > 0.0:
+        return objective
+    if objective.only_duration:  # which is decided
+        return replace(objective, joint_path_length=1.0)
+    tie_break = settings.joint_path_tie_break * objective.chaser_attitude
+    return replace(objective, joint_path_length=tie_break)
+
+
+def weighted_sum(objective: Objective, metrics: Metrics) -> float:
+    """Return what a plan with these metrics is worth, less is better [rad]."""
+    length = objective.joint_path_length * metrics.joint_path_length
+    return length + objective.chaser_attitude * metrics.max_chaser_euler
+
+
+def joint_path(
+    v: Array, by_x: Array, step: float, smoothing: float = 0.0
+) -> tuple[float, Array, Array]:
+    """Return J_L of Eq. (44), its gradient and its Gauss-Newton Hessian, positive semidefinite.
+
+    With smoothing, so many times T times the integral of the squared joint rates are added, by the
+    trapezoidal rule: the squared joint path where the joints are run evenly along a straight way,
+    and more otherwise. And one more joint turns, slowly and evenly: where all others stand still
+    for a moment and turn back, the joint path has a kink without it, in front of which the solver
+    stalls.
+
+    Args:
+        v: Tangent velocities. Shape (points, 6 + joints).
+        by_x: Their derivatives. Shape (points, 6 + joints, variables).
+    """
+    slow = _ROUNDING / ((len(v) - 1) * step) if smoothing > 0.0 else 0.0
+    return compiled.joint_path(v, by_x, step, slow, smoothing)

@@ -1,0 +1,247 @@
+"""The optimisation problem of Eq. (43): objectives and requirements as functions of the path."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pinocchio as pin
+
+from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.planning.motion.followed import FollowedMotion
+from ff_planner_ros.planning.motion.followed_path import followed_path
+from ff_planner_ros.planning.optimisation.objectives import terms, with_tie_break
+from ff_planner_ros.planning.optimisation.solver import Linearisation
+from ff_planner_ros.planning.paths.joint_spline import JointSplines
+from ff_planner_ros.planning.paths.path_family import Motion, PathFamily
+from ff_planner_ros.planning.problem.problem import Objective, PlanningProblem, Target
+from ff_planner_ros.planning.problem.settings import PlannerSettings
+from ff_planner_ros.planning.requirements import REQUIREMENTS
+from ff_planner_ros.planning.requirements.goal import beside, miss
+from ff_planner_ros.robot.configuration import configuration
+
+# A path is solved on so many intervals at least, whatever the plan shows of them: on fewer, its
+# motion is not exact to a tenth of what the check allows.
+_LEAST_INTERVALS = 40
+# From point to point a tumbling chaser turns no further [rad]; but this many intervals are enough.
+_GRID_TURN, _MOST_INTERVALS = 0.25, 200
+
+# Of what is missing, margins are eased by so much: on its way to the goal the path may come nearer.
+_EASED = 1.5
+# No requirement has as many rows: the names of all of them differ.
+_NAMES = 1 << 40
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class PathLinearisation(Linearisation):
+    """What the solver wants to know of a path, and the motion that it comes from."""
+
+    motion: Motion  # may be singular
+    acceleration: Array  # dv/dt at each point; shape (points, 6 + joints)
+
+    def by(self, directions: Array) -> PathLinearisation:
+        """Return the same with the derivatives by steps along directions, a column each."""
+        if not self.is_defined:
+            return self
+        return replace(
+            self,
+            gradient=self.gradient @ directions,
+            hessian=directions.T @ self.hessian @ directions,
+            # In one thread: where several share the work, the last bit depends on their number.
+            peaks_jacobian=np.einsum("rx,xd->rd", self.peaks_jacobian, directions),
+            constraints_jacobian=np.einsum("rx,xd->rd", self.constraints_jacobian, directions),
+            equalities_jacobian=np.einsum("rx,xd->rd", self.equalities_jacobian, directions),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Correction:
+    """The way from a path's motion to the one that a controller makes of the plan's points.
+
+    It hardly changes with the path, so that its derivative is left out.
+    """
+
+    q: Array  # tangent steps at the points; shape (points, 6 + joints)
+    v: Array  # of the velocities at the points; shape (points, 6 + joints)
+    q_half_way: Array  # tangent steps half-way between; shape (points - 1, 6 + joints)
+
+    @staticmethod
+    def between(model: pin.Model, motion: Motion, driven: FollowedMotion) -> Correction:
+        """Return the way from one motion to the other; its steps end at the points, too."""
+        every = (len(driven.time) - 1) // (2 * len(motion.q) - 2)
+        steps = [
+            np.array([pin.difference(model, *at) for at in zip(q, to, strict=True)])
+            for q, to in (
+                (motion.q, driven.q[:: 2 * every]),
+                (motion.q_half_way, driven.q[every :: 2 * every]),
+            )
+        ]
+        return Correction(steps[0], driven.v[:: 2 * every] - motion.v, steps[1])
+
+    def of(self, model: pin.Model, motion: Motion) -> Motion:
+        """Return the motion that a controller makes of one near the path's."""
+        q, q_half_way = (
+            np.array([pin.integrate(model, *at) for at in zip(q, steps, strict=True)])
+            for q, steps in ((motion.q, self.q), (motion.q_half_way, self.q_half_way))
+        )
+        return replace(motion, q=q, v=motion.v + self.v, q_half_way=q_half_way)
+
+
+@dataclass(frozen=True, eq=False)
+class PathProgram:
+    """Objectives and requirements of one planning problem on one time grid."""
+
+    problem: PlanningProblem
+    family: PathFamily
+    objective: Objective
+    margins: Mapping[str, float]  # kept more of each requirement at the points, by its name
+    points: int  # of the grid; the plan holds every one of them, every second, ...
+    damping: float = 0.0  # of the motion, where a singularity in the way shall not stop the search
+    # From the path's motion to the one that a controller makes of it; None: not known yet
+    correction: Correction | None = None
+    aim: Target | None = None  # of the family, beside the problem's target; None: that itself
+    smoothing: float = 0.0  # weight of evenly run joints, beside that of the joint path
+    # Names of the requirements that it keeps only when a path has broken them: none has yet
+    waiting: frozenset[str] = frozenset()
+
+    def linearise(self, x: Array) -> PathLinearisation:
+        """Return objective and constraints of a path with their derivatives."""
+        motion = self.family.motion(x, self.points, self.damping)
+        if motion.singular_at is not None:
+            return _undefined(motion)
+        sensitivity = self.family.sensitivity(motion, self.damping)
+        step, robot = self.problem.duration / (self.points - 1), self.problem.robot
+        driven = motion if self.correction is None else self.correction.of(robot.model, motion)
+        variables = sensitivity.variables
+        value, gradient = 0.0, np.zeros(variables)
+        hessian = np.zeros((variables, variables))
+        peaks, peaks_jacobian = [np.empty(0)], [np.empty((0, variables))]
+        for term in terms(self.objective, robot, motion, sensitivity, step, self.smoothing):
+            value, gradient = value + term.value, gradient + term.gradient
+            hessian = hessian + term.hessian
+            peaks.append(term.peaks)
+            peaks_jacobian.append(term.peaks_jacobian)
+        rows = [
+            None
+            if required.name in self.waiting
+            else required.rows(self.problem, driven, sensitivity, self.margins[required.name])
+            for required in REQUIREMENTS
+        ]
+        kept = [found for found in rows if found is not None]
+        names = [
+            found.names + number * _NAMES for number, found in enumerate(rows) if found is not None
+        ]
+        return PathLinearisation(
+            value=value,
+            gradient=gradient,
+            hessian=hessian,
+            peaks=np.concatenate(peaks),
+            peaks_jacobian=np.concatenate(peaks_jacobian),
+            constraints=np.concatenate([found.values for found in kept]),
+            constraints_jacobian=np.concatenate([found.jacobian for found in kept]),
+            names=np.concatenate(names),
+            equalities=motion.goal_error,
+            equalities_jacobian=sensitivity.goal_error,
+            motion=motion,
+            acceleration=sensitivity.acceleration,
+        )
+
+    def followed(self, at_x: PathLinearisation) -> FollowedMotion:
+        """Return what a controller makes of the points that a path's plan holds."""
+        return followed_path(self.problem, at_x.motion.q, at_x.motion.v, at_x.acceleration)
+
+    def corrected(self, motion: Motion, driven: FollowedMotion) -> PathProgram:
+        """Return the program that knows what a controller makes of a path, and aims accordingly."""
+        robot, target = self.problem.robot, self.problem.target
+        aim = beside(self.aim or target, *miss(robot, driven.q[-1], target))
+        return replace(
+            self,
+            family=self.family.towards(aim),
+            correction=Correction.between(robot.model, motion, driven),
+            aim=aim,
+        )
+
+    def slacks(self, motion: FollowedMotion) -> Mapping[str, float]:
+        """Return what is left of each requirement along a motion; negative: it is violated."""
+        return {required.name: required.slack(self.problem, motion) for required in REQUIREMENTS}
+
+    def broken(self, at_x: PathLinearisation) -> frozenset[str]:
+        """Return which of the requirements that still wait a path breaks."""
+        if not self.waiting:
+            return self.waiting
+        motion = self.followed(at_x)
+        return frozenset(
+            required.name
+            for required in REQUIREMENTS
+            if required.name in self.waiting and required.slack(self.problem, motion) < 0.0
+        )
+
+    def easing(self, at_x: PathLinearisation, names: Sequence[str]) -> PathProgram:
+        """Return the program whose margins a path keeps, or nearly so, where it keeps a part.
+
+        A plan that begins beside an obstacle cannot be moved there. It is this one where the path
+        keeps them all.
+
+        Args:
+            at_x: Of a regular path.
+            names: Of the requirements whose margins are eased.
+        """
+        margins = dict(self.margins)
+        for number, required in enumerate(REQUIREMENTS):
+            if required.name in names:
+                values = at_x.constraints[at_x.names // _NAMES == number]
+                missing, margin = -float(values.min(initial=0.0)), margins[required.name]
+                if missing < margin:
+                    margins[required.name] = max(margin - _EASED * missing, 0.0)
+        return self if margins == self.margins else replace(self, margins=margins)
+
+    def keeping(self, broken: frozenset[str]) -> PathProgram:
+        """Return the program that keeps what a path has broken, too."""
+        return replace(self, waiting=self.waiting - broken)
+
+
+def path_program(
+    problem: PlanningProblem, family: PathFamily, settings: PlannerSettings
+) -> PathProgram:
+    """Return the optimisation problem on all points of the plan."""
+    margins = {required.name: required.margin(problem, settings) for required in REQUIREMENTS}
+    objective = with_tie_break(problem.objective, settings)
+    # A path of the end effector is run as its polynomials say; a spline may be run in any way.
+    smoothing = settings.joint_spline_smoothing if isinstance(family, JointSplines) else 0.0
+    points = _grid_points(problem)
+    return PathProgram(
+        problem,
+        family,
+        objective,
+        margins,
+        points,
+        smoothing=smoothing,
+        waiting=frozenset(required.name for required in REQUIREMENTS if required.is_on_demand),
+    )
+
+
+def _grid_points(problem: PlanningProblem) -> int:
+    """Return the number of points to solve on; the plan's are every one, every second, ..."""
+    _, v = configuration(problem.robot, problem.start)
+    turn = float(np.linalg.norm(v[3:6])) * problem.duration
+    intervals = problem.points - 1
+    wanted = max(_LEAST_INTERVALS, min(turn / _GRID_TURN, _MOST_INTERVALS))
+    return 1 + intervals * int(np.ceil(wanted / intervals))
+
+
+def _undefined(motion: Motion) -> PathLinearisation:
+    """Return what the solver learns of a path that meets a singularity: it is a wall."""
+    nothing = np.empty((0, len(motion.x)))
+    return PathLinearisation(
+        value=np.inf,
+        gradient=np.zeros(len(motion.x)),
+        hessian=nothing,
+        peaks=np.empty(0),
+        peaks_jacobian=nothing,
+        constraints=np.empty(0),
+        constraints_jacobian=nothing,
+        is_defined=False,
+        motion=motion,
+        acceleration=nothing,
+    )

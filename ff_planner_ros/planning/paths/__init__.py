@@ -1,0 +1,1 @@
+"""Families of paths, and the first guesses of each."""

@@ -1,0 +1,66 @@
+"""First guesses for the solver: the straight path, detours around what blocks it, and others."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.planning.distance.clearance import arm_points, clearances, segments
+from ff_planner_ros.planning.paths.path_family import Motion
+from ff_planner_ros.planning.paths.polynomial import COMPONENTS, FREE_TERMS, PARAMETERS
+from ff_planner_ros.planning.problem.problem import Sphere
+from ff_planner_ros.robot.model import Robot
+
+# How far beyond the surface of a sphere a detour passes [m]: the arm's links follow the end
+# effector only in part.
+_BESIDE = 0.1
+# The free term's bump is flat at its ends: an obstacle there is not avoided by a huge bump in the
+# middle. 1 at the middle of the path.
+_LEAST_BUMP = 0.3
+# Spread of the other guesses: wide enough to come to the other side of an obstacle, not so wide
+# that most leave the workspace [m, rad].
+_SPREAD_POSITION, _SPREAD_ANGLE = 0.3, 0.4
+
+
+def scattered() -> Iterator[Array]:
+    """Yield flattened coefficients without end, always the same."""
+    spread = np.repeat([_SPREAD_POSITION] * 3 + [_SPREAD_ANGLE] * 3, FREE_TERMS)
+    from scipy.stats import qmc  # half a second to load, and most plans never come here
+
+    sequence = qmc.MultivariateNormalQMC(
+        np.zeros(PARAMETERS), engine=qmc.Halton(PARAMETERS, rng=np.random.default_rng(0))
+    )
+    while True:
+        yield sequence.random(1)[0] * spread
+
+
+def detours(
+    robot: Robot, straight: Motion, duration: float, spheres: Sequence[Sphere]
+) -> Iterator[Array]:
+    """Pass the sphere that the straight path runs deepest into on its four sides."""
+    positions = arm_points(robot, straight.q)
+    times = np.linspace(0.0, duration, len(positions))
+    clear = clearances(positions, times, segments(positions), spheres)
+    if clear.distance.min(initial=np.inf) >= 0.0:
+        return
+    deepest = np.unravel_index(clear.distance.argmin(), clear.distance.shape)
+    out = clear.direction[deepest]
+    sphere, depth = spheres[int(deepest[2])], -clear.distance[deepest]
+    radius = sphere.radius
+    # The end effector's way as the sphere sees it.
+    aside = np.cross(out, positions[-1, -1] - positions[0, -1] - sphere.way(duration))
+    aside /= max(float(np.linalg.norm(aside)), 1e-9)
+    s = np.linspace(0.0, 1.0, 2 * len(positions) - 1)[2 * deepest[0]]
+    bump = max(64.0 * s**3 * (1.0 - s) ** 3, _LEAST_BUMP)
+    ways = (
+        out * (depth + _BESIDE),
+        aside * (radius + _BESIDE),
+        -aside * (radius + _BESIDE),
+        -out * (2.0 * radius - depth + _BESIDE),
+    )
+    for way in ways:
+        coefficients = np.zeros((COMPONENTS, FREE_TERMS))
+        coefficients[:3, 0] = way / bump
+        yield coefficients.ravel()

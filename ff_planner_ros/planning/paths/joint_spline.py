@@ -1,0 +1,219 @@
+"""Joint splines: each joint on a quintic B-spline, the base as the momentum demands.
+
+theta(t) = B(t) c. Start angle, rate and acceleration fix the first three control points; the others
+are the decision variables. Nothing is inverted but the system's inertia, so that a motion knows no
+singularities, and any number of joints will do. Its end need not be at the goal: what it misses is
+the goal error, which the solver brings to zero.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
+from typing import ClassVar, cast
+
+import numpy as np
+
+from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.core import compiled
+from ff_planner_ros.core.chain import chain_of
+from ff_planner_ros.core.start import start_of
+from ff_planner_ros.planning.paths.path_family import GoalMotion, JointHull, Motion, Sensitivity
+from ff_planner_ros.planning.paths.spline_basis import FIXED, SplineBasis
+from ff_planner_ros.planning.paths.spline_guesses import spline_guesses
+from ff_planner_ros.planning.problem.end_conditions import compiled_target
+from ff_planner_ros.planning.problem.problem import PlanningProblem, Sphere, Target
+from ff_planner_ros.planning.problem.settings import PlannerSettings
+from ff_planner_ros.robot.configuration import configuration
+from ff_planner_ros.robot.model import Robot
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class SplineMotion(Motion):
+    """A motion with what its derivatives need."""
+
+    compiled: compiled.DrivenMotion
+
+
+@dataclass(frozen=True, eq=False)
+class JointSplines:
+    """The motions of one robot from one start, one for each choice of control points."""
+
+    problem: PlanningProblem
+    basis: SplineBasis
+    q_start: Array  # configuration at the first point; shape (7 + joints,)
+    start: compiled.Start  # what stays of it
+    goal_motion: GoalMotion | None = None  # where the duration is one more variable
+
+    name: ClassVar[str] = "joint_spline"
+    reading: ClassVar[str] = ""
+    stride: ClassVar[float] = 0.4  # 0.2 rad is a bold first step
+
+    @property
+    def directions(self) -> Array:
+        """Each control point by itself."""
+        return np.eye(self.variables)
+
+    @property
+    def robot(self) -> Robot:
+        """Whose motions these are."""
+        return self.problem.robot
+
+    @cached_property
+    def fixed(self) -> Array:
+        """Control points that the start fixes. Shape (3, joints) [rad]."""
+        start = self.problem.start
+        accelerations = start.joint_accelerations
+        if accelerations is None:
+            accelerations = np.zeros(len(start.joint_positions))
+        return self.basis.start(start.joint_positions, start.joint_velocities, accelerations)
+
+    @property
+    def variables(self) -> int:
+        """Free control points of all joints, those of the first joint first."""
+        return self.robot.joints * (self.basis.count - FIXED)
+
+    def decision_variables(self, x: Array) -> Array:
+        """Return nothing: the paper has no such variables."""
+        return np.empty(0)
+
+    def first_guesses(
+        self, obstacles: Sequence[Sphere], points: int, damping: float
+    ) -> Iterator[Array]:
+        """Yield splines near the paper's path, ways to goal postures, and detours without end."""
+        return spline_guesses(self, obstacles, points)
+
+    def near(self, q: Array) -> Array:
+        """Return the control points of the splines through the joint angles of a motion."""
+        rows = self.basis.rows(np.linspace(0.0, 1.0, len(q)))
+        free, *_ = np.linalg.lstsq(rows[:, FIXED:], q[:, 7:] - rows[:, :FIXED] @ self.fixed)
+        return np.asarray(free.T.ravel(), np.float64)
+
+    def towards(self, target: Target) -> JointSplines:
+        """Return the motions to a target near this one; the control points stay what they are."""
+        return replace(self, problem=replace(self.problem, target=target))
+
+    def lasting(
+        self, problem: PlanningProblem, goal_motion: GoalMotion | None = None
+    ) -> JointSplines:
+        """Return the motions of this problem with another duration."""
+        basis = replace(self.basis, duration=problem.duration)
+        return replace(self, problem=problem, basis=basis, goal_motion=goal_motion)
+
+    def control_points(self, x: Array) -> Array:
+        """Return all control points of a spline. Shape (control points, joints) [rad]."""
+        return np.concatenate([self.fixed, x.reshape(self.robot.joints, -1).T])
+
+    def motion(self, x: Array, points: int, damping: float = 0.0) -> Motion:
+        """Integrate the base along one spline; there is nothing to damp."""
+        controls = self.control_points(x)
+        angles, rates, accelerations = (rows @ controls for rows in _rows(self.basis, points))
+        motion = compiled.DrivenMotion(
+            chain_of(self.robot), self.start, angles, rates, accelerations, self.basis.duration
+        )
+        return SplineMotion(
+            x=x,
+            q=motion.q,
+            v=motion.v,
+            q_half_way=motion.q_half_way,
+            goal_error=motion.goal_error(self._goal),
+            hull=JointHull(*(matrix @ controls for matrix in _hulls(self.basis))),
+            compiled=motion,
+        )
+
+    def sensitivity(self, motion: Motion, damping: float = 0.0) -> Sensitivity:
+        """Differentiate a motion of this family, exact as discretised."""
+        rows = _rows_of_free(self.basis, len(motion.q))
+        compiled_motion = cast(SplineMotion, motion).compiled
+        hull, goal_motion = _hulls_by_x(self.basis, self.robot.joints), self.goal_motion
+        if goal_motion is None:
+            return Sensitivity(*compiled_motion.sensitivity(*rows, self._goal), hull=hull)
+        of_goal = np.array([goal_motion.place, goal_motion.twist, goal_motion.acceleration])
+        by_duration, hulls = self._by_duration(motion.x, len(motion.q))
+        columns = (hull.positions, hull.rates), hulls
+        wide = JointHull(*(np.dstack(both) for both in zip(*columns, strict=True)))
+        found = compiled_motion.sensitivity(*rows, self._goal, by_duration, of_goal)
+        return Sensitivity(*found, hull=wide, goal_motion=goal_motion)
+
+    def _by_duration(self, x: Array, points: int) -> tuple[Array, tuple[Array, Array]]:
+        """Return the derivatives of a spline by the duration T at fixed parts s of it.
+
+        The k-th derivative by time is 1 / T^k of that by s, and the control points that the start
+        fixes change with T: those by s there are T^k times what is given.
+
+        Returns:
+            Those of angles and rates at half steps and of the last accelerations, a row each, and
+            those of both hulls. Shapes (2 half steps + 1, joints), and each (points, joints).
+        """
+        duration, start = self.basis.duration, self.problem.start
+        still = np.zeros(self.robot.joints)
+        accelerated = still if start.joint_accelerations is None else start.joint_accelerations
+        in_parts = replace(self.basis, duration=1.0)
+        moved = in_parts.start(still, start.joint_velocities, 2.0 * duration * accelerated)
+        controls = self.control_points(x)
+
+        def changed(rows: Array, order: int) -> Array:
+            found: Array = rows[:, :FIXED] @ moved - order / duration * (rows @ controls)
+            return found
+
+        angles, rates, accelerations = _rows(self.basis, points)
+        of_joints = [changed(angles, 0), changed(rates, 1), changed(accelerations[-1:], 2)]
+        of_positions, of_rates = _hulls(self.basis)
+        return np.concatenate(of_joints), (changed(of_positions, 0), changed(of_rates, 1))
+
+    @cached_property
+    def _goal(self) -> compiled.Target:
+        return compiled_target(self.problem.target)
+
+
+def joint_splines(problem: PlanningProblem, settings: PlannerSettings) -> JointSplines:
+    """Return the joint splines from the start state of a problem.
+
+    Where the start's joint accelerations are not known, the joints begin without.
+    """
+    robot = problem.robot
+    q, v = configuration(robot, problem.start)
+    basis = SplineBasis(problem.duration, settings.joint_spline_spans)
+    return JointSplines(problem, basis, q, start_of(robot, q, v))
+
+
+@lru_cache(maxsize=32)
+def _rows(basis: SplineBasis, points: int) -> tuple[Array, Array, Array]:
+    """Return what control points contribute to angles, rates and accelerations at half steps."""
+    half_steps = 2 * points - 1
+    return basis.on_grid(half_steps), basis.on_grid(half_steps, 1), basis.on_grid(half_steps, 2)
+
+
+@lru_cache(maxsize=32)
+def _rows_of_free(basis: SplineBasis, points: int) -> tuple[Array, Array, Array]:
+    """Return what free control points contribute: to angles and rates, and to accelerations last.
+
+    Shapes (half steps, free), twice, and (free,).
+    """
+    angles, rates, accelerations = _rows(basis, points)
+    return angles[:, FIXED:], rates[:, FIXED:], accelerations[-1, FIXED:]
+
+
+@lru_cache(maxsize=32)
+def _hulls(basis: SplineBasis) -> tuple[Array, Array]:
+    """Return the matrices from control points to the hulls of angles and rates.
+
+    What the start alone decides is left out.
+    """
+    angles, rates = basis.hull(), basis.hull(1)
+    return angles[FIXED:], rates[FIXED - 1 :]
+
+
+@lru_cache(maxsize=32)
+def _hulls_by_x(basis: SplineBasis, joints: int) -> JointHull:
+    """Return the derivatives of both hulls by the free control points of all joints."""
+    return JointHull(*(_of_joints(matrix, joints) for matrix in _hulls(basis)))
+
+
+def _of_joints(rows: Array, joints: int) -> Array:
+    """Return rows for the free control points of one joint as those for all. (rows, joints, x)."""
+    free = rows[:, FIXED:]
+    of_joints = np.zeros((len(rows), joints, joints, free.shape[1]))
+    of_joints[:, range(joints), range(joints)] = free[:, None]
+    return of_joints.reshape(len(rows), joints, -1)

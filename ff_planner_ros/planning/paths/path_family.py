@@ -1,0 +1,146 @@
+"""What the search needs of a path family: motions, their sensitivities and first guesses.
+
+A path family is a set of motions from the start to the goal, one for each choice of its decision
+variables x. Another family is another class with these members.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.errors import NoPlanFound, Status
+from ff_planner_ros.planning.problem.problem import PlanningProblem, Sphere, Target
+
+
+@dataclass(frozen=True, eq=False)
+class JointHull:
+    """Points of which no joint leaves the range, at any time, or their derivatives by x."""
+
+    positions: Array  # shape (points, joints) or (points, joints, variables)
+    rates: Array  # likewise
+
+
+@dataclass(frozen=True, eq=False)
+class GoalMotion:
+    """How a goal changes with the duration: derivatives by it, linear part first, inertial axes."""
+
+    place: Array  # shape (6,) [m/s, rad/s]
+    twist: Array  # shape (6,) [m/s2, rad/s2]
+    acceleration: Array  # shape (6,) [m/s3, rad/s3]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Motion:
+    """A motion at each point, as Pinocchio writes it."""
+
+    x: Array  # decision variables; shape (variables,)
+    q: Array  # configurations; shape (points, 7 + joints)
+    v: Array  # tangent velocities; shape (points, 6 + joints)
+    q_half_way: Array  # configurations half-way between the points; shape (points - 1, 7 + joints)
+    goal_error: Array  # what the family does not fix there, to become zero; shape (rows,)
+    # Time of a dynamic singularity, where the motion ends [s]; then only x has a meaning
+    singular_at: float | None = None
+    hull: JointHull | None = None  # where the family knows it
+
+
+@dataclass(frozen=True, eq=False)
+class Sensitivity:
+    """Derivatives of a regular motion with respect to x, exact as discretised.
+
+    Where the duration T is one more variable, the last column is by T, at fixed parts s of it: a
+    point is at the time s T, and rates are 1 / T of the derivatives by s.
+    """
+
+    q: Array  # in the tangent space at each point; shape (points, 6 + joints, variables)
+    v: Array  # shape (points, 6 + joints, variables)
+    q_half_way: Array  # shape (points - 1, 6 + joints, variables)
+    goal_error: Array  # shape (rows, variables)
+    acceleration: Array  # dv/dt itself at each point; shape (points, 6 + joints)
+    hull: JointHull | None = None
+    goal_motion: GoalMotion | None = None  # None: the duration is given
+
+    @property
+    def variables(self) -> int:
+        """Number of columns."""
+        return int(self.q.shape[2])
+
+    def times_by_last(self, times: Array, duration: float) -> Array:
+        """Return how times [s] change with the last variable; empty where they do not."""
+        return times[:0] if self.goal_motion is None else times / duration
+
+
+class PathFamily(Protocol):
+    """The motions of one family from a start to a goal."""
+
+    @property
+    def name(self) -> str:
+        """Name in scenario files and plans."""
+
+    @property
+    def variables(self) -> int:
+        """Number of decision variables."""
+
+    @property
+    def stride(self) -> float:
+        """How long a step along one variable is bold, the paper's coefficients being 1 [m, rad]."""
+
+    @property
+    def directions(self) -> Array:
+        """Changes of x that move the path about equally far, each in a way of its own.
+
+        A column each. Shape (variables, variables).
+        """
+
+    @property
+    def reading(self) -> str:
+        """How the orientation is described, for a reader of `decision_variables`."""
+
+    def motion(self, x: Array, points: int, damping: float = 0.0) -> Motion:
+        """Return the motion of one path on two points or more.
+
+        With damping, a motion that meets a singularity does not end there but leaves its path.
+        """
+
+    def sensitivity(self, motion: Motion, damping: float = 0.0) -> Sensitivity:
+        """Differentiate a regular motion of this family; damping: that of the motion."""
+
+    def first_guesses(
+        self, obstacles: Sequence[Sphere], points: int, damping: float
+    ) -> Iterator[Array]:
+        """Yield decision variables to start motions from, always the same for one problem."""
+
+    def near(self, q: Array) -> Array:
+        """Return the decision variables of a path that runs as a motion does, but for its goal.
+
+        Args:
+            q: Configurations at equal steps of the duration, ten or more, the first one that of the
+                start. Shape (times, 7 + joints).
+        """
+
+    def towards(self, target: Target) -> PathFamily:
+        """Return the motions to a target near this one; x keeps its meaning."""
+
+    def lasting(
+        self, problem: PlanningProblem, goal_motion: GoalMotion | None = None
+    ) -> PathFamily:
+        """Return the motions of the problem with another duration; x keeps its meaning.
+
+        Args:
+            goal_motion: Makes the duration one more variable of the sensitivities.
+        """
+
+    def decision_variables(self, x: Array) -> Array:
+        """Return what the plan reports of a path: for the paper's family xi, Eq. (42)."""
+
+
+def singular_refusal(time: float, duration: float) -> NoPlanFound:
+    """Return the error of a motion that meets a dynamic singularity at some time [s]."""
+    return NoPlanFound(
+        Status.SINGULAR,
+        f"dynamic singularity at t = {time:.2f} s of {duration:g} s: the arm cannot follow the "
+        "end effector's path there; choose a nearer goal, another start posture or a longer "
+        "duration",
+    )

@@ -1,0 +1,178 @@
+"""First guesses of joint splines: near the paper's path, straight ways to goal postures, detours.
+
+A goal posture is one that the free-floating system is in at the goal when its joints go there
+straight, the start's motion fading on the way. There are several; each other one is looked for from
+another posture.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterator, Sequence
+from itertools import islice
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.planning.distance.contact import deepest_contact
+from ff_planner_ros.planning.paths.end_effector_polynomial import applies, end_effector_families
+from ff_planner_ros.planning.paths.spline_basis import FIXED
+from ff_planner_ros.planning.problem.problem import Sphere
+from ff_planner_ros.planning.problem.target import conditions_of
+
+if TYPE_CHECKING:
+    from ff_planner_ros.planning.paths.joint_spline import JointSplines
+
+# Of the paper's path near a singularity: a path that is hardly followed there is a guess, too.
+_DAMPING = 0.05
+# Of the paper's first guesses: the straight path, and the detours around what blocks it.
+_PAPERS_GUESSES = 5
+# What a spline's curvature costs in a fit, in rad for each rad of change in the whole duration:
+# little, but control points between the samples stay sane.
+_CURVATURE = 3e-3
+# On few points a way to a posture is known well enough.
+_POINTS = 9
+# Gauss-Newton towards a posture: iterations, damping at first and how it falls and grows, and the
+# error [m, rad] that is small enough for a guess.
+_LEAST_DAMPING = 1e-9  # else a long arm with a joint to spare has a singular system in the end
+_ITERATIONS, _FIRST_DAMPING, _LESS, _MORE, _NEAR = 30, 1e-2, 0.25, 6.0, 1e-3
+# So many guesses that end in contact wait until there are others: then they are tried all the same.
+_WAITING = 8
+# Other postures to begin at, and detours, are spread so wide [rad]; postures stay away from limits.
+_POSTURES, _DETOURS, _FROM_LIMITS = 1.0, 0.5, 0.02
+
+
+def spline_guesses(
+    family: JointSplines, obstacles: Sequence[Sphere], points: int
+) -> Iterator[Array]:
+    """Yield control points without end, always the same for one problem.
+
+    Where the robot has bodies, those that end in contact come later.
+    """
+    guesses = _guesses(family, obstacles, points)
+    return _touching_later(family, guesses) if family.robot.bodies else guesses
+
+
+def _touching_later(family: JointSplines, guesses: Iterator[Array]) -> Iterator[Array]:
+    """Yield guesses; those whose goal posture is in contact wait for some others to come."""
+    waiting = deque[Array]()
+    for guess in guesses:
+        end = family.motion(guess, _POINTS).q[-1]
+        if deepest_contact(family.problem, end, family.problem.duration) is None:
+            yield guess
+            continue
+        waiting.append(guess)
+        if len(waiting) > _WAITING:
+            yield waiting.popleft()
+
+
+def _guesses(family: JointSplines, obstacles: Sequence[Sphere], points: int) -> Iterator[Array]:
+    joints = family.robot.joints
+    ways = list[Array]()
+    for guess in _near_papers_path(family, obstacles, points, slice(1)):
+        ways.append(guess)
+        yield guess
+    ways.append(_way_to_posture(family, family.q_start[7:]))
+    yield ways[-1]
+    yield from _near_papers_path(family, obstacles, points, slice(1, _PAPERS_GUESSES))
+    from scipy.stats import qmc  # half a second to load, and most plans never come here
+
+    sequence = qmc.MultivariateNormalQMC(
+        np.zeros(2 * joints), engine=qmc.Halton(2 * joints, rng=np.random.default_rng(0))
+    )
+    bump = _bump(family)
+    for number in range(10**9):
+        aside, across = np.split(sequence.random(1)[0], 2)
+        if number % 2 == 0:
+            ways.append(_way_to_posture(family, family.q_start[7:] + _POSTURES * aside))
+            yield ways[-1]
+        way = ways[(number // 2) % len(ways)]
+        yield way + np.outer(_DETOURS * across, bump).ravel()
+
+
+def _near_papers_path(
+    family: JointSplines, obstacles: Sequence[Sphere], points: int, which: slice
+) -> Iterator[Array]:
+    """Yield splines near paths of the paper's family, where it applies.
+
+    Args:
+        which: Of its first guesses, either way round where there are two.
+    """
+    if not applies(family.problem):
+        return
+    for ways in end_effector_families(family.problem):
+        guesses = ways.first_guesses(obstacles, points, _DAMPING)
+        for guess in islice(guesses, which.start, which.stop):
+            motion = ways.motion(guess, points, _DAMPING)
+            if motion.singular_at is None:
+                yield _fitted(family, motion.q[:, 7:])
+
+
+def _way_to_posture(family: JointSplines, posture: Array) -> Array:
+    """Return the straight way to a goal posture, or to one that comes near, from another on.
+
+    Damped Gauss-Newton on the pose at the end of the way, whose only variables are the last
+    angles.
+    """
+    robot, problem = family.robot, family.problem
+    rows = sum(conditions_of(robot, problem.target).values())
+    straight = _straight(family)
+    hold = np.repeat(family.fixed[-1:], family.basis.count - FIXED, axis=0).T.ravel()
+    by_posture = np.kron(np.eye(robot.joints), straight[:, None])
+    lowest = robot.lower_position_limits + _FROM_LIMITS
+    highest = robot.upper_position_limits - _FROM_LIMITS
+    rest = family.fixed[-1]
+    damping, there = _FIRST_DAMPING, np.clip(posture, lowest, highest)
+    best: Array = there
+    error: Array = np.full(rows, np.inf)
+    jacobian = np.empty((rows, robot.joints))
+    for _ in range(_ITERATIONS):
+        motion = family.motion(hold + by_posture @ (there - rest), _POINTS)
+        missed = motion.goal_error[:rows]
+        if missed @ missed < error @ error:
+            best, error = there, missed
+            if np.abs(error).max(initial=0.0) < _NEAR:
+                break
+            jacobian = family.sensitivity(motion).goal_error[:rows] @ by_posture
+            damping = max(_LESS * damping, _LEAST_DAMPING)
+        else:
+            damping *= _MORE
+        normal = jacobian.T @ jacobian + damping * np.eye(robot.joints)
+        there = np.clip(best - np.linalg.solve(normal, jacobian.T @ error), lowest, highest)
+    x: Array = hold + by_posture @ (best - rest)
+    return x
+
+
+def _fitted(family: JointSplines, angles: Array) -> Array:
+    """Return the control points of splines near joint angles at equal steps: (points, joints)."""
+    s = np.linspace(0.0, 1.0, len(angles))
+    rows, wanted = _with_curvature(family, s, angles)
+    free, *_ = np.linalg.lstsq(rows[:, FIXED:], wanted - rows[:, :FIXED] @ family.fixed)
+    x: Array = np.asarray(free.T.ravel(), np.float64)
+    return x
+
+
+def _straight(family: JointSplines) -> Array:
+    """Return the free control points of a joint that goes from 0 to 1 smoothly."""
+    s = np.linspace(0.0, 1.0, 4 * _POINTS)
+    rows, wanted = _with_curvature(family, s, (s**3 * (10.0 - 15.0 * s + 6.0 * s**2))[:, None])
+    free, *_ = np.linalg.lstsq(rows[:, FIXED:], wanted)
+    return np.asarray(free[:, 0], np.float64)
+
+
+def _bump(family: JointSplines) -> Array:
+    """Return the free control points of a joint that goes from 0 to 1 and back."""
+    s = np.linspace(0.0, 1.0, 4 * _POINTS)
+    rows, wanted = _with_curvature(family, s, (64.0 * s**3 * (1.0 - s) ** 3)[:, None])
+    free, *_ = np.linalg.lstsq(rows[:, FIXED:], wanted)
+    return np.asarray(free[:, 0], np.float64)
+
+
+def _with_curvature(family: JointSplines, s: Array, values: Array) -> tuple[Array, Array]:
+    """Return rows and right-hand sides of a fit that keeps the curvature low."""
+    basis = family.basis
+    fine = np.linspace(0.0, 1.0, 4 * basis.spans + 1)
+    curvature = _CURVATURE * basis.duration**2 * basis.rows(fine, 2)
+    rows = np.concatenate([basis.rows(s), curvature])
+    return rows, np.concatenate([values, np.zeros((len(fine), values.shape[1]))])

@@ -1,0 +1,122 @@
+"""How every plan begins: the motion of the system at its start, whatever follows."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.core.velocity_map import velocity
+from ff_planner_ros.planning.paths.polynomial import EndEffectorMotion
+from ff_planner_ros.robot.configuration import configuration
+from ff_planner_ros.robot.dynamics import base_acceleration
+from ff_planner_ros.robot.model import Robot
+from ff_planner_ros.robot.momentum import generalised_jacobian, total_momentum
+from ff_planner_ros.robot.state import SystemState
+
+# Null-space motion that is so slow [rad/s], or changes so slowly [rad/s2], is rounding: a start
+# without any plans as Eq. (31) says.
+_ROUNDING_RATE, _ROUNDING_ACCELERATION = 1e-11, 1e-9
+# The part of a plan in which the null-space motion of its start fades. Shorter, it needs more
+# torque; longer, the joints go further astray. Of 24 starts of the lemur with 0.3 rad/s, parts of
+# 0.3, 0.5 and 1 left a plan to 21, 22 and 21.
+_FADING_PART = 0.5
+# No plan changes joint accelerations faster [rad/s3]: one that turns a joint by 1 rad in 2 s
+# reaches 8.
+_FASTEST_CHANGE = 10.0
+
+
+@dataclass(frozen=True, eq=False)
+class NullSpaceFade:
+    """Joint rates z(t) that begin with those of the start and fade smoothly.
+
+    z(t) = z_0 f(u) + d T g(u) z_0', u = t / (d T), where f falls from 1 to 0 and g has slope 1 at
+    zero; apart from that, value, slope and curvature of both vanish at either end.
+    """
+
+    rates: Array  # z_0; shape (joints,) [rad/s]
+    accelerations: Array  # z_0'; shape (joints,) [rad/s2]
+    seconds: float  # d T, until they have faded
+
+    def at(self, time: Array) -> tuple[Array, Array]:
+        """Return z and its derivative, each of shape (times, joints) [rad/s, rad/s2]."""
+        u = np.minimum(time / self.seconds, 1.0)[:, None]
+        f = 1.0 - 10.0 * u**3 + 15.0 * u**4 - 6.0 * u**5
+        g = u - 6.0 * u**3 + 8.0 * u**4 - 3.0 * u**5
+        f_slope = (-30.0 * u**2 + 60.0 * u**3 - 30.0 * u**4) / self.seconds
+        g_slope = 1.0 - 18.0 * u**2 + 32.0 * u**3 - 15.0 * u**4
+        z = f * self.rates + self.seconds * g * self.accelerations
+        return z, f_slope * self.rates + g_slope * self.accelerations
+
+
+@dataclass(frozen=True, eq=False)
+class StartMotion:
+    """Motion at the first point of a plan."""
+
+    q: Array  # configuration; shape (7 + joints,)
+    momentum: Array  # total P and L about the inertial origin; shape (6,)
+    end_effector: EndEffectorMotion
+    # What it has beyond Eq. (31), as the velocity map's bias z; None: nothing
+    null_space: NullSpaceFade | None
+
+
+def start_motion(robot: Robot, state: SystemState, duration: float) -> StartMotion:
+    """Return the motion with which every plan of a duration [s] from a state begins."""
+    model, data, tip = robot.model, robot.model.createData(), robot.tip_frame_id
+    q, v = configuration(robot, state)
+    momentum = total_momentum(robot, data, q, v)
+    known, dv_dt = state.joint_accelerations, np.zeros_like(v)
+    if known is not None:
+        dv_dt = np.concatenate([base_acceleration(robot, data, q, v, known), known])
+    pin.forwardKinematics(model, data, q, v, dv_dt)
+    placement = pin.updateFramePlacement(model, data, tip)
+    twist = pin.getFrameVelocity(model, data, tip, pin.LOCAL_WORLD_ALIGNED).vector
+    of_ee = pin.getFrameClassicalAcceleration(model, data, tip, pin.LOCAL_WORLD_ALIGNED).vector
+    if known is None:
+        of_ee = np.zeros(6)
+    jacobian = generalised_jacobian(robot, data, q)
+    project = np.eye(robot.joints) - np.linalg.pinv(jacobian) @ jacobian  # N
+    z = _without_rounding(project @ state.joint_velocities, _ROUNDING_RATE)
+    z_rate = np.zeros(robot.joints)
+    solution = None if known is None else velocity(robot, q, momentum, twist, z)
+    if solution is not None:
+        while_z_stays = solution.by_q[6:] @ v + solution.by_twist[6:] @ of_ee
+        z_rate = _without_rounding(project @ (known - while_z_stays), _ROUNDING_ACCELERATION)
+    return StartMotion(
+        q=q,
+        momentum=momentum,
+        end_effector=EndEffectorMotion(
+            position=placement.translation.copy(),
+            rotation_ee_to_inertial=placement.rotation.copy(),
+            twist=twist,
+            acceleration=of_ee,
+        ),
+        null_space=NullSpaceFade(z, z_rate, _FADING_PART * duration)
+        if z.any() or z_rate.any()
+        else None,
+    )
+
+
+def least_highest_positions(
+    positions: Array, rates: Array, accelerations: Array, duration: float
+) -> Array:
+    """Return how high each joint gets at least within a duration [s], whatever a plan does."""
+    jerk = _FASTEST_CHANGE
+    turns = accelerations**2 + 2.0 * jerk * rates
+    t = np.where(turns > 0.0, (accelerations + np.sqrt(np.maximum(turns, 0.0))) / jerk, 0.0)
+    t = np.clip(t, 0.0, duration)
+    way = rates * t + accelerations * t**2 / 2.0 - jerk * t**3 / 6.0
+    highest: Array = positions + np.maximum(way, 0.0)
+    return highest
+
+
+def least_highest_rates(rates: Array, accelerations: Array) -> Array:
+    """Return how fast each joint gets at least, whatever a plan does [rad/s]."""
+    highest: Array = rates + np.maximum(accelerations, 0.0) ** 2 / (2.0 * _FASTEST_CHANGE)
+    return highest
+
+
+def _without_rounding(motion: Array, rounding: float) -> Array:
+    return motion if np.abs(motion).max() > rounding else np.zeros_like(motion)

@@ -1,0 +1,153 @@
+"""The last stretch to a grasp: along a straight corridor, as the grasp sees it.
+
+The corridor is a cone about the line on which the end effector comes. It opens against the
+direction of the approach; its apex lies a little beyond the grasp, where it is so as wide as an end
+effector may be aside. Within the distance from the grasp the end effector is inside the cone, and
+from when on it stays within the distance, it stays in the corridor.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import ClassVar, NamedTuple
+
+import numpy as np
+
+from ff_planner_ros.common.arrays import Array, frozen
+from ff_planner_ros.common.declared import check_declared, declare
+from ff_planner_ros.common.forms import a_number, a_vector
+from ff_planner_ros.errors import InvalidInput, Status
+
+# Half angle of a corridor that none is given for [rad]: half as much again as what vehicles that
+# dock keep over hundreds of metres, for over decimetres an arm has less room to steer.
+HALF_ANGLE = math.radians(15.0)
+# Radius of the corridor at the grasp [m], for no end effector meets a point: five times what a plan
+# may miss its goal by.
+RADIUS_AT_GRASP = 0.005
+
+# The cone as planes: between two of them it is nearer by less than a hundredth of the way aside.
+_PLANES = 24
+# A shorter direction is a rounded zero; one of unit length stays as it is.
+_SHORTEST, _UNIT = 1e-6, 1e-12
+
+
+class Margins(NamedTuple):
+    """How far places are from where the end effector must not be; negative: they are there."""
+
+    values: Array  # no place changes it by more than it moves; shape (places,) [m]
+    gradients: Array  # by the place, grasp axes; shape (places, 3)
+    by_cone: Array  # whether it is the cone that counts, or else the distance; shape (places,)
+
+
+@dataclass(frozen=True, eq=False)
+class Approach:
+    """The corridor of the last stretch, in the grasp's frame: the end effector's at the goal.
+
+    Raises:
+        InvalidInput: Wrong size, not finite, a direction of no length, a distance that is not
+            positive, or a cone that is none.
+    """
+
+    SINCE: ClassVar[str] = "0.3"
+
+    direction: Array = declare(  # kept of unit length
+        a_vector(),
+        "in which the end effector comes, any length but zero",
+        frame="in its frame at the goal",
+        message="direction",
+    )
+    distance: float = declare(
+        a_number(above=0.0),
+        "from the goal, within which it keeps to the corridor",
+        unit="m",
+        message="distance",
+    )
+    half_angle: float = declare(
+        a_number(above=0.0),
+        "of the corridor, a cone about the direction, below a right angle; 0.2618 is 15 deg",
+        unit="rad",
+        default=HALF_ANGLE,
+        message="half_angle",
+        formerly="cone",
+    )
+
+    def __post_init__(self) -> None:
+        """Check every value, and make the direction one of unit length."""
+        check_declared(self, "approach")
+        direction = self.direction
+        largest = float(np.abs(direction).max())
+        if not largest >= _SHORTEST:
+            allowed = f"it must be longer than {_SHORTEST:g}: it has no direction"
+            raise InvalidInput(
+                Status.OUT_OF_RANGE, "approach.direction", direction.tolist(), allowed
+            )
+        # First by its largest entry: the square of a length may be zero or infinite.
+        length = float(np.linalg.norm(direction / largest))
+        if abs(length * largest - 1.0) > _UNIT:
+            direction = frozen(direction / largest / length)
+        object.__setattr__(self, "direction", direction)
+        if not self.half_angle < math.pi / 2:
+            allowed = "it must be less than a right angle, 1.5708 rad"
+            raise InvalidInput(Status.OUT_OF_RANGE, "approach.half_angle", self.half_angle, allowed)
+
+    def _along_and_aside(self, places: Array) -> tuple[Array, Array]:
+        """Return how far places are before the grasp, and their way aside; (places, 3) [m]."""
+        along = -(places @ self.direction)
+        return along, places + along[:, None] * self.direction
+
+    def angles(self, places: Array) -> Array:
+        """Return how far off the direction places are, seen from the apex. (places,) [rad]."""
+        along, aside = self._along_and_aside(places)
+        beyond = RADIUS_AT_GRASP / math.tan(self.half_angle)
+        angles: Array = np.arctan2(np.linalg.norm(aside, axis=1), along + beyond)
+        return angles
+
+    def planes(self, places: Array) -> tuple[Array, Array]:
+        """Return how far places are inside planes that touch the cone, all round, and gradients.
+
+        On the cone's axis the way to its wall is the same to all sides, which no gradient of the
+        margin tells. The first plane is the one that is nearest.
+
+        Returns:
+            Shapes (places, planes) [m] and (places, planes, 3).
+        """
+        sine, cosine = math.sin(self.half_angle), math.cos(self.half_angle)
+        along, aside = self._along_and_aside(places)
+        lateral = np.linalg.norm(aside, axis=1)
+        across = np.cross(self.direction, np.eye(3)[np.abs(self.direction).argmin()])
+        across /= np.linalg.norm(across)
+        first = np.where(
+            (lateral > 0.0)[:, None],
+            aside / np.where(lateral > 0.0, lateral, 1.0)[:, None],
+            across,
+        )
+        angles = np.linspace(0.0, 2 * math.pi, _PLANES, endpoint=False)[:, None]
+        outward = np.cos(angles) * first[:, None]
+        outward = outward + np.sin(angles) * np.cross(self.direction, first)[:, None]
+        values = np.array(RADIUS_AT_GRASP * cosine + along * sine)[:, None]
+        values = values - cosine * np.einsum("ti,tpi->tp", aside, outward)
+        return values, -sine * self.direction - cosine * outward
+
+    def margins(self, places: Array) -> Margins:
+        """Return how far places are inside the cone, or beyond the distance: the larger of both.
+
+        With s before the grasp and l aside, the cone is r cos(a) + s sin(a) - l cos(a) >= 0.
+
+        Args:
+            places: Of the end effector in the grasp's frame. Shape (places, 3) [m].
+        """
+        sine, cosine = math.sin(self.half_angle), math.cos(self.half_angle)
+        along, aside = self._along_and_aside(places)
+        lateral, away = np.linalg.norm(aside, axis=1), np.linalg.norm(places, axis=1)
+        in_cone = RADIUS_AT_GRASP * cosine + along * sine - lateral * cosine
+        beyond = away - self.distance
+        nothing = np.finfo(float).tiny
+        inward = -sine * self.direction - cosine * aside / np.maximum(lateral, nothing)[:, None]
+        outward = places / np.maximum(away, nothing)[:, None]
+        by_cone = in_cone >= beyond
+        return Margins(
+            np.where(by_cone, in_cone, beyond),
+            np.where(by_cone[:, None], inward, outward),
+            by_cone,
+        )

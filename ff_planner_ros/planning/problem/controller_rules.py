@@ -1,0 +1,150 @@
+"""Whether ROS's `joint_trajectory_controller` takes a trajectory: its rules, before it is sent.
+
+The controller logs a refusal where no planner sees it, and the arm stays where it is. Its rules are
+in `JointTrajectoryController::validate_trajectory_msg` of ros-controls/ros2_controllers, here as of
+branch jazzy, version 4.42.1:
+
+1. there are points and joint names, as many names as the controller has joints, each one of them;
+2. times from start strictly increase;
+3. every point has a position for each joint, and velocities and accelerations for each or for none;
+4. the last point's velocities are zero, unless the controller's parameter
+   `allow_nonzero_velocity_at_trajectory_end` is true; by default it is not;
+5. there is no effort, unless the controller claims the `effort` command interface (since 4.22.0;
+   before that never);
+6. the trajectory does not end before now.
+
+Ours are stricter where the controller lets pass what does harm: a joint named twice takes another
+one's place, numbers that are not finite go to the motors, and of a trajectory that has begun the
+first part is skipped, so that the arm jumps: it must not begin before now.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from ff_planner_ros.common.declared import declare
+from ff_planner_ros.common.forms import TRUTH
+from ff_planner_ros.errors import NoPlanFound, Status
+
+# The controller's own: single precision's [rad/s].
+_REST = float(np.finfo(np.float32).eps)
+
+_Rows = Sequence[Sequence[float]]
+
+
+@dataclass(frozen=True)
+class Controller:
+    """How the controller is set up."""
+
+    SINCE: ClassVar[str] = "0.3"
+
+    joints: Sequence[str]  # its parameter `joints`
+    allow_nonzero_velocity_at_trajectory_end: bool = declare(TRUTH, "its parameter of this name")
+    effort_interface: bool = declare(
+        TRUTH, "whether effort is among its parameter command_interfaces"
+    )
+
+
+@dataclass(frozen=True)
+class Command:
+    """What a trajectory message holds: a row a point of each quantity, empty where it is absent."""
+
+    joint_names: Sequence[str]  # of the columns
+    time_from_start_ns: Sequence[int]  # one per point
+    positions: _Rows  # [rad]
+    velocities: _Rows  # [rad/s]
+    accelerations: _Rows  # [rad/s2]
+    effort: _Rows  # [N m]
+
+
+def require_acceptable(controller: Controller, command: Command) -> None:
+    """Refuse a trajectory that the controller would not take, or would not execute as it is.
+
+    Raises:
+        NoPlanFound: Names the rule that is broken, and where (CONTROLLER_CONSTRAINT).
+    """
+    _require_joints(controller.joints, command.joint_names)
+    _require_times(command.time_from_start_ns)
+    for name in ("positions", "velocities", "accelerations", "effort"):
+        _require_rows(name, getattr(command, name), command, mandatory=name == "positions")
+    if not controller.effort_interface:
+        for point, row in enumerate(command.effort):
+            if len(row):
+                raise _refusal(
+                    f"points[{point}].effort is given: only a controller whose command_interfaces "
+                    "hold effort takes it"
+                )
+    if not controller.allow_nonzero_velocity_at_trajectory_end:
+        for name, rate in zip(command.joint_names, command.velocities[-1], strict=False):
+            if not abs(rate) <= _REST:
+                raise _refusal(
+                    f"joint {name} still moves at {rate:.3g} rad/s at the last point: choose the "
+                    "end_behaviour stop_joints, or set the controller's parameter "
+                    "allow_nonzero_velocity_at_trajectory_end and say so to the planner"
+                )
+
+
+def require_in_time(start_ns: int, now_ns: int) -> None:
+    """Refuse a trajectory that begins, by the stamp in its header, before now.
+
+    Raises:
+        NoPlanFound: It is late (TOO_LATE).
+    """
+    if start_ns < now_ns:
+        raise NoPlanFound(
+            Status.TOO_LATE,
+            f"the trajectory was to begin {(now_ns - start_ns) / 1e9:.3f} s ago: the stamp "
+            "in its header must not be in the past",
+        )
+
+
+def _require_joints(joints: Sequence[str], names: Sequence[str]) -> None:
+    known = ", ".join(joints)
+    for name in names:
+        if name not in joints:
+            raise _refusal(f"joint_names holds {name}: the controller's joints are {known}")
+        if list(names).count(name) > 1:
+            raise _refusal(f"joint_names holds {name} more than once")
+    for name in joints:
+        if name not in names:
+            raise _refusal(f"joint_names misses {name}: the controller's joints are {known}")
+
+
+def _require_times(times_ns: Sequence[int]) -> None:
+    if not len(times_ns):
+        raise _refusal("points is empty")
+    if times_ns[0] < 0:
+        raise _refusal(f"points[0].time_from_start is {times_ns[0]} ns: it must not be negative")
+    for point in range(1, len(times_ns)):
+        before, time = times_ns[point - 1], times_ns[point]
+        if not time > before:
+            raise _refusal(
+                f"points[{point}].time_from_start is {time} ns: it must be greater than the "
+                f"{before} ns of the point before"
+            )
+
+
+def _require_rows(name: str, rows: _Rows, command: Command, mandatory: bool) -> None:
+    points, joints = len(command.time_from_start_ns), len(command.joint_names)
+    if len(rows) != points:
+        raise _refusal(f"{name} are given for {len(rows)} points: there are {points}")
+    for point, row in enumerate(rows):
+        if len(row) != joints and (mandatory or len(row)):
+            or_none = "" if mandatory else " or none"
+            raise _refusal(
+                f"points[{point}].{name} has {len(row)} entries: it must have {joints}{or_none}"
+            )
+        for joint, value in zip(command.joint_names, row, strict=False):
+            if not np.isfinite(value):
+                raise _refusal(f"points[{point}].{name} of {joint} is {value}: it must be finite")
+
+
+def _refusal(finding: str) -> NoPlanFound:
+    return NoPlanFound(
+        Status.CONTROLLER_CONSTRAINT,
+        f"a joint_trajectory_controller would not take the plan: {finding}",
+    )

@@ -1,0 +1,539 @@
+"""What is asked of the planner."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import ClassVar
+
+import numpy as np
+import pinocchio as pin
+
+from ff_planner_ros.common.arrays import Array, finite_vector
+from ff_planner_ros.common.declared import DeclaredField, check_declared, declare
+from ff_planner_ros.common.declared_parts import changes, part
+from ff_planner_ros.common.forms import (
+    ALWAYS_FROM_URDF,
+    FROM_URDF,
+    NAME,
+    ONE_OR_EACH,
+    TEXT,
+    a_number,
+    a_vector,
+    a_whole_number,
+    a_word,
+    each,
+    or_none,
+    or_part,
+)
+from ff_planner_ros.common.shown import quoted
+from ff_planner_ros.errors import InvalidInput, Status, fields_named
+from ff_planner_ros.planning.problem.approach import Approach
+from ff_planner_ros.planning.problem.goal_words import Orientation
+from ff_planner_ros.planning.problem.parametrisation import Parametrisation
+from ff_planner_ros.planning.problem.target import (
+    SHORTEST_FREE_AXIS,
+    Target,
+    require_enough_joints,
+    target_on_the_table,
+)
+from ff_planner_ros.planning.problem.target_body import TargetBody
+from ff_planner_ros.robot.model import Base, Robot
+from ff_planner_ros.robot.plane import MAX_TILT, on_the_table
+from ff_planner_ros.robot.state import SystemState
+
+__all__ = [
+    "MAX_POINTS",
+    "MIN_POINTS",
+    "Approach",
+    "DurationRange",
+    "Limits",
+    "Objective",
+    "Orientation",
+    "Parametrisation",
+    "PlanningProblem",
+    "Sphere",
+    "Target",
+    "TargetBody",
+    "attached_spheres",
+    "capturing",
+    "carried_spheres",
+    "lasting",
+    "with_attached_spheres",
+]
+
+# Five points hold a plan's start, end and middle; above ten thousand the answer no longer
+# fits a service response that a mission executive would want to read.
+MIN_POINTS, MAX_POINTS = 5, 10_000
+# Where nobody says it; the parameter `points` has the same default.
+USUAL_POINTS = 50
+
+# What a tool closes on is within its reach: so near its goal the end effector may touch, where the
+# problem does not say it [m].
+CONTACT_DISTANCE = 0.1
+
+
+# Where the target of a capture comes from.
+_OF_BODY = {
+    "target.position": "target_body.grasp.position",
+    "target.quaternion_xyzw": "target_body.grasp.quaternion_xyzw",
+    "target.linear_velocity": "target_body.linear_velocity",
+    "target.angular_velocity": "target_body.angular_velocity",
+}
+
+
+def _zeros() -> Array:
+    return np.zeros(3)
+
+
+@dataclass(frozen=True, eq=False)
+class Sphere:
+    """An obstacle: a sphere that the arm's centre lines stay out of.
+
+    It rests, moves uniformly, or is fixed to a target body and moves with it.
+
+    Raises:
+        InvalidInput: Wrong size, not finite, or a radius that is not positive.
+    """
+
+    id: str = declare(
+        NAME,
+        "name in messages, unique",
+        message="id",
+    )
+    center: Array = declare(
+        a_vector(),
+        "at the plan's first point, not when the state was measured",
+        unit="m",
+        message="center",
+    )
+    radius: float = declare(
+        a_number(above=0.0),
+        "obstacle plus link",
+        unit="m",
+        message="radius",
+    )
+    # Of one that is fixed to a body, at the plan's first point
+    velocity: Array = declare(
+        a_vector(),
+        "constant",
+        unit="m/s",
+        since="0.3",
+        brief=True,
+        default_factory=_zeros,
+        message="twist.linear",
+        late=True,
+    )
+    body: TargetBody | None = None  # that it is fixed to; None: to none
+    place_in_body: Array | None = None  # of its centre then; shape (3,) [m]
+
+    def __post_init__(self) -> None:
+        """Check every value and replace it by a read-only copy."""
+        check_declared(self, f"obstacles[{self.id}]")
+
+    @property
+    def moves(self) -> bool:
+        """Whether it is elsewhere later."""
+        return self.body is not None or bool(self.velocity.any())
+
+    @property
+    def highest_speed(self) -> float:
+        """A speed of its centre that it never exceeds [m/s]."""
+        if self.body is None or self.place_in_body is None:
+            return float(np.linalg.norm(self.velocity))
+        drift = float(np.linalg.norm(self.body.linear_velocity))
+        return drift + self.body.fastest_turn * float(np.linalg.norm(self.place_in_body))
+
+    @property
+    def highest_acceleration(self) -> float:
+        """An acceleration of its centre that it never exceeds [m/s2].
+
+        A body's turn rate w changes by less than w^2: by Euler's equations, and as no principal
+        moment is larger than the sum of both others.
+        """
+        if self.body is None or self.place_in_body is None:
+            return 0.0
+        return 2.0 * self.body.fastest_turn**2 * float(np.linalg.norm(self.place_in_body))
+
+    def way(self, time: float) -> Array:
+        """Return how far its centre has come since the plan's first point. Shape (3,) [m]."""
+        if self.body is None or self.place_in_body is None:
+            uniform: Array = time * self.velocity
+            return uniform
+        there = self.body.places(self.place_in_body[None], np.array([time]))
+        return np.asarray(there[0, 0] - self.center, np.float64)
+
+
+@dataclass(frozen=True)
+class Objective:
+    """Weights of Eq. (44), joint path length, of Eq. (45), chaser attitude, and of the duration.
+
+    Raises:
+        InvalidInput: Not finite, negative, or all zero.
+    """
+
+    joint_path_length: float = declare(
+        a_number(at_least=0.0),
+        "weight of Eq. (44)",
+        message="joint_path_length",
+    )
+    chaser_attitude: float = declare(
+        a_number(at_least=0.0),
+        "weight of Eq. (45)",
+        message="chaser_attitude",
+    )
+    duration: float = declare(
+        a_number(at_least=0.0),
+        "weight of the duration; of no effect where the duration is given",
+        unit="rad/s",
+        since="0.3",
+        brief=True,
+        default=0.0,
+        message="duration",
+        late=True,
+    )
+
+    def __post_init__(self) -> None:
+        """Check the weights."""
+        check_declared(self, "objective")
+        if self.joint_path_length == self.chaser_attitude == self.duration == 0.0:
+            raise InvalidInput(
+                Status.OUT_OF_RANGE, "objective", "all zero", "one weight must be positive"
+            )
+
+    @property
+    def only_duration(self) -> bool:
+        """Whether the shortest plan is asked for, whatever else it is."""
+        return self.joint_path_length == self.chaser_attitude == 0.0
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What to keep beside the joints' position limits, which are always kept.
+
+    Raises:
+        InvalidInput: An angle or an acceleration that is not positive.
+    """
+
+    FIRST: ClassVar[Sequence[str]] = ("position", "velocity", "acceleration", "effort")
+    BESIDE: ClassVar[Mapping[str, DeclaredField]] = {
+        "position": DeclaredField(
+            ALWAYS_FROM_URDF, "joint positions are always kept", optional=True, default=True
+        )
+    }
+
+    joint_velocities: bool = declare(
+        FROM_URDF,
+        "whether joints keep their velocities' limits",
+        key="velocity",
+        since="0.2",
+        default=False,
+    )
+    chaser_attitude: float = declare(  # infinite: any
+        or_none(a_number(above=0.0), math.inf),
+        "largest Euler angle of the chaser, Eq. (45)",
+        unit="rad",
+        since="0.3",
+        default=math.inf,
+        message="chaser_attitude[0]",
+    )
+    joint_accelerations: tuple[float, ...] | None = declare(  # None: any
+        or_none(ONE_OR_EACH),
+        "largest joint acceleration either way, one for each joint or one for all",
+        key="acceleration",
+        unit="rad/s2",
+        since="0.3",
+        default=None,
+        message="accelerations",
+        late=True,
+    )
+    joint_torques: bool = declare(
+        FROM_URDF,
+        "whether joints keep their torques' limits",
+        key="effort",
+        since="0.3",
+        default=True,
+        late=True,
+    )
+    chaser_rotation: float = declare(  # infinite: any
+        or_none(a_number(above=0.0), math.inf),
+        "largest angle of the chaser's rotation since the plan's first point, in any frame the "
+        "same; mostly more than its largest Euler angle",
+        unit="rad",
+        since="0.3",
+        default=math.inf,
+        message="chaser_rotation[0]",
+        brief=True,
+        late=True,
+    )
+
+    def __post_init__(self) -> None:
+        """Check every value."""
+        check_declared(self, "limits")
+
+    def of_joints(self, count: int) -> Limits:
+        """Return the limits of a robot with so many joints, one acceleration for each.
+
+        Raises:
+            InvalidInput: There are accelerations for another number of joints.
+        """
+        limits = self.joint_accelerations
+        if limits is None:
+            return self
+        if len(limits) == 1:
+            limits *= count
+        finite_vector("limits.acceleration", limits, count)
+        return replace(self, joint_accelerations=limits)
+
+
+@dataclass(frozen=True, eq=False)
+class DurationRange:
+    """Durations of which the planner chooses one.
+
+    Raises:
+        InvalidInput: Not positive, or in the wrong order.
+    """
+
+    SINCE: ClassVar[str] = "0.3"
+
+    minimum: float = declare(
+        a_number(above=0.0), "the shortest", key="min", unit="s", message="duration"
+    )
+    maximum: float = declare(a_number(), "the longest", key="max", unit="s", message="duration_max")
+    # Of the target's place by the duration: it rests where it is told, but a frame that moves sees
+    # it elsewhere if the duration is another; shape (3,) [m/s]
+    target_velocity: Array = field(default_factory=_zeros)
+
+    def __post_init__(self) -> None:
+        """Check every value."""
+        check_declared(self, "duration")
+        if self.maximum < self.minimum:
+            allowed = f"it must not be less than the shortest, {self.minimum:g} s"
+            raise InvalidInput(Status.OUT_OF_RANGE, "duration.max", self.maximum, allowed)
+        checked_velocity = finite_vector("target_velocity", self.target_velocity, 3)
+        object.__setattr__(self, "target_velocity", checked_velocity)
+
+
+@dataclass(frozen=True, eq=False)
+class PlanningProblem:
+    """What is asked of the planner: a motion from a start state to a target.
+
+    Raises:
+        InvalidInput: A duration or contact distance that is not positive, a duration out of its
+            range, a number of points out of range, a contact that is none of the robot's, an
+            approach in a direction that the target leaves open, a state or limits whose number of
+            joints is not the robot's, or a state that leaves the plane of a planar base.
+    """
+
+    FIRST: ClassVar[Sequence[str]] = ("target", "target_body")
+
+    robot: Robot
+    start: SystemState  # state at the first point of the plan
+    # By `capturing` that of a body
+    target: Target = declare(
+        part(Target),
+        "what the end effector shall do at the last point of the plan",
+        optional=True,
+        message="goal",
+    )
+    duration: float = declare(
+        or_part(a_number(above=0.0), part(DurationRange)),
+        "from the first point to the goal; of a range the planner chooses it",
+        unit="s",
+        message="duration",
+    )
+    points: int = declare(
+        a_whole_number(MIN_POINTS, MAX_POINTS),
+        f"number of points of the plan; default {USUAL_POINTS}",
+        optional=True,
+        message="search.points",
+    )
+    obstacles: tuple[Sphere, ...] = declare(each(part(Sphere)), "spheres to stay out of")
+    objective: Objective = declare(
+        part(Objective),
+        "what is minimised",
+        message="objective",
+    )
+    limits: Limits = declare(
+        changes(Limits),
+        "what is kept beside the joints' position limits",
+        default=Limits(),
+        message="limits",
+    )
+    parametrisation: Parametrisation = declare(
+        a_word(Parametrisation),
+        "which paths the plan is looked for among",
+        since="0.3",
+        default=Parametrisation.AUTO,
+        message="search.parametrisation",
+        late=True,
+    )
+    # From when on the end effector stays within the contact distance, and in the tail
+    allowed_collisions: tuple[str, ...] = declare(
+        each(TEXT),
+        "what may touch at the goal, link/obstacle or link/link",
+        key="allowed_collisions.pairs",
+        formerly="allowed_at_goal",
+        since="0.3",
+        brief=True,
+        default=(),
+        message="goal.allowed_collisions[0].pairs",
+    )
+    contact_distance: float = declare(
+        a_number(above=0.0),
+        "of the end effector from its goal, within which they may",
+        key="allowed_collisions.distance",
+        formerly="contact_distance",
+        unit="m",
+        since="0.3",
+        brief=True,
+        default=CONTACT_DISTANCE,
+        message="goal.allowed_collisions[0].distance",
+    )
+    # Whose grasp the target is, and to which some of the obstacles are fixed; None: to none
+    target_body: TargetBody | None = declare(
+        part(TargetBody),
+        "instead of target: a body that moves freely, as it is at the plan's first point",
+        since="0.3",
+        default=None,
+        late=True,
+    )
+    # Of which the planner chooses a duration; None: the duration is given
+    duration_range: DurationRange | None = None
+    approach: Approach | None = declare(
+        part(Approach),
+        "of the last stretch: along a straight corridor; default: any way",
+        since="0.3",
+        default=None,
+        message="goal.approach[0]",
+        late=True,
+    )
+
+    def __post_init__(self) -> None:
+        """Check what the parts cannot check by themselves."""
+        check_declared(self, "")
+        window = self.duration_range
+        if window is not None and not window.minimum <= self.duration <= window.maximum:
+            allowed = f"it must be from {window.minimum:g} s to {window.maximum:g} s"
+            raise InvalidInput(Status.OUT_OF_RANGE, "duration", self.duration, allowed)
+        finite_vector("joints.position", self.start.joint_positions, self.robot.joints)
+        object.__setattr__(self, "limits", self.limits.of_joints(self.robot.joints))
+        if self.robot.base is Base.PLANAR:
+            object.__setattr__(self, "start", on_the_table(self.start))
+            with fields_named({} if self.target_body is None else _OF_BODY):
+                target = target_on_the_table(self.robot, self.start, self.target)
+            object.__setattr__(self, "target", target)
+        require_enough_joints(self.robot, self.target)
+        # In one order, so that equal problems are equal.
+        object.__setattr__(self, "allowed_collisions", tuple(sorted(set(self.allowed_collisions))))
+        if self.allowed_collisions:
+            self._require_known_contacts()
+        if self.approach is not None:
+            self._require_approachable(self.approach)
+
+    @property
+    def durations(self) -> DurationRange:
+        """Those to choose from: one where the duration is given."""
+        return self.duration_range or DurationRange(self.duration, self.duration)
+
+    def _require_approachable(self, approach: Approach) -> None:
+        """Refuse a direction that the target does not say, or that leaves the plane."""
+        target, direction, allowed = self.target, approach.direction, ""
+        to_inertial = pin.Quaternion(target.quaternion_xyzw).toRotationMatrix()
+        if target.orientation is Orientation.FREE:
+            allowed = "with orientation free the grasp has no axes to tell a direction in"
+        elif target.free_axis_in_ee is not None:
+            aside = np.cross(direction, target.free_axis_in_ee)
+            if float(np.linalg.norm(aside)) > SHORTEST_FREE_AXIS:
+                allowed = "with orientation about_axis it must be along free_axis"
+        elif self.robot.base is Base.PLANAR and abs(float(to_inertial[2] @ direction)) > MAX_TILT:
+            allowed = "with robot.base planar it must lie in the plane of the table"
+        if allowed:
+            raise InvalidInput(
+                Status.UNSUPPORTED, "approach.direction", direction.tolist(), allowed
+            )
+
+    def _require_known_contacts(self) -> None:
+        """Refuse an allowed contact of what there is not."""
+        links = [body.link for body in self.robot.bodies]
+        pairs = [(links[a], links[b]) for a, b in self.robot.pairs]
+        spheres = [sphere.id for sphere in self.obstacles]
+        known = {f"{a}/{b}" for a, b in (*pairs, *((b, a) for a, b in pairs))}
+        known |= {f"{link}/{sphere}" for link in links for sphere in spheres}
+        for name in self.allowed_collisions:
+            if name not in known:
+                allowed = (
+                    "it must be link/obstacle or link/link, of links with shapes: "
+                    f"{', '.join(dict.fromkeys(links))}; and obstacles: {', '.join(spheres)}"
+                    if links
+                    else "with robot.geometry lines nothing but the arm's lines is kept clear"
+                )
+                raise InvalidInput(
+                    Status.OUT_OF_RANGE, "allowed_collisions.pairs", quoted(name), allowed
+                )
+
+
+def capturing(body: TargetBody, problem: PlanningProblem) -> PlanningProblem:
+    """Return a problem whose goal is the grasp of a body, with what is fixed to it in the way.
+
+    Goal and attached obstacles of another body, that the problem may have had, are left out.
+
+    Raises:
+        InvalidInput: What is fixed to it has the name of an obstacle, or it turns too far.
+    """
+    others = tuple(sphere for sphere in problem.obstacles if sphere.body is None)
+    return replace(
+        problem,
+        target=body.target(problem.duration),
+        obstacles=with_attached_spheres(others, body),
+        target_body=body,
+    )
+
+
+def lasting(problem: PlanningProblem, duration: float | None) -> PlanningProblem:
+    """Return a problem whose duration is chosen; one whose duration is given stays what it is.
+
+    Args:
+        duration: The one that is chosen [s]. None: not known, that of the problem.
+    """
+    window, body = problem.duration_range, problem.target_body
+    if window is None:
+        return problem
+    chosen = problem.duration if duration is None else duration
+    if body is not None:
+        target = body.target(chosen)
+    else:
+        target, way = problem.target, (chosen - problem.duration) * window.target_velocity
+        if way.any():
+            target = replace(target, position=target.position + way)
+    return replace(problem, duration=chosen, target=target, duration_range=None)
+
+
+def carried_spheres(spheres: tuple[Sphere, ...], time: float) -> tuple[Sphere, ...]:
+    """Return spheres that rest or move uniformly as they will be in a time [s]."""
+    if not any(sphere.moves for sphere in spheres):
+        return spheres
+    return tuple(replace(one, center=one.center + one.way(time)) for one in spheres)
+
+
+def with_attached_spheres(obstacles: Sequence[Sphere], body: TargetBody) -> tuple[Sphere, ...]:
+    """Return obstacles, and what is fixed to a body behind them.
+
+    Raises:
+        InvalidInput: One of these has the name of an obstacle.
+    """
+    names, attached = {sphere.id for sphere in obstacles}, tuple(attached_spheres(body))
+    for index, sphere in enumerate(attached):
+        if sphere.id in names:
+            field, allowed = f"target_body.obstacles[{index}].id", "an obstacle has it, too"
+            raise InvalidInput(Status.OUT_OF_RANGE, field, sphere.id, allowed)
+    return (*obstacles, *attached)
+
+
+def attached_spheres(body: TargetBody) -> Iterator[Sphere]:
+    """Yield what is fixed to a body as obstacles of a problem."""
+    for sphere in body.obstacles:
+        motion = body.motion(sphere.center, np.zeros(1))
+        center, velocity = motion.positions[0], motion.twists[0, :3]
+        yield Sphere(sphere.id, center, sphere.radius, velocity, body, sphere.center)

@@ -1,0 +1,85 @@
+"""What a plan was made among, for those who look at it afterwards."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.planning.problem.approach import Approach
+from ff_planner_ros.planning.problem.problem import (
+    CONTACT_DISTANCE,
+    PlanningProblem,
+    Sphere,
+    Target,
+    attached_spheres,
+)
+from ff_planner_ros.planning.problem.target_body import TargetBody
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """What a plan was made among, in the plan's inertial frame."""
+
+    obstacles: Sequence[Sphere] = ()
+    # `link/obstacle` or `link/link`: they may touch from when on the end effector stays within the
+    # contact distance of the target
+    allowed_collisions: Sequence[str] = ()
+    contact_distance: float = CONTACT_DISTANCE  # [m]
+    # As it is at the capture, and goes on uniformly before and after; None: not known, or a body's
+    target: Target | None = None
+    target_body: TargetBody | None = None  # whose grasp the target is; None: of none
+    capture_time: float | None = None  # from the plan's first point on [s]; None: at its last
+    approach: Approach | None = None  # of the last stretch to the target; None: any way
+
+    def captured_at(self, duration: float) -> Scene:
+        """Return the scene with the time of the capture: a plan's duration [s], if none is told."""
+        told = self.capture_time
+        return replace(self, capture_time=duration if told is None else told)
+
+    def targets(self, times: Array) -> Array | None:
+        """Return where the target is at some times, shape (times, 3) [m]; None: not known."""
+        if self.target_body is not None:
+            return self.target_body.grasp(times).positions
+        if self.target is None:
+            return None
+        later = times - (self.capture_time or 0.0)
+        return self.target.position + np.outer(later, self.target.linear_velocity)
+
+    def seen_from(self, origin: Array, velocity: Array) -> Scene:
+        """Return the scene in a frame that moves, without turning."""
+        body = None if self.target_body is None else self.target_body.seen_from(origin, velocity)
+        free = [
+            replace(one, center=one.center - origin, velocity=one.velocity - velocity)
+            for one in self.obstacles
+            if one.body is None
+        ]
+        target = self.target
+        if target is not None:
+            way = origin + (self.capture_time or 0.0) * velocity
+            target = replace(
+                target,
+                position=target.position - way,
+                linear_velocity=target.linear_velocity - velocity,
+            )
+        return replace(
+            self,
+            obstacles=(*free, *(() if body is None else attached_spheres(body))),
+            target=target,
+            target_body=body,
+        )
+
+
+def scene_of(problem: PlanningProblem) -> Scene:
+    """Return the scene of a problem."""
+    return Scene(
+        obstacles=problem.obstacles,
+        allowed_collisions=problem.allowed_collisions,
+        contact_distance=problem.contact_distance,
+        target=problem.target if problem.target_body is None else None,
+        target_body=problem.target_body,
+        capture_time=problem.duration,
+        approach=problem.approach,
+    )

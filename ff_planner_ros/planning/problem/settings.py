@@ -1,0 +1,222 @@
+"""The planner's tunables; their values live in `config/planner.yaml` and nowhere else."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ff_planner_ros.common.declared import check_declared, declare
+from ff_planner_ros.common.declared_parts import changes
+
+
+class Strictness(NamedTuple):
+    """Which values of a tunable let fewer plans, states or requests pass."""
+
+    of: Callable[[Any], float | list[float]]  # larger for a stricter value; one for each of several
+    as_strict: str  # values at least as strict as {}, in words
+    mark: str  # of the parameter in tables
+
+    def is_kept(self, value: Any, now: Any) -> bool:
+        """Tell whether a value is at least as strict as another one, in every part."""
+        parts, parts_now = np.atleast_1d(self.of(value)), np.atleast_1d(self.of(now))
+        fits = len(parts_now) in (1, len(parts)) or len(parts) == 1
+        # Written so that NaN is none.
+        return fits and bool((parts >= parts_now).all())
+
+
+STRICT_IF_LOW = Strictness(lambda value: -value, "at most {}", "<")
+STRICT_IF_HIGH = Strictness(lambda value: value, "at least {}", ">")
+# Zero stands for no limit at all.
+STRICT_IF_LOW_NOT_ZERO = Strictness(
+    lambda value: -(value or math.inf), "above 0 and at most {}", "<"
+)
+# Of several, or one for all.
+STRICT_IF_LOW_EACH = Strictness(
+    lambda values: [-(value or math.inf) for value in values or (0.0,)],
+    "above 0 and at most {}",
+    "<",
+)
+
+
+def strict_if(strict: object) -> Strictness:
+    """Return the strictness of a choice of which one value is the strict one."""
+    return Strictness(lambda value: value == strict, "{}", "=")
+
+
+def tunable(
+    description: str,
+    minimum: float | None = None,
+    maximum: float | None = None,
+    unit: str = "",
+    strictness: Strictness | None = None,
+) -> Any:
+    """Declare a tunable once, as a dataclass field. Without minimum or maximum it is unbounded.
+
+    Args:
+        strictness: Of tolerances, margins and limits, which a running node only tightens; None: of
+            what does not decide whether anything passes.
+    """
+    bounds = {"minimum": minimum, "maximum": maximum}
+    said = {"description": description, "unit": unit, "strictness": strictness}
+    return field(metadata={**said, **bounds})
+
+
+# Beyond three deviations a normal error is once in 740 times.
+USUAL_SIGMAS = 3.0
+# More deviations than this are more than any model is worth.
+MOST_SIGMAS = 10.0
+
+
+@dataclass(frozen=True)
+class RobustSettings:
+    """What a plan has to withstand: normal errors of the model and of the measured start.
+
+    Raises:
+        InvalidInput: A value of the wrong type or out of its range.
+    """
+
+    sigmas: float = tunable(
+        "Every margin of a plan keeps so many of its standard deviations under the errors below; "
+        "0.0: none",
+        minimum=0.0,
+        maximum=MOST_SIGMAS,
+        strictness=STRICT_IF_HIGH,
+    )
+    mass: float = tunable(
+        "Standard deviation of each body's mass, as a share of it",
+        minimum=0.0,
+        maximum=1.0,
+        strictness=STRICT_IF_HIGH,
+    )
+    inertia: float = tunable(
+        "Of each body's inertia about its centre of mass, as a share of it",
+        minimum=0.0,
+        maximum=1.0,
+        strictness=STRICT_IF_HIGH,
+    )
+    center_of_mass: float = tunable(
+        "Of each body's centre of mass, along each axis", 0.0, 1.0, "m", STRICT_IF_HIGH
+    )
+    linear_velocity: float = tunable(
+        "Of the chaser's velocity at the start, along each axis", 0.0, 1.0, "m/s", STRICT_IF_HIGH
+    )
+    angular_velocity: float = tunable(
+        "Of the chaser's angular velocity at the start, about each axis",
+        minimum=0.0,
+        maximum=1.0,
+        unit="rad/s",
+        strictness=STRICT_IF_HIGH,
+    )
+
+    def __post_init__(self) -> None:
+        """Check every value against its declaration."""
+        check_declared(self, "planner.robust")
+
+
+@dataclass(frozen=True)
+class PlannerSettings:
+    """What an operator may tune; the same names as the ROS parameters under `planner.`.
+
+    Raises:
+        InvalidInput: A value of the wrong type or out of its range.
+    """
+
+    robust: RobustSettings = declare(
+        changes(RobustSettings),
+        "what plans keep back for errors of the model",
+        since="0.3",
+        optional=True,
+    )
+    clearance_margin: float = tunable(
+        "Clearance that the solver keeps at the points, so that the certified clearance "
+        "between them stays positive",
+        minimum=0.0,
+        maximum=1.0,
+        unit="m",
+        strictness=STRICT_IF_HIGH,
+    )
+    penalty_gain: float = tunable("g1 of Eq. (47)", minimum=0.0, maximum=None)
+    penalty_exponent: float = tunable("g2 of Eq. (47)", minimum=0.0, maximum=100.0)
+    joint_path_tie_break: float = tunable(
+        "Weight on the joint path where only the attitude is asked for; the pure min-max "
+        "optimum leaves the joints free to wander",
+        minimum=0.0,
+        maximum=1.0,
+    )
+    starts: int = tunable(
+        "First guesses tried: the straight path, then deterministic detours; the first that leads "
+        "to a path is kept",
+        minimum=1,
+        maximum=1_000,
+    )
+    attitude_rounds: int = tunable(
+        "Rounds of search for a better attitude where it has a weight: each tries more first "
+        "guesses and keeps the best; more of them never give a worse plan. 0: only the optimum "
+        "that is nearest to the plan of least joint path, at a tenth of the price; so it is where "
+        "the attitude is a minor part of a weighted sum and no other guess looks better",
+        minimum=0,
+        maximum=1_000,
+    )
+    joint_spline_spans: int = tunable(
+        "Spans of each joint's spline: more of them follow more winding ways around obstacles, at "
+        "a higher price",
+        minimum=1,
+        maximum=100,
+    )
+    joint_spline_smoothing: float = tunable(
+        "Weight of T times the integral of the squared joint rates beside the joint path, for "
+        "joint splines: the joint path alone leaves free when the joints move",
+        minimum=0.0,
+        maximum=100.0,
+    )
+    max_iterations: int = tunable(
+        "Iterations allowed to the solver from each start", minimum=1, maximum=10_000
+    )
+    optimality_tolerance: float = tunable(
+        "First-order optimality at which the solver stops",
+        minimum=1e-12,
+        maximum=1.0,
+        strictness=STRICT_IF_LOW,
+    )
+    position_tolerance: float = tunable(
+        "Allowed final error of the end effector position",
+        minimum=1e-12,
+        maximum=1.0,
+        unit="m",
+        strictness=STRICT_IF_LOW,
+    )
+    orientation_tolerance: float = tunable(
+        "Allowed final error of the end effector orientation",
+        minimum=1e-12,
+        maximum=1.0,
+        unit="rad",
+        strictness=STRICT_IF_LOW,
+    )
+    momentum_tolerance: float = tunable(
+        "Allowed relative change of the total momentum",
+        minimum=1e-15,
+        maximum=1.0,
+        strictness=STRICT_IF_LOW,
+    )
+    singular_value_threshold: float = tunable(
+        "A plan is refused where the smallest singular value of the generalised Jacobian is below",
+        minimum=0.0,
+        maximum=1.0,
+        strictness=STRICT_IF_HIGH,
+    )
+    start_velocity_tolerance: float = tunable(
+        "Allowed difference between the plan's first joint rates and the start state's; the "
+        "planner's own plans have none",
+        minimum=0.0,
+        maximum=10.0,
+        unit="rad/s",
+        strictness=STRICT_IF_LOW,
+    )
+
+    def __post_init__(self) -> None:
+        """Check every value against its declaration."""
+        check_declared(self, "planner")

@@ -1,0 +1,264 @@
+"""What the end effector shall do at the end of a plan, and how much of it counts."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from ff_planner_ros.common.arrays import Array, finite_vector, frozen
+from ff_planner_ros.common.declared import check_declared, declare
+from ff_planner_ros.common.forms import QUATERNION, Form, a_numbered_word, a_vector, of_numbers
+from ff_planner_ros.common.plain_values import numbers
+from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.planning.problem.goal_words import Orientation
+from ff_planner_ros.robot.configuration import configuration
+from ff_planner_ros.robot.model import Base, Robot
+from ff_planner_ros.robot.plane import MAX_HEIGHT_ERROR, MAX_TILT, flattened, in_plane
+from ff_planner_ros.robot.rotation import rotation_from_euler
+from ff_planner_ros.robot.state import SystemState
+
+# A shorter axis is a rounded zero.
+SHORTEST_FREE_AXIS = 1e-6
+UNIT_TOLERANCE = 1e-12
+# What rounding leaves of a turn that was meant to be across the free axis [rad/s, rad/s2].
+FREE_TURN_TOLERANCE = 1e-6
+# By which a target stays off the plane [rad], so that it stays what it is however often it is
+# checked.
+TILT_OF_ROUNDING = 1e-9
+
+
+def _zeros() -> Array:
+    return np.zeros(3)
+
+
+def _euler_degrees(field: str, value: object) -> Array:
+    """Return the quaternion of three angles: R = Rz Ry Rx."""
+    euler = np.deg2rad(finite_vector(field, numbers(field, value), 3))
+    return frozen(pin.Quaternion(rotation_from_euler(euler)).coeffs())
+
+
+EULER_DEGREES = Form(_euler_degrees, lambda: of_numbers(3))
+
+
+@dataclass(frozen=True, eq=False)
+class Target:
+    """What the end effector shall do at the end of the plan, in the inertial frame.
+
+    Raises:
+        InvalidInput: Wrong size, not finite, a quaternion not of unit length, a free axis that
+            is missing, of no length or not asked for, or a turn wanted in a direction that is free.
+    """
+
+    position: Array = declare(
+        a_vector(),
+        "of the end effector at the end, where it is then",
+        unit="m",
+        message="pose.pose.position",
+    )
+    # Of no meaning where orientation is FREE
+    quaternion_xyzw: Array = declare(
+        QUATERNION,
+        "end-effector axes to inertial axes",
+        instead=(
+            "euler_xyz_deg",
+            EULER_DEGREES,
+            "angles phi, theta, psi about x, y, z of the inertial frame: R = Rz Ry Rx [deg]",
+        ),
+        unless=("orientation", "free", (0.0, 0.0, 0.0, 1.0)),
+        message="pose.pose.orientation",
+    )
+    linear_velocity: Array = declare(
+        a_vector(),
+        "of the end effector at the end",
+        unit="m/s",
+        default_factory=_zeros,
+        message="twist.linear",
+    )
+    angular_velocity: Array = declare(
+        a_vector(),
+        "of the end effector at the end",
+        unit="rad/s",
+        default_factory=_zeros,
+        message="twist.angular",
+    )
+    linear_acceleration: Array = declare(
+        a_vector(), "of the end effector at the end", unit="m/s2", default_factory=_zeros
+    )
+    angular_acceleration: Array = declare(
+        a_vector(), "of the end effector at the end", unit="rad/s2", default_factory=_zeros
+    )
+    orientation: Orientation = declare(
+        a_numbered_word(Orientation),
+        "what of the attitude counts: fixed: all; free: nothing; about_axis: all but the turn "
+        "about free_axis",
+        since="0.3",
+        brief=True,
+        default=Orientation.FIXED,
+        message="orientation",
+        late=True,
+    )
+    # Of unit length; None unless orientation is ABOUT_AXIS
+    free_axis_in_ee: Array | None = declare(
+        a_vector(),
+        "about which the end effector may turn, any length but zero; only with about_axis",
+        key="free_axis",
+        frame="in the end effector's frame",
+        since="0.3",
+        default=None,
+        message="free_axis",
+        late=True,
+    )
+
+    def __post_init__(self) -> None:
+        """Check every value and replace it by a read-only copy."""
+        if self.orientation is Orientation.FREE:
+            object.__setattr__(self, "quaternion_xyzw", [0.0, 0.0, 0.0, 1.0])
+        check_declared(self, "target")
+        self._check_free_axis()
+        for name in ("angular_velocity", "angular_acceleration"):
+            self._refuse_free_turn(name)
+
+    def _check_free_axis(self) -> None:
+        name, axis = "target.free_axis", self.free_axis_in_ee
+        if self.orientation is not Orientation.ABOUT_AXIS:
+            if axis is not None:
+                allowed = "it may be given where orientation is about_axis"
+                raise InvalidInput(Status.OUT_OF_RANGE, name, axis, allowed)
+            return
+        if axis is None:
+            allowed = "orientation about_axis needs the axis, in the end effector's frame"
+            raise InvalidInput(Status.OUT_OF_RANGE, name, "missing", allowed)
+        largest = float(np.abs(axis).max())
+        # First by its largest entry: the square of a length may be zero or infinite.
+        if not largest >= SHORTEST_FREE_AXIS:
+            allowed = f"it must be longer than {SHORTEST_FREE_AXIS:g}: it has no direction"
+            raise InvalidInput(Status.OUT_OF_RANGE, name, axis.tolist(), allowed)
+        length = float(np.linalg.norm(axis / largest))
+        # One of unit length stays as it is, to the last bit, however often it is checked.
+        if abs(length * largest - 1.0) > UNIT_TOLERANCE:
+            axis = frozen(axis / largest / length)
+        object.__setattr__(self, "free_axis_in_ee", axis)
+
+    def _refuse_free_turn(self, name: str) -> None:
+        wanted, where = getattr(self, name), "is free"
+        axis = self.free_axis_in_ee
+        if self.orientation is Orientation.FIXED:
+            return
+        if axis is not None:
+            to_inertial = pin.Quaternion(self.quaternion_xyzw).toRotationMatrix()
+            wanted, where = wanted @ to_inertial @ axis, "about free_axis is free"
+        if float(np.linalg.norm(wanted)) > FREE_TURN_TOLERANCE:
+            raise InvalidInput(
+                Status.OUT_OF_RANGE,
+                f"target.{name}",
+                getattr(self, name).tolist(),
+                f"with orientation {self.orientation} the turn {where}: none can be wanted there",
+            )
+
+
+def target_on_the_table(robot: Robot, start: SystemState, target: Target) -> Target:
+    """Return a target on a planar base without what the end effector cannot do there.
+
+    Raises:
+        InvalidInput: It is further off the plane in which the end effector moves than a measurement
+            is off by.
+    """
+    data = robot.model.createData()
+    pin.forwardKinematics(robot.model, data, *configuration(robot, start))
+    tip = pin.updateFramePlacement(robot.model, data, robot.tip_frame_id)
+    height = float(target.position[2] - tip.translation[2])
+    if abs(height) > MAX_HEIGHT_ERROR:
+        raise InvalidInput(
+            Status.OUT_OF_RANGE,
+            "target.position",
+            target.position.tolist(),
+            f"with robot.base planar the end effector stays at z = {tip.translation[2]:.6g} m; "
+            f"{MAX_HEIGHT_ERROR:g} m beside it are let pass as an error of measurement",
+        )
+    if target.free_axis_in_ee is not None:
+        target = _without_free_axis(tip.rotation @ target.free_axis_in_ee, target)
+    if target.orientation is Orientation.FIXED:
+        wanted = pin.Quaternion(target.quaternion_xyzw) * pin.Quaternion(tip.rotation.T)
+        heading, tilt = flattened(wanted.coeffs())
+        upside_down = abs(heading[3]) + abs(heading[2]) == 0.0
+        if tilt > MAX_TILT or upside_down:
+            raise InvalidInput(
+                Status.OUT_OF_RANGE,
+                "target.quaternion_xyzw",
+                target.quaternion_xyzw.tolist(),
+                "with robot.base planar the end effector turns about z only: its start attitude, "
+                f"{np.round(pin.Quaternion(tip.rotation).coeffs(), 6).tolist()}, turned about z",
+            )
+        if tilt > TILT_OF_ROUNDING:
+            turned = pin.Quaternion(heading) * pin.Quaternion(tip.rotation)
+            target = replace(target, quaternion_xyzw=turned.normalized().coeffs())
+    place = np.append(target.position[:2], tip.translation[2])
+    vectors: dict[str, Any] = {
+        f"{kind}_{quantity}": in_plane(
+            f"target.{kind}_{quantity}", getattr(target, f"{kind}_{quantity}"), rows, unit
+        )
+        for kind, rows, units in (("linear", [2], "m"), ("angular", [0, 1], "rad"))
+        for quantity, unit in (("velocity", f"{units}/s"), ("acceleration", f"{units}/s2"))
+    }
+    return replace(target, position=place, **vectors)
+
+
+def _without_free_axis(axis: Array, target: Target) -> Target:
+    """Return a target on a planar base whose heading is free, for the free axis is the normal.
+
+    Raises:
+        InvalidInput: It is another.
+    """
+    if math.hypot(axis[0], axis[1]) > MAX_TILT:
+        raise InvalidInput(
+            Status.OUT_OF_RANGE,
+            "target.free_axis",
+            target.free_axis_in_ee,
+            "with robot.base planar the end effector turns about the normal of the table only; "
+            "orientation must be fixed or free",
+        )
+    return replace(target, orientation=Orientation.FREE, free_axis_in_ee=None)
+
+
+def require_enough_joints(robot: Robot, target: Target) -> None:
+    """Refuse a goal with more conditions than the arm has joints.
+
+    Raises:
+        InvalidInput: It has; the text names them.
+    """
+    conditions = conditions_of(robot, target)
+    if sum(conditions.values()) > robot.joints:
+        joints = f"{robot.joints} joint{'s' if robot.joints != 1 else ''}"
+        raise too_many_conditions(target, conditions, f"the arm has {joints}", robot.joints)
+
+
+def conditions_of(robot: Robot, target: Target) -> dict[str, int]:
+    """Return the conditions on the end effector's pose by name, and how many numbers each is."""
+    planar = robot.base is Base.PLANAR
+    conditions = {"position": 2 if planar else 3}
+    if target.orientation is Orientation.FIXED:
+        conditions["heading" if planar else "orientation"] = 1 if planar else 3
+    elif target.orientation is Orientation.ABOUT_AXIS:
+        conditions["direction of free_axis"] = 2
+    return conditions
+
+
+def too_many_conditions(
+    target: Target, conditions: dict[str, int], why: str, at_most: int
+) -> InvalidInput:
+    """Return the error of a goal with more conditions than an arm can meet; why: how it is."""
+    count = sum(conditions.values())
+    words = " and ".join(f"{name} ({number})" for name, number in conditions.items())
+    if conditions["position"] > at_most:
+        field, value = "target.position", "given"
+        advice = f"no goal has fewer than {conditions['position']}"
+    else:
+        field, value = "target.orientation", str(target.orientation)
+        advice = "orientation free has fewer"
+    return InvalidInput(
+        Status.UNSUPPORTED, field, value, f"{words} are {count} conditions, {why}; {advice}"
+    )

@@ -1,0 +1,361 @@
+"""A target that moves freely: it drifts and tumbles, and nothing acts on it until it is captured.
+
+Its centre of mass moves uniformly and it turns as Euler's equations say. What is fixed to it, the
+grasp and attached spheres, moves with it:
+
+    p = c + R r,    v = c' + w x R r,    a = w' x R r + w x (w x R r).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import ClassVar
+
+import numpy as np
+import pinocchio as pin
+
+from ff_planner_ros.common.arrays import Array, finite_vector, frozen
+from ff_planner_ros.common.declared import check_declared, declare
+from ff_planner_ros.common.declared_parts import part
+from ff_planner_ros.common.forms import INERTIA, NAME, QUATERNION, a_number, a_vector, each
+from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.planning.problem.target import Target
+from ff_planner_ros.planning.problem.torque_free import TorqueFreeMotion, Turning
+from ff_planner_ros.robot.rotation import cross
+
+# Of principal moments, relative to the largest: a smaller one is that of no body but a line, and
+# what rounding makes of a plate, whose largest moment is the sum of the others.
+_LEAST_MOMENT, _PLATE = 1e-6, 1e-6
+# An inertia is written with so many digits at least: its halves are alike to this, relative.
+_SYMMETRIC = 1e-6
+# After more turns [rad] than this nobody can tell where a grasp is: a rate that is known to one in
+# a thousand is off by one radian. At 10 deg/s it takes more than an hour and a half.
+_MOST_TURNS = 1000.0
+
+
+def _zeros() -> Array:
+    return np.zeros(3)
+
+
+@dataclass(frozen=True, eq=False)
+class AttachedSphere:
+    """An obstacle that is fixed to a target body.
+
+    Raises:
+        InvalidInput: Wrong size, not finite, or a radius that is not positive.
+    """
+
+    id: str = declare(
+        NAME,
+        "name in messages, unique among all obstacles",
+        message="id",
+    )
+    center: Array = declare(
+        a_vector(),
+        "from the body's centre of mass",
+        unit="m",
+        frame="in the body's frame",
+        message="center",
+    )
+    radius: float = declare(
+        a_number(above=0.0),
+        "obstacle plus link",
+        unit="m",
+        message="radius",
+    )
+
+    def __post_init__(self) -> None:
+        """Check every value and replace it by a read-only copy."""
+        check_declared(self, f"target_body.obstacles[{self.id}]")
+
+
+@dataclass(frozen=True, eq=False)
+class PointMotion:
+    """Motion of a frame that is fixed to a body, at some times, all in inertial axes."""
+
+    positions: Array  # shape (times, 3) [m]
+    rotations: Array  # axes of the frame to inertial axes; shape (times, 3, 3)
+    # Linear and angular velocity, and their first and second derivatives; each (times, 6)
+    twists: Array  # [m/s, rad/s]
+    accelerations: Array  # [m/s2, rad/s2]
+    jerks: Array  # [m/s3, rad/s3]
+
+
+@dataclass(frozen=True, eq=False)
+class TargetBody:
+    """A body that moves freely, at the plan's first point, in the inertial frame.
+
+    Raises:
+        InvalidInput: Wrong size, not finite, a quaternion not of unit length, an inertia that no
+            body has, two attached spheres with one id, or a grasp inside one; when its motion is
+            asked for, that it turns too far until then.
+    """
+
+    SINCE: ClassVar[str] = "0.3"
+
+    FIRST: ClassVar[Sequence[str]] = (
+        "position",
+        "quaternion_xyzw",
+        "linear_velocity",
+        "angular_velocity",
+    )
+
+    position: Array = declare(
+        a_vector(),
+        "of its centre of mass",
+        unit="m",
+        message="pose.position",
+    )
+    quaternion_xyzw: Array = declare(
+        QUATERNION,
+        "body axes to inertial axes",
+        message="pose.orientation",
+    )
+    inertia: Array = declare(  # shape (3, 3)
+        INERTIA,
+        "elements of the inertia tensor about the centre of mass, as in a URDF; only their ratios "
+        "matter",
+        frame="body axes",
+        message="inertia",
+    )
+    # There the end effector rests in the body
+    grasp_position: Array = declare(
+        a_vector(),
+        "of the end effector at capture",
+        key="grasp.position",
+        unit="m",
+        frame="in the body's frame",
+        message="grasp.position",
+    )
+    grasp_quaternion_xyzw: Array = declare(
+        QUATERNION,
+        "end-effector axes to body axes",
+        key="grasp.quaternion_xyzw",
+        message="grasp.orientation",
+    )
+    linear_velocity: Array = declare(
+        a_vector(),
+        "of its centre of mass",
+        unit="m/s",
+        default_factory=_zeros,
+        message="twist.linear",
+    )
+    angular_velocity: Array = declare(
+        a_vector(),
+        "in inertial axes",
+        unit="rad/s",
+        default_factory=_zeros,
+        message="twist.angular",
+    )
+    obstacles: tuple[AttachedSphere, ...] = declare(
+        each(part(AttachedSphere)),
+        "spheres that move with the body",
+        default=(),
+        message="obstacles",
+    )
+
+    def __post_init__(self) -> None:
+        """Check every value and replace it by a read-only copy."""
+        check_declared(self, "target_body")
+        object.__setattr__(self, "inertia", _possible_inertia(self.inertia))
+        object.__setattr__(self, "obstacles", tuple(self.obstacles))
+        self._check_obstacles()
+
+    def _check_obstacles(self) -> None:
+        names = set[str]()
+        for sphere in self.obstacles:
+            if sphere.id in names:
+                told = "target_body.obstacles"
+                raise InvalidInput(Status.OUT_OF_RANGE, told, sphere.id, "ids must be unique")
+            names.add(sphere.id)
+            depth = sphere.radius - float(np.linalg.norm(self.grasp_position - sphere.center))
+            if depth >= 0.0:
+                raise InvalidInput(
+                    Status.OUT_OF_RANGE,
+                    "target_body.grasp.position",
+                    self.grasp_position.tolist(),
+                    f"it must be outside every attached sphere; it is {depth:.4g} m inside "
+                    f"{sphere.id}",
+                )
+
+    @cached_property
+    def _turning(self) -> TorqueFreeMotion:
+        to_inertial = pin.Quaternion(self.quaternion_xyzw).toRotationMatrix()
+        rate = to_inertial.T @ self.angular_velocity
+        return TorqueFreeMotion(self._relative_inertia, self.quaternion_xyzw, rate)
+
+    def _turned(self, times: Array) -> Turning:
+        self._require_foretold(float(times.max(initial=0.0)))
+        return self._turning.at(times)
+
+    def _require_foretold(self, until: float) -> None:
+        turns = self.fastest_turn * until
+        if not turns <= _MOST_TURNS:
+            raise InvalidInput(
+                Status.OUT_OF_RANGE,
+                "target_body.angular_velocity",
+                self.angular_velocity.tolist(),
+                f"within {until:.6g} s the body turns too far to be foretold, by "
+                f"{turns:.3g} rad; {_MOST_TURNS:g} rad are allowed",
+            )
+
+    @property
+    def _relative_inertia(self) -> Array:
+        relative: Array = self.inertia / np.abs(self.inertia).max()
+        return relative
+
+    def places(self, points: Array, times: Array) -> Array:
+        """Return where points of the body are. Shape (times, points, 3) [m].
+
+        Args:
+            points: In axes of the body, from its centre of mass. Shape (points, 3) [m].
+            times: From the plan's first point on. Shape (times,) [s].
+        """
+        centers = self.position + times[:, None] * self.linear_velocity
+        rotations = self._turned(times).rotations
+        places: Array = centers[:, None] + points @ rotations.swapaxes(1, 2)
+        return places
+
+    def attitude_series(self, until: float) -> tuple[Array, Array]:
+        """Return the Taylor series of its quaternion up to a time [s], or further.
+
+        Returns:
+            When each begins, shape (series,) [s], and its terms, shape (series, orders, 4).
+        """
+        self._require_foretold(until)
+        return self._turning.attitude_series(until)
+
+    def motion(self, point: Array, times: Array) -> PointMotion:
+        """Return the motion of a point of the body, and of the body's axes.
+
+        Args:
+            point: In axes of the body, from its centre of mass. Shape (3,) [m].
+            times: From the plan's first point on. Shape (times,) [s].
+        """
+        rotations, rates, accelerations, jerks = self._turned(times)
+        # The point's derivatives in body axes: u' as the body sees it, plus w x u.
+        first = cross(rates, point)
+        turned = cross(accelerations, point)
+        second = turned + cross(rates, first)
+        seen = cross(jerks, point) + cross(accelerations, first) + cross(rates, turned)
+        third = seen + cross(rates, second)
+        angular_jerks = jerks + cross(rates, accelerations)
+
+        def inertial(linear: Array, angular: Array) -> Array:
+            parts = np.stack([linear, angular], axis=1) @ rotations.swapaxes(1, 2)
+            return parts.reshape(-1, 6)
+
+        twists = inertial(first, rates)
+        twists[:, :3] += self.linear_velocity
+        centers = self.position + times[:, None] * self.linear_velocity
+        return PointMotion(
+            positions=centers + rotations @ point,
+            rotations=rotations,
+            twists=twists,
+            accelerations=inertial(second, accelerations),
+            jerks=inertial(third, angular_jerks),
+        )
+
+    def grasp(self, times: Array) -> PointMotion:
+        """Return the motion that the end effector has when it holds the grasp.
+
+        Args:
+            times: From the plan's first point on. Shape (times,) [s].
+        """
+        motion = self.motion(self.grasp_position, times)
+        grasp = pin.Quaternion(self.grasp_quaternion_xyzw).toRotationMatrix()
+        return PointMotion(
+            motion.positions,
+            motion.rotations @ grasp,
+            motion.twists,
+            motion.accelerations,
+            motion.jerks,
+        )
+
+    def target(self, time: float) -> Target:
+        """Return what the end effector shall do at a time [s]: rest in the body at its grasp."""
+        grasp = self.grasp(np.array([time]))
+        return Target(
+            position=grasp.positions[0],
+            quaternion_xyzw=pin.Quaternion(grasp.rotations[0]).coeffs(),
+            linear_velocity=grasp.twists[0, :3],
+            angular_velocity=grasp.twists[0, 3:],
+            linear_acceleration=grasp.accelerations[0, :3],
+            angular_acceleration=grasp.accelerations[0, 3:],
+        )
+
+    def after(self, time: float) -> TargetBody:
+        """Return the body as it will be in a time [s], or as it was: a body that turns back."""
+        if time == 0.0:
+            return self
+        back = math.copysign(1.0, time)
+        turning = replace(self, angular_velocity=back * self.angular_velocity)
+        motion = turning.motion(np.zeros(3), np.array([abs(time)]))
+        return replace(
+            self,
+            position=self.position + time * self.linear_velocity,
+            quaternion_xyzw=pin.Quaternion(motion.rotations[0]).coeffs(),
+            angular_velocity=back * motion.twists[0, 3:],
+        )
+
+    def seen_from(self, origin: Array, velocity: Array) -> TargetBody:
+        """Return the body in an inertial frame of the same axes that is elsewhere and moves.
+
+        Args:
+            origin: Of that frame, at the plan's first point. Shape (3,) [m].
+            velocity: Of that frame. Shape (3,) [m/s].
+        """
+        return replace(
+            self,
+            position=self.position - origin,
+            linear_velocity=self.linear_velocity - velocity,
+        )
+
+    @cached_property
+    def fastest_turn(self) -> float:
+        """A turn rate that it never exceeds, and at some time has, but for rounding [rad/s].
+
+        With x the squares of the rates about the principal axes, energy and angular momentum keep
+        the sums of I x and of I^2 x. The x that fit both lie on a line, x >= 0 cuts it, and the sum
+        of x is largest at an end.
+        """
+        moments, axes = np.linalg.eigh(self._relative_inertia)
+        to_body = pin.Quaternion(self.quaternion_xyzw).toRotationMatrix() @ axes
+        squares = (self.angular_velocity @ to_body) ** 2
+        along = cross(moments, moments**2)
+        along /= max(float(np.abs(along).max()), np.finfo(float).tiny)
+        gain = float(along.sum())
+        along *= math.copysign(1.0, gain)
+        falling = along < 0.0
+        # A ball turns steadily, and so does what is one but for rounding.
+        way = float((squares[falling] / -along[falling]).min()) if falling.any() else 0.0
+        return math.sqrt(float(squares.sum()) + abs(gain) * way)
+
+
+def _possible_inertia(inertia: Array) -> Array:
+    """Return an inertia, symmetric to the last bit.
+
+    Raises:
+        InvalidInput: No body has it.
+    """
+    name = "target_body.inertia"
+    found = frozen(finite_vector(name, np.ravel(inertia), 9).reshape(3, 3))
+    size = float(np.abs(found).max())
+    if np.abs(found - found.T).max() > _SYMMETRIC * size:
+        raise InvalidInput(Status.OUT_OF_RANGE, name, found.tolist(), "it must be symmetric")
+    found = frozen(found / 2.0 + found.T / 2.0)
+    least, middle, largest = np.linalg.eigvalsh(found).tolist()
+    told = f"{found.tolist()} with principal moments {least:.6g}, {middle:.6g}, {largest:.6g}"
+    if not least > _LEAST_MOMENT * largest:
+        allowed = (
+            f"each must be positive, and more than {_LEAST_MOMENT:g} of the largest: the body "
+            "turns about all of its axes"
+        )
+        raise InvalidInput(Status.OUT_OF_RANGE, name, told, allowed)
+    if least + middle < (1.0 - _PLATE) * largest:
+        allowed = "no moment may be larger than the sum of the others: no body has such an inertia"
+        raise InvalidInput(Status.OUT_OF_RANGE, name, told, allowed)
+    return found

@@ -1,0 +1,148 @@
+"""How a rigid body turns that nothing acts on: Euler's equations, solved by Taylor series.
+
+In axes of the body, I its inertia, w its turn rate and q its attitude:
+
+    I w' = (I w) x w,    q' = q (w, 0) / 2.
+
+Both right sides are sums of products, so that each coefficient of the series of w and q follows
+from those before it. A series is used as far as its last terms are rounding. It is then exact
+between its ends too, and no grid of times is needed.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.robot.rotation import cross, skew
+
+# Terms of a series, and what its last ones may be, relative: then it ends. With more terms the
+# series reach further, but each costs more.
+_ORDER, _ROUNDING = 20, 1e-16
+# A body at rest stays where it is for so long [s].
+_LONGEST = 1e9
+
+
+class Turning(NamedTuple):
+    """Attitude of a body at some times, its turn rate and the rate's derivatives in body axes."""
+
+    rotations: Array  # body axes to inertial axes; shape (times, 3, 3)
+    rates: Array  # shape (times, 3) [rad/s]
+    accelerations: Array  # shape (times, 3) [rad/s2]
+    jerks: Array  # shape (times, 3) [rad/s3]
+
+
+class TorqueFreeMotion:
+    """The turning of a body from time zero on; it is solved as far as it is asked for.
+
+    What it returns does not depend on what it was asked for before.
+    """
+
+    def __init__(self, inertia: Array, quaternion_xyzw: Array, rate: Array) -> None:
+        """Begin at time zero.
+
+        Args:
+            inertia: About the centre of mass, body axes; only ratios matter. Shape (3, 3).
+            quaternion_xyzw: Body axes to inertial axes. Shape (4,).
+            rate: In body axes. Shape (3,) [rad/s].
+        """
+        self._inertia, self._inverse = inertia, np.linalg.inv(inertia)
+        # w' = I^-1 sum_bc (I e_b) x e_c  w_b w_c, and q' the same with half the quaternions' units.
+        units = np.eye(3)
+        products = np.array([[cross(inertia @ b, c) for c in units] for b in units])
+        self._of_rates = (products @ self._inverse.T).reshape(9, 3).T.copy()
+        self._of_attitude = _QUATERNION_PRODUCTS
+        self._begins, self._end = np.empty(0), 0.0
+        self._series = np.empty((0, _ORDER + 1, 7))
+        self._next = np.concatenate([quaternion_xyzw, rate])
+
+    def at(self, times: Array) -> Turning:
+        """Return attitude and turn rate.
+
+        Args:
+            times: Not negative. Shape (times,) [s].
+        """
+        self._solve(float(times.max(initial=0.0)))
+        number = np.searchsorted(self._begins, times, side="right") - 1
+        series, after = self._series[number], (times - self._begins[number])[:, None]
+        values = series[:, -1]
+        for k in range(_ORDER - 1, -1, -1):
+            values = values * after + series[:, k]
+        rates = values[:, 4:]
+        momenta = rates @ self._inertia.T
+        accelerations = cross(momenta, rates) @ self._inverse.T
+        jerks = cross(accelerations @ self._inertia.T, rates) + cross(momenta, accelerations)
+        return Turning(_rotations(values[:, :4]), rates, accelerations, jerks @ self._inverse.T)
+
+    def attitude_series(self, until: float) -> tuple[Array, Array]:
+        """Return when each series begins, and those of q, as far as a time [s]."""
+        self._solve(until)
+        count = int(np.searchsorted(self._begins, until, side="right"))
+        return self._begins[:count], self._series[:count, :, :4]
+
+    def _solve(self, until: float) -> None:
+        """Add series until they reach a time [s]."""
+        begins, series = [], []
+        while self._end <= until:
+            terms = self._terms(self._next)
+            length = _radius(terms)
+            begins.append(self._end)
+            series.append(terms)
+            self._end += length
+            end = terms[-1]
+            for term in terms[-2::-1]:
+                end = end * length + term
+            end[:4] /= np.linalg.norm(end[:4])
+            self._next = end
+        if begins:
+            self._begins = np.concatenate([self._begins, begins])
+            self._series = np.concatenate([self._series, series])
+
+    def _terms(self, begin: Array) -> Array:
+        """Return the coefficients of the series of q and w. Shape (order + 1, 7)."""
+        terms = np.zeros((_ORDER + 1, 7))
+        terms[0] = begin
+        for k in range(_ORDER):
+            products = terms[: k + 1].T @ terms[k::-1, 4:] / (k + 1)
+            terms[k + 1, :4] = self._of_attitude @ products[:4].ravel()
+            terms[k + 1, 4:] = self._of_rates @ products[4:].ravel()
+        return terms
+
+
+def _radius(terms: Array) -> float:
+    """Return how long a series is used [s]."""
+    powers = np.arange(_ORDER - 1, _ORDER + 1)
+    sizes = np.stack(
+        [
+            np.abs(terms[powers, :4]).max(axis=1),
+            np.abs(terms[powers, 4:]).max(axis=1) / max(np.abs(terms[0, 4:]).max(), 1e-300),
+        ]
+    )
+    with np.errstate(divide="ignore"):
+        lengths = (_ROUNDING / sizes) ** (1.0 / powers)
+    return float(min(lengths.min(), _LONGEST))
+
+
+def _quaternion_products() -> Array:
+    """Return the matrix of (q, w) -> q (w, 0) / 2 from the products q_a w_b. Shape (4, 12)."""
+    matrix = np.zeros((4, 4, 3))
+    for a in range(3):  # the vector part of q:  v x w,  -v . w
+        matrix[:3, a] = skew(np.eye(3)[a])
+        matrix[3, a, a] = -1.0
+    matrix[:3, 3] = np.eye(3)  # its scalar part
+    return matrix.reshape(4, 12) / 2.0
+
+
+_QUATERNION_PRODUCTS = _quaternion_products()
+
+
+def _rotations(quaternions_xyzw: Array) -> Array:
+    """Return rotation matrices of quaternions that are of unit length but for rounding."""
+    vector, scalar = quaternions_xyzw[:, :3], quaternions_xyzw[:, 3, None, None]
+    cross = skew(vector)
+    # Dividing by the square of the length makes it orthogonal to the last digits.
+    square = (quaternions_xyzw**2).sum(axis=1)[:, None, None]
+    rotations: Array = np.eye(3) + 2.0 * (scalar * cross + cross @ cross) / square
+    return rotations

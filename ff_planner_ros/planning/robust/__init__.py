@@ -1,0 +1,1 @@
+"""Margins for what is uncertain."""

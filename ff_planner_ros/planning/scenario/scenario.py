@@ -1,0 +1,255 @@
+"""Scenario files: a planning task written down."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+
+from ff_planner_ros.common.arrays import finite_vector
+from ff_planner_ros.common.declared import (
+    DeclaredField,
+    DeclaredFields,
+    declare,
+    declared,
+    fields_of,
+    read_keys,
+    schema_of,
+)
+from ff_planner_ros.common.declared_parts import changes, part
+from ff_planner_ros.common.forms import DIALECT, TEXT, Schema, a_word, by_name
+from ff_planner_ros.common.share import resolve_uri
+from ff_planner_ros.common.yaml_file import read_yaml
+from ff_planner_ros.errors import Faults, InvalidInput, Status
+from ff_planner_ros.planning.motion.joint_motion import JointMotion
+from ff_planner_ros.planning.problem.controller_rules import Controller
+from ff_planner_ros.planning.problem.problem import (
+    USUAL_POINTS,
+    DurationRange,
+    Limits,
+    PlanningProblem,
+    with_attached_spheres,
+)
+from ff_planner_ros.planning.problem.settings import USUAL_SIGMAS, PlannerSettings
+from ff_planner_ros.planning.problem.target import require_enough_joints
+from ff_planner_ros.planning.task.tail import EndBehaviour
+from ff_planner_ros.planning.task.task import PlanningTask
+from ff_planner_ros.robot.bodies import Geometry
+from ff_planner_ros.robot.ee_at_rest import joint_rates_with_ee_at_rest
+from ff_planner_ros.robot.model import Base, Robot, load_robot
+from ff_planner_ros.robot.state import SystemState
+
+# A scenario names no frame, since it has one; messages about it must.
+SCENARIO_FRAME = "inertial"
+
+_NO_LIMITS = Limits()
+
+Built = TypeVar("Built")
+
+
+@dataclass(frozen=True)
+class RobotFile:
+    """The files of a robot, and what is made of them."""
+
+    urdf: str = declare(TEXT, "path of the URDF, relative to this file, or package://PACKAGE/PATH")
+    base_link: str = declare(TEXT, "link that carries the arm")
+    tip_link: str = declare(TEXT, "link whose frame is the end effector")
+    base: Base = declare(
+        a_word(Base),
+        "how the chaser can move: planar: on an air-bearing table it has x, y and the turn about z",
+        since="0.3",
+        brief=True,
+        default=Base.FREE_FLYER,
+    )
+    held_joints: Mapping[str, float] | None = declare(
+        by_name("a joint"),
+        "where joints are held that are not planned; default: all that do not turn between base "
+        "and tip, at zero",
+        unit="rad, m",
+        since="0.3",
+        default=None,
+    )
+    geometry: Geometry | None = declare(
+        a_word(Geometry),
+        "what of it is kept clear: shapes: its bodies as the URDF's collision elements have them; "
+        "lines: the arm's centre lines, as in the paper; default: shapes where the arm has any",
+        since="0.3",
+        default=None,
+    )
+    srdf: str | None = declare(
+        TEXT,
+        "path of an SRDF, as for the URDF: links that may touch; default: those that touch in "
+        "nearly every posture",
+        since="0.3",
+        default=None,
+    )
+
+    def load(self, directory: Path) -> Robot:
+        """Return the robot; its paths are relative to a directory.
+
+        Raises:
+            InvalidInput: A file cannot be read, or is refused.
+        """
+        urdf = resolve_uri(self.urdf, relative_to=directory)
+        srdf = None if self.srdf is None else resolve_uri(self.srdf, directory, "robot.srdf")
+        links = self.base_link, self.tip_link
+        held = self.held_joints or {}
+        return load_robot(urdf, *links, self.base, held, self.geometry, srdf)
+
+
+# Every key of a file.
+KEYS: DeclaredFields = {
+    "robot": DeclaredField(part(RobotFile), "the robot", name="robot", since="0.1"),
+    **declared(SystemState),
+    **declared(PlanningProblem),
+    **declared(PlanningTask),
+}
+
+
+@dataclass(frozen=True)
+class Defaults:
+    """Values for what a scenario leaves out. What has no value here must be in the scenario."""
+
+    settings: PlannerSettings
+    limits: Limits = _NO_LIMITS  # beside the joints' position limits
+    end_behaviour: EndBehaviour = EndBehaviour.NONE  # what the arm does after the goal
+    tail: float | None = None  # duration [s]
+    points: int = USUAL_POINTS  # of the plan
+    controller: Controller | None = None  # must take the plan; its joints are the robot's
+
+
+def load_scenario(path: Path) -> PlanningProblem:
+    """Read a planning problem from a scenario file.
+
+    The URDF that it names is relative to it, or `package://`.
+
+    Raises:
+        InvalidInput: The file or its URDF cannot be read, or a value is unknown, missing, of
+            the wrong type or not to be planned with; named as in the file, `chaser.position`. Its
+            `faults` are all that is wrong.
+    """
+    return _built(path, USUAL_POINTS, lambda read, robot: _problem(read, robot, _NO_LIMITS))
+
+
+def load_task(path: Path, defaults: Defaults) -> PlanningTask:
+    """Read a planning task from a scenario file.
+
+    Raises:
+        InvalidInput: As by `load_scenario`.
+    """
+    return _built(path, defaults.points, lambda read, robot: _task(read, robot, defaults))
+
+
+def scenario_schema() -> Schema:
+    """Return the JSON Schema of a scenario file."""
+    goals = [{"required": ["target"]}, {"required": ["target_body"]}]
+    return {"$schema": DIALECT, "title": "a scenario"} | schema_of(KEYS) | {"oneOf": goals}
+
+
+def limits_from(value: object, defaults: Limits) -> Limits:
+    """Return the limits that a mapping describes.
+
+    Raises:
+        InvalidInput: It describes none.
+    """
+    return replace(defaults, **changes(Limits).read("limits", value))
+
+
+def _built(path: Path, points: int, build: Callable[[Mapping[str, Any], Robot], Built]) -> Built:
+    """Return what is built of a file's values, once nothing is wrong with any of them."""
+    faults, document = Faults(), read_yaml(path)
+    read = read_keys(KEYS, "", document, faults)
+    if isinstance(document, dict) and ("target" in document) == ("target_body" in document):
+        found = "given beside target_body" if "target" in document else "missing"
+        faults.add("target", found, "either it or target_body must be given")
+    robot: Any = None  # only if there are faults
+    if "robot" in read:
+        with faults.gathered():
+            robot = read["robot"].load(path.parent)
+    if robot is not None:
+        _check_sizes(read, robot.joints, faults)
+    faults.refuse()
+    return build({"points": points} | read, robot)
+
+
+def _check_sizes(read: Mapping[str, Any], joints: int, faults: Faults) -> None:
+    """Gather what has not one number for each of so many joints."""
+    for key in ("joints.position", "joints.velocity", "joints.acceleration"):
+        if isinstance(read.get(key), np.ndarray):
+            with faults.gathered():
+                finite_vector(key, read[key], joints)
+    with faults.gathered():
+        Limits(joint_accelerations=read.get("limits", {}).get("joint_accelerations")).of_joints(
+            joints
+        )
+    if "running" in read:
+        with faults.gathered():
+            _running(read["running"], joints)
+
+
+def _problem(read: Mapping[str, Any], robot: Robot, limits: Limits) -> PlanningProblem:
+    given = fields_of(PlanningProblem, read)
+    window, body = given["duration"], given.get("target_body")
+    if isinstance(window, DurationRange):
+        given |= {"duration": window.maximum, "duration_range": window}
+    if body is not None:
+        given["target"] = body.target(given["duration"])
+        given["obstacles"] = with_attached_spheres(given["obstacles"], body)
+    # Before the start: an arm that cannot meet the target may well be unable to rest, too.
+    require_enough_joints(robot, given["target"])
+    given["limits"] = replace(limits, **given.get("limits", {}))
+    return PlanningProblem(robot=robot, start=_start(robot, read), **given)
+
+
+def _start(robot: Robot, read: Mapping[str, Any]) -> SystemState:
+    given = fields_of(SystemState, read)
+    if given["joint_velocities"] is not True:
+        return SystemState(**given)
+    state = SystemState(**given | {"joint_velocities": np.zeros(robot.joints)})
+    return replace(state, joint_velocities=joint_rates_with_ee_at_rest(robot, state))
+
+
+def _task(read: Mapping[str, Any], robot: Robot, defaults: Defaults) -> PlanningTask:
+    problem = _problem(read, robot, defaults.limits)
+    given: dict[str, Any] = {"end_behaviour": defaults.end_behaviour, "tail": defaults.tail}
+    given |= {"controller": defaults.controller} | fields_of(PlanningTask, read)
+    if given["end_behaviour"] is EndBehaviour.NONE:
+        given["tail"] = 0.0
+    elif given["tail"] is None:
+        allowed = f"end_behaviour {given['end_behaviour']} needs it"
+        raise InvalidInput(Status.OUT_OF_RANGE, "tail_duration", "missing", allowed)
+    if isinstance(given["controller"], Controller):
+        given["controller"] = replace(given["controller"], joints=robot.joint_names)
+    elif given["controller"] is not None:
+        given["controller"] = Controller(robot.joint_names, **given["controller"])
+    if "running" in given:
+        given["running"] = _running(given["running"], robot.joints)
+    changes, settings = given.pop("settings", {}), defaults.settings
+    if "robust" in changes:
+        usual = {"sigmas": settings.robust.sigmas or USUAL_SIGMAS}
+        changes["robust"] = replace(settings.robust, **usual | changes["robust"])
+    return PlanningTask(problem, replace(settings, **changes), **given)
+
+
+def _running(given: Mapping[str, Any], joints: int) -> JointMotion:
+    """Return the motion of a robot with so many joints."""
+    time, rows, faults = given["time"], dict[str, Any](), Faults()
+    for name, samples in given.items():
+        field = f"running.{name}"
+        if name != "time" and len(samples) != len(time):
+            allowed = f"it must be one for each of the {len(time)} times"
+            error = InvalidInput(Status.WRONG_SIZE, field, f"{len(samples)} rows", allowed)
+            faults.found.append(error)
+        elif name != "time":
+            with faults.gathered():
+                rows[name] = np.array(
+                    [finite_vector(f"{field}[{i}]", row, joints) for i, row in enumerate(samples)]
+                )
+    if len(time) < 2 or not (np.diff(time) > 0.0).all():
+        allowed = "it must be two times or more, each later than the one before"
+        faults.add("running.time", time.tolist(), allowed)
+    faults.refuse()
+    return JointMotion(time=time, **rows)

@@ -1,0 +1,1 @@
+"""The search for a path, from first guesses to the best that passes the check."""

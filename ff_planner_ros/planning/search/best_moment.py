@@ -1,0 +1,200 @@
+"""The plan at the best moment of a range: made as if its duration had been given.
+
+`free_moment` says which moments promise a plan. What the search on few points does not know, the
+motion between the points or a torque, may spoil a plan there: then the nearest moment is looked for
+at which there is one. Where the duration has a weight, and few points leave a doubt, shorter ones
+are tried from the plan's own path until there is none.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from typing import TypeAlias
+
+from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.errors import NoPlanFound, OutOfTime, Status
+from ff_planner_ros.planning.check.check import out_of_time
+from ff_planner_ros.planning.motion.plan import Plan
+from ff_planner_ros.planning.motion.watch import Watch
+from ff_planner_ros.planning.optimisation.objectives import weighted_sum
+from ff_planner_ros.planning.problem.problem import Parametrisation, PlanningProblem, lasting
+from ff_planner_ros.planning.problem.settings import PlannerSettings
+from ff_planner_ros.planning.search.free_moment import SOONER, moments, moments_to_begin_at
+from ff_planner_ros.planning.search.free_search import Effort, Moment
+
+# Plans a problem whose duration is given.
+Planner: TypeAlias = Callable[[PlanningProblem, PlannerSettings, Watch, Array | None], Plan]
+
+# Where there is no plan at a moment, those are tried that are later by these parts of the duration.
+_LATER = (0.0, 0.005, 0.02, 0.08, 0.3, 1.0, 4.0, math.inf)
+# Iterations on all points, where only the duration counts.
+_ENOUGH = 20
+# A shortest duration is known to this part of it.
+_KNOWN = 0.01
+
+
+@dataclass(frozen=True, eq=False)
+class _Asked:
+    """What is asked for, and how a plan of a given duration is made."""
+
+    problem: PlanningProblem  # with a range of durations
+    settings: PlannerSettings
+    watch: Watch
+    plan: Planner
+    effort: Effort
+    made: list[Plan] = field(default_factory=list)  # until now, of any duration
+
+    def at(
+        self, duration: float, family: Parametrisation, guess: Array | None, starts: int
+    ) -> Plan | NoPlanFound:
+        """Return the plan of one duration [s], or why there is none.
+
+        Raises:
+            NoPlanFound: The time for the search is over; with the best plan that was made before.
+        """
+        fixed = replace(lasting(self.problem, duration), parametrisation=family)
+        settings = replace(self.settings, starts=starts)
+        if self.problem.objective.only_duration and guess is not None:
+            # Where the shortest duration leaves hardly any path there is nothing to optimise.
+            settings = replace(settings, max_iterations=min(_ENOUGH, settings.max_iterations))
+        try:
+            found = self.plan(fixed, settings, self.watch, guess)
+        except NoPlanFound as refused:
+            if refused.status is Status.TIMED_OUT:
+                raise (self._unfinished(duration, refused) if self.made else refused) from None
+            return refused
+        self.effort.add(found.solver)
+        self.made.append(found)
+        return found
+
+    def worth(self, plan: Plan) -> float:
+        """Return what a plan is worth, less is better [rad]."""
+        objective = self.problem.objective
+        return weighted_sum(objective, plan.metrics) + objective.duration * duration_of(plan)
+
+    def _unfinished(self, duration: float, refused: NoPlanFound) -> NoPlanFound:
+        """Return the error of a search that was ended after it had made plans.
+
+        None of them is the answer: the clock would decide which.
+        """
+        best = min(self.made, key=self.worth)
+        message = (
+            f"a plan of {duration_of(best):.4g} s was found, but the search for a better moment "
+            "was not finished: ask for this duration, or give it more time. At "
+            f"{duration:.4g} s, {refused.constraint}"
+        )
+        return NoPlanFound(
+            Status.TIMED_OUT, message, replace(best, solver=self.effort.report(best.solver))
+        )
+
+
+def duration_of(plan: Plan) -> float:
+    """Return the time to the goal of a plan that ends there [s]."""
+    return float(plan.trajectory.time[-1]) if plan.duration is None else plan.duration
+
+
+def plan_at_best_moment(
+    problem: PlanningProblem,
+    settings: PlannerSettings,
+    watch: Watch,
+    first_guess: Array | None,
+    plan: Planner,
+) -> Plan:
+    """Return the best plan that is found in a range of durations.
+
+    Args:
+        plan: Makes the plan of a duration that is given.
+
+    Raises:
+        InvalidInput: The start violates what the plan must keep.
+        NoPlanFound: At no moment is there a plan, or the search was ended.
+    """
+    effort = Effort()
+    asked = _Asked(problem, settings, watch, plan, effort)
+    try:
+        promising = moments(problem, settings, watch, first_guess, effort)
+    except OutOfTime as end:
+        raise out_of_time(end) from None
+    best, moment = _best_of(asked, promising)
+    if best is None:
+        best = _any(asked)
+    elif problem.objective.duration > 0.0 and not (
+        problem.objective.only_duration and moment is not None and moment.is_certain
+    ):
+        best = _shortened(asked, best)
+    return replace(best, solver=effort.report(best.solver))
+
+
+def _best_of(asked: _Asked, promising: Sequence[Moment]) -> tuple[Plan | None, Moment | None]:
+    """Return the best plan near moments that promise one, and its moment; the best come first."""
+    best: Plan | None = None
+    chosen: Moment | None = None
+    tried = list[Moment]()
+    for moment in promising:
+        if best is not None and moment.objective >= asked.worth(best):
+            break
+        if any(moment.is_like(other, _KNOWN) for other in tried):
+            continue
+        tried.append(moment)
+        found = _near(asked, moment)
+        if found is not None and (best is None or asked.worth(found) < asked.worth(best)):
+            best, chosen = found, moment
+    return best, chosen
+
+
+def _near(asked: _Asked, moment: Moment) -> Plan | None:
+    """Return the plan at a moment, or else at the next one that has a plan, if there is any."""
+    window = asked.problem.durations
+    plan: Plan | None = None
+    too_short, duration = 0.0, moment.duration
+    alone = asked.problem.objective.only_duration and not moment.is_certain
+    for part in _LATER[:1] if alone else _LATER:
+        duration = min(moment.duration * (1.0 + part), window.maximum)
+        found = asked.at(duration, moment.family, moment.x, 1)
+        if isinstance(found, Plan):
+            plan = found
+            break
+        too_short = duration
+        if duration == window.maximum:
+            break
+    while plan is not None and too_short and duration > (1.0 + _KNOWN) * too_short:
+        between = math.sqrt(too_short * duration)
+        found = asked.at(between, moment.family, plan.coefficients, 1)
+        if isinstance(found, Plan):
+            plan, duration = found, between
+        else:
+            too_short = between
+    return plan
+
+
+def _any(asked: _Asked) -> Plan:
+    """Return a plan of a given duration, the shortest first, looked for with all first guesses.
+
+    Raises:
+        NoPlanFound: At none of the moments there is one.
+    """
+    refusals = list[NoPlanFound]()
+    for duration in moments_to_begin_at(asked.problem):
+        found = asked.at(duration, asked.problem.parametrisation, None, asked.settings.starts)
+        if isinstance(found, Plan):
+            return found
+        refusals.append(found)
+    window, last = asked.problem.durations, refusals[-1]
+    why = (
+        f"no duration from {window.minimum:g} s to {window.maximum:g} s has a plan; with the last,"
+    )
+    raise NoPlanFound(last.status, f"{why} {last.constraint}", last.attempt, last.failures)
+
+
+def _shortened(asked: _Asked, best: Plan) -> Plan:
+    """Return a plan that is better because it is shorter, as long as there are such plans."""
+    window = asked.problem.durations
+    while duration_of(best) > window.minimum:
+        duration = max((1.0 - SOONER) * duration_of(best), window.minimum)
+        found = asked.at(duration, Parametrisation(best.family), best.coefficients, 1)
+        if not isinstance(found, Plan) or asked.worth(found) >= asked.worth(best):
+            break
+        best = found
+    return best

@@ -1,0 +1,68 @@
+"""Which path families a plan is looked for in, by the problem's parametrisation."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import lru_cache
+
+from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.planning.paths.end_effector_polynomial import (
+    PAPERS_JOINTS,
+    applies,
+    end_effector_families,
+)
+from ff_planner_ros.planning.paths.joint_spline import joint_splines
+from ff_planner_ros.planning.paths.path_family import PathFamily
+from ff_planner_ros.planning.problem.problem import Orientation, Parametrisation, PlanningProblem
+from ff_planner_ros.planning.problem.settings import PlannerSettings
+from ff_planner_ros.planning.requirements.singular_values import is_regular
+from ff_planner_ros.robot.configuration import configuration
+from ff_planner_ros.robot.model import Base
+
+
+@lru_cache(maxsize=2)
+def path_families(
+    problem: PlanningProblem, settings: PlannerSettings
+) -> tuple[Sequence[PathFamily], ...]:
+    """Return families in the order in which they are tried, each as its ways round.
+
+    A library asks for them before the planner does.
+
+    Raises:
+        InvalidInput: The paper's is asked for, but not made for the arm, its base or the target.
+    """
+    asked = problem.parametrisation
+    if asked is Parametrisation.END_EFFECTOR_POLYNOMIAL:
+        advice = "it must be auto or joint_spline"
+        require_papers_paths(problem, "parametrisation", asked.value, advice)
+        return (end_effector_families(problem),)
+    splines = [joint_splines(problem, settings)]
+    if asked is Parametrisation.JOINT_SPLINE or not applies(problem):
+        return (splines,)
+    q_start, _ = configuration(problem.robot, problem.start)
+    if not is_regular(problem.robot, q_start, settings):
+        return (splines,)
+    return end_effector_families(problem), splines
+
+
+def require_papers_paths(problem: PlanningProblem, field: str, value: str, advice: str) -> None:
+    """Refuse what the paper's paths are not defined for.
+
+    Args:
+        field: Whose value asks for them.
+        advice: What to choose instead.
+
+    Raises:
+        InvalidInput: The arm, its base or the target is such.
+    """
+    robot = problem.robot
+    reasons = {
+        f"an arm of {robot.joints} joints": robot.joints < PAPERS_JOINTS,
+        "a planar base": robot.base is Base.PLANAR,
+        "a target that leaves the orientation free": (
+            problem.target.orientation is not Orientation.FIXED
+        ),
+    }
+    for reason, holds in reasons.items():
+        if holds:
+            raise InvalidInput(Status.UNSUPPORTED, field, value, f"with {reason} {advice}")

@@ -1,0 +1,193 @@
+"""When to arrive, where the planner chooses the duration: moments that promise a plan, best first.
+
+Paths are looked for from several moments of the range on few points, with the duration as one more
+variable (`free_program`). A plan is then made at the moment that was found, as if its duration had
+been given: nothing that is said of such a plan, nor the check, depends on how the moment was found.
+
+Where nothing but the duration counts, one moment is enough to begin with. From then on each first
+guess only has to show that there may be a path which arrives a step sooner; hardly any does, and a
+few iterations tell.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from itertools import islice
+
+from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.errors import NoPlanFound
+from ff_planner_ros.planning.check.preconditions import require_plannable
+from ff_planner_ros.planning.motion.watch import Watch
+from ff_planner_ros.planning.paths.path_family import PathFamily
+from ff_planner_ros.planning.problem.problem import DurationRange, PlanningProblem, lasting
+from ff_planner_ros.planning.problem.settings import PlannerSettings
+from ff_planner_ros.planning.search.families import path_families
+from ff_planner_ros.planning.search.free_search import PROMISING, Effort, FreeSearch, Moment
+
+# Moments of the range that the search begins at, as parts of it: the shortest first.
+_PARTS = (0.0, 0.25, 0.5, 0.75, 1.0)
+# So many moments that are promising are enough to choose from.
+_ENOUGH = 3
+# A capture that is sooner by less than this part of the duration is the same.
+SOONER = 0.02
+# Towards a capture that is sooner, the part of all first guesses to begin at.
+_GLANCED_AT = 0.6
+# First guesses of one duration are good for others down to this part of it.
+_ANOTHER = 0.9
+
+
+def moments(
+    problem: PlanningProblem,
+    settings: PlannerSettings,
+    watch: Watch,
+    first_guess: Array | None,
+    effort: Effort,
+) -> list[Moment]:
+    """Return moments of the range that promise a plan, the best first.
+
+    Args:
+        first_guess: Tried at every moment, in the family that has as many variables.
+        effort: Is told what was tried.
+
+    Raises:
+        InvalidInput: The start violates what the plan must keep.
+        NoPlanFound: At no moment is the goal within reach.
+        OutOfTime: By the watch.
+    """
+    begun = _begun(problem, settings)
+    found = list[Moment]()
+    only_duration = problem.objective.only_duration
+    numbers = range(len(path_families(begun[0], settings)))
+    # The later a family comes, the more it can do: begin there, and give the others one chance.
+    for number in reversed(numbers) if only_duration else numbers:
+        few = replace(settings, starts=1) if found and only_duration else settings
+        in_family = _in_family(problem, begun, number, few, watch, first_guess, effort)
+        promising = (moment for moment in in_family if moment.violation <= PROMISING)
+        if only_duration:
+            found += islice(promising, 1)
+        else:
+            found += promising
+        # Where only the path counts, families come in the order in which they are tried.
+        if found and problem.objective.duration == 0.0:
+            break
+        if only_duration and any(one.duration == problem.durations.minimum for one in found):
+            break  # there is no better one
+    if found and only_duration:
+        found += _sooner(problem, min(found, key=_worth), settings, watch, effort)
+    return sorted(found, key=_worth)
+
+
+def _worth(moment: Moment) -> float:
+    return moment.objective
+
+
+def moments_to_begin_at(problem: PlanningProblem) -> list[float]:
+    """Return durations all over the range, the shortest first [s]."""
+    window = problem.durations
+    wide = window.maximum - window.minimum
+    return [window.minimum + part * wide for part in (_PARTS if wide > 0.0 else _PARTS[:1])]
+
+
+def _begun(problem: PlanningProblem, settings: PlannerSettings) -> list[PlanningProblem]:
+    """Return the problem at the moments to begin at, those at which it is not hopeless."""
+    begun, refusals = list[PlanningProblem](), list[NoPlanFound]()
+    for duration in moments_to_begin_at(problem):
+        fixed = lasting(problem, duration)
+        try:
+            require_plannable(fixed, settings)
+        except NoPlanFound as refused:
+            refusals.append(refused)
+        else:
+            begun.append(fixed)
+    if not begun:
+        raise refusals[0]
+    return begun
+
+
+def _in_family(
+    problem: PlanningProblem,
+    begun: list[PlanningProblem],
+    number: int,
+    settings: PlannerSettings,
+    watch: Watch,
+    first_guess: Array | None,
+    effort: Effort,
+) -> Iterator[Moment]:
+    """Yield what is found in one family, from first guesses at all moments in turn."""
+    searches = [
+        FreeSearch(problem, fixed, way, settings)
+        for fixed in begun
+        for way in _ways(fixed, number, settings)
+    ]
+    starts = [_guesses(search, first_guess) for search in searches]
+    promising = 0
+    for _ in range(max(1, settings.starts // len(searches))):
+        for search, guesses in zip(searches, starts, strict=True):
+            for guess in islice(guesses, 1):
+                effort.starts += 1
+                moment = search.improved(guess, watch, effort)
+                if moment is not None:
+                    yield moment
+                    promising += moment.violation <= PROMISING
+        if promising >= _ENOUGH:
+            return
+
+
+def _guesses(search: FreeSearch, first_guess: Array | None) -> Iterator[Array]:
+    if first_guess is not None and len(first_guess) == search.family.variables:
+        yield first_guess
+    yield from search.guesses()
+
+
+def _sooner(
+    problem: PlanningProblem,
+    known: Moment,
+    settings: PlannerSettings,
+    watch: Watch,
+    effort: Effort,
+) -> Iterator[Moment]:
+    """Yield moments that are sooner than one that is known, and than each that is certain."""
+    bounded = _before(problem, known)
+    if bounded is None:
+        return
+    fixed = lasting(bounded, bounded.duration)
+    starts = math.ceil(_GLANCED_AT * settings.starts)
+    for ways in reversed(path_families(fixed, settings)):
+        for way in ways:
+            guesses = islice(FreeSearch(bounded, fixed, way, settings).guesses(), starts)
+            guess = known.x if way.name == known.family else next(guesses, None)
+            while guess is not None:
+                effort.starts += 1
+                search = FreeSearch(bounded, lasting(bounded, bounded.duration), way, settings)
+                near = search.glance(guess, watch, effort)
+                moment = None if near is None else search.improved(near, watch, effort)
+                if moment is not None and moment.violation <= PROMISING:
+                    yield moment
+                if moment is None or not moment.is_certain:
+                    guess = next(guesses, None)
+                    continue
+                earlier = _before(problem, moment)
+                if earlier is None:
+                    return
+                if moment.duration < _ANOTHER * fixed.duration:  # first guesses are others then
+                    yield from _sooner(problem, moment, settings, watch, effort)
+                    return
+                bounded, guess = earlier, moment.x
+
+
+def _before(problem: PlanningProblem, known: Moment) -> PlanningProblem | None:
+    """Return a problem whose durations are shorter than a moment's; None: none is."""
+    window, longest = problem.durations, (1.0 - SOONER) * known.duration
+    if longest <= window.minimum:
+        return None
+    return replace(
+        lasting(problem, longest),
+        duration_range=DurationRange(window.minimum, longest, window.target_velocity),
+    )
+
+
+def _ways(fixed: PlanningProblem, number: int, settings: PlannerSettings) -> Sequence[PathFamily]:
+    groups = path_families(fixed, settings)
+    return groups[number] if number < len(groups) else []

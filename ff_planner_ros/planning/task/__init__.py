@@ -1,0 +1,1 @@
+"""A complete request to the planner, and the way to its answer."""

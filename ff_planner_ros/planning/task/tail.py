@@ -1,0 +1,216 @@
+"""What the arm does after the goal: a plan ends with moving joints, since the chaser drifts."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import fields, replace
+from enum import StrEnum
+
+import numpy as np
+import pinocchio as pin
+
+from ff_planner_ros.common.arrays import Array, finite_number
+from ff_planner_ros.core.velocity_map import Velocity, velocity
+from ff_planner_ros.errors import Failure, InvalidInput, NoPlanFound, Status
+from ff_planner_ros.planning.check.check import failures, measure
+from ff_planner_ros.planning.motion.forward import driven
+from ff_planner_ros.planning.motion.joint_motion import JointMotion
+from ff_planner_ros.planning.motion.motion import from_trajectory, to_trajectory
+from ff_planner_ros.planning.motion.plan import Plan, Trajectory
+from ff_planner_ros.planning.motion.runge_kutta import runge_kutta_step
+from ff_planner_ros.planning.paths.holding import holding_in_part, poses_held
+from ff_planner_ros.planning.paths.path_family import singular_refusal
+from ff_planner_ros.planning.problem.problem import MAX_POINTS, Parametrisation, PlanningProblem
+from ff_planner_ros.planning.problem.settings import PlannerSettings
+from ff_planner_ros.planning.requirements.goal import miss
+from ff_planner_ros.planning.requirements.requirement import Samples
+from ff_planner_ros.robot.momentum import total_momentum
+
+# On so many intervals or more the quintics between the points are the motion, within 1e-6 rad.
+_LEAST_INTERVALS = 8
+# The motion takes so many steps of Runge-Kutta or more in as long as the plan takes to its goal.
+_STEPS = 40
+
+
+class EndBehaviour(StrEnum):
+    """What the arm does after the goal."""
+
+    NONE = "none"
+    HOLD_END_EFFECTOR = "hold_end_effector"
+    STOP_JOINTS = "stop_joints"
+
+
+# Words until version 0.3: deprecated.
+FORMER_END_BEHAVIOURS = {"as_planned": EndBehaviour.NONE}
+
+
+def with_tail(
+    problem: PlanningProblem,
+    plan: Plan,
+    end_behaviour: EndBehaviour,
+    seconds: float,
+    settings: PlannerSettings,
+) -> Plan:
+    """Return a plan continued beyond its goal, and checked as a whole.
+
+    - `none`: the plan itself. Its joints still move at its last point.
+    - `hold_end_effector`: the end effector stays at its goal, or goes on with the target's twist or
+      the target body's grasp, while the chaser moves on. The joints still move at the last point.
+    - `stop_joints`: joint rates fall to zero, their accelerations go on from the plan's and end at
+      zero. The end effector leaves its goal with the chaser.
+
+    The points of a tail are equally far apart, never further than the plan's.
+
+    Returns:
+        Its metrics are those of the whole motion, but for what refers to the goal (`Metrics`).
+
+    Raises:
+        InvalidInput: `seconds` is not positive, or so long that the points become too many.
+        NoPlanFound: The tail violates what a plan must keep, or meets a dynamic singularity; the
+            message names the tail, and the attempt is the plan with it.
+    """
+    if end_behaviour is EndBehaviour.NONE:
+        return plan
+    robot, motion = problem.robot, plan.trajectory
+    seconds = finite_number("tail_duration", seconds, above=0.0)
+    name = f"{end_behaviour}, {seconds:g} s"
+    time = np.linspace(0.0, seconds, 1 + _intervals(problem, motion, seconds))
+    # Few points are few points told, not a coarser motion.
+    steps = int(np.ceil(time[1] * _STEPS / problem.duration - 1e-9))
+    finer = np.interp(np.arange(steps * (len(time) - 1) + 1), steps * np.arange(len(time)), time)
+    q, v = from_trajectory(robot, motion)
+    momentum = total_momentum(robot, robot.model.createData(), q[0], v[0])
+    if end_behaviour is EndBehaviour.HOLD_END_EFFECTOR:
+        try:
+            in_part = problem.target_body or plan.family == Parametrisation.JOINT_SPLINE
+            hold = holding_in_part if in_part else _holding
+            tail = hold(problem, q[-1], v[-1, 6:], momentum, finer)
+        except NoPlanFound as singular:
+            raise _refusal(name, singular.status, str(singular), plan) from None
+        if steps > 1:  # what comes of the points, which are not all of the motion
+            samples = (rows[::steps] for rows in (tail[0][:, 7:], tail[1][:, 6:], tail[2][:, 6:]))
+            tail = driven(robot, q[-1], momentum, JointMotion(time, *samples), finer)
+    else:
+        ramp = _ramp(q[-1, 7:], v[-1, 6:], motion.joint_accelerations[-1], seconds)
+        tail = driven(robot, q[-1], momentum, ramp, finer)
+    after = to_trajectory(robot, problem.duration + time, *(rows[::steps] for rows in tail))
+    whole = _joined(motion, after)
+    longer = replace(plan, trajectory=whole, metrics=measure(problem, whole, settings))
+    found = list(failures(problem, longer, settings))
+    if end_behaviour is EndBehaviour.HOLD_END_EFFECTOR:
+        found += _lost_hold(problem, whole, settings)
+    if found:
+        findings = "; ".join(failure.finding for failure in found)
+        raise _refusal(name, found[0].status, findings, longer)
+    return longer
+
+
+def _intervals(problem: PlanningProblem, motion: Trajectory, seconds: float) -> int:
+    """Return into how many intervals a tail is cut."""
+    in_plan = len(motion.time) - 1
+    # A whole number of the plan's steps, but for rounding, takes no more than these.
+    wanted = max(np.ceil(seconds / problem.duration * in_plan - 1e-9), _LEAST_INTERVALS)
+    if not len(motion.time) + wanted <= MAX_POINTS:
+        raise InvalidInput(
+            Status.OUT_OF_RANGE,
+            "tail_duration",
+            f"{seconds:g} s",
+            f"with its points the plan may have {MAX_POINTS} at most; choose a shorter tail or "
+            "fewer points",
+        )
+    return int(wanted)
+
+
+def _holding(
+    problem: PlanningProblem, q_goal: Array, _rates: Array, momentum: Array, time: Array
+) -> tuple[Array, Array, Array]:
+    """Return the motion that lets the end effector go on with the target's twist, Eq. (31).
+
+    A path of the paper's family ends with its rates.
+
+    Raises:
+        NoPlanFound: It meets a dynamic singularity.
+    """
+    robot, target = problem.robot, problem.target
+    model = robot.model
+    twist = np.concatenate([target.linear_velocity, target.angular_velocity])
+    step, last = time[1], problem.duration + time[-1]
+
+    def solution(seconds: float, q: Array) -> Velocity:
+        when = problem.duration + seconds
+        regular = velocity(robot, q, momentum, twist)
+        if regular is None:
+            raise singular_refusal(when, last)
+        return regular
+
+    q = [q_goal]
+    for begin in time[:-1]:
+
+        def stage(_: int, at: Array, begin: float = begin) -> Array:
+            return solution(begin, at).v
+
+        q.append(pin.integrate(model, q[-1], runge_kutta_step(model, q[-1], step, stage)))
+    solutions = [solution(*at) for at in zip(time, q, strict=True)]
+    v = np.array([at.v for at in solutions])
+    return np.array(q), v, np.array([at.by_q @ at.v for at in solutions])
+
+
+def _ramp(positions: Array, rates: Array, accelerations: Array, seconds: float) -> JointMotion:
+    """Return the motion to rest whose rates are cubics: what a controller's quintics reproduce."""
+    way = seconds / 2 * rates + seconds**2 / 12 * accelerations
+    rest = np.zeros_like(rates)
+    return JointMotion(
+        np.array([0.0, seconds]),
+        np.array([positions, positions + way]),
+        np.array([rates, rest]),
+        np.array([accelerations, rest]),
+    )
+
+
+def _joined(motion: Trajectory, after: Trajectory) -> Trajectory:
+    """Return one trajectory of two; the point that they share is the first one's."""
+    names = [item.name for item in fields(Trajectory)]
+    return Trajectory(
+        **{
+            name: np.concatenate([getattr(motion, name), getattr(after, name)[1:]])
+            for name in names
+        }
+    )
+
+
+def _lost_hold(
+    problem: PlanningProblem, whole: Trajectory, settings: PlannerSettings
+) -> Iterator[Failure]:
+    """Yield where the end effector is not with the target, whose twist stays, or with its body.
+
+    It is looked at where it comes, and at the points where it should come.
+    """
+    samples, target = Samples(problem, settings, whole), problem.target
+    told, comes = slice(samples.goal, None), slice(samples.followed.pieces * samples.goal, None)
+    time = np.append(whole.time[told], samples.followed.time[comes]) - problem.duration
+    positions, rotations = poses_held(problem, time)
+    q = np.append(samples.q[told], samples.followed.q[comes], axis=0)
+    misses = [
+        miss(problem.robot, at, replace(target, position=position, quaternion_xyzw=rotation))
+        for at, position, rotation in zip(q, positions, rotations, strict=True)
+    ]
+    away, turned = np.linalg.norm(misses, axis=2).T
+    for name, off, tolerance, unit in (
+        ("position", away, settings.position_tolerance, "m"),
+        ("orientation", turned, settings.orientation_tolerance, "rad"),
+    ):
+        if not off.max() <= tolerance:
+            yield Failure(
+                Status.CHECK_FAILED,
+                f"the end effector's {name} is {off.max():.3g} {unit} off the target "
+                f"{time[off.argmax()]:.2f} s after the goal, allowed is {tolerance:.3g} {unit}",
+                (),
+            )
+
+
+def _refusal(name: str, status: Status, finding: str, attempt: Plan) -> NoPlanFound:
+    message = (
+        f"the plan reaches its goal, but its tail ({name}) cannot be driven: {finding}. What may "
+        "help: another length of the tail, another end_behaviour, another goal"
+    )
+    return NoPlanFound(status, message, attempt)
