@@ -24,12 +24,9 @@ if __name__ == "__main__":  # before numpy reads them
 import numpy as np
 from reference_core import core_by_reference
 
-from ff_planner_ros.bench import bodies, tumbling, witnessed
 from ff_planner_ros.bench.direct import solve_directly
 from ff_planner_ros.bench.methods import OBJECTIVES
 from ff_planner_ros.bench.report import machine
-from ff_planner_ros.bench.robots import ROBOTS
-from ff_planner_ros.bench.scenarios import scenario
 from ff_planner_ros.bench.success import Stopwatch
 from ff_planner_ros.common.share import share_directory
 from ff_planner_ros.common.text_table import print_table
@@ -42,6 +39,9 @@ from ff_planner_ros.planning.paths.end_effector_polynomial import end_effector_p
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.scenario.scenario import load_scenario
 from ff_planner_ros.planning.task.task import PlanningTask, perform
+from ff_planner_ros.problems import bodies, tumbling, witnessed
+from ff_planner_ros.problems.robots import ROBOTS
+from ff_planner_ros.problems.scenarios import scenario
 
 SETTINGS = load_parameters().planner
 # Plans with and without the core are the same to this [rad].

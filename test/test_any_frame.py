@@ -12,7 +12,6 @@ from robots import CANADARM2_SCENARIO, LEMUR_SCENARIO, ROBOTS, random_state
 from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.analysis.tracking import planned_poses
-from ff_planner_ros.bench.robots import bench_robot
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import NoPlanFound
 from ff_planner_ros.parameters import load_parameters
@@ -30,6 +29,7 @@ from ff_planner_ros.planning.problem.problem import (
 from ff_planner_ros.planning.scenario.scenario import load_scenario
 from ff_planner_ros.planning.task.tail import EndBehaviour
 from ff_planner_ros.planning.task.task import PlanningTask, perform
+from ff_planner_ros.problems.robots import bench_robot
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.ee_at_rest import joint_rates_with_ee_at_rest
 from ff_planner_ros.robot.model import Robot, robot_from_urdf_text

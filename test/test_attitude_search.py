@@ -5,8 +5,6 @@ from dataclasses import replace
 import pytest
 from robots import CANADARM2_SCENARIO, LEMUR_SCENARIO
 
-from ff_planner_ros.bench.robots import arm_urdf
-from ff_planner_ros.bench.scenarios import scenario
 from ff_planner_ros.errors import NoPlanFound, OutOfTime, Status
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.check.check import failures
@@ -14,6 +12,8 @@ from ff_planner_ros.planning.motion.watch import Watch
 from ff_planner_ros.planning.problem.problem import Objective
 from ff_planner_ros.planning.scenario.scenario import load_scenario
 from ff_planner_ros.planning.search.planner import plan
+from ff_planner_ros.problems.robots import arm_urdf
+from ff_planner_ros.problems.scenarios import scenario
 from ff_planner_ros.robot.model import robot_from_urdf_text
 
 SETTINGS = load_parameters().planner

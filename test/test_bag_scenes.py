@@ -19,7 +19,6 @@ from ff_planner_ros.bag.scenes import (
     spheres_in,
     stamps_of,
 )
-from ff_planner_ros.bench import tumbling
 from ff_planner_ros.planning.problem.approach import HALF_ANGLE
 from ff_planner_ros.planning.problem.problem import (
     CONTACT_DISTANCE,
@@ -28,6 +27,7 @@ from ff_planner_ros.planning.problem.problem import (
     Sphere,
 )
 from ff_planner_ros.planning.problem.target_body import TargetBody
+from ff_planner_ros.problems import tumbling
 from ff_planner_ros.ros.messages.to_messages import (
     obstacles_message,
     request_message,

@@ -7,11 +7,11 @@ import pinocchio as pin
 import pytest
 from bodied_robots import pinocchio_geometry
 
-from ff_planner_ros.bench import bodies
-from ff_planner_ros.bench.bodies import ROBOTS, BodiesProblem
-from ff_planner_ros.bench.paths import roll_out
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.problem.problem import PlanningProblem
+from ff_planner_ros.problems import bodies
+from ff_planner_ros.problems.bodies import ROBOTS, BodiesProblem
+from ff_planner_ros.problems.paths import roll_out
 from ff_planner_ros.robot.bodies import Geometry
 from ff_planner_ros.robot.momentum import smallest_singular_values
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ff_planner_ros.bench import success, tumbling
+from ff_planner_ros.bench import success
 from ff_planner_ros.bench.beliefs import BELIEFS
 from ff_planner_ros.bench.methods import _optimality
 from ff_planner_ros.bench.report import print_success
@@ -18,6 +18,7 @@ from ff_planner_ros.planning.optimisation.program import path_program
 from ff_planner_ros.planning.optimisation.solver import minimise
 from ff_planner_ros.planning.paths.end_effector_polynomial import end_effector_paths
 from ff_planner_ros.planning.problem.problem import Objective
+from ff_planner_ros.problems import tumbling
 
 
 @pytest.fixture(scope="module")

@@ -4,11 +4,11 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from ff_planner_ros.bench import scenarios
-from ff_planner_ros.bench.paths import roll_out
-from ff_planner_ros.bench.robots import ROBOTS, arm_urdf, bench_robot
-from ff_planner_ros.bench.scenarios import KINDS, SINGULAR_VALUE_BOUND, scenario
 from ff_planner_ros.planning.distance.clearance import arm_points
+from ff_planner_ros.problems import scenarios
+from ff_planner_ros.problems.paths import roll_out
+from ff_planner_ros.problems.robots import ROBOTS, arm_urdf, bench_robot
+from ff_planner_ros.problems.scenarios import KINDS, SINGULAR_VALUE_BOUND, scenario
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.momentum import generalised_jacobian, smallest_singular_values
 

@@ -3,10 +3,10 @@
 import pytest
 
 from ff_planner_ros.bench import success
-from ff_planner_ros.bench.scenarios import scenario
 from ff_planner_ros.bench.success import attempt, attempts
 from ff_planner_ros.errors import Status
 from ff_planner_ros.parameters import load_parameters
+from ff_planner_ros.problems.scenarios import scenario
 
 SETTINGS = load_parameters().planner
 

@@ -14,7 +14,6 @@ import pytest
 from dense_motion import Truth, truth
 from robots import CANADARM2_SCENARIO, LEMUR_URDF, of_lines
 
-from ff_planner_ros.bench.scenarios import scenario
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import Status
 from ff_planner_ros.parameters import load_parameters
@@ -26,6 +25,7 @@ from ff_planner_ros.planning.problem.problem import Limits, Objective, PlanningP
 from ff_planner_ros.planning.scenario.scenario import load_scenario
 from ff_planner_ros.planning.search.planner import plan
 from ff_planner_ros.planning.task.tail import EndBehaviour, with_tail
+from ff_planner_ros.problems.scenarios import scenario
 from ff_planner_ros.robot.ee_at_rest import joint_rates_with_ee_at_rest
 from ff_planner_ros.robot.model import robot_from_urdf_text
 from ff_planner_ros.simulation.verification import verify

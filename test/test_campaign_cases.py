@@ -18,7 +18,6 @@ from quick_capture import quick_capture
 from robots import LEMUR_SCENARIO, LEMUR_URDF
 from scipy.stats import binomtest
 
-from ff_planner_ros.bench.scenarios import scenario
 from ff_planner_ros.campaign.cases import Case, cases, require_sound
 from ff_planner_ros.campaign.changes import Change, changed
 from ff_planner_ros.campaign.sources import Generated, content, task_of, written
@@ -29,6 +28,7 @@ from ff_planner_ros.errors import FfPlannerError, InvalidInput
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.scenario.scenario import Defaults, load_task
 from ff_planner_ros.planning.task.task import PlanningTask, perform
+from ff_planner_ros.problems.scenarios import scenario
 from ff_planner_ros.robot.model import load_robot, robot_from_urdf_text
 
 OURS = MethodOfStudy("ours", "optimal", ())

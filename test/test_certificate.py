@@ -8,7 +8,6 @@ import pytest
 from robots import random_state
 from test_core import FREE, PLANAR, chain_robot
 
-from ff_planner_ros.bench import tumbling
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.distance import certificate
 from ff_planner_ros.planning.distance.certificate import (
@@ -19,6 +18,7 @@ from ff_planner_ros.planning.distance.certificate import (
 )
 from ff_planner_ros.planning.distance.clearance import arm_points, centers_at, clearances, segments
 from ff_planner_ros.planning.problem.problem import Sphere
+from ff_planner_ros.problems import tumbling
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import Robot
 

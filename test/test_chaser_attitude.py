@@ -9,7 +9,6 @@ import pinocchio as pin
 import pytest
 from dense_motion import truth
 
-from ff_planner_ros.bench.twin import seen_from
 from ff_planner_ros.errors import NoPlanFound, Status
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.check.check import failures
@@ -19,6 +18,7 @@ from ff_planner_ros.planning.paths.end_effector_polynomial import end_effector_p
 from ff_planner_ros.planning.problem.problem import Limits, Objective, PlanningProblem
 from ff_planner_ros.planning.search.planner import plan
 from ff_planner_ros.planning.task.task import PlanningTask, perform
+from ff_planner_ros.problems.twin import seen_from
 
 SETTINGS = load_parameters().planner
 LENGTH, LIMIT = Objective(1.0, 0.0), 0.2

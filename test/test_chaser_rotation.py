@@ -13,7 +13,6 @@ import robots
 from dense_motion import truth
 from scipy.spatial.transform import Rotation
 
-from ff_planner_ros.bench.twin import seen_from
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import NoPlanFound, Status
 from ff_planner_ros.parameters import load_parameters
@@ -35,6 +34,7 @@ from ff_planner_ros.planning.scenario.scenario import load_scenario
 from ff_planner_ros.planning.search.planner import plan
 from ff_planner_ros.planning.task.tail import EndBehaviour
 from ff_planner_ros.planning.task.task import PlanningTask, perform
+from ff_planner_ros.problems.twin import seen_from
 from ff_planner_ros.robot.quaternion import angle_of_quaternion
 
 SETTINGS = load_parameters().planner

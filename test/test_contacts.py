@@ -9,8 +9,6 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from ff_planner_ros.bench import bodies
-from ff_planner_ros.bench.robots import bench_robot
 from ff_planner_ros.bench.touching import touching
 from ff_planner_ros.commands.verify import print_verdict
 from ff_planner_ros.parameters import load_parameters
@@ -18,6 +16,8 @@ from ff_planner_ros.planning.motion.plan import Trajectory
 from ff_planner_ros.planning.problem.problem import PlanningProblem, Sphere, Target
 from ff_planner_ros.planning.problem.scene import Scene
 from ff_planner_ros.planning.search.planner import plan
+from ff_planner_ros.problems import bodies
+from ff_planner_ros.problems.robots import bench_robot
 from ff_planner_ros.robot.bodies import Geometry
 from ff_planner_ros.robot.model import Robot, robot_from_urdf_text
 from ff_planner_ros.simulation.contacts import Contact, Touch

@@ -13,7 +13,6 @@ import reference_end_effector as reference
 from reference_velocity_map import VelocityMap, stacked
 from robots import random_path, random_state, random_urdf
 
-from ff_planner_ros.bench.robots import planar_urdf
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.core import compiled
 from ff_planner_ros.core.chain import chain_of
@@ -29,6 +28,7 @@ from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.paths.end_effector_polynomial import EndEffectorPaths
 from ff_planner_ros.planning.paths.start_motion import NullSpaceFade
 from ff_planner_ros.planning.problem.problem import PlanningProblem, Sphere
+from ff_planner_ros.problems.robots import planar_urdf
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import Base, Robot, robot_from_urdf_text
 from ff_planner_ros.robot.momentum import smallest_singular_values, total_momentum

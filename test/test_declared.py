@@ -13,7 +13,6 @@ from ff_planner_msgs.msg import ChaserState, ObstacleSphere, PlanRequest
 from ff_planner_msgs.msg import TargetBody as TargetBodyMessage
 
 from ff_planner_ros.bag.older_messages import present_request
-from ff_planner_ros.bench import tumbling
 from ff_planner_ros.common.declared import DeclaredField, declared
 from ff_planner_ros.common.declared_messages import (
     names_in,
@@ -36,6 +35,7 @@ from ff_planner_ros.planning.problem.problem import (
 )
 from ff_planner_ros.planning.problem.target_body import AttachedSphere, TargetBody
 from ff_planner_ros.planning.task.task import PlanningTask
+from ff_planner_ros.problems import tumbling
 from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.ros.messages.interfaces import entry_of
 

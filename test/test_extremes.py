@@ -9,12 +9,12 @@ import pytest
 from drawn_plans import distance_to_arm, drawn_plan, paper_terms_at
 
 from ff_planner_ros.analysis.extremes import distances, joint_extremes, nearest
-from ff_planner_ros.bench import bodies
 from ff_planner_ros.common.arrays import frozen
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.motion.plan import Plan, Trajectory
 from ff_planner_ros.planning.problem.problem import PlanningProblem, Sphere
 from ff_planner_ros.planning.search.planner import plan
+from ff_planner_ros.problems import bodies
 from ff_planner_ros.robot.model import Robot
 
 

@@ -15,8 +15,6 @@ from test_any_frame import FRAMES
 from test_tumbling import seen_from
 
 from ff_planner_ros.analysis.plan_json import plan_dictionary, planned_scene
-from ff_planner_ros.bench import tumbling
-from ff_planner_ros.bench.robots import ROBOTS, bench_robot
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import InvalidInput, NoPlanFound, OutOfTime, Status
 from ff_planner_ros.parameters import load_parameters
@@ -45,6 +43,8 @@ from ff_planner_ros.planning.search.planner import NOBODY
 from ff_planner_ros.planning.search.planner import plan as planner
 from ff_planner_ros.planning.task import task as task_module
 from ff_planner_ros.planning.task.task import PlanningTask, perform
+from ff_planner_ros.problems import tumbling
+from ff_planner_ros.problems.robots import ROBOTS, bench_robot
 from ff_planner_ros.robot.bodies import Geometry
 
 SETTINGS = load_parameters().planner

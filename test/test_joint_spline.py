@@ -9,9 +9,6 @@ import pinocchio as pin
 import pytest
 from robots import random_state, random_urdf
 
-from ff_planner_ros.bench.robots import bench_robot
-from ff_planner_ros.bench.witnessed import drawn_problem
-from ff_planner_ros.bench.witnessed import problem as witnessed_problem
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.motion.forward import driven
@@ -27,6 +24,9 @@ from ff_planner_ros.planning.problem.problem import (
     Target,
 )
 from ff_planner_ros.planning.task.task import PlanningTask, perform
+from ff_planner_ros.problems.robots import bench_robot
+from ff_planner_ros.problems.witnessed import drawn_problem
+from ff_planner_ros.problems.witnessed import problem as witnessed_problem
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import Robot, robot_from_urdf_text
 from ff_planner_ros.robot.momentum import total_momentum

@@ -11,7 +11,6 @@ import pytest
 from robots import CANADARM2_SCENARIO, LEMUR_SCENARIO
 from scipy.spatial.transform import Rotation
 
-from ff_planner_ros.bench.scenarios import scenario
 from ff_planner_ros.cli import main
 from ff_planner_ros.errors import InvalidInput, NoPlanFound
 from ff_planner_ros.parameters import load_parameters
@@ -21,6 +20,7 @@ from ff_planner_ros.planning.scenario.library_file import LIBRARY, load_library,
 from ff_planner_ros.planning.scenario.scenario import load_scenario
 from ff_planner_ros.planning.task.library import Library, StoredPlan, kind_and_place
 from ff_planner_ros.planning.task.task import PlanningTask, perform
+from ff_planner_ros.problems.scenarios import scenario
 
 SETTINGS = replace(load_parameters().planner, attitude_rounds=1)
 CAPTURE = load_scenario(LEMUR_SCENARIO)

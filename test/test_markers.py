@@ -12,11 +12,11 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from ff_planner_ros.analysis.nearest import nearest
 from ff_planner_ros.analysis.solids import robot_surface, surface_at
-from ff_planner_ros.bench.robots import bench_robot
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.motion.motion import from_trajectory
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.problem.problem import Sphere
+from ff_planner_ros.problems.robots import bench_robot
 from ff_planner_ros.robot.bodies import Geometry
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.ros.outputs.markers import SNAPSHOTS, plan_markers

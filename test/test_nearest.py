@@ -11,11 +11,11 @@ from bodied_robots import pinocchio_geometry
 from drawn_plans import drawn_plan
 
 from ff_planner_ros.analysis.nearest import nearest
-from ff_planner_ros.bench.robots import bench_robot
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.motion.motion import from_trajectory
 from ff_planner_ros.planning.motion.plan import Trajectory
 from ff_planner_ros.planning.problem.problem import Sphere
+from ff_planner_ros.problems.robots import bench_robot
 from ff_planner_ros.robot.bodies import Geometry
 from ff_planner_ros.robot.model import Robot
 

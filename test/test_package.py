@@ -44,6 +44,7 @@ FLOORS = (
     {"planning.scenario"},
     {"parameters"},
     {"baselines", "simulation", "analysis"},
+    {"problems"},
     {"bench"},
     {"bag", "time_budget"},
     {"ros", "ros.background", "ros.joining", "ros.qos"},  # "ros" is ros/__init__.py

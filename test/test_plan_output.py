@@ -16,10 +16,10 @@ from rclpy.lifecycle import LifecycleNode
 from robots import random_state
 
 from ff_planner_ros.bag.decoding import NANOSECONDS, nanoseconds
-from ff_planner_ros.bench import tumbling
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.problem.target_body import TargetBody
+from ff_planner_ros.problems import tumbling
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.ros.inputs.state_input import Snapshot
 from ff_planner_ros.ros.messages.to_messages import plan_message, time_message

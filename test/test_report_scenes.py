@@ -15,9 +15,9 @@ from rclpy.serialization import serialize_message
 from ff_planner_ros.bag.decoding import NANOSECONDS
 from ff_planner_ros.bag.reader import open_bag
 from ff_planner_ros.bag.writer import BagWriter
-from ff_planner_ros.bench import tumbling
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.problem.problem import PlanningProblem, Sphere
+from ff_planner_ros.problems import tumbling
 from ff_planner_ros.ros.messages.to_messages import (
     obstacles_message,
     request_message,

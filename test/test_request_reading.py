@@ -14,13 +14,13 @@ from pages import SOURCE_TREE
 from ros_processes import FRAME, Scene
 
 from ff_planner_ros.bag.decoding import NANOSECONDS
-from ff_planner_ros.bench import tumbling
 from ff_planner_ros.common.declared_messages import value_at
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.parameters import LimitParameters, load_parameters
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.problem.problem import Limits, PlanningProblem
 from ff_planner_ros.planning.task.tail import EndBehaviour
+from ff_planner_ros.problems import tumbling
 from ff_planner_ros.ros.inputs.scene_input import SceneInput
 from ff_planner_ros.ros.inputs.state_input import Snapshot
 from ff_planner_ros.ros.messages.from_messages import _NOT_YET

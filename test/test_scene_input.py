@@ -7,8 +7,8 @@ from ff_planner_msgs.msg import Obstacle, ObstacleArray, ObstacleSphere, Obstacl
 from ff_planner_msgs.msg import Scene as SceneMessage
 from rclpy.serialization import serialize_message
 
-from ff_planner_ros.bench import tumbling
 from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.problems import tumbling
 from ff_planner_ros.ros.inputs.scene_input import SceneInput
 from ff_planner_ros.ros.messages.to_messages import target_body_message
 

@@ -13,10 +13,10 @@ from rclpy.clock import ClockChange
 from ros_processes import FRAME, Scene
 
 from ff_planner_ros.bag.decoding import NANOSECONDS
-from ff_planner_ros.bench import tumbling
 from ff_planner_ros.errors import Status
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.problem.problem import PlanningProblem
+from ff_planner_ros.problems import tumbling
 from ff_planner_ros.ros import session
 from ff_planner_ros.ros.inputs.scene_input import SceneInput
 from ff_planner_ros.ros.inputs.state_input import StateInput

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from scipy.optimize import nnls
 
-from ff_planner_ros.bench.scenarios import scenario
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.optimisation import solver
 from ff_planner_ros.planning.optimisation.program import path_program
 from ff_planner_ros.planning.optimisation.solver import Linearisation, minimise, nearest_feasible
 from ff_planner_ros.planning.paths.end_effector_polynomial import end_effector_paths
 from ff_planner_ros.planning.problem.problem import Objective
+from ff_planner_ros.problems.scenarios import scenario
 
 NO_ROWS = (np.empty(0), np.empty((0, 2)))
 NOWHERE = Linearisation(np.inf, np.zeros(2), np.zeros((2, 2)), *NO_ROWS, *NO_ROWS, is_defined=False)

@@ -10,7 +10,6 @@ import pinocchio as pin
 import pytest
 from robots import CANADARM2_SCENARIO, LEMUR_SCENARIO, ROBOTS, random_path, random_state
 
-from ff_planner_ros.bench.scenarios import scenario
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.parameters import load_parameters
@@ -27,6 +26,7 @@ from ff_planner_ros.planning.scenario.scenario import load_scenario
 from ff_planner_ros.planning.search.planner import plan
 from ff_planner_ros.planning.task.tail import EndBehaviour
 from ff_planner_ros.planning.task.task import PlanningTask, perform
+from ff_planner_ros.problems.scenarios import scenario
 from ff_planner_ros.robot.configuration import configuration, system_state
 from ff_planner_ros.robot.model import Robot, robot_from_urdf_text
 from ff_planner_ros.robot.momentum import generalised_jacobian, total_momentum

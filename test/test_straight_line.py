@@ -7,10 +7,10 @@ import pytest
 from judging import require_sound
 
 from ff_planner_ros.baselines.straight_line import straight_line
-from ff_planner_ros.bench.paths import STRAIGHT, roll_out
 from ff_planner_ros.errors import InvalidInput, NoPlanFound, Status
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.problem.problem import Sphere
+from ff_planner_ros.problems.paths import STRAIGHT, roll_out
 
 SETTINGS = load_parameters().planner
 

@@ -25,7 +25,6 @@ from ff_planner_ros.bag.export import export_npz
 from ff_planner_ros.bag.plans import read_plans
 from ff_planner_ros.bag.reader import open_bag
 from ff_planner_ros.bag.robot_plans import robot_plans
-from ff_planner_ros.bench import tumbling
 from ff_planner_ros.demo.executive import captured
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.parameters import load_parameters
@@ -39,6 +38,7 @@ from ff_planner_ros.planning.problem.problem import (
 )
 from ff_planner_ros.planning.task.tail import EndBehaviour
 from ff_planner_ros.planning.task.task import PlanningTask, perform
+from ff_planner_ros.problems import tumbling
 from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.ros.inputs.input_topics import TARGET_BODY
 from ff_planner_ros.ros.inputs.scene_input import SceneInput

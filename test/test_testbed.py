@@ -34,7 +34,6 @@ from unique_identifier_msgs.msg import UUID
 
 from ff_planner_ros.bag.decoding import NANOSECONDS, nanoseconds
 from ff_planner_ros.bag.exchanges import GOAL_EVENTS, RESULT_EVENTS
-from ff_planner_ros.bench import tumbling
 from ff_planner_ros.demo.testbed import (
     CONTROLLER_TOPIC,
     STATE_QOS,
@@ -46,6 +45,7 @@ from ff_planner_ros.demo.testbed import (
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.motion.forward import carried_forward
 from ff_planner_ros.planning.problem.problem import PlanningProblem, Sphere
+from ff_planner_ros.problems import tumbling
 from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.ros.background import spin_in_background
 from ff_planner_ros.ros.messages.from_messages import (

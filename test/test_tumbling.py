@@ -16,7 +16,6 @@ from scipy.spatial.transform import Rotation
 from test_any_frame import FRAMES, Frame
 
 from ff_planner_ros.analysis.plan_json import plan_dictionary, plan_document
-from ff_planner_ros.bench import tumbling
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import InvalidInput, NoPlanFound
 from ff_planner_ros.parameters import load_parameters
@@ -44,6 +43,7 @@ from ff_planner_ros.planning.scenario.scenario import Defaults, load_scenario, l
 from ff_planner_ros.planning.scenario.scenario_writer import write_scenario
 from ff_planner_ros.planning.task.tail import EndBehaviour
 from ff_planner_ros.planning.task.task import PlanningTask, perform
+from ff_planner_ros.problems import tumbling
 from ff_planner_ros.simulation.verification import verify
 
 SETTINGS = load_parameters().planner

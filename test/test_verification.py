@@ -13,7 +13,6 @@ import pytest
 from robots import CANADARM2_SCENARIO, CONFIG, LEMUR_SCENARIO
 from scipy.spatial.transform import Rotation
 
-from ff_planner_ros.bench import witnessed
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.parameters import load_parameters
@@ -24,6 +23,7 @@ from ff_planner_ros.planning.problem.problem import Objective, PlanningProblem, 
 from ff_planner_ros.planning.scenario.scenario import load_scenario
 from ff_planner_ros.planning.search.planner import plan, plan_of_path
 from ff_planner_ros.planning.search.search import FoundPath
+from ff_planner_ros.problems import witnessed
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.simulation.engine import Engine

@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 from whole_bodies import WholeBodies, judge_of
 
-from ff_planner_ros.bench import bodies
 from ff_planner_ros.bench.geometries import OBJECTIVES
-from ff_planner_ros.bench.robots import bench_robot
 from ff_planner_ros.bench.touching import touching
 from ff_planner_ros.errors import NoPlanFound
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.distance.clearance import arm_points, clearances, segments
 from ff_planner_ros.planning.task.task import PlanningTask, perform
+from ff_planner_ros.problems import bodies
+from ff_planner_ros.problems.robots import bench_robot
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import Robot
 

@@ -11,11 +11,11 @@ import pytest
 from test_wild_robots import ARMS, file_of, on_a_chaser, robots_of_others
 from whole_bodies import WholeBodies
 
-from ff_planner_ros.bench.bodies import BodiesProblem, drawn_problem
 from ff_planner_ros.bench.geometries import OBJECTIVES
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.problem.scene import Scene
 from ff_planner_ros.planning.task.task import PlanningTask, perform
+from ff_planner_ros.problems.bodies import BodiesProblem, drawn_problem
 from ff_planner_ros.robot.bodies import Geometry
 from ff_planner_ros.robot.model import Robot, load_robot
 from ff_planner_ros.simulation.verification import verify

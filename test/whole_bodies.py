@@ -128,7 +128,7 @@ class WholeBodies:
 
 def judge_of(robot: str, directory: Path) -> WholeBodies:
     """The judge of a robot of bench."""
-    from ff_planner_ros.bench.robots import arm_urdf
+    from ff_planner_ros.problems.robots import arm_urdf
 
     if robot == "arm6":
         urdf = directory / "arm6.urdf"

@@ -23,10 +23,10 @@ from typing import Any
 import yaml
 
 from ff_planner_benchmark import still_goals
-from ff_planner_ros.bench import bodies, scenarios, tumbling
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.scenario.scenario_writer import described_problem
+from ff_planner_ros.problems import bodies, scenarios, tumbling
 from ff_planner_ros.robot.bodies import Geometry
 from ff_planner_ros.robot.model import Base, Robot
 

@@ -12,9 +12,6 @@ from functools import cache
 import numpy as np
 import pinocchio as pin
 
-from ff_planner_ros.bench.robots import bench_robot
-from ff_planner_ros.bench.tumbling_witness import FROM_LIMITS, Grip, Witness, tip, witness_to_grip
-from ff_planner_ros.bench.witnessed import spheres_beside
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.problem.problem import (
     Limits,
@@ -23,6 +20,15 @@ from ff_planner_ros.planning.problem.problem import (
     PlanningProblem,
     Target,
 )
+from ff_planner_ros.problems.robots import bench_robot
+from ff_planner_ros.problems.tumbling_witness import (
+    FROM_LIMITS,
+    Grip,
+    Witness,
+    tip,
+    witness_to_grip,
+)
+from ff_planner_ros.problems.witnessed import spheres_beside
 from ff_planner_ros.robot.model import Base, Robot
 from ff_planner_ros.robot.state import SystemState
 

@@ -18,10 +18,10 @@ from ff_planner_benchmark import dataset, still_goals
 from ff_planner_benchmark.cli import command_parser, main
 from ff_planner_benchmark.entrants import ours
 from ff_planner_benchmark.scorer.score import score
-from ff_planner_ros.bench import bodies, scenarios, tumbling, tumbling_witness
-from ff_planner_ros.bench.paths import roll_out
 from ff_planner_ros.errors import InvalidInput
 from ff_planner_ros.planning.scenario.scenario import load_scenario
+from ff_planner_ros.problems import bodies, scenarios, tumbling, tumbling_witness
+from ff_planner_ros.problems.paths import roll_out
 
 
 @pytest.fixture(scope="module")

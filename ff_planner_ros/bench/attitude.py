@@ -8,11 +8,11 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import islice
 
-from ff_planner_ros.bench.scenarios import scenario
 from ff_planner_ros.errors import NoPlanFound
 from ff_planner_ros.planning.problem.problem import Objective, PlanningProblem
 from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.task.task import PlanningTask, perform
+from ff_planner_ros.problems.scenarios import scenario
 
 SHORTEST, STEADIEST = Objective(1.0, 0.0), Objective(0.0, 1.0)
 

@@ -11,13 +11,13 @@ from ff_planner_ros.baselines.beliefs import (
     with_zero_momentum,
     zero_momentum,
 )
-from ff_planner_ros.bench.robots import ROBOTS
-from ff_planner_ros.bench.scenarios import scenario
 from ff_planner_ros.errors import FfPlannerError, Status
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.task.task import PlanningTask, attempted, in_frame_of_user, perform
+from ff_planner_ros.problems.robots import ROBOTS
+from ff_planner_ros.problems.scenarios import scenario
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ff_planner_ros.bench import tumbling
 from ff_planner_ros.bench.success import Stopwatch, solved_and_times
 from ff_planner_ros.errors import FfPlannerError, Status
 from ff_planner_ros.planning.motion.plan import Plan
@@ -15,6 +14,7 @@ from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.problem.scene import scene_of
 from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.task.task import PlanningTask, perform
+from ff_planner_ros.problems import tumbling
 
 HEADER = (
     *("class", "problems", "solved", "median [s]", "95 % [s]", "apart in MuJoCo [mm]"),

@@ -13,11 +13,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import minimize
 
-from ff_planner_ros.bench.paths import weighted_objective
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.distance.clearance import arm_points, clearances, penalty, segments
 from ff_planner_ros.planning.optimisation.program import PathProgram
 from ff_planner_ros.planning.problem.settings import PlannerSettings
+from ff_planner_ros.problems.paths import weighted_objective
 
 # Objective and constraints of a path that meets a singularity: worse than any other's.
 _WALL = (1e3, 1e3, -1e3)

@@ -7,14 +7,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ff_planner_ros.bench import witnessed
-from ff_planner_ros.bench.robots import ROBOTS
-from ff_planner_ros.bench.scenarios import KINDS, scenario
 from ff_planner_ros.bench.success import Stopwatch
 from ff_planner_ros.errors import FfPlannerError, Status
 from ff_planner_ros.planning.problem.problem import Objective, Parametrisation, PlanningProblem
 from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.task.task import PlanningTask, perform
+from ff_planner_ros.problems import witnessed
+from ff_planner_ros.problems.robots import ROBOTS
+from ff_planner_ros.problems.scenarios import KINDS, scenario
 
 FAMILIES = (Parametrisation.END_EFFECTOR_POLYNOMIAL, Parametrisation.JOINT_SPLINE)
 OBJECTIVES = {"min(L)": Objective(1.0, 0.0), "min(Theta)": Objective(0.0, 1.0)}

@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
-from ff_planner_ros.bench import tumbling
 from ff_planner_ros.bench.success import Stopwatch, solved_and_times
 from ff_planner_ros.errors import FfPlannerError, NoPlanFound, Status
 from ff_planner_ros.planning.problem.problem import (
@@ -20,6 +19,7 @@ from ff_planner_ros.planning.problem.problem import (
 )
 from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.task.task import PlanningTask, perform
+from ff_planner_ros.problems import tumbling
 
 HEADER = (
     *("from", "problems", "solved", "median [s]", "95 % [s]", "slowest of the witness's"),

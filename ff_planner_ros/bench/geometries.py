@@ -8,9 +8,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ff_planner_ros.bench import bodies
-from ff_planner_ros.bench.bodies import Swept, sphere_gap
-from ff_planner_ros.bench.robots import bench_robot
 from ff_planner_ros.bench.touching import touching
 from ff_planner_ros.common.share import share_directory
 from ff_planner_ros.errors import FfPlannerError, Status
@@ -20,6 +17,9 @@ from ff_planner_ros.planning.problem.problem import Objective, PlanningProblem, 
 from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.scenario.scenario import load_scenario
 from ff_planner_ros.planning.task.task import PlanningTask, perform
+from ff_planner_ros.problems import bodies
+from ff_planner_ros.problems.bodies import Swept, sphere_gap
+from ff_planner_ros.problems.robots import bench_robot
 from ff_planner_ros.robot.bodies import Geometry
 from ff_planner_ros.robot.model import Robot
 

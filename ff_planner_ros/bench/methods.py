@@ -13,7 +13,6 @@ from scipy.optimize import nnls
 from ff_planner_ros.bench.direct import solve_directly
 from ff_planner_ros.bench.exact import solve_by_slsqp
 from ff_planner_ros.bench.ipopt import solve_by_ipopt
-from ff_planner_ros.bench.paths import clearance_along, roll_out, weighted_objective
 from ff_planner_ros.bench.success import timed_plans
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import NoPlanFound
@@ -22,6 +21,7 @@ from ff_planner_ros.planning.optimisation.program import PathProgram, path_progr
 from ff_planner_ros.planning.paths.end_effector_polynomial import end_effector_paths
 from ff_planner_ros.planning.problem.problem import Objective, PlanningProblem
 from ff_planner_ros.planning.problem.settings import PlannerSettings
+from ff_planner_ros.problems.paths import clearance_along, roll_out, weighted_objective
 
 OBJECTIVES = {
     "min(L)": Objective(1.0, 0.0),

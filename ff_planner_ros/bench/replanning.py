@@ -8,8 +8,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ff_planner_ros.bench.robots import ROBOTS
-from ff_planner_ros.bench.scenarios import scenario
 from ff_planner_ros.errors import FfPlannerError, Status
 from ff_planner_ros.planning.motion.forward import carried_forward
 from ff_planner_ros.planning.motion.joint_motion import JointMotion, joint_motion
@@ -22,6 +20,8 @@ from ff_planner_ros.planning.problem.problem import (
 )
 from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.task.task import PlanningTask, perform
+from ff_planner_ros.problems.robots import ROBOTS
+from ff_planner_ros.problems.scenarios import scenario
 
 HEADER = (
     *("what is planned again", "asked", "solved", "near the rest", "iterations"),

@@ -36,9 +36,7 @@ from ff_planner_ros.bench.geometries import (
 from ff_planner_ros.bench.methods import OURS, Result, method_results
 from ff_planner_ros.bench.replanning import HEADER as REPLANNING_HEADER
 from ff_planner_ros.bench.replanning import replanned, rows
-from ff_planner_ros.bench.robots import ROBOTS
 from ff_planner_ros.bench.scaling import Growth, with_joints, with_points, with_spheres
-from ff_planner_ros.bench.scenarios import KINDS
 from ff_planner_ros.bench.starts import StartAttempt, joins, null_space_starts
 from ff_planner_ros.bench.success import Attempt, attempts, solved_and_times
 from ff_planner_ros.common.one_thread import ONE_THREAD
@@ -49,6 +47,8 @@ from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.problem.problem import Parametrisation, PlanningProblem
 from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.scenario.scenario import load_scenario
+from ff_planner_ros.problems.robots import ROBOTS
+from ff_planner_ros.problems.scenarios import KINDS
 from ff_planner_ros.robot.bodies import Geometry
 
 # Scenarios of each class whose plans are executed: as many as in a published check by others.

@@ -8,13 +8,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ff_planner_ros.bench.scenarios import scenario
 from ff_planner_ros.bench.success import timed_plans
 from ff_planner_ros.planning.distance.clearance import arm_points, clearances, segments
 from ff_planner_ros.planning.motion.motion import from_trajectory
 from ff_planner_ros.planning.problem.problem import PlanningProblem, Sphere
 from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.task.task import PlanningTask, perform
+from ff_planner_ros.problems.scenarios import scenario
 
 # Added spheres fill a cube of this size around the chaser [m], this far from the arm on its way.
 _CUBE, _APART = 8.0, 0.05

@@ -7,14 +7,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ff_planner_ros.bench.robots import ROBOTS
-from ff_planner_ros.bench.scenarios import scenario
 from ff_planner_ros.errors import FfPlannerError, Status
 from ff_planner_ros.planning.motion.joint_motion import JointMotion, joint_motion
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.problem.problem import Objective
 from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.task.task import PlanningTask, perform
+from ff_planner_ros.problems.robots import ROBOTS
+from ff_planner_ros.problems.scenarios import scenario
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.momentum import generalised_jacobian
 

@@ -9,8 +9,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ff_planner_ros.bench.robots import ROBOTS
-from ff_planner_ros.bench.scenarios import scenario
 from ff_planner_ros.errors import FfPlannerError, NoPlanFound, Status
 from ff_planner_ros.planning.check.check import measure
 from ff_planner_ros.planning.motion.plan import Plan
@@ -19,6 +17,8 @@ from ff_planner_ros.planning.problem.problem import PlanningProblem, lasting
 from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.search.planner import FirstGuess, plan
 from ff_planner_ros.planning.task.task import PlanningTask, perform
+from ff_planner_ros.problems.robots import ROBOTS
+from ff_planner_ros.problems.scenarios import scenario
 
 
 @dataclass(frozen=True)

@@ -11,13 +11,13 @@ from typing import Any, TypeAlias
 
 import yaml
 
-from ff_planner_ros.bench import bodies, scenarios
-from ff_planner_ros.bench.robots import bench_robot
 from ff_planner_ros.common.yaml_file import located, read_yaml
 from ff_planner_ros.errors import FfPlannerError, InvalidInput, Status
 from ff_planner_ros.planning.scenario.scenario import Defaults, load_task
 from ff_planner_ros.planning.scenario.scenario_writer import write_scenario
 from ff_planner_ros.planning.task.task import PlanningTask
+from ff_planner_ros.problems import bodies, scenarios
+from ff_planner_ros.problems.robots import bench_robot
 from ff_planner_ros.robot.bodies import Geometry
 
 BODIES = "bodies"

@@ -18,15 +18,6 @@ from functools import cache
 import numpy as np
 import pinocchio as pin
 
-from ff_planner_ros.bench.paths import (
-    STRAIGHT,
-    clearance_along,
-    clearance_of,
-    sweep_of,
-    within_limits,
-)
-from ff_planner_ros.bench.robots import bench_robot
-from ff_planner_ros.bench.twin import same_path, seen_back, seen_from
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import InvalidInput, NoPlanFound
 from ff_planner_ros.planning.distance.clearance import arm_points, segments
@@ -38,6 +29,15 @@ from ff_planner_ros.planning.problem.problem import (
     Sphere,
     Target,
 )
+from ff_planner_ros.problems.paths import (
+    STRAIGHT,
+    clearance_along,
+    clearance_of,
+    sweep_of,
+    within_limits,
+)
+from ff_planner_ros.problems.robots import bench_robot
+from ff_planner_ros.problems.twin import same_path, seen_back, seen_from
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.ee_at_rest import joint_rates_with_ee_at_rest
 from ff_planner_ros.robot.model import Robot

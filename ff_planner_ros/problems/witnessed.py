@@ -13,7 +13,6 @@ import numpy as np
 import pinocchio as pin
 from scipy.optimize import minimize
 
-from ff_planner_ros.bench.robots import bench_robot
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.distance.clearance import arm_points, clearances, segments
 from ff_planner_ros.planning.motion.forward import driven
@@ -26,6 +25,7 @@ from ff_planner_ros.planning.problem.problem import (
     Sphere,
     Target,
 )
+from ff_planner_ros.problems.robots import bench_robot
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import Base, Robot
 from ff_planner_ros.robot.momentum import (

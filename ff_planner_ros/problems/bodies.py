@@ -15,19 +15,19 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from ff_planner_ros.bench.paths import STRAIGHT, roll_out, within_limits
-from ff_planner_ros.bench.robots import bench_robot
-from ff_planner_ros.bench.scenarios import (
-    SINGULAR_VALUE_BOUND,
-    draw_motion,
-    draw_near,
-    stretched_length,
-)
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import InvalidInput, NoPlanFound
 from ff_planner_ros.planning.distance.clearance import arm_points
 from ff_planner_ros.planning.paths.polynomial import COMPONENTS, FREE_TERMS
 from ff_planner_ros.planning.problem.problem import PlanningProblem, Sphere
+from ff_planner_ros.problems.paths import STRAIGHT, roll_out, within_limits
+from ff_planner_ros.problems.robots import bench_robot
+from ff_planner_ros.problems.scenarios import (
+    SINGULAR_VALUE_BOUND,
+    draw_motion,
+    draw_near,
+    stretched_length,
+)
 from ff_planner_ros.robot.bodies import Geometry
 from ff_planner_ros.robot.model import Robot
 

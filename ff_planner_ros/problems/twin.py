@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 
-from ff_planner_ros.bench.paths import STRAIGHT
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.paths.end_effector_polynomial import end_effector_paths
 from ff_planner_ros.planning.paths.polynomial import COMPONENTS, FREE_TERMS
 from ff_planner_ros.planning.problem.problem import PlanningProblem, capturing
+from ff_planner_ros.problems.paths import STRAIGHT
 from ff_planner_ros.robot.rotation import euler_from_rotation
 
 _SAMPLES = np.linspace(0.0, 1.0, 50)

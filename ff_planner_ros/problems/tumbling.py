@@ -13,17 +13,6 @@ from functools import cache
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ff_planner_ros.bench.bodies import APART, Swept, own_gap, sphere_gap
-from ff_planner_ros.bench.robots import ROBOTS, bench_robot
-from ff_planner_ros.bench.tumbling_witness import (
-    FROM_LIMITS,
-    Grip,
-    Witness,
-    tip,
-    witness_along_corridor,
-    witness_to_grip,
-)
-from ff_planner_ros.bench.witnessed import spheres_beside
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.distance.clearance import arm_points, clearances, segments
 from ff_planner_ros.planning.problem.approach import Approach
@@ -35,6 +24,17 @@ from ff_planner_ros.planning.problem.problem import (
     capturing,
 )
 from ff_planner_ros.planning.problem.target_body import AttachedSphere
+from ff_planner_ros.problems.bodies import APART, Swept, own_gap, sphere_gap
+from ff_planner_ros.problems.robots import ROBOTS, bench_robot
+from ff_planner_ros.problems.tumbling_witness import (
+    FROM_LIMITS,
+    Grip,
+    Witness,
+    tip,
+    witness_along_corridor,
+    witness_to_grip,
+)
+from ff_planner_ros.problems.witnessed import spheres_beside
 from ff_planner_ros.robot.bodies import Geometry
 from ff_planner_ros.robot.model import Base, Robot
 from ff_planner_ros.robot.state import SystemState

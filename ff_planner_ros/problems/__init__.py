@@ -1,0 +1,1 @@
+"""Generators of problems, each with a path that is known to be free."""
