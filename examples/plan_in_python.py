@@ -25,7 +25,10 @@ changed = ff.PlanningProblem(
     target=ff.Target(position=[1.7, 0.4, 0.6], quaternion_xyzw=problem.target.quaternion_xyzw),
     duration=10.0,
     points=50,
-    obstacles=(*problem.obstacles, ff.Sphere("antenna", center=[1.2, -0.6, 0.3], radius=0.1)),
+    obstacles=(
+        *problem.obstacles,
+        ff.SphereObstacle("antenna", center=[1.2, -0.6, 0.3], radius=0.1),
+    ),
     objective=ff.Objective(joint_path_length=1.0, chaser_attitude=0.0),
     limits=ff.Limits(joint_velocities=True, chaser_rotation=0.2),
 )
@@ -40,9 +43,9 @@ except ff.NoPlanFound as error:
     print("no plan in 0.5 s:", error)
 
 # Draw the plan, and execute it in MuJoCo (extra `simulation`).
-for picture in ff.draw(problem, shortest, Path("plan_in_python")):
+for picture in ff.plot_plan(problem, shortest, Path("plan_in_python")):
     print(picture)
 try:
-    print("verified:", ff.verify_plan(problem.robot, motion).passed)
+    print("verified:", ff.simulate_plan(problem.robot, motion).passed)
 except ff.FfPlannerError as error:
     print(error)

@@ -58,7 +58,7 @@ def main() -> int:
     imperfections = Imperfections(
         **{i.name: getattr(options, i.name) for i in fields(Imperfections)}
     )
-    lead = default_values()["planning_allowance"]
+    lead = default_values()["planning_lead_time"]
     SimulatedTestbed(node, scenario, epoch_ns, options.rate, imperfections, lead)
     executor = SingleThreadedExecutor()
     executor.add_node(node)

@@ -3,11 +3,12 @@
 A name is imported when it is first used, so that `import ff_planner_ros` costs nothing.
 """
 
+import warnings
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from ff_planner_ros.analysis.figures import draw as draw
+    from ff_planner_ros.analysis.figures import plot_plan as plot_plan
     from ff_planner_ros.common.share import share_directory as share_directory
     from ff_planner_ros.errors import FfPlannerError as FfPlannerError
     from ff_planner_ros.errors import InvalidInput as InvalidInput
@@ -21,9 +22,9 @@ if TYPE_CHECKING:
     from ff_planner_ros.planning.problem.problem import Limits as Limits
     from ff_planner_ros.planning.problem.problem import Objective as Objective
     from ff_planner_ros.planning.problem.problem import PlanningProblem as PlanningProblem
-    from ff_planner_ros.planning.problem.problem import Sphere as Sphere
+    from ff_planner_ros.planning.problem.problem import Sphere as SphereObstacle  # noqa: F401
     from ff_planner_ros.planning.problem.problem import Target as Target
-    from ff_planner_ros.planning.problem.problem import capturing as capturing
+    from ff_planner_ros.planning.problem.problem import with_capture_target as with_capture_target
     from ff_planner_ros.planning.problem.settings import PlannerSettings as PlannerSettings
     from ff_planner_ros.planning.problem.target_body import AttachedSphere as AttachedSphere
     from ff_planner_ros.planning.problem.target_body import TargetBody as TargetBody
@@ -38,16 +39,16 @@ if TYPE_CHECKING:
     from ff_planner_ros.robot.model import load_robot as load_robot
     from ff_planner_ros.robot.state import SystemState as SystemState
     from ff_planner_ros.simulation.verification import Verification as Verification
-    from ff_planner_ros.simulation.verification import verify as verify_plan  # noqa: F401
+    from ff_planner_ros.simulation.verification import verify as simulate_plan  # noqa: F401
 
 _MODULES = {
     "planning.scenario.scenario": ("load_scenario", "load_task", "Defaults"),
     "parameters": ("load_parameters",),
     "planning.task.task": ("PlanningTask", "perform"),
     "planning.problem.problem": (
-        *("PlanningProblem", "Target", "Sphere", "Objective", "Limits"),
+        *("PlanningProblem", "Target", "SphereObstacle", "Objective", "Limits"),
         "DurationRange",
-        "capturing",
+        "with_capture_target",
     ),
     "planning.problem.approach": ("Approach",),
     "planning.problem.target_body": ("TargetBody", "AttachedSphere"),
@@ -58,14 +59,21 @@ _MODULES = {
     "planning.task.tail": ("EndBehaviour",),
     "planning.motion.plan": ("Plan", "Trajectory"),
     "planning.motion.metrics": ("Metrics",),
-    "simulation.verification": ("verify_plan", "Verification"),
-    "analysis.figures": ("draw",),
+    "simulation.verification": ("simulate_plan", "Verification"),
+    "analysis.figures": ("plot_plan",),
     "common.share": ("share_directory",),
     "errors": ("FfPlannerError", "InvalidInput", "NoPlanFound"),
 }
 _MODULE_OF = {name: module for module, names in _MODULES.items() for name in names}
-_NAME_THERE = {"verify_plan": "verify"}  # here, `verify` is a module
+_NAME_THERE = {"simulate_plan": "verify", "SphereObstacle": "Sphere"}
 __all__ = [*_MODULE_OF]
+# Names until version 0.3: deprecated.
+_FORMER_NAMES = {
+    "Sphere": "SphereObstacle",
+    "capturing": "with_capture_target",
+    "draw": "plot_plan",
+    "verify_plan": "simulate_plan",
+}
 
 
 def __getattr__(name: str) -> Any:
@@ -74,6 +82,9 @@ def __getattr__(name: str) -> Any:
     Raises:
         AttributeError: It is no public name.
     """
+    if name in _FORMER_NAMES:
+        former, name = name, _FORMER_NAMES[name]
+        warnings.warn(f"{former} is deprecated: say {name}", FutureWarning, stacklevel=2)
     if name not in _MODULE_OF:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     module = import_module(f"{__name__}.{_MODULE_OF[name]}")

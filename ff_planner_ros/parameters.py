@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, fields, is_dataclass, replace
@@ -63,7 +64,7 @@ class RobotParameters:
     base_link: str = tunable("URDF link that carries the arm")
     tip_link: str = tunable("URDF link whose frame is the end effector")
     base: str = tunable("How the chaser can move: free_flyer, or planar on an air-bearing table")
-    held_joints: str = tunable(
+    locked_joints: str = tunable(
         "Joints that are not planned and where they are [rad or m]: `rail: 0.2, hand: -1.0`"
     )
 
@@ -80,7 +81,7 @@ class RobotParameters:
         """Check the words and the list."""
         _require_word("robot.base", self.base, tuple(Base))
         _require_word("robot.geometry", self.geometry, (AUTO, *Geometry))
-        held_joints_of(self.held_joints)
+        locked_joints_of(self.locked_joints)
 
     def load(self, description: str, directory: Path | None = None) -> Robot:
         """Return the robot of a URDF's text.
@@ -100,14 +101,14 @@ class RobotParameters:
             self.base_link,
             self.tip_link,
             Base(self.base),
-            held_joints_of(self.held_joints),
+            locked_joints_of(self.locked_joints),
             None if self.geometry == AUTO else Geometry(self.geometry),
             srdf,
             directory,
         )
 
 
-def held_joints_of(text: str) -> dict[str, float]:
+def locked_joints_of(text: str) -> dict[str, float]:
     """Return where joints are held, from a text with commas.
 
     Raises:
@@ -117,10 +118,10 @@ def held_joints_of(text: str) -> dict[str, float]:
     for word in filter(None, map(str.strip, text.split(","))):
         name, _, at = word.partition(":")
         try:
-            held_at[name.strip()] = finite_number("robot.held_joints", float(at))
+            held_at[name.strip()] = finite_number("robot.locked_joints", float(at))
         except ValueError:
             allowed = "it must be names and positions: `rail: 0.2, hand: -1.0`"
-            raise InvalidInput(Status.OUT_OF_RANGE, "robot.held_joints", text, allowed) from None
+            raise InvalidInput(Status.OUT_OF_RANGE, "robot.locked_joints", text, allowed) from None
     return held_at
 
 
@@ -379,7 +380,7 @@ class PublicationParameters:
 class ReplanningParameters:
     """How a plan takes over from the one that runs, where `replan_active` asks for that."""
 
-    allowance: float = tunable(
+    lead_time: float = tunable(
         "It takes over so long after its request where the request does not say when; it must "
         "cover planning, and what the controller needs to take the plan over",
         minimum=0.0,
@@ -470,14 +471,14 @@ class NodeParameters:
         86_400.0,
         "s",
     )
-    planning_allowance: float = tunable(
+    planning_lead_time: float = tunable(
         "A plan starts so long after its request where the request does not say when; it must "
         "cover planning, and what the controller needs to take the plan over",
         minimum=0.0,
         maximum=3600.0,
         unit="s",
     )
-    start_max_lead: float = tunable(
+    start_horizon: float = tunable(
         "A start time further ahead of now is refused", 0.0, 86_400.0, "s", STRICT_IF_LOW
     )
     following_tolerance: float = tunable(
@@ -496,13 +497,13 @@ class NodeParameters:
         "What the arm does after the goal where the request does not say: none, "
         "hold_end_effector or stop_joints"
     )
-    tail_duration: float = tunable(
+    post_goal_duration: float = tunable(
         "How long it does so; does not matter for none", 0.001, 3600.0, "s"
     )
     state_max_age: float = tunable(
         "An older chaser state is refused", 0.0, 3600.0, "s", STRICT_IF_LOW
     )
-    state_max_lead: float = tunable(
+    state_future_tolerance: float = tunable(
         "A chaser state, or a target body, stamped further ahead of now is refused",
         0.0,
         3600.0,
@@ -530,7 +531,7 @@ class NodeParameters:
             settings=self.planner,
             limits=self.limits.limits(),
             end_behaviour=EndBehaviour(self.end_behaviour),
-            tail=self.tail_duration,
+            tail=self.post_goal_duration,
             points=self.points,
             controller=self.controller.of(()),
         )
@@ -570,6 +571,26 @@ class Declaration(NamedTuple):
         if self.maximum is not None:
             words += f", at most {self.maximum:g}"
         return f"it must be {words} {f'[{self.unit}] ' if self.unit else ''}({self.description})"
+
+
+# Names until version 0.3: deprecated.
+FORMER_NAMES: Mapping[str, str] = {
+    "planning_allowance": "planning_lead_time",
+    "state_max_lead": "state_future_tolerance",
+    "start_max_lead": "start_horizon",
+    "tail_duration": "post_goal_duration",
+    "robot.held_joints": "robot.locked_joints",
+    "replanning.allowance": "replanning.lead_time",
+}
+
+
+def present_name(name: str) -> str:
+    """Return a parameter's name of today, and warn of one that is deprecated."""
+    if name not in FORMER_NAMES:
+        return name
+    present = FORMER_NAMES[name]
+    warnings.warn(f"{name} is deprecated: say {present}", FutureWarning, stacklevel=2)
+    return present
 
 
 # Fields of NodeParameters that are called otherwise, and what.
@@ -636,7 +657,11 @@ def flattened(document: Any) -> dict[str, Any]:
     values: dict[str, Any] = {}
     for node, block in nodes.items():
         _flatten(mapping(node, block, required=("ros__parameters",))["ros__parameters"], "", values)
-    return values
+    for name in FORMER_NAMES.keys() & values.keys():
+        if FORMER_NAMES[name] in values:
+            allowed = f"give {FORMER_NAMES[name]} alone"
+            raise InvalidInput(Status.OUT_OF_RANGE, name, "given twice", allowed)
+    return {present_name(name): value for name, value in values.items()}
 
 
 def _flatten(block: Any, prefix: str, values: dict[str, Any]) -> None:

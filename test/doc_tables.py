@@ -12,11 +12,11 @@ from ff_planner_ros.bag.older_messages import ANSWER_FIELDS, REQUEST_FIELDS
 from ff_planner_ros.common.declared import declared
 from ff_planner_ros.common.declared_messages import places_in
 from ff_planner_ros.errors import Retry, Status, retry_after
-from ff_planner_ros.parameters import DECLARATIONS, Declaration, default_values
+from ff_planner_ros.parameters import DECLARATIONS, FORMER_NAMES, Declaration, default_values
 from ff_planner_ros.planning.problem.approach import Approach
 from ff_planner_ros.planning.problem.problem import DurationRange, PlanningProblem, Sphere
 from ff_planner_ros.planning.problem.target_body import AttachedSphere, TargetBody
-from ff_planner_ros.planning.scenario.scenario import scenario_schema
+from ff_planner_ros.planning.scenario.scenario import RobotFile, scenario_schema
 from ff_planner_ros.planning.task.tail import FORMER_END_BEHAVIOURS
 from ff_planner_ros.planning.task.task import PlanningTask
 from ff_planner_ros.robot.state import SystemState
@@ -80,12 +80,21 @@ def status_names() -> Iterator[tuple[str, ...]]:
 
 def scenario_names() -> Iterator[tuple[str, ...]]:
     yield "0.2", "0.3"
-    for block, known in (("", declared(PlanningProblem)), ("approach.", declared(Approach))):
-        for key, one in known.items():
+    for block, kind in (
+        *(("robot.", RobotFile), ("", PlanningProblem), ("approach.", Approach)),
+        ("", PlanningTask),
+    ):
+        for key, one in declared(kind).items():
             if one.formerly:
                 yield f"`{block}{one.formerly}`", f"`{block}{key}`"
     for word, present in FORMER_END_BEHAVIOURS.items():
         yield f"`end_behaviour: {word}`", f"`end_behaviour: {present}`"
+
+
+def parameter_names() -> Iterator[tuple[str, ...]]:
+    yield "0.2", "0.3"
+    for name, present in FORMER_NAMES.items():
+        yield f"`{name}`", f"`{present}`"
 
 
 def metrics() -> Iterator[tuple[str, ...]]:

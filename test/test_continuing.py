@@ -27,8 +27,8 @@ from ff_planner_ros.planning.problem.problem import (
     Objective,
     Parametrisation,
     PlanningProblem,
-    capturing,
     lasting,
+    with_capture_target,
 )
 from ff_planner_ros.planning.scenario.scenario import Defaults, load_scenario, load_task
 from ff_planner_ros.planning.scenario.scenario_writer import write_scenario
@@ -227,7 +227,7 @@ def test_a_body_that_tumbles_is_captured_where_it_is_seen_by_then() -> None:
     assert body is not None
     seen = replace(body.after(since + AHEAD), position=body.after(since + AHEAD).position + 0.003)
     task = continuing(problem, motion, since, measured)
-    found = perform(replace(task, problem=capturing(seen, task.problem)))
+    found = perform(replace(task, problem=with_capture_target(seen, task.problem)))
     grasp = seen.grasp(found.trajectory.time[-1:])
     assert np.linalg.norm(found.trajectory.ee_positions[-1] - grasp.positions[0]) < 1e-3
     assert found.solver.starts == 1

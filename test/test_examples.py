@@ -22,7 +22,7 @@ from ff_planner_ros.errors import Status
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 DRIFT = 5  # from the scenario's start to that of a plan, about as with PATIENT [s]
-PATIENT = ("-p", "planning_allowance:=5.0")  # a busy machine takes its time
+PATIENT = ("-p", "planning_lead_time:=5.0")  # a busy machine takes its time
 # What becomes of a plan on a machine so busy that the start is over, or the arm has drifted far.
 TOO_SLOW = (Status.TOO_LATE, Status.START_IN_PAST, Status.START_SINGULAR)
 BLUNT = ("-p", "publication.max_position:=0.2")  # what a testbed measures to 2 cm has not moved

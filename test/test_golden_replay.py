@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import NoReturn
 
 import pytest
-from ff_planner_ros.planning.plan import Plan
 from mcap.reader import make_reader
 from mcap.writer import Writer
 
@@ -16,8 +15,9 @@ from ff_planner_ros.bag.reader import open_bag
 from ff_planner_ros.cli import main
 from ff_planner_ros.errors import NoPlanFound, Status
 from ff_planner_ros.parameters import load_parameters
-from ff_planner_ros.planning.problem import PlanningProblem
-from ff_planner_ros.planning.task import PlanningTask
+from ff_planner_ros.planning.motion.plan import Plan
+from ff_planner_ros.planning.problem.problem import PlanningProblem
+from ff_planner_ros.planning.task.task import PlanningTask
 from ff_planner_ros.ros.messages.from_messages import plan_from_answer
 from ff_planner_ros.runs import replay as replaying
 from ff_planner_ros.runs.offline_bag import record_answer

@@ -75,7 +75,7 @@ def test_a_plan_that_comes_too_late_for_its_start_is_none(
     asks: bool,
 ) -> None:
     """One that takes over has to be with the controller by then, and so is ready before."""
-    overrides = WHEN | {"planning_allowance": ALLOWANCE}
+    overrides = WHEN | {"planning_lead_time": ALLOWANCE}
     with service(lemur_capture, monkeypatch, **overrides) as (answering, worker, _):
         clock = Clock(answering)
         latest = ALLOWANCE - (HANDOVER if continues else 0.0)
@@ -104,7 +104,7 @@ def test_the_plan_that_runs_is_the_one_that_joints_follow_until_a_new_one_of_the
     lemur_capture: PlanningProblem, lemur_plan: Plan, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Not asked to go on from it, a plan begins where it leaves the joints by then."""
-    with service(lemur_capture, monkeypatch, planning_allowance=1.0) as (answering, worker, _):
+    with service(lemur_capture, monkeypatch, planning_lead_time=1.0) as (answering, worker, _):
         clock = Clock(answering)
         worker.solve.side_effect = solving(clock, lemur_plan, 0.5, asks=True)
         begun_ns = NOW - 4 * NANOSECONDS

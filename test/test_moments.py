@@ -31,7 +31,7 @@ LOGGED = RECEIVED + 3 * NANOSECONDS  # by the recorder's, which is ahead
 READ = RECEIVED + round(0.7 * NANOSECONDS)
 ALLOWANCE = 2.0
 PARAMETERS: NodeParameters = replace(
-    load_parameters(), planning_allowance=ALLOWANCE, state_source="odometry"
+    load_parameters(), planning_lead_time=ALLOWANCE, state_source="odometry"
 )
 
 

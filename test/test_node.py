@@ -58,7 +58,7 @@ def test_namespace_remapping_and_parameters_file_reach_planner_and_recorder(
     scene = Scene(resting_capture())
     parameters = tmp_path / "mine.yaml"
     parameters.write_text(
-        "/**:\n  ros__parameters:\n    points: 20\n    planning_allowance: 60.0\n", encoding="utf-8"
+        "/**:\n  ros__parameters:\n    points: 20\n    planning_lead_time: 60.0\n", encoding="utf-8"
     )
     arguments = (
         *("--params-file", str(parameters)),

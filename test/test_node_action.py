@@ -42,7 +42,7 @@ PATIENCE = 60.0  # [s] for a plan; a busy machine takes its time
 def planner(tmp_path_factory: pytest.TempPathFactory) -> Iterator[PlannerProcess]:
     with private_domain():
         directory = tmp_path_factory.mktemp("action")
-        patient = ("-p", f"planning_allowance:={PATIENCE}", "-p", "state_max_age:=60.0")
+        patient = ("-p", f"planning_lead_time:={PATIENCE}", "-p", "state_max_age:=60.0")
         with running_planner(directory, *patient) as planner:
             yield planner
 
@@ -190,11 +190,11 @@ def test_a_newer_request_takes_the_older_ones_place_where_the_parameter_says_so(
 
 
 def test_a_plan_that_is_ready_too_late_is_refused_as_such(client: Client, scene: Scene) -> None:
-    set_parameter(client, "planning_allowance", 0.01)
+    set_parameter(client, "planning_lead_time", 0.01)
     status, result = client.send_goal(scene.complete_request()).result()
     assert (status, result.status.code) == (GoalStatus.STATUS_ABORTED, Status.TOO_LATE)
-    assert "planning_allowance" in result.status.message
-    set_parameter(client, "planning_allowance", PATIENCE)
+    assert "planning_lead_time" in result.status.message
+    set_parameter(client, "planning_lead_time", PATIENCE)
 
 
 def test_a_request_is_answered_when_its_start_passes_whatever_its_solver_does(
@@ -203,14 +203,14 @@ def test_a_request_is_answered_when_its_start_passes_whatever_its_solver_does(
     """A process that is stopped stands for one in the midst of a long iteration."""
     solver = planner.worker
     allowance = 3.0
-    set_parameter(client, "planning_allowance", allowance)
+    set_parameter(client, "planning_lead_time", allowance)
     goal = client.send_goal(long(scene))
     if goal.progress.wait(allowance):
         with suppress(LookupError):  # late already
             os.kill(planner.plan, signal.SIGSTOP)
     status, result = goal.result()
     assert (status, result.status.code) == (GoalStatus.STATUS_ABORTED, Status.TOO_LATE)
-    set_parameter(client, "planning_allowance", PATIENCE)
+    set_parameter(client, "planning_lead_time", PATIENCE)
     assert client.plan(scene.complete_request()).status.code == Status.SOLVED
     assert planner.worker == solver
 

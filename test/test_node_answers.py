@@ -72,8 +72,8 @@ class Run:
 def run(lemur_capture: PlanningProblem, tmp_path_factory: pytest.TempPathFactory) -> Run:
     scene, directory = Scene(lemur_capture), tmp_path_factory.mktemp("answers")
     arguments = (
-        *("-p", "state_max_age:=3600.0", "-p", "state_max_lead:=3600.0"),
-        *("-p", f"planning_allowance:={ALLOWANCE / 1e9}"),
+        *("-p", "state_max_age:=3600.0", "-p", "state_future_tolerance:=3600.0"),
+        *("-p", f"planning_lead_time:={ALLOWANCE / 1e9}"),
     )
     with private_domain(), running_planner(directory, *arguments) as planner:
         with connected_client() as client:

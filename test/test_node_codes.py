@@ -40,7 +40,7 @@ from ff_planner_ros.ros.messages.to_messages import state_message, time_message
 
 # States and plans are of this much ahead of the request: nobody is ever too late or too old [ns].
 LEAD = 60_000_000_000
-ARGUMENTS = {"state_max_lead": "3600.0", "planner.starts": "1", "rates.diagnostics": "20.0"}
+ARGUMENTS = {"state_future_tolerance": "3600.0", "planner.starts": "1", "rates.diagnostics": "20.0"}
 NOT_AT_END = "controller.allow_nonzero_velocity_at_trajectory_end"
 
 

@@ -47,7 +47,7 @@ FEW = 8
 
 @pytest.fixture(scope="module")
 def planner(tmp_path_factory: pytest.TempPathFactory) -> Iterator[PlannerProcess]:
-    arguments = ("-p", "planning_allowance:=60.0", "-p", "state_max_age:=3600.0")
+    arguments = ("-p", "planning_lead_time:=60.0", "-p", "state_max_age:=3600.0")
     directory = tmp_path_factory.mktemp("hard_life")
     with private_domain(), running_planner(directory, *arguments) as planner:
         yield planner
@@ -360,7 +360,7 @@ def test_many_plans_leave_nothing_behind_and_the_node_ends_well(
         # It is the node that is tested: the straight way to a goal nearby will do.
         manager = Manager(client)
         assert manager.set("planner.max_iterations", 1).successful
-        assert manager.set("planning_allowance", 5.0).successful  # the chaser drifts away
+        assert manager.set("planning_lead_time", 5.0).successful  # the chaser drifts away
         request, seconds = scene.complete_request(), []
         request.search.points = 12
         for number in range(plans):

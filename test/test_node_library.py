@@ -53,7 +53,7 @@ def test_a_node_plans_from_its_library_and_the_bag_replays_without_it(
     walled = Sphere("wall", near.target.position, 0.3)  # of another number of obstacles: not near
     asked = [near, near, replace(near, obstacles=(*near.obstacles, walled)), moved(near, 9.0)]
     used = ("-p", f"planner.library:={library / LIBRARY}", "-p", "allow_remote_paths:=true")
-    starts = ("-p", "planning_allowance:=60.0", "-p", "autostart:=false")
+    starts = ("-p", "planning_lead_time:=60.0", "-p", "autostart:=false")
     with private_domain(), running_planner(tmp_path, *used, *starts) as planner:
         with connected_client() as client:
             manager = Manager(client)

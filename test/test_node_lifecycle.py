@@ -32,7 +32,7 @@ FEW = 8
 
 @pytest.fixture
 def planner(tmp_path: Path) -> Iterator[PlannerProcess]:
-    arguments = ("-p", "autostart:=false", "-p", "planning_allowance:=60.0")
+    arguments = ("-p", "autostart:=false", "-p", "planning_lead_time:=60.0")
     with private_domain(), running_planner(tmp_path, *arguments) as planner:
         yield planner
 

@@ -43,7 +43,7 @@ def test_a_plan_starts_from_the_centre_of_mass_that_odometry_and_mounting_tell(
     scene, start = Scene(lemur_capture), lemur_capture.start
     arguments = {
         "state_source": "odometry",
-        "state_max_lead": "600.0",
+        "state_future_tolerance": "600.0",
         "odometry.child_frame_id": "imu",
         "odometry.sensor_position_in_chaser": SENSOR_POSITION.tolist(),
         "odometry.sensor_quaternion_in_chaser_xyzw": SENSOR_TO_CHASER,

@@ -64,7 +64,7 @@ def test_a_node_plans_on_a_table_from_odometry_and_joint_states(tmp_path: Path) 
     problem = load_scenario(PLANAR)
     arguments = {
         "state_source": "odometry",
-        "state_max_lead": "600.0",
+        "state_future_tolerance": "600.0",
         "odometry.child_frame_id": "mast",
         "odometry.sensor_position_in_chaser": MARKERS.tolist(),
         "odometry.sensor_quaternion_in_chaser_xyzw": MARKERS_TO_CHASER.as_quat().tolist(),

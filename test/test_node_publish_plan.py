@@ -40,7 +40,7 @@ SCENE = Scene(resting_capture())
 
 @pytest.fixture(scope="module")
 def planner(tmp_path_factory: pytest.TempPathFactory) -> Iterator[PlannerProcess]:
-    arguments = ("-p", "state_max_lead:=3600.0", "-p", "end_behaviour:=stop_joints")
+    arguments = ("-p", "state_future_tolerance:=3600.0", "-p", "end_behaviour:=stop_joints")
     directory = tmp_path_factory.mktemp("publish_plan")
     with private_domain(), running_planner(directory, *arguments) as planner:
         yield planner

@@ -31,7 +31,7 @@ from std_srvs.srv import Trigger
 from ff_planner_ros.bag.recover import recover
 from ff_planner_ros.errors import Status
 
-OFTEN = ("-p", "rates.diagnostics:=20.0", "-p", "planning_allowance:=60.0")
+OFTEN = ("-p", "rates.diagnostics:=20.0", "-p", "planning_lead_time:=60.0")
 
 
 class Operator:

@@ -56,7 +56,7 @@ SOURCES = (
 # What a status says.
 SAID = ("code", "message", "field", "value", "allowed", "retry")
 ARGUMENTS = (
-    *("-p", "state_max_age:=60.0", "-p", "planning_allowance:=60.0"),
+    *("-p", "state_max_age:=60.0", "-p", "planning_lead_time:=60.0"),
     *("-p", "planner.starts:=4", "-p", "time_budget:=300.0"),
 )
 
@@ -158,15 +158,17 @@ CASES = {
         Status.STATE_TOO_OLD, ("start_state.header.stamp", "state_max_age"), _age(3600.0)
     ),
     "state of the next hour": Case(
-        Status.STATE_IN_FUTURE, ("start_state.header.stamp", "state_max_lead"), _age(-3600.0)
+        Status.STATE_IN_FUTURE,
+        ("start_state.header.stamp", "state_future_tolerance"),
+        _age(-3600.0),
     ),
     "a start time long ago": Case(
         Status.START_IN_PAST,
-        ("start_time", "s ago", "planning_allowance"),
+        ("start_time", "s ago", "planning_lead_time"),
         _set("start_time.sec", 12),
     ),
     "a start time in a year": Case(
-        Status.OUT_OF_RANGE, ("start_time", "s ahead of now", "start_max_lead"), _in_a_year
+        Status.OUT_OF_RANGE, ("start_time", "s ahead of now", "start_horizon"), _in_a_year
     ),
     "an end behaviour that nobody knows": Case(
         Status.OUT_OF_RANGE,

@@ -35,7 +35,7 @@ from ff_planner_ros.ros.messages.to_messages import time_message
 
 ARGUMENTS = (
     *("-p", "state_max_age:=3600.0", "-p", "bag.flush_interval:=0.05"),
-    *("-p", "planning_allowance:=60.0"),
+    *("-p", "planning_lead_time:=60.0"),
 )
 
 

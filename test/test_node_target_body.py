@@ -120,7 +120,7 @@ def _arguments(urdf: Path, robot: Robot) -> Iterator[str]:
     yield f"robot.urdf:={urdf}"
     yield f"robot.base_link:={robot.base_link}"
     yield f"robot.tip_link:={robot.tip_link}"
-    yield from (f"planning_allowance:={ALLOWANCE}", "target_max_age:=300.0", "time_budget:=300.0")
+    yield from (f"planning_lead_time:={ALLOWANCE}", "target_max_age:=300.0", "time_budget:=300.0")
     yield "planner.starts:=4"
 
 

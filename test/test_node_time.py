@@ -51,7 +51,7 @@ class SimulatedTime:
 @pytest.fixture(scope="module")
 def planner(tmp_path_factory: pytest.TempPathFactory) -> Iterator[PlannerProcess]:
     arguments = (
-        *("-p", "use_sim_time:=true", "-p", f"planning_allowance:={ALLOWANCE}.0"),
+        *("-p", "use_sim_time:=true", "-p", f"planning_lead_time:={ALLOWANCE}.0"),
         *("-p", "state_max_age:=5.0"),
     )
     with private_domain():

@@ -18,7 +18,12 @@ from ros_processes import private_domain
 
 from ff_planner_ros.common.share import share_directory
 from ff_planner_ros.errors import InvalidInput
-from ff_planner_ros.parameters import DECLARATIONS, NodeParameters, default_values
+from ff_planner_ros.parameters import (
+    DECLARATIONS,
+    FORMER_NAMES,
+    NodeParameters,
+    default_values,
+)
 from ff_planner_ros.ros.parameters import (
     _AT_START,
     _WHILE_CONFIGURED,
@@ -133,6 +138,16 @@ def test_an_override_that_makes_no_sense_is_refused_by_name(
         assert word in str(refusal.value)
 
 
+@pytest.mark.parametrize(("former", "present"), FORMER_NAMES.items())
+def test_an_override_by_its_name_of_version_0_2_counts(former: str, present: str) -> None:
+    value = default_values()[present]
+    value = "wrist: 0.25" if isinstance(value, str) else 1.5 * value
+    assert value_of(declare_parameters(_node(**{former: value})), present) == value
+    # The present name goes before.
+    both = {former: default_values()[present], present: value}
+    assert value_of(declare_parameters(_node(**both)), present) == value
+
+
 def test_overrides_of_ros_itself_are_left_alone() -> None:
     node = Node(
         "test",
@@ -224,7 +239,9 @@ STRICT = {name: one.strictness for name, one in DECLARATIONS.items() if one.stri
 
 
 def test_every_tolerance_margin_and_limit_says_which_way_is_stricter() -> None:
-    named = re.compile(r"tolerance|margin|threshold|(^|[._])(max|limits?)[._]|allow_|robust")
+    named = re.compile(
+        r"tolerance|margin|threshold|horizon|(^|[._])(max|limits?)[._]|allow_|robust"
+    )
     fixed = _WHILE_CONFIGURED + _AT_START
     # What bounds the search alone decides whether there is a plan, never which one passes.
     bounds_the_search = {"planner.max_iterations"}

@@ -8,17 +8,20 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+import yaml
 from robots import CONFIG, LEMUR_SCENARIO
 
 from ff_planner_ros.cli import main
 from ff_planner_ros.errors import InvalidInput
 from ff_planner_ros.parameters import (
     DECLARATIONS,
+    FORMER_NAMES,
     LimitParameters,
     checked,
     default_values,
     load_parameters,
     replaced,
+    value_of,
 )
 from ff_planner_ros.planning.problem.problem import Limits
 
@@ -105,6 +108,25 @@ def test_the_word_of_version_0_2_for_nothing_after_the_goal_is_read_and_the_pres
     assert set_while_it_runs.of_scenarios() == present.of_scenarios()
 
 
+@pytest.mark.parametrize(("former", "present"), FORMER_NAMES.items())
+def test_a_name_of_version_0_2_is_read_and_the_present_one_told(
+    tmp_path: Path, former: str, present: str
+) -> None:
+    path, value = tmp_path / "planner.yaml", default_values()[present]
+    value = "wrist: 0.25" if isinstance(value, str) else 1.5 * value
+
+    def saved(*names: str) -> Path:
+        path.write_text(yaml.safe_dump({"/**": {"ros__parameters": dict.fromkeys(names, value)}}))
+        return path
+
+    with pytest.warns(FutureWarning, match=f"^{former} is deprecated: say {present}$"):
+        found = load_parameters(saved(former))
+    assert value_of(found, present) == value
+    assert found == load_parameters(saved(present))
+    with pytest.raises(InvalidInput, match=f"^{former} is given twice: give {present} alone"):
+        load_parameters(saved(former, present))
+
+
 def test_a_value_is_returned_as_declared() -> None:
     assert checked("time_budget", 3) == 3.0
     assert isinstance(checked("time_budget", 3), float)
@@ -127,7 +149,7 @@ def test_a_plan_takes_what_the_scenario_does_not_say_from_the_whole_file(
 ) -> None:
     parameters, file = tmp_path / "planner.yaml", tmp_path / "answer.json"
     parameters.write_text(
-        "/**: {ros__parameters: {end_behaviour: stop_joints, tail_duration: 1.5}}"
+        "/**: {ros__parameters: {end_behaviour: stop_joints, post_goal_duration: 1.5}}"
     )
     command = ["plan", str(LEMUR_SCENARIO), "--json", str(file)]
     assert main([*command, "--parameters", str(parameters)]) == 0

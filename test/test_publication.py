@@ -311,7 +311,7 @@ def test_a_state_that_the_request_brings_goes_before_the_latest(world: World) ->
     world.state = _turned(0.5)(world.state)
     assert world.ask().code == Status.STATE_MOVED
     fitting = Scene(world.problem).state(START)
-    world.parameters = replace(world.parameters, state_max_lead=1.0)
+    world.parameters = replace(world.parameters, state_future_tolerance=1.0)
     assert world.ask(start_state=[fitting]).code == Status.SOLVED
 
 

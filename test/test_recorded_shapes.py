@@ -159,7 +159,7 @@ def test_a_scenario_names_geometry_and_srdf_or_is_refused(
     path = directory / "capture.yaml"
     write_scenario(task_of(loaded(directory)), path)
     scenario = yaml.safe_load(path.read_text())
-    scenario["robot"] |= {"urdf": "arm.urdf", "held_joints": {"joint_1": 0.3}} | entry
+    scenario["robot"] |= {"urdf": "arm.urdf", "locked_joints": {"joint_1": 0.3}} | entry
     path.write_text(yaml.safe_dump(scenario))
     with pytest.raises(InvalidInput) as refusal:
         load_task(path, Defaults(SETTINGS))

@@ -63,7 +63,7 @@ class Run:
 @pytest.fixture(scope="module")
 def run(lemur_capture: PlanningProblem, tmp_path_factory: pytest.TempPathFactory) -> Run:
     scene, directory = Scene(lemur_capture), tmp_path_factory.mktemp("replay")
-    arguments = ("-p", "state_max_age:=60.0", "-p", "state_max_lead:=600.0")
+    arguments = ("-p", "state_max_age:=60.0", "-p", "state_future_tolerance:=600.0")
     with private_domain(), running_planner(directory, *arguments) as planner:
         with connected_client() as client:
             client.publish_obstacles(scene.obstacles())

@@ -41,13 +41,13 @@ PARAMETERS = {
     "inertial_frame": FRAME,
     "points": 50,
     "time_budget": 30.0,
-    "planning_allowance": 2.0,
-    "start_max_lead": 600.0,
+    "planning_lead_time": 2.0,
+    "start_horizon": 600.0,
     "following_tolerance": 0.02,
     "end_behaviour": "none",
-    "tail_duration": 1.5,
+    "post_goal_duration": 1.5,
     "state_max_age": 0.5,
-    "state_max_lead": 0.05,
+    "state_future_tolerance": 0.05,
 }
 
 
@@ -137,7 +137,7 @@ def test_a_start_time_before_the_state_is_refused_and_the_allowance_waits_for_it
 ) -> None:
     ahead = NOW + 40_000_000
     request = Scene(lemur_capture).request()
-    assert asked(lemur_capture, request, ahead, planning_allowance=0.0).task.ahead == 0.0
+    assert asked(lemur_capture, request, ahead, planning_lead_time=0.0).task.ahead == 0.0
     request.start_time = time_message(NOW + 10_000_000)
     with pytest.raises(InvalidInput, match=r"start_time is 0\.030 s before the start state"):
         asked(lemur_capture, request, ahead)

@@ -346,7 +346,7 @@ def test_conditions_that_are_too_many_are_named_before_an_arm_that_cannot_rest(
     directory: Path,
 ) -> None:
     scenario = deepcopy(SCENARIO)
-    scenario["robot"]["held_joints"] = {"joint_1": 0.5, "joint_2": 0.5}
+    scenario["robot"]["locked_joints"] = {"joint_1": 0.5, "joint_2": 0.5}
     scenario["joints"] = {"position": [0.1] * 5, "end_effector_at_rest": True}
     path = directory / "scenario.yaml"
     path.write_text(yaml.safe_dump(scenario))
@@ -382,9 +382,14 @@ FORMERLY: list[tuple[dict[str, Any], dict[str, Any], set[str]]] = [
         {"contact_distance is deprecated: say allowed_collisions.distance"},
     ),
     (
-        {"end_behaviour": "as_planned", "tail_duration": 2.0},
-        {"end_behaviour": "none", "tail_duration": 2.0},
+        {"end_behaviour": "as_planned", "post_goal_duration": 2.0},
+        {"end_behaviour": "none", "post_goal_duration": 2.0},
         {"end_behaviour: as_planned is deprecated: say none"},
+    ),
+    (
+        {"end_behaviour": "stop_joints", "tail_duration": 2.0},
+        {"end_behaviour": "stop_joints", "post_goal_duration": 2.0},
+        {"tail_duration is deprecated: say post_goal_duration"},
     ),
 ]
 

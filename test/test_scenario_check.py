@@ -215,7 +215,7 @@ BAD: list[tuple[str, Any, bool]] = [
     ("limits.acceleration", [0.1, -0.1], True),
     ("parametrisation", "spline", True),
     ("robot.geometry", "cubes", True),
-    ("robot.held_joints", [1.0], True),
+    ("robot.locked_joints", [1.0], True),
     ("planner", {"starts": 0}, True),
     ("planner", {"start": 3}, True),
     ("planner", {"robust": {"sigmas": 11.0}}, True),

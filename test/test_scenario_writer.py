@@ -176,7 +176,7 @@ def written(tmp_path: Path, more: str) -> Path:
     [
         ("start_after: -1.0", "start_after is -1.0"),
         ("end_behaviour: rest", "end_behaviour is 'rest'"),
-        ("end_behaviour: stop_joints", "tail_duration is missing: .* stop_joints needs it"),
+        ("end_behaviour: stop_joints", "post_goal_duration is missing: .* stop_joints needs it"),
         ("controller: {effort_interface: false}", "allow_nonzero_velocity_at_trajectory_end"),
         ("controller: {allow_nonzero_velocity_at_trajectory_end: 1, effort_interface: false}",
          "controller.allow_nonzero_velocity_at_trajectory_end is 1"),
@@ -230,7 +230,7 @@ def test_what_a_scenario_does_not_say_is_the_formats_default_or_the_parameters(
     assert alone.settings == replace(SETTINGS, starts=3)
     file = tmp_path / "planner.yaml"
     file.write_text(
-        "/**: {ros__parameters: {end_behaviour: stop_joints, tail_duration: 1.25, "
+        "/**: {ros__parameters: {end_behaviour: stop_joints, post_goal_duration: 1.25, "
         "planner.starts: 7, planner: {max_iterations: 9}, limits: {chaser_attitude: 0.3}}}"
     )
     parameters: Any = load_parameters(file)

@@ -256,6 +256,6 @@ def test_a_target_body_is_as_old_and_as_early_as_it_may_be_and_no_more(
     with pytest.raises(InvalidInput) as refused:
         scene_input.target_body(*asked)
     assert (refused.value.status, refused.value.field) == (status, "target_body.header.stamp")
-    limit, name = ("5", "target_max_age") if age > 0.0 else ("1", "state_max_lead")
+    limit, name = ("5", "target_max_age") if age > 0.0 else ("1", "state_future_tolerance")
     assert f"at most {limit} s" in refused.value.allowed
     assert name in refused.value.allowed

@@ -17,8 +17,8 @@ from ff_planner_ros.planning.problem.problem import (
     PlanningProblem,
     Sphere,
     Target,
-    capturing,
     with_attached_spheres,
+    with_capture_target,
 )
 from ff_planner_ros.planning.problem.scene import Scene, scene_of
 from ff_planner_ros.planning.problem.target_body import TargetBody
@@ -132,7 +132,7 @@ def test_what_goes_with_the_grasp_rests_in_it_for_the_check_and_the_search(
     if isinstance(thing, Target):
         problem = replace(problem, target=thing)
     else:
-        problem = capturing(thing, problem)
+        problem = with_capture_target(thing, problem)
     points, step = [], 1e-5
     for time in TIMES:
         at = [grasp_at(thing, time + off) for off in (-step, 0.0, step)]
@@ -164,7 +164,7 @@ def test_places_change_with_the_duration_as_those_of_problems_made_anew(
             if isinstance(thing, Target):  # it stays the same at the goal, whenever that is
                 problem = replace(problem, target=thing)
             else:
-                problem = capturing(thing, problem)
+                problem = with_capture_target(thing, problem)
             seen[duration] = GraspSeen(problem, parts * duration)
         low, middle, high = seen.values()
         wanted = (high.sees(points) - low.sees(points)) / 2e-5

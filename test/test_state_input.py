@@ -258,7 +258,7 @@ def test_a_state_may_be_as_old_and_as_early_as_declared_and_no_more(
     limit, name = (
         (MAX_AGE, "state_max_age")
         if status is Status.STATE_TOO_OLD
-        else (MAX_LEAD, "state_max_lead")
+        else (MAX_LEAD, "state_future_tolerance")
     )
     assert f"at most {limit:g} s" in refusal.allowed
     assert name in refusal.allowed

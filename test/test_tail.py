@@ -339,7 +339,7 @@ def test_clearance_is_certified_on_steps_of_two_lengths(moving_target: PlanningP
 def test_a_length_that_is_none_is_refused_by_name(
     lemur_capture: PlanningProblem, lemur_plan: Plan, behaviour: EndBehaviour, seconds: float
 ) -> None:
-    with pytest.raises(InvalidInput, match="tail_duration"):
+    with pytest.raises(InvalidInput, match="post_goal_duration"):
         with_tail(lemur_capture, lemur_plan, behaviour, seconds, SETTINGS)
 
 
@@ -351,4 +351,4 @@ def test_a_plan_has_no_more_points_with_its_tail_than_a_plan_may(
     assert _intervals(lemur_capture, motion, 9950 * 10.0 / 49) == MAX_POINTS - 50
     with pytest.raises(InvalidInput, match="10000 at most") as refused:
         with_tail(lemur_capture, lemur_plan, STOP, 9951 * 10.0 / 49, SETTINGS)
-    assert refused.value.field == "tail_duration"
+    assert refused.value.field == "post_goal_duration"

@@ -234,7 +234,7 @@ def test_a_request_tells_from_when_on_it_takes_over_and_how_much_remains(
     request = Scene(lemur_capture).request()
     request.replan_active, request.duration, request.duration_max = True, duration, longest
     read = asked(lemur_capture, running, request, late_ns)
-    allowance = ALLOWED.allowance
+    allowance = ALLOWED.lead_time
     assert read.start_ns == NOW + round(allowance * NANOSECONDS)
     remaining = 6.0 - allowance
     assert read.task.problem.duration == pytest.approx(

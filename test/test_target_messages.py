@@ -34,7 +34,7 @@ from ff_planner_ros.planning.problem.problem import (
     Objective,
     PlanningProblem,
     Sphere,
-    capturing,
+    with_capture_target,
 )
 from ff_planner_ros.planning.task.tail import EndBehaviour
 from ff_planner_ros.planning.task.task import PlanningTask, perform
@@ -91,9 +91,9 @@ def asked(
     """Read a request whose plan starts two seconds from now."""
     parameters = replace(
         load_parameters(),
-        planning_allowance=2.0,
+        planning_lead_time=2.0,
         target_max_age=MAX_AGE,
-        state_max_lead=MAX_LEAD,
+        state_future_tolerance=MAX_LEAD,
     )
     states, scenes = Mock(), SceneInput(FRAME, lambda: NOW)
     states.snapshot.return_value = Snapshot(problem.start, NOW, "chaser_state")
@@ -500,7 +500,7 @@ def free(problem: PlanningProblem) -> PlanningTask:
     """A capture whose moment is the planner's choice, with a tail behind it."""
     shortest, longest = 0.9 * problem.duration, 1.2 * problem.duration
     asked_for = replace(
-        capturing(body_of(problem), replace(problem, duration=longest)),
+        with_capture_target(body_of(problem), replace(problem, duration=longest)),
         duration_range=DurationRange(shortest, longest),
         objective=Objective(1.0, 0.0, 0.02),
     )

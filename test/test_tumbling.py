@@ -35,7 +35,7 @@ from ff_planner_ros.planning.problem.problem import (
     PlanningProblem,
     Sphere,
     attached_spheres,
-    capturing,
+    with_capture_target,
 )
 from ff_planner_ros.planning.problem.scene import Scene, scene_of
 from ff_planner_ros.planning.problem.target_body import AttachedSphere, TargetBody
@@ -164,12 +164,12 @@ def seen_from(problem: PlanningProblem, frame: Frame) -> PlanningProblem:
         linear_velocity=frame.vector(body.linear_velocity) + frame.velocity,
         angular_velocity=frame.vector(body.angular_velocity),
     )
-    return capturing(there, frame.problem(replace(problem, obstacles=())))
+    return with_capture_target(there, frame.problem(replace(problem, obstacles=())))
 
 
 def test_a_body_that_does_not_turn_is_a_target_that_drifts(problem: PlanningProblem) -> None:
     body = replace(body_of(problem), angular_velocity=np.zeros(3))
-    captured = capturing(body, problem)
+    captured = with_capture_target(body, problem)
     spheres = tuple(
         Sphere(one.id, one.center, one.radius, body.linear_velocity) for one in captured.obstacles
     )
@@ -210,7 +210,7 @@ def test_scenario_and_digest_hold_all_of_a_body(problem: PlanningProblem, tmp_pa
         {"obstacles": (replace(sphere, center=sphere.center + 1e-9), *body.obstacles[1:])},
     ]
     for change in changes:
-        other = replace(task, problem=capturing(replace(body, **change), problem))
+        other = replace(task, problem=with_capture_target(replace(body, **change), problem))
         assert other.digest != task.digest, change
 
 
@@ -465,7 +465,7 @@ def test_what_the_tool_grasps_may_touch_it_from_near_the_goal_on_as_the_body_mov
     body = body_of(given)
     grasp = Rotation.from_quat(body.grasp_quaternion_xyzw.copy())
     fixture = AttachedSphere("fixture", body.grasp_position + grasp.apply([0, 0, 0.2]), 0.08)
-    asked = capturing(replace(body, obstacles=(*body.obstacles, fixture)), given)
+    asked = with_capture_target(replace(body, obstacles=(*body.obstacles, fixture)), given)
     holding: dict[str, Any] = {"end_behaviour": EndBehaviour.HOLD_END_EFFECTOR, "tail": 2.0}
     with pytest.raises(NoPlanFound, match="name link_7/fixture in allowed_collisions"):
         perform(PlanningTask(asked, SETTINGS, **holding))
@@ -490,8 +490,8 @@ def test_a_body_that_leaves_the_table_is_refused_by_its_own_field() -> None:
         grasp_quaternion_xyzw=given.target.quaternion_xyzw,
         angular_velocity=[0.0, 0.0, 0.05],
     )
-    capturing(flat.after(-given.duration), given)
+    with_capture_target(flat.after(-given.duration), given)
     rolling = replace(flat, angular_velocity=[0.05, 0.0, 0.0])
     with pytest.raises(InvalidInput) as refused:
-        capturing(rolling.after(-given.duration), given)
+        with_capture_target(rolling.after(-given.duration), given)
     assert refused.value.field == "target_body.angular_velocity"

@@ -156,7 +156,7 @@ def bag_of_the_node(
 ) -> Iterator[Path]:
     """Two plans and, between them, a refusal, recorded by a planner process."""
     scene, directory = Scene(resting_capture()), tmp_path_factory.mktemp("node")
-    patient = ("-p", "planning_allowance:=60.0")
+    patient = ("-p", "planning_lead_time:=60.0")
     with private_domain(), running_planner(directory, *patient) as planner:
         with connected_client() as client:
             client.wait_for_planner()

@@ -74,7 +74,7 @@ def test_limits_and_duration_are_changed_in_every_request(
             ("allowed_collisions.pairs is 'link_7/c1'", "a list"),
         ),
         ("allowed_collisions.pairs=[1]", ("allowed_collisions.pairs[0] is 1",)),
-        ("tail_duration=yes", ("tail_duration is True", "number", "[s]")),
+        ("post_goal_duration=yes", ("post_goal_duration is True", "number", "[s]")),
     ],
 )
 def test_what_cannot_be_changed_so_is_refused_by_name(setting: str, words: tuple[str, ...]) -> None:

@@ -36,7 +36,7 @@ _LIMIT: dict[str, Any] = {"color": "0.35", "linewidth": 1.0, "linestyle": (0, (6
 _DOTS_PER_INCH = 150
 
 
-def draw(problem: PlanningProblem, plan: Plan, directory: Path) -> list[Path]:
+def plot_plan(problem: PlanningProblem, plan: Plan, directory: Path) -> list[Path]:
     """Draw a plan: figures over time, each as PNG and PDF, and a scene that turns in a browser.
 
     Args:

@@ -148,7 +148,8 @@ def attached_robot(bag: Path, attachments: Mapping[str, bytes]) -> Robot:
         links = links["robot"]
         base_link, tip_link = str(links["base_link"]), str(links["tip_link"])
         # Bags of earlier versions do not tell: they know no other base.
-        base, held = str(links.get("base", Base.FREE_FLYER)), str(links.get("held_joints", ""))
+        base = str(links.get("base", Base.FREE_FLYER))
+        held = str(links.get("locked_joints", links.get("held_joints", "")))
         # What they recorded was planned with lines.
         geometry = str(links.get("geometry", Geometry.LINES))
     except (InvalidInput, LookupError, TypeError, ValueError):

@@ -15,8 +15,8 @@ from ff_planner_ros.planning.problem.problem import (
     Objective,
     Parametrisation,
     PlanningProblem,
-    capturing,
     carried_spheres,
+    with_capture_target,
 )
 from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.task.task import PlanningTask, perform
@@ -134,7 +134,7 @@ def _continuing(task: PlanningTask, motion: JointMotion, since: float) -> Planni
         obstacles=carried_spheres(problem.obstacles, since + _AHEAD),
     )
     if problem.target_body is not None:
-        later = capturing(problem.target_body.after(since + _AHEAD), later)
+        later = with_capture_target(problem.target_body.after(since + _AHEAD), later)
     running = replace(motion, time=motion.time - since)
     return replace(task, problem=later, ahead=_AHEAD, running=running, running_goal=goal)
 

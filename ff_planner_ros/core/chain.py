@@ -23,7 +23,7 @@ def chain_of(robot: Robot) -> compiled.Chain:
             Status.BAD_ROBOT,
             "robot.urdf",
             f"an arm of {robot.joints} joints",
-            f"an arm has {compiled.MAX_JOINTS} joints at most; robot.held_joints holds some",
+            f"an arm has {compiled.MAX_JOINTS} joints at most; robot.locked_joints holds some",
         )
     model = robot.model
     # The first two joints are Pinocchio's: the universe and the free-flyer, whose body is the base.

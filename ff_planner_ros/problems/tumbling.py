@@ -21,7 +21,7 @@ from ff_planner_ros.planning.problem.problem import (
     Objective,
     PlanningProblem,
     Sphere,
-    capturing,
+    with_capture_target,
 )
 from ff_planner_ros.planning.problem.target_body import AttachedSphere
 from ff_planner_ros.problems.bodies import APART, Swept, own_gap, sphere_gap
@@ -137,7 +137,7 @@ def _drawn(robot: Robot, kind: Kind, rng: np.random.Generator) -> PlanningProble
         limits=Limits(joint_velocities=True),
         approach=approach,
     )
-    return capturing(replace(witness.body, obstacles=spheres), asked)
+    return with_capture_target(replace(witness.body, obstacles=spheres), asked)
 
 
 def _start(robot: Robot, rng: np.random.Generator) -> SystemState:

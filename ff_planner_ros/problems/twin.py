@@ -10,7 +10,7 @@ import pinocchio as pin
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.paths.end_effector_polynomial import end_effector_paths
 from ff_planner_ros.planning.paths.polynomial import COMPONENTS, FREE_TERMS
-from ff_planner_ros.planning.problem.problem import PlanningProblem, capturing
+from ff_planner_ros.planning.problem.problem import PlanningProblem, with_capture_target
 from ff_planner_ros.problems.paths import STRAIGHT
 from ff_planner_ros.robot.rotation import euler_from_rotation
 
@@ -61,7 +61,7 @@ def seen_from(problem: PlanningProblem, frame: pin.SE3) -> PlanningProblem:
         linear_velocity=rotation @ body.linear_velocity,
         angular_velocity=rotation @ body.angular_velocity,
     )
-    return capturing(moved, seen)
+    return with_capture_target(moved, seen)
 
 
 def same_path(

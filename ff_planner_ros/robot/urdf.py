@@ -132,7 +132,7 @@ def _check_joints(
     movable = {_name(joint) for joint in tree.above.values() if joint.get("type") != "fixed"}
     for name in [name for name in held_at if name not in movable]:
         allowed = f"it must be one of the joints that move: {listed(sorted(movable))}"
-        faults.add("robot.held_joints", name, "", "unknown", allowed)
+        faults.add("robot.locked_joints", name, "", "unknown", allowed)
     held_at = {name: at for name, at in held_at.items() if _can_be_held(tree, name, at, faults)}
     moving = [
         joint
@@ -177,9 +177,9 @@ def _can_be_held(tree: Tree, name: str, at: float, faults: Faults) -> bool:
     kind = tree.joints[name].get("type") if name in tree.joints else None
     if kind not in (*_UNITS, "fixed", None):
         allowed = f"only joints that are {', '.join(_UNITS)} can be held somewhere"
-        faults.add("robot.held_joints", name, "", f"of a joint that is {kind}", allowed)
+        faults.add("robot.locked_joints", name, "", f"of a joint that is {kind}", allowed)
     elif not abs(at) <= LARGEST:
-        faults.add("robot.held_joints", name, "", at, f"its size must be at most {LARGEST:g}")
+        faults.add("robot.locked_joints", name, "", at, f"its size must be at most {LARGEST:g}")
     else:
         return True
     return False

@@ -21,6 +21,7 @@ from rclpy.parameter import Parameter
 from ff_planner_ros.errors import FfPlannerError, InvalidInput, Status
 from ff_planner_ros.parameters import (
     DECLARATIONS,
+    FORMER_NAMES,
     Declaration,
     NodeParameters,
     default_values,
@@ -122,6 +123,10 @@ def changed(parameters: NodeParameters, changes: list[Parameter]) -> NodeParamet
 
 def _declared(node: Node) -> NodeParameters:
     overrides = node._parameter_overrides  # noqa: SLF001 (rclpy tells them nowhere else)
+    for former in FORMER_NAMES.keys() & overrides.keys():
+        given, name = overrides.pop(former), FORMER_NAMES[former]
+        node.get_logger().warning(f"{former} is deprecated: say {name}")
+        overrides.setdefault(name, Parameter(name, given.type_, given.value))
     values: dict[str, Any] = {}
     for name, declaration in DECLARATIONS.items():
         descriptor = _descriptor(name, declaration)

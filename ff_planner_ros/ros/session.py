@@ -151,7 +151,7 @@ class Session:
     def _stream(self) -> None:
         now = self._parameters.current
         try:
-            measured = self._newest_state(now.state_max_age, now.state_max_lead)
+            measured = self._newest_state(now.state_max_age, now.state_future_tolerance)
         except InvalidInput:
             measured = None
         self._output.stream(measured)
@@ -160,7 +160,7 @@ class Session:
         now, clock = self._parameters.current, self._node.get_clock().now()
         state_age, state_refusal = None, ""
         try:
-            stamp_ns = self._newest_state(_ANY_AGE, now.state_max_lead).stamp_ns
+            stamp_ns = self._newest_state(_ANY_AGE, now.state_future_tolerance).stamp_ns
             state_age = (clock.nanoseconds - stamp_ns) / NANOSECONDS
         except InvalidInput as error:
             if error.status is not Status.NO_STATE:
@@ -175,7 +175,9 @@ class Session:
                 obstacles, obstacles_refusal = 0, str(error)
         target_age, target_refusal = None, ""
         try:
-            seen = self._scenes.target_body(None, clock.nanoseconds, _ANY_AGE, now.state_max_lead)
+            seen = self._scenes.target_body(
+                None, clock.nanoseconds, _ANY_AGE, now.state_future_tolerance
+            )
             target_age = (clock.nanoseconds - seen.stamp_ns) / NANOSECONDS
         except InvalidInput as error:
             if error.status is not Status.NO_TARGET_BODY:

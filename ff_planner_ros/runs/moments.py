@@ -33,7 +33,7 @@ def _received(exchange: PlanExchange, recorded: RecordedParameters) -> int:
         if request.start_state and not nanoseconds(request.start_state[0].header.stamp):
             return nanoseconds(response.inputs.state_stamp)
         if response.plans and not nanoseconds(request.start_time):
-            allowance = recorded.at(received_ns).planning_allowance
+            allowance = recorded.at(received_ns).planning_lead_time
             start_ns = nanoseconds(response.plans[0].joint_trajectory.header.stamp)
             return start_ns - round(allowance * NANOSECONDS)
     return received_ns

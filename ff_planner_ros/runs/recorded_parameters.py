@@ -18,6 +18,7 @@ from ff_planner_ros.parameters import (
     default_values,
     flattened,
     parameters_of,
+    present_name,
     replaced,
 )
 from ff_planner_ros.ros.messages.interfaces import type_name
@@ -60,7 +61,7 @@ class RecordedParameters:
             values = [*told.new_parameters, *told.changed_parameters]
             try:
                 for one in values:
-                    current = replaced(current, one.name, _value(one.value))
+                    current = replaced(current, present_name(one.name), _value(one.value))
             except (InvalidInput, TypeError) as error:
                 raise BagError(f"bag {bag.path}: {message.topic}: {error}") from None
             self._changes.append((nanoseconds(told.stamp), current))
@@ -79,7 +80,7 @@ class RecordedParameters:
         except (InvalidInput, TypeError, ValueError):
             raise BagError(f"bag {bag.path}: its {_ATTACHED} holds no parameters") from None
         # Where `ff-planner plan --bag` of earlier versions attached none, plans start at once.
-        assumed = dict(default_values()) | {"planning_allowance": 0.0}
+        assumed = dict(default_values()) | {"planning_lead_time": 0.0}
         unknown = [name for name in values if name not in assumed]
         if unknown:
             names = ", ".join(unknown)

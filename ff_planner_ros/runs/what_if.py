@@ -34,8 +34,8 @@ _OF_REQUEST = tuple(key for key in REQUEST_KEYS if not key.startswith("target.")
 # what a request is given that leaves open what `_OF_REQUEST` changes in every request.
 _OF_NODE = (
     *("planner.", "limits.", "controller.", "replanning."),
-    *("tail_duration", "following_tolerance", "planning_allowance", "start_max_lead"),
-    *("state_max_age", "state_max_lead"),
+    *("post_goal_duration", "following_tolerance", "planning_lead_time", "start_horizon"),
+    *("state_max_age", "state_future_tolerance"),
 )
 _LIBRARY = "planner.library"
 _NONE = "-"

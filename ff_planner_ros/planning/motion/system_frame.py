@@ -21,7 +21,7 @@ import pinocchio as pin
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.motion.plan import Plan
-from ff_planner_ros.planning.problem.problem import PlanningProblem, capturing
+from ff_planner_ros.planning.problem.problem import PlanningProblem, with_capture_target
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.quaternion import (
@@ -88,7 +88,7 @@ class SystemFrame:
             linear_velocity=self._velocity_here(body.linear_velocity),
             angular_velocity=self._vector_here(body.angular_velocity, _OTHER),
         )
-        return capturing(moved, seen)
+        return with_capture_target(moved, seen)
 
     def state_seen_by_user(self, state: SystemState, time: float) -> SystemState:
         """Return a state of this frame at a time [s] in the user's."""

@@ -57,10 +57,10 @@ __all__ = [
     "Target",
     "TargetBody",
     "attached_spheres",
-    "capturing",
     "carried_spheres",
     "lasting",
     "with_attached_spheres",
+    "with_capture_target",
 ]
 
 # Five points hold a plan's start, end and middle; above ten thousand the answer no longer
@@ -474,7 +474,7 @@ class PlanningProblem:
                 )
 
 
-def capturing(body: TargetBody, problem: PlanningProblem) -> PlanningProblem:
+def with_capture_target(body: TargetBody, problem: PlanningProblem) -> PlanningProblem:
     """Return a problem whose goal is the grasp of a body, with what is fixed to it in the way.
 
     Goal and attached obstacles of another body, that the problem may have had, are left out.

@@ -64,12 +64,13 @@ class RobotFile:
         brief=True,
         default=Base.FREE_FLYER,
     )
-    held_joints: Mapping[str, float] | None = declare(
+    locked_joints: Mapping[str, float] | None = declare(
         by_name("a joint"),
         "where joints are held that are not planned; default: all that do not turn between base "
         "and tip, at zero",
         unit="rad, m",
         since="0.3",
+        formerly="held_joints",
         default=None,
     )
     geometry: Geometry | None = declare(
@@ -96,7 +97,7 @@ class RobotFile:
         urdf = resolve_uri(self.urdf, relative_to=directory)
         srdf = None if self.srdf is None else resolve_uri(self.srdf, directory, "robot.srdf")
         links = self.base_link, self.tip_link
-        held = self.held_joints or {}
+        held = self.locked_joints or {}
         return load_robot(urdf, *links, self.base, held, self.geometry, srdf)
 
 
@@ -220,7 +221,7 @@ def _task(read: Mapping[str, Any], robot: Robot, defaults: Defaults) -> Planning
         given["tail"] = 0.0
     elif given["tail"] is None:
         allowed = f"end_behaviour {given['end_behaviour']} needs it"
-        raise InvalidInput(Status.OUT_OF_RANGE, "tail_duration", "missing", allowed)
+        raise InvalidInput(Status.OUT_OF_RANGE, "post_goal_duration", "missing", allowed)
     if isinstance(given["controller"], Controller):
         given["controller"] = replace(given["controller"], joints=robot.joint_names)
     elif given["controller"] is not None:

@@ -72,7 +72,7 @@ def with_tail(
     if end_behaviour is EndBehaviour.NONE:
         return plan
     robot, motion = problem.robot, plan.trajectory
-    seconds = finite_number("tail_duration", seconds, above=0.0)
+    seconds = finite_number("post_goal_duration", seconds, above=0.0)
     name = f"{end_behaviour}, {seconds:g} s"
     time = np.linspace(0.0, seconds, 1 + _intervals(problem, motion, seconds))
     # Few points are few points told, not a coarser motion.
@@ -113,7 +113,7 @@ def _intervals(problem: PlanningProblem, motion: Trajectory, seconds: float) -> 
     if not len(motion.time) + wanted <= MAX_POINTS:
         raise InvalidInput(
             Status.OUT_OF_RANGE,
-            "tail_duration",
+            "post_goal_duration",
             f"{seconds:g} s",
             f"with its points the plan may have {MAX_POINTS} at most; choose a shorter tail or "
             "fewer points",

@@ -95,7 +95,13 @@ class PlanningTask:
         message="end_behaviour",
     )
     tail: float = declare(  # zero for `none`
-        a_number(), "how long it does so", key="tail_duration", unit="s", since="0.3", default=0.0
+        a_number(),
+        "how long it does so",
+        key="post_goal_duration",
+        formerly="tail_duration",
+        unit="s",
+        since="0.3",
+        default=0.0,
     )
     controller: Controller | None = declare(
         or_none(changes(Controller)),

@@ -151,7 +151,7 @@ def require_current(
             early,
             field,
             f"{-age:.3f} s ahead of now",
-            f"it must be at most {max_lead:g} s ahead (parameter state_max_lead); "
+            f"it must be at most {max_lead:g} s ahead (parameter state_future_tolerance); "
             "do both computers have the same time?",
         )
 

@@ -12,6 +12,7 @@ from ff_planner_ros.common.declared import DeclaredField
 from ff_planner_ros.common.declared_messages import places_in, write_value
 from ff_planner_ros.common.yaml_file import yaml_document
 from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.parameters import present_name
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.task.task import PlanningTask
 from ff_planner_ros.ros.messages.interfaces import entry_of
@@ -32,6 +33,7 @@ def split_setting(setting: str, known: Collection[str]) -> tuple[str, str]:
         InvalidInput: It is none, or its key is not among those known.
     """
     key, equals, value = setting.partition("=")
+    key = present_name(key)
     if not equals:
         allowed = "it must read key=value, such as objective.chaser_attitude=1"
         raise InvalidInput(Status.OUT_OF_RANGE, "--set", setting, allowed)

@@ -107,7 +107,7 @@ def recorded_robot(
     description = urdf.read_bytes()
     if robot.geometry is Geometry.SHAPES:
         # With meshes and links that may touch; joints that are held are fixed ones there.
-        described = replace(described, held_joints="", srdf="")
+        described = replace(described, locked_joints="", srdf="")
         description = robot.drawn_urdf.encode()
     return replace(parameters, robot=described), description
 

@@ -345,8 +345,8 @@ class PlanningService:
             raise NoPlanFound(
                 Status.TOO_LATE,
                 f"the plan's start time was over {late:.3f} s before there was a plan: ask for a "
-                "later start_time, or raise the parameter planning_allowance (with replan_active, "
-                "replanning.allowance)",
+                "later start_time, or raise the parameter planning_lead_time (with replan_active, "
+                "replanning.lead_time)",
             )
 
     def _log_solved(self, plan: Plan, answer: PlanAnswer, what: str, requester: str) -> None:

@@ -145,7 +145,9 @@ def read_request(request: PlanRequest, knowledge: Knowledge) -> ReadRequest:
                 splice_time=continued.splice_time,
             )
         own = request.scene[0] if request.scene else None
-        scene = knowledge.scenes.moving_scene(own, knowledge.now_ns, parameters.state_max_lead)
+        scene = knowledge.scenes.moving_scene(
+            own, knowledge.now_ns, parameters.state_future_tolerance
+        )
         provenance = replace(
             provenance,
             obstacles_stamp_ns=scene.stamp_ns,
@@ -168,7 +170,7 @@ def read_request(request: PlanRequest, knowledge: Knowledge) -> ReadRequest:
             None if seen is None else _carried(seen, start_ns),
             None if continued is None else continued.remaining,
         )
-        tail = 0.0 if end_behaviour is EndBehaviour.NONE else parameters.tail_duration
+        tail = 0.0 if end_behaviour is EndBehaviour.NONE else parameters.post_goal_duration
         if start_ns / NANOSECONDS + tail + problem.duration > MAX_MESSAGE_SECONDS:
             field = "duration" if problem.duration_range is None else "duration_max"
             allowed = "the plan must end before 2038"
@@ -222,7 +224,7 @@ def measured_state(own: Sequence[ChaserState], knowledge: Knowledge) -> Snapshot
         InvalidInput: There is none, or none that can be used.
     """
     parameters, now_ns = knowledge.parameters, knowledge.now_ns
-    limits = (now_ns, parameters.state_max_age, parameters.state_max_lead)
+    limits = (now_ns, parameters.state_max_age, parameters.state_future_tolerance)
     if not own:
         return knowledge.states.snapshot(*limits)
     message, source = own[0], "start_state"
@@ -246,7 +248,7 @@ def motion_until_start(
 def _seen_body(request: PlanRequest, knowledge: Knowledge) -> SeenBody:
     """Return the target body that a request brings, or else the latest one."""
     parameters = knowledge.parameters
-    limits = (knowledge.now_ns, parameters.target_max_age, parameters.state_max_lead)
+    limits = (knowledge.now_ns, parameters.target_max_age, parameters.state_future_tolerance)
     own = request.target_body[0] if request.target_body else None
     return knowledge.scenes.target_body(own, *limits)
 
@@ -285,7 +287,7 @@ def _start_time(
 ) -> int:
     asked_ns = time_in_ns("start_time", request.start_time)
     if not asked_ns:
-        kept_free = parameters.replanning.allowance if continues else parameters.planning_allowance
+        kept_free = parameters.replanning.lead_time if continues else parameters.planning_lead_time
         return now_ns + round(kept_free * NANOSECONDS)
     lead = (asked_ns - now_ns) / NANOSECONDS
     if lead < 0.0:
@@ -294,15 +296,15 @@ def _start_time(
             "start_time",
             f"{-lead:.3f} s ago",
             "it must be ahead of now by what planning takes; zero stands for now + the parameter "
-            f"planning_allowance, {parameters.planning_allowance:g} s",
+            f"planning_lead_time, {parameters.planning_lead_time:g} s",
         )
-    if lead > parameters.start_max_lead:
+    if lead > parameters.start_horizon:
         raise InvalidInput(
             Status.OUT_OF_RANGE,
             "start_time",
             f"{lead:.3f} s ahead of now",
-            f"it must be at most {parameters.start_max_lead:g} s ahead (parameter "
-            "start_max_lead): no measured state tells what will be then",
+            f"it must be at most {parameters.start_horizon:g} s ahead (parameter "
+            "start_horizon): no measured state tells what will be then",
         )
     return asked_ns
 

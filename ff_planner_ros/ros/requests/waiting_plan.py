@@ -71,7 +71,8 @@ def require_same_start(made: MadePlan, own: Sequence[ChaserState], knowledge: Kn
     """
     measured = measured_state(own, knowledge)
     running = motion_until_start(knowledge, measured, made.start_ns)
-    # A state may be stamped ahead of now by state_max_lead, and so of a plan that begins at once.
+    # A state may be stamped ahead of now by state_future_tolerance, and so be later than the start
+    # of a plan that begins at once.
     ahead = max(made.start_ns - measured.stamp_ns, 0) / NANOSECONDS
     there = carried_forward(knowledge.robot, measured.state, ahead, running)
     allowed = knowledge.parameters.publication

@@ -10,7 +10,7 @@ from robots import LEMUR_URDF, random_urdf
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import InvalidInput
-from ff_planner_ros.parameters import AUTO, RobotParameters, held_joints_of
+from ff_planner_ros.parameters import AUTO, RobotParameters, locked_joints_of
 from ff_planner_ros.robot.model import Base, Robot, robot_from_urdf_text
 from ff_planner_ros.robot.urdf import TURN_OF_CONTINUOUS, checked_urdf
 from ff_planner_ros.simulation.engine import Engine
@@ -88,12 +88,14 @@ def test_a_joint_that_turns_without_end_is_planned() -> None:
 
 
 def test_a_joint_to_be_held_that_is_not_there_is_refused() -> None:
-    with pytest.raises(InvalidInput, match=r"robot\.held_joints.*elbow.*joint_1, joint_2, joint_3"):
+    with pytest.raises(
+        InvalidInput, match=r"robot\.locked_joints.*elbow.*joint_1, joint_2, joint_3"
+    ):
         checked_urdf(random_urdf(3, 0), "bus", "tool", {"elbow": 0.0})
 
 
 def test_what_is_fixed_cannot_be_held_elsewhere() -> None:
-    with pytest.raises(InvalidInput, match=r"robot\.held_joints"):
+    with pytest.raises(InvalidInput, match=r"robot\.locked_joints"):
         checked_urdf(random_urdf(3, 0), "bus", "tool", {"tool_mount": 0.3})
 
 
@@ -101,11 +103,11 @@ def test_what_is_held_must_be_somewhere_that_it_can_be() -> None:
     """Where its position is no number, or none that leaves a body a body."""
     rail = random_urdf(3, 0).replace('"revolute"', '"prismatic"', 1)
     name = robot_from_urdf_text(random_urdf(3, 0), "bus", "tool").joint_names[0]
-    with pytest.raises(InvalidInput, match=r"robot\.held_joints.*size must be at most"):
+    with pytest.raises(InvalidInput, match=r"robot\.locked_joints.*size must be at most"):
         checked_urdf(rail, "bus", "tool", {name: 1e300})
     for kind in ("floating", "planar"):
         loose = random_urdf(3, 0).replace('"revolute"', f'"{kind}"', 1)
-        with pytest.raises(InvalidInput, match=rf"robot\.held_joints.*is {kind}: only joints"):
+        with pytest.raises(InvalidInput, match=rf"robot\.locked_joints.*is {kind}: only joints"):
             checked_urdf(loose, "bus", "tool", {name: 0.1})
 
 
@@ -137,8 +139,8 @@ def test_a_finger_that_moves_along_with_one_that_is_held_is_where_that_one_takes
 
 
 def test_the_node_is_told_of_held_joints_in_one_line() -> None:
-    assert held_joints_of("") == {}
-    assert held_joints_of("rail: 0.2, other_elbow: -1.5e0,") == {"rail": 0.2, "other_elbow": -1.5}
+    assert locked_joints_of("") == {}
+    assert locked_joints_of("rail: 0.2, other_elbow: -1.5e0,") == {"rail": 0.2, "other_elbow": -1.5}
     told = RobotParameters("a.urdf", "body_0", "tip", "planar", "other_joint_1: 0.4", AUTO, "")
     robot = told.load(two_arms())
     assert robot.base is Base.PLANAR
@@ -146,6 +148,6 @@ def test_the_node_is_told_of_held_joints_in_one_line() -> None:
 
 
 @pytest.mark.parametrize("text", ["rail", "rail: far", "rail: nan", "rail: 0.1 hand: 0.2"])
-def test_held_joints_that_are_no_list_of_positions_are_refused(text: str) -> None:
-    with pytest.raises(InvalidInput, match=r"robot\.held_joints"):
-        held_joints_of(text)
+def test_locked_joints_that_are_no_list_of_positions_are_refused(text: str) -> None:
+    with pytest.raises(InvalidInput, match=r"robot\.locked_joints"):
+        locked_joints_of(text)
