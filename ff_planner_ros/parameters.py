@@ -17,7 +17,7 @@ from ff_planner_ros.common.forms import FROM_URDF, a_word
 from ff_planner_ros.common.plain_values import mapping
 from ff_planner_ros.common.share import resolve_uri, share_directory
 from ff_planner_ros.common.shown import quoted
-from ff_planner_ros.common.yaml_file import read_yaml
+from ff_planner_ros.common.yaml_file import read_yaml, yaml_document
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.problem.controller_rules import Controller
 from ff_planner_ros.planning.problem.problem import MAX_POINTS, MIN_POINTS, Limits
@@ -30,6 +30,8 @@ from ff_planner_ros.planning.problem.settings import (
     strict_if,
     tunable,
 )
+from ff_planner_ros.planning.problem.user_requirements import requirements_read
+from ff_planner_ros.planning.requirements.requirement import Requirement
 from ff_planner_ros.planning.scenario.scenario import Defaults
 from ff_planner_ros.planning.task.tail import FORMER_END_BEHAVIOURS, EndBehaviour
 from ff_planner_ros.robot.bodies import Geometry
@@ -452,6 +454,11 @@ class NodeParameters:
         "Library of plans, a file or the directory that library.npz is in: the nearest plan is "
         "tried first; empty: none"
     )
+    plug_ins: str = tunable(  # `planner.plugins`, likewise
+        "Requirements of installed plug-ins (entry points ff_planner_ros.requirements) that every "
+        "plan must keep, as YAML: `keep_out_plane: {point: [0.0, 0.0, 1.0], normal: [0.0, 0.0, "
+        "-1.0], distance: 0.1}`; no other plug-in is loaded; empty: none"
+    )
     autostart: bool = tunable("Configure and activate at start; else a lifecycle manager does")
     allow_remote_paths: bool = tunable(
         "Whether robot.urdf, robot.srdf and bag.directory may be set over ROS while the node is "
@@ -522,8 +529,20 @@ class NodeParameters:
         """Check the words."""
         _require_word("state_source", self.state_source, STATE_SOURCES)
         _require_word("when_busy", self.when_busy, (REJECT, PREEMPT))
+        self.requirements()
         word = a_word(EndBehaviour, FORMER_END_BEHAVIOURS).read("end_behaviour", self.end_behaviour)
         object.__setattr__(self, "end_behaviour", str(word))
+
+    def requirements(self) -> tuple[Requirement, ...]:
+        """Return what plans must keep beside the planner's own requirements.
+
+        Raises:
+            InvalidInput: The parameter is no YAML, or a plug-in is not installed or refuses it.
+        """
+        if not self.plug_ins.strip():
+            return ()
+        document = yaml_document(self.plug_ins, "planner.plugins", "no YAML")
+        return requirements_read("planner.plugins", document)
 
     def of_scenarios(self) -> Defaults:
         """Return what holds for a scenario that does not say."""
@@ -594,7 +613,7 @@ def present_name(name: str) -> str:
 
 
 # Fields of NodeParameters that are called otherwise, and what.
-_FULL_NAMES = {"library": "planner.library"}
+_FULL_NAMES = {"library": "planner.library", "plug_ins": "planner.plugins"}
 _FIELDS = {full: name for name, full in _FULL_NAMES.items()}
 
 

@@ -33,6 +33,7 @@ from ff_planner_ros.planning.problem.problem import (
 from ff_planner_ros.planning.problem.scene import Scene
 from ff_planner_ros.planning.problem.target_body import TargetBody
 from ff_planner_ros.planning.problem.uncertainty import Uncertainty, uncertainty_from
+from ff_planner_ros.planning.problem.user_requirements import requirements_written
 from ff_planner_ros.planning.task.task import PlanningTask
 from ff_planner_ros.robot.bodies import Geometry
 from ff_planner_ros.robot.model import Base, Robot, robot_from_urdf_text
@@ -88,10 +89,17 @@ def plan_dictionary(plan: Plan, task: PlanningTask, solve_time: float) -> dict[s
         },
         **_asked(problem, motion.time),
         "limits": written_object(problem.limits),
+        **_requirements(problem),
         **_of_plan(plan, solve_time),
         "coefficients": plan.coefficients.tolist(),
         **({} if plan.robust is None else {"robust": _robust(plan.robust)}),
     }
+
+
+def _requirements(problem: PlanningProblem) -> dict[str, Any]:
+    """Return the requirements that the user brought; none: nothing."""
+    given = problem.requirements
+    return {"requirements": requirements_written(given)} if given else {}
 
 
 def received_dictionary(

@@ -34,7 +34,7 @@ from ff_planner_ros.parameters import (
 # What is loaded, recorded or connected when the node is configured.
 _WHILE_CONFIGURED = (
     *("robot.", "bag.", "qos.", "odometry.", "rates."),
-    *("inertial_frame", "state_source", "planner.library"),
+    *("inertial_frame", "state_source", "planner.library", "planner.plugins"),
 )
 # Their time is over when the node is there.
 _AT_START = ("autostart", "allow_remote_paths")

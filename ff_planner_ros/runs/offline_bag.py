@@ -20,6 +20,7 @@ from ff_planner_ros.bag.provenance import PROVENANCE, provenance
 from ff_planner_ros.bag.writer import BagWriter
 from ff_planner_ros.errors import FfPlannerError, InvalidInput, Status
 from ff_planner_ros.planning.motion.plan import Plan
+from ff_planner_ros.planning.problem.user_requirements import requirements_written
 from ff_planner_ros.planning.scenario.scenario import SCENARIO_FRAME
 from ff_planner_ros.planning.task.task import PlanningTask
 from ff_planner_ros.ros.messages.interfaces import type_name
@@ -146,6 +147,7 @@ def require_recordable(task: PlanningTask) -> None:
 def _used(task: PlanningTask) -> dict[str, Any]:
     """Return the parameters with which a node makes the same task of the request."""
     robot, limits, controller = task.problem.robot, task.problem.limits, task.controller
+    required = requirements_written(task.problem.requirements)
     return {
         "robot": {
             "urdf": "robot.urdf",
@@ -182,7 +184,8 @@ def _used(task: PlanningTask) -> dict[str, Any]:
             or controller.allow_nonzero_velocity_at_trajectory_end,
             "effort_interface": controller is not None and controller.effort_interface,
         },
-        "planner": asdict(task.settings),
+        "planner": asdict(task.settings)
+        | {"plugins": yaml.safe_dump(required) if required else ""},
     }
 
 

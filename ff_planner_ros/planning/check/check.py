@@ -18,7 +18,7 @@ from ff_planner_ros.planning.motion.metrics import Metrics
 from ff_planner_ros.planning.motion.plan import Plan, Trajectory
 from ff_planner_ros.planning.problem.problem import Parametrisation, PlanningProblem
 from ff_planner_ros.planning.problem.settings import PlannerSettings
-from ff_planner_ros.planning.requirements import REQUIREMENTS
+from ff_planner_ros.planning.requirements import requirements_of
 from ff_planner_ros.planning.requirements.requirement import Samples
 from ff_planner_ros.planning.requirements.singular_values import SingularValues
 
@@ -28,7 +28,7 @@ def measure(problem: PlanningProblem, trajectory: Trajectory, settings: PlannerS
     samples = _samples(problem, settings, trajectory)
     to_goal = slice(samples.goal + 1)
     required: dict[str, Any] = {}
-    for requirement in REQUIREMENTS:
+    for requirement in requirements_of(problem):
         required |= requirement.metrics(samples)
     return Metrics(
         joint_path_length=joint_path_length(
@@ -42,7 +42,7 @@ def measure(problem: PlanningProblem, trajectory: Trajectory, settings: PlannerS
 def failures(problem: PlanningProblem, plan: Plan, settings: PlannerSettings) -> Iterator[Failure]:
     """Yield every requirement that a measured plan does not meet, the most harmful first."""
     samples = _samples(problem, settings, plan.trajectory)
-    for required in REQUIREMENTS:
+    for required in requirements_of(problem):
         if plan.family != Parametrisation.JOINT_SPLINE or required.name != SingularValues.name:
             yield from required.failures(samples, plan.metrics)
 

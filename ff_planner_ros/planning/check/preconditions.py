@@ -8,11 +8,11 @@ import numpy as np
 import pinocchio as pin
 
 from ff_planner_ros.common.arrays import Array
-from ff_planner_ros.errors import NoPlanFound, Status
+from ff_planner_ros.errors import InvalidInput, NoPlanFound, Status
 from ff_planner_ros.planning.distance.contact import tool_contact
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.problem.settings import PlannerSettings
-from ff_planner_ros.planning.requirements import REQUIREMENTS
+from ff_planner_ros.planning.requirements import REQUIREMENTS, requirements_of
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.momentum import total_momentum
@@ -27,7 +27,12 @@ def require_plannable(problem: PlanningProblem, settings: PlannerSettings) -> No
     """
     robot = problem.robot
     q_start, v_start = configuration(robot, problem.start)
-    for required in REQUIREMENTS:
+    ours = {required.name for required in REQUIREMENTS}
+    for required in problem.requirements:
+        if required.name in ours:
+            allowed = "a requirement of the planner has this name"
+            raise InvalidInput(Status.OUT_OF_RANGE, "requirements", required.name, allowed)
+    for required in requirements_of(problem):
         required.refuse_start(problem, q_start, settings)
     momentum = total_momentum(robot, robot.model.createData(), q_start, v_start)
     _require_reachable_goal(problem, q_start, momentum)

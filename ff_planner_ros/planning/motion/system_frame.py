@@ -74,6 +74,7 @@ class SystemFrame:
                 )
                 for sphere in problem.obstacles
             ),
+            requirements=tuple(one.seen_from(self) for one in problem.requirements),
             duration_range=None
             if window is None
             else replace(window, target_velocity=self._velocity_here(window.target_velocity)),

@@ -17,8 +17,9 @@ from ff_planner_ros.planning.paths.joint_spline import JointSplines
 from ff_planner_ros.planning.paths.path_family import Motion, PathFamily
 from ff_planner_ros.planning.problem.problem import Objective, PlanningProblem, Target
 from ff_planner_ros.planning.problem.settings import PlannerSettings
-from ff_planner_ros.planning.requirements import REQUIREMENTS
+from ff_planner_ros.planning.requirements import requirements_of
 from ff_planner_ros.planning.requirements.goal import beside, miss
+from ff_planner_ros.planning.requirements.requirement import Requirement
 from ff_planner_ros.robot.configuration import configuration
 
 # A path is solved on so many intervals at least, whatever the plan shows of them: on fewer, its
@@ -105,6 +106,11 @@ class PathProgram:
     # Names of the requirements that it keeps only when a path has broken them: none has yet
     waiting: frozenset[str] = frozenset()
 
+    @property
+    def requirements(self) -> tuple[Requirement, ...]:
+        """What a plan must keep."""
+        return requirements_of(self.problem)
+
     def linearise(self, x: Array) -> PathLinearisation:
         """Return objective and constraints of a path with their derivatives."""
         motion = self.family.motion(x, self.points, self.damping)
@@ -126,7 +132,7 @@ class PathProgram:
             None
             if required.name in self.waiting
             else required.rows(self.problem, driven, sensitivity, self.margins[required.name])
-            for required in REQUIREMENTS
+            for required in self.requirements
         ]
         kept = [found for found in rows if found is not None]
         names = [
@@ -164,7 +170,9 @@ class PathProgram:
 
     def slacks(self, motion: FollowedMotion) -> Mapping[str, float]:
         """Return what is left of each requirement along a motion; negative: it is violated."""
-        return {required.name: required.slack(self.problem, motion) for required in REQUIREMENTS}
+        return {
+            required.name: required.slack(self.problem, motion) for required in self.requirements
+        }
 
     def broken(self, at_x: PathLinearisation) -> frozenset[str]:
         """Return which of the requirements that still wait a path breaks."""
@@ -173,7 +181,7 @@ class PathProgram:
         motion = self.followed(at_x)
         return frozenset(
             required.name
-            for required in REQUIREMENTS
+            for required in self.requirements
             if required.name in self.waiting and required.slack(self.problem, motion) < 0.0
         )
 
@@ -188,7 +196,7 @@ class PathProgram:
             names: Of the requirements whose margins are eased.
         """
         margins = dict(self.margins)
-        for number, required in enumerate(REQUIREMENTS):
+        for number, required in enumerate(self.requirements):
             if required.name in names:
                 values = at_x.constraints[at_x.names // _NAMES == number]
                 missing, margin = -float(values.min(initial=0.0)), margins[required.name]
@@ -205,7 +213,8 @@ def path_program(
     problem: PlanningProblem, family: PathFamily, settings: PlannerSettings
 ) -> PathProgram:
     """Return the optimisation problem on all points of the plan."""
-    margins = {required.name: required.margin(problem, settings) for required in REQUIREMENTS}
+    every = requirements_of(problem)
+    margins = {required.name: required.margin(problem, settings) for required in every}
     objective = with_tie_break(problem.objective, settings)
     # A path of the end effector is run as its polynomials say; a spline may be run in any way.
     smoothing = settings.joint_spline_smoothing if isinstance(family, JointSplines) else 0.0
@@ -217,7 +226,7 @@ def path_program(
         margins,
         points,
         smoothing=smoothing,
-        waiting=frozenset(required.name for required in REQUIREMENTS if required.is_on_demand),
+        waiting=frozenset(required.name for required in every if required.is_on_demand),
     )
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 import pinocchio as pin
@@ -39,9 +39,13 @@ from ff_planner_ros.planning.problem.target import (
     target_on_the_table,
 )
 from ff_planner_ros.planning.problem.target_body import TargetBody
+from ff_planner_ros.planning.problem.user_requirements import REQUIRED
 from ff_planner_ros.robot.model import Base, Robot
 from ff_planner_ros.robot.plane import MAX_TILT, on_the_table
 from ff_planner_ros.robot.state import SystemState
+
+if TYPE_CHECKING:
+    from ff_planner_ros.planning.requirements.requirement import Requirement
 
 __all__ = [
     "MAX_POINTS",
@@ -407,6 +411,15 @@ class PlanningProblem:
         since="0.3",
         default=None,
         message="goal.approach[0]",
+        late=True,
+    )
+
+    requirements: tuple[Requirement, ...] = declare(
+        REQUIRED,
+        "of others, by the names of their entry points, `ff_planner_ros.requirements`",
+        since="0.3",
+        brief=True,
+        default=(),
         late=True,
     )
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.requirements.approach import ApproachCorridor
 from ff_planner_ros.planning.requirements.body_clearance import BodyClearance, SelfClearance
 from ff_planner_ros.planning.requirements.chaser_attitude import ChaserAttitude
@@ -18,6 +19,7 @@ from ff_planner_ros.planning.requirements.singular_values import SingularValues
 from ff_planner_ros.planning.requirements.start_velocity import StartVelocity
 from ff_planner_ros.planning.requirements.torques import Torques
 
+# Of every plan.
 REQUIREMENTS: tuple[Requirement, ...] = (
     Clearance(),
     BodyClearance(),
@@ -35,3 +37,8 @@ REQUIREMENTS: tuple[Requirement, ...] = (
     Momentum(),
     StartVelocity(),
 )
+
+
+def requirements_of(problem: PlanningProblem) -> tuple[Requirement, ...]:
+    """Return what the plan of a problem must keep: what every plan must, and what users bring."""
+    return (*REQUIREMENTS, *problem.requirements)

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import ClassVar, NamedTuple
+from typing import ClassVar, NamedTuple, Self
 
 import numpy as np
 
@@ -20,6 +20,7 @@ from ff_planner_ros.planning.motion.joint_motion import joint_motion
 from ff_planner_ros.planning.motion.metrics import Metrics
 from ff_planner_ros.planning.motion.motion import from_trajectory
 from ff_planner_ros.planning.motion.plan import Trajectory
+from ff_planner_ros.planning.motion.system_frame import SystemFrame
 from ff_planner_ros.planning.paths.path_family import Motion, Sensitivity
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.problem.settings import PlannerSettings
@@ -106,11 +107,19 @@ class Samples:
 
 
 class Requirement:
-    """Requires nothing. Each requirement overrides what it needs."""
+    """Requires nothing. Each requirement overrides what it needs.
 
-    name: ClassVar[str]
+    One that a user brings is a frozen dataclass whose fields are declared (`common.declared`): a
+    scenario, digests and records are made of them.
+    """
+
+    name: ClassVar[str]  # of a user's: that of its entry point, too
     # The search keeps it only when a path has broken it: most problems are far from it
     is_on_demand: ClassVar[bool] = False
+
+    def seen_from(self, frame: SystemFrame) -> Self:
+        """Return it in the frame that plans are made in; what names no frame stays as it is."""
+        return self
 
     def refuse_start(
         self, problem: PlanningProblem, q_start: Array, settings: PlannerSettings

@@ -25,6 +25,7 @@ from ff_planner_ros.planning.motion.watch import Watch
 from ff_planner_ros.planning.problem.controller_rules import Command, Controller, require_acceptable
 from ff_planner_ros.planning.problem.problem import PlanningProblem, Sphere, lasting
 from ff_planner_ros.planning.problem.settings import PlannerSettings
+from ff_planner_ros.planning.requirements.requirement import Requirement
 from ff_planner_ros.planning.robust.robust import robust_plan
 from ff_planner_ros.planning.search.continuing import Remainder, joined
 from ff_planner_ros.planning.search.planner import NOBODY, FirstGuess, plan
@@ -157,11 +158,7 @@ def canonical(value: Any) -> Iterator[bytes]:
     if isinstance(value, Robot):
         yield from canonical(_parts_of_robot(value))
     elif is_dataclass(value):
-        for item in fields(value):
-            if _is_absent(value, item.name):
-                continue
-            yield from canonical(_DIGESTED_AS.get(item.name, item.name))
-            yield from canonical(getattr(value, item.name))
+        yield from _canonical_fields(value)
     elif value is None or isinstance(value, bool):
         yield repr(value).encode()
     elif isinstance(value, str):
@@ -176,6 +173,15 @@ def canonical(value: Any) -> Iterator[bytes]:
             yield from canonical(entry)
     else:
         yield b"d" + struct.pack("<d", value)
+
+
+def _canonical_fields(value: Any) -> Iterator[bytes]:
+    if isinstance(value, Requirement):
+        yield from canonical(value.name)
+    for item in fields(value):
+        if not _is_absent(value, item.name):
+            yield from canonical(_DIGESTED_AS.get(item.name, item.name))
+            yield from canonical(getattr(value, item.name))
 
 
 def _parts_of_robot(robot: Robot) -> list[Any]:

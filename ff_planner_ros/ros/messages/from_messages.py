@@ -111,6 +111,7 @@ def problem_from_request(
         given = values_in(PlanningProblem, request, names=_names(request, body))
         given["duration"], given["duration_range"] = _duration(request, remaining)
         given["limits"] = _limits(given.get("limits", {}), robot, most)
+        given["requirements"] = parameters.requirements()
         given["points"] = request.search.points or parameters.points
         if body is not None:
             given["target"] = body.target(given["duration"])

@@ -1,0 +1,31 @@
+"""What other distributions bring along, by the names of their entry points."""
+
+from __future__ import annotations
+
+from importlib.metadata import entry_points
+from typing import Any
+
+from ff_planner_ros.errors import InvalidInput, Status
+
+
+def plug_in(group: str, name: str, field: str) -> Any:
+    """Return what the entry point of a name stands for.
+
+    Args:
+        group: Of entry points.
+        field: That names it, for a refusal.
+
+    Raises:
+        InvalidInput: There is none of this name, or it cannot be imported.
+    """
+    installed = entry_points(group=group)
+    for one in installed:
+        if one.name == name:
+            try:
+                return one.load()
+            except Exception as error:  # whatever a module of others does when it is imported
+                allowed = f"its entry point cannot be loaded: {type(error).__name__}: {error}"
+                raise InvalidInput(Status.UNSUPPORTED, field, one.value, allowed) from error
+    names = ", ".join(sorted(one.name for one in installed)) or "none"
+    allowed = f"no installed distribution has it; entry points of {group}: {names}"
+    raise InvalidInput(Status.UNSUPPORTED, field, "unknown", allowed)

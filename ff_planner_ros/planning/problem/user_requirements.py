@@ -1,0 +1,59 @@
+"""Requirements that users bring: in files, and found by the names of their entry points."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import is_dataclass
+from typing import TYPE_CHECKING, Any
+
+from ff_planner_ros.common.declared import check_declared, written_object
+from ff_planner_ros.common.declared_parts import part
+from ff_planner_ros.common.forms import Form
+from ff_planner_ros.common.plug_ins import plug_in
+from ff_planner_ros.errors import Faults, InvalidInput, Status
+
+if TYPE_CHECKING:
+    from ff_planner_ros.planning.requirements.requirement import Requirement
+
+PLUG_INS = "ff_planner_ros.requirements"  # group of entry points
+
+
+def requirements_read(field: str, value: object) -> tuple[Requirement, ...]:
+    """Return the requirements that users bring, from a mapping of their values by their names.
+
+    Raises:
+        InvalidInput: It is no such mapping, none of a name is installed, or a value is refused.
+    """
+    if not isinstance(value, dict) or not all(isinstance(name, str) for name in value):
+        allowed = "it must hold the values of each requirement, by name"
+        raise InvalidInput(Status.OUT_OF_RANGE, field, value, allowed)
+    found, faults = [], Faults()
+    for name, given in value.items():
+        with faults.gathered():
+            kind = plug_in(PLUG_INS, name, f"{field}.{name}")
+            found.append(part(kind).read(f"{field}.{name}", given))
+    faults.refuse()
+    return tuple(found)
+
+
+def requirements_written(given: Sequence[Requirement]) -> dict[str, Any]:
+    """Return requirements that users bring as a file has them."""
+    return {one.name: written_object(one) for one in given}
+
+
+def _requirements_checked(field: str, given: Sequence[Requirement]) -> tuple[Requirement, ...]:
+    names = [one.name for one in given]
+    for one in given:
+        if not is_dataclass(one) or names.count(one.name) > 1:
+            allowed = "each must be a dataclass with declared fields, and have a name of its own"
+            raise InvalidInput(Status.UNSUPPORTED, field, names, allowed)
+        check_declared(one, f"{field}.{one.name}")
+    return tuple(given)
+
+
+REQUIRED = Form(
+    requirements_read,
+    lambda: {"type": "object", "additionalProperties": {"type": "object"}},
+    _requirements_checked,
+    requirements_written,
+)
