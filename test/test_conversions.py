@@ -244,6 +244,17 @@ def test_a_plan_comes_back_out_of_its_answer(plan: Plan, answer: PlanAnswer) -> 
             ),
         ),
         (
+            InvalidInput(Status.STATE_TOO_OLD, "start_state.header.stamp", "9 s ago", "not so old"),
+            PlanStatus(
+                code=101,
+                message="start_state.header.stamp is 9 s ago: not so old",
+                field="start_state.header.stamp",
+                value="9 s ago",
+                allowed="not so old",
+                retry=PlanStatus.CHANGED,  # a request's own state only becomes older
+            ),
+        ),
+        (
             FfPlannerError(Status.BUSY, "ask again"),
             PlanStatus(code=500, message="ask again", retry=PlanStatus.LATER),
         ),

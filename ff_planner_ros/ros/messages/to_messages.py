@@ -36,6 +36,7 @@ from ff_planner_ros.errors import (
     FfPlannerError,
     InvalidInput,
     NoPlanFound,
+    Retry,
     Status,
     retry_after,
 )
@@ -43,6 +44,9 @@ from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.problem.problem import PlanningProblem, Sphere, TargetBody
 from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.ros.messages.interfaces import entry_of
+
+# Field of a request that brings its own state.
+_OWN_STATE = "start_state."
 
 
 def request_message(problem: PlanningProblem, inertial_frame: str) -> PlanRequest:
@@ -170,6 +174,8 @@ def status_message(error: FfPlannerError) -> PlanStatus:
         code=int(error.status), message=str(error), retry=int(retry_after(error.status))
     )
     if isinstance(error, InvalidInput):
+        if error.status is Status.STATE_TOO_OLD and error.field.startswith(_OWN_STATE):
+            message.retry = int(Retry.CHANGED)  # it only becomes older
         message.field = shortened(error.field, LONGEST_MESSAGE)
         message.value, message.allowed = (
             shown(error.value),
