@@ -19,7 +19,6 @@ from ff_planner_ros.common.share import resolve_uri, share_directory
 from ff_planner_ros.common.shown import quoted
 from ff_planner_ros.common.yaml_file import read_yaml, yaml_document
 from ff_planner_ros.errors import InvalidInput, Status
-from ff_planner_ros.planning.problem.controller_rules import Controller
 from ff_planner_ros.planning.problem.problem import MAX_POINTS, MIN_POINTS, Limits
 from ff_planner_ros.planning.problem.settings import (
     STRICT_IF_LOW,
@@ -33,6 +32,7 @@ from ff_planner_ros.planning.problem.settings import (
 from ff_planner_ros.planning.problem.user_requirements import requirements_read
 from ff_planner_ros.planning.requirements.requirement import Requirement
 from ff_planner_ros.planning.scenario.scenario import Defaults
+from ff_planner_ros.planning.task.controller_rules import Controller
 from ff_planner_ros.planning.task.tail import FORMER_END_BEHAVIOURS, EndBehaviour
 from ff_planner_ros.robot.bodies import Geometry
 from ff_planner_ros.robot.model import Base, Robot, read_urdf, robot_from_urdf_text

@@ -23,13 +23,13 @@ from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import InvalidInput, NoPlanFound, Status
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.check.check import failures
+from ff_planner_ros.planning.distance.grasp_seen import GraspSeen
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.motion.system_frame import in_own_frame
 from ff_planner_ros.planning.paths.end_effector_polynomial import end_effector_paths
 from ff_planner_ros.planning.paths.joint_spline import joint_splines
 from ff_planner_ros.planning.paths.path_family import PathFamily
 from ff_planner_ros.planning.problem.approach import HALF_ANGLE, RADIUS_AT_GRASP, Approach
-from ff_planner_ros.planning.problem.grasp_seen import GraspSeen
 from ff_planner_ros.planning.problem.problem import (
     DurationRange,
     Objective,

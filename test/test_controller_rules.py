@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from ff_planner_ros.errors import NoPlanFound, Status
-from ff_planner_ros.planning.problem.controller_rules import (
+from ff_planner_ros.planning.task.controller_rules import (
     Command,
     Controller,
     require_acceptable,

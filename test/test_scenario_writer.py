@@ -16,7 +16,6 @@ from ff_planner_ros.common.arrays import normalising_to, unit_quaternion
 from ff_planner_ros.errors import InvalidInput
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.motion.joint_motion import JointMotion
-from ff_planner_ros.planning.problem.controller_rules import Controller
 from ff_planner_ros.planning.problem.problem import (
     Limits,
     Objective,
@@ -26,6 +25,7 @@ from ff_planner_ros.planning.problem.problem import (
 )
 from ff_planner_ros.planning.scenario.scenario import Defaults, load_scenario, load_task
 from ff_planner_ros.planning.scenario.scenario_writer import write_scenario
+from ff_planner_ros.planning.task.controller_rules import Controller
 from ff_planner_ros.planning.task.tail import EndBehaviour
 from ff_planner_ros.planning.task.task import PlanningTask
 from ff_planner_ros.robot.model import Robot

@@ -11,8 +11,7 @@ from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.common.arrays import Array
-from ff_planner_ros.planning.problem.grasp_frames import grasp_frames
-from ff_planner_ros.planning.problem.grasp_seen import GraspSeen
+from ff_planner_ros.planning.distance.grasp_seen import GraspSeen
 from ff_planner_ros.planning.problem.problem import (
     PlanningProblem,
     Sphere,
@@ -22,6 +21,7 @@ from ff_planner_ros.planning.problem.problem import (
 )
 from ff_planner_ros.planning.problem.scene import Scene, scene_of
 from ff_planner_ros.planning.problem.target_body import TargetBody
+from ff_planner_ros.planning.robust.grasp_frames import grasp_frames
 from ff_planner_ros.planning.scenario.scenario import load_scenario
 from ff_planner_ros.problems import tumbling
 from ff_planner_ros.robot.model import Base

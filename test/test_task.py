@@ -20,9 +20,9 @@ from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.motion.joint_motion import joint_motion
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.motion.watch import Progress, Watch
-from ff_planner_ros.planning.problem.controller_rules import Controller
 from ff_planner_ros.planning.problem.problem import Limits, Objective, PlanningProblem, Sphere
 from ff_planner_ros.planning.problem.settings import PlannerSettings
+from ff_planner_ros.planning.task.controller_rules import Controller
 from ff_planner_ros.planning.task.tail import EndBehaviour
 from ff_planner_ros.planning.task.task import (
     PlanningTask,

@@ -22,10 +22,10 @@ from ff_planner_ros.planning.distance.clearance import arm_points
 from ff_planner_ros.planning.distance.nearness import Nearness, nearness
 from ff_planner_ros.planning.motion.plan import Trajectory
 from ff_planner_ros.planning.motion.sound_samples import require_sound_samples
-from ff_planner_ros.planning.problem.grasp_frames import grasp_frames
 from ff_planner_ros.planning.problem.problem import Limits
 from ff_planner_ros.planning.problem.scene import Scene
 from ff_planner_ros.planning.problem.uncertainty import Draws, Uncertainty, directions, draws
+from ff_planner_ros.planning.robust.grasp_frames import grasp_frames
 from ff_planner_ros.planning.robust.margins import (
     ATTITUDE,
     CLEARANCE,

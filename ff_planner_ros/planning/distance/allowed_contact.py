@@ -13,7 +13,7 @@ import numpy as np
 
 from ff_planner_ros.common.arrays import Array, Indices
 from ff_planner_ros.planning.distance.clearance import arm_points
-from ff_planner_ros.planning.problem.grasp_seen import GraspSeen
+from ff_planner_ros.planning.distance.grasp_seen import GraspSeen
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 
 

@@ -17,6 +17,7 @@ import pinocchio as pin
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.core import compiled
 from ff_planner_ros.core.chain import chain_of
+from ff_planner_ros.planning.distance.grasp_seen import GraspSeen
 from ff_planner_ros.planning.paths.detours import detours, scattered
 from ff_planner_ros.planning.paths.path_family import GoalMotion, Motion, Sensitivity
 from ff_planner_ros.planning.paths.polynomial import (
@@ -29,7 +30,6 @@ from ff_planner_ros.planning.paths.polynomial import (
     end_effector_polynomials,
 )
 from ff_planner_ros.planning.paths.start_motion import NullSpaceFade, start_motion
-from ff_planner_ros.planning.problem.grasp_seen import GraspSeen
 from ff_planner_ros.planning.problem.problem import Orientation, PlanningProblem, Sphere, Target
 from ff_planner_ros.robot.model import Base, Robot
 

@@ -19,10 +19,10 @@ from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.core import compiled
 from ff_planner_ros.core.chain import chain_of
 from ff_planner_ros.core.start import start_of
+from ff_planner_ros.planning.paths.end_conditions import compiled_target
 from ff_planner_ros.planning.paths.path_family import GoalMotion, JointHull, Motion, Sensitivity
 from ff_planner_ros.planning.paths.spline_basis import FIXED, SplineBasis
 from ff_planner_ros.planning.paths.spline_guesses import spline_guesses
-from ff_planner_ros.planning.problem.end_conditions import compiled_target
 from ff_planner_ros.planning.problem.problem import PlanningProblem, Sphere, Target
 from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.robot.configuration import configuration

@@ -2,35 +2,36 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 import pinocchio as pin
 
-from ff_planner_ros.common.arrays import Array, finite_vector
-from ff_planner_ros.common.declared import DeclaredField, check_declared, declare
+from ff_planner_ros.common.arrays import finite_vector
+from ff_planner_ros.common.declared import check_declared, declare
 from ff_planner_ros.common.declared_parts import changes, part
 from ff_planner_ros.common.forms import (
-    ALWAYS_FROM_URDF,
-    FROM_URDF,
-    NAME,
-    ONE_OR_EACH,
     TEXT,
     a_number,
-    a_vector,
     a_whole_number,
     a_word,
     each,
-    or_none,
     or_part,
 )
 from ff_planner_ros.common.shown import quoted
 from ff_planner_ros.errors import InvalidInput, Status, fields_named
 from ff_planner_ros.planning.problem.approach import Approach
 from ff_planner_ros.planning.problem.goal_words import Orientation
+from ff_planner_ros.planning.problem.limits import Limits
+from ff_planner_ros.planning.problem.objective import DurationRange, Objective
+from ff_planner_ros.planning.problem.obstacles import (
+    Sphere,
+    attached_spheres,
+    carried_spheres,
+    with_attached_spheres,
+)
 from ff_planner_ros.planning.problem.parametrisation import Parametrisation
 from ff_planner_ros.planning.problem.target import (
     SHORTEST_FREE_AXIS,
@@ -85,238 +86,6 @@ _OF_BODY = {
     "target.linear_velocity": "target_body.linear_velocity",
     "target.angular_velocity": "target_body.angular_velocity",
 }
-
-
-def _zeros() -> Array:
-    return np.zeros(3)
-
-
-@dataclass(frozen=True, eq=False)
-class Sphere:
-    """An obstacle: a sphere that the arm's centre lines stay out of.
-
-    It rests, moves uniformly, or is fixed to a target body and moves with it.
-
-    Raises:
-        InvalidInput: Wrong size, not finite, or a radius that is not positive.
-    """
-
-    id: str = declare(
-        NAME,
-        "name in messages, unique",
-        message="id",
-    )
-    center: Array = declare(
-        a_vector(),
-        "at the plan's first point, not when the state was measured",
-        unit="m",
-        message="center",
-    )
-    radius: float = declare(
-        a_number(above=0.0),
-        "obstacle plus link",
-        unit="m",
-        message="radius",
-    )
-    # Of one that is fixed to a body, at the plan's first point
-    velocity: Array = declare(
-        a_vector(),
-        "constant",
-        unit="m/s",
-        since="0.3",
-        brief=True,
-        default_factory=_zeros,
-        message="twist.linear",
-        late=True,
-    )
-    body: TargetBody | None = None  # that it is fixed to; None: to none
-    place_in_body: Array | None = None  # of its centre then; shape (3,) [m]
-
-    def __post_init__(self) -> None:
-        """Check every value and replace it by a read-only copy."""
-        check_declared(self, f"obstacles[{self.id}]")
-
-    @property
-    def moves(self) -> bool:
-        """Whether it is elsewhere later."""
-        return self.body is not None or bool(self.velocity.any())
-
-    @property
-    def highest_speed(self) -> float:
-        """A speed of its centre that it never exceeds [m/s]."""
-        if self.body is None or self.place_in_body is None:
-            return float(np.linalg.norm(self.velocity))
-        drift = float(np.linalg.norm(self.body.linear_velocity))
-        return drift + self.body.fastest_turn * float(np.linalg.norm(self.place_in_body))
-
-    @property
-    def highest_acceleration(self) -> float:
-        """An acceleration of its centre that it never exceeds [m/s2].
-
-        A body's turn rate w changes by less than w^2: by Euler's equations, and as no principal
-        moment is larger than the sum of both others.
-        """
-        if self.body is None or self.place_in_body is None:
-            return 0.0
-        return 2.0 * self.body.fastest_turn**2 * float(np.linalg.norm(self.place_in_body))
-
-    def way(self, time: float) -> Array:
-        """Return how far its centre has come since the plan's first point. Shape (3,) [m]."""
-        if self.body is None or self.place_in_body is None:
-            uniform: Array = time * self.velocity
-            return uniform
-        there = self.body.places(self.place_in_body[None], np.array([time]))
-        return np.asarray(there[0, 0] - self.center, np.float64)
-
-
-@dataclass(frozen=True)
-class Objective:
-    """Weights of Eq. (44), joint path length, of Eq. (45), chaser attitude, and of the duration.
-
-    Raises:
-        InvalidInput: Not finite, negative, or all zero.
-    """
-
-    joint_path_length: float = declare(
-        a_number(at_least=0.0),
-        "weight of Eq. (44)",
-        message="joint_path_length",
-    )
-    chaser_attitude: float = declare(
-        a_number(at_least=0.0),
-        "weight of Eq. (45)",
-        message="chaser_attitude",
-    )
-    duration: float = declare(
-        a_number(at_least=0.0),
-        "weight of the duration; of no effect where the duration is given",
-        unit="rad/s",
-        since="0.3",
-        brief=True,
-        default=0.0,
-        message="duration",
-        late=True,
-    )
-
-    def __post_init__(self) -> None:
-        """Check the weights."""
-        check_declared(self, "objective")
-        if self.joint_path_length == self.chaser_attitude == self.duration == 0.0:
-            raise InvalidInput(
-                Status.OUT_OF_RANGE, "objective", "all zero", "one weight must be positive"
-            )
-
-    @property
-    def only_duration(self) -> bool:
-        """Whether the shortest plan is asked for, whatever else it is."""
-        return self.joint_path_length == self.chaser_attitude == 0.0
-
-
-@dataclass(frozen=True)
-class Limits:
-    """What to keep beside the joints' position limits, which are always kept.
-
-    Raises:
-        InvalidInput: An angle or an acceleration that is not positive.
-    """
-
-    FIRST: ClassVar[Sequence[str]] = ("position", "velocity", "acceleration", "effort")
-    BESIDE: ClassVar[Mapping[str, DeclaredField]] = {
-        "position": DeclaredField(
-            ALWAYS_FROM_URDF, "joint positions are always kept", optional=True, default=True
-        )
-    }
-
-    joint_velocities: bool = declare(
-        FROM_URDF,
-        "whether joints keep their velocities' limits",
-        key="velocity",
-        since="0.2",
-        default=False,
-    )
-    chaser_attitude: float = declare(  # infinite: any
-        or_none(a_number(above=0.0), math.inf),
-        "largest Euler angle of the chaser, Eq. (45)",
-        unit="rad",
-        since="0.3",
-        default=math.inf,
-        message="chaser_attitude[0]",
-    )
-    joint_accelerations: tuple[float, ...] | None = declare(  # None: any
-        or_none(ONE_OR_EACH),
-        "largest joint acceleration either way, one for each joint or one for all",
-        key="acceleration",
-        unit="rad/s2",
-        since="0.3",
-        default=None,
-        message="accelerations",
-        late=True,
-    )
-    joint_torques: bool = declare(
-        FROM_URDF,
-        "whether joints keep their torques' limits",
-        key="effort",
-        since="0.3",
-        default=True,
-        late=True,
-    )
-    chaser_rotation: float = declare(  # infinite: any
-        or_none(a_number(above=0.0), math.inf),
-        "largest angle of the chaser's rotation since the plan's first point, in any frame the "
-        "same; mostly more than its largest Euler angle",
-        unit="rad",
-        since="0.3",
-        default=math.inf,
-        message="chaser_rotation[0]",
-        brief=True,
-        late=True,
-    )
-
-    def __post_init__(self) -> None:
-        """Check every value."""
-        check_declared(self, "limits")
-
-    def of_joints(self, count: int) -> Limits:
-        """Return the limits of a robot with so many joints, one acceleration for each.
-
-        Raises:
-            InvalidInput: There are accelerations for another number of joints.
-        """
-        limits = self.joint_accelerations
-        if limits is None:
-            return self
-        if len(limits) == 1:
-            limits *= count
-        finite_vector("limits.acceleration", limits, count)
-        return replace(self, joint_accelerations=limits)
-
-
-@dataclass(frozen=True, eq=False)
-class DurationRange:
-    """Durations of which the planner chooses one.
-
-    Raises:
-        InvalidInput: Not positive, or in the wrong order.
-    """
-
-    SINCE: ClassVar[str] = "0.3"
-
-    minimum: float = declare(
-        a_number(above=0.0), "the shortest", key="min", unit="s", message="duration"
-    )
-    maximum: float = declare(a_number(), "the longest", key="max", unit="s", message="duration_max")
-    # Of the target's place by the duration: it rests where it is told, but a frame that moves sees
-    # it elsewhere if the duration is another; shape (3,) [m/s]
-    target_velocity: Array = field(default_factory=_zeros)
-
-    def __post_init__(self) -> None:
-        """Check every value."""
-        check_declared(self, "duration")
-        if self.maximum < self.minimum:
-            allowed = f"it must not be less than the shortest, {self.minimum:g} s"
-            raise InvalidInput(Status.OUT_OF_RANGE, "duration.max", self.maximum, allowed)
-        checked_velocity = finite_vector("target_velocity", self.target_velocity, 3)
-        object.__setattr__(self, "target_velocity", checked_velocity)
 
 
 @dataclass(frozen=True, eq=False)
@@ -521,32 +290,3 @@ def lasting(problem: PlanningProblem, duration: float | None) -> PlanningProblem
         if way.any():
             target = replace(target, position=target.position + way)
     return replace(problem, duration=chosen, target=target, duration_range=None)
-
-
-def carried_spheres(spheres: tuple[Sphere, ...], time: float) -> tuple[Sphere, ...]:
-    """Return spheres that rest or move uniformly as they will be in a time [s]."""
-    if not any(sphere.moves for sphere in spheres):
-        return spheres
-    return tuple(replace(one, center=one.center + one.way(time)) for one in spheres)
-
-
-def with_attached_spheres(obstacles: Sequence[Sphere], body: TargetBody) -> tuple[Sphere, ...]:
-    """Return obstacles, and what is fixed to a body behind them.
-
-    Raises:
-        InvalidInput: One of these has the name of an obstacle.
-    """
-    names, attached = {sphere.id for sphere in obstacles}, tuple(attached_spheres(body))
-    for index, sphere in enumerate(attached):
-        if sphere.id in names:
-            field, allowed = f"target_body.obstacles[{index}].id", "an obstacle has it, too"
-            raise InvalidInput(Status.OUT_OF_RANGE, field, sphere.id, allowed)
-    return (*obstacles, *attached)
-
-
-def attached_spheres(body: TargetBody) -> Iterator[Sphere]:
-    """Yield what is fixed to a body as obstacles of a problem."""
-    for sphere in body.obstacles:
-        motion = body.motion(sphere.center, np.zeros(1))
-        center, velocity = motion.positions[0], motion.twists[0, :3]
-        yield Sphere(sphere.id, center, sphere.radius, velocity, body, sphere.center)

@@ -12,11 +12,11 @@ import pinocchio as pin
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import Failure, InvalidInput, Status
 from ff_planner_ros.planning.distance.clearance import arm_points, arm_points_with_derivatives
+from ff_planner_ros.planning.distance.grasp_seen import GraspSeen
 from ff_planner_ros.planning.motion.followed import FollowedMotion
 from ff_planner_ros.planning.motion.metrics import Metrics
 from ff_planner_ros.planning.paths.path_family import Motion, Sensitivity
 from ff_planner_ros.planning.problem.approach import Approach
-from ff_planner_ros.planning.problem.grasp_seen import GraspSeen
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.requirements.requirement import (

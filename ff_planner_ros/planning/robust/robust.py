@@ -25,11 +25,11 @@ from ff_planner_ros.planning.distance.nearness import nearness
 from ff_planner_ros.planning.motion.plan import Plan, RobustReport
 from ff_planner_ros.planning.problem.approach import Approach
 from ff_planner_ros.planning.problem.approach import Margins as Inside
-from ff_planner_ros.planning.problem.grasp_frames import grasp_frames
 from ff_planner_ros.planning.problem.problem import PlanningProblem, lasting
 from ff_planner_ros.planning.problem.scene import scene_of
 from ff_planner_ros.planning.problem.settings import PlannerSettings, RobustSettings
 from ff_planner_ros.planning.problem.uncertainty import Uncertainty, directions
+from ff_planner_ros.planning.robust.grasp_frames import grasp_frames
 from ff_planner_ros.planning.robust.margins import (
     ATTITUDE,
     CLEARANCE,

@@ -25,7 +25,6 @@ from ff_planner_ros.common.share import resolve_uri
 from ff_planner_ros.common.yaml_file import read_yaml
 from ff_planner_ros.errors import Faults, InvalidInput, Status
 from ff_planner_ros.planning.motion.joint_motion import JointMotion
-from ff_planner_ros.planning.problem.controller_rules import Controller
 from ff_planner_ros.planning.problem.problem import (
     USUAL_POINTS,
     DurationRange,
@@ -35,6 +34,7 @@ from ff_planner_ros.planning.problem.problem import (
 )
 from ff_planner_ros.planning.problem.settings import USUAL_SIGMAS, PlannerSettings
 from ff_planner_ros.planning.problem.target import require_enough_joints
+from ff_planner_ros.planning.task.controller_rules import Controller
 from ff_planner_ros.planning.task.tail import EndBehaviour
 from ff_planner_ros.planning.task.task import PlanningTask
 from ff_planner_ros.robot.bodies import Geometry

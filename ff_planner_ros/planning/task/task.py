@@ -22,13 +22,13 @@ from ff_planner_ros.planning.motion.joint_motion import JointMotion
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.motion.system_frame import SystemFrame, system_frame
 from ff_planner_ros.planning.motion.watch import Watch
-from ff_planner_ros.planning.problem.controller_rules import Command, Controller, require_acceptable
 from ff_planner_ros.planning.problem.problem import PlanningProblem, Sphere, lasting
 from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.requirements.requirement import Requirement
 from ff_planner_ros.planning.robust.robust import robust_plan
 from ff_planner_ros.planning.search.continuing import Remainder, joined
 from ff_planner_ros.planning.search.planner import NOBODY, FirstGuess, plan
+from ff_planner_ros.planning.task.controller_rules import Command, Controller, require_acceptable
 from ff_planner_ros.planning.task.tail import FORMER_END_BEHAVIOURS, EndBehaviour, with_tail
 from ff_planner_ros.robot.bodies import Geometry, defining_numbers
 from ff_planner_ros.robot.model import Base, Robot

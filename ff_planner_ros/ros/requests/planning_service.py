@@ -30,7 +30,7 @@ from ff_planner_ros.parameters import PREEMPT, NodeParameters
 from ff_planner_ros.planning.motion.metrics import METRIC_BY_NAME
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.motion.watch import Progress
-from ff_planner_ros.planning.problem.controller_rules import require_in_time
+from ff_planner_ros.planning.task.controller_rules import require_in_time
 from ff_planner_ros.planning.task.library import Guesses
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.ros.inputs.scene_input import SceneInput

@@ -24,7 +24,7 @@ from rclpy.service_introspection import ServiceIntrospectionState
 from trajectory_msgs.msg import JointTrajectory
 
 from ff_planner_ros.errors import FfPlannerError, InvalidInput, NoPlanFound, Status
-from ff_planner_ros.planning.problem.controller_rules import require_in_time
+from ff_planner_ros.planning.task.controller_rules import require_in_time
 from ff_planner_ros.ros.messages.controller_message import controller_message
 from ff_planner_ros.ros.messages.interfaces import PUBLISH_PLAN
 from ff_planner_ros.ros.messages.to_messages import plan_message, status_message

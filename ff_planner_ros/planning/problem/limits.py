@@ -1,0 +1,97 @@
+"""What a plan keeps, beside the joints' position limits, which are always kept."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+from ff_planner_ros.common.arrays import finite_vector
+from ff_planner_ros.common.declared import DeclaredField, check_declared, declare
+from ff_planner_ros.common.forms import (
+    ALWAYS_FROM_URDF,
+    FROM_URDF,
+    ONE_OR_EACH,
+    a_number,
+    or_none,
+)
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What to keep beside the joints' position limits, which are always kept.
+
+    Raises:
+        InvalidInput: An angle or an acceleration that is not positive.
+    """
+
+    FIRST: ClassVar[Sequence[str]] = ("position", "velocity", "acceleration", "effort")
+    BESIDE: ClassVar[Mapping[str, DeclaredField]] = {
+        "position": DeclaredField(
+            ALWAYS_FROM_URDF, "joint positions are always kept", optional=True, default=True
+        )
+    }
+
+    joint_velocities: bool = declare(
+        FROM_URDF,
+        "whether joints keep their velocities' limits",
+        key="velocity",
+        since="0.2",
+        default=False,
+    )
+    chaser_attitude: float = declare(  # infinite: any
+        or_none(a_number(above=0.0), math.inf),
+        "largest Euler angle of the chaser, Eq. (45)",
+        unit="rad",
+        since="0.3",
+        default=math.inf,
+        message="chaser_attitude[0]",
+    )
+    joint_accelerations: tuple[float, ...] | None = declare(  # None: any
+        or_none(ONE_OR_EACH),
+        "largest joint acceleration either way, one for each joint or one for all",
+        key="acceleration",
+        unit="rad/s2",
+        since="0.3",
+        default=None,
+        message="accelerations",
+        late=True,
+    )
+    joint_torques: bool = declare(
+        FROM_URDF,
+        "whether joints keep their torques' limits",
+        key="effort",
+        since="0.3",
+        default=True,
+        late=True,
+    )
+    chaser_rotation: float = declare(  # infinite: any
+        or_none(a_number(above=0.0), math.inf),
+        "largest angle of the chaser's rotation since the plan's first point, in any frame the "
+        "same; mostly more than its largest Euler angle",
+        unit="rad",
+        since="0.3",
+        default=math.inf,
+        message="chaser_rotation[0]",
+        brief=True,
+        late=True,
+    )
+
+    def __post_init__(self) -> None:
+        """Check every value."""
+        check_declared(self, "limits")
+
+    def of_joints(self, count: int) -> Limits:
+        """Return the limits of a robot with so many joints, one acceleration for each.
+
+        Raises:
+            InvalidInput: There are accelerations for another number of joints.
+        """
+        limits = self.joint_accelerations
+        if limits is None:
+            return self
+        if len(limits) == 1:
+            limits *= count
+        finite_vector("limits.acceleration", limits, count)
+        return replace(self, joint_accelerations=limits)

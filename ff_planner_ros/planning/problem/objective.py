@@ -1,0 +1,88 @@
+"""What is minimised, and the durations to choose from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import ClassVar
+
+import numpy as np
+
+from ff_planner_ros.common.arrays import Array, finite_vector
+from ff_planner_ros.common.declared import check_declared, declare
+from ff_planner_ros.common.forms import a_number
+from ff_planner_ros.errors import InvalidInput, Status
+
+
+def _zeros() -> Array:
+    return np.zeros(3)
+
+
+@dataclass(frozen=True)
+class Objective:
+    """Weights of Eq. (44), joint path length, of Eq. (45), chaser attitude, and of the duration.
+
+    Raises:
+        InvalidInput: Not finite, negative, or all zero.
+    """
+
+    joint_path_length: float = declare(
+        a_number(at_least=0.0),
+        "weight of Eq. (44)",
+        message="joint_path_length",
+    )
+    chaser_attitude: float = declare(
+        a_number(at_least=0.0),
+        "weight of Eq. (45)",
+        message="chaser_attitude",
+    )
+    duration: float = declare(
+        a_number(at_least=0.0),
+        "weight of the duration; of no effect where the duration is given",
+        unit="rad/s",
+        since="0.3",
+        brief=True,
+        default=0.0,
+        message="duration",
+        late=True,
+    )
+
+    def __post_init__(self) -> None:
+        """Check the weights."""
+        check_declared(self, "objective")
+        if self.joint_path_length == self.chaser_attitude == self.duration == 0.0:
+            raise InvalidInput(
+                Status.OUT_OF_RANGE, "objective", "all zero", "one weight must be positive"
+            )
+
+    @property
+    def only_duration(self) -> bool:
+        """Whether the shortest plan is asked for, whatever else it is."""
+        return self.joint_path_length == self.chaser_attitude == 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class DurationRange:
+    """Durations of which the planner chooses one.
+
+    Raises:
+        InvalidInput: Not positive, or in the wrong order.
+    """
+
+    SINCE: ClassVar[str] = "0.3"
+
+    minimum: float = declare(
+        a_number(above=0.0), "the shortest", key="min", unit="s", message="duration"
+    )
+    maximum: float = declare(a_number(), "the longest", key="max", unit="s", message="duration_max")
+    # Of the target's place by the duration: it rests where it is told, but a frame that moves sees
+    # it elsewhere if the duration is another; shape (3,) [m/s]
+    target_velocity: Array = field(default_factory=_zeros)
+
+    def __post_init__(self) -> None:
+        """Check every value."""
+        check_declared(self, "duration")
+        if self.maximum < self.minimum:
+            allowed = f"it must not be less than the shortest, {self.minimum:g} s"
+            raise InvalidInput(Status.OUT_OF_RANGE, "duration.max", self.maximum, allowed)
+        checked_velocity = finite_vector("target_velocity", self.target_velocity, 3)
+        object.__setattr__(self, "target_velocity", checked_velocity)
