@@ -24,7 +24,7 @@ from builtin_interfaces.msg import Time
 from ff_planner_msgs.msg import PlanAnswer, PlanRequest
 from rclpy.utilities import remove_ros_args
 
-from ff_planner_ros.bag.decoding import NANOSECONDS, nanoseconds
+from ff_planner_ros.common.times import NANOSECONDS, nanoseconds
 from ff_planner_ros.demo.executive import MissionExecutive
 from ff_planner_ros.demo.mission import mission_report, run_mission
 from ff_planner_ros.errors import FfPlannerError, Status

@@ -20,7 +20,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
-from ff_planner_ros.bag.decoding import NANOSECONDS
+from ff_planner_ros.common.times import NANOSECONDS
 from ff_planner_ros.demo.testbed import Imperfections, SimulatedTestbed
 from ff_planner_ros.errors import FfPlannerError
 from ff_planner_ros.parameters import default_values

@@ -8,7 +8,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from ff_planner_ros.analysis.figures import plot_plan as plot_plan
+    from ff_planner_ros.analysis.drawing.figures import plot_plan as plot_plan
     from ff_planner_ros.common.share import share_directory as share_directory
     from ff_planner_ros.errors import FfPlannerError as FfPlannerError
     from ff_planner_ros.errors import InvalidInput as InvalidInput
@@ -60,7 +60,7 @@ _MODULES = {
     "planning.motion.plan": ("Plan", "Trajectory"),
     "planning.motion.metrics": ("Metrics",),
     "simulation.verification": ("simulate_plan", "Verification"),
-    "analysis.figures": ("plot_plan",),
+    "analysis.drawing.figures": ("plot_plan",),
     "common.share": ("share_directory",),
     "errors": ("FfPlannerError", "InvalidInput", "NoPlanFound"),
 }

@@ -11,7 +11,7 @@ import pytest
 from robots import CANADARM2_SCENARIO, LEMUR_SCENARIO, ROBOTS, random_state
 from scipy.spatial.transform import Rotation
 
-from ff_planner_ros.analysis.tracking import planned_poses
+from ff_planner_ros.analysis.drawing.tracking import planned_poses
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import NoPlanFound
 from ff_planner_ros.parameters import load_parameters

@@ -17,8 +17,8 @@ from scipy.spatial.transform import Rotation
 from test_any_frame import FRAMES
 from test_tumbling import moved
 
+from ff_planner_ros.analysis.drawing.surroundings import drawn_corridor
 from ff_planner_ros.analysis.plan_json import plan_dictionary
-from ff_planner_ros.analysis.surroundings import drawn_corridor
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import InvalidInput, NoPlanFound, Status
 from ff_planner_ros.parameters import load_parameters

@@ -9,8 +9,8 @@ from ff_planner_msgs.msg import Plan
 from test_bag_plans import answered, response
 
 from ff_planner_ros.bag import read_plans
-from ff_planner_ros.bag.encoding import encode
 from ff_planner_ros.bag.info import bag_document
+from ff_planner_ros.bag.mcap.encoding import encode
 from ff_planner_ros.bag.writer import BagWriter
 from ff_planner_ros.errors import Status
 

@@ -26,9 +26,9 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from ff_planner_ros.bag.decoding import decoder
-from ff_planner_ros.bag.definition import message_definition
-from ff_planner_ros.bag.encoding import encode
+from ff_planner_ros.bag.mcap.decoding import decoder
+from ff_planner_ros.bag.mcap.definition import message_definition
+from ff_planner_ros.bag.mcap.encoding import encode
 from ff_planner_ros.errors import BagError
 from ff_planner_ros.ros.messages.interfaces import type_name
 from ff_planner_ros.ros.requests.action_events import GET_RESULT

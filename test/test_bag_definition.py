@@ -1,4 +1,4 @@
-"""Tests of ff_planner_ros.bag.definition, against the reader of rosbags."""
+"""Tests of ff_planner_ros.bag.mcap.definition, against the reader of rosbags."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import pytest
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
-from ff_planner_ros.bag.definition import message_definition, type_hash
+from ff_planner_ros.bag.mcap.definition import message_definition, type_hash
 from ff_planner_ros.errors import BagError
 
 MESSAGES = [

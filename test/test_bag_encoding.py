@@ -1,4 +1,4 @@
-"""Tests of ff_planner_ros.bag.encoding, against the middleware and against rosbags."""
+"""Tests of ff_planner_ros.bag.mcap.encoding, against the middleware and against rosbags."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from std_srvs.srv import Empty as EmptyService
 from std_srvs.srv import SetBool
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from ff_planner_ros.bag.encoding import encode
+from ff_planner_ros.bag.mcap.encoding import encode
 from ff_planner_ros.errors import BagError
 
 random.seed(6)

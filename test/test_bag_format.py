@@ -11,8 +11,8 @@ from ff_planner_msgs.msg import ChaserState
 from rosbag2_format import check_bag
 from std_msgs.msg import String
 
-from ff_planner_ros.bag.encoding import encode
-from ff_planner_ros.bag.rosbag2_metadata import QualityOfService
+from ff_planner_ros.bag.mcap.encoding import encode
+from ff_planner_ros.bag.mcap.rosbag2_metadata import QualityOfService
 from ff_planner_ros.bag.writer import BagWriter
 
 START = 1_760_000_000_000_000_000

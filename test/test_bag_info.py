@@ -12,8 +12,8 @@ import pytest
 from mcap.reader import make_reader
 from std_msgs.msg import String
 
-from ff_planner_ros.bag.encoding import encode
 from ff_planner_ros.bag.info import info
+from ff_planner_ros.bag.mcap.encoding import encode
 from ff_planner_ros.bag.progress_bar import progress_bar
 from ff_planner_ros.bag.recover import recover
 from ff_planner_ros.bag.writer import BagWriter

@@ -18,9 +18,9 @@ from rosbags.rosbag2 import Writer as RosbagsWriter
 from rosbags.typesys import Stores, get_typestore
 from std_msgs.msg import String
 
-from ff_planner_ros.bag.encoding import encode
-from ff_planner_ros.bag.mcap_file import McapFile
-from ff_planner_ros.bag.mcap_records import FRAME
+from ff_planner_ros.bag.mcap.encoding import encode
+from ff_planner_ros.bag.mcap.mcap_file import McapFile
+from ff_planner_ros.bag.mcap.mcap_records import FRAME
 from ff_planner_ros.bag.reader import open_bag
 from ff_planner_ros.bag.writer import BagWriter
 from ff_planner_ros.errors import BagError

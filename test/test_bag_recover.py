@@ -13,7 +13,7 @@ from rosbag2_format import check_bag
 from rosbags.highlevel import AnyReader
 from std_msgs.msg import String
 
-from ff_planner_ros.bag.encoding import encode
+from ff_planner_ros.bag.mcap.encoding import encode
 from ff_planner_ros.bag.reader import open_bag
 from ff_planner_ros.bag.recover import RECORD, Recovery, recover
 from ff_planner_ros.bag.writer import BagWriter, QualityOfService

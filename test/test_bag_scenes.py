@@ -10,7 +10,6 @@ from ff_planner_msgs.msg import AllowedCollisions, Approach, Goal, Plan, PlanAns
 from geometry_msgs.msg import Vector3
 from scipy.spatial.transform import Rotation
 
-from ff_planner_ros.bag.decoding import NANOSECONDS
 from ff_planner_ros.bag.scenes import (
     Received,
     Stamps,
@@ -19,6 +18,7 @@ from ff_planner_ros.bag.scenes import (
     spheres_in,
     stamps_of,
 )
+from ff_planner_ros.common.times import NANOSECONDS
 from ff_planner_ros.planning.problem.approach import HALF_ANGLE
 from ff_planner_ros.planning.problem.problem import (
     CONTACT_DISTANCE,

@@ -33,9 +33,9 @@ from rosbags.interfaces import (
 )
 from std_msgs.msg import String
 
-from ff_planner_ros.bag.encoding import encode
+from ff_planner_ros.bag.mcap.encoding import encode
+from ff_planner_ros.bag.mcap.rosbag2_metadata import QualityOfService
 from ff_planner_ros.bag.recover import recover
-from ff_planner_ros.bag.rosbag2_metadata import QualityOfService
 from ff_planner_ros.bag.writer import BagWriter, unique_directory
 from ff_planner_ros.errors import BagError
 
@@ -480,7 +480,7 @@ UNFINISHED = """
 import sys
 from pathlib import Path
 from std_msgs.msg import String
-from ff_planner_ros.bag.encoding import encode
+from ff_planner_ros.bag.mcap.encoding import encode
 from ff_planner_ros.bag.writer import BagWriter
 
 writer = BagWriter(Path(sys.argv[1]), flush_interval=0.25)

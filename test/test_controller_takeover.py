@@ -14,8 +14,8 @@ import pytest
 from test_continuing import AHEAD, SETTINGS, TURN_ERROR, continuing, off
 from trajectory_msgs.msg import JointTrajectory
 
-from ff_planner_ros.bag.decoding import NANOSECONDS, nanoseconds
 from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.common.times import NANOSECONDS, nanoseconds
 from ff_planner_ros.demo.testbed import motion_from_message, with_heavier_arm
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.problem.problem import Parametrisation, PlanningProblem

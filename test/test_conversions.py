@@ -22,8 +22,8 @@ from ff_planner_msgs.msg import SolverReport as SolverReportMsg
 from robots import CONFIG
 from scipy.spatial.transform import Rotation
 
-from ff_planner_ros.bag.decoding import nanoseconds
 from ff_planner_ros.common.declared_messages import value_at
+from ff_planner_ros.common.times import nanoseconds
 from ff_planner_ros.errors import (
     FfPlannerError,
     InvalidInput,

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ff_planner_ros.analysis.tracking import deviations
+from ff_planner_ros.analysis.drawing.tracking import deviations
 from ff_planner_ros.planning.motion.plan import Plan
 
 

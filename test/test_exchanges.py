@@ -14,8 +14,8 @@ from ff_planner_msgs.msg import PlanAnswer, PlanRequest
 from ff_planner_msgs.srv import PlanTrajectory
 from service_msgs.msg import ServiceEventInfo
 
-from ff_planner_ros.bag.encoding import encode
 from ff_planner_ros.bag.exchanges import SERVICE_EVENT, SERVICE_EVENTS, Exchange, exchanges
+from ff_planner_ros.bag.mcap.encoding import encode
 from ff_planner_ros.bag.plans import planning_exchanges
 from ff_planner_ros.bag.reader import open_bag
 from ff_planner_ros.bag.writer import BagWriter

@@ -34,7 +34,7 @@ from ros_processes import DEADLINE, FRAME, private_domain
 from scipy.spatial.transform import Rotation
 from trajectory_msgs.msg import JointTrajectory
 
-from ff_planner_ros.bag.decoding import NANOSECONDS, nanoseconds
+from ff_planner_ros.common.times import NANOSECONDS, nanoseconds
 from ff_planner_ros.demo.executive import MissionExecutive, end_effector
 from ff_planner_ros.demo.testbed import CONTROLLER_TOPIC
 from ff_planner_ros.errors import FfPlannerError, Status

@@ -19,13 +19,21 @@ from matplotlib.image import imread
 from matplotlib.lines import Line2D
 from scipy.spatial.transform import Rotation
 
-from ff_planner_ros.analysis.extremes import distances
-from ff_planner_ros.analysis.figures import (
+from ff_planner_ros.analysis.drawing.figures import (
     clearance_figure,
     joint_figure,
     save_figures,
     two_column_figure,
 )
+from ff_planner_ros.analysis.drawing.panels import (
+    CHASER_POSE,
+    CHASER_VELOCITY,
+    END_EFFECTOR_POSE,
+    joint_angles,
+    joint_rates,
+    joint_torques,
+)
+from ff_planner_ros.analysis.extremes import distances
 from ff_planner_ros.analysis.methods import (
     FIXED_BASE,
     PAPERS_METHODS,
@@ -35,14 +43,6 @@ from ff_planner_ros.analysis.methods import (
     WEIGHTED,
     ZERO_MOMENTUM,
     Method,
-)
-from ff_planner_ros.analysis.panels import (
-    CHASER_POSE,
-    CHASER_VELOCITY,
-    END_EFFECTOR_POSE,
-    joint_angles,
-    joint_rates,
-    joint_torques,
 )
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.motion.plan import Plan, Trajectory
@@ -297,9 +297,8 @@ def test_every_figure_is_written_as_png_and_dateless_pdf_into_a_new_directory(
 
 
 def test_drawing_starts_no_window_system() -> None:
-    program = (
-        "import sys, ff_planner_ros.analysis.figures; print('matplotlib.pyplot' in sys.modules)"
-    )
+    module = "ff_planner_ros.analysis.drawing.figures"
+    program = f"import sys, {module}; print('matplotlib.pyplot' in sys.modules)"
     answer = subprocess.run(
         [sys.executable, "-c", program], capture_output=True, text=True, check=True
     )

@@ -32,8 +32,8 @@ from std_srvs.srv import Empty, SetBool, Trigger
 from trajectory_msgs.msg import JointTrajectory
 from visualization_msgs.msg import MarkerArray
 
-from ff_planner_ros.bag.definition import message_definition
-from ff_planner_ros.bag.encoding import encode
+from ff_planner_ros.bag.mcap.definition import message_definition
+from ff_planner_ros.bag.mcap.encoding import encode
 from ff_planner_ros.bag.reader import open_bag
 from ff_planner_ros.bag.writer import BagWriter
 from ff_planner_ros.ros.messages.interfaces import GET_RESULT, SEND_GOAL, type_name

@@ -12,7 +12,7 @@ from ros_processes import FRAME, Scene
 from test_planning_service import answer, service
 from test_takeover import state_on
 
-from ff_planner_ros.bag.decoding import NANOSECONDS, nanoseconds
+from ff_planner_ros.common.times import NANOSECONDS, nanoseconds
 from ff_planner_ros.errors import Status
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.problem.problem import PlanningProblem

@@ -10,8 +10,8 @@ from drawn_plans import POINTS, drawn_plan, paper_terms_at
 from scipy.spatial.transform import Rotation
 from visualization_msgs.msg import Marker, MarkerArray
 
+from ff_planner_ros.analysis.drawing.solids import robot_surface, surface_at
 from ff_planner_ros.analysis.nearest import nearest
-from ff_planner_ros.analysis.solids import robot_surface, surface_at
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.motion.motion import from_trajectory
 from ff_planner_ros.planning.motion.plan import Plan

@@ -16,11 +16,11 @@ from robots import random_state
 from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import JointState
 
-from ff_planner_ros.analysis.tracking import deviations
-from ff_planner_ros.bag.decoding import NANOSECONDS
-from ff_planner_ros.bag.encoding import encode
+from ff_planner_ros.analysis.drawing.tracking import deviations
+from ff_planner_ros.bag.mcap.encoding import encode
 from ff_planner_ros.bag.reader import open_bag
 from ff_planner_ros.bag.writer import BagWriter
+from ff_planner_ros.common.times import NANOSECONDS
 from ff_planner_ros.parameters import NodeParameters, OdometryParameters, load_parameters
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.ros.messages.interfaces import type_name

@@ -18,7 +18,7 @@ from ff_planner_msgs.msg import (
     TargetBody,
 )
 
-from ff_planner_ros.bag.decoding import NANOSECONDS
+from ff_planner_ros.common.times import NANOSECONDS
 from ff_planner_ros.errors import Status
 from ff_planner_ros.parameters import NodeParameters, load_parameters
 from ff_planner_ros.ros.messages.to_messages import time_message

@@ -23,8 +23,8 @@ from ros_processes import (
 from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import JointState
 
-from ff_planner_ros.bag.decoding import nanoseconds
 from ff_planner_ros.bag.reader import open_bag
+from ff_planner_ros.common.times import nanoseconds
 from ff_planner_ros.errors import Status
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.ros.messages.to_messages import time_message

@@ -23,8 +23,8 @@ from ros_processes import (
     running_planner,
 )
 
-from ff_planner_ros.bag.decoding import NANOSECONDS, nanoseconds
 from ff_planner_ros.bag.reader import open_bag
+from ff_planner_ros.common.times import NANOSECONDS, nanoseconds
 from ff_planner_ros.errors import Status
 from ff_planner_ros.planning.motion.forward import carried_forward
 from ff_planner_ros.planning.motion.joint_motion import joint_motion

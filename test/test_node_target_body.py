@@ -26,9 +26,9 @@ from ros_processes import (
 from scipy.spatial.transform import Rotation
 from test_tumbling import body_of, moved
 
-from ff_planner_ros.bag.decoding import NANOSECONDS, nanoseconds
 from ff_planner_ros.bag.reader import open_bag
 from ff_planner_ros.bag.robot_plans import robot_plans
+from ff_planner_ros.common.times import NANOSECONDS, nanoseconds
 from ff_planner_ros.errors import Status
 from ff_planner_ros.planning.distance.clearance import arm_points
 from ff_planner_ros.planning.problem.problem import PlanningProblem

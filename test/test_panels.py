@@ -9,15 +9,15 @@ import pytest
 from drawn_plans import POINTS, drawn_plan
 from scipy.spatial.transform import Rotation
 
-from ff_planner_ros.analysis.methods import MEASURED, PLANNED
-from ff_planner_ros.analysis.panels import (
+from ff_planner_ros.analysis.drawing.panels import (
     CHASER_POSE,
     joint_angles,
     joint_rates,
     joint_torques,
     panels,
 )
-from ff_planner_ros.analysis.plots import clearance_plot, panel_plot
+from ff_planner_ros.analysis.drawing.plots import clearance_plot, panel_plot
+from ff_planner_ros.analysis.methods import MEASURED, PLANNED
 from ff_planner_ros.common.arrays import frozen
 from ff_planner_ros.planning.motion.plan import Trajectory
 from ff_planner_ros.planning.problem.problem import PlanningProblem

@@ -15,7 +15,7 @@ from nav_msgs.msg import Path
 from rclpy.lifecycle import LifecycleNode
 from robots import random_state
 
-from ff_planner_ros.bag.decoding import NANOSECONDS, nanoseconds
+from ff_planner_ros.common.times import NANOSECONDS, nanoseconds
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.problem.target_body import TargetBody

@@ -10,9 +10,9 @@ from drawn_plans import drawn_plan
 from robots import random_state
 from scipy.spatial.transform import Rotation
 
-from ff_planner_ros.bag.decoding import nanoseconds
 from ff_planner_ros.baselines.beliefs import executed
 from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.common.times import nanoseconds
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.motion.plan import Plan, Trajectory
 from ff_planner_ros.planning.problem.problem import PlanningProblem

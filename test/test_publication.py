@@ -15,7 +15,7 @@ from ff_planner_msgs.srv import PublishPlan
 from ros_processes import FRAME, Scene
 from scipy.spatial.transform import Rotation
 
-from ff_planner_ros.bag.decoding import NANOSECONDS
+from ff_planner_ros.common.times import NANOSECONDS
 from ff_planner_ros.errors import FfPlannerError, Status
 from ff_planner_ros.parameters import NodeParameters, load_parameters, replaced
 from ff_planner_ros.planning.motion.plan import Plan

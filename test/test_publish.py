@@ -20,12 +20,12 @@ from ros_processes import DEADLINE, Scene, connected_client, private_domain, run
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import String
 
-from ff_planner_ros.bag.decoding import nanoseconds
-from ff_planner_ros.bag.encoding import encode
+from ff_planner_ros.bag.mcap.encoding import encode
+from ff_planner_ros.bag.mcap.rosbag2_metadata import QualityOfService
 from ff_planner_ros.bag.reader import open_bag
-from ff_planner_ros.bag.rosbag2_metadata import QualityOfService
 from ff_planner_ros.bag.writer import BagWriter
 from ff_planner_ros.cli import main
+from ff_planner_ros.common.times import nanoseconds
 from ff_planner_ros.errors import Status
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.ros.messages.interfaces import type_name

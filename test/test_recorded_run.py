@@ -15,12 +15,12 @@ from rclpy.parameter import Parameter
 from ros_processes import FRAME, Scene
 from std_msgs.msg import Header
 
-from ff_planner_ros.bag.decoding import NANOSECONDS
-from ff_planner_ros.bag.encoding import encode
+from ff_planner_ros.bag.mcap.encoding import encode
 from ff_planner_ros.bag.provenance import PROVENANCE, provenance
 from ff_planner_ros.bag.reader import open_bag
 from ff_planner_ros.bag.writer import BagWriter
 from ff_planner_ros.cli import main
+from ff_planner_ros.common.times import NANOSECONDS
 from ff_planner_ros.errors import BagError, FfPlannerError, InvalidInput, Status
 from ff_planner_ros.parameters import value_of
 from ff_planner_ros.planning.motion.plan import Plan

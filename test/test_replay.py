@@ -30,11 +30,11 @@ from ros_processes import (
 )
 from std_msgs.msg import Header
 
-from ff_planner_ros.bag.decoding import nanoseconds
-from ff_planner_ros.bag.encoding import encode
+from ff_planner_ros.bag.mcap.encoding import encode
 from ff_planner_ros.bag.reader import Message, open_bag
 from ff_planner_ros.bag.writer import BagWriter
 from ff_planner_ros.cli import main
+from ff_planner_ros.common.times import nanoseconds
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.task.tail import EndBehaviour

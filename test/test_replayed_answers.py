@@ -13,7 +13,7 @@ import pytest
 from answers import answer_of
 from ff_planner_msgs.msg import PlanAnswer, PlanRequest
 
-from ff_planner_ros.bag.decoding import NANOSECONDS
+from ff_planner_ros.common.times import NANOSECONDS
 from ff_planner_ros.errors import BagError, FfPlannerError, Status
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.ros.messages.to_messages import answer_of_error, time_message

@@ -26,10 +26,10 @@ from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
 
+from ff_planner_ros.analysis.drawing.tracking import Deviations
 from ff_planner_ros.analysis.plan_json import plan_dictionary, refusal_dictionary
-from ff_planner_ros.analysis.tracking import Deviations
-from ff_planner_ros.bag.encoding import encode
 from ff_planner_ros.bag.exchanges import GOAL_EVENTS, RESULT_EVENTS
+from ff_planner_ros.bag.mcap.encoding import encode
 from ff_planner_ros.bag.provenance import PROVENANCE
 from ff_planner_ros.bag.writer import BagWriter
 from ff_planner_ros.cli import main

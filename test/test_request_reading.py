@@ -13,8 +13,8 @@ from ff_planner_msgs.msg import Goal, Obstacle, PlanInputs, PlanRequest
 from pages import SOURCE_TREE
 from ros_processes import FRAME, Scene
 
-from ff_planner_ros.bag.decoding import NANOSECONDS
 from ff_planner_ros.common.declared_messages import value_at
+from ff_planner_ros.common.times import NANOSECONDS
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.parameters import LimitParameters, load_parameters
 from ff_planner_ros.planning.motion.plan import Plan

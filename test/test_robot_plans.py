@@ -13,7 +13,7 @@ from answers import answer_of, received, sent
 from ff_planner_msgs.msg import Limits as LimitsMessage
 from ff_planner_msgs.msg import PlanAnswer, PlanRequest
 
-from ff_planner_ros.bag.encoding import encode
+from ff_planner_ros.bag.mcap.encoding import encode
 from ff_planner_ros.bag.robot_plans import robot_plans
 from ff_planner_ros.bag.writer import BagWriter
 from ff_planner_ros.errors import BagError, InvalidInput, NoPlanFound, Status

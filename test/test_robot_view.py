@@ -13,7 +13,7 @@ from read_page import Page
 from robots import LEMUR_URDF, random_urdf
 
 from ff_planner_ros import cli
-from ff_planner_ros.analysis.robot_view import robot_figure
+from ff_planner_ros.analysis.drawing.robot_view import robot_figure
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.robot.model import robot_from_urdf_text
 

@@ -15,9 +15,9 @@ import pytest
 from drawn_plans import DURATION, POINTS, drawn_plan, paper_terms_at
 from scipy.spatial.transform import Rotation
 
+from ff_planner_ros.analysis.drawing.scene import save_scene, scene_figure
+from ff_planner_ros.analysis.drawing.surroundings import near_arm
 from ff_planner_ros.analysis.methods import PAPERS_METHODS, SHORTEST, STEADIEST, Method
-from ff_planner_ros.analysis.scene import save_scene, scene_figure
-from ff_planner_ros.analysis.surroundings import near_arm
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.motion.motion import from_trajectory
 from ff_planner_ros.planning.motion.plan import Plan

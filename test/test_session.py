@@ -12,7 +12,7 @@ from ff_planner_msgs.msg import TargetBody
 from rclpy.clock import ClockChange
 from ros_processes import FRAME, Scene
 
-from ff_planner_ros.bag.decoding import NANOSECONDS
+from ff_planner_ros.common.times import NANOSECONDS
 from ff_planner_ros.errors import Status
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.problem.problem import PlanningProblem

@@ -13,7 +13,7 @@ import pytest
 import robots
 from drawn_plans import drawn_plan
 
-from ff_planner_ros.analysis.solids import (
+from ff_planner_ros.analysis.drawing.solids import (
     box,
     capsule,
     cylinder,

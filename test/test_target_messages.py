@@ -17,14 +17,14 @@ from rclpy.serialization import serialize_message
 from scipy.spatial.transform import Rotation
 from test_tumbling import body_of, moved
 
-from ff_planner_ros.analysis.capture_view import capture_figure
+from ff_planner_ros.analysis.drawing.capture_view import capture_figure
+from ff_planner_ros.analysis.drawing.relative_motion import relative_motion
 from ff_planner_ros.analysis.methods import PLANNED
-from ff_planner_ros.analysis.relative_motion import relative_motion
-from ff_planner_ros.bag.decoding import NANOSECONDS
 from ff_planner_ros.bag.export import export_npz
 from ff_planner_ros.bag.plans import read_plans
 from ff_planner_ros.bag.reader import open_bag
 from ff_planner_ros.bag.robot_plans import robot_plans
+from ff_planner_ros.common.times import NANOSECONDS
 from ff_planner_ros.demo.executive import captured
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.parameters import load_parameters

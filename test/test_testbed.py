@@ -32,8 +32,8 @@ from test_tumbling import body_of, moved
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from unique_identifier_msgs.msg import UUID
 
-from ff_planner_ros.bag.decoding import NANOSECONDS, nanoseconds
 from ff_planner_ros.bag.exchanges import GOAL_EVENTS, RESULT_EVENTS
+from ff_planner_ros.common.times import NANOSECONDS, nanoseconds
 from ff_planner_ros.demo.testbed import (
     CONTROLLER_TOPIC,
     STATE_QOS,

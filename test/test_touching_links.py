@@ -10,7 +10,7 @@ import pytest
 from straight_arms import ball, straight_arm
 
 from ff_planner_ros.robot.model import Robot
-from ff_planner_ros.robot.srdf import ALWAYS
+from ff_planner_ros.robot.urdf.srdf import ALWAYS
 
 CHASER, TIP = 0, 2
 

@@ -16,7 +16,7 @@ from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.robot.bodies import Geometry
 from ff_planner_ros.robot.model import Robot, robot_from_urdf_text
-from ff_planner_ros.robot.urdf import checked_urdf
+from ff_planner_ros.robot.urdf.urdf import checked_urdf
 
 LEMUR = LEMUR_URDF.read_text()
 TESTBED_URDF = LEMUR_URDF.parents[1] / "planar_testbed/planar_testbed.urdf"

@@ -11,8 +11,8 @@ import pytest
 from robots import LEMUR_URDF
 
 from ff_planner_ros.errors import InvalidInput, Status
-from ff_planner_ros.robot.urdf import checked_urdf
-from ff_planner_ros.robot.urdf_faults import Faults, listed, shortened
+from ff_planner_ros.robot.urdf.urdf import checked_urdf
+from ff_planner_ros.robot.urdf.urdf_faults import Faults, listed, shortened
 
 LEMUR = LEMUR_URDF.read_text()
 

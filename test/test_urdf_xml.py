@@ -14,7 +14,7 @@ from robots import LEMUR_URDF
 from ff_planner_ros import cli
 from ff_planner_ros.errors import InvalidInput
 from ff_planner_ros.robot.model import robot_from_urdf_text
-from ff_planner_ros.robot.urdf_xml import MAX_CHARACTERS, MAX_LINKS
+from ff_planner_ros.robot.urdf.urdf_xml import MAX_CHARACTERS, MAX_LINKS
 
 LEMUR = LEMUR_URDF.read_text()
 ENTITIES = '<!ENTITY a "ha">' + "".join(

@@ -7,10 +7,10 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any, Generic, TypeVar
 
-from ff_planner_ros.bag.decoding import nanoseconds
 from ff_planner_ros.bag.older_messages import present_answer, present_request
 from ff_planner_ros.bag.reader import Bag, Message
 from ff_planner_ros.common.declared_messages import value_at
+from ff_planner_ros.common.times import nanoseconds
 
 SERVICE_EVENT = "ff_planner_msgs/srv/PlanTrajectory_Event"
 GOAL_EVENT = "ff_planner_msgs/action/PlanTrajectory_SendGoal_Event"

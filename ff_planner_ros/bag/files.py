@@ -7,9 +7,9 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
-from ff_planner_ros.bag.mcap_file import McapFile
-from ff_planner_ros.bag.mcap_index import open_mcap
-from ff_planner_ros.bag.mcap_records import printable, unreadable
+from ff_planner_ros.bag.mcap.mcap_file import McapFile
+from ff_planner_ros.bag.mcap.mcap_index import open_mcap
+from ff_planner_ros.bag.mcap.mcap_records import printable, unreadable
 from ff_planner_ros.bag.progress_bar import progress_bar
 from ff_planner_ros.common.shown import shown
 from ff_planner_ros.common.text_file import not_a_file

@@ -8,12 +8,12 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from ff_planner_ros.bag.decoding import NANOSECONDS
 from ff_planner_ros.bag.exchanges import Exchange
-from ff_planner_ros.bag.mcap_records import printable
+from ff_planner_ros.bag.mcap.mcap_records import printable
+from ff_planner_ros.bag.mcap.rosbag2_metadata import ROSBAG2, custom_data
 from ff_planner_ros.bag.plans import RecordedPlan, planning_exchanges
 from ff_planner_ros.bag.reader import Bag, open_bag
-from ff_planner_ros.bag.rosbag2_metadata import ROSBAG2, custom_data
+from ff_planner_ros.common.times import NANOSECONDS
 
 _MOST_REQUESTS = 20  # listed one by one: a screen has not many more lines
 _LONGEST = 100  # [characters] of a text on a line

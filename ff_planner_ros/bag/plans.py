@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 
 from ff_planner_ros.bag.answers import Cell, answer_row, asked_in, solver_in
-from ff_planner_ros.bag.decoding import NANOSECONDS, nanoseconds
 from ff_planner_ros.bag.exchanges import Exchange, exchanges
 from ff_planner_ros.bag.reader import Bag, Message, open_bag
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.common.declared_messages import value_at
+from ff_planner_ros.common.times import NANOSECONDS, nanoseconds
 from ff_planner_ros.errors import BagError, Status
 from ff_planner_ros.planning.motion.plan import Trajectory
 

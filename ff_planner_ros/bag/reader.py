@@ -12,9 +12,9 @@ from typing import Any
 
 from mcap.records import Channel
 
-from ff_planner_ros.bag.decoding import ENCODINGS, Decoder
 from ff_planner_ros.bag.files import open_files
-from ff_planner_ros.bag.mcap_file import Block, McapFile, RawMessage
+from ff_planner_ros.bag.mcap.decoding import ENCODINGS, Decoder
+from ff_planner_ros.bag.mcap.mcap_file import Block, McapFile, RawMessage
 from ff_planner_ros.bag.progress_bar import progress_bar
 from ff_planner_ros.errors import BagError
 

@@ -14,11 +14,10 @@ from mcap.records import Channel
 from mcap.writer import LIBRARY_IDENTIFIER, CompressionType, Writer
 
 from ff_planner_ros.bag.files import open_files
-from ff_planner_ros.bag.mcap_file import McapFile
-from ff_planner_ros.bag.mcap_index import Progress
-from ff_planner_ros.bag.mcap_records import printable
-from ff_planner_ros.bag.progress_bar import progress_bar
-from ff_planner_ros.bag.rosbag2_metadata import (
+from ff_planner_ros.bag.mcap.mcap_file import McapFile
+from ff_planner_ros.bag.mcap.mcap_index import Progress
+from ff_planner_ros.bag.mcap.mcap_records import printable
+from ff_planner_ros.bag.mcap.rosbag2_metadata import (
     ROSBAG2,
     FileInfo,
     TopicInfo,
@@ -26,7 +25,8 @@ from ff_planner_ros.bag.rosbag2_metadata import (
     custom_data,
     metadata,
 )
-from ff_planner_ros.bag.salvage import salvaged
+from ff_planner_ros.bag.mcap.salvage import salvaged
+from ff_planner_ros.bag.progress_bar import progress_bar
 from ff_planner_ros.common.yaml_file import yaml_document
 from ff_planner_ros.errors import BagError, InvalidInput
 

@@ -13,8 +13,8 @@ from typing import Any, Self
 
 from mcap.writer import LIBRARY_IDENTIFIER, CompressionType, Writer
 
-from ff_planner_ros.bag.definition import Definition, message_definition, type_hash
-from ff_planner_ros.bag.rosbag2_metadata import (
+from ff_planner_ros.bag.mcap.definition import Definition, message_definition, type_hash
+from ff_planner_ros.bag.mcap.rosbag2_metadata import (
     INT64_MAX,
     ROSBAG2,
     FileInfo,

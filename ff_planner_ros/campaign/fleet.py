@@ -16,7 +16,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from ff_planner_ros.bag.mcap_records import printable
+from ff_planner_ros.bag.mcap.mcap_records import printable
 from ff_planner_ros.bag.plans import planning_exchanges, plans_of
 from ff_planner_ros.bag.progress_bar import progress_bar
 from ff_planner_ros.bag.reader import open_bag

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 from ff_planner_ros.analysis.plan_json import received_dictionary, refusal_dictionary
 from ff_planner_ros.analysis.summary import plan_rows
-from ff_planner_ros.bag.decoding import NANOSECONDS, nanoseconds
 from ff_planner_ros.commands import SOLVED
 from ff_planner_ros.commands.printed import print_table
 from ff_planner_ros.common.arrays import finite_number
+from ff_planner_ros.common.times import NANOSECONDS, nanoseconds
 from ff_planner_ros.errors import FfPlannerError, InvalidInput, NoPlanFound, Status
 
 if TYPE_CHECKING:

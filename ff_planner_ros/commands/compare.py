@@ -17,7 +17,8 @@ from ff_planner_ros.analysis.comparison import (
     findings,
     ratio_rows,
 )
-from ff_planner_ros.analysis.figures import save_figures
+from ff_planner_ros.analysis.drawing.figures import save_figures
+from ff_planner_ros.analysis.drawing.scene import save_scene
 from ff_planner_ros.analysis.methods import (
     FIXED_BASE,
     OBJECTIVES,
@@ -33,7 +34,6 @@ from ff_planner_ros.analysis.methods import (
     ZERO_MOMENTUM,
     Method,
 )
-from ff_planner_ros.analysis.scene import save_scene
 from ff_planner_ros.baselines.artificial_potential_field import artificial_potential_field
 from ff_planner_ros.baselines.beliefs import fixed_base, zero_momentum
 from ff_planner_ros.baselines.potential_field import PotentialFieldParameters

@@ -289,7 +289,7 @@ def show_robot(options: argparse.Namespace) -> int:
     print_notes(robot.notes)
     print_table(robot_rows(robot))
     if options.draw is not None:
-        from ff_planner_ros.analysis.robot_view import save_robot
+        from ff_planner_ros.analysis.drawing.robot_view import save_robot
 
         save_robot(robot, options.draw)
         print(f"\n{options.draw}  {options.draw.stat().st_size / 1e6:.1f} MB")
@@ -301,7 +301,7 @@ def show_robot(options: argparse.Namespace) -> int:
 def _write_srdf(file: Path, robot: Robot) -> None:
     """Write which links may touch, as MoveIt's assistant does."""
     from ff_planner_ros.robot.pairs import moveit_pairs
-    from ff_planner_ros.robot.srdf import srdf_text
+    from ff_planner_ros.robot.urdf.srdf import srdf_text
 
     if robot.geometry is Geometry.LINES:
         allowed = "only links with a <collision> can touch, and this robot is planned with lines"

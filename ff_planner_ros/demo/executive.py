@@ -28,8 +28,8 @@ from rclpy.task import Future as RosFuture
 from scipy.spatial.transform import Rotation
 from trajectory_msgs.msg import JointTrajectory
 
-from ff_planner_ros.bag.decoding import NANOSECONDS, nanoseconds
 from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.common.times import NANOSECONDS, nanoseconds
 from ff_planner_ros.demo.testbed import CONTROLLER_TOPIC
 from ff_planner_ros.errors import FfPlannerError, Status
 from ff_planner_ros.planning.motion.plan import Plan

@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ff_planner_ros.analysis.figures import save_figures
+from ff_planner_ros.analysis.drawing.figures import save_figures
+from ff_planner_ros.analysis.drawing.scene import save_scene
 from ff_planner_ros.analysis.methods import Method
-from ff_planner_ros.analysis.scene import save_scene
 from ff_planner_ros.bag.robot_plans import robot_plans
 from ff_planner_ros.bag.writer import unique_directory
 from ff_planner_ros.common.share import share_directory

@@ -14,8 +14,8 @@ from rclpy.node import Node
 from scipy.spatial.transform import Rotation
 from trajectory_msgs.msg import JointTrajectory
 
-from ff_planner_ros.bag.decoding import NANOSECONDS, nanoseconds
 from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.common.times import NANOSECONDS, nanoseconds
 from ff_planner_ros.demo.waiting import Wait
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.motion.joint_motion import JointMotion

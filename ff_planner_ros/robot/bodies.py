@@ -11,11 +11,11 @@ import numpy as np
 import pinocchio as pin
 
 from ff_planner_ros.common.arrays import Array, frozen
-from ff_planner_ros.robot.convex_hull import LARGEST_SIZE, SMALLEST_SIZE
 from ff_planner_ros.robot.geometry import Geometry as Geometry
-from ff_planner_ros.robot.meshes import Meshes
-from ff_planner_ros.robot.urdf_bodies import placement
-from ff_planner_ros.robot.urdf_faults import Faults, listed
+from ff_planner_ros.robot.urdf.convex_hull import LARGEST_SIZE, SMALLEST_SIZE
+from ff_planner_ros.robot.urdf.meshes import Meshes
+from ff_planner_ros.robot.urdf.urdf_bodies import placement
+from ff_planner_ros.robot.urdf.urdf_faults import Faults, listed
 
 # The sizes that each kind of solid has, in the URDF's words, and how many numbers each is [m].
 SIZES = {

@@ -16,9 +16,9 @@ import pinocchio as pin
 from ff_planner_ros.common.arrays import Array, frozen
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.robot.bodies import Body, Geometry
-from ff_planner_ros.robot.srdf import MayTouch
-from ff_planner_ros.robot.urdf import NOTHING_HELD, checked_urdf
-from ff_planner_ros.robot.urdf_xml import MAX_CHARACTERS
+from ff_planner_ros.robot.urdf.srdf import MayTouch
+from ff_planner_ros.robot.urdf.urdf import NOTHING_HELD, checked_urdf
+from ff_planner_ros.robot.urdf.urdf_xml import MAX_CHARACTERS
 from ff_planner_ros.robot.whole_body import whole_body
 
 

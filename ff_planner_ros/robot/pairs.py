@@ -12,8 +12,8 @@ import pinocchio as pin
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.robot.bodies import Body
-from ff_planner_ros.robot.srdf import ADJACENT, ALWAYS, NEVER, Links, MayTouch
-from ff_planner_ros.robot.urdf_tree import link_of
+from ff_planner_ros.robot.urdf.srdf import ADJACENT, ALWAYS, NEVER, Links, MayTouch
+from ff_planner_ros.robot.urdf.urdf_tree import link_of
 
 Pairs: TypeAlias = tuple[tuple[int, int], ...]  # of bodies, by index
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from ff_planner_ros.common.arrays import Array, frozen
 from ff_planner_ros.robot.rotation import rotation_from_euler
-from ff_planner_ros.robot.urdf_xml import read_shapes
+from ff_planner_ros.robot.urdf.urdf_xml import read_shapes
 
 # The sizes that each kind of shape has, in the URDF's words.
 _SIZES = {"box": ("size",), "cylinder": ("radius", "length"), "sphere": ("radius",)}

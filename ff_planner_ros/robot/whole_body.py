@@ -12,12 +12,12 @@ import pinocchio as pin
 
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.robot.bodies import Body, Geometry, bodies_of
-from ff_planner_ros.robot.meshes import Meshes
 from ff_planner_ros.robot.pairs import Pairs, always_touching, neighbours, pairs_of
 from ff_planner_ros.robot.shapes import with_shapes
-from ff_planner_ros.robot.srdf import ALWAYS, Links, MayTouch, read_srdf, write_pairs
-from ff_planner_ros.robot.urdf_faults import Faults, listed
-from ff_planner_ros.robot.urdf_xml import read_shapes
+from ff_planner_ros.robot.urdf.meshes import Meshes
+from ff_planner_ros.robot.urdf.srdf import ALWAYS, Links, MayTouch, read_srdf, write_pairs
+from ff_planner_ros.robot.urdf.urdf_faults import Faults, listed
+from ff_planner_ros.robot.urdf.urdf_xml import read_shapes
 
 
 class WholeBody(NamedTuple):

@@ -12,9 +12,9 @@ from rclpy.clock_type import ClockType
 from rclpy.duration import Duration
 from rclpy.lifecycle import LifecycleNode
 
-from ff_planner_ros.bag.decoding import NANOSECONDS
 from ff_planner_ros.bag.writer import unique_directory
 from ff_planner_ros.common.share import resolve_uri
+from ff_planner_ros.common.times import NANOSECONDS
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.scenario.library_file import load_library
 from ff_planner_ros.robot.model import read_urdf

@@ -8,8 +8,8 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TypeAlias
 
-from ff_planner_ros.bag.decoding import NANOSECONDS
 from ff_planner_ros.bag.reader import Bag, Message
+from ff_planner_ros.common.times import NANOSECONDS
 from ff_planner_ros.errors import BagError, InvalidInput
 from ff_planner_ros.parameters import NodeParameters, OdometryParameters
 from ff_planner_ros.robot.model import Robot

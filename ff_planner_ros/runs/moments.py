@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from ff_planner_ros.bag.decoding import NANOSECONDS, nanoseconds
 from ff_planner_ros.common.declared_messages import value_at
+from ff_planner_ros.common.times import NANOSECONDS, nanoseconds
 from ff_planner_ros.errors import Status
 from ff_planner_ros.parameters import NodeParameters
 from ff_planner_ros.ros.inputs.input_topics import heard_with

@@ -14,10 +14,10 @@ from ff_planner_msgs.srv import PlanTrajectory
 from rclpy.qos import QoSProfile
 from service_msgs.msg import ServiceEventInfo
 
-from ff_planner_ros.bag.decoding import NANOSECONDS
-from ff_planner_ros.bag.encoding import encode
+from ff_planner_ros.bag.mcap.encoding import encode
 from ff_planner_ros.bag.provenance import PROVENANCE, provenance
 from ff_planner_ros.bag.writer import BagWriter
+from ff_planner_ros.common.times import NANOSECONDS
 from ff_planner_ros.errors import FfPlannerError, InvalidInput, Status
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.problem.user_requirements import requirements_written

@@ -23,7 +23,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 from rosgraph_msgs.msg import Clock
 
-from ff_planner_ros.bag.definition import message_definition
+from ff_planner_ros.bag.mcap.definition import message_definition
 from ff_planner_ros.bag.reader import Bag, Topic, open_bag
 from ff_planner_ros.common.yaml_file import yaml_document
 from ff_planner_ros.errors import BagError, InvalidInput

@@ -8,8 +8,8 @@ from typing import Any
 
 from rcl_interfaces.msg import ParameterEvent, ParameterType, ParameterValue
 
-from ff_planner_ros.bag.decoding import nanoseconds
 from ff_planner_ros.bag.reader import Bag
+from ff_planner_ros.common.times import nanoseconds
 from ff_planner_ros.common.yaml_file import yaml_document
 from ff_planner_ros.errors import BagError, InvalidInput, Status
 from ff_planner_ros.parameters import (

@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from ff_planner_msgs.msg import PlanAnswer, PlanRequest
 
-from ff_planner_ros.bag.decoding import NANOSECONDS, nanoseconds
 from ff_planner_ros.bag.provenance import PROVENANCE
 from ff_planner_ros.bag.reader import Bag
 from ff_planner_ros.bag.robot_plans import attached_robot
+from ff_planner_ros.common.times import NANOSECONDS, nanoseconds
 from ff_planner_ros.errors import BagError, Status
 from ff_planner_ros.planning.task.library import KnownGuess
 from ff_planner_ros.robot.model import Robot

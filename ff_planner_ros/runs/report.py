@@ -8,11 +8,11 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+from ff_planner_ros.analysis.drawing.tracking import Deviations
 from ff_planner_ros.analysis.json_file import read_json
 from ff_planner_ros.analysis.methods import MEASURED, PLANNED, Method
 from ff_planner_ros.analysis.plan_json import plan_document
-from ff_planner_ros.analysis.tracking import Deviations
-from ff_planner_ros.bag.decoding import NANOSECONDS
+from ff_planner_ros.common.times import NANOSECONDS
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.motion.metrics import Metrics
 from ff_planner_ros.planning.motion.plan import SolverReport, Trajectory

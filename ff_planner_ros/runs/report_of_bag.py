@@ -11,13 +11,13 @@ from builtin_interfaces.msg import Time
 from ff_planner_msgs.msg import ObstacleSphereArray, PlanAnswer, PlanRequest, Scene
 from ff_planner_msgs.msg import TargetBody as TargetBodyMessage
 
+from ff_planner_ros.analysis.drawing.tracking import deviations, measured_motion
 from ff_planner_ros.analysis.methods import PLANNED
-from ff_planner_ros.analysis.tracking import deviations, measured_motion
-from ff_planner_ros.bag.decoding import NANOSECONDS, nanoseconds
 from ff_planner_ros.bag.provenance import PROVENANCE
 from ff_planner_ros.bag.reader import Bag, Message, open_bag
 from ff_planner_ros.bag.robot_plans import attached_robot
 from ff_planner_ros.common.declared_messages import value_at, values_in
+from ff_planner_ros.common.times import NANOSECONDS, nanoseconds
 from ff_planner_ros.errors import BagError, FfPlannerError, InvalidInput, Status
 from ff_planner_ros.parameters import NodeParameters
 from ff_planner_ros.planning.motion.sound_samples import require_sound_samples

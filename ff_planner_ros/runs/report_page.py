@@ -6,8 +6,8 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from xml.etree.ElementTree import Element
 
-from ff_planner_ros.bag.decoding import NANOSECONDS
 from ff_planner_ros.bag.progress_bar import progress_bar
+from ff_planner_ros.common.times import NANOSECONDS
 from ff_planner_ros.errors import Status
 from ff_planner_ros.planning.motion.metrics import METRIC_BY_NAME
 from ff_planner_ros.runs.report import Report, ReportedRequest, clock_time

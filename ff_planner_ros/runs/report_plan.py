@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from xml.etree.ElementTree import Element
 
+from ff_planner_ros.analysis.drawing.tracking import Deviations, in_shown_units
 from ff_planner_ros.analysis.methods import RECORDED, Method
-from ff_planner_ros.analysis.tracking import Deviations, in_shown_units
 from ff_planner_ros.planning.motion.metrics import METRICS, Metrics
 from ff_planner_ros.runs.report import ReportedPlan, ReportedRequest, clock_time
 from ff_planner_ros.runs.report_html import bullets, element, pairs, plot, row, table

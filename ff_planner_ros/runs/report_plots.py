@@ -8,16 +8,21 @@ from dataclasses import fields
 import numpy as np
 import plotly.graph_objects as go
 
-from ff_planner_ros.analysis.methods import MEASURED, PLANNED
-from ff_planner_ros.analysis.panels import (
+from ff_planner_ros.analysis.drawing.panels import (
     CHASER_POSE,
     CHASER_VELOCITY,
     END_EFFECTOR_POSE,
 )
-from ff_planner_ros.analysis.plots import clearance_plot, joint_plot, panel_plot, two_column_plot
-from ff_planner_ros.analysis.scene import scene_figure
-from ff_planner_ros.analysis.surroundings import drawn_corridor
-from ff_planner_ros.analysis.tracking import Deviations, deviation_panels, in_shown_units
+from ff_planner_ros.analysis.drawing.plots import (
+    clearance_plot,
+    joint_plot,
+    panel_plot,
+    two_column_plot,
+)
+from ff_planner_ros.analysis.drawing.scene import scene_figure
+from ff_planner_ros.analysis.drawing.surroundings import drawn_corridor
+from ff_planner_ros.analysis.drawing.tracking import Deviations, deviation_panels, in_shown_units
+from ff_planner_ros.analysis.methods import MEASURED, PLANNED
 from ff_planner_ros.planning.motion.plan import Trajectory
 from ff_planner_ros.runs.report import ReportedPlan
 

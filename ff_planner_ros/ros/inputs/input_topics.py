@@ -16,8 +16,8 @@ from ff_planner_msgs.msg import (
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import JointState
 
-from ff_planner_ros.bag.decoding import NANOSECONDS
 from ff_planner_ros.common.declared_messages import value_at
+from ff_planner_ros.common.times import NANOSECONDS
 from ff_planner_ros.planning.problem.goal_words import GoalKind
 
 

@@ -14,7 +14,7 @@ from ff_planner_msgs.msg import Scene as SceneMessage
 from ff_planner_msgs.msg import TargetBody as TargetBodyMessage
 from rclpy.serialization import deserialize_message
 
-from ff_planner_ros.bag.decoding import nanoseconds
+from ff_planner_ros.common.times import nanoseconds
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.problem.problem import Sphere, TargetBody
 from ff_planner_ros.ros.inputs.input_topics import (

@@ -18,7 +18,7 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 from sensor_msgs.msg import JointState
 
-from ff_planner_ros.bag.decoding import NANOSECONDS
+from ff_planner_ros.common.times import NANOSECONDS
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.parameters import OdometryParameters
 from ff_planner_ros.robot.model import Robot

@@ -27,10 +27,10 @@ from scipy.spatial.transform import Rotation
 from std_msgs.msg import Header
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from ff_planner_ros.bag.decoding import NANOSECONDS
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.common.declared_messages import write_object
 from ff_planner_ros.common.shown import shortened, shown
+from ff_planner_ros.common.times import NANOSECONDS
 from ff_planner_ros.errors import (
     LONGEST_MESSAGE,
     FfPlannerError,

@@ -9,9 +9,9 @@ from scipy.spatial.transform import Rotation
 from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
+from ff_planner_ros.analysis.drawing.solids import robot_surface, surface_at
+from ff_planner_ros.analysis.drawing.surroundings import corridor_lines
 from ff_planner_ros.analysis.nearest import Nearest, nearest
-from ff_planner_ros.analysis.solids import robot_surface, surface_at
-from ff_planner_ros.analysis.surroundings import corridor_lines
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.distance.clearance import arm_points
 from ff_planner_ros.planning.motion.motion import from_trajectory

@@ -21,7 +21,7 @@ from std_msgs.msg import Header, String
 from trajectory_msgs.msg import JointTrajectory
 from visualization_msgs.msg import MarkerArray
 
-from ff_planner_ros.bag.decoding import NANOSECONDS, nanoseconds
+from ff_planner_ros.common.times import NANOSECONDS, nanoseconds
 from ff_planner_ros.parameters import NodeParameters
 from ff_planner_ros.planning.motion.joint_motion import JointMotion, joint_motion
 from ff_planner_ros.planning.motion.plan import Plan, Trajectory

@@ -9,9 +9,9 @@ from geometry_msgs.msg import PoseStamped
 from scipy.spatial.transform import Rotation
 from std_msgs.msg import Header
 
-from ff_planner_ros.analysis.tracking import planned_poses
-from ff_planner_ros.bag.decoding import NANOSECONDS
+from ff_planner_ros.analysis.drawing.tracking import planned_poses
 from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.common.times import NANOSECONDS
 from ff_planner_ros.planning.motion.plan import Trajectory
 from ff_planner_ros.planning.problem.target_body import TargetBody
 from ff_planner_ros.robot.state import SystemState

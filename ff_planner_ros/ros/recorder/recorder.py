@@ -16,7 +16,7 @@ from rclpy.impl.rcutils_logger import RcutilsLogger
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
-from ff_planner_ros.bag.rosbag2_metadata import QualityOfService
+from ff_planner_ros.bag.mcap.rosbag2_metadata import QualityOfService
 from ff_planner_ros.bag.writer import BagWriter
 from ff_planner_ros.errors import BagError
 from ff_planner_ros.ros.messages.interfaces import type_name

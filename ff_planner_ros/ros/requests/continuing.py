@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from ff_planner_ros.bag.decoding import NANOSECONDS
+from ff_planner_ros.common.times import NANOSECONDS
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.parameters import ReplanningParameters
 from ff_planner_ros.planning.motion.joint_motion import JointMotion

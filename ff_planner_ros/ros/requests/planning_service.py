@@ -24,7 +24,7 @@ from rclpy.node import Node
 from rclpy.service_introspection import ServiceIntrospectionState
 from trajectory_msgs.msg import JointTrajectory
 
-from ff_planner_ros.bag.decoding import NANOSECONDS
+from ff_planner_ros.common.times import NANOSECONDS
 from ff_planner_ros.errors import FfPlannerError, Interrupted, NoPlanFound, Status
 from ff_planner_ros.parameters import PREEMPT, NodeParameters
 from ff_planner_ros.planning.motion.metrics import METRIC_BY_NAME

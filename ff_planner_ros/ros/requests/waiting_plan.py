@@ -9,8 +9,8 @@ import numpy as np
 from ff_planner_msgs.msg import ChaserState
 from scipy.spatial.transform import Rotation
 
-from ff_planner_ros.bag.decoding import NANOSECONDS
 from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.common.times import NANOSECONDS
 from ff_planner_ros.errors import NoPlanFound, Status
 from ff_planner_ros.parameters import NodeParameters
 from ff_planner_ros.planning.motion.forward import carried_forward

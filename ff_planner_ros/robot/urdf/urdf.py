@@ -13,10 +13,10 @@ import numpy as np
 import pinocchio as pin
 
 from ff_planner_ros.common.arrays import Array
-from ff_planner_ros.robot.urdf_bodies import SMALLEST, check_bodies, placement
-from ff_planner_ros.robot.urdf_faults import LARGEST, Faults, listed, shortened
-from ff_planner_ros.robot.urdf_tree import Tree, link_of, one_of, tree_of
-from ff_planner_ros.robot.urdf_xml import read_elements
+from ff_planner_ros.robot.urdf.urdf_bodies import SMALLEST, check_bodies, placement
+from ff_planner_ros.robot.urdf.urdf_faults import LARGEST, Faults, listed, shortened
+from ff_planner_ros.robot.urdf.urdf_tree import Tree, link_of, one_of, tree_of
+from ff_planner_ros.robot.urdf.urdf_xml import read_elements
 
 # How far a joint without limits may be planned to turn, either way from zero [rad].
 TURN_OF_CONTINUOUS = 4.0 * math.pi

@@ -13,8 +13,8 @@ from typing import BinaryIO, NamedTuple
 from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Metadata, Schema
 
-from ff_planner_ros.bag.decoding import Decoder, decoder
-from ff_planner_ros.bag.mcap_records import (
+from ff_planner_ros.bag.mcap.decoding import Decoder, decoder
+from ff_planner_ros.bag.mcap.mcap_records import (
     FRAME,
     LARGEST,
     chunk_of,

@@ -13,7 +13,6 @@ from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_
 from ff_planner_ros.errors import BagError
 
 Decoder = Callable[[bytes], Any]
-NANOSECONDS = 1_000_000_000  # in a second
 ENCODINGS = ("ros2msg", "ros2idl")  # of definitions, in the words of MCAP
 
 _TYPE_NAME = re.compile(r"[A-Za-z]\w*/([a-z]+/)?[A-Za-z]\w*")  # it becomes the name of a class
@@ -22,11 +21,6 @@ _IDL_HEADING = re.compile(r"={80}\nIDL: \S*\n")
 _IDL_CONSTANTS = re.compile(r"module \w+_Constants \{\n[^{}]*\};\n")
 _LONGEST = 64_000  # [bytes] of a definition that is read; ours have 23,000
 _MOST_FIELDS = 10_000  # of a message, those within fields counted; ours have 200
-
-
-def nanoseconds(stamp: Any) -> int:
-    """Return a message's time or duration as integer nanoseconds."""
-    return int(stamp.sec) * NANOSECONDS + int(stamp.nanosec)
 
 
 @lru_cache(maxsize=64)  # every file of a split bag carries the same definitions

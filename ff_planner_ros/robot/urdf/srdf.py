@@ -11,8 +11,8 @@ from collections.abc import Collection, Iterable
 from typing import NamedTuple, TypeAlias
 from xml.etree.ElementTree import Element, SubElement
 
-from ff_planner_ros.robot.urdf_faults import Faults, listed
-from ff_planner_ros.robot.urdf_xml import DISABLE, DISABLE_ALL, ENABLE, read_collisions
+from ff_planner_ros.robot.urdf.urdf_faults import Faults, listed
+from ff_planner_ros.robot.urdf.urdf_xml import DISABLE, DISABLE_ALL, ENABLE, read_collisions
 
 # The words of MoveIt's assistant.
 ADJACENT, ALWAYS, NEVER = "Adjacent", "Always", "Never"

@@ -17,11 +17,9 @@ import plotly.graph_objects as go
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from ff_planner_ros.analysis.methods import Method
-from ff_planner_ros.analysis.nearest import Nearest, nearest
-from ff_planner_ros.analysis.scene_layout import add_controls, lay_out, save_page
-from ff_planner_ros.analysis.solids import RobotSurface, robot_surface, surface_at
-from ff_planner_ros.analysis.surroundings import (
+from ff_planner_ros.analysis.drawing.scene_layout import add_controls, lay_out, save_page
+from ff_planner_ros.analysis.drawing.solids import RobotSurface, robot_surface, surface_at
+from ff_planner_ros.analysis.drawing.surroundings import (
     axes_of,
     axis_lines,
     axis_points,
@@ -33,6 +31,8 @@ from ff_planner_ros.analysis.surroundings import (
     with_gaps,
     xyz,
 )
+from ff_planner_ros.analysis.methods import Method
+from ff_planner_ros.analysis.nearest import Nearest, nearest
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.distance.clearance import arm_points
 from ff_planner_ros.planning.motion.motion import from_trajectory

@@ -10,9 +10,9 @@ import numpy as np
 import pinocchio as pin
 import plotly.graph_objects as go
 
-from ff_planner_ros.analysis.scene_layout import lay_out, save_page
-from ff_planner_ros.analysis.solids import robot_surface, surface_at
-from ff_planner_ros.analysis.surroundings import axis_lines, xyz
+from ff_planner_ros.analysis.drawing.scene_layout import lay_out, save_page
+from ff_planner_ros.analysis.drawing.solids import robot_surface, surface_at
+from ff_planner_ros.analysis.drawing.surroundings import axis_lines, xyz
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.distance.clearance import arm_points
 from ff_planner_ros.robot.model import Robot

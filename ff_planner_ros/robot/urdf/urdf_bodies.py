@@ -10,8 +10,8 @@ import numpy as np
 import pinocchio as pin
 
 from ff_planner_ros.common.arrays import Array
-from ff_planner_ros.robot.urdf_faults import Faults
-from ff_planner_ros.robot.urdf_tree import Tree, link_of
+from ff_planner_ros.robot.urdf.urdf_faults import Faults
+from ff_planner_ros.robot.urdf.urdf_tree import Tree, link_of
 
 # Inertias are written with few digits: for a thin rod, where the triangle inequality holds
 # with equality, rounding must not count as a fault.

@@ -6,8 +6,8 @@ from contextlib import suppress
 
 import zstandard
 
-from ff_planner_ros.bag.mcap_file import Block, McapFile, RawMessage
-from ff_planner_ros.bag.mcap_records import LARGEST, chunk_of
+from ff_planner_ros.bag.mcap.mcap_file import Block, McapFile, RawMessage
+from ff_planner_ros.bag.mcap.mcap_records import LARGEST, chunk_of
 
 _PIECE = 1024  # [bytes] that are decompressed at once where it may break off
 

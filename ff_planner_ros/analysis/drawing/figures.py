@@ -10,10 +10,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ff_planner_ros.analysis.capture_view import capture_figure
-from ff_planner_ros.analysis.from_above import view_from_above
-from ff_planner_ros.analysis.methods import PLANNED, Method
-from ff_planner_ros.analysis.panels import (
+from ff_planner_ros.analysis.drawing.capture_view import capture_figure
+from ff_planner_ros.analysis.drawing.from_above import view_from_above
+from ff_planner_ros.analysis.drawing.panels import (
     CHASER_POSE,
     CHASER_VELOCITY,
     END_EFFECTOR_POSE,
@@ -25,8 +24,9 @@ from ff_planner_ros.analysis.panels import (
     joint_torques,
     panels,
 )
-from ff_planner_ros.analysis.relative_motion import relative_motion
-from ff_planner_ros.analysis.scene import save_scene
+from ff_planner_ros.analysis.drawing.relative_motion import relative_motion
+from ff_planner_ros.analysis.drawing.scene import save_scene
+from ff_planner_ros.analysis.methods import PLANNED, Method
 from ff_planner_ros.planning.motion.plan import Plan, Trajectory
 from ff_planner_ros.planning.problem.problem import PlanningProblem, lasting
 from ff_planner_ros.robot.model import Base

@@ -11,8 +11,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 
+from ff_planner_ros.analysis.drawing.relative_motion import relative_motion
 from ff_planner_ros.analysis.methods import Method
-from ff_planner_ros.analysis.relative_motion import relative_motion
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.distance.clearance import arm_points
 from ff_planner_ros.planning.motion.motion import from_trajectory

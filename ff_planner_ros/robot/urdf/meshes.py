@@ -16,8 +16,8 @@ import numpy as np
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.common.share import PACKAGE_SCHEME, package_directory
-from ff_planner_ros.robot.convex_hull import LARGEST_SIZE, NoSolid, convex_hull, few_corners
-from ff_planner_ros.robot.urdf_faults import Faults, shortened
+from ff_planner_ros.robot.urdf.convex_hull import LARGEST_SIZE, NoSolid, convex_hull, few_corners
+from ff_planner_ros.robot.urdf.urdf_faults import Faults, shortened
 
 # A binary STL of a million triangles: it is read in two seconds. And all files of a robot [bytes].
 MAX_FILE, MAX_FILES = 50_000_100, 200_000_000

@@ -8,8 +8,8 @@ from typing import Literal
 import numpy as np
 import pinocchio as pin
 
+from ff_planner_ros.analysis.drawing.panels import Panel
 from ff_planner_ros.analysis.methods import DEVIATION
-from ff_planner_ros.analysis.panels import Panel
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.motion.joint_motion import joint_motion
 from ff_planner_ros.planning.motion.motion import chaser_motion

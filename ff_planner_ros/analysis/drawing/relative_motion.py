@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ff_planner_ros.analysis.panels import Quantity
+from ff_planner_ros.analysis.drawing.panels import Quantity
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.motion.plan import Trajectory
 from ff_planner_ros.planning.problem.target_body import TargetBody

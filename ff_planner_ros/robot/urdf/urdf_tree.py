@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from xml.etree.ElementTree import Element
 
-from ff_planner_ros.robot.urdf_faults import Faults, listed, shortened
+from ff_planner_ros.robot.urdf.urdf_faults import Faults, listed, shortened
 
 _LONGEST_NAME = 200  # characters: names travel in every state and every plan
 

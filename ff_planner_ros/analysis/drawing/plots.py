@@ -14,8 +14,7 @@ from typing import Any
 import numpy as np
 import plotly.graph_objects as go
 
-from ff_planner_ros.analysis.methods import Method
-from ff_planner_ros.analysis.panels import (
+from ff_planner_ros.analysis.drawing.panels import (
     Mark,
     Panel,
     Quantity,
@@ -25,6 +24,7 @@ from ff_planner_ros.analysis.panels import (
     joint_torques,
     panels,
 )
+from ff_planner_ros.analysis.methods import Method
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.motion.plan import Trajectory
 from ff_planner_ros.planning.problem.problem import Sphere

@@ -10,7 +10,7 @@ import plotly.graph_objects as go
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from ff_planner_ros.analysis.solids import sphere
+from ff_planner_ros.analysis.drawing.solids import sphere
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.distance.clearance import centers_at
 from ff_planner_ros.planning.problem.approach import RADIUS_AT_GRASP, Approach

@@ -23,8 +23,8 @@ from mcap.records import (
     Statistics,
 )
 
-from ff_planner_ros.bag.mcap_file import Block, McapFile
-from ff_planner_ros.bag.mcap_records import (
+from ff_planner_ros.bag.mcap.mcap_file import Block, McapFile
+from ff_planner_ros.bag.mcap.mcap_records import (
     COMPRESSION_AT,
     FRAME,
     LARGEST,

@@ -1,0 +1,1 @@
+"""Figures and scenes of plans."""

@@ -1,0 +1,1 @@
+"""URDF, SRDF and meshes, read with the care that files from outside need."""
