@@ -14,7 +14,8 @@ from ff_planner_ros.planning.problem.settings import PlannerSettings, RobustSett
 
 FILE = CONFIG / "planner.yaml"
 BLOCK = yaml.safe_load(FILE.read_text())["/**"]["ros__parameters"]["planner"]
-del BLOCK["library"]  # where first guesses come from: no setting of the planner's
+# Where first guesses come from, and what others require: no settings of the planner's.
+del BLOCK["library"], BLOCK["plugins"]
 NAMES = [*(name for name in BLOCK if name != "robust"), *(f"robust.{n}" for n in BLOCK["robust"])]
 
 
