@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, fields, is_dataclass, replace
 from difflib import get_close_matches
-from functools import cache, partial
+from functools import cache, cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar, get_type_hints
 
@@ -529,10 +529,11 @@ class NodeParameters:
         """Check the words."""
         _require_word("state_source", self.state_source, STATE_SOURCES)
         _require_word("when_busy", self.when_busy, (REJECT, PREEMPT))
-        self.requirements()
+        _ = self.requirements  # refused here, not with the first request
         word = a_word(EndBehaviour, FORMER_END_BEHAVIOURS).read("end_behaviour", self.end_behaviour)
         object.__setattr__(self, "end_behaviour", str(word))
 
+    @cached_property
     def requirements(self) -> tuple[Requirement, ...]:
         """Return what plans must keep beside the planner's own requirements.
 

@@ -222,9 +222,9 @@ def test_two_of_one_name_and_one_of_ours_are_refused(
 @pytest.mark.usefixtures("installed")
 def test_the_nodes_parameter_lists_the_plug_ins_that_are_loaded() -> None:
     parameters = load_parameters()
-    assert parameters.requirements() == ()
+    assert parameters.requirements == ()
     text = yaml.safe_dump(GIVEN)
-    (required,) = replaced(parameters, "planner.plugins", text).requirements()
+    (required,) = replaced(parameters, "planner.plugins", text).requirements
     assert required.name == "keep_out_plane"
     assert required.point.tolist() == POINT
     for wrong in ("keep_out_plane", "{", "nothing: {}"):

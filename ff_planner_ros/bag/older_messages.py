@@ -77,9 +77,17 @@ ANSWER_FIELDS: Mapping[str, str] = {
     "solver": "solver",
 }
 _SWITCHES = ("use_start_state", "use_obstacles", "use_target_body")
-_NUMBERED = {
+
+
+def _number_of(word: str) -> int:
+    """Return the number of an orientation; one that is unknown stays one."""
+    words = [str(one) for one in Orientation]
+    return words.index(word or Orientation.FIXED) if word in ("", *words) else len(words)
+
+
+_TRANSLATED = {
     "capture": lambda captures: int(GoalKind.CAPTURE if captures else GoalKind.POSE),
-    "orientation": lambda word: _number_of(word),
+    "orientation": _number_of,
     "end_behaviour": lambda word: "none" if word == "as_planned" else word,
 }
 
@@ -102,7 +110,7 @@ def present_request(request: Any) -> Any:
         absent |= {"allowed_at_goal", "contact_distance"}
     if not _asks_for_approach(request):
         absent |= {"approach_direction", "approach_distance", "approach_cone"}
-    moved = _moved(request, REQUEST_FIELDS, _NUMBERED, {*absent, *_SWITCHES})
+    moved = _moved(request, REQUEST_FIELDS, _TRANSLATED, {*absent, *_SWITCHES})
     return _message("PlanRequest", moved)
 
 
@@ -132,12 +140,6 @@ def _asks_for_approach(request: Any) -> bool:
     numbers = () if direction is None else (direction.x, direction.y, direction.z)
     more = (value_at(request, name, 0.0) for name in ("approach_distance", "approach_cone"))
     return any((*numbers, *more))
-
-
-def _number_of(word: str) -> int:
-    """Return the number of an orientation; one that is unknown stays one."""
-    words = [str(one) for one in Orientation]
-    return words.index(word or Orientation.FIXED) if word in ("", *words) else len(words)
 
 
 def _moved(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from ff_planner_ros.common.arrays import finite_vector
-from ff_planner_ros.common.declared_messages import names_in, value_at, values_in
+from ff_planner_ros.common.declared_messages import names_in, require_left_out, value_at, values_in
 from ff_planner_ros.errors import InvalidInput, Status, fields_named
 from ff_planner_ros.planning.problem.target_body import AttachedSphere, TargetBody
 
@@ -22,10 +22,7 @@ def target_body_in(message: Any) -> TargetBody:
             `target_body`.
     """
     _require_zero(message, "inertia.com", "the frame is at the centre of mass")
-    for name in ("bodies", "urdf"):
-        if len(value_at(message, name, ())):
-            allowed = "it must be left out: this version does not plan with it"
-            raise InvalidInput(Status.UNSUPPORTED, f"{FIELD}.{name}", "given", allowed)
+    require_left_out(message, ("bodies", "urdf"), f"{FIELD}.")
     names = dict(NAMED_AS)
     for index, sphere in enumerate(message.obstacles):
         place = f"{FIELD}.obstacles[{index}]"

@@ -25,6 +25,11 @@ _LARGEST = 1e100
 _SCALES = ((2.0**-48, 4096), (2.0**-27, 60_000))
 
 
+def zero_vector() -> Array:
+    """Return the vector of zero length. Shape (3,)."""
+    return np.zeros(3)
+
+
 def frozen(values: ArrayLike) -> Array:
     """Return a read-only copy of `values` as an array of floats."""
     array = np.array(values, dtype=np.float64)

@@ -5,16 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import ClassVar
 
-import numpy as np
-
-from ff_planner_ros.common.arrays import Array, finite_vector
+from ff_planner_ros.common.arrays import Array, finite_vector, zero_vector
 from ff_planner_ros.common.declared import check_declared, declare
 from ff_planner_ros.common.forms import a_number
 from ff_planner_ros.errors import InvalidInput, Status
-
-
-def _zeros() -> Array:
-    return np.zeros(3)
 
 
 @dataclass(frozen=True)
@@ -76,7 +70,7 @@ class DurationRange:
     maximum: float = declare(a_number(), "the longest", key="max", unit="s", message="duration_max")
     # Of the target's place by the duration: it rests where it is told, but a frame that moves sees
     # it elsewhere if the duration is another; shape (3,) [m/s]
-    target_velocity: Array = field(default_factory=_zeros)
+    target_velocity: Array = field(default_factory=zero_vector)
 
     def __post_init__(self) -> None:
         """Check every value."""

@@ -7,15 +7,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.common.arrays import Array, zero_vector
 from ff_planner_ros.common.declared import check_declared, declare
 from ff_planner_ros.common.forms import NAME, a_number, a_vector
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.problem.target_body import TargetBody
-
-
-def _zeros() -> Array:
-    return np.zeros(3)
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +48,7 @@ class Sphere:
         unit="m/s",
         since="0.3",
         brief=True,
-        default_factory=_zeros,
+        default_factory=zero_vector,
         message="twist.linear",
         late=True,
     )

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from ff_planner_ros.common.arrays import Array, finite_vector, frozen
+from ff_planner_ros.common.arrays import Array, finite_vector, frozen, zero_vector
 from ff_planner_ros.common.declared import check_declared, declare
 from ff_planner_ros.common.forms import QUATERNION, Form, a_numbered_word, a_vector, of_numbers
 from ff_planner_ros.common.plain_values import numbers
@@ -29,10 +29,6 @@ FREE_TURN_TOLERANCE = 1e-6
 # By which a target stays off the plane [rad], so that it stays what it is however often it is
 # checked.
 TILT_OF_ROUNDING = 1e-9
-
-
-def _zeros() -> Array:
-    return np.zeros(3)
 
 
 def _euler_degrees(field: str, value: object) -> Array:
@@ -75,21 +71,21 @@ class Target:
         a_vector(),
         "of the end effector at the end",
         unit="m/s",
-        default_factory=_zeros,
+        default_factory=zero_vector,
         message="twist.linear",
     )
     angular_velocity: Array = declare(
         a_vector(),
         "of the end effector at the end",
         unit="rad/s",
-        default_factory=_zeros,
+        default_factory=zero_vector,
         message="twist.angular",
     )
     linear_acceleration: Array = declare(
-        a_vector(), "of the end effector at the end", unit="m/s2", default_factory=_zeros
+        a_vector(), "of the end effector at the end", unit="m/s2", default_factory=zero_vector
     )
     angular_acceleration: Array = declare(
-        a_vector(), "of the end effector at the end", unit="rad/s2", default_factory=_zeros
+        a_vector(), "of the end effector at the end", unit="rad/s2", default_factory=zero_vector
     )
     orientation: Orientation = declare(
         a_numbered_word(Orientation),

@@ -17,7 +17,7 @@ from typing import ClassVar
 import numpy as np
 import pinocchio as pin
 
-from ff_planner_ros.common.arrays import Array, finite_vector, frozen
+from ff_planner_ros.common.arrays import Array, finite_vector, frozen, zero_vector
 from ff_planner_ros.common.declared import check_declared, declare
 from ff_planner_ros.common.declared_parts import part
 from ff_planner_ros.common.forms import INERTIA, NAME, QUATERNION, a_number, a_vector, each
@@ -34,10 +34,6 @@ _SYMMETRIC = 1e-6
 # After more turns [rad] than this nobody can tell where a grasp is: a rate that is known to one in
 # a thousand is off by one radian. At 10 deg/s it takes more than an hour and a half.
 _MOST_TURNS = 1000.0
-
-
-def _zeros() -> Array:
-    return np.zeros(3)
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,14 +136,14 @@ class TargetBody:
         a_vector(),
         "of its centre of mass",
         unit="m/s",
-        default_factory=_zeros,
+        default_factory=zero_vector,
         message="twist.linear",
     )
     angular_velocity: Array = declare(
         a_vector(),
         "in inertial axes",
         unit="rad/s",
-        default_factory=_zeros,
+        default_factory=zero_vector,
         message="twist.angular",
     )
     obstacles: tuple[AttachedSphere, ...] = declare(

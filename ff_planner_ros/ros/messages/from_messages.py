@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Mapping, Sequence, Sized
+from collections.abc import Mapping, Sequence
 from dataclasses import fields, replace
 from typing import TYPE_CHECKING, Any
 
@@ -13,7 +13,7 @@ import numpy as np
 from ff_planner_ros.bag.plans import trajectory_in
 from ff_planner_ros.bag.target_bodies import NAMED_AS, target_body_in
 from ff_planner_ros.common.arrays import Array, finite_number, finite_vector
-from ff_planner_ros.common.declared_messages import names_in, value_at, values_in
+from ff_planner_ros.common.declared_messages import names_in, require_left_out, value_at, values_in
 from ff_planner_ros.common.shown import quoted
 from ff_planner_ros.common.times import NANOSECONDS, nanoseconds
 from ff_planner_ros.errors import InvalidInput, Status, fields_named
@@ -67,11 +67,7 @@ def require_supported(request: PlanRequest) -> None:
     Raises:
         InvalidInput: It names the field.
     """
-    for field in _NOT_YET:
-        given = value_at(request, field, None)
-        if len(given) if isinstance(given, Sized) else given:
-            allowed = "it must be left out: this version does not plan with it"
-            raise InvalidInput(Status.UNSUPPORTED, field.replace("[0]", ""), "given", allowed)
+    require_left_out(request, _NOT_YET)
     kind = request.goal.kind
     if kind not in (GoalKind.POSE, GoalKind.CAPTURE):
         allowed = f"it must be POSE ({GoalKind.POSE:d}) or CAPTURE ({GoalKind.CAPTURE:d})"
@@ -111,7 +107,7 @@ def problem_from_request(
         given = values_in(PlanningProblem, request, names=_names(request, body))
         given["duration"], given["duration_range"] = _duration(request, remaining)
         given["limits"] = _limits(given.get("limits", {}), robot, most)
-        given["requirements"] = parameters.requirements()
+        given["requirements"] = parameters.requirements
         given["points"] = request.search.points or parameters.points
         if body is not None:
             given["target"] = body.target(given["duration"])
