@@ -21,12 +21,12 @@ from ff_planner_ros.planning.paths.path_family import GoalMotion, Motion, Sensit
 from ff_planner_ros.planning.paths.polynomial import EndEffectorMotion
 from ff_planner_ros.planning.paths.start_motion import NullSpaceFade
 from ff_planner_ros.planning.problem.problem import Orientation, PlanningProblem, Target, TargetBody
-from ff_planner_ros.planning.requirements.accelerations import (
+from ff_planner_ros.planning.requirements.joints.accelerations import (
     accelerations_at_points,
     accelerations_by_x,
 )
+from ff_planner_ros.planning.requirements.joints.turns import Between, beyond, peak_rates, turns
 from ff_planner_ros.planning.requirements.requirement import Rows
-from ff_planner_ros.planning.requirements.turns import Between, beyond, peak_rates, turns
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import Base, Robot
 from ff_planner_ros.robot.momentum import total_momentum

@@ -25,10 +25,10 @@ from ff_planner_ros.planning.problem.problem import (
     Parametrisation,
     PlanningProblem,
 )
-from ff_planner_ros.planning.requirements.accelerations import accelerations_at_points
-from ff_planner_ros.planning.requirements.joint_accelerations import JointAccelerations
+from ff_planner_ros.planning.requirements.joints.accelerations import accelerations_at_points
+from ff_planner_ros.planning.requirements.joints.joint_accelerations import JointAccelerations
+from ff_planner_ros.planning.requirements.joints.torques import Torques
 from ff_planner_ros.planning.requirements.requirement import Requirement
-from ff_planner_ros.planning.requirements.torques import Torques
 from ff_planner_ros.planning.scenario.scenario import Defaults, load_scenario, load_task
 from ff_planner_ros.planning.scenario.scenario_writer import write_scenario
 from ff_planner_ros.planning.search.families import path_families

@@ -38,11 +38,11 @@ from ff_planner_ros.planning.requirements.body_rows import (
 )
 from ff_planner_ros.planning.requirements.chaser_attitude import ChaserAttitude
 from ff_planner_ros.planning.requirements.chaser_rotation import ChaserRotation
-from ff_planner_ros.planning.requirements.joint_accelerations import JointAccelerations
-from ff_planner_ros.planning.requirements.joint_positions import JointPositions
-from ff_planner_ros.planning.requirements.joint_rates import JointRates
+from ff_planner_ros.planning.requirements.joints.joint_accelerations import JointAccelerations
+from ff_planner_ros.planning.requirements.joints.joint_positions import JointPositions
+from ff_planner_ros.planning.requirements.joints.joint_rates import JointRates
+from ff_planner_ros.planning.requirements.joints.torques import Torques
 from ff_planner_ros.planning.requirements.requirement import Requirement, Samples
-from ff_planner_ros.planning.requirements.torques import Torques
 from ff_planner_ros.robot.state import SystemState
 
 POINTS, MARGIN = 9, 0.01

@@ -20,8 +20,8 @@ from ff_planner_ros.planning.motion.watch import Watch
 from ff_planner_ros.planning.paths.end_effector_polynomial import EndEffectorPaths, Rollout
 from ff_planner_ros.planning.paths.start_motion import NullSpaceFade, start_motion
 from ff_planner_ros.planning.problem.problem import Limits, Objective, PlanningProblem
-from ff_planner_ros.planning.requirements.joint_positions import JointPositions
-from ff_planner_ros.planning.requirements.joint_rates import JointRates
+from ff_planner_ros.planning.requirements.joints.joint_positions import JointPositions
+from ff_planner_ros.planning.requirements.joints.joint_rates import JointRates
 from ff_planner_ros.planning.scenario.scenario import load_scenario
 from ff_planner_ros.planning.search.planner import plan
 from ff_planner_ros.planning.task.tail import EndBehaviour

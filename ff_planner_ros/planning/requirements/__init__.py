@@ -9,15 +9,15 @@ from ff_planner_ros.planning.requirements.chaser_attitude import ChaserAttitude
 from ff_planner_ros.planning.requirements.chaser_rotation import ChaserRotation
 from ff_planner_ros.planning.requirements.clearance import Clearance
 from ff_planner_ros.planning.requirements.goal import Goal
-from ff_planner_ros.planning.requirements.joint_accelerations import JointAccelerations
-from ff_planner_ros.planning.requirements.joint_positions import JointPositions
-from ff_planner_ros.planning.requirements.joint_rates import JointRates
+from ff_planner_ros.planning.requirements.joints.joint_accelerations import JointAccelerations
+from ff_planner_ros.planning.requirements.joints.joint_positions import JointPositions
+from ff_planner_ros.planning.requirements.joints.joint_rates import JointRates
+from ff_planner_ros.planning.requirements.joints.start_velocity import StartVelocity
+from ff_planner_ros.planning.requirements.joints.torques import Torques
 from ff_planner_ros.planning.requirements.momentum import Momentum
 from ff_planner_ros.planning.requirements.plane import Plane
 from ff_planner_ros.planning.requirements.requirement import Requirement
 from ff_planner_ros.planning.requirements.singular_values import SingularValues
-from ff_planner_ros.planning.requirements.start_velocity import StartVelocity
-from ff_planner_ros.planning.requirements.torques import Torques
 
 # Of every plan.
 REQUIREMENTS: tuple[Requirement, ...] = (

@@ -15,6 +15,7 @@ from ff_planner_ros.planning.paths.path_family import Motion, Sensitivity
 from ff_planner_ros.planning.paths.start_motion import least_highest_rates
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.problem.settings import PlannerSettings
+from ff_planner_ros.planning.requirements.joints.turns import beyond, joined, peak_rates
 from ff_planner_ros.planning.requirements.requirement import (
     ALLOWED_EXCESS,
     LIMIT_TOLERANCE,
@@ -23,7 +24,6 @@ from ff_planner_ros.planning.requirements.requirement import (
     Samples,
     within,
 )
-from ff_planner_ros.planning.requirements.turns import beyond, joined, peak_rates
 from ff_planner_ros.robot.model import Robot
 
 # A rate that is further from its limit than this part of it cannot reach it in one step of the

@@ -15,6 +15,7 @@ from ff_planner_ros.planning.paths.path_family import Motion, Sensitivity
 from ff_planner_ros.planning.paths.start_motion import least_highest_positions
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.problem.settings import PlannerSettings
+from ff_planner_ros.planning.requirements.joints.turns import beyond, joined, turns
 from ff_planner_ros.planning.requirements.requirement import (
     ALLOWED_EXCESS,
     LIMIT_TOLERANCE,
@@ -24,7 +25,6 @@ from ff_planner_ros.planning.requirements.requirement import (
     Samples,
     within,
 )
-from ff_planner_ros.planning.requirements.turns import beyond, joined, turns
 from ff_planner_ros.robot.model import Robot
 
 # Between 50 points the quintics and the cubics that the search knows differ by less [rad].

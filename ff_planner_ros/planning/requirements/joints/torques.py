@@ -13,7 +13,7 @@ from ff_planner_ros.planning.motion.metrics import Metrics
 from ff_planner_ros.planning.paths.path_family import Motion, Sensitivity
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.problem.settings import PlannerSettings
-from ff_planner_ros.planning.requirements.accelerations import (
+from ff_planner_ros.planning.requirements.joints.accelerations import (
     accelerations_at_points,
     accelerations_by_x,
 )
