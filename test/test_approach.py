@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 from test_any_frame import FRAMES
 from test_tumbling import moved
 
-from ff_planner_ros.analysis.drawing.surroundings import drawn_corridor
+from ff_planner_ros.analysis.drawing.surroundings import drawn_constraints
 from ff_planner_ros.analysis.plan_json import plan_dictionary
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import InvalidInput, NoPlanFound, Status
@@ -38,6 +38,7 @@ from ff_planner_ros.planning.problem.problem import (
     PlanningProblem,
     lasting,
 )
+from ff_planner_ros.planning.problem.scene import scene_of
 from ff_planner_ros.planning.requirements.approach import ApproachCorridor
 from ff_planner_ros.planning.requirements.requirement import Rows
 from ff_planner_ros.planning.scenario.scenario import Defaults, load_scenario, load_task
@@ -426,9 +427,10 @@ def test_where_no_path_comes_along_the_corridor_the_refusal_says_so() -> None:
     assert "a larger approach.half_angle" in str(refused.value)
 
 
-def test_what_is_drawn_is_the_boundary_of_the_corridor() -> None:
+def test_what_is_drawn_is_the_boundary_of_the_corridor(lemur_plan: Plan) -> None:
     approach = Approach(FORWARD - 0.4 * SIDEWAYS, 0.2, 0.3)
-    drawn = drawn_corridor(approach, RESTING.target)
+    scene = scene_of(replace(RESTING, approach=approach))
+    (drawn,) = drawn_constraints(scene, RESTING.robot, lemur_plan.trajectory)
     points = np.column_stack([drawn.x, drawn.y, drawn.z])
     points = points[np.isfinite(points).all(axis=1)]
     attitude = Rotation.from_quat(RESTING.target.quaternion_xyzw.copy())

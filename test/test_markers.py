@@ -16,6 +16,7 @@ from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.motion.motion import from_trajectory
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.problem.problem import Sphere
+from ff_planner_ros.planning.problem.scene import Scene
 from ff_planner_ros.problems.robots import bench_robot
 from ff_planner_ros.robot.bodies import Geometry
 from ff_planner_ros.robot.model import Robot
@@ -36,7 +37,7 @@ def plan(lemur: Robot) -> Plan:
 
 @pytest.fixture(scope="module")
 def markers(lemur: Robot, plan: Plan) -> MarkerArray:
-    return plan_markers(lemur, plan, SPHERES, "world")
+    return plan_markers(lemur, plan, Scene(SPHERES), "world")
 
 
 def of(markers: MarkerArray, namespace: str) -> list[Marker]:
@@ -126,14 +127,14 @@ def test_every_marker_can_be_seen_and_the_later_the_better(markers: MarkerArray)
 
 
 def test_a_free_scene_has_no_spheres(lemur: Robot, plan: Plan) -> None:
-    assert of(plan_markers(lemur, plan, (), "world"), "obstacles") == []
+    assert of(plan_markers(lemur, plan, Scene(), "world"), "obstacles") == []
 
 
 def test_a_robot_with_bodies_is_drawn_as_the_planner_sees_it() -> None:
     """Its triangles instead of the chaser's box, and a line with words where they come nearest."""
     robot = bench_robot("arm6", Geometry.SHAPES)
     plan = drawn_plan(robot, seed=4)
-    markers = plan_markers(robot, plan, SPHERES, "world")
+    markers = plan_markers(robot, plan, Scene(SPHERES), "world")
     bodies, (line, words) = of(markers, "bodies"), of(markers, "nearest")
     assert not of(markers, "chaser")
     assert [marker.id for marker in bodies] == list(range(SNAPSHOTS))

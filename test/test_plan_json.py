@@ -95,7 +95,7 @@ def test_the_target_comes_back(
         lemur_capture.target, orientation=Orientation(orientation), free_axis_in_ee=axis
     )
     task = PlanningTask(replace(lemur_capture, target=target), load_parameters().planner)
-    found = plan_document(json.loads(json.dumps(plan_dictionary(lemur_plan, task, 0.5)))).goal
+    found = plan_document(json.loads(json.dumps(plan_dictionary(lemur_plan, task, 0.5)))).scene.goal
     assert found is not None
     assert found.orientation is target.orientation
     assert found.position.tolist() == target.position.tolist()

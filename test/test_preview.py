@@ -15,6 +15,7 @@ from rclpy.lifecycle import LifecycleNode
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.motion.plan import Plan
+from ff_planner_ros.planning.problem.scene import Scene
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.ros.outputs import plan_output
 from ff_planner_ros.ros.outputs.plan_output import PlanOutput
@@ -78,7 +79,7 @@ def test_it_is_played_again_and_again_and_only_the_first_time_is_new(plan: Plan)
     for number in range(2):
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(plan_output, "plan_markers", Mock())
-            played.show(plan, ())
+            played.show(plan, Scene())
         rate = load_parameters().rates.preview
         states.publish.reset_mock()
         for _ in preview_joint_states(plan, rate):

@@ -20,6 +20,7 @@ from ff_planner_ros.errors import FfPlannerError, Status
 from ff_planner_ros.parameters import NodeParameters, load_parameters, replaced
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.problem.problem import PlanningProblem
+from ff_planner_ros.planning.problem.scene import scene_of
 from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.ros.inputs.scene_input import SceneInput
 from ff_planner_ros.ros.inputs.state_input import Snapshot
@@ -63,9 +64,9 @@ class World:
         return Knowledge(self.problem.robot, self.parameters, states, scene, published, self.now_ns)
 
     def made(self, plan_id: str = "run.1", start_ns: int = START) -> MadePlan:
-        spheres = self.problem.obstacles
+        scene = scene_of(self.problem)
         return MadePlan(
-            plan_id, self.plan, start_ns, "none", spheres, self.parameters, token=token(plan_id)
+            plan_id, self.plan, start_ns, "none", scene, self.parameters, token=token(plan_id)
         )
 
     def ask(self, plan_id: str = "run.1", **fields: Any) -> PlanStatus:
@@ -252,7 +253,7 @@ def test_a_plan_goes_out_with_all_that_was_made_of_it(world: World) -> None:
     executor: Any = world.publication._node.executor
     shown = executor.create_task.call_args.args[0]
     shown()
-    world.output.show.assert_called_once_with(made.plan, made.obstacles, None, None)
+    world.output.show.assert_called_once_with(made.plan, made.scene)
 
 
 def test_torques_go_to_a_controller_that_takes_them(world: World) -> None:

@@ -55,11 +55,11 @@ def test_all_is_drawn_where_it_is_at_the_first_point_and_the_goal_at_the_time_ch
     monkeypatch.setattr(report_of_bag, "reported_plan", lambda *told: told)
     exchange: Any = SimpleNamespace(request=request, response=answer)
     drawn: Any = report_of_bag._plan(exchange, lemur_capture.robot, None, None)
-    _, _, goal, (moved, *attached), _ = drawn
+    _, _, (moved, *attached), scene = drawn
     np.testing.assert_allclose(moved.center, rock.center + later * VELOCITY, atol=1e-9)
     assert [one.id for one in attached] == [one.id for one in body.obstacles]
     grasp = body.grasp(np.array([later + 7.5])).positions[0]
-    np.testing.assert_allclose(goal.position, grasp, rtol=0.0, atol=1e-8)
+    np.testing.assert_allclose(scene.goal.position, grasp, rtol=0.0, atol=1e-8)
 
 
 def test_a_message_of_the_moment_itself_was_heard(tmp_path: Path) -> None:

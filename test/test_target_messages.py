@@ -36,6 +36,7 @@ from ff_planner_ros.planning.problem.problem import (
     Sphere,
     with_capture_target,
 )
+from ff_planner_ros.planning.problem.scene import scene_of
 from ff_planner_ros.planning.task.tail import EndBehaviour
 from ff_planner_ros.planning.task.task import PlanningTask, perform
 from ff_planner_ros.problems import tumbling
@@ -451,7 +452,7 @@ def test_markers_show_the_body_where_it_is_when_the_arm_is_shown(
     problem: PlanningProblem, plan: Plan
 ) -> None:
     body = body_of(problem)
-    drawn = plan_markers(problem.robot, plan, problem.obstacles, FRAME, body).markers
+    drawn = plan_markers(problem.robot, plan, scene_of(problem), FRAME).markers
     found = [marker for marker in drawn if marker.ns == "target_body"]
     assert len(found) == SNAPSHOTS * len(body.obstacles)
     assert not [marker for marker in drawn if marker.ns == "obstacles"]

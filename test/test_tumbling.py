@@ -229,12 +229,12 @@ def test_the_answer_tells_where_the_body_is_at_each_point(
     assert np.array(told["linear_velocities"]) == pytest.approx(drift, abs=1e-12)
     assert "inertia" in told
     document = plan_document(answer)
-    read = document.target_body
+    read = document.scene.target_body
     assert read is not None
     assert read.target(3.0).position == pytest.approx(body_of(problem).target(3.0).position)
     assert document.obstacles is not None
     assert [one.id for one in document.obstacles] == [one.id for one in problem.obstacles]
-    assert document.obstacles[-1].body is document.target_body
+    assert document.obstacles[-1].body is document.scene.target_body
 
 
 def mapping(problem: PlanningProblem, path: Path) -> dict[str, Any]:

@@ -23,15 +23,12 @@ from ff_planner_ros.planning.motion.metrics import Metrics
 from ff_planner_ros.planning.motion.plan import Plan, RobustReport, SolverReport, Trajectory
 from ff_planner_ros.planning.motion.sound_samples import require_sound_samples
 from ff_planner_ros.planning.problem.problem import (
-    Approach,
     PlanningProblem,
     Sphere,
-    Target,
     attached_spheres,
     lasting,
 )
-from ff_planner_ros.planning.problem.scene import Scene
-from ff_planner_ros.planning.problem.target_body import TargetBody
+from ff_planner_ros.planning.problem.scene import OF_PROBLEM, Scene
 from ff_planner_ros.planning.problem.uncertainty import Uncertainty, uncertainty_from
 from ff_planner_ros.planning.problem.user_requirements import requirements_written
 from ff_planner_ros.planning.task.task import PlanningTask
@@ -41,10 +38,7 @@ from ff_planner_ros.robot.quaternion import quaternion_from_rotation
 
 _ROBOT = ("urdf", "base_link", "tip_link")
 # Of the problem, as a scenario has it.
-_ASKED = (
-    *("target", "target_body", "duration", "objective", "obstacles", "allowed_collisions"),
-    *("contact_distance", "approach"),
-)
+_ASKED = ("target", "target_body", "duration", "objective", "obstacles", *OF_PROBLEM)
 _KEYS: DeclaredFields = {
     key: replace(one, optional=True)  # older dictionaries tell less
     for key, one in declared(PlanningProblem).items()
@@ -67,10 +61,7 @@ class PlanDocument:
     weights: tuple[float, ...] | None
     # What was planned around; None: the dictionary does not tell
     obstacles: tuple[Sphere, ...] | None
-    # Where the end effector was to come; None: the dictionary does not tell
-    goal: Target | None
-    target_body: TargetBody | None  # that was to be captured; None: none
-    approach: Approach | None  # of the last stretch to the goal; None: any way
+    scene: Scene  # as far as the dictionary tells
 
 
 def plan_dictionary(plan: Plan, task: PlanningTask, solve_time: float) -> dict[str, Any]:
@@ -176,12 +167,15 @@ def planned_scene(answer: object) -> Scene | None:
     asked = _asked_in(answer)
     if not {"target", "obstacles"} <= asked.keys():
         return None
-    body = asked.get("target_body")
-    more = ("obstacles", "allowed_collisions", "contact_distance", "approach")
-    told = fields_of(PlanningProblem, asked)
+    return _scene(asked)
+
+
+def _scene(asked: dict[str, Any]) -> Scene:
+    """Return the scene of what a plan's dictionary says of its problem, by key."""
+    body, told = asked.get("target_body"), fields_of(PlanningProblem, asked)
     return Scene(
-        **{name: told[name] for name in more if name in told},
-        target=asked["target"] if body is None else None,
+        **{name: told[name] for name in ("obstacles", *OF_PROBLEM) if name in told},
+        target=asked.get("target") if body is None else None,
         target_body=body,
         capture_time=asked.get("duration"),
     )
@@ -255,9 +249,7 @@ def plan_document(answer: Any) -> PlanDocument:
         solve_time,
         weights=astuple(asked["objective"]) if "objective" in asked else None,
         obstacles=asked.get("obstacles"),
-        goal=asked.get("target"),
-        target_body=asked.get("target_body"),
-        approach=asked.get("approach"),
+        scene=_scene(asked),
     )
 
 

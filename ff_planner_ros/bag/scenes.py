@@ -19,7 +19,7 @@ from ff_planner_ros.planning.problem.problem import (
     carried_spheres,
     with_attached_spheres,
 )
-from ff_planner_ros.planning.problem.scene import Scene
+from ff_planner_ros.planning.problem.scene import OF_PROBLEM, Scene
 
 _OBSTACLES = "ff_planner_msgs/msg/ObstacleSphereArray"
 _TARGET_BODY = "ff_planner_msgs/msg/TargetBody"
@@ -60,7 +60,7 @@ def asked_scene(request: Any) -> AskedScene:
     """Return what a request says of the scene."""
     captures = value_at(request, "goal.kind", GoalKind.POSE) == GoalKind.CAPTURE
     goal = () if captures else ("target",)
-    names = ("allowed_collisions", "contact_distance", "approach", *goal)
+    names = (*OF_PROBLEM, *goal)
     scene, body = (value_at(request, f"{part}[0]", None) for part in ("scene", "target_body"))
     told = {name: _told(request, name) for name in names}
     return AskedScene(

@@ -34,6 +34,26 @@ def joint_rotations(robot: Robot, angles: Array) -> Array:
     return turned
 
 
+def joint_frames(robot: Robot, q: Array) -> tuple[Array, Array]:
+    """Return the frames of base and joints, and the end effector's origin, in the inertial frame.
+
+    Args:
+        q: Configurations. Shape (points, 7 + joints).
+
+    Returns:
+        Rotations of the base and of every joint, shape (joints + 1, points, 3, 3), and origins of
+        every joint and of the end effector, shape (points, joints + 1, 3) [m].
+    """
+    rotations = np.empty((robot.joints + 1, len(q), 3, 3))
+    rotations[0] = rotation_base_to_inertial(q)
+    turned = joint_rotations(robot, q[:, 7:])
+    for k in range(robot.joints):
+        np.matmul(rotations[k], turned[:, k], out=rotations[k + 1])
+    steps = np.einsum("kpij,kj->pki", rotations, joint_offsets(robot))
+    origins: Array = q[:, None, :3] + np.cumsum(steps, axis=1)
+    return rotations, origins
+
+
 @lru_cache(maxsize=8)
 def joint_offsets(robot: Robot) -> Array:
     """Return each joint's origin, then the end effector's, in the frame before: (joints + 1, 3)."""

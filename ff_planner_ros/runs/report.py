@@ -16,7 +16,8 @@ from ff_planner_ros.common.times import NANOSECONDS
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.motion.metrics import Metrics
 from ff_planner_ros.planning.motion.plan import SolverReport, Trajectory
-from ff_planner_ros.planning.problem.problem import Approach, Sphere, Target
+from ff_planner_ros.planning.problem.problem import Sphere, Target
+from ff_planner_ros.planning.problem.scene import Scene
 from ff_planner_ros.robot.model import Robot
 
 
@@ -26,12 +27,18 @@ class ReportedPlan:
 
     robot: Robot
     motions: Mapping[Method, Trajectory]  # as planned; or as recorded, as changed, or both
-    goal: Target  # of the end effector
     obstacles: tuple[Sphere, ...] | None  # None: not known
-    approach: Approach | None = None  # of the last stretch to the goal; None: any way
+    scene: Scene  # as far as it is known
     measured: Trajectory | None = None  # while the plan ran; None: nothing was measured
     deviations: Deviations | None = None  # of the measured motion
     remarks: tuple[str, ...] = ()  # what a reader must know of all this
+
+    @property
+    def goal(self) -> Target:
+        """Goal of the end effector; where none is known, the end of the plan."""
+        motion = self.motion
+        end = Target(motion.ee_positions[-1], motion.ee_quaternions_xyzw[-1])
+        return self.scene.goal or end
 
     @property
     def motion(self) -> Trajectory:
@@ -119,13 +126,7 @@ def report_of_answer(file: Path) -> Report:
         metrics=found.plan.metrics,
         solver=found.plan.solver,
         solve_time=found.solve_time,
-        plan=reported_plan(
-            found.robot,
-            {PLANNED: motion},
-            found.goal or end_of(motion),
-            found.obstacles,
-            found.approach,
-        ),
+        plan=reported_plan(found.robot, {PLANNED: motion}, found.obstacles, found.scene),
     )
     facts = (("file", str(file)), *robot_facts(found.robot))
     return Report(file.name, facts, (), (request,))
@@ -134,18 +135,12 @@ def report_of_answer(file: Path) -> Report:
 def reported_plan(
     robot: Robot,
     motions: Mapping[Method, Trajectory],
-    goal: Target,
     obstacles: tuple[Sphere, ...] | None,
-    approach: Approach | None = None,
+    scene: Scene,
 ) -> ReportedPlan:
     """Return a plan without measured motion; obstacles are None where they are not known."""
     remarks = () if obstacles is not None else ("Which obstacles it avoids is not known.",)
-    return ReportedPlan(robot, motions, goal, obstacles, approach, remarks=remarks)
-
-
-def end_of(motion: Trajectory) -> Target:
-    """Return where a motion ends: the goal, where nothing tells of another."""
-    return Target(motion.ee_positions[-1], motion.ee_quaternions_xyzw[-1])
+    return ReportedPlan(robot, motions, obstacles, scene, remarks=remarks)
 
 
 def robot_facts(robot: Robot) -> list[tuple[str, str]]:

@@ -8,7 +8,8 @@ from pathlib import Path
 
 import numpy as np
 from builtin_interfaces.msg import Time
-from ff_planner_msgs.msg import ObstacleSphereArray, PlanAnswer, PlanRequest, Scene
+from ff_planner_msgs.msg import ObstacleSphereArray, PlanAnswer, PlanRequest
+from ff_planner_msgs.msg import Scene as SceneMessage
 from ff_planner_msgs.msg import TargetBody as TargetBodyMessage
 
 from ff_planner_ros.analysis.drawing.tracking import deviations, measured_motion
@@ -16,18 +17,19 @@ from ff_planner_ros.analysis.methods import PLANNED
 from ff_planner_ros.bag.provenance import PROVENANCE
 from ff_planner_ros.bag.reader import Bag, Message, open_bag
 from ff_planner_ros.bag.robot_plans import attached_robot
-from ff_planner_ros.common.declared_messages import value_at, values_in
+from ff_planner_ros.bag.scenes import asked_scene
+from ff_planner_ros.common.declared_messages import value_at
 from ff_planner_ros.common.times import NANOSECONDS, nanoseconds
 from ff_planner_ros.errors import BagError, FfPlannerError, InvalidInput, Status
 from ff_planner_ros.parameters import NodeParameters
 from ff_planner_ros.planning.motion.sound_samples import require_sound_samples
 from ff_planner_ros.planning.problem.goal_words import GoalKind
 from ff_planner_ros.planning.problem.problem import (
-    PlanningProblem,
     TargetBody,
     carried_spheres,
     with_attached_spheres,
 )
+from ff_planner_ros.planning.problem.scene import Scene
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.ros.inputs.input_topics import OBSTACLES, TARGET_BODY, InputTopic
 from ff_planner_ros.ros.messages.from_messages import (
@@ -52,7 +54,6 @@ from ff_planner_ros.runs.report import (
     ReportedPlan,
     ReportedRequest,
     clock_time,
-    end_of,
     reported_plan,
     robot_facts,
 )
@@ -226,7 +227,7 @@ def _moment(exchange: PlanExchange, topic: InputTopic) -> Moment:
 def _plan(
     exchange: PlanExchange,
     robot: Robot,
-    scene: ObstacleSphereArray | Scene | None,
+    spheres: ObstacleSphereArray | SceneMessage | None,
     body_message: TargetBodyMessage | None,
 ) -> ReportedPlan:
     """Return a plan with its scene."""
@@ -239,26 +240,25 @@ def _plan(
         allowed = f"the robot of the bag has {wanted}"
         raise InvalidInput(Status.UNKNOWN_JOINT, "joint_trajectory.joint_names", names, allowed)
     require_sound_samples(robot, plan.trajectory)
-    goal, request = end_of(plan.trajectory), exchange.request
+    request, told = exchange.request, Scene()
     body: TargetBody | None = None
     if request is not None:
-        scene = request.scene[0] if request.scene else scene
+        spheres = request.scene[0] if request.scene else spheres
         body_message = request.target_body[0] if request.target_body else body_message
-        if request.goal.kind != GoalKind.CAPTURE:
-            goal = values_in(PlanningProblem, request, names=("target",))["target"]
-        elif body_message is not None:
+        told = asked_scene(request).scene
+        if plan.duration:  # answers of earlier versions do not tell: their duration was given
+            told = replace(told, capture_time=plan.duration)
+        if request.goal.kind == GoalKind.CAPTURE and body_message is not None:
             body = target_body_from_message(body_message, body_message.header.frame_id)
             body = body.after(_since(answer.inputs.target_body_stamp, answer))
-            # Answers of earlier versions do not tell: their duration was given.
-            goal = body.target(plan.duration or request.duration)
+            told = replace(told, target_body=body)
     obstacles = None
-    if scene is not None:
-        obstacles = spheres_from_message(scene, scene.header.frame_id)
+    if spheres is not None:
+        obstacles = spheres_from_message(spheres, spheres.header.frame_id)
         obstacles = carried_spheres(obstacles, _since(answer.inputs.obstacles_stamp, answer))
         if body is not None:
             obstacles = with_attached_spheres(obstacles, body)
-    told = {} if request is None else values_in(PlanningProblem, request, names=("approach",))
-    return reported_plan(robot, {PLANNED: plan.trajectory}, goal, obstacles, told.get("approach"))
+    return reported_plan(robot, {PLANNED: plan.trajectory}, obstacles, told)
 
 
 def _since(stamp: Time, answer: PlanAnswer) -> float:

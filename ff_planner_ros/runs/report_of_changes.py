@@ -14,6 +14,7 @@ from ff_planner_ros.errors import FfPlannerError, Status
 from ff_planner_ros.planning.motion.plan import Trajectory
 from ff_planner_ros.planning.motion.sound_samples import require_sound_samples
 from ff_planner_ros.planning.problem.problem import PlanningProblem, lasting
+from ff_planner_ros.planning.problem.scene import scene_of
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.ros.messages.from_messages import plan_from_answer
 from ff_planner_ros.runs.recorded_run import RecordedRequest
@@ -72,7 +73,7 @@ def _plan(robot: Robot, one: Answered) -> ReportedPlan | None:
     if not motions:
         return None
     problem = next(_problems(one))
-    return reported_plan(robot, motions, problem.target, problem.obstacles, problem.approach)
+    return reported_plan(robot, motions, problem.obstacles, scene_of(problem))
 
 
 def _motion(robot: Robot, answer: PlanAnswer) -> Trajectory:

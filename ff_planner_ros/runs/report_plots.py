@@ -20,7 +20,7 @@ from ff_planner_ros.analysis.drawing.plots import (
     two_column_plot,
 )
 from ff_planner_ros.analysis.drawing.scene import scene_figure
-from ff_planner_ros.analysis.drawing.surroundings import drawn_corridor
+from ff_planner_ros.analysis.drawing.surroundings import drawn_constraints
 from ff_planner_ros.analysis.drawing.tracking import Deviations, deviation_panels, in_shown_units
 from ff_planner_ros.analysis.methods import MEASURED, PLANNED
 from ff_planner_ros.planning.motion.plan import Trajectory
@@ -40,8 +40,7 @@ def plan_plots(plan: ReportedPlan) -> Iterator[tuple[str, str, go.Figure]]:
     if plan.measured is not None and plan.deviations is not None:
         motions[MEASURED] = _rows_of(plan.measured, shown_rows(plan.deviations))
     scene = scene_figure(robot, obstacles, plan.goal, motions, motions, controls=False)
-    if plan.approach is not None:
-        scene.add_trace(drawn_corridor(plan.approach, plan.goal))
+    scene.add_traces(list(drawn_constraints(plan.scene, robot, plan.motion)))
     words = (
         "Arm, chaser and obstacles (the paper's Fig. 2): drag to turn. The axes of end effector "
         "and goal are x red, y green, z blue; "

@@ -49,10 +49,10 @@ def asked(plan: ReportedPlan) -> Iterator[tuple[str, str]]:
         turn = (start.inv() * Rotation.from_quat(goal.quaternion_xyzw)).magnitude()
         away += f" and {np.rad2deg(turn):.1f} deg"
     yield "", f"{away} from the start"
-    if (approach := plan.approach) is not None:
-        yield "approach", f"{_vector(approach.direction, '.3g')}, in the goal's axes"
-        cone = f"a cone of {np.rad2deg(approach.half_angle):.3g} deg to each side"
-        yield "", f"the last {1e3 * approach.distance:.4g} mm in {cone}"
+    for name, kept in plan.scene.constraints.items():
+        first, *more = kept.words()
+        yield name, first
+        yield from (("", line) for line in more)
     yield "obstacles", _obstacles(plan.obstacles)
 
 

@@ -23,7 +23,7 @@ from ff_planner_ros.analysis.drawing.surroundings import (
     axes_of,
     axis_lines,
     axis_points,
-    drawn_corridor,
+    drawn_constraints,
     drawn_goal,
     drawn_obstacles,
     near_arm,
@@ -38,6 +38,7 @@ from ff_planner_ros.planning.distance.clearance import arm_points
 from ff_planner_ros.planning.motion.motion import from_trajectory
 from ff_planner_ros.planning.motion.plan import Trajectory
 from ff_planner_ros.planning.problem.problem import PlanningProblem, Sphere, Target
+from ff_planner_ros.planning.problem.scene import scene_of
 from ff_planner_ros.robot.box import uniform_box
 from ff_planner_ros.robot.model import Robot
 
@@ -58,8 +59,8 @@ def save_scene(
 ) -> None:
     """Write the scene of `scene_figure` as one HTML file that needs nothing else."""
     figure = scene_figure(problem.robot, problem.obstacles, problem.target, motions, shown)
-    if problem.approach is not None:
-        figure.add_trace(drawn_corridor(problem.approach, problem.target))
+    first = next(iter(motions.values()))
+    figure.add_traces(list(drawn_constraints(scene_of(problem), problem.robot, first)))
     save_page(figure, ", ".join(method.label for method in motions), path)
 
 

@@ -13,8 +13,11 @@ from scipy.spatial.transform import Rotation
 from ff_planner_ros.analysis.drawing.solids import sphere
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.distance.clearance import centers_at
+from ff_planner_ros.planning.motion.plan import Trajectory
 from ff_planner_ros.planning.problem.approach import RADIUS_AT_GRASP, Approach
 from ff_planner_ros.planning.problem.problem import Orientation, Sphere, Target
+from ff_planner_ros.planning.problem.scene import Scene
+from ff_planner_ros.robot.model import Robot
 
 # More obstacles than the first number are drawn with the coarser circles, more than the last not
 # at all but for the nearest: a browser stands still under thousands.
@@ -84,17 +87,31 @@ def drawn_goal(goal: Target, axis_length: float) -> Iterator[go.Scatter3d]:
         yield drawn.update(name="goal", legendgroup="goal", showlegend=False, line_width=3)
 
 
-def drawn_corridor(approach: Approach, goal: Target) -> go.Scatter3d:
-    """Draw the corridor of the last stretch to a goal, where it is at the goal."""
-    lines = corridor_lines(approach, goal.position, goal.quaternion_xyzw)
-    gaps = np.full((len(lines), 1, 3), np.nan)
-    return go.Scatter3d(
-        **xyz(np.concatenate([lines, gaps], axis=1).reshape(-1, 3)),
-        mode="lines",
-        line={"color": _GOAL, "width": 2},
-        name="approach",
-        hovertemplate="corridor of the approach<extra></extra>",
-    )
+def drawn_constraints(scene: Scene, robot: Robot, motion: Trajectory) -> Iterator[go.Scatter3d]:
+    """Draw what the end effector keeps on its way to the goal; see `constraint_lines`."""
+    for name, lines in constraint_lines(scene, robot, motion).items():
+        gaps = np.full((len(lines), 1, 3), np.nan)
+        yield go.Scatter3d(
+            **xyz(np.concatenate([lines, gaps], axis=1).reshape(-1, 3)),
+            mode="lines",
+            line={"color": _GOAL, "width": 2},
+            name=name,
+            hovertemplate=f"{name}<extra></extra>",
+        )
+
+
+def constraint_lines(scene: Scene, robot: Robot, motion: Trajectory) -> dict[str, Array]:  # noqa: ARG001
+    """Return the lines of what the end effector keeps on its way to the goal, by its name.
+
+    The corridor of an `approach` is drawn where it is at the goal.
+
+    Returns:
+        Both ends of each line. Shape (lines, 2, 3) [m].
+    """
+    found, goal = dict[str, Array](), scene.goal
+    if scene.approach is not None and goal is not None:
+        found["approach"] = corridor_lines(scene.approach, goal.position, goal.quaternion_xyzw)
+    return found
 
 
 def corridor_lines(approach: Approach, position: Array, quaternion_xyzw: Array) -> Array:

@@ -20,11 +20,7 @@ from ff_planner_ros.common.arrays import Array, Indices, frozen
 from ff_planner_ros.core import compiled
 from ff_planner_ros.core.chain import chain_of
 from ff_planner_ros.planning.problem.problem import Sphere
-from ff_planner_ros.robot.kinematics import (
-    joint_offsets,
-    joint_rotations,
-    rotation_base_to_inertial,
-)
+from ff_planner_ros.robot.kinematics import joint_frames
 from ff_planner_ros.robot.model import Robot
 
 # Joint origins nearer than this are the same point; drawings are not more exact.
@@ -48,13 +44,7 @@ class Clearances:
 
 def arm_points(robot: Robot, q: Array) -> Array:
     """Return joint origins and end effector, inertial frame. Shape (points, joints + 1, 3) [m]."""
-    rotations = np.empty((robot.joints + 1, len(q), 3, 3))
-    rotations[0] = rotation_base_to_inertial(q)
-    turned = joint_rotations(robot, q[:, 7:])
-    for k in range(robot.joints):
-        np.matmul(rotations[k], turned[:, k], out=rotations[k + 1])
-    steps = np.einsum("kpij,kj->pki", rotations, joint_offsets(robot))
-    points: Array = q[:, None, :3] + np.cumsum(steps, axis=1)
+    _, points = joint_frames(robot, q)
     return points
 
 

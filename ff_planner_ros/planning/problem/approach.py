@@ -91,6 +91,12 @@ class Approach:
             allowed = "it must be less than a right angle, 1.5708 rad"
             raise InvalidInput(Status.OUT_OF_RANGE, "approach.half_angle", self.half_angle, allowed)
 
+    def words(self) -> tuple[str, ...]:
+        """Return lines for a reader of a report."""
+        axis = ", ".join(format(entry, ".3g") for entry in self.direction)
+        cone = f"a cone of {math.degrees(self.half_angle):.3g} deg to each side"
+        return f"[{axis}], in the goal's axes", f"the last {1e3 * self.distance:.4g} mm in {cone}"
+
     def _along_and_aside(self, places: Array) -> tuple[Array, Array]:
         """Return how far places are before the grasp, and their way aside; (places, 3) [m]."""
         along = -(places @ self.direction)

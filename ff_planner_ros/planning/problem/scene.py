@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
@@ -33,6 +33,18 @@ class Scene:
     target_body: TargetBody | None = None  # whose grasp the target is; None: of none
     capture_time: float | None = None  # from the plan's first point on [s]; None: at its last
     approach: Approach | None = None  # of the last stretch to the target; None: any way
+
+    @property
+    def goal(self) -> Target | None:
+        """Goal of the end effector at the capture; None: not known."""
+        if self.target_body is None:
+            return self.target
+        return None if self.capture_time is None else self.target_body.target(self.capture_time)
+
+    @property
+    def constraints(self) -> dict[str, Approach]:
+        """What the end effector keeps on its way to the goal, by the name of the field."""
+        return {} if self.approach is None else {"approach": self.approach}
 
     def captured_at(self, duration: float) -> Scene:
         """Return the scene with the time of the capture: a plan's duration [s], if none is told."""
@@ -72,14 +84,20 @@ class Scene:
         )
 
 
+# Fields that are the same in a problem, and need nothing but the problem's request to be known.
+OF_PROBLEM = tuple(
+    item.name
+    for item in fields(Scene)
+    if item.name not in ("obstacles", "target", "target_body", "capture_time")
+)
+
+
 def scene_of(problem: PlanningProblem) -> Scene:
     """Return the scene of a problem."""
     return Scene(
         obstacles=problem.obstacles,
-        allowed_collisions=problem.allowed_collisions,
-        contact_distance=problem.contact_distance,
         target=problem.target if problem.target_body is None else None,
         target_body=problem.target_body,
         capture_time=problem.duration,
-        approach=problem.approach,
+        **{name: getattr(problem, name) for name in OF_PROBLEM},
     )

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -13,6 +12,7 @@ from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import Failure, InvalidInput, Status
 from ff_planner_ros.planning.distance.clearance import arm_points, arm_points_with_derivatives
 from ff_planner_ros.planning.distance.grasp_seen import GraspSeen
+from ff_planner_ros.planning.distance.moving_place import LeastMargin, least_margin
 from ff_planner_ros.planning.motion.followed import FollowedMotion
 from ff_planner_ros.planning.motion.metrics import Metrics
 from ff_planner_ros.planning.paths.path_family import Motion, Sensitivity
@@ -31,8 +31,6 @@ from ff_planner_ros.robot.model import Robot
 # The search keeps this much more at the distance [m], and towards the grasp, where the corridor is
 # narrow, in proportion less.
 _MARGIN = 1e-3
-# Between the points the margin is known to this [m]: a tenth of the corridor's radius at the grasp.
-_GAP = 5e-4
 
 
 class ApproachCorridor(Requirement):
@@ -136,23 +134,10 @@ class ApproachCorridor(Requirement):
         )
 
 
-class _Least(NamedTuple):
-    """Where the margin is least along a motion."""
-
-    certified: float  # a bound of it at all times [m]
-    margin: float  # the least that was found [m]
-    time: float  # of that [s]
-    place: Array  # of the end effector then, in the grasp's frame; shape (3,) [m]
-
-
 def _least(
     problem: PlanningProblem, approach: Approach, times: Array, q: Array, v: Array
-) -> _Least:
+) -> LeastMargin:
     """Return the least margin along a motion, by Pinocchio alone.
-
-    Seen from the grasp the end effector moves, from one configuration to the next, on the cubic
-    through both places and velocities. In a piece of it the margin changes by no more than its
-    speed allows; pieces whose bound is too low to tell are halved.
 
     Args:
         times: From the plan's first point to the goal. Shape (times,) [s].
@@ -161,38 +146,8 @@ def _least(
     """
     grasp = GraspSeen(problem, times)
     points, velocities = _end_effector(problem.robot, q, v)
-    places, rates = grasp.sees(points), grasp.sees_moving(points, velocities)
-    steps, way = np.diff(times)[:, None], np.diff(places, axis=0)
-    first, last = steps * rates[:-1], steps * rates[1:]
-    cubics = np.stack([first, 3 * way - 2 * first - last, first + last - 2 * way], axis=1)
-    # The rate is a Bezier curve of second order: never faster than the fastest of its points.
-    control = np.stack([first, 3 * way - first - last, last])
-    fastest = np.linalg.norm(control, axis=2).max(axis=0)
-    values = approach.margins(places).values
-    number = int(values.argmin())
-    lowest, when, where = float(values[number]), float(times[number]), places[number]
-    certified = lowest
-    index, begin, end = np.arange(len(cubics)), np.zeros(len(cubics)), np.ones(len(cubics))
-    at_begin, at_end = values[:-1], values[1:]
-    while True:
-        bound = (at_begin + at_end - fastest[index] * (end - begin)) / 2
-        open_ = bound < lowest - _GAP
-        certified = min(certified, float(bound[~open_].min(initial=np.inf)))
-        if not open_.any():
-            return _Least(certified, lowest, when, where)
-        index, begin, end = index[open_], begin[open_], end[open_]
-        middle = (begin + end) / 2
-        powers = middle[:, None] ** np.array([1, 2, 3])
-        between = places[index] + np.einsum("ip,ipj->ij", powers, cubics[index])
-        at_middle = approach.margins(between).values
-        number = int(at_middle.argmin())
-        if at_middle[number] < lowest:
-            lowest, where = float(at_middle[number]), between[number]
-            when = float(times[index[number]] + middle[number] * steps[index[number], 0])
-        index = np.concatenate([index, index])
-        begin, end = np.concatenate([begin, middle]), np.concatenate([middle, end])
-        at_begin = np.concatenate([at_begin[open_], at_middle])
-        at_end = np.concatenate([at_middle, at_end[open_]])
+    places, seen = grasp.sees(points), grasp.sees_moving(points, velocities)
+    return least_margin(times, places, seen, lambda at: approach.margins(at).values)
 
 
 def _end_effector(robot: Robot, q: Array, v: Array) -> tuple[Array, Array]:

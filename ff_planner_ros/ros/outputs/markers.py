@@ -10,13 +10,14 @@ from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
 from ff_planner_ros.analysis.drawing.solids import robot_surface, surface_at
-from ff_planner_ros.analysis.drawing.surroundings import corridor_lines
+from ff_planner_ros.analysis.drawing.surroundings import constraint_lines
 from ff_planner_ros.analysis.nearest import Nearest, nearest
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.distance.clearance import arm_points
 from ff_planner_ros.planning.motion.motion import from_trajectory
 from ff_planner_ros.planning.motion.plan import Plan
-from ff_planner_ros.planning.problem.problem import Approach, Sphere, TargetBody
+from ff_planner_ros.planning.problem.scene import Scene
+from ff_planner_ros.planning.problem.target_body import TargetBody
 from ff_planner_ros.robot.box import uniform_box
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.ros.messages.to_messages import point_message, pose_message
@@ -29,7 +30,7 @@ _ARM_WIDTH, _PATH_WIDTH = 0.04, 0.015  # [m] seen well beside a chaser of one me
 _OBSTACLE = (0.84, 0.37, 0.0, 0.5)
 _EE_PATH = (0.0, 0.45, 0.70, 1.0)
 _TARGET, _GRASP_PATH, _WAY = (0.94, 0.89, 0.26), (0.94, 0.89, 0.26, 1.0), _OBSTACLE
-_CORRIDOR, _CORRIDOR_WIDTH = (0.0, 0.0, 0.0, 0.8), 0.004
+_GUIDE, _GUIDE_WIDTH = (0.0, 0.0, 0.0, 0.8), 0.004
 _CHASER_PATH = (0.0, 0.62, 0.45, 1.0)
 _ARM, _CHASER = _EE_PATH[:3], _CHASER_PATH[:3]
 _BODIES, _NEAREST = (0.80, 0.47, 0.65), (0.84, 0.0, 0.0, 1.0)
@@ -39,12 +40,10 @@ _TEXT_HEIGHT = 0.08  # [m]
 def plan_markers(
     robot: Robot,
     plan: Plan,
-    obstacles: Sequence[Sphere],
+    scene: Scene,
     inertial_frame: str,
-    body: TargetBody | None = None,
-    approach: Approach | None = None,
 ) -> MarkerArray:
-    """Draw a plan and the obstacles that it was planned around, in the inertial frame.
+    """Draw a plan and what it was made among, in the inertial frame.
 
     The first marker deletes all that were drawn before. Namespaces: `obstacles`,
     `end_effector_path`, `chaser_path`, `arm` and `chaser`; ids count from 0 in each, in the order
@@ -52,13 +51,10 @@ def plan_markers(
     if the chaser has one of them; and `nearest`, a line and words where they come nearest. An
     obstacle that moves is drawn where it is at the first point, and its way is `obstacle_path`. Of
     a body that is captured there are `grasp_path`, and in `target_body` the spheres that are fixed
-    to it, at the times of the arm. The corridor of an approach is `approach`, where it is at the
-    goal.
-
-    Args:
-        body: That is captured, at the plan's first point; None: none.
-        approach: Of the last stretch to the goal; None: any way.
+    to it, at the times of the arm. What the end effector keeps on its way to the goal has the
+    namespaces of `constraint_lines`.
     """
+    obstacles, body = scene.obstacles, scene.target_body
     motion, end = plan.trajectory, float(plan.trajectory.time[-1])
     shown = np.linspace(0, len(motion.time) - 1, SNAPSHOTS).round().astype(int)
     opacities = np.linspace(_FAINT, _SOLID, SNAPSHOTS).tolist()
@@ -84,7 +80,7 @@ def plan_markers(
             if s.body is None and s.moves
         ),
         *(_target_body(body, motion.time, shown, opacities) if body is not None else ()),
-        *(() if approach is None else (_corridor(approach, plan),)),
+        *(_lines(name, lines) for name, lines in constraint_lines(scene, robot, motion).items()),
         _line("end_effector_path", motion.ee_positions, _PATH_WIDTH, _EE_PATH),
         _line("chaser_path", motion.chaser_positions, _PATH_WIDTH, _CHASER_PATH),
         *(
@@ -122,14 +118,9 @@ def _target_body(
             yield _solid("target_body", Marker.SPHERE, place, edges, colour)
 
 
-def _corridor(approach: Approach, plan: Plan) -> Marker:
-    """Draw the corridor of an approach around where the end effector comes to the goal."""
-    motion = plan.trajectory
-    end = motion.time[-1] if plan.duration is None else plan.duration
-    goal = int(np.abs(motion.time - end).argmin())
-    pose = motion.ee_positions[goal], motion.ee_quaternions_xyzw[goal]
-    lines = corridor_lines(approach, *pose).reshape(-1, 3)
-    marker = _line("approach", lines, _CORRIDOR_WIDTH, _CORRIDOR)
+def _lines(namespace: str, lines: Array) -> Marker:
+    """Draw lines of their own; shape (lines, 2 ends, 3)."""
+    marker = _line(namespace, lines.reshape(-1, 3), _GUIDE_WIDTH, _GUIDE)
     marker.type = Marker.LINE_LIST
     return marker
 

@@ -25,7 +25,8 @@ from ff_planner_ros.common.times import NANOSECONDS, nanoseconds
 from ff_planner_ros.parameters import NodeParameters
 from ff_planner_ros.planning.motion.joint_motion import JointMotion, joint_motion
 from ff_planner_ros.planning.motion.plan import Plan, Trajectory
-from ff_planner_ros.planning.problem.problem import Approach, Sphere, TargetBody
+from ff_planner_ros.planning.problem.scene import Scene
+from ff_planner_ros.planning.problem.target_body import TargetBody
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.ros.inputs.state_input import Snapshot
 from ff_planner_ros.ros.messages.to_messages import time_message
@@ -148,16 +149,9 @@ class PlanOutput:
             plan_id, plan.trajectory, start_ns, body, plan.duration, before
         )
 
-    def show(
-        self,
-        plan: Plan,
-        obstacles: tuple[Sphere, ...],
-        body: TargetBody | None = None,
-        approach: Approach | None = None,
-    ) -> None:
-        """Publish what screens show."""
-        markers = plan_markers(self._robot, plan, obstacles, self._frame, body, approach)
-        self._markers.publish(markers)
+    def show(self, plan: Plan, scene: Scene) -> None:
+        """Publish what is drawn of a plan."""
+        self._markers.publish(plan_markers(self._robot, plan, scene, self._frame))
         self._preview = self._played(preview_joint_states(plan, self._rates.preview))
 
     def stream(self, measured: Snapshot | None) -> None:

@@ -30,6 +30,8 @@ from ff_planner_ros.parameters import PREEMPT, NodeParameters
 from ff_planner_ros.planning.motion.metrics import METRIC_BY_NAME
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.motion.watch import Progress
+from ff_planner_ros.planning.problem.problem import lasting
+from ff_planner_ros.planning.problem.scene import scene_of
 from ff_planner_ros.planning.task.controller_rules import require_in_time
 from ff_planner_ros.planning.task.library import Guesses
 from ff_planner_ros.robot.model import Robot
@@ -322,10 +324,8 @@ class PlanningService:
             plan,
             asked.start_ns,
             asked.task.end_behaviour,
-            asked.task.problem.obstacles,
+            scene_of(lasting(asked.task.problem, plan.duration)),
             parameters,
-            body,
-            asked.task.problem.approach,
             asked.provenance.previous_plan_id,
             secrets.token_hex(_TOKEN_BYTES) if asked.plan_only else "",
         )

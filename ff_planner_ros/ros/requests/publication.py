@@ -114,13 +114,11 @@ class Publication:
                 for_controller,
                 requester,
                 made.end_behaviour,
-                made.target_body,
+                made.scene.target_body,
                 made.previous_plan_id,
             )
         executor: Any = self._node.executor
-        executor.create_task(
-            partial(self._output.show, made.plan, made.obstacles, made.target_body, made.approach)
-        )
+        executor.create_task(partial(self._output.show, made.plan, made.scene))
 
     def _serve(
         self, request: PublishPlan.Request, response: PublishPlan.Response
@@ -150,7 +148,7 @@ class Publication:
             require_same_start(made, request.start_state, knowledge)
         # Thousands of points take a second, in which others may publish or forget.
         frame = made.parameters.inertial_frame
-        written = plan_message(made.plan, made.start_ns, frame, made.target_body)
+        written = plan_message(made.plan, made.start_ns, frame, made.scene.target_body)
         takes_torques = knowledge.parameters.controller.effort_interface
         for_controller = controller_message(written.joint_trajectory, takes_torques)
         with self._lock:

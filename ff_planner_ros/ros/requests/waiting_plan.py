@@ -15,7 +15,7 @@ from ff_planner_ros.errors import NoPlanFound, Status
 from ff_planner_ros.parameters import NodeParameters
 from ff_planner_ros.planning.motion.forward import carried_forward
 from ff_planner_ros.planning.motion.plan import Plan, Trajectory
-from ff_planner_ros.planning.problem.problem import Approach, Sphere, TargetBody
+from ff_planner_ros.planning.problem.scene import Scene
 from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.ros.parameters import stricter_since
 from ff_planner_ros.ros.requests.reading import Knowledge, measured_state, motion_until_start
@@ -32,10 +32,8 @@ class MadePlan:
     plan: Plan
     start_ns: int  # time of its first point [ns]
     end_behaviour: str
-    obstacles: tuple[Sphere, ...]  # that it avoids, at its first point
+    scene: Scene  # that it was made among, at its first point
     parameters: NodeParameters  # that it was checked by
-    target_body: TargetBody | None = None  # that it captures, at its first point; None: none
-    approach: Approach | None = None  # whose corridor it keeps to; None: none
     previous_plan_id: str = ""  # that the joints follow until it begins; empty: none
     token: str = ""  # that whoever publishes it must know; empty: it is published at once
 

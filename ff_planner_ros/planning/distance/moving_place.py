@@ -1,0 +1,74 @@
+"""The least margin that a place keeps on its way, between the points too.
+
+The place is known at some times, as are its velocities, in a frame that may move and turn. From one
+time to the next it moves on the cubic through both places and velocities.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from ff_planner_ros.common.arrays import Array
+
+# Between the points the margin is known to this [m].
+_GAP = 5e-4
+
+
+class LeastMargin(NamedTuple):
+    """Where the margin of a place is least."""
+
+    certified: float  # a bound of it at all times [m]
+    margin: float  # the least that was found [m]
+    time: float  # of that [s]
+    place: Array  # then; shape (3,) [m]
+
+
+def least_margin(
+    times: Array, places: Array, velocities: Array, margins: Callable[[Array], Array]
+) -> LeastMargin:
+    """Return the least margin along the way of a place.
+
+    In a piece of the way the margin changes by no more than the place moves; pieces whose bound is
+    too low to tell are halved.
+
+    Args:
+        times: Shape (times,) [s].
+        places: Shape (times, 3) [m].
+        velocities: Shape (times, 3) [m/s].
+        margins: Margins of places, which change by no more than a place moves: from shape
+            (places, 3) to shape (places,) [m].
+    """
+    steps, way = np.diff(times)[:, None], np.diff(places, axis=0)
+    first, last = steps * velocities[:-1], steps * velocities[1:]
+    cubics = np.stack([first, 3 * way - 2 * first - last, first + last - 2 * way], axis=1)
+    # The rate is a Bezier curve of second order: never faster than the fastest of its points.
+    control = np.stack([first, 3 * way - first - last, last])
+    fastest = np.linalg.norm(control, axis=2).max(axis=0)
+    values = margins(places)
+    number = int(values.argmin())
+    lowest, when, where = float(values[number]), float(times[number]), places[number]
+    certified = lowest
+    index, begin, end = np.arange(len(cubics)), np.zeros(len(cubics)), np.ones(len(cubics))
+    at_begin, at_end = values[:-1], values[1:]
+    while True:
+        bound = (at_begin + at_end - fastest[index] * (end - begin)) / 2
+        open_ = bound < lowest - _GAP
+        certified = min(certified, float(bound[~open_].min(initial=np.inf)))
+        if not open_.any():
+            return LeastMargin(certified, lowest, when, where)
+        index, begin, end = index[open_], begin[open_], end[open_]
+        middle = (begin + end) / 2
+        powers = middle[:, None] ** np.array([1, 2, 3])
+        between = places[index] + np.einsum("ip,ipj->ij", powers, cubics[index])
+        at_middle = margins(between)
+        number = int(at_middle.argmin())
+        if at_middle[number] < lowest:
+            lowest, where = float(at_middle[number]), between[number]
+            when = float(times[index[number]] + middle[number] * steps[index[number], 0])
+        index = np.concatenate([index, index])
+        begin, end = np.concatenate([begin, middle]), np.concatenate([middle, end])
+        at_begin = np.concatenate([at_begin[open_], at_middle])
+        at_end = np.concatenate([at_middle, at_end[open_]])
