@@ -21,6 +21,8 @@ Indices: TypeAlias = NDArray[np.intp]
 QUATERNION_NORM_TOLERANCE = 1e-3
 # Larger numbers are refused: the square of a length would soon be infinite.
 _LARGEST = 1e100
+# A shorter vector is a rounded zero; one that is of unit length within the second stays as it is.
+SHORTEST_DIRECTION, _UNIT = 1e-6, 1e-12
 # Of the search for what a quaternion was normalised from: relative steps, and how many.
 _SCALES = ((2.0**-48, 4096), (2.0**-27, 60_000))
 
@@ -89,6 +91,23 @@ def unit_quaternion(field: str, values: ArrayLike) -> Array:
             f"its norm must be 1 within {QUATERNION_NORM_TOLERANCE:g}, not {norm:.6g}",
         )
     return frozen(quaternion / norm)
+
+
+def unit_vector(field: str, values: ArrayLike) -> Array:
+    """Return a read-only vector of unit length in the direction of three numbers, checked.
+
+    Raises:
+        InvalidInput: Wrong size, not finite, or too short to have a direction.
+    """
+    vector = finite_vector(field, values, 3)
+    # First by its largest entry: the square of a length may be zero or infinite.
+    largest = float(np.abs(vector).max())
+    if not largest >= SHORTEST_DIRECTION:
+        allowed = f"it must be longer than {SHORTEST_DIRECTION:g}: it has no direction"
+        raise InvalidInput(Status.OUT_OF_RANGE, field, vector.tolist(), allowed)
+    length = float(np.linalg.norm(vector / largest))
+    # One of unit length stays as it is, to the last bit, however often it is checked.
+    return vector if abs(length * largest - 1.0) <= _UNIT else frozen(vector / largest / length)
 
 
 def normalising_to(quaternion_xyzw: Array) -> Array:

@@ -17,6 +17,7 @@ from ff_planner_ros.common.arrays import (
     finite_vector,
     normalising_to,
     unit_quaternion,
+    unit_vector,
 )
 from ff_planner_ros.common.plain_values import (
     boolean,
@@ -308,6 +309,8 @@ QUATERNION = Form(
     Status.BAD_QUATERNION,
     slots=tuple("xyzw"),
 )
+# A vector of any length but zero, kept of unit length
+DIRECTION = Form(numbers, lambda: of_numbers(3), unit_vector, _as_list, slots=tuple("xyz"))
 INERTIA = Form(
     _inertia,
     lambda: of_mapping({name: {"type": "number"} for name in _ELEMENTS}),

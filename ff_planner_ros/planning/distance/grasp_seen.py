@@ -39,6 +39,33 @@ class GraspSeen:
         twist = np.concatenate([target.linear_velocity, target.angular_velocity])
         self._twists = np.broadcast_to(twist, (len(times), 6))
 
+    @property
+    def positions(self) -> Array:
+        """Where the grasp is, inertial frame. Shape (times, 3) [m]."""
+        return self._positions
+
+    @property
+    def velocities(self) -> Array:
+        """Velocities of the grasp, inertial axes. Shape (times, 3) [m/s]."""
+        return self._twists[:, :3]
+
+    def by_duration(self, target_by_duration: Array) -> Array:
+        """Return how the grasp moves with the duration, at fixed parts of it, as twists.
+
+        The grasp of a body is where it is at that time. A target is at the goal where it is told to
+        be, and before that on its uniform way there.
+
+        Args:
+            target_by_duration: Place of the target by the duration, a twist. Shape (6,).
+
+        Returns:
+            Linear part first, inertial axes. Shape (times, 6) [m/s, rad/s].
+        """
+        parts = self._parts[:, None]
+        if self._of_body:
+            return np.asarray(parts * self._twists, np.float64)
+        return np.asarray(target_by_duration + (parts - 1.0) * self._twists, np.float64)
+
     def _here(self, vectors: Array) -> Array:
         seen: Array = np.einsum("pji,pj->pi", self._rotations, self._counts * vectors)
         return seen
@@ -57,19 +84,8 @@ class GraspSeen:
         return self._here(velocities - self._twists[:, :3] - carried)
 
     def sees_by_duration(self, points: Array, target_by_duration: Array) -> Array:
-        """Return how places change with the duration, at fixed parts of it. Shape (times, 3).
-
-        The grasp of a body is where it is at that time. A target is at the goal where it is told to
-        be, and before that on its uniform way there.
-
-        Args:
-            target_by_duration: Place of the target by the duration, a twist. Shape (6,).
-        """
-        parts = self._parts[:, None]
-        if self._of_body:
-            by_duration = parts * self._twists
-        else:
-            by_duration = target_by_duration + (parts - 1.0) * self._twists
+        """Return how places change with the duration, at fixed parts of it. Shape (times, 3)."""
+        by_duration = self.by_duration(target_by_duration)
         carried = np.cross(by_duration[:, 3:], points - self._positions)
         return self._here(-by_duration[:, :3] - carried)
 

@@ -14,9 +14,9 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from ff_planner_ros.common.arrays import Array, frozen
+from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.common.declared import check_declared, declare
-from ff_planner_ros.common.forms import a_number, a_vector
+from ff_planner_ros.common.forms import DIRECTION, a_number
 from ff_planner_ros.errors import InvalidInput, Status
 
 # Half angle of a corridor that none is given for [rad]: half as much again as what vehicles that
@@ -28,8 +28,6 @@ RADIUS_AT_GRASP = 0.005
 
 # The cone as planes: between two of them it is nearer by less than a hundredth of the way aside.
 _PLANES = 24
-# A shorter direction is a rounded zero; one of unit length stays as it is.
-_SHORTEST, _UNIT = 1e-6, 1e-12
 
 
 class Margins(NamedTuple):
@@ -51,8 +49,8 @@ class Approach:
 
     SINCE: ClassVar[str] = "0.3"
 
-    direction: Array = declare(  # kept of unit length
-        a_vector(),
+    direction: Array = declare(
+        DIRECTION,
         "in which the end effector comes, any length but zero",
         frame="in its frame at the goal",
         message="direction",
@@ -73,20 +71,8 @@ class Approach:
     )
 
     def __post_init__(self) -> None:
-        """Check every value, and make the direction one of unit length."""
+        """Check every value."""
         check_declared(self, "approach")
-        direction = self.direction
-        largest = float(np.abs(direction).max())
-        if not largest >= _SHORTEST:
-            allowed = f"it must be longer than {_SHORTEST:g}: it has no direction"
-            raise InvalidInput(
-                Status.OUT_OF_RANGE, "approach.direction", direction.tolist(), allowed
-            )
-        # First by its largest entry: the square of a length may be zero or infinite.
-        length = float(np.linalg.norm(direction / largest))
-        if abs(length * largest - 1.0) > _UNIT:
-            direction = frozen(direction / largest / length)
-        object.__setattr__(self, "direction", direction)
         if not self.half_angle < math.pi / 2:
             allowed = "it must be less than a right angle, 1.5708 rad"
             raise InvalidInput(Status.OUT_OF_RANGE, "approach.half_angle", self.half_angle, allowed)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 import pinocchio as pin
 
-from ff_planner_ros.common.arrays import finite_vector
+from ff_planner_ros.common.arrays import SHORTEST_DIRECTION, finite_vector
 from ff_planner_ros.common.declared import check_declared, declare
 from ff_planner_ros.common.declared_parts import changes, part
 from ff_planner_ros.common.forms import (
@@ -34,7 +34,6 @@ from ff_planner_ros.planning.problem.obstacles import (
 )
 from ff_planner_ros.planning.problem.parametrisation import Parametrisation
 from ff_planner_ros.planning.problem.target import (
-    SHORTEST_FREE_AXIS,
     Target,
     require_enough_joints,
     target_on_the_table,
@@ -227,7 +226,7 @@ class PlanningProblem:
             allowed = "with orientation free the grasp has no axes to tell a direction in"
         elif target.free_axis_in_ee is not None:
             aside = np.cross(direction, target.free_axis_in_ee)
-            if float(np.linalg.norm(aside)) > SHORTEST_FREE_AXIS:
+            if float(np.linalg.norm(aside)) > SHORTEST_DIRECTION:
                 allowed = "with orientation about_axis it must be along free_axis"
         elif self.robot.base is Base.PLANAR and abs(float(to_inertial[2] @ direction)) > MAX_TILT:
             allowed = "with robot.base planar it must lie in the plane of the table"

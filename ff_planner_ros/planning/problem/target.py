@@ -11,7 +11,14 @@ import pinocchio as pin
 
 from ff_planner_ros.common.arrays import Array, finite_vector, frozen, zero_vector
 from ff_planner_ros.common.declared import check_declared, declare
-from ff_planner_ros.common.forms import QUATERNION, Form, a_numbered_word, a_vector, of_numbers
+from ff_planner_ros.common.forms import (
+    DIRECTION,
+    QUATERNION,
+    Form,
+    a_numbered_word,
+    a_vector,
+    of_numbers,
+)
 from ff_planner_ros.common.plain_values import numbers
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.problem.goal_words import Orientation
@@ -21,9 +28,6 @@ from ff_planner_ros.robot.plane import MAX_HEIGHT_ERROR, MAX_TILT, flattened, in
 from ff_planner_ros.robot.rotation import rotation_from_euler
 from ff_planner_ros.robot.state import SystemState
 
-# A shorter axis is a rounded zero.
-SHORTEST_FREE_AXIS = 1e-6
-UNIT_TOLERANCE = 1e-12
 # What rounding leaves of a turn that was meant to be across the free axis [rad/s, rad/s2].
 FREE_TURN_TOLERANCE = 1e-6
 # By which a target stays off the plane [rad], so that it stays what it is however often it is
@@ -99,7 +103,7 @@ class Target:
     )
     # Of unit length; None unless orientation is ABOUT_AXIS
     free_axis_in_ee: Array | None = declare(
-        a_vector(),
+        DIRECTION,
         "about which the end effector may turn, any length but zero; only with about_axis",
         key="free_axis",
         frame="in the end effector's frame",
@@ -128,16 +132,6 @@ class Target:
         if axis is None:
             allowed = "orientation about_axis needs the axis, in the end effector's frame"
             raise InvalidInput(Status.OUT_OF_RANGE, name, "missing", allowed)
-        largest = float(np.abs(axis).max())
-        # First by its largest entry: the square of a length may be zero or infinite.
-        if not largest >= SHORTEST_FREE_AXIS:
-            allowed = f"it must be longer than {SHORTEST_FREE_AXIS:g}: it has no direction"
-            raise InvalidInput(Status.OUT_OF_RANGE, name, axis.tolist(), allowed)
-        length = float(np.linalg.norm(axis / largest))
-        # One of unit length stays as it is, to the last bit, however often it is checked.
-        if abs(length * largest - 1.0) > UNIT_TOLERANCE:
-            axis = frozen(axis / largest / length)
-        object.__setattr__(self, "free_axis_in_ee", axis)
 
     def _refuse_free_turn(self, name: str) -> None:
         wanted, where = getattr(self, name), "is free"
