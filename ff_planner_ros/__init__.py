@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from ff_planner_ros.planning.motion.plan import Plan as Plan
     from ff_planner_ros.planning.motion.plan import Trajectory as Trajectory
     from ff_planner_ros.planning.problem.approach import Approach as Approach
+    from ff_planner_ros.planning.problem.camera import Camera as Camera
     from ff_planner_ros.planning.problem.problem import DurationRange as DurationRange
     from ff_planner_ros.planning.problem.problem import Limits as Limits
     from ff_planner_ros.planning.problem.problem import Objective as Objective
@@ -51,6 +52,7 @@ _MODULES = {
         "with_capture_target",
     ),
     "planning.problem.approach": ("Approach",),
+    "planning.problem.camera": ("Camera",),
     "planning.problem.target_body": ("TargetBody", "AttachedSphere"),
     "robot.model": ("Robot", "load_robot"),
     "robot.bodies": ("Geometry",),

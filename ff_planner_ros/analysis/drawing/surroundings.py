@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import html
+import math
 from collections.abc import Iterator, Sequence
 
 import numpy as np
+import pinocchio as pin
 import plotly.graph_objects as go
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
@@ -13,8 +15,10 @@ from scipy.spatial.transform import Rotation
 from ff_planner_ros.analysis.drawing.solids import sphere
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.distance.clearance import centers_at
+from ff_planner_ros.planning.motion.motion import from_trajectory
 from ff_planner_ros.planning.motion.plan import Trajectory
 from ff_planner_ros.planning.problem.approach import RADIUS_AT_GRASP, Approach
+from ff_planner_ros.planning.problem.camera import Camera
 from ff_planner_ros.planning.problem.problem import Orientation, Sphere, Target
 from ff_planner_ros.planning.problem.scene import Scene
 from ff_planner_ros.robot.model import Robot
@@ -25,6 +29,8 @@ _FEW_OBSTACLES, _MERIDIANS, _COARSE_MERIDIANS, _MOST_OBSTACLES = 20, 24, 8, 100
 _OBSTACLE, _GOAL = "#c0392b", "#000000"
 # Lines along the corridor of an approach.
 _CORRIDOR_SIDES = 12
+# Times at which the view of a camera is drawn.
+_VIEWS = 3
 # Of the axes x, y and z.
 _AXIS_COLOURS = ("#e41a1c", "#4daf4a", "#377eb8")
 # In lengths of the arm: what is further off than this from it would make it small in the picture.
@@ -100,10 +106,11 @@ def drawn_constraints(scene: Scene, robot: Robot, motion: Trajectory) -> Iterato
         )
 
 
-def constraint_lines(scene: Scene, robot: Robot, motion: Trajectory) -> dict[str, Array]:  # noqa: ARG001
-    """Return the lines of what the end effector keeps on its way to the goal, by its name.
+def constraint_lines(scene: Scene, robot: Robot, motion: Trajectory) -> dict[str, Array]:
+    """Return the lines of what the robot keeps on its way to the goal, by the name of the field.
 
-    The corridor of an `approach` is drawn where it is at the goal.
+    The corridor of an `approach` is drawn where it is at the goal, the view of a `camera` at some
+    times at which the goal must be in it, as far as the goal.
 
     Returns:
         Both ends of each line. Shape (lines, 2, 3) [m].
@@ -111,7 +118,38 @@ def constraint_lines(scene: Scene, robot: Robot, motion: Trajectory) -> dict[str
     found, goal = dict[str, Array](), scene.goal
     if scene.approach is not None and goal is not None:
         found["approach"] = corridor_lines(scene.approach, goal.position, goal.quaternion_xyzw)
+    if scene.camera is not None and goal is not None:
+        found["camera"] = view_lines(scene.camera, scene, robot, motion)
     return found
+
+
+def view_lines(camera: Camera, scene: Scene, robot: Robot, motion: Trajectory) -> Array:
+    """Return the lines of a camera's view at some times, while the goal must be in view.
+
+    Returns:
+        Both ends of each. Shape (lines, 2, 3) [m].
+    """
+    end = motion.time[-1] if scene.capture_time is None else scene.capture_time
+    times = np.linspace(0.0, end, _VIEWS)
+    rows = np.abs(motion.time[:, None] - times).argmin(axis=0)
+    goals, (q, _) = scene.targets(motion.time[rows]), from_trajectory(robot, motion)
+    frame = robot.model.getFrameId(camera.link, pin.FrameType.BODY)
+    data, lines = robot.model.createData(), [np.empty((0, 2, 3))]
+    around = np.linspace(0.0, 2 * np.pi, _CORRIDOR_SIDES + 1)
+    across = np.linalg.svd(camera.axis[None])[2][1:]
+    ring = np.column_stack([np.cos(around), np.sin(around)]) @ across
+    edges = math.cos(camera.half_angle) * camera.axis + math.sin(camera.half_angle) * ring
+    for row, goal in zip(rows, () if goals is None else goals, strict=False):
+        pin.forwardKinematics(robot.model, data, q[row])
+        link = pin.updateFramePlacement(robot.model, data, frame)
+        eye = link.act(camera.position)
+        away = float(np.linalg.norm(goal - eye))
+        if away < camera.until:
+            continue
+        ends = eye + away * edges @ link.rotation.T
+        lines.append(np.stack([np.broadcast_to(eye, ends.shape), ends], axis=1)[:-1])
+        lines.append(np.stack([ends[:-1], ends[1:]], axis=1))
+    return np.concatenate(lines)
 
 
 def corridor_lines(approach: Approach, position: Array, quaternion_xyzw: Array) -> Array:

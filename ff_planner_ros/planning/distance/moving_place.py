@@ -26,6 +26,23 @@ class LeastMargin(NamedTuple):
     place: Array  # then; shape (3,) [m]
 
 
+def places_between(times: Array, places: Array, velocities: Array, count: int) -> Array:
+    """Return the places on the way at `count` times of each piece, and the last one.
+
+    Args:
+        times: Shape (times,) [s].
+        places: Shape (times, 3) [m].
+        velocities: Shape (times, 3) [m/s].
+
+    Returns:
+        Shape (count (times - 1) + 1, 3) [m].
+    """
+    cubics, _ = _cubics(times, places, velocities)
+    powers = np.linspace(0.0, 1.0, count, endpoint=False)[:, None] ** np.array([1, 2, 3])
+    between = places[:-1, None] + np.einsum("cp,ipj->icj", powers, cubics)
+    return np.concatenate([between.reshape(-1, 3), places[-1:]])
+
+
 def least_margin(
     times: Array, places: Array, velocities: Array, margins: Callable[[Array], Array]
 ) -> LeastMargin:
@@ -41,12 +58,7 @@ def least_margin(
         margins: Margins of places, which change by no more than a place moves: from shape
             (places, 3) to shape (places,) [m].
     """
-    steps, way = np.diff(times)[:, None], np.diff(places, axis=0)
-    first, last = steps * velocities[:-1], steps * velocities[1:]
-    cubics = np.stack([first, 3 * way - 2 * first - last, first + last - 2 * way], axis=1)
-    # The rate is a Bezier curve of second order: never faster than the fastest of its points.
-    control = np.stack([first, 3 * way - first - last, last])
-    fastest = np.linalg.norm(control, axis=2).max(axis=0)
+    cubics, fastest = _cubics(times, places, velocities)
     values = margins(places)
     number = int(values.argmin())
     lowest, when, where = float(values[number]), float(times[number]), places[number]
@@ -67,8 +79,23 @@ def least_margin(
         number = int(at_middle.argmin())
         if at_middle[number] < lowest:
             lowest, where = float(at_middle[number]), between[number]
-            when = float(times[index[number]] + middle[number] * steps[index[number], 0])
+            step = times[index[number] + 1] - times[index[number]]
+            when = float(times[index[number]] + middle[number] * step)
         index = np.concatenate([index, index])
         begin, end = np.concatenate([begin, middle]), np.concatenate([middle, end])
         at_begin = np.concatenate([at_begin[open_], at_middle])
         at_end = np.concatenate([at_middle, at_end[open_]])
+
+
+def _cubics(times: Array, places: Array, velocities: Array) -> tuple[Array, Array]:
+    """Return the cubic of each piece, of powers 1 to 3 of the part of it, and its largest speed.
+
+    Returns:
+        Shapes (pieces, 3 powers, 3) [m] and (pieces,) [m], both by the part of the piece.
+    """
+    steps, way = np.diff(times)[:, None], np.diff(places, axis=0)
+    first, last = steps * velocities[:-1], steps * velocities[1:]
+    cubics = np.stack([first, 3 * way - 2 * first - last, first + last - 2 * way], axis=1)
+    # The rate is a Bezier curve of second order: never faster than the fastest of its points.
+    control = np.stack([first, 3 * way - first - last, last])
+    return cubics, np.linalg.norm(control, axis=2).max(axis=0)

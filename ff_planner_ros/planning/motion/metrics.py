@@ -16,6 +16,7 @@ _RAD, _RAD_S, _RAD_S2, _METRE, _TORQUE, _ONE = 1e-5, 1e-5, 2e-5, 1e-5, 5e-5, 1e-
 _UNITS = {"mm": 1e3} | dict.fromkeys(("deg", "deg/s", "deg/s2"), 180.0 / np.pi)
 # What there is not where a metric is infinite, if not obstacles.
 _WITHOUT = {
+    "max_view_angle": "no camera",
     "min_self_clearance": "no pairs",
     "min_acceleration_margin": "no limits",
     "min_torque_margin": "no limits",
@@ -74,6 +75,10 @@ class Metrics:
     # Of the chaser since the first point, at any time; NaN: not known.
     max_chaser_rotation: float = _metric(
         "rad", "largest chaser rotation", _RAD, "deg", ".2f", np.nan, kw_only=True
+    )
+    # Of the goal off the camera's axis, while the goal must be in view; infinite: no camera.
+    max_view_angle: float = _metric(
+        "rad", "largest angle off the camera's axis", _RAD, "deg", ".2f", np.inf, kw_only=True
     )
     # Of any body, or link line, from any sphere, between the points too; infinite: no obstacles.
     min_clearance: float = _metric("m", "clearance", _METRE, "mm", ".1f")

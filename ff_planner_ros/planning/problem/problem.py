@@ -23,6 +23,7 @@ from ff_planner_ros.common.forms import (
 from ff_planner_ros.common.shown import quoted
 from ff_planner_ros.errors import InvalidInput, Status, fields_named
 from ff_planner_ros.planning.problem.approach import Approach
+from ff_planner_ros.planning.problem.camera import Camera
 from ff_planner_ros.planning.problem.goal_words import Orientation
 from ff_planner_ros.planning.problem.limits import Limits
 from ff_planner_ros.planning.problem.objective import DurationRange, Objective
@@ -93,9 +94,10 @@ class PlanningProblem:
 
     Raises:
         InvalidInput: A duration or contact distance that is not positive, a duration out of its
-            range, a number of points out of range, a contact that is none of the robot's, an
-            approach in a direction that the target leaves open, a state or limits whose number of
-            joints is not the robot's, or a state that leaves the plane of a planar base.
+            range, a number of points out of range, a contact or a camera's link that is none of
+            the robot's, an approach in a direction that the target leaves open, a state or limits
+            whose number of joints is not the robot's, or a state that leaves the plane of a planar
+            base.
     """
 
     FIRST: ClassVar[Sequence[str]] = ("target", "target_body")
@@ -181,7 +183,14 @@ class PlanningProblem:
         message="goal.approach[0]",
         late=True,
     )
-
+    camera: Camera | None = declare(
+        part(Camera),
+        "fixed to a link, that keeps the goal in view; default: no view is kept",
+        since="0.3",
+        default=None,
+        message="camera[0]",
+        late=True,
+    )
     requirements: tuple[Requirement, ...] = declare(
         REQUIRED,
         "of others, by the names of their entry points, `ff_planner_ros.requirements`",
@@ -212,6 +221,8 @@ class PlanningProblem:
             self._require_known_contacts()
         if self.approach is not None:
             self._require_approachable(self.approach)
+        if self.camera is not None:
+            self._require_known_link(self.camera.link)
 
     @property
     def durations(self) -> DurationRange:
@@ -234,6 +245,13 @@ class PlanningProblem:
             raise InvalidInput(
                 Status.UNSUPPORTED, "approach.direction", direction.tolist(), allowed
             )
+
+    def _require_known_link(self, link: str) -> None:
+        """Refuse a camera on a link that there is not."""
+        links = [one.name for one in self.robot.model.frames if one.type is pin.FrameType.BODY]
+        if link not in links:
+            allowed = f"it must be a link of the robot: {', '.join(links)}"
+            raise InvalidInput(Status.OUT_OF_RANGE, "camera.link", quoted(link), allowed)
 
     def _require_known_contacts(self) -> None:
         """Refuse an allowed contact of what there is not."""

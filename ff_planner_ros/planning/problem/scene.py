@@ -9,6 +9,7 @@ import numpy as np
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.problem.approach import Approach
+from ff_planner_ros.planning.problem.camera import Camera
 from ff_planner_ros.planning.problem.problem import (
     CONTACT_DISTANCE,
     PlanningProblem,
@@ -33,6 +34,7 @@ class Scene:
     target_body: TargetBody | None = None  # whose grasp the target is; None: of none
     capture_time: float | None = None  # from the plan's first point on [s]; None: at its last
     approach: Approach | None = None  # of the last stretch to the target; None: any way
+    camera: Camera | None = None  # that keeps the target in view; None: none
 
     @property
     def goal(self) -> Target | None:
@@ -42,9 +44,10 @@ class Scene:
         return None if self.capture_time is None else self.target_body.target(self.capture_time)
 
     @property
-    def constraints(self) -> dict[str, Approach]:
-        """What the end effector keeps on its way to the goal, by the name of the field."""
-        return {} if self.approach is None else {"approach": self.approach}
+    def constraints(self) -> dict[str, Approach | Camera]:
+        """What the robot keeps on its way to the goal, by the name of the field."""
+        every = {"approach": self.approach, "camera": self.camera}
+        return {name: kept for name, kept in every.items() if kept is not None}
 
     def captured_at(self, duration: float) -> Scene:
         """Return the scene with the time of the capture: a plan's duration [s], if none is told."""

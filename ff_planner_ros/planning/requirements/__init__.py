@@ -5,6 +5,7 @@ from __future__ import annotations
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.requirements.approach import ApproachCorridor
 from ff_planner_ros.planning.requirements.body_clearance import BodyClearance, SelfClearance
+from ff_planner_ros.planning.requirements.camera_view import CameraView
 from ff_planner_ros.planning.requirements.chaser_attitude import ChaserAttitude
 from ff_planner_ros.planning.requirements.chaser_rotation import ChaserRotation
 from ff_planner_ros.planning.requirements.clearance import Clearance
@@ -25,6 +26,7 @@ REQUIREMENTS: tuple[Requirement, ...] = (
     BodyClearance(),
     SelfClearance(),
     ApproachCorridor(),
+    CameraView(),
     JointPositions(),
     JointRates(),
     JointAccelerations(),

@@ -1,0 +1,239 @@
+"""The goal stays in the view of a camera until it is near, between the points too.
+
+The camera is fixed to a link, so that the goal's place d in the camera's axes changes with the
+base and with every joint before the link. With g the gradient of a measure by the goal's place t,
+inertial axes, and o the origin of a joint, the measure changes with the joint's angle by
+-axis . (t - o) x g, as if the goal turned about the joint the other way.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+
+import numpy as np
+import pinocchio as pin
+
+from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.errors import Failure, InvalidInput, Status
+from ff_planner_ros.planning.distance.grasp_seen import GraspSeen
+from ff_planner_ros.planning.distance.moving_place import LeastMargin, least_margin, places_between
+from ff_planner_ros.planning.motion.followed import FollowedMotion
+from ff_planner_ros.planning.motion.metrics import Metrics
+from ff_planner_ros.planning.paths.path_family import Motion, Sensitivity
+from ff_planner_ros.planning.problem.camera import Camera
+from ff_planner_ros.planning.problem.problem import PlanningProblem
+from ff_planner_ros.planning.problem.settings import PlannerSettings
+from ff_planner_ros.planning.requirements.requirement import (
+    LIMIT_TOLERANCE,
+    OF_INTEREST,
+    Requirement,
+    Rows,
+    Samples,
+)
+from ff_planner_ros.robot.kinematics import joint_frames
+from ff_planner_ros.robot.model import Robot
+
+# The search keeps this much more at the points [rad], but never more than this part of the angle.
+_MARGIN, _PART = 2e-3, 0.05
+# The largest angle is looked for at this number of times in each step of the motion: where the
+# goal comes near, the angle changes fast.
+_BETWEEN = 50
+
+
+class CameraView(Requirement):
+    """The goal stays in the view of the camera, where there is one."""
+
+    name = "camera"
+
+    def refuse_start(
+        self, problem: PlanningProblem, q_start: Array, settings: PlannerSettings
+    ) -> None:
+        """Refuse a start from which the camera does not see the goal."""
+        camera = problem.camera
+        if camera is None:
+            return
+        still = np.zeros((1, problem.robot.model.nv))
+        places, _ = _goal_seen(problem, camera, np.zeros(1), q_start[None], still)
+        if camera.margins(places)[0] < -LIMIT_TOLERANCE:
+            raise InvalidInput(
+                Status.START_OUTSIDE_LIMITS,
+                "camera.half_angle",
+                f"{camera.half_angle:g} rad",
+                f"at the start {_words(camera, places[0])}; the start must have the goal in view",
+            )
+
+    def margin(self, problem: PlanningProblem, settings: PlannerSettings) -> float:
+        """Return how much further inside the view the search keeps the goal at the points [rad]."""
+        return 0.0 if problem.camera is None else min(_MARGIN, _PART * problem.camera.half_angle)
+
+    def rows(
+        self, problem: PlanningProblem, motion: Motion, sensitivity: Sensitivity, margin: float
+    ) -> Rows | None:
+        """Return the margins of interest at points and half-way [rad], or [m] where it is near."""
+        camera, robot = problem.camera, problem.robot
+        if camera is None:
+            return None
+        times = np.linspace(0.0, problem.duration, len(motion.q))
+        grasp = GraspSeen(problem, np.concatenate([times[1:], (times[:-1] + times[1:]) / 2]))
+        q = np.concatenate([motion.q[1:], motion.q_half_way])
+        by_x = np.concatenate([sensitivity.q[1:], sensitivity.q_half_way])
+        rotations, points = joint_frames(robot, q)
+        # The frame that the link moves with: 0 is the base, the arm's joints come after it.
+        joint, mount = _mount(robot, camera)
+        origins = np.concatenate([q[:, None, :3], points[:, :-1]], axis=1)
+        to_inertial = rotations[joint] @ mount.rotation
+        eyes = origins[:, joint] + rotations[joint] @ mount.translation
+        places = np.einsum("pji,pj->pi", to_inertial, grasp.positions - eyes)
+        near = camera.nearness(places)
+        by_angle = camera.in_cone(places) >= near
+        values = np.where(
+            by_angle,
+            camera.half_angle - camera.angles(places) - margin,
+            near - margin * camera.until,
+        )
+        away = np.maximum(np.linalg.norm(places, axis=1), np.finfo(float).tiny)
+        by_place = -np.where(
+            by_angle[:, None], camera.angle_gradients(places), places / away[:, None]
+        )
+        (rows,) = np.nonzero(values < OF_INTEREST)
+        gradients = np.einsum("pij,pj->pi", to_inertial, by_place)[rows]
+        to_goal = (grasp.positions[:, None] - origins)[rows]
+        by_tangent = _by_configuration(robot, joint, rotations[:, rows], to_goal, gradients)
+        jacobian = np.einsum("rv,rvx->rx", by_tangent, by_x[rows])
+        if sensitivity.goal_motion is not None:
+            moved = grasp.by_duration(sensitivity.goal_motion.place)[rows, :3]
+            jacobian[:, -1] += np.sum(gradients * moved, axis=1)
+        return Rows(values[rows], jacobian, 2 * rows + by_angle[rows].astype(np.intp))
+
+    def slack(self, problem: PlanningProblem, motion: FollowedMotion) -> float:
+        """Return the certified margin, as an angle at the camera [rad]."""
+        if problem.camera is None:
+            return np.inf
+        least = _least(problem, problem.camera, motion.time, motion.q, motion.v)
+        away = max(float(np.linalg.norm(least.place)), abs(least.certified), np.finfo(float).tiny)
+        return math.asin(least.certified / away)
+
+    def metrics(self, samples: Samples) -> Mapping[str, float]:
+        """Return the largest angle of the goal off the camera's axis, while it must be in view."""
+        problem, camera = samples.problem, samples.problem.camera
+        if camera is None:
+            return {}
+        times, *motion = _to_goal(samples)
+        places = places_between(times, *_goal_seen(problem, camera, times, *motion), _BETWEEN)
+        far = camera.nearness(places) < 0.0
+        return {"max_view_angle": float(camera.angles(places)[far].max(initial=0.0))}
+
+    def failures(self, samples: Samples, metrics: Metrics) -> Iterator[Failure]:
+        """Yield when the goal is furthest outside the view."""
+        problem, camera = samples.problem, samples.problem.camera
+        if camera is None:
+            return
+        least = _least(problem, camera, *_to_goal(samples))
+        if least.certified >= -LIMIT_TOLERANCE:
+            return
+        when, words = samples.at(least.time), _words(camera, least.place)
+        if least.margin >= 0.0:
+            yield Failure(
+                Status.LIMIT_VIOLATED,
+                f"the goal may leave the view of the camera near {when}, where {words}: all that "
+                f"is certain is a margin of {least.certified * 1e3:.2f} mm",
+                ("more points", "a larger camera.half_angle"),
+            )
+            return
+        yield Failure(
+            Status.LIMIT_VIOLATED,
+            f"the goal is out of view at {when}: {words}",
+            (
+                "a larger camera.half_angle",
+                "a larger camera.until",
+                "another camera.axis or camera.link",
+                "a longer duration",
+                "more points",
+                "more planner.starts",
+            ),
+        )
+
+
+def _mount(robot: Robot, camera: Camera) -> tuple[int, pin.SE3]:
+    """Return the frame that a camera's link moves with, 0 is the base, and where it is in it."""
+    frame = robot.model.frames[robot.model.getFrameId(camera.link, pin.FrameType.BODY)]
+    at_link = pin.SE3(np.eye(3), camera.position)
+    # The first two joints are Pinocchio's: the universe and the free-flyer, which is the base.
+    return frame.parentJoint - 1, frame.placement * at_link
+
+
+def _by_configuration(
+    robot: Robot, joint: int, rotations: Array, to_goal: Array, gradients: Array
+) -> Array:
+    """Return how a measure of the goal's place, as the camera sees it, changes with q.
+
+    Args:
+        joint: Frame that the camera moves with.
+        rotations: Of base and joints. Shape (joints + 1, rows, 3, 3).
+        to_goal: From the origins of base and joints to the goal. Shape (rows, joints + 1, 3) [m].
+        gradients: Of the measure by the goal's place, inertial axes. Shape (rows, 3).
+
+    Returns:
+        By the tangent of the configuration. Shape (rows, 6 + joints).
+    """
+    turned = np.cross(to_goal, gradients[:, None])
+    by_tangent = np.zeros((len(gradients), 6 + robot.joints))
+    by_tangent[:, :3] = -np.einsum("rji,rj->ri", rotations[0], gradients)
+    by_tangent[:, 3:6] = -np.einsum("rji,rj->ri", rotations[0], turned[:, 0])
+    axes = np.einsum("krij,kj->rki", rotations[1 : joint + 1], robot.joint_axes[:joint])
+    by_tangent[:, 6 : 6 + joint] = -np.sum(axes * turned[:, 1 : joint + 1], axis=2)
+    return by_tangent
+
+
+def _least(
+    problem: PlanningProblem, camera: Camera, times: Array, q: Array, v: Array
+) -> LeastMargin:
+    """Return the least margin of the goal in the view along a motion, by Pinocchio alone."""
+    places, velocities = _goal_seen(problem, camera, times, q, v)
+    return least_margin(times, places, velocities, camera.margins)
+
+
+def _goal_seen(
+    problem: PlanningProblem, camera: Camera, times: Array, q: Array, v: Array
+) -> tuple[Array, Array]:
+    """Return where the goal is in the link's axes, from the camera, and how fast it moves there.
+
+    Args:
+        times: From the plan's first point on. Shape (times,) [s].
+        q: Shape (times, 7 + joints).
+        v: Tangent velocities. Shape (times, 6 + joints).
+
+    Returns:
+        Each of shape (times, 3) [m, m/s].
+    """
+    grasp, model = GraspSeen(problem, times), problem.robot.model
+    data, frame = model.createData(), model.getFrameId(camera.link, pin.FrameType.BODY)
+    places, velocities = np.empty((len(q), 3)), np.empty((len(q), 3))
+    for k, at in enumerate(zip(q, v, strict=True)):
+        pin.forwardKinematics(model, data, *at)
+        link = pin.updateFramePlacement(model, data, frame)
+        twist = pin.getFrameVelocity(model, data, frame, pin.LOCAL)
+        in_link = link.actInv(grasp.positions[k])
+        places[k] = in_link - camera.position
+        velocities[k] = link.rotation.T @ grasp.velocities[k] - twist.linear
+        velocities[k] -= np.cross(twist.angular, in_link)
+    return places, velocities
+
+
+def _to_goal(samples: Samples) -> tuple[Array, Array, Array]:
+    """Return times, configurations and tangent velocities of a motion, to the goal."""
+    motion = samples.followed
+    to_goal = slice(motion.pieces * samples.goal + 1)
+    return motion.time[to_goal], motion.q[to_goal], motion.v[to_goal]
+
+
+def _words(camera: Camera, place: Array) -> str:
+    """Return words for where the goal is, seen from the camera."""
+    (angle,) = camera.angles(place[None])
+    until = f" until it is {camera.until:g} m away" if camera.until else ""
+    return (
+        f"the camera on {camera.link} sees the goal {math.degrees(angle):.2f} deg off its axis, "
+        f"{float(np.linalg.norm(place)):.4f} m away, allowed are "
+        f"{math.degrees(camera.half_angle):.4g} deg{until}"
+    )
