@@ -40,7 +40,7 @@ from ff_planner_ros.planning.problem.problem import (
     lasting,
 )
 from ff_planner_ros.planning.problem.scene import scene_of
-from ff_planner_ros.planning.requirements.camera_view import CameraView
+from ff_planner_ros.planning.requirements.camera_view import CameraView, _goal_seen
 from ff_planner_ros.planning.requirements.requirement import Rows
 from ff_planner_ros.planning.scenario.scenario import Defaults, load_scenario, load_task
 from ff_planner_ros.planning.scenario.scenario_writer import write_scenario
@@ -168,6 +168,22 @@ def test_derivatives_of_the_rows_agree_with_differences(
         slope = np.array([after[names[k]] - before[names[k]] for k in known]) / (2 * step)
         told = (here.jacobian @ way)[known]
         assert told == pytest.approx(slope, abs=5e-6 * np.abs(slope).max())
+
+
+@pytest.mark.parametrize("link", ["chaser", "link_4", "end_effector"])
+def test_the_camera_sees_the_goal_move_as_its_place_changes(link: str) -> None:
+    problem = in_own_frame(looking(TUMBLING, link, 0.5))
+    assert problem.camera is not None
+    model, rng, step = problem.robot.model, np.random.default_rng(5), 1e-5
+    q, _ = configuration(problem.robot, problem.start)
+    v, times = 0.3 * rng.normal(size=model.nv), np.array([2.0])
+
+    def places(later: float) -> tuple[Array, Array]:
+        at = pin.integrate(model, q, later * v)
+        return _goal_seen(problem, problem.camera, times + later, at[None], v[None])
+
+    slope = (places(step)[0] - places(-step)[0]) / (2 * step)
+    assert places(0.0)[1] == pytest.approx(slope, abs=1e-8)
 
 
 @pytest.mark.parametrize("points", [50, pytest.param(13, marks=pytest.mark.ci)])

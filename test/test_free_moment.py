@@ -27,6 +27,7 @@ from ff_planner_ros.planning.paths.end_effector_polynomial import end_effector_p
 from ff_planner_ros.planning.paths.joint_spline import joint_splines
 from ff_planner_ros.planning.paths.path_family import PathFamily
 from ff_planner_ros.planning.problem.approach import Approach
+from ff_planner_ros.planning.problem.camera import Camera
 from ff_planner_ros.planning.problem.problem import (
     DurationRange,
     Limits,
@@ -80,10 +81,12 @@ def moving_scene() -> PlanningProblem:
 
 
 def with_all_limits() -> PlanningProblem:
-    """A scene with a corridor, and limits of accelerations and of the chaser's angles."""
+    """A scene with a corridor, a camera, and limits of accelerations and of the chaser's angles."""
     given = moving_scene()
     limits = Limits(True, 0.3, joint_accelerations=(0.2,), chaser_rotation=0.3)
-    return replace(given, limits=limits, approach=Approach(np.array([0.0, 0.6, 0.8]), 0.4))
+    camera = Camera(given.robot.tip_link, [0.05, 0.0, 0.02], [0.3, 0.0, 1.0], 0.5, 0.3)
+    approach = Approach(np.array([0.0, 0.6, 0.8]), 0.4)
+    return replace(given, limits=limits, approach=approach, camera=camera)
 
 
 def with_bodies() -> PlanningProblem:
