@@ -116,8 +116,9 @@ def test_neither_an_id_nor_a_token_is_told_to_whoever_has_not_both(client: Clien
         assert (refused.field, refused.retry) == (field, PlanStatus.CHANGED)
         said = (refused.message, refused.value, refused.allowed)
         assert not [one for one in secrets for text in said if one in text], refused
-    # None of it hurt the plans that wait.
-    for answer in (made, other):
+    # None of it hurt the plans that wait. The later one goes first: at its start, which a slow
+    # machine puts seconds later, the arm would move along the other one.
+    for answer in (other, made):
         state = request(client).start_state
         state[0].header.stamp = answer.plans[0].joint_trajectory.header.stamp
         status = client.publish_plan(answer, start_state=state)
