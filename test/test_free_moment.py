@@ -144,8 +144,8 @@ def test_derivatives_by_the_duration_agree_with_differences_of_problems_made_ane
 
     agree(found.gradient[-1:], [np.array([side.value]) for side in sides], "objective")
     told = objective.duration * unit
-    peaks = [side.peaks if side.peaks.size else np.zeros(1) for side in sides]
-    agree(found.peaks_jacobian[:, -1] - told, peaks, "peaks")
+    max_terms = [side.max_terms if side.max_terms.size else np.zeros(1) for side in sides]
+    agree(found.max_terms_jacobian[:, -1] - told, max_terms, "max_terms")
     agree(found.equalities_jacobian[:, -1], [side.equalities for side in sides], "goal")
     common = here.names
     for side in sides:

@@ -13,8 +13,8 @@ from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.motion.forward import driven
 from ff_planner_ros.planning.motion.joint_motion import JointMotion
+from ff_planner_ros.planning.optimisation.linearisation import Linearisation
 from ff_planner_ros.planning.optimisation.program import path_program
-from ff_planner_ros.planning.optimisation.solver import Linearisation
 from ff_planner_ros.planning.paths.joint_spline import JointSplines, joint_splines
 from ff_planner_ros.planning.problem.problem import (
     Objective,
@@ -125,7 +125,7 @@ def test_what_the_solver_learns_along_any_directions_is_that_of_finite_differenc
 
     for exact, higher, lower in (
         (at_x.gradient[None], np.array([after.value]), np.array([before.value])),
-        (at_x.peaks_jacobian, after.peaks, before.peaks),
+        (at_x.max_terms_jacobian, after.max_terms, before.max_terms),
         (at_x.equalities_jacobian, after.equalities, before.equalities),
         (
             constraints(at_x, at_x.constraints_jacobian),

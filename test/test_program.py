@@ -78,7 +78,7 @@ def test_every_derivative_is_that_of_differences(case: Case) -> None:
     at_x = program.linearise(case.x)
     for name, found in (
         ("value", at_x.gradient[None]),
-        ("peaks", at_x.peaks_jacobian),
+        ("max_terms", at_x.max_terms_jacobian),
         ("constraints", at_x.constraints_jacobian),
     ):
         expected = np.empty_like(found)
@@ -113,8 +113,8 @@ def test_the_value_is_the_weighted_joint_path_and_the_peaks_both_signs_of_each_a
         )
     ]
     expected = 1.3 * np.array(angles + [-angle for angle in angles])
-    assert at_x.peaks.shape == (2 * 3 * POINTS,)
-    np.testing.assert_allclose(np.sort(at_x.peaks), np.sort(expected), rtol=0.0, atol=1e-12)
+    assert at_x.max_terms.shape == (2 * 3 * POINTS,)
+    np.testing.assert_allclose(np.sort(at_x.max_terms), np.sort(expected), rtol=0.0, atol=1e-12)
     assert at_x.objective == pytest.approx(0.7 * path + 1.3 * np.abs(angles).max(), rel=1e-12)
 
 
@@ -133,8 +133,8 @@ def test_value_gradient_and_hessian_grow_with_their_weight(case: Case) -> None:
 def test_an_attitude_of_no_weight_has_no_peaks(case: Case) -> None:
     program = replace(case.program, objective=Objective(1.0, 0.0))
     at_x = program.linearise(case.x)
-    assert at_x.peaks.shape == (0,)
-    assert at_x.peaks_jacobian.shape == (0, 18)
+    assert at_x.max_terms.shape == (0,)
+    assert at_x.max_terms_jacobian.shape == (0, 18)
     assert at_x.objective == at_x.value
 
 

@@ -1,7 +1,7 @@
 """The planner's own functions and exact derivatives for general-purpose solvers; SLSQP on them.
 
 Such solvers need a fixed number of rows. They get the lowest margins in ascending order, which are
-continuous functions of the path, and one more variable above the peaks.
+continuous functions of the path, and one more variable above the max terms.
 """
 
 from __future__ import annotations
@@ -13,11 +13,11 @@ from scipy.optimize import minimize
 
 from ff_planner_ros.bench.direct import Stop
 from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.planning.optimisation.linearisation import Linearisation
 from ff_planner_ros.planning.optimisation.program import PathProgram
-from ff_planner_ros.planning.optimisation.solver import Linearisation
 from ff_planner_ros.planning.paths.path_family import singular_refusal
 
-# Rows given to the solver, of the constraints and of the peaks; the others are further away.
+# Rows given to the solver, of the constraints and of the max terms; the others are further away.
 _ROWS = 80
 _FAR = 10.0
 TOLERANCE = 1e-6
@@ -47,10 +47,10 @@ class ExactFunctions:
     _here: Linearisation | None = None
 
     def start(self) -> Array:
-        """Return the straight path and, where there are peaks, the highest."""
+        """Return the straight path and, where there are max terms, the largest."""
         x = np.zeros(self.program.family.variables)
-        peaks = self._at(x).peaks
-        return np.append(x, peaks.max()) if peaks.size else x
+        max_terms = self._at(x).max_terms
+        return np.append(x, max_terms.max()) if max_terms.size else x
 
     def objective(self, z: Array) -> float:
         """Return the function to minimise."""
@@ -81,7 +81,7 @@ class ExactFunctions:
         values, rows = _lowest(here.constraints, here.constraints_jacobian)
         if len(z) == self._size:
             return values, rows
-        below, peak_rows = _lowest(z[-1] - here.peaks, -here.peaks_jacobian)
+        below, peak_rows = _lowest(z[-1] - here.max_terms, -here.max_terms_jacobian)
         no, yes = np.zeros((_ROWS, 1)), np.ones((_ROWS, 1))
         return np.append(values, below), np.block([[rows, no], [peak_rows, yes]])
 

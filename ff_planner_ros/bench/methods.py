@@ -119,11 +119,11 @@ def _optimality(program: PathProgram, x: Array) -> float:
     here = program.linearise(x)
     active = here.constraints < min(0.0, here.constraints.min(initial=0.0)) + _ACTIVE
     columns, wanted = -here.constraints_jacobian[active].T, -here.gradient
-    if here.peaks.size:
-        # The multipliers of the peaks sum to one: a row that weighs more than all others.
-        highest = here.peaks > here.peaks.max() - _ACTIVE
+    if here.max_terms.size:
+        # The multipliers of the max terms sum to one: a row that weighs more than all others.
+        highest = here.max_terms > here.max_terms.max() - _ACTIVE
         heavy = 1e3
-        columns = np.hstack([columns, here.peaks_jacobian[highest].T])
+        columns = np.hstack([columns, here.max_terms_jacobian[highest].T])
         sums = np.append(np.zeros(active.sum()), np.full(highest.sum(), heavy))
         columns, wanted = np.vstack([columns, sums]), np.append(wanted, heavy)
     multipliers, _ = nnls(columns, wanted)

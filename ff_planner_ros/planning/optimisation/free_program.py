@@ -64,11 +64,11 @@ class FreeProgram:
         variables = len(here.gradient)
         units = np.ones(variables)
         units[-1] = self.unit
-        # The duration is told as a peak, beside those of the attitude: the solver then learns how
+        # The duration is a max term, beside those of the attitude: the solver then learns how
         # the constraints are curved, which alone decide where the shortest duration is.
-        peaks, by_x = here.peaks, here.peaks_jacobian * units
-        if not peaks.size:
-            peaks, by_x = np.zeros(1), np.zeros((1, variables))
+        max_terms, by_x = here.max_terms, here.max_terms_jacobian * units
+        if not max_terms.size:
+            max_terms, by_x = np.zeros(1), np.zeros((1, variables))
         by_x[:, -1] += self.weight * self.unit
         window = self.problem.durations
         bounds = np.array([duration - window.minimum, window.maximum - duration])
@@ -78,8 +78,8 @@ class FreeProgram:
             here,
             gradient=here.gradient * units,
             hessian=here.hessian * np.outer(units, units),
-            peaks=peaks + self.weight * duration,
-            peaks_jacobian=by_x,
+            max_terms=max_terms + self.weight * duration,
+            max_terms_jacobian=by_x,
             constraints=np.concatenate([here.constraints, bounds]),
             constraints_jacobian=np.concatenate([here.constraints_jacobian * units, by_bounds]),
             equalities_jacobian=here.equalities_jacobian * units,

@@ -26,13 +26,13 @@ _ROUNDING = 0.03
 
 
 class Term(NamedTuple):
-    """What one objective adds to a program: f, and peaks of which the largest counts."""
+    """What one objective adds to a program: f, and max terms of which the largest counts."""
 
     value: float  # f
     gradient: Array  # of f; shape (variables,)
     hessian: Array  # Gauss-Newton approximation for f; shape (variables, variables)
-    peaks: Array  # shape (peaks,), may be empty
-    peaks_jacobian: Array  # shape (peaks, variables)
+    max_terms: Array  # shape (max terms,), may be empty
+    max_terms_jacobian: Array  # shape (max terms, variables)
 
 
 def terms(
@@ -66,8 +66,8 @@ def terms(
         # The Euler angles whose largest modulus is J_Theta.
         euler, jacobian = chaser_euler_with_derivative(robot, motion.q, sensitivity.q)
         euler, jacobian = weight * euler.ravel(), (weight * jacobian).reshape(-1, variables)
-        peaks, jacobian = np.append(euler, -euler), np.concatenate([jacobian, -jacobian])
-        found.append(Term(0.0, nothing[0], nothing, peaks, jacobian))
+        max_terms, jacobian = np.append(euler, -euler), np.concatenate([jacobian, -jacobian])
+        found.append(Term(0.0, nothing[0], nothing, max_terms, jacobian))
     return found
 
 

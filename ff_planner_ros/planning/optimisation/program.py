@@ -11,8 +11,8 @@ import pinocchio as pin
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.motion.followed import FollowedMotion
 from ff_planner_ros.planning.motion.followed_path import followed_path
+from ff_planner_ros.planning.optimisation.linearisation import Linearisation
 from ff_planner_ros.planning.optimisation.objectives import terms, with_tie_break
-from ff_planner_ros.planning.optimisation.solver import Linearisation
 from ff_planner_ros.planning.paths.joint_spline import JointSplines
 from ff_planner_ros.planning.paths.path_family import Motion, PathFamily
 from ff_planner_ros.planning.problem.problem import Objective, PlanningProblem, Target
@@ -50,7 +50,7 @@ class PathLinearisation(Linearisation):
             gradient=self.gradient @ directions,
             hessian=directions.T @ self.hessian @ directions,
             # In one thread: where several share the work, the last bit depends on their number.
-            peaks_jacobian=np.einsum("rx,xd->rd", self.peaks_jacobian, directions),
+            max_terms_jacobian=np.einsum("rx,xd->rd", self.max_terms_jacobian, directions),
             constraints_jacobian=np.einsum("rx,xd->rd", self.constraints_jacobian, directions),
             equalities_jacobian=np.einsum("rx,xd->rd", self.equalities_jacobian, directions),
         )
@@ -122,12 +122,12 @@ class PathProgram:
         variables = sensitivity.variables
         value, gradient = 0.0, np.zeros(variables)
         hessian = np.zeros((variables, variables))
-        peaks, peaks_jacobian = [np.empty(0)], [np.empty((0, variables))]
+        max_terms, max_terms_jacobian = [np.empty(0)], [np.empty((0, variables))]
         for term in terms(self.objective, robot, motion, sensitivity, step, self.smoothing):
             value, gradient = value + term.value, gradient + term.gradient
             hessian = hessian + term.hessian
-            peaks.append(term.peaks)
-            peaks_jacobian.append(term.peaks_jacobian)
+            max_terms.append(term.max_terms)
+            max_terms_jacobian.append(term.max_terms_jacobian)
         rows = [
             None
             if required.name in self.waiting
@@ -142,8 +142,8 @@ class PathProgram:
             value=value,
             gradient=gradient,
             hessian=hessian,
-            peaks=np.concatenate(peaks),
-            peaks_jacobian=np.concatenate(peaks_jacobian),
+            max_terms=np.concatenate(max_terms),
+            max_terms_jacobian=np.concatenate(max_terms_jacobian),
             constraints=np.concatenate([found.values for found in kept]),
             constraints_jacobian=np.concatenate([found.jacobian for found in kept]),
             names=np.concatenate(names),
@@ -246,8 +246,8 @@ def _undefined(motion: Motion) -> PathLinearisation:
         value=np.inf,
         gradient=np.zeros(len(motion.x)),
         hessian=nothing,
-        peaks=np.empty(0),
-        peaks_jacobian=nothing,
+        max_terms=np.empty(0),
+        max_terms_jacobian=nothing,
         constraints=np.empty(0),
         constraints_jacobian=nothing,
         is_defined=False,

@@ -1,95 +1,51 @@
 """A trust-region SQP method: minimise f(x) + max_j p_j(x)  subject to  g(x) >= 0, h(x) = 0.
 
-Each iteration solves a convex quadratic program by an interior-point method (PIQP): the
-Gauss-Newton Hessian of f, the peaks p in epigraph form with a curvature learned from the steps
-before, the constraints linearised with one elastic slack, the step bounded by the trust region. A
-step is taken when the exact L-infinity merit function confirms what the quadratic program promised.
-
-The linearised equalities hold without slack where the trust region has room for it, or else with
-the same slack either way: their multipliers are not to be trusted then. Where a step brings little
-because the equalities are curved, another one corrects what they became at its end.
+Each iteration solves a quadratic subproblem (`qp`) with the Gauss-Newton Hessian of f and an SR1
+approximation of the curvature of max terms and constraints. The exact L-infinity merit function
+decides whether its step is taken, by the gain ratio. Where that is small because the equalities are
+curved, a second-order correction is tried. Names are those of Nocedal and Wright, "Numerical
+Optimization", chapters 6 and 18.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from typing import Generic, TypeVar
 
 import numpy as np
-import piqp
 
-from ff_planner_ros.common.arrays import Array, Indices
-
-# A constraint violated by less counts as kept [unit of g]; well below any tolerance that a
-# user sets, well above the accuracy of the quadratic programs.
-FEASIBILITY_TOLERANCE = 1e-6
-
-# Steps aim this far inside, so that whole steps keep a curved constraint, not only tiny ones.
-_INSIDE = 5.0 * FEASIBILITY_TOLERANCE
+from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.planning.optimisation.linearisation import FEASIBILITY_TOLERANCE, Linearisation
+from ff_planner_ros.planning.optimisation.qp import Step, elastic_mode, solve_qp
 
 # Trust region, infinity norm, in units of x. The end effector path's coefficients are metres and
 # radians: half a unit is a bold first step, four are more than any arm's workspace has room for.
 FIRST_RADIUS, _LARGEST_RADIUS, _SMALLEST_RADIUS = 0.5, 4.0, 1e-7
 # A step of this part of the radius is limited by it.
 _AT_BOUND = 0.9
-# Price of a violated constraint in the merit function: where it begins, its bounds, its steps.
-_FIRST_PRICE, _LOWEST_PRICE, _HIGHEST_PRICE, _DEARER = 10.0, 1e-2, 1e5, 100.0
+# A step is taken if its gain ratio is above the first value; the trust region shrinks below the
+# second, to this part of the step, and grows above the last.
+_ACCEPT, _SHRINK, _SHRUNK, _GROW = 0.1, 0.25, 0.4, 0.7
+# Penalty of the merit function: where it begins, its bounds, its steps.
+_FIRST_PENALTY, _LOWEST_PENALTY, _HIGHEST_PENALTY, _PENALTY_FACTOR = 10.0, 1e-2, 1e5, 100.0
 # The merit function is exact above the multipliers' sum; the markup leaves them room to grow.
 _MARKUP, _HARDLY_MORE = 2.0, 1.1
-# Makes the quadratic programs strictly convex; the objective's own curvature is of order 1.
-_REGULARISATION = 1e-4
-# Constraints that a step reaches by this part of what it might, if it went to every bound, are
-# looked at first.
-_WITHIN_REACH = 0.03
-# Where the violation does not fall to this part of itself in so many iterations, it stays; but a
+# Where the violation does not fall to this part of itself in this many iterations, it stays; but a
 # small one [unit of g] only waits for the trust region to become as small.
-_STUCK, _PATIENCE, _SMALL_VIOLATION = 0.7, 4, 2e-3
-# A smaller promise is rounding; no step can be judged by it.
-_LEAST_PROMISE = 1e-12
-# The objective is known to six good digits where no step promises a tenth of the sixth: what the
+_STAGNANT, _PATIENCE, _SMALL_VIOLATION = 0.7, 4, 2e-3
+# A smaller predicted reduction is rounding; no step can be judged by it.
+_LEAST_REDUCTION = 1e-12
+# The objective is known to six good digits where no step predicts a tenth of the sixth: what the
 # steps after it would bring, too, is not ten times as much.
 _SIX_DIGITS = 1e-7
 # A smaller multiplier is the interior-point method's way of writing zero.
 _INACTIVE = 1e-9
-# An update of the curvature by a step that is so nearly orthogonal to it is rounding.
+# An SR1 update by a step that is so nearly orthogonal to it is rounding.
 _ORTHOGONAL = 1e-8
-# A step is taken if it brings this part of the promised decrease; the trust region shrinks below
-# the second value and grows above the third.
-_ACCEPT, _SHRINK, _GROW = 0.1, 0.25, 0.7
-# On the way to the nearest feasible x: the first trust region, and a price that buys feasibility
-# at any length of step.
-_RESTORING_RADIUS, _RESTORING_PRICE = 0.2, 1e3
-
-
-@dataclass(frozen=True, eq=False)
-class Linearisation:
-    """The functions and their first derivatives at one x."""
-
-    value: float  # f
-    gradient: Array  # of f; shape (variables,)
-    hessian: Array  # positive semidefinite approximation for f; shape (variables, variables)
-    peaks: Array  # p; shape (peaks,), may be empty
-    peaks_jacobian: Array  # shape (peaks, variables)
-    constraints: Array  # g; shape (constraints,), may be empty
-    constraints_jacobian: Array  # shape (constraints, variables)
-    equalities: Array = field(default_factory=lambda: np.empty(0))  # h; may be empty
-    # Shape (equalities, variables); ignored where there are none
-    equalities_jacobian: Array = field(default_factory=lambda: np.empty((0, 0)))
-    # Of the constraints, those of interest at x: at another x the same name is the same constraint
-    names: Indices = field(default_factory=lambda: np.empty(0, np.intp))
-    is_defined: bool = True  # whether the functions are defined at x; if not, only x has a meaning
-
-    @property
-    def objective(self) -> float:
-        """Sum of f and the largest peak."""
-        return self.value + (float(self.peaks.max()) if self.peaks.size else 0.0)
-
-    @property
-    def violation(self) -> float:
-        """By how much the worst constraint is violated; zero if none is."""
-        return _violation(self.constraints, self.equalities) if self.is_defined else np.inf
-
+# Feasibility restoration: its first trust region, and a penalty that buys feasibility at any
+# length of step.
+_RESTORATION_RADIUS, _RESTORATION_PENALTY = 0.2, 1e3
 
 AtX = TypeVar("AtX", bound=Linearisation)
 
@@ -105,9 +61,8 @@ class Solution(Generic[AtX]):
     # No constraint is violated, and the objective is known to six good digits
     converged: bool
     iterations: int  # quadratic programs solved
-    evaluations: int  # calls of the function
     stop_reason: str  # a sentence
-    # Of peaks and constraints as their multipliers weigh them, learned from the steps; shape
+    # SR1 approximation of max terms and constraints as their multipliers weigh them; shape
     # (variables, variables), None if unknown
     curvature: Array | None = None
     radius: float = FIRST_RADIUS  # of the trust region, to go on with
@@ -124,69 +79,60 @@ def minimise(
     max_iterations: int,
     tolerance: float,
     progress: float,
-    first_radius: float = FIRST_RADIUS,
+    radius: float = FIRST_RADIUS,
     curvature: Array | None = None,
     tolerated: float = 0.0,
-    here: AtX | None = None,
+    at_start: AtX | None = None,
 ) -> Solution[AtX]:
     """Minimise from a start; not converging is a result, not an error.
 
     Args:
         linearise: Returns functions and derivatives at x; no step leads to where they are not.
         tolerance: First-order optimality at which to stop.
-        progress: Part of the objective; a step that promises less is not worth an evaluation.
-        first_radius: Largest entry of the first step: small where the start is nearly optimal.
-        curvature: Of peaks and constraints, as another solution learned it. None: nothing is known.
-        tolerated: A smaller violation does not stop a step that brings what it promised of the
-            objective: long steps along curved constraints. The solution may violate as much. Where
-            it is not zero, a violation that no longer falls does not end the search.
-        here: Functions and derivatives at the start. None: they are asked for.
+        progress: Part of the objective; a step that predicts less is not worth an evaluation.
+        radius: Largest entry of the first step: small where the start is nearly optimal.
+        curvature: SR1 approximation of another solution. None: zero.
+        tolerated: A smaller violation does not stop a step that brings the predicted reduction of
+            the objective: long steps along curved constraints. The solution may violate as much.
+            Where it is not zero, a violation that no longer falls does not end the search.
+        at_start: Functions and derivatives at the start. None: they are evaluated.
     """
-    x, here = start, linearise(start) if here is None else here
+    x, at_x = start, linearise(start) if at_start is None else at_start
     if curvature is None:
         curvature = np.zeros((len(x), len(x)))
-    if not here.is_defined:
-        return Solution(x, here, np.inf, False, 0, 0, "the functions are not defined at the start")
-    radius, price = first_radius, _FIRST_PRICE
-    evaluations, optimality = 1, np.inf
-    violations = [here.violation]
+    if not at_x.is_defined:
+        return Solution(x, at_x, np.inf, False, 0, "the functions are not defined at the start")
+    penalty, optimality = _FIRST_PENALTY, np.inf
+    violations = [at_x.violation]
     converged, reason = False, f"stopped after {max_iterations} iterations, before convergence"
     iterations = 0
     while iterations < max_iterations:
         iterations += 1
-        step, price = _step_at_fair_price(_curved(here, curvature), radius, price)
+        step, penalty = _step_and_penalty(_convex_model(at_x, curvature), radius, penalty)
         optimality = step.optimality
-        promised = here.objective - step.objective + price * (here.violation - step.violation)
-        length = float(np.abs(step.dx).max())
-        free = length < _AT_BOUND * radius
-        enough = _enough(here, step, promised, free, tolerance, progress)
-        if enough is not None:
-            converged, reason = enough
+        stop = _convergence(at_x, step, radius, penalty, tolerance, progress)
+        if stop is not None:
+            converged, reason = stop
             break
-        trial = _tried(linearise, x, here, step, radius, price, promised, tolerated)
-        there, step, ratio = trial.there, trial.step, trial.ratio
-        evaluations += trial.evaluations
-        if there.is_defined:
-            curvature = _learned(curvature, here, there, step)
-        if ratio > _ACCEPT:
-            x, here, optimality = x + step.dx, there, np.nan
-        radius = _next_radius(radius, ratio, float(np.abs(step.dx).max()))
-        violations += [here.violation] * _tells_of_violation(here, step, ratio)
-        if not tolerated and _is_stuck(violations):
-            reason = "stuck: the violation of the constraints no longer falls"
-            break
-        if radius < _SMALLEST_RADIUS:
-            reason = "stalled: no step within the smallest trust region brings progress"
+        trial = _trial(linearise, x, at_x, step, radius, penalty, tolerated)
+        if trial.at_x.is_defined:
+            curvature = _sr1_update(curvature, at_x, trial.at_x, trial.step)
+        if trial.gain_ratio > _ACCEPT:
+            x, at_x, optimality = x + trial.step.dx, trial.at_x, np.nan
+        radius = _next_radius(radius, trial)
+        if _counts_for_stagnation(at_x, trial):
+            violations.append(at_x.violation)
+        failure = _failure(radius, [] if tolerated else violations)
+        if failure is not None:
+            reason = failure
             break
     if not np.isfinite(optimality):  # that of x is not known yet
-        optimality = _step_at_fair_price(here, FIRST_RADIUS, price)[0].optimality
-    return Solution(
-        x, here, optimality, converged, iterations, evaluations, reason, curvature, radius
-    )
+        optimality = _step_and_penalty(at_x, FIRST_RADIUS, penalty)[0].optimality
+    return Solution(x, at_x, optimality, converged, iterations, reason, curvature, radius)
 
 
 def nearest_feasible(
-    linearise: Callable[[Array], AtX], start: Array, here: AtX, max_iterations: int
+    linearise: Callable[[Array], AtX], start: Array, at_start: AtX, max_iterations: int
 ) -> Solution[AtX]:
     """Go to the nearest x that keeps every constraint, whatever the objective is there.
 
@@ -194,344 +140,202 @@ def nearest_feasible(
     violation falls quadratically, where `minimise` would trade it for the objective.
 
     Args:
-        here: Functions and derivatives at the start.
+        at_start: Functions and derivatives at the start.
     """
-    x, radius, iterations, evaluations = start, _RESTORING_RADIUS, 0, 0
-    while here.violation > FEASIBILITY_TOLERANCE and iterations < max_iterations:
+    x, at_x, radius, iterations = start, at_start, _RESTORATION_RADIUS, 0
+    while at_x.violation > FEASIBILITY_TOLERANCE and iterations < max_iterations:
         iterations += 1
-        model = replace(
-            here,
+        shortest = replace(
+            at_x,
             gradient=np.zeros(len(x)),
             hessian=np.eye(len(x)),
-            peaks=here.peaks[:0],
-            peaks_jacobian=here.peaks_jacobian[:0],
+            max_terms=at_x.max_terms[:0],
+            max_terms_jacobian=at_x.max_terms_jacobian[:0],
         )
-        dx = _solve_quadratic_program(model, radius, _RESTORING_PRICE).dx
-        there = linearise(x + dx)
-        evaluations += there.is_defined
-        if there.violation < here.violation:
-            x, here = x + dx, there
+        dx = solve_qp(shortest, radius, _RESTORATION_PENALTY).dx
+        at_trial = linearise(x + dx)
+        if at_trial.violation < at_x.violation:
+            x, at_x = x + dx, at_trial
         else:
             radius = _SHRINK * float(np.abs(dx).max())
-    optimality = _step_at_fair_price(here, FIRST_RADIUS, _FIRST_PRICE)[0].optimality
+    optimality = _step_and_penalty(at_x, FIRST_RADIUS, _FIRST_PENALTY)[0].optimality
     reason = "good enough: the nearest that keeps the constraints to where the solver came"
-    return Solution(x, here, optimality, False, iterations, evaluations, reason)
+    return Solution(x, at_x, optimality, False, iterations, reason)
+
+
+def _convex_model(at_x: AtX, curvature: Array) -> AtX:
+    """Return functions whose Hessian has the SR1 curvature, made positive semidefinite."""
+    if not at_x.max_terms.size:
+        return at_x
+    values, vectors = np.linalg.eigh(at_x.hessian + curvature)
+    return replace(at_x, hessian=(vectors * np.maximum(values, 0.0)) @ vectors.T)
+
+
+def _step_and_penalty(at_x: Linearisation, radius: float, penalty: float) -> tuple[Step, float]:
+    """Return a step, and the penalty of the merit function that judges it (penalty update).
+
+    The penalty is the lowest that leaves hardly more of the linearised violation than any would;
+    where nothing is left, it follows the multipliers. Too high a penalty makes the solver refuse
+    good steps along curved constraints.
+    """
+    steps, penalties = [solve_qp(at_x, radius, penalty)], [penalty]
+    if steps[0].is_elastic:
+        at_x = elastic_mode(at_x)
+    while steps[-1].violation > FEASIBILITY_TOLERANCE and penalties[-1] < _HIGHEST_PENALTY:
+        penalties.append(_PENALTY_FACTOR * penalties[-1])
+        steps.append(solve_qp(at_x, radius, penalties[-1]))
+    enough = max(_HARDLY_MORE * steps[-1].violation, FEASIBILITY_TOLERANCE)
+    step, penalty = next(
+        pair for pair in zip(steps, penalties, strict=True) if pair[0].violation <= enough
+    )
+    if step.violation > FEASIBILITY_TOLERANCE:
+        return step, penalty
+    multipliers = step.constraint_multipliers.sum() + np.abs(step.equality_multipliers).sum()
+    return step, max(_MARKUP * float(multipliers), _LOWEST_PENALTY)
+
+
+def _convergence(
+    at_x: Linearisation,
+    step: Step,
+    radius: float,
+    penalty: float,
+    tolerance: float,
+    progress: float,
+) -> tuple[bool, str] | None:
+    """Return whether the solver has converged, and why it stops at x; None: it goes on."""
+    if at_x.violation > FEASIBILITY_TOLERANCE:
+        return None
+    predicted = _reduction(at_x, step, penalty)
+    is_interior = float(np.abs(step.dx).max()) < _AT_BOUND * radius
+    if step.optimality <= tolerance:
+        enough = f"first-order optimality is within {tolerance:g}"
+    elif is_interior and predicted <= progress * abs(at_x.objective):
+        enough = f"no step promises more than {progress:g} of the objective"
+    else:
+        return None
+    known = max(_SIX_DIGITS * abs(at_x.objective), _LEAST_REDUCTION)
+    converged = is_interior and bool(abs(predicted) <= known)
+    return converged, f"{'converged' if converged else 'good enough'}: {enough}"
 
 
 @dataclass(frozen=True, eq=False)
 class _Trial(Generic[AtX]):
     """Where a step leads."""
 
-    there: AtX
-    step: _Step
-    ratio: float  # what part it brought of what was promised
-    evaluations: int
+    at_x: AtX
+    step: Step
+    gain_ratio: float
 
 
-def _tried(
+def _trial(
     linearise: Callable[[Array], AtX],
     x: Array,
-    here: AtX,
-    step: _Step,
+    at_x: AtX,
+    step: Step,
     radius: float,
-    price: float,
-    promised: float,
+    penalty: float,
     tolerated: float,
 ) -> _Trial[AtX]:
-    """Try a step and, where it brings little, the one that knows how the equalities are curved."""
-    there = linearise(x + step.dx)
-    gained = _gained(here, there, price)
-    ratio = _part_brought(here, there, step, gained, promised, tolerated)
-    first = _Trial(there, step, ratio, int(there.is_defined))
-    if ratio >= _SHRINK or not there.is_defined or not here.equalities.size:
-        return first
-    curved = there.equalities - here.equalities_jacobian @ step.dx
-    dx = _solve_quadratic_program(replace(here, equalities=curved), radius, price).dx
-    beyond = linearise(x + dx)
-    better = _gained(here, beyond, price)
-    if better <= max(gained, 0.0):
-        return replace(first, evaluations=1 + beyond.is_defined)
+    """Try a step and, where its gain ratio is small, its second-order correction."""
+    at_trial = linearise(x + step.dx)
+    ratio = _gain_ratio(at_x, at_trial, step, penalty, tolerated)
+    trial = _Trial(at_trial, step, ratio)
+    if ratio >= _SHRINK or not at_trial.is_defined or not at_x.equalities.size:
+        return trial
+    curved = at_trial.equalities - at_x.equalities_jacobian @ step.dx
+    dx = solve_qp(replace(at_x, equalities=curved), radius, penalty).dx
+    at_corrected = linearise(x + dx)
+    first = _reduction(at_x, at_trial, penalty)
+    if _reduction(at_x, at_corrected, penalty) <= max(first, 0.0):
+        return trial
     corrected = replace(step, dx=dx)
-    ratio = _part_brought(here, beyond, corrected, better, promised, tolerated)
-    return _Trial(beyond, corrected, ratio, 2)
+    ratio = _gain_ratio(at_x, at_corrected, corrected, penalty, tolerated)
+    return _Trial(at_corrected, corrected, ratio)
 
 
-def _next_radius(radius: float, ratio: float, length: float) -> float:
-    """Return the trust region after a step that brought a part of what it promised."""
-    if ratio < _SHRINK:
-        return 0.4 * length
-    if ratio > _GROW and length > _AT_BOUND * radius:
+def _reduction(at_x: Linearisation, after: Linearisation | Step, penalty: float) -> float:
+    """Return the reduction of the merit function: actual at another x, predicted by a step."""
+    if not np.isfinite(after.violation):  # nothing is defined there
+        return -np.inf
+    return (at_x.objective - after.objective) + penalty * (at_x.violation - after.violation)
+
+
+def _gain_ratio(
+    at_x: Linearisation, at_trial: Linearisation, step: Step, penalty: float, tolerated: float
+) -> float:
+    """Return the actual over the predicted reduction.
+
+    Args:
+        tolerated: While the violation is smaller, the objective alone may judge the step.
+    """
+    predicted = _reduction(at_x, step, penalty)
+    actual = _reduction(at_x, at_trial, penalty)
+    ratio = actual / predicted if predicted > _LEAST_REDUCTION else -np.inf
+    predicted = at_x.objective - step.objective
+    if predicted > _LEAST_REDUCTION and max(at_x.violation, at_trial.violation) <= tolerated:
+        ratio = max(ratio, (at_x.objective - at_trial.objective) / predicted)
+    return ratio
+
+
+def _next_radius(radius: float, trial: _Trial[AtX]) -> float:
+    """Return the trust region after a trial."""
+    length = float(np.abs(trial.step.dx).max())
+    if trial.gain_ratio < _SHRINK:
+        return _SHRUNK * length
+    if trial.gain_ratio > _GROW and length > _AT_BOUND * radius:
         return min(2.0 * radius, _LARGEST_RADIUS)
     return radius
 
 
-def _enough(
-    here: Linearisation,
-    step: _Step,
-    promised: float,
-    free: bool,
-    tolerance: float,
-    progress: float,
-) -> tuple[bool, str] | None:
-    """Return whether the solver has converged, and why it stops here; None: it goes on.
-
-    Args:
-        promised: By the step.
-        free: Whether the trust region leaves the step free.
-    """
-    if here.violation > FEASIBILITY_TOLERANCE:
-        return None
-    if step.optimality <= tolerance:
-        enough = f"first-order optimality is within {tolerance:g}"
-    elif free and promised <= progress * abs(here.objective):
-        enough = f"no step promises more than {progress:g} of the objective"
-    else:
-        return None
-    known = max(_SIX_DIGITS * abs(here.objective), _LEAST_PROMISE)
-    converged = free and bool(abs(promised) <= known)
-    return converged, f"{'converged' if converged else 'good enough'}: {enough}"
-
-
-def _curved(here: AtX, curvature: Array) -> AtX:
-    """Return functions and derivatives with the learned curvature in the Hessian."""
-    if not here.peaks.size:
-        return here
-    values, vectors = np.linalg.eigh(here.hessian + curvature)
-    return replace(here, hessian=(vectors * np.maximum(values, 0.0)) @ vectors.T)
-
-
-def _learned(curvature: Array, here: Linearisation, there: Linearisation, step: _Step) -> Array:
-    """Return the curvature of peaks and constraints, updated by one step (SR1).
+def _sr1_update(
+    curvature: Array, at_x: Linearisation, at_trial: Linearisation, step: Step
+) -> Array:
+    """Return the curvature of max terms and constraints, updated by one step (SR1).
 
     It is that of their sum as the step's multipliers weigh them. A sum f alone has a Gauss-Newton
-    approximation that is better than what is learned.
+    approximation that is better than the update.
     """
-    if not here.peaks.size:
+    if not at_x.max_terms.size:
         return curvature
-    turned = (there.peaks_jacobian - here.peaks_jacobian).T @ step.on_peaks
-    (active,) = np.nonzero(step.on_constraints[: len(here.constraints)] > _INACTIVE)
-    if len(here.names):
-        _, before, after = np.intersect1d(here.names[active], there.names, return_indices=True)
+    y = (at_trial.max_terms_jacobian - at_x.max_terms_jacobian).T @ step.max_term_multipliers
+    multipliers = step.constraint_multipliers[: len(at_x.constraints)]
+    (active,) = np.nonzero(multipliers > _INACTIVE)
+    if len(at_x.names):
+        _, before, after = np.intersect1d(at_x.names[active], at_trial.names, return_indices=True)
         before = active[before]
-        bent = there.constraints_jacobian[after] - here.constraints_jacobian[before]
-        turned -= bent.T @ step.on_constraints[before]
-    missing = turned - curvature @ step.dx
-    along = float(missing @ step.dx)
-    if abs(along) <= _ORTHOGONAL * np.linalg.norm(missing) * np.linalg.norm(step.dx):
+        change = at_trial.constraints_jacobian[after] - at_x.constraints_jacobian[before]
+        y -= change.T @ multipliers[before]
+    residual = y - curvature @ step.dx
+    along = float(residual @ step.dx)
+    if abs(along) <= _ORTHOGONAL * np.linalg.norm(residual) * np.linalg.norm(step.dx):
         return curvature
-    learned: Array = curvature + np.outer(missing, missing) / along
-    return learned
+    updated: Array = curvature + np.outer(residual, residual) / along
+    return updated
 
 
-def _gained(here: Linearisation, there: Linearisation, price: float) -> float:
-    """Return by how much the merit function falls; where nothing is defined, it never does."""
-    if not there.is_defined:
-        return -np.inf
-    return (here.objective - there.objective) + price * (here.violation - there.violation)
-
-
-def _part_brought(
-    here: Linearisation,
-    there: Linearisation,
-    step: _Step,
-    gained: float,
-    promised: float,
-    tolerated: float,
-) -> float:
-    """Return what part a step brought of what it promised.
-
-    Args:
-        gained: Of the merit function.
-        promised: Of the merit function.
-        tolerated: While the violation is smaller, the step may be judged by the objective alone.
-    """
-    ratio = gained / promised if promised > _LEAST_PROMISE else -np.inf
-    fall = here.objective - step.objective
-    if fall > _LEAST_PROMISE and max(here.violation, there.violation) <= tolerated:
-        ratio = max(ratio, (here.objective - there.objective) / fall)
-    return ratio
-
-
-def _step_at_fair_price(here: Linearisation, radius: float, price: float) -> tuple[_Step, float]:
-    """Return a step, and the price of a violated constraint by which to judge it.
-
-    It is the lowest that leaves hardly more of the violation than any price would; where
-    nothing is left, the price follows the multipliers. Too high a price makes the solver refuse
-    good steps along curved constraints.
-    """
-    hard = _solved(here, radius, price) if here.equalities.size else None
-    if hard is None and here.equalities.size:
-        here = _elastic(here)
-    steps = [hard or _solve_quadratic_program(here, radius, price)]
-    prices = [price]
-    while steps[-1].violation > FEASIBILITY_TOLERANCE and prices[-1] < _HIGHEST_PRICE:
-        prices.append(_DEARER * prices[-1])
-        steps.append(_solve_quadratic_program(here, radius, prices[-1]))
-    enough = max(_HARDLY_MORE * steps[-1].violation, FEASIBILITY_TOLERANCE)
-    step, price = next(
-        pair for pair in zip(steps, prices, strict=True) if pair[0].violation <= enough
-    )
-    if step.violation > FEASIBILITY_TOLERANCE:
-        return step, price
-    pull = float(step.on_constraints.sum() + np.abs(step.on_equalities).sum())
-    return step, max(_MARKUP * pull, _LOWEST_PRICE)
-
-
-def _tells_of_violation(here: Linearisation, step: _Step, ratio: float) -> bool:
-    """Tell whether the violation after a step says that it will not become zero.
+def _counts_for_stagnation(at_x: AtX, trial: _Trial[AtX]) -> bool:
+    """Tell whether the violation after a trial says that it will not become zero.
 
     With equalities the first steps are often too long, and not taken; and while the linearised
     ones can hold, the violation only waits for the objective.
     """
-    if not here.equalities.size:
+    if not at_x.equalities.size:
         return True
-    return bool(ratio > _ACCEPT and step.violation > FEASIBILITY_TOLERANCE)
+    return bool(trial.gain_ratio > _ACCEPT and trial.step.violation > FEASIBILITY_TOLERANCE)
 
 
-def _is_stuck(violations: list[float]) -> bool:
-    """Tell from the violation at each iteration whether it will not become zero."""
-    if len(violations) <= _PATIENCE or min(violations) <= FEASIBILITY_TOLERANCE:
-        return False
-    return violations[-1] > max(_SMALL_VIOLATION, _STUCK * violations[-1 - _PATIENCE])
+def _failure(radius: float, violations: Sequence[float]) -> str | None:
+    """Return why the solver gives up; None: it goes on.
 
-
-@dataclass(frozen=True, eq=False)
-class _Step:
-    """Solution of a quadratic program."""
-
-    dx: Array  # the step; shape (variables,)
-    objective: float  # promised at the end of the step
-    violation: float  # what remains of the linearised one
-    # Multipliers of the constraints, shape (constraints,); behind them those of equalities that
-    # could not hold, as pairs of constraints
-    on_constraints: Array
-    on_equalities: Array  # of those that hold; shape (equalities,) or (0,)
-    on_peaks: Array  # multipliers of the peaks; shape (peaks,)
-    optimality: float  # first-order optimality at the step's beginning, with its multipliers
-
-
-def _solve_quadratic_program(here: Linearisation, radius: float, price: float) -> _Step:
-    """Minimise the model of the merit function over (dx, peak, slack)."""
-    if here.equalities.size:
-        hard = _solved(here, radius, price)
-        if hard is not None:
-            return hard
-        here = _elastic(here)
-    elastic = _solved(here, radius, price)
-    if elastic is None:  # nothing but slack is asked for
-        raise RuntimeError("a program without equalities has a solution")
-    return elastic
-
-
-def _elastic(here: Linearisation) -> Linearisation:
-    """Return functions whose equalities are pairs of constraints, which may be violated."""
-    off, by_x = here.equalities, here.equalities_jacobian
-    return Linearisation(
-        here.value,
-        here.gradient,
-        here.hessian,
-        here.peaks,
-        here.peaks_jacobian,
-        np.concatenate([here.constraints, off, -off]),
-        np.concatenate([here.constraints_jacobian, by_x, -by_x]),
-    )
-
-
-def _solved(here: Linearisation, radius: float, price: float) -> _Step | None:
-    """Solve it with equalities that hold; None: within the trust region they cannot.
-
-    Most constraints do not matter: those that a step hardly reaches join only where the solution
-    without them violates them. The solution is that with all of them.
+    Args:
+        violations: At each iteration; they are stagnant where they will not become zero.
     """
-    jacobian, missing = here.constraints_jacobian, _INSIDE - here.constraints
-    kept = missing > -_WITHIN_REACH * radius * np.abs(jacobian).sum(axis=1)
-    while True:
-        (rows,) = np.nonzero(kept)
-        found = _solved_among(here, rows, radius, price)
-        if found is None:
-            return None
-        step, slack = found
-        late = ~kept & (jacobian @ step.dx + slack < missing)
-        if not late.any():
-            return step
-        kept |= late
-
-
-def _solved_among(
-    here: Linearisation, kept: Indices, radius: float, price: float
-) -> tuple[_Step, float] | None:
-    """Return the solution that looks at some constraints only, and its slack."""
-    equal, equal_jacobian = here.equalities, here.equalities_jacobian
-    equalities = len(equal)
-    n, peaks, constraints = len(here.gradient), len(here.peaks), len(kept)
-    hessian = np.zeros((n + 2, n + 2))
-    hessian[:n, :n] = here.hessian
-    hessian.flat[:: n + 3] += _REGULARISATION  # the diagonal
-    hessian[n:, n:] *= 1e-4  # peak and slack are linear; the solver wants some curvature
-    gradient = np.concatenate([here.gradient, [1.0 if peaks else 0.0, price]])
-    # Peaks are measured from the present largest, so that the epigraph variable stays small.
-    top = here.peaks.max() if peaks else 0.0
-    rows = np.zeros((constraints + peaks, n + 2))
-    rows[:constraints, :n] = -here.constraints_jacobian[kept]
-    rows[:constraints, n + 1] = -1.0
-    rows[constraints:, :n] = here.peaks_jacobian
-    rows[constraints:, n] = -1.0
-    upper = np.concatenate([here.constraints[kept] - _INSIDE, top - here.peaks])
-    bound = np.full(n, radius)
-    equal_rows = np.zeros((equalities, n + 2))
-    if equalities:
-        equal_rows[:, :n] = equal_jacobian
-    lowest_peak = -max(abs(float(top)), 1.0) if peaks else 0.0
-
-    solver = piqp.DenseSolver()
-    solver.settings.verbose = False
-    solver.setup(
-        hessian,
-        gradient,
-        equal_rows if equalities else None,
-        -equal if equalities else None,
-        rows,
-        None,
-        upper,
-        np.concatenate([-bound, [lowest_peak, 0.0]]),
-        np.concatenate([bound, [np.inf if peaks else 0.0, np.inf]]),
-    )
-    status = solver.solve()
-    if equalities and status != piqp.PIQP_SOLVED:
-        return None
-    result = solver.result
-    dx = result.x[:n]
-    multipliers = np.maximum(result.z_u, 0.0)
-    on_constraints, on_peaks = np.zeros(len(here.constraints)), multipliers[constraints:]
-    on_constraints[kept] = multipliers[:constraints]
-    lagrangian = (
-        here.gradient
-        - here.constraints_jacobian.T @ on_constraints
-        + here.peaks_jacobian.T @ on_peaks
-    )
-    on_equalities = result.y if equalities else equal
-    if equalities:
-        lagrangian = lagrangian + equal_jacobian.T @ on_equalities
-    complementarity = np.concatenate(
-        [on_constraints * np.maximum(here.constraints, 0.0), on_peaks * (top - here.peaks)]
-    )
-    peak = float((here.peaks + here.peaks_jacobian @ dx).max()) if peaks else 0.0
-    step = _Step(
-        dx=dx,
-        objective=here.value + float(here.gradient @ dx + 0.5 * dx @ here.hessian @ dx) + peak,
-        violation=_violation(
-            here.constraints + here.constraints_jacobian @ dx,
-            equal + equal_jacobian @ dx if equalities else equal,
-        ),
-        on_constraints=on_constraints,
-        on_equalities=on_equalities,
-        on_peaks=on_peaks,
-        optimality=float(max(np.abs(lagrangian).max(), complementarity.max(initial=0.0))),
-    )
-    return step, float(result.x[n + 1])
-
-
-def _violation(constraints: Array, equalities: Array) -> float:
-    """Return by how much the worst constraint is below zero, or the worst equality is off it."""
-    below = -constraints.min(initial=0.0)
-    return float(max(0.0, below, np.abs(equalities).max(initial=0.0)))
+    if (
+        len(violations) > _PATIENCE
+        and min(violations) > FEASIBILITY_TOLERANCE
+        and violations[-1] > max(_SMALL_VIOLATION, _STAGNANT * violations[-1 - _PATIENCE])
+    ):
+        return "stuck: the violation of the constraints no longer falls"
+    if radius < _SMALLEST_RADIUS:
+        return "stalled: no step within the smallest trust region brings progress"
+    return None

@@ -19,9 +19,10 @@ from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.motion.followed import FollowedMotion
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.motion.watch import CHECKING
+from ff_planner_ros.planning.optimisation.linearisation import FEASIBILITY_TOLERANCE
 from ff_planner_ros.planning.optimisation.objectives import weighted_sum, with_tie_break
 from ff_planner_ros.planning.optimisation.program import PathLinearisation, PathProgram
-from ff_planner_ros.planning.optimisation.solver import FEASIBILITY_TOLERANCE, nearest_feasible
+from ff_planner_ros.planning.optimisation.solver import nearest_feasible
 from ff_planner_ros.planning.problem.problem import Objective
 from ff_planner_ros.planning.requirements.singular_values import SingularValues
 from ff_planner_ros.planning.search.search import FoundPath, Grid, PathSolution, Search, corrected
@@ -218,7 +219,7 @@ class AttitudeSearch(Search):
         looked = self._solve(_with(more, iterations=0), path.x).at_x
         if not looked.violation < _SMALL_VIOLATION:
             return []
-        worth = looked.objective if asked.joint_path_length else float(looked.peaks.max())
+        worth = looked.objective if asked.joint_path_length else float(looked.max_terms.max())
         return [_Rough(path, worth)]
 
     def _rough_grid(self, asked: Objective) -> Grid:

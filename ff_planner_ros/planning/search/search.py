@@ -13,9 +13,9 @@ from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.motion.followed import FollowedMotion
 from ff_planner_ros.planning.motion.plan import SolverReport
 from ff_planner_ros.planning.motion.watch import CHECKING, REFINING, SEARCHING, Progress, Watch
+from ff_planner_ros.planning.optimisation.linearisation import FEASIBILITY_TOLERANCE
 from ff_planner_ros.planning.optimisation.program import PathLinearisation, PathProgram
 from ff_planner_ros.planning.optimisation.solver import (
-    FEASIBILITY_TOLERANCE,
     FIRST_RADIUS,
     Solution,
     minimise,
