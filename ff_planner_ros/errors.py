@@ -213,11 +213,12 @@ class NoPlanFound(FfPlannerError):
 
 
 class OutOfTime(FfPlannerError):
-    """The time for a search is over; `plan` turns it into a NoPlanFound."""
+    """The time for a search is over; `perform` turns it into a NoPlanFound."""
 
     def __init__(self, message: str) -> None:
         """Only one status fits."""
         super().__init__(Status.TIMED_OUT, message)
+        self.refusal: NoPlanFound | None = None  # with how far the search came, where it knows
 
 
 class Interrupted(FfPlannerError):

@@ -143,9 +143,12 @@ class Patience(Watch):
 def test_a_search_that_is_ended_tells_that_there_is_a_shortest_plan():
     problem = replace(load_scenario(LEMUR_SCENARIO), objective=ATTITUDE)
     needed = plan(replace(problem, objective=LENGTH), SETTINGS).solver.rollouts
-    with pytest.raises(NoPlanFound, match="a plan of least joint path was found") as refused:
+    with pytest.raises(OutOfTime) as end:
         plan(problem, SETTINGS, Patience(needed + 20))
-    assert refused.value.status is Status.TIMED_OUT
-    assert refused.value.attempt.metrics.joint_path_length < 1.2
-    with pytest.raises(NoPlanFound, match="whether there is a plan is not known"):
+    refused = end.value.refusal
+    assert refused.status is Status.TIMED_OUT
+    assert "a plan of least joint path was found" in refused.constraint
+    assert refused.attempt.metrics.joint_path_length < 1.2
+    with pytest.raises(OutOfTime) as end:
         plan(problem, SETTINGS, Patience(needed - 5))
+    assert "whether there is a plan is not known" in end.value.refusal.constraint

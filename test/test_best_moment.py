@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ff_planner_ros.errors import NoPlanFound, Status
+from ff_planner_ros.errors import NoPlanFound, OutOfTime, Status
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.problem.problem import (
@@ -23,8 +23,9 @@ from ff_planner_ros.planning.problem.problem import (
 from ff_planner_ros.planning.search import best_moment, free_moment
 from ff_planner_ros.planning.search.best_moment import duration_of, plan_at_best_moment
 from ff_planner_ros.planning.search.free_moment import SOONER, moments_to_begin_at
-from ff_planner_ros.planning.search.free_search import PROMISING, Moment
+from ff_planner_ros.planning.search.free_search import Moment
 from ff_planner_ros.planning.search.planner import NOBODY
+from ff_planner_ros.planning.search.search import PROMISING_VIOLATION
 
 SETTINGS = load_parameters().planner
 SPLINE = Parametrisation.JOINT_SPLINE
@@ -44,7 +45,7 @@ class Asked:
         if math.isnan(length):
             raise NoPlanFound(Status.COLLISION, f"no plan of {problem.duration:g} s")
         if math.isinf(length):
-            raise NoPlanFound(Status.TIMED_OUT, "the time is over")
+            raise OutOfTime("the time is over")
         metrics = replace(self.plan.metrics, joint_path_length=length)
         return replace(self.plan, metrics=metrics, duration=problem.duration, family=SPLINE.value)
 
@@ -141,15 +142,18 @@ def test_a_search_that_is_ended_tells_the_best_plan_until_then(
     lengths = {8.0: 9.0, 17.0: 1.0, 12.0: 6.0}
     planner = asked(lambda duration: lengths.get(duration, math.inf))
     promising = [moment(duration, 0.0) for duration in (8.0, 17.0, 12.0, 10.0)]
-    with pytest.raises(NoPlanFound, match="a plan of 17 s was found") as refused:
+    with pytest.raises(OutOfTime, match="the time is over") as end:
         planner.best(monkeypatch, *promising)
-    assert refused.value.status is Status.TIMED_OUT
-    assert isinstance(refused.value.attempt, Plan)
-    assert refused.value.attempt.duration == 17.0
+    refused = end.value.refusal
+    assert refused is not None
+    assert refused.status is Status.TIMED_OUT
+    assert refused.constraint.startswith("a plan of 17 s was found")
+    assert isinstance(refused.attempt, Plan)
+    assert refused.attempt.duration == 17.0
     first = asked(lambda _: math.inf)
-    with pytest.raises(NoPlanFound, match="the time is over") as alone:
+    with pytest.raises(OutOfTime, match="the time is over") as alone:
         first.best(monkeypatch, moment(8.0, 0.0))
-    assert alone.value.attempt is None
+    assert alone.value.refusal is None
 
 
 def test_a_search_begins_all_over_the_range(asked: Callable[..., Asked]) -> None:
@@ -160,7 +164,11 @@ def test_a_search_begins_all_over_the_range(asked: Callable[..., Asked]) -> None
 def test_only_moments_that_nearly_keep_everything_are_promising_and_the_best_come_first(
     asked: Callable[..., Asked], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    found = [moment(9.0, 3.0), moment(6.0, 1.0, 2.0 * PROMISING), moment(12.0, 2.0, PROMISING)]
+    found = [
+        moment(9.0, 3.0),
+        moment(6.0, 1.0, 2.0 * PROMISING_VIOLATION),
+        moment(12.0, 2.0, PROMISING_VIOLATION),
+    ]
     monkeypatch.setattr(free_moment, "_in_family", lambda *_: iter(found))
     monkeypatch.setattr(free_moment, "require_plannable", lambda *_: None)
     problem, effort = asked(steps, Objective(1.0, 0.0)).problem, best_moment.Effort()

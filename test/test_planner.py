@@ -1,5 +1,6 @@
 """The paper's capture, planned: reference values, determinism, refusals."""
 
+import re
 from dataclasses import replace
 from itertools import count
 
@@ -242,7 +243,7 @@ def test_a_duration_too_short_for_the_velocity_limits_is_refused_and_a_longer_on
     [(0, None), (9, 13), (13, 25)],
 )
 def test_a_search_that_is_ended_tells_how_far_it_came(capture, settings, allowed, points):
-    """To the solver itself, a NoPlanFound on the way is a wall that it turns away from."""
+    """It holds the refusal that `perform` raises, with the best attempt until then."""
     calls = count(1)
 
     class Impatient(Watch):
@@ -250,14 +251,16 @@ def test_a_search_that_is_ended_tells_how_far_it_came(capture, settings, allowed
             if next(calls) > allowed:
                 raise OutOfTime("the patience of this test is at its end")
 
-    with pytest.raises(NoPlanFound, match=r"patience of this test.*more time") as refusal:
+    with pytest.raises(OutOfTime, match="patience of this test") as end:
         plan(replace(capture, objective=LENGTH), settings, Impatient())
-    assert refusal.value.status is Status.TIMED_OUT
+    refusal = end.value.refusal
+    assert re.search(r"patience of this test.*more time", refusal.constraint)
+    assert refusal.status is Status.TIMED_OUT
     assert next(calls) == allowed + 2
-    attempt = refusal.value.attempt
+    attempt = refusal.attempt
     assert (None if attempt is None else len(attempt.trajectory.time)) == points
     if points is not None:
-        assert f"the best attempt so far, on {points} points" in str(refusal.value)
+        assert f"the best attempt so far, on {points} points" in str(refusal)
 
 
 def test_who_could_have_ended_a_search_does_not_change_its_answer(capture, settings, shortest):

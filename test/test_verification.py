@@ -21,8 +21,8 @@ from ff_planner_ros.planning.optimisation.program import path_program
 from ff_planner_ros.planning.paths.end_effector_polynomial import end_effector_paths
 from ff_planner_ros.planning.problem.problem import Objective, PlanningProblem, Target
 from ff_planner_ros.planning.scenario.scenario import load_scenario
-from ff_planner_ros.planning.search.planner import plan, plan_of_path
-from ff_planner_ros.planning.search.search import FoundPath
+from ff_planner_ros.planning.search.candidate import Candidate, plan_of_path
+from ff_planner_ros.planning.search.planner import plan
 from ff_planner_ros.problems import witnessed
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import Robot
@@ -72,7 +72,7 @@ def test_a_violent_plan_comes_true_as_well_as_a_tame_one() -> None:
     family = end_effector_paths(problem)
     path = path_program(problem, family, settings).linearise(np.array(VIOLENT))
     nothing = SolverReport(1, 0, 1, np.inf, "a given path")
-    made = plan_of_path(problem, settings, family, FoundPath(path, nothing))
+    made = plan_of_path(problem, settings, family, Candidate(path, nothing))
     off = verify(problem.robot, made.trajectory).deviation
     assert off.final_position_error <= 1e-5
     assert off.final_orientation_error <= np.deg2rad(0.005)

@@ -28,8 +28,8 @@ from ff_planner_ros.planning.motion.runge_kutta import runge_kutta_step
 from ff_planner_ros.planning.paths.path_family import singular_refusal
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.problem.settings import PlannerSettings
+from ff_planner_ros.planning.search.candidate import plan_of_motion
 from ff_planner_ros.planning.search.families import require_papers_paths
-from ff_planner_ros.planning.search.planner import plan_of_motion
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.momentum import total_momentum
 

@@ -20,7 +20,7 @@ from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.motion.system_frame import system_frame
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.problem.settings import PlannerSettings
-from ff_planner_ros.planning.search.planner import plan_of_motion
+from ff_planner_ros.planning.search.candidate import plan_of_motion
 from ff_planner_ros.planning.task.task import PlanningTask, perform
 from ff_planner_ros.robot.configuration import configuration, system_state
 from ff_planner_ros.robot.momentum import base_twist, generalised_jacobian, total_momentum

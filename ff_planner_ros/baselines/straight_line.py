@@ -11,9 +11,8 @@ from ff_planner_ros.planning.paths.end_effector_polynomial import end_effector_p
 from ff_planner_ros.planning.paths.path_family import singular_refusal
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.problem.settings import PlannerSettings
+from ff_planner_ros.planning.search.candidate import Candidate, plan_of_path
 from ff_planner_ros.planning.search.families import require_papers_paths
-from ff_planner_ros.planning.search.planner import plan_of_path
-from ff_planner_ros.planning.search.search import FoundPath
 
 
 def straight_line(problem: PlanningProblem, settings: PlannerSettings) -> Plan:
@@ -38,4 +37,4 @@ def straight_line(problem: PlanningProblem, settings: PlannerSettings) -> Plan:
     at_x = path_program(problem, family, settings).linearise(straight)
     if at_x.motion.singular_at is not None:
         raise singular_refusal(at_x.motion.singular_at, problem.duration)
-    return plan_of_path(problem, settings, family, FoundPath(at_x, report))
+    return plan_of_path(problem, settings, family, Candidate(at_x, report))

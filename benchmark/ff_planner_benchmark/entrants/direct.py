@@ -14,9 +14,8 @@ from ff_planner_ros.planning.paths.end_effector_polynomial import end_effector_p
 from ff_planner_ros.planning.paths.path_family import singular_refusal
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.problem.settings import PlannerSettings
+from ff_planner_ros.planning.search.candidate import Candidate, plan_of_path
 from ff_planner_ros.planning.search.families import require_papers_paths
-from ff_planner_ros.planning.search.planner import plan_of_path
-from ff_planner_ros.planning.search.search import FoundPath
 
 _ITERATIONS = 100
 
@@ -36,4 +35,4 @@ def _direct(problem: PlanningProblem, settings: PlannerSettings) -> Plan:
     if at_x.motion.singular_at is not None:
         raise singular_refusal(at_x.motion.singular_at, problem.duration)
     report = SolverReport(1, 0, stop.rollouts, float("inf"), stop.message)
-    return plan_of_path(problem, settings, family, FoundPath(at_x, report))
+    return plan_of_path(problem, settings, family, Candidate(at_x, report))

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ff_planner_ros.common.arrays import Array, Indices
-from ff_planner_ros.errors import Failure, InvalidInput, NoPlanFound, Status
+from ff_planner_ros.errors import Failure, InvalidInput, NoPlanFound, OutOfTime, Status
 from ff_planner_ros.planning.check.check import measure
 from ff_planner_ros.planning.distance.base_spread import base_spread, tracked_motion
 from ff_planner_ros.planning.distance.clearance import arm_points
@@ -165,9 +165,7 @@ def _keeping(asked: _Asked, sigmas: float) -> Plan | NoPlanFound:
         again = found.coefficients if found.coefficients.size else None
         try:
             found, back = _planned(asked, more, again), more
-        except (InvalidInput, NoPlanFound) as refused:
-            if refused.status is Status.TIMED_OUT:
-                raise
+        except NoPlanFound as refused:
             return _short_of(problem, sigmas, lacking, found, refused)
     raise AssertionError  # the last round returns
 
@@ -181,7 +179,7 @@ def _can_be_kept(asked: _Asked, sigmas: float) -> str:
         middle = (low + high) / 2
         try:
             found = _keeping(asked, middle)
-        except NoPlanFound:  # out of time
+        except OutOfTime:
             break
         if isinstance(found, Plan):
             low = middle
@@ -304,8 +302,6 @@ def _planned(asked: _Asked, back: _Back, guess: Array | None) -> Plan:
     try:
         return asked.method(less, asked.settings, asked.watch, guess)
     except (InvalidInput, NoPlanFound) as refused:
-        if refused.status is Status.TIMED_OUT:
-            raise
         most = float(back.spheres.max(initial=0.0))
         why = str(refused).partition(". What may help")[0]
         words = f"with what is lacking kept back, obstacles up to {most:.3g} m larger: {why}"

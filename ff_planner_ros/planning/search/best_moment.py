@@ -52,7 +52,7 @@ class _Asked:
         """Return the plan of one duration [s], or why there is none.
 
         Raises:
-            NoPlanFound: The time for the search is over; with the best plan that was made before.
+            OutOfTime: By the watch; with the best plan that was made before.
         """
         fixed = replace(lasting(self.problem, duration), parametrisation=family)
         settings = replace(self.settings, starts=starts)
@@ -61,9 +61,11 @@ class _Asked:
             settings = replace(settings, max_iterations=min(_ENOUGH, settings.max_iterations))
         try:
             found = self.plan(fixed, settings, self.watch, guess)
+        except OutOfTime as end:
+            if self.made:
+                end.refusal = self._unfinished(duration, end.refusal or out_of_time(end))
+            raise
         except NoPlanFound as refused:
-            if refused.status is Status.TIMED_OUT:
-                raise (self._unfinished(duration, refused) if self.made else refused) from None
             return refused
         self.effort.add(found.solver)
         self.made.append(found)
@@ -109,14 +111,12 @@ def plan_at_best_moment(
 
     Raises:
         InvalidInput: The start violates what the plan must keep.
-        NoPlanFound: At no moment is there a plan, or the search was ended.
+        NoPlanFound: At no moment is there a plan.
+        OutOfTime: By the watch.
     """
     effort = Effort()
     asked = _Asked(problem, settings, watch, plan, effort)
-    try:
-        promising = moments(problem, settings, watch, first_guess, effort)
-    except OutOfTime as end:
-        raise out_of_time(end) from None
+    promising = moments(problem, settings, watch, first_guess, effort)
     best, moment = _best_of(asked, promising)
     if best is None:
         best = _any(asked)

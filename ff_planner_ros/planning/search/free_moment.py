@@ -24,7 +24,8 @@ from ff_planner_ros.planning.paths.path_family import PathFamily
 from ff_planner_ros.planning.problem.problem import DurationRange, PlanningProblem, lasting
 from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.search.families import path_families
-from ff_planner_ros.planning.search.free_search import PROMISING, Effort, FreeSearch, Moment
+from ff_planner_ros.planning.search.free_search import Effort, FreeSearch, Moment
+from ff_planner_ros.planning.search.search import PROMISING_VIOLATION
 
 # Moments of the range that the search begins at, as parts of it: the shortest first.
 _PARTS = (0.0, 0.25, 0.5, 0.75, 1.0)
@@ -56,7 +57,7 @@ def moments(
         NoPlanFound: At no moment is the goal within reach.
         OutOfTime: By the watch.
     """
-    begun = _begun(problem, settings)
+    begun = _plannable(problem, settings)
     found = list[Moment]()
     only_duration = problem.objective.only_duration
     numbers = range(len(path_families(begun[0], settings)))
@@ -64,7 +65,7 @@ def moments(
     for number in reversed(numbers) if only_duration else numbers:
         few = replace(settings, starts=1) if found and only_duration else settings
         in_family = _in_family(problem, begun, number, few, watch, first_guess, effort)
-        promising = (moment for moment in in_family if moment.violation <= PROMISING)
+        promising = (moment for moment in in_family if moment.violation <= PROMISING_VIOLATION)
         if only_duration:
             found += islice(promising, 1)
         else:
@@ -75,7 +76,7 @@ def moments(
         if only_duration and any(one.duration == problem.durations.minimum for one in found):
             break  # there is no better one
     if found and only_duration:
-        found += _sooner(problem, min(found, key=_worth), settings, watch, effort)
+        found += _earlier(problem, min(found, key=_worth), settings, watch, effort)
     return sorted(found, key=_worth)
 
 
@@ -90,7 +91,7 @@ def moments_to_begin_at(problem: PlanningProblem) -> list[float]:
     return [window.minimum + part * wide for part in (_PARTS if wide > 0.0 else _PARTS[:1])]
 
 
-def _begun(problem: PlanningProblem, settings: PlannerSettings) -> list[PlanningProblem]:
+def _plannable(problem: PlanningProblem, settings: PlannerSettings) -> list[PlanningProblem]:
     """Return the problem at the moments to begin at, those at which it is not hopeless."""
     begun, refusals = list[PlanningProblem](), list[NoPlanFound]()
     for duration in moments_to_begin_at(problem):
@@ -127,10 +128,10 @@ def _in_family(
         for search, guesses in zip(searches, starts, strict=True):
             for guess in islice(guesses, 1):
                 effort.starts += 1
-                moment = search.improved(guess, watch, effort)
+                moment = search.optimum(guess, watch, effort)
                 if moment is not None:
                     yield moment
-                    promising += moment.violation <= PROMISING
+                    promising += moment.violation <= PROMISING_VIOLATION
         if promising >= _ENOUGH:
             return
 
@@ -141,7 +142,7 @@ def _guesses(search: FreeSearch, first_guess: Array | None) -> Iterator[Array]:
     yield from search.guesses()
 
 
-def _sooner(
+def _earlier(
     problem: PlanningProblem,
     known: Moment,
     settings: PlannerSettings,
@@ -162,8 +163,8 @@ def _sooner(
                 effort.starts += 1
                 search = FreeSearch(bounded, lasting(bounded, bounded.duration), way, settings)
                 near = search.glance(guess, watch, effort)
-                moment = None if near is None else search.improved(near, watch, effort)
-                if moment is not None and moment.violation <= PROMISING:
+                moment = None if near is None else search.optimum(near, watch, effort)
+                if moment is not None and moment.violation <= PROMISING_VIOLATION:
                     yield moment
                 if moment is None or not moment.is_certain:
                     guess = next(guesses, None)
@@ -172,7 +173,7 @@ def _sooner(
                 if earlier is None:
                     return
                 if moment.duration < _ANOTHER * fixed.duration:  # first guesses are others then
-                    yield from _sooner(problem, moment, settings, watch, effort)
+                    yield from _earlier(problem, moment, settings, watch, effort)
                     return
                 bounded, guess = earlier, moment.x
 

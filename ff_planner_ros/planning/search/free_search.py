@@ -23,14 +23,11 @@ from ff_planner_ros.planning.optimisation.solver import FIRST_RADIUS, minimise, 
 from ff_planner_ros.planning.paths.path_family import PathFamily
 from ff_planner_ros.planning.problem.problem import DurationRange, Parametrisation, PlanningProblem
 from ff_planner_ros.planning.problem.settings import PlannerSettings
+from ff_planner_ros.planning.search.grid import COARSE, Stage
+from ff_planner_ros.planning.search.search import PROMISING_VIOLATION
 
 # A bold first step changes the duration by this part of the range.
 _STRIDE = 0.1
-# Points, damping, first-order optimality, part of the objective that a last step may promise, and
-# iterations. More points are for the moment that is chosen.
-_LEVELS = ((13, 0.005, 1e-2, 2e-3, 40), (25, 0.0, 3e-3, 2e-4, 40))
-# A path on few points that violates a requirement by less may lead to a plan nearby.
-PROMISING = 5e-3
 # The solver stays a little inside the range: so near to its end it means the end [s].
 _AT_END = 1e-4
 # One that violates less is where path and duration together are at their best.
@@ -103,8 +100,8 @@ class FreeSearch:
 
     def guesses(self) -> Iterator[Array]:
         """Yield first guesses without end."""
-        points, damping, *_ = _LEVELS[0]
-        return self.family.first_guesses(self.fixed.obstacles, points, damping)
+        stage = COARSE[0]
+        return self.family.first_guesses(self.fixed.obstacles, stage.points, stage.damping)
 
     def _program(self) -> PathProgram:
         asked = self.problem.objective
@@ -112,8 +109,8 @@ class FreeSearch:
         path = replace(asked, joint_path_length=asked.joint_path_length or least)
         return path_program(replace(self.fixed, objective=path), self.family, self.settings)
 
-    def _free(self, program: PathProgram, points: int, damping: float) -> FreeProgram:
-        on_points = replace(program, points=points, damping=damping)
+    def _free(self, program: PathProgram, stage: Stage) -> FreeProgram:
+        on_points = replace(program, points=stage.points, damping=stage.damping)
         return FreeProgram(self.problem, on_points, self.problem.objective.duration, self._unit)
 
     def glance(self, guess: Array, watch: Watch, effort: Effort) -> Array | None:
@@ -121,13 +118,12 @@ class FreeSearch:
 
         Only what a few steps lead to is known.
         """
-        points, damping, *_ = _LEVELS[0]
-        free = self._free(self._program(), points, damping)
+        free = self._free(self._program(), COARSE[0])
         linearise, along = _watched(free, watch, effort), self._along(guess)
         here = linearise(along)
         if not here.is_defined:
             return None
-        for allowed in (_FAR, PROMISING):
+        for allowed in (_FAR, PROMISING_VIOLATION):
             solution = nearest_feasible(linearise, along, here, _GLANCE)
             effort.iterations += solution.iterations
             along, here = solution.x, solution.at_x
@@ -135,21 +131,23 @@ class FreeSearch:
                 return None
         return along[:-1]
 
-    def improved(self, guess: Array, watch: Watch, effort: Effort) -> Moment | None:
+    def optimum(self, guess: Array, watch: Watch, effort: Effort) -> Moment | None:
         """Return where path and duration together lead to from a first guess; None: nowhere."""
-        along, program, levels = self._along(guess), self._program(), list(_LEVELS)
-        while levels:
-            points, damping, optimality, progress, iterations = levels[0]
-            free = self._free(program, points, damping)
+        along, program, stages = self._along(guess), self._program(), list(COARSE)
+        while stages:
+            stage = stages[0]
+            free = self._free(program, stage)
             linearise = _watched(free, watch, effort)
-            solution = minimise(linearise, along, iterations, optimality, progress, self._radius)
+            solution = minimise(
+                linearise, along, stage.iterations, stage.optimality, stage.progress, self._radius
+            )
             effort.iterations += solution.iterations
             if not solution.at_x.is_defined:
                 return None
             along = solution.x
             broken = free.at(free.duration(along)).broken(solution.at_x)
             program = program.keeping(broken)
-            levels = levels if broken else levels[1:]
+            stages = stages if broken else stages[1:]
         return Moment(
             _chosen(self.problem.durations, free.duration(along)),
             Parametrisation(self.family.name),

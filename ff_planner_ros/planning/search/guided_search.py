@@ -1,4 +1,4 @@
-"""A search from one first guess that is another problem's path."""
+"""A search from one initial guess: another problem's path, or what remains of a running plan."""
 
 from __future__ import annotations
 
@@ -14,22 +14,22 @@ from ff_planner_ros.planning.motion.measures import joint_path_length
 from ff_planner_ros.planning.motion.watch import Progress, Watch
 from ff_planner_ros.planning.optimisation.program import PathLinearisation
 from ff_planner_ros.planning.search.attitude_search import AttitudeSearch
-from ff_planner_ros.planning.search.search import (
-    FoundPath,
-    PathSolution,
-    corrected,
-    is_promising,
-    near,
-)
+from ff_planner_ros.planning.search.candidate import Candidate
+from ff_planner_ros.planning.search.grid import CLEARANCES, Grid
+from ff_planner_ros.planning.search.grid_solver import PathSolution
+from ff_planner_ros.planning.search.search import is_promising
 
-# The first trust region: another problem's path is near this one's.
-_RADIUS = 0.1
-# On few points, where most that lead anywhere are there after eight; and on all points after them.
-_ITERATIONS_FEW, _ITERATIONS_AFTER = 15, 2
+# Near a guess: the part of the objective that another step must predict, the first trust region,
+# and steps to the nearest path that keeps all.
+_PROGRESS, _RADIUS, _RESTORATION_ITERATIONS = 1e-3, 0.1, 8
+# Iterations on the coarsest grid, where most guesses that lead anywhere are there after eight, and
+# on all points after them; and near a remainder, which was optimal when its plan was made.
+_COARSE_ITERATIONS, _FINE_ITERATIONS, _ITERATIONS_NEAR_REMAINDER = 15, 2, 4
 # A path may be a long way round that is so many times as long as the straight way of its joints,
 # and as the path that the family would begin with.
 _DIRECT, _LONG = 1.2, 1.5
 _ENOUGH = "good enough: at its optimum on few points, and two steps further on all of them"
+_NEAREST = "good enough: the nearest to what remains of the running plan that keeps the constraints"
 # A guess that leads to a plan takes 6 to 70 looks at a path; three to four times as many where the
 # duration is free, too.
 _LOOKS, _LOOKS_WITH_DURATION = 120, 480
@@ -66,25 +66,61 @@ class Allowance(Watch):
 class GuidedSearch(AttitudeSearch):
     """Looks for the path that a guess leads to."""
 
-    def paths_from(self, guess: Array) -> Iterator[FoundPath]:
+    def paths_from(self, guess: Array) -> Iterator[Candidate]:
         """Yield the path on all points to which a guess leads, where it leads to an optimum.
 
-        On few points the path goes all the way to its optimum: one that is only mended around the
-        obstacles would stay as long as it is. Where it is long, what comes of the family's own
-        first guess is looked at, too, on few points, and the better one is taken.
+        On the coarsest grid the path goes all the way to its optimum: one that is only mended
+        around the obstacles would stay as long as it is. Where it is long, the path that the
+        family's own initial guess leads to is looked at, too, and the better one is taken.
 
         Raises:
             OutOfTime: By the watch.
         """
-        rough = self._optimum_on_few_points(guess)
-        if rough is None:
+        coarse = self._coarse_optimum(guess)
+        if coarse is None:
             return
-        grid = near(corrected(self._grids[-1], rough.x), _ITERATIONS_AFTER, _RADIUS)
-        solution = self._mended_near(grid, self._solve(grid, rough.x))
-        found, followed = self._kept_between_points(grid, solution)
+        grid = _near(self.grids[-1].with_correction(coarse.x), _FINE_ITERATIONS)
+        solution = self.restore(grid, self.solve(grid, coarse.x), _RESTORATION_ITERATIONS)
+        found, followed = self.tighten(grid, solution, self.solve_and_restore)
         if found.feasible and not found.converged:
             found = replace(found, stop_reason=_ENOUGH)
-        yield from self._checkable(found, followed)
+        yield from self.candidates(found, followed)
+
+    def paths_near(self, guess: Array) -> Iterator[Candidate]:
+        """Yield paths on all points to which a guess leads in a few steps and that keep all.
+
+        The first is the nearest that keeps all, the second is better by the objective. A joint
+        path is as long however late it is run: an objective that were improved again and again on
+        the way would put the motion off to the end.
+
+        Raises:
+            OutOfTime: By the watch.
+        """
+        self.starts += 1
+        grid = _near(self.grids[-1].with_correction(guess), _ITERATIONS_NEAR_REMAINDER)
+        at_guess = self.evaluate(grid, guess)
+        if not at_guess.is_defined:
+            return
+        eased = grid.program.easing(at_guess, CLEARANCES)
+        if eased is not grid.program:
+            grid = replace(grid, program=eased)
+            at_guess = self.evaluate(grid, guess)
+        nearest = self.nearest(grid, guess, at_guess, _RESTORATION_ITERATIONS)
+        found, followed = self.tighten(grid, nearest, self._restoration)
+        if found.feasible:
+            yield from self.candidates(replace(found, stop_reason=_NEAREST), followed)
+        solution = self.solve(grid, guess, at_start=at_guess)
+        better = self.restore(grid, solution, _RESTORATION_ITERATIONS)
+        found, followed = self.tighten(grid, better, self._restoration)
+        if found.feasible:
+            yield from self.candidates(found, followed)
+
+    def _restoration(self, grid: Grid, start: Array) -> PathSolution:
+        """Return the nearest path to a start that keeps what the grid's program demands."""
+        at_start = self.evaluate(grid, start)
+        if not at_start.is_defined:
+            return self.solve(grid, start, at_start=at_start)
+        return self.nearest(grid, start, at_start, _RESTORATION_ITERATIONS)
 
     def _is_long(self, at_x: PathLinearisation) -> bool:
         """Tell whether a path may be a long way round."""
@@ -92,32 +128,37 @@ class GuidedSearch(AttitudeSearch):
         length = at_x.objective / self._program.objective.joint_path_length
         if length <= _DIRECT * float(np.linalg.norm(ends[1] - ends[0])):
             return False
-        level = self._grids[0].level
-        own = self._program.family.motion(self._own, level.points, level.damping)
+        stage = self.grids[0].stage
+        own = self._program.family.motion(self._own, stage.points, stage.damping)
         if own.singular_at is not None:
             return False
-        step = self._program.problem.duration / (level.points - 1)
+        step = self._program.problem.duration / (stage.points - 1)
         return length > _LONG * joint_path_length(own.v[:, 6:], step)
 
     @cached_property
     def _own(self) -> Array:
         """What the family would begin with."""
-        level, obstacles = self._grids[0].level, self._program.problem.obstacles
-        return next(self._program.family.first_guesses(obstacles, level.points, level.damping))
+        return next(self.initial_guesses())
 
-    def _optimum_on_few_points(self, guess: Array) -> PathSolution | None:
+    def _coarse_optimum(self, guess: Array) -> PathSolution | None:
         """Return the better one of the paths that the guess and the family's own lead to."""
-        self._starts += 1
-        few, geometry = self._grids[0], self._program.problem.robot.geometry
-        at_guess = self._looked_at(few, guess)
-        # Where the goal is an equation, the first step must have room to get there.
-        radius = few.level.first_radius if at_guess.equalities.size else _RADIUS
-        rough = self._solve(near(few, _ITERATIONS_FEW, radius), guess, here=at_guess)
-        if not is_promising(rough, geometry):
+        self.starts += 1
+        coarse, geometry = self.grids[0], self._program.problem.robot.geometry
+        at_guess = self.evaluate(coarse, guess)
+        grid = _near(coarse, _COARSE_ITERATIONS)
+        if at_guess.equalities.size:  # the first step must have room to get to the goal
+            grid = grid.with_stage(radius=coarse.stage.radius)
+        found = self.solve(grid, guess, at_start=at_guess)
+        if not is_promising(found, geometry):
             return None
-        if not self._is_long(rough.at_x):
-            return rough
-        self._starts += 1
-        other = self._solve(few, self._own)
-        is_better = other.at_x.objective < rough.at_x.objective
-        return other if is_better and is_promising(other, geometry) else rough
+        if not self._is_long(found.at_x):
+            return found
+        self.starts += 1
+        other = self.solve(coarse, self._own)
+        is_better = other.at_x.objective < found.at_x.objective
+        return other if is_better and is_promising(other, geometry) else found
+
+
+def _near(grid: Grid, iterations: int) -> Grid:
+    """Return a grid that is solved in a few steps, from near an optimum."""
+    return grid.with_stage(iterations=iterations, progress=_PROGRESS, radius=_RADIUS)

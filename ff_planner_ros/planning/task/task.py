@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import struct
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, fields, is_dataclass, replace
 from functools import cached_property, lru_cache
 from typing import Any, TypeAlias
@@ -15,8 +16,15 @@ from ff_planner_ros.common.arrays import Array, finite_number, frozen
 from ff_planner_ros.common.declared import check_declared, declare, declared_by_name
 from ff_planner_ros.common.declared_parts import changes
 from ff_planner_ros.common.forms import a_number, a_vector, a_word, or_none
-from ff_planner_ros.errors import Failure, FfPlannerError, InvalidInput, NoPlanFound, Status
-from ff_planner_ros.planning.check.check import failures, refusal
+from ff_planner_ros.errors import (
+    Failure,
+    FfPlannerError,
+    InvalidInput,
+    NoPlanFound,
+    OutOfTime,
+    Status,
+)
+from ff_planner_ros.planning.check.check import failures, out_of_time, refusal
 from ff_planner_ros.planning.motion.forward import carried_forward
 from ff_planner_ros.planning.motion.joint_motion import JointMotion
 from ff_planner_ros.planning.motion.plan import Plan
@@ -241,7 +249,7 @@ def perform(task: PlanningTask, watch: Watch = NOBODY, method: Method = plan) ->
     Raises:
         InvalidInput: The start violates what the plan must keep, or the tail is too long.
         NoPlanFound: The method found no plan, or what it found does not pass the check, with its
-            tail or without; or the controller would not take it.
+            tail or without; or the controller would not take it; or the watch ended the search.
     """
     problem, running = task.problem, task.running
     guess: FirstGuess | None = task.first_guess
@@ -254,10 +262,13 @@ def perform(task: PlanningTask, watch: Watch = NOBODY, method: Method = plan) ->
         frame, problem = _seen_from_system(problem, start)
     try:
         return frame.plan_seen_by_user(_performed(task, problem, watch, method, guess))
-    except NoPlanFound as refused:
-        if isinstance(refused.attempt, Plan):
-            refused.attempt = frame.plan_seen_by_user(refused.attempt)
-        raise
+    except OutOfTime as end:
+        refused = end.refusal or out_of_time(end)
+    except NoPlanFound as found_none:
+        refused = found_none
+    if isinstance(refused.attempt, Plan):
+        refused.attempt = frame.plan_seen_by_user(refused.attempt)
+    raise refused
 
 
 @lru_cache(maxsize=2)
@@ -331,11 +342,8 @@ def _at_another_moment(
         undrivable: Why there is none of the duration that was chosen; raised where none has one.
     """
     for moment in moments:
-        try:
+        with suppress(InvalidInput, NoPlanFound):
             return _performed(task, lasting(problem, moment), watch, method, None)
-        except (InvalidInput, NoPlanFound) as refused:
-            if refused.status is Status.TIMED_OUT:
-                raise
     raise undrivable
 
 

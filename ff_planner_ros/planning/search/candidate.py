@@ -1,0 +1,97 @@
+"""Candidates: paths that a search found, and the plans along them, measured and checked."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.planning.check.check import failures, measure
+from ff_planner_ros.planning.motion.followed import FollowedMotion
+from ff_planner_ros.planning.motion.followed_path import followed_path
+from ff_planner_ros.planning.motion.motion import to_trajectory
+from ff_planner_ros.planning.motion.plan import Plan, SolverReport
+from ff_planner_ros.planning.optimisation.program import PathLinearisation
+from ff_planner_ros.planning.paths.path_family import PathFamily
+from ff_planner_ros.planning.problem.problem import PlanningProblem
+from ff_planner_ros.planning.problem.settings import PlannerSettings
+from ff_planner_ros.robot.dynamics import accelerations
+from ff_planner_ros.robot.kinematics import rotation_base_to_inertial
+
+# A path whose own motion is as near as this to what comes of it [m, rad] is published as it is: its
+# end effector's twist is exact at the goal. From 1e-6 on its torques, open loop, led a wrist astray
+# by 0.1 deg.
+_NEAR = 1e-7
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """A path that the solver found, and the effort of the search until then."""
+
+    at_x: PathLinearisation  # its motion may be singular
+    report: SolverReport  # counts are those of the whole search so far
+    followed: FollowedMotion | None = None  # what comes of it; None: not worked out yet
+
+
+def sound_plan(
+    problem: PlanningProblem, settings: PlannerSettings, family: PathFamily, path: Candidate
+) -> Plan | None:
+    """Return the plan along a regular path of the family; None: it does not pass the check."""
+    plan = plan_of_path(problem, settings, family, path)
+    return None if any(failures(problem, plan, settings)) else plan
+
+
+def plan_of_path(
+    problem: PlanningProblem, settings: PlannerSettings, family: PathFamily, path: Candidate
+) -> Plan:
+    """Return the plan along a regular path of the family, measured and not yet judged."""
+    motion = path.at_x.motion
+    q, v, acceleration = motion.q, motion.v, path.at_x.acceleration
+    driven = path.followed or followed_path(problem, q, v, acceleration)
+    at_points = driven.q[:: driven.pieces]
+    if len(at_points) < len(q) or not _is_near(at_points, q):
+        q, v = at_points, driven.v[:: driven.pieces]
+        acceleration = accelerations(problem.robot, q, v, driven.joints.accelerations)
+    plain = plan_of_motion(problem, settings, q, v, acceleration, path.report)
+    return replace(
+        plain,
+        xi=family.decision_variables(motion.x),
+        orientation_reading=family.reading,
+        family=family.name,
+        coefficients=motion.x,
+    )
+
+
+def _is_near(q: Array, others: Array) -> bool:
+    """Tell whether the base is where it is in other configurations, but for what nobody feels."""
+    turns = rotation_base_to_inertial(q) - rotation_base_to_inertial(others)
+    return bool(max(np.abs(q[:, :3] - others[:, :3]).max(), np.abs(turns).max()) <= _NEAR)
+
+
+def plan_of_motion(
+    problem: PlanningProblem,
+    settings: PlannerSettings,
+    q: Array,
+    v: Array,
+    acceleration: Array,
+    solver: SolverReport,
+) -> Plan:
+    """Return a motion that need not follow a polynomial path, measured and not yet judged.
+
+    Args:
+        q: Configurations at equal steps of time. Shape (points, 7 + joints).
+        v: Tangent velocities. Shape (points, 6 + joints).
+        acceleration: dv/dt. Shape (points, 6 + joints).
+    """
+    time = np.linspace(0.0, 1.0, len(q)) * problem.duration
+    trajectory = to_trajectory(problem.robot, time, q, v, acceleration)
+    return Plan(
+        joint_names=problem.robot.joint_names,
+        trajectory=trajectory,
+        xi=np.empty(0),
+        orientation_reading="",
+        metrics=measure(problem, trajectory, settings),
+        solver=solver,
+        duration=problem.duration,
+    )

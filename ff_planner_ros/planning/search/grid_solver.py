@@ -1,0 +1,234 @@
+"""The solver on the grids of a program, and what it has done there until now."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from typing import TypeAlias
+
+import numpy as np
+
+from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.planning.motion.followed import FollowedMotion
+from ff_planner_ros.planning.motion.plan import SolverReport
+from ff_planner_ros.planning.motion.watch import CHECKING, REFINING, SEARCHING, Progress, Watch
+from ff_planner_ros.planning.optimisation.linearisation import FEASIBILITY_TOLERANCE
+from ff_planner_ros.planning.optimisation.program import PathLinearisation, PathProgram
+from ff_planner_ros.planning.optimisation.solver import Solution, minimise, nearest_feasible
+from ff_planner_ros.planning.problem.settings import PlannerSettings
+from ff_planner_ros.planning.requirements.goal import miss
+from ff_planner_ros.planning.search.candidate import Candidate
+from ff_planner_ros.planning.search.grid import Grid, grids_of
+
+PathSolution: TypeAlias = Solution[PathLinearisation]
+
+# Rounds of constraint tightening; each leaves a tenth or less of what is missing between points.
+_ROUNDS = 6
+# Of what the check allows at the goal, the part that a motion may miss.
+_MISS = 0.1
+# The nearest path that keeps all constraints is at most this many steps away from one that violates
+# them by less than this [unit of the constraint].
+SMALL_VIOLATION, _RESTORATION_ITERATIONS = 3e-2, 6
+
+
+class GridSolver:
+    """Solves a program on its grids."""
+
+    def __init__(self, program: PathProgram, settings: PlannerSettings, watch: Watch) -> None:
+        """Prepare to solve a program on all points, and on coarser grids."""
+        self._program, self._settings, self._watch = program, settings, watch
+        self.grids = grids_of(program, settings)
+        self.starts = 0  # initial guesses tried until now
+        self._looks = 0
+        self._solved: list[PathSolution] = []
+        self._on_all_points: list[PathSolution] = []
+        self._best_visited: PathLinearisation | None = None
+
+    def initial_guesses(self) -> Iterator[Array]:
+        """Yield the family's own initial guesses without end."""
+        stage, obstacles = self.grids[0].stage, self._program.problem.obstacles
+        return self._program.family.first_guesses(obstacles, stage.points, stage.damping)
+
+    def evaluate(self, grid: Grid, x: Array) -> PathLinearisation:
+        """Return objective and constraints of a path, with their derivatives by the directions."""
+        return self._watched(grid)(grid.along(x))
+
+    def solve(
+        self,
+        grid: Grid,
+        start: Array,
+        curvature: Array | None = None,
+        at_start: PathLinearisation | None = None,
+    ) -> PathSolution:
+        """Minimise from a start; the arguments are those of `minimise`."""
+        stage = grid.stage
+        solution = minimise(
+            self._watched(grid),
+            grid.along(start),
+            stage.iterations,
+            stage.optimality,
+            stage.progress,
+            grid.radius,
+            curvature,
+            stage.tolerated,
+            at_start,
+        )
+        return self._record(solution)
+
+    def nearest(
+        self, grid: Grid, x: Array, at_x: PathLinearisation, iterations: int
+    ) -> PathSolution:
+        """Return the nearest path that keeps the constraints, as far as a few steps lead there."""
+        along = grid.along(x)
+        return self._record(nearest_feasible(self._watched(grid), along, at_x, iterations))
+
+    def restore(self, grid: Grid, solution: PathSolution, iterations: int) -> PathSolution:
+        """Return a solution whose violations are mended, where they can be (restoration)."""
+        if solution.feasible or not solution.at_x.is_defined:
+            return solution
+        nearest = self.nearest(grid, solution.x, solution.at_x, iterations)
+        return replace(nearest, curvature=solution.curvature)
+
+    def solve_and_restore(self, grid: Grid, start: Array) -> PathSolution:
+        """Minimise from a start, then mend what is violated."""
+        return self.restore(grid, self.solve(grid, start), _RESTORATION_ITERATIONS)
+
+    def solve_feasibly(self, grid: Grid, x: Array, curvature: Array | None) -> PathSolution:
+        """Solve, and return the best feasible path on the way if the solver does not end at one.
+
+        Steps along curved constraints violate them a little until the solver converges; small
+        steps undo that.
+        """
+        self._best_visited = None
+        solution = self.solve(grid, x, curvature)
+        if solution.at_x.violation < SMALL_VIOLATION:
+            restored = self.restore(grid, solution, _RESTORATION_ITERATIONS)
+            solution = restored if restored.feasible else solution
+        if solution.feasible or self._best_visited is None:
+            return solution
+        at_best = self.solve(grid.with_stage(iterations=0), self._best_visited.motion.x)
+        reason = "good enough: the best on the way that keeps the constraints"
+        return replace(at_best, stop_reason=reason, curvature=solution.curvature)
+
+    def tighten(
+        self, grid: Grid, solution: PathSolution, solve: Callable[[Grid, Array], PathSolution]
+    ) -> tuple[PathSolution, FollowedMotion | None]:
+        """Tighten constraints until what a controller makes of the plan keeps them at all times.
+
+        Args:
+            solution: Of the grid's program, to begin with.
+            solve: Returns the solution of a tighter program from a path that hardly misses it.
+
+        Returns:
+            The path, and what comes of it, where that is sound.
+        """
+        program = grid.program
+        for _ in range(_ROUNDS):
+            if not solution.feasible:
+                break
+            motion = program.followed(solution.at_x)
+            slacks = program.slacks(motion)
+            is_sound = min(slacks.values()) >= 0.0
+            if is_sound and self._is_at_goal(motion):
+                return solution, motion
+            # Beside what is missing, half the margin that the search began with.
+            margins = {
+                name: margin + (self._program.margins[name] / 2 - slacks[name])
+                if slacks[name] < 0.0 and name not in program.waiting
+                else margin
+                for name, margin in program.margins.items()
+            }
+            broken = frozenset(name for name, slack in slacks.items() if slack < 0.0)
+            if broken and broken <= program.waiting:
+                # If that turns out to be impossible, this path says best what stands in the way.
+                self._on_all_points.append(solution)
+            self._keep(broken)
+            program = program.corrected(solution.at_x.motion, motion).keeping(broken)
+            program = replace(program, margins=margins)
+            if is_sound:  # a better aim is all that is missing, and no reason to optimise again
+                aimed = program.linearise(solution.x)
+                if aimed.violation <= FEASIBILITY_TOLERANCE:
+                    solution = replace(solution, at_x=aimed)
+                    continue
+            solution = solve(replace(grid, program=program), solution.x)
+        return solution, None
+
+    def candidates(
+        self, solution: PathSolution, followed: FollowedMotion | None
+    ) -> Iterator[Candidate]:
+        """Yield a path on all points and what comes of it, if it is regular, to be checked."""
+        if solution.at_x.is_defined:
+            self._watch.report(self._progress(CHECKING, solution.at_x))
+            yield replace(self.candidate(solution), followed=followed)
+
+    def candidate(self, solution: PathSolution) -> Candidate:
+        """Return the path of a solution, with the effort of all until now."""
+        report = SolverReport(
+            starts=self.starts,
+            iterations=sum(solved.iterations for solved in self._solved),
+            rollouts=self._looks,
+            optimality=solution.optimality,
+            stop_reason=solution.stop_reason,
+        )
+        return Candidate(solution.at_x, report)
+
+    def best(self) -> Candidate | None:
+        """Return the best path so far, with what the whole search took; None before the first.
+
+        The motion of the path is singular only where all are.
+        """
+        attempts = self._on_all_points or self._solved
+        return self.candidate(min(attempts, key=rank)) if attempts else None
+
+    def _keep(self, broken: frozenset[str]) -> None:
+        """Keep what a path has broken on all grids from now on."""
+        self._program = self._program.keeping(broken)
+        self.grids = [replace(grid, program=grid.program.keeping(broken)) for grid in self.grids]
+
+    def _is_at_goal(self, motion: FollowedMotion) -> bool:
+        problem, settings = self._program.problem, self._settings
+        position, turn = np.linalg.norm(miss(problem.robot, motion.q[-1], problem.target), axis=1)
+        return bool(
+            position <= _MISS * settings.position_tolerance
+            and turn <= _MISS * settings.orientation_tolerance
+        )
+
+    def _record(self, solution: PathSolution) -> PathSolution:
+        """Return a solution in terms of the decision variables, and keep it."""
+        solution = replace(solution, x=solution.at_x.motion.x)
+        self._solved.append(solution)
+        return solution
+
+    def _watched(self, grid: Grid) -> Callable[[Array], PathLinearisation]:
+        """Return what linearises a path of the grid's program while the watch looks on."""
+        phase = REFINING if grid.stage is self.grids[-1].stage else SEARCHING
+
+        def linearise(along: Array) -> PathLinearisation:
+            self._watch.require_time()
+            at_x = grid.linearise(along)
+            if at_x.is_defined:
+                self._looks += 1
+                progress = self._progress(phase, at_x)
+                self._watch.report(progress)
+                best = self._best_visited
+                if progress.violation <= FEASIBILITY_TOLERANCE and (
+                    best is None or progress.objective < best.objective
+                ):
+                    self._best_visited = at_x
+            return at_x
+
+        return linearise
+
+    def _progress(self, phase: str, at_x: PathLinearisation) -> Progress:
+        return Progress(phase, self.starts, self._looks, at_x.objective, at_x.violation)
+
+
+def rank(solution: PathSolution, tolerated: float = FEASIBILITY_TOLERANCE) -> tuple[bool, float]:
+    """Return a key to sort by: feasible before infeasible, then by objective or by violation.
+
+    Args:
+        tolerated: A smaller violation counts as feasible.
+    """
+    at_x = solution.at_x
+    is_infeasible = not at_x.violation <= tolerated
+    return is_infeasible, at_x.violation if is_infeasible else at_x.objective

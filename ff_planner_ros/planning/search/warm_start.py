@@ -1,0 +1,109 @@
+"""Plans from a warm start: a path that is given, or what remains of a running plan."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import chain
+
+import numpy as np
+
+from ff_planner_ros.common.arrays import Array, finite_vector
+from ff_planner_ros.errors import NoPlanFound, Status
+from ff_planner_ros.planning.check.preconditions import require_plannable
+from ff_planner_ros.planning.motion.plan import Plan
+from ff_planner_ros.planning.motion.watch import Watch
+from ff_planner_ros.planning.optimisation.program import path_program
+from ff_planner_ros.planning.paths.path_family import PathFamily
+from ff_planner_ros.planning.problem.problem import Objective, Parametrisation, PlanningProblem
+from ff_planner_ros.planning.problem.settings import PlannerSettings
+from ff_planner_ros.planning.search.candidate import sound_plan
+from ff_planner_ros.planning.search.continuing import NEAR, PathNear, Remainder
+from ff_planner_ros.planning.search.families import path_families
+from ff_planner_ros.planning.search.guided_search import GuidedSearch
+
+# Weights of the plan at which a search for a better attitude begins.
+SHORTEST = Objective(1.0, 0.0)
+
+
+def plan_near_guess(
+    problem: PlanningProblem, settings: PlannerSettings, watch: Watch, guess: Array | None
+) -> Plan:
+    """Return the plan of a given duration that a guess leads to by itself.
+
+    Raises:
+        InvalidInput: No family has so many variables.
+        NoPlanFound: It leads to none; where the attitude has a weight, to none that is better than
+            the one of least joint path.
+        OutOfTime: By the watch.
+    """
+    if guess is None:
+        raise NoPlanFound(Status.CHECK_FAILED, "the first guess leads to no duration")
+    require_plannable(problem, settings)
+    groups = path_families(problem, settings)
+    fitting = [ways for ways in groups if len(guess) == ways[0].variables]
+    if not fitting:
+        finite_vector("first_guess", guess, groups[0][0].variables)
+    ways = fitting[0]
+    problem = replace(problem, parametrisation=Parametrisation(ways[0].name))
+
+    def promise(family: PathFamily) -> tuple[float, float]:
+        at_x = path_program(problem, family, settings).linearise(guess)
+        return (max(at_x.violation, 0.0), at_x.objective) if at_x.is_defined else (np.inf, np.inf)
+
+    # Of several ways round, the same numbers are a good path in one alone.
+    for family in sorted(ways, key=promise) if len(ways) > 1 else ways:
+        plan = _plan_in_family(problem, settings, family, watch, guess)
+        if plan is not None:
+            return plan
+    raise NoPlanFound(Status.CHECK_FAILED, "the first guess leads to no plan")
+
+
+def _plan_in_family(
+    problem: PlanningProblem,
+    settings: PlannerSettings,
+    family: PathFamily,
+    watch: Watch,
+    guess: Array,
+) -> Plan | None:
+    """Return the plan of one family that a guess leads to in a few steps, if there is one."""
+    guess = finite_vector("first_guess", guess, family.variables)
+    asked = problem.objective
+    turns_count = asked.chaser_attitude > 0.0
+    first = replace(problem, objective=SHORTEST if turns_count else asked)
+    search = GuidedSearch(path_program(first, family, settings), settings, watch, guess)
+    plans = (sound_plan(problem, settings, family, path) for path in search.paths_from(guess))
+    found = next(filter(None, plans), None)
+    if found is None or not turns_count:
+        return found
+    better = search.better_at_guess(
+        asked, found, lambda path: sound_plan(problem, settings, family, path)
+    )
+    return None if better is found else better
+
+
+def plan_near_remainder(
+    problem: PlanningProblem,
+    settings: PlannerSettings,
+    watch: Watch,
+    groups: Sequence[Sequence[PathFamily]],
+    rest: Remainder,
+) -> tuple[Plan | None, Array]:
+    """Return the plan near what remains of another one, if there is one, and a guess for others.
+
+    It is a path of the first family that has one as near as it takes, or of the nearest.
+
+    Raises:
+        OutOfTime: By the watch.
+    """
+    paths = list[PathNear]()
+    for family in chain.from_iterable(groups):
+        paths.append(rest.path_near(problem, family))
+        if paths[-1].off <= NEAR:
+            break
+    nearest = min(paths, key=lambda path: path.off)
+    family, guess = nearest.family, nearest.x
+    problem = replace(problem, parametrisation=Parametrisation(family.name))
+    search = GuidedSearch(path_program(problem, family, settings), settings, watch, None)
+    plans = (sound_plan(problem, settings, family, path) for path in search.paths_near(guess))
+    return next(filter(None, plans), None), guess
