@@ -137,12 +137,12 @@ def test_a_corridor_is_kept_as_surely_to_all_sides_as_a_limit_to_one(
     # What keeps this chance lacks nothing.
     enough = margins(CORRIDOR, (1.001 * wide * 1e-4, 1e-4, 0, 9.0))
     assert asked([enough]).answer(problem).robust is not None
-    assert robust._lacking(SIGMAS, margins(CORRIDOR, (3.01e-4, 1e-4, 0, 9.0))).size == 1
+    assert margins(CORRIDOR, (3.01e-4, 1e-4, 0, 9.0)).lacking(SIGMAS).size == 1
 
 
 def test_a_margin_that_keeps_its_deviations_lacks_nothing_and_one_that_does_not_does() -> None:
     rows = [(part * SIGMAS * 0.02, 0.02, 0, 1.0) for part in (1.0, 0.9995, 0.998, 0.34, -1.0)]
-    assert robust._lacking(SIGMAS, margins(CLEARANCE, *rows)).tolist() == [2, 3, 4]
+    assert margins(CLEARANCE, *rows).lacking(SIGMAS).tolist() == [2, 3, 4]
 
 
 def test_a_scenario_that_does_not_say_how_much_keeps_back_what_the_parameters_do(

@@ -44,9 +44,10 @@ WORDS = {
     TORQUE: "the torque margin of joint",
 }
 
-
 # A smaller angle has no axis [rad].
 _NO_ANGLE = 1e-9
+# Relative tolerance of a margin.
+_TOLERANCE = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,6 +64,30 @@ class Margins:
     def sigmas(self) -> Array:
         """Deviation of each. Shape (rows,)."""
         return np.asarray(np.linalg.norm(self.by_errors, axis=1), np.float64)
+
+    def deviations(self, sigmas: float) -> Array:
+        """Return the deviation of each margin; of a corridor, one that makes up for all sides.
+
+        A normal error is beyond k deviations to one side with the chance 1 - Phi(k). In a plane it
+        is beyond c of them, to any side, with exp(-c^2 / 2): c deviations are as sure as k to one
+        side.
+        """
+        if self.kind != CORRIDOR:
+            return self.sigmas
+        from scipy.special import log_ndtr  # slow to load, and only robust plans come here
+
+        return float(np.sqrt(-2.0 * log_ndtr(-sigmas))) / sigmas * self.sigmas
+
+    def lacking(self, sigmas: float) -> Indices:
+        """Return which margins keep fewer deviations."""
+        return np.flatnonzero(self.values < sigmas * self.deviations(sigmas) * (1.0 - _TOLERANCE))
+
+    def in_deviations(self, sigmas: float) -> Array:
+        """Return the margins in their deviations; one without a deviation keeps any number."""
+        deviations = self.deviations(sigmas)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            found: Array = np.where(deviations > 0.0, self.values / deviations, np.inf)
+        return found
 
     def least(self, errors: Array) -> Array:
         """Return the least margin of each run, to first order; errors: shape (runs, errors)."""

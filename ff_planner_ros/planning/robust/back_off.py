@@ -1,0 +1,133 @@
+"""Constraint back-off: by how much limits are tightened, so that margins keep their deviations."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from typing import TypeAlias
+
+import numpy as np
+
+from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.planning.distance.clearance import arm_points
+from ff_planner_ros.planning.distance.nearness import nearness
+from ff_planner_ros.planning.problem.approach import Approach
+from ff_planner_ros.planning.problem.approach import Margins as Inside
+from ff_planner_ros.planning.problem.problem import PlanningProblem
+from ff_planner_ros.planning.problem.scene import scene_of
+from ff_planner_ros.planning.robust.grasp_frames import grasp_frames
+from ff_planner_ros.planning.robust.margins import (
+    ATTITUDE,
+    CLEARANCE,
+    CORRIDOR,
+    ROTATION,
+    TORQUE,
+    Margins,
+)
+from ff_planner_ros.robot.configuration import configuration
+
+# By kind of margin, in its unit: of each obstacle's radius, each joint's torque, and one number for
+# each of the others.
+BackOff: TypeAlias = Mapping[str, Array]
+
+# The back-off is this much more than what is lacking: the next plan's deviations differ.
+_MORE = 1.02
+# An obstacle does not grow nearer to the robot's start than this, nor the corridor's wall to the
+# end effector there [m].
+_AT_START = 1e-4
+
+
+@dataclass(frozen=True, eq=False)
+class _NarrowerApproach(Approach):
+    """An approach whose corridor has nearer walls, all along it."""
+
+    back_off: float = 0.0  # [m]
+
+    def margins(self, places: Array) -> Inside:
+        """Return the margins of the approach, less the back-off."""
+        found = super().margins(places)
+        return found._replace(values=found.values - self.back_off)
+
+
+def no_back_off(problem: PlanningProblem) -> BackOff:
+    """Return a back-off that tightens nothing."""
+    return {
+        CLEARANCE: np.zeros(len(problem.obstacles)),
+        ATTITUDE: np.zeros(1),
+        ROTATION: np.zeros(1),
+        CORRIDOR: np.zeros(1),
+        TORQUE: np.zeros(problem.robot.joints),
+    }
+
+
+def largest_back_off(problem: PlanningProblem) -> BackOff:
+    """Return the largest back-off of each kind that leaves the robot where it starts."""
+    robot, scene = problem.robot, scene_of(problem)
+    q, _ = configuration(robot, problem.start)
+    near = nearness(robot, q[None], np.zeros(1), scene)
+    spheres = near.distance.min(axis=(0, 1), initial=np.inf) - _AT_START
+    found = {CLEARANCE: np.maximum(spheres, 0.0)}
+    frames = grasp_frames(scene, robot.base, np.linspace(0.0, problem.duration, 2))
+    if problem.approach is not None and frames is not None:
+        place = frames.sees(arm_points(robot, q[None])[:, -1].repeat(frames.until, axis=0))[:1]
+        found[CORRIDOR] = np.maximum(problem.approach.margins(place).values - _AT_START, 0.0)
+    return found
+
+
+def increase(
+    back_off: BackOff, sigmas: float, lacking: Sequence[Margins], largest: BackOff
+) -> BackOff:
+    """Return the back-off by which the margins that lack something have it."""
+    increased = {kind: amounts.copy() for kind, amounts in back_off.items()}
+    for one in lacking:
+        rows, amounts = one.lacking(sigmas), increased[one.kind]
+        which = one.which[rows] if one.kind in (CLEARANCE, TORQUE) else np.zeros_like(rows)
+        np.maximum.at(amounts, which, _MORE * sigmas * one.deviations(sigmas)[rows])
+    for kind, most in largest.items():
+        increased[kind] = np.minimum(increased[kind], most)
+    return increased
+
+
+def exceeds(back_off: BackOff, other: BackOff) -> bool:
+    """Tell whether a back-off is larger than another in anything."""
+    return any(bool((amounts > other[kind]).any()) for kind, amounts in back_off.items())
+
+
+def exhausted_limits(problem: PlanningProblem, back_off: BackOff) -> list[str]:
+    """Return the kinds of margins whose limit leaves nothing beside the back-off."""
+    limits = {
+        ATTITUDE: np.array([problem.limits.chaser_attitude]),
+        ROTATION: np.array([problem.limits.chaser_rotation]),
+        TORQUE: problem.robot.effort_limits,
+    }
+    if problem.approach is not None:
+        # At the grasp the corridor is narrow, and there the end effector has to be.
+        limits[CORRIDOR] = problem.approach.margins(np.zeros((1, 3))).values
+    return [kind for kind, most in limits.items() if not (back_off[kind] < most).all()]
+
+
+def tighten(problem: PlanningProblem, back_off: BackOff) -> PlanningProblem:
+    """Return a problem whose limits are tightened."""
+    limits, robot, approach = problem.limits, problem.robot, problem.approach
+    attitude, rotation, corridor = (
+        float(back_off[kind][0]) for kind in (ATTITUDE, ROTATION, CORRIDOR)
+    )
+    if back_off[TORQUE].any():
+        robot = replace(robot, effort_limits=robot.effort_limits - back_off[TORQUE])
+    if approach is not None and corridor:
+        of_approach = {item.name: getattr(approach, item.name) for item in fields(Approach)}
+        approach = _NarrowerApproach(**of_approach, back_off=corridor)
+    return replace(
+        problem,
+        robot=robot,
+        limits=replace(
+            limits,
+            chaser_attitude=limits.chaser_attitude - attitude,
+            chaser_rotation=limits.chaser_rotation - rotation,
+        ),
+        approach=approach,
+        obstacles=tuple(
+            replace(sphere, radius=sphere.radius + float(grown))
+            for sphere, grown in zip(problem.obstacles, back_off[CLEARANCE], strict=True)
+        ),
+    )
