@@ -8,7 +8,7 @@ of least joint path in the objective asked for, as the plans' metrics measure it
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 from itertools import chain, islice
 
@@ -20,13 +20,9 @@ from ff_planner_ros.planning.optimisation.objectives import weighted_sum, with_t
 from ff_planner_ros.planning.problem.problem import Objective
 from ff_planner_ros.planning.requirements.singular_values import SingularValues
 from ff_planner_ros.planning.search.basin_hopping import TOLERATED_NEAR, BasinHopping, Optimum
-from ff_planner_ros.planning.search.candidate import Candidate
 from ff_planner_ros.planning.search.grid import Grid
 from ff_planner_ros.planning.search.grid_solver import SMALL_VIOLATION, PathSolution, rank
 from ff_planner_ros.planning.search.search import Search
-
-# Returns the plan along a path, or None where it does not pass the check.
-Judge = Callable[[Candidate], Plan | None]
 
 # Weights of the attitude, where the joint path's is one, that are tried below the one asked for.
 # Each about three times the last; below the first the joint path alone decides.
@@ -56,7 +52,7 @@ NO_BETTER = "good enough: no better attitude was found than that of the least jo
 class AttitudeSearch(Search):
     """Looks for a path of least joint path, and from there for a better attitude."""
 
-    def best_plan(self, asked: Objective, shortest: Plan, judge: Judge) -> Plan:
+    def best_plan(self, asked: Objective, shortest: Plan) -> Plan:
         """Return the best plan found, at worst the plan of least joint path.
 
         More rounds never give a worse plan: each begins where the one before it ended. Without any
@@ -67,7 +63,7 @@ class AttitudeSearch(Search):
             OutOfTime: By the watch.
         """
         objective = with_tie_break(asked, self._settings)
-        best = self.better_at_guess(asked, shortest, judge)
+        best = self.better_at_guess(asked, shortest)
         hopping = BasinHopping(
             self, lambda: self._grids_for(objective), asked.joint_path_length == 0.0
         )
@@ -91,19 +87,19 @@ class AttitudeSearch(Search):
                 if optimum in refined or optimum.cost > _PROMISING * limit:
                     continue
                 refined.append(optimum)
-                paths = self._refinement(objective, optimum.path.x, optimum.path.curvature)
-                plans = [judge(path) for path in paths]
+                path = optimum.path
+                plans = list(self._plans_near(objective, path.x, path.curvature))
                 best = _better(asked, best, *plans)
-                if not any(plans):  # nor is anything gained near it
+                if not plans:  # nor is anything gained near it
                     hopping.found.remove(optimum)
             if number == 0 and best is shortest:
-                best = self._climb(asked, shortest, judge)
+                best = self._climb(asked, shortest)
         if best is shortest:
             _, at_best = self._path_at(objective, best.coefficients)
             optimality, reason = at_best.optimality, NO_BETTER
         else:
             optimality, reason = best.solver.optimality, best.solver.stop_reason
-        effort = self.candidate(self._solved[-1]).report
+        effort = self.report(self._solved[-1])
         return replace(best, solver=replace(effort, optimality=optimality, stop_reason=reason))
 
     def _rounds(self, asked: Objective, shortest: Plan) -> list[int]:
@@ -132,24 +128,21 @@ class AttitudeSearch(Search):
         """Yield where the paths of the rounds begin, without end."""
         return chain([shortest.coefficients], self.initial_guesses())
 
-    def better_at_guess(self, asked: Objective, shortest: Plan, judge: Judge) -> Plan:
+    def better_at_guess(self, asked: Objective, shortest: Plan) -> Plan:
         """Return the best plan at the first guess, at worst the plan of least joint path.
 
         Raises:
             OutOfTime: By the watch.
         """
-        paths = self._paths_at_guess(with_tie_break(asked, self._settings))
-        return _better(asked, shortest, *(judge(path) for path in paths))
+        guess, objective = self._first_guess, with_tie_break(asked, self._settings)
+        if guess is None:
+            return shortest
+        # As it is, and improved: that may be worth more.
+        as_it_is = self.tighten(*self._path_at(objective, guess), self.solve_and_restore)
+        plans = chain(self.sound_plans(*as_it_is), self._plans_near(objective, guess, None))
+        return _better(asked, shortest, *plans)
 
-    def _paths_at_guess(self, objective: Objective) -> Iterator[Candidate]:
-        """Yield the path of the first guess, as it is and improved: it may be worth more."""
-        if self._first_guess is None:
-            return
-        grid, as_it_is = self._path_at(objective, self._first_guess)
-        yield from self.candidates(*self.tighten(grid, as_it_is, self.solve_and_restore))
-        yield from self._refinement(objective, self._first_guess, None)
-
-    def _climb(self, asked: Objective, shortest: Plan, judge: Judge) -> Plan:
+    def _climb(self, asked: Objective, shortest: Plan) -> Plan:
         """Raise the weight of the attitude on all points, as long as the plans pass the check.
 
         Near the least attitude there may be no plan, because of a singularity or a limit that the
@@ -160,17 +153,16 @@ class AttitudeSearch(Search):
             if weight * asked.joint_path_length >= asked.chaser_attitude:
                 break
             lower = replace(asked, joint_path_length=asked.chaser_attitude / weight)
-            plans = [judge(path) for path in self._refinement(lower, best.coefficients, None)]
-            better = _better(asked, best, *plans)
+            better = _better(asked, best, *self._plans_near(lower, best.coefficients, None))
             if better is best:
                 break
             best = better
         return best
 
-    def _refinement(
+    def _plans_near(
         self, objective: Objective, x: Array, curvature: Array | None
-    ) -> Iterator[Candidate]:
-        """Yield the best path on all points near x, if there is one."""
+    ) -> Iterator[Plan]:
+        """Yield the plan along the best path on all points near x, if it is sound."""
         grids = self._grids_for(objective)[1:]
         for grid in grids:
             near = (grid.with_correction(x) if grid is grids[-1] else grid).with_stage(
@@ -183,7 +175,7 @@ class AttitudeSearch(Search):
             if found.at_x.is_defined:
                 x, curvature = found.x, found.curvature
         near = near.with_stage(iterations=_TIGHTENING_ITERATIONS)
-        yield from self.candidates(*self.tighten(near, found, self.solve_and_restore))
+        yield from self.sound_plans(*self.tighten(near, found, self.solve_and_restore))
 
     def _path_at(self, objective: Objective, x: Array) -> tuple[Grid, PathSolution]:
         """Return the path of x as it is, on all points, with its grid; it may be singular."""
@@ -204,7 +196,6 @@ class AttitudeSearch(Search):
         return found
 
 
-def _better(objective: Objective, best: Plan, *others: Plan | None) -> Plan:
+def _better(objective: Objective, *plans: Plan) -> Plan:
     """Return the best of several plans, the first where they are equal."""
-    plans = [best, *(other for other in others if other is not None)]
     return min(plans, key=lambda plan: weighted_sum(objective, plan.metrics))

@@ -1,4 +1,4 @@
-"""Candidates: paths that a search found, and the plans along them, measured and checked."""
+"""Candidates: paths that a search found, and the plans along them, measured and not yet judged."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ff_planner_ros.common.arrays import Array
-from ff_planner_ros.planning.check.check import failures, measure
+from ff_planner_ros.planning.check.check import measure
 from ff_planner_ros.planning.motion.followed import FollowedMotion
 from ff_planner_ros.planning.motion.followed_path import followed_path
 from ff_planner_ros.planning.motion.motion import to_trajectory
@@ -32,14 +32,6 @@ class Candidate:
     at_x: PathLinearisation  # its motion may be singular
     report: SolverReport  # counts are those of the whole search so far
     followed: FollowedMotion | None = None  # what comes of it; None: not worked out yet
-
-
-def sound_plan(
-    problem: PlanningProblem, settings: PlannerSettings, family: PathFamily, path: Candidate
-) -> Plan | None:
-    """Return the plan along a regular path of the family; None: it does not pass the check."""
-    plan = plan_of_path(problem, settings, family, path)
-    return None if any(failures(problem, plan, settings)) else plan
 
 
 def plan_of_path(

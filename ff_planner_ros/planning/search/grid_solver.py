@@ -9,15 +9,17 @@ from typing import TypeAlias
 import numpy as np
 
 from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.errors import Failure
+from ff_planner_ros.planning.check.check import failures
 from ff_planner_ros.planning.motion.followed import FollowedMotion
-from ff_planner_ros.planning.motion.plan import SolverReport
+from ff_planner_ros.planning.motion.plan import Plan, SolverReport
 from ff_planner_ros.planning.motion.watch import CHECKING, REFINING, SEARCHING, Progress, Watch
 from ff_planner_ros.planning.optimisation.linearisation import FEASIBILITY_TOLERANCE
 from ff_planner_ros.planning.optimisation.program import PathLinearisation, PathProgram
 from ff_planner_ros.planning.optimisation.solver import Solution, minimise, nearest_feasible
 from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.requirements.goal import miss
-from ff_planner_ros.planning.search.candidate import Candidate
+from ff_planner_ros.planning.search.candidate import Candidate, plan_of_path
 from ff_planner_ros.planning.search.grid import Grid, grids_of
 
 PathSolution: TypeAlias = Solution[PathLinearisation]
@@ -153,32 +155,52 @@ class GridSolver:
             solution = solve(replace(grid, program=program), solution.x)
         return solution, None
 
-    def candidates(
+    def sound_plans(
         self, solution: PathSolution, followed: FollowedMotion | None
-    ) -> Iterator[Candidate]:
-        """Yield a path on all points and what comes of it, if it is regular, to be checked."""
+    ) -> Iterator[Plan]:
+        """Yield the plan along a path on all points, if that is regular and passes the check.
+
+        Args:
+            followed: What comes of the path; None: not worked out yet.
+        """
         if solution.at_x.is_defined:
             self._watch.report(self._progress(CHECKING, solution.at_x))
-            yield replace(self.candidate(solution), followed=followed)
+            plan, violated = self._measured(solution, followed)
+            if not any(violated):
+                yield plan
 
-    def candidate(self, solution: PathSolution) -> Candidate:
-        """Return the path of a solution, with the effort of all until now."""
-        report = SolverReport(
+    def best_attempt(self) -> tuple[Plan | None, list[Failure], float]:
+        """Return the plan along the best path so far, and what it violates.
+
+        None: there is no path yet, or all are singular; the last is the time at which the best one
+        is [s].
+        """
+        attempts = self._on_all_points or self._solved
+        if not attempts:
+            return None, [], 0.0
+        best = min(attempts, key=rank)
+        if best.at_x.motion.singular_at is not None:
+            return None, [], best.at_x.motion.singular_at
+        plan, violated = self._measured(best, None)
+        return plan, list(violated), 0.0
+
+    def report(self, solution: PathSolution) -> SolverReport:
+        """Return how a solution was found, with the effort of all until now."""
+        return SolverReport(
             starts=self.starts,
             iterations=sum(solved.iterations for solved in self._solved),
             rollouts=self._looks,
             optimality=solution.optimality,
             stop_reason=solution.stop_reason,
         )
-        return Candidate(solution.at_x, report)
 
-    def best(self) -> Candidate | None:
-        """Return the best path so far, with what the whole search took; None before the first.
-
-        The motion of the path is singular only where all are.
-        """
-        attempts = self._on_all_points or self._solved
-        return self.candidate(min(attempts, key=rank)) if attempts else None
+    def _measured(
+        self, solution: PathSolution, followed: FollowedMotion | None
+    ) -> tuple[Plan, Iterator[Failure]]:
+        problem, family = self._program.problem, self._program.family
+        path = Candidate(solution.at_x, self.report(solution), followed)
+        plan = plan_of_path(problem, self._settings, family, path)
+        return plan, failures(problem, plan, self._settings)
 
     def _keep(self, broken: frozenset[str]) -> None:
         """Keep what a path has broken on all grids from now on."""

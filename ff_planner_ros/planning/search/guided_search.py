@@ -11,10 +11,10 @@ import numpy as np
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import OutOfTime
 from ff_planner_ros.planning.motion.measures import joint_path_length
+from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.motion.watch import Progress, Watch
 from ff_planner_ros.planning.optimisation.program import PathLinearisation
 from ff_planner_ros.planning.search.attitude_search import AttitudeSearch
-from ff_planner_ros.planning.search.candidate import Candidate
 from ff_planner_ros.planning.search.grid import CLEARANCES, Grid
 from ff_planner_ros.planning.search.grid_solver import PathSolution
 from ff_planner_ros.planning.search.search import is_promising
@@ -66,8 +66,8 @@ class Allowance(Watch):
 class GuidedSearch(AttitudeSearch):
     """Looks for the path that a guess leads to."""
 
-    def paths_from(self, guess: Array) -> Iterator[Candidate]:
-        """Yield the path on all points to which a guess leads, where it leads to an optimum.
+    def plans_from(self, guess: Array) -> Iterator[Plan]:
+        """Yield the sound plan to which a guess leads, where it leads to an optimum.
 
         On the coarsest grid the path goes all the way to its optimum: one that is only mended
         around the obstacles would stay as long as it is. Where it is long, the path that the
@@ -84,10 +84,10 @@ class GuidedSearch(AttitudeSearch):
         found, followed = self.tighten(grid, solution, self.solve_and_restore)
         if found.feasible and not found.converged:
             found = replace(found, stop_reason=_ENOUGH)
-        yield from self.candidates(found, followed)
+        yield from self.sound_plans(found, followed)
 
-    def paths_near(self, guess: Array) -> Iterator[Candidate]:
-        """Yield paths on all points to which a guess leads in a few steps and that keep all.
+    def plans_near(self, guess: Array) -> Iterator[Plan]:
+        """Yield sound plans to which a guess leads in a few steps.
 
         The first is the nearest that keeps all, the second is better by the objective. A joint
         path is as long however late it is run: an objective that were improved again and again on
@@ -108,12 +108,12 @@ class GuidedSearch(AttitudeSearch):
         nearest = self.nearest(grid, guess, at_guess, _RESTORATION_ITERATIONS)
         found, followed = self.tighten(grid, nearest, self._restoration)
         if found.feasible:
-            yield from self.candidates(replace(found, stop_reason=_NEAREST), followed)
+            yield from self.sound_plans(replace(found, stop_reason=_NEAREST), followed)
         solution = self.solve(grid, guess, at_start=at_guess)
         better = self.restore(grid, solution, _RESTORATION_ITERATIONS)
         found, followed = self.tighten(grid, better, self._restoration)
         if found.feasible:
-            yield from self.candidates(found, followed)
+            yield from self.sound_plans(found, followed)
 
     def _restoration(self, grid: Grid, start: Array) -> PathSolution:
         """Return the nearest path to a start that keeps what the grid's program demands."""

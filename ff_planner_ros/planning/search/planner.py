@@ -8,8 +8,8 @@ from dataclasses import replace
 from typing import TypeAlias
 
 from ff_planner_ros.common.arrays import Array, finite_vector
-from ff_planner_ros.errors import Failure, NoPlanFound, OutOfTime, Status
-from ff_planner_ros.planning.check.check import failures, out_of_time, out_of_time_beside, refusal
+from ff_planner_ros.errors import NoPlanFound, OutOfTime, Status
+from ff_planner_ros.planning.check.check import out_of_time, out_of_time_beside, refusal
 from ff_planner_ros.planning.check.preconditions import require_plannable
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.motion.steered import steered
@@ -22,7 +22,6 @@ from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.problem.target import conditions_of, too_many_conditions
 from ff_planner_ros.planning.search.attitude_search import AttitudeSearch
 from ff_planner_ros.planning.search.best_moment import plan_at_best_moment
-from ff_planner_ros.planning.search.candidate import Candidate, plan_of_path, sound_plan
 from ff_planner_ros.planning.search.continuing import Remainder
 from ff_planner_ros.planning.search.families import path_families
 from ff_planner_ros.planning.search.guided_search import Allowance
@@ -174,45 +173,26 @@ def _plan_in_family(
     """Return a plan from the paths of one family; `plan` says the rest."""
     if first_guess is not None:
         first_guess = finite_vector("first_guess", first_guess, family.variables)
-
-    def judge(path: Candidate) -> Plan | None:
-        return sound_plan(problem, settings, family, path)
-
     asked, shortest = problem.objective, None
     for objective in (asked,) if asked.chaser_attitude == 0.0 else (SHORTEST, asked):
         program = path_program(replace(problem, objective=objective), family, settings)
         search = AttitudeSearch(program, settings, watch, first_guess)
         try:
-            found = next(filter(None, map(judge, search.paths())), None)
+            found = next(search.plans(), None)
             if found is None:
                 continue
             if objective is asked:
                 return found
             shortest = found
-            return search.best_plan(asked, shortest, judge)
+            return search.best_plan(asked, shortest)
         except OutOfTime as end:
             end.refusal = (
-                out_of_time(end, *_best_attempt(problem, settings, family, search.best()))
+                out_of_time(end, *search.best_attempt()[:2])
                 if shortest is None
                 else out_of_time_beside(end, shortest)
             )
             raise
-    best = search.best()
-    attempt, violated = _best_attempt(problem, settings, family, best)
+    attempt, violated, singular_at = search.best_attempt()
     if attempt is None:
-        singular_at = None if best is None else best.at_x.motion.singular_at
-        raise singular_refusal(singular_at or 0.0, problem.duration)
+        raise singular_refusal(singular_at, problem.duration)
     raise refusal(attempt, violated)
-
-
-def _best_attempt(
-    problem: PlanningProblem,
-    settings: PlannerSettings,
-    family: PathFamily,
-    best: Candidate | None,
-) -> tuple[Plan | None, Sequence[Failure]]:
-    """Return the plan along the best path so far, if that is regular, and what it violates."""
-    if best is None or best.at_x.motion.singular_at is not None:
-        return None, ()
-    attempt = plan_of_path(problem, settings, family, best)
-    return attempt, list(failures(problem, attempt, settings))

@@ -6,10 +6,10 @@ from collections.abc import Iterator
 from itertools import chain, islice
 
 from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.motion.watch import Watch
 from ff_planner_ros.planning.optimisation.program import PathProgram
 from ff_planner_ros.planning.problem.settings import PlannerSettings
-from ff_planner_ros.planning.search.candidate import Candidate
 from ff_planner_ros.planning.search.grid_solver import GridSolver, PathSolution, rank
 from ff_planner_ros.robot.bodies import Geometry
 
@@ -38,8 +38,8 @@ class Search(GridSolver):
         super().__init__(program, settings, watch)
         self._first_guess = first_guess
 
-    def paths(self) -> Iterator[Candidate]:
-        """Yield paths on all points; some violate a requirement.
+    def plans(self) -> Iterator[Plan]:
+        """Yield plans that pass the check.
 
         Raises:
             OutOfTime: By the watch.
@@ -53,7 +53,7 @@ class Search(GridSolver):
             found, followed = self.tighten(
                 grid, self.solve(grid, solution.x), self.solve_and_restore
             )
-            yield from self.candidates(found, followed)
+            yield from self.sound_plans(found, followed)
             if found.at_x.is_defined:
                 self._on_all_points.append(found)
 

@@ -17,7 +17,6 @@ from ff_planner_ros.planning.optimisation.program import path_program
 from ff_planner_ros.planning.paths.path_family import PathFamily
 from ff_planner_ros.planning.problem.problem import Objective, Parametrisation, PlanningProblem
 from ff_planner_ros.planning.problem.settings import PlannerSettings
-from ff_planner_ros.planning.search.candidate import sound_plan
 from ff_planner_ros.planning.search.continuing import NEAR, PathNear, Remainder
 from ff_planner_ros.planning.search.families import path_families
 from ff_planner_ros.planning.search.guided_search import GuidedSearch
@@ -72,13 +71,10 @@ def _plan_in_family(
     turns_count = asked.chaser_attitude > 0.0
     first = replace(problem, objective=SHORTEST if turns_count else asked)
     search = GuidedSearch(path_program(first, family, settings), settings, watch, guess)
-    plans = (sound_plan(problem, settings, family, path) for path in search.paths_from(guess))
-    found = next(filter(None, plans), None)
+    found = next(search.plans_from(guess), None)
     if found is None or not turns_count:
         return found
-    better = search.better_at_guess(
-        asked, found, lambda path: sound_plan(problem, settings, family, path)
-    )
+    better = search.better_at_guess(asked, found)
     return None if better is found else better
 
 
@@ -105,5 +101,4 @@ def plan_near_remainder(
     family, guess = nearest.family, nearest.x
     problem = replace(problem, parametrisation=Parametrisation(family.name))
     search = GuidedSearch(path_program(problem, family, settings), settings, watch, None)
-    plans = (sound_plan(problem, settings, family, path) for path in search.paths_near(guess))
-    return next(filter(None, plans), None), guess
+    return next(search.plans_near(guess), None), guess
