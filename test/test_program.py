@@ -68,13 +68,13 @@ def case(request: pytest.FixtureRequest) -> Case:
     family = EndEffectorPaths(robot, q, momentum, path)
     margins = dict.fromkeys((required.name for required in REQUIREMENTS), 0.0)
     margins["clearance"] = MARGIN
-    waiting = frozenset({Torques.name})
-    program = PathProgram(problem, family, objective, margins, POINTS, waiting=waiting)
+    on_demand = frozenset({Torques.name})
+    program = PathProgram(problem, family, objective, margins, POINTS, on_demand=on_demand)
     return Case(program, rng.normal(scale=0.05, size=18))
 
 
 def test_every_derivative_is_that_of_differences(case: Case) -> None:
-    program, step = _with_slow_joints(case).keeping(frozenset({Torques.name})), 1e-6
+    program, step = _with_slow_joints(case).with_requirements(frozenset({Torques.name})), 1e-6
     at_x = program.linearise(case.x)
     for name, found in (
         ("value", at_x.gradient[None]),

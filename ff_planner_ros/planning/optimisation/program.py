@@ -103,8 +103,8 @@ class PathProgram:
     correction: Correction | None = None
     aim: Target | None = None  # of the family, beside the problem's target; None: that itself
     smoothing: float = 0.0  # weight of evenly run joints, beside that of the joint path
-    # Names of the requirements that it keeps only when a path has broken them: none has yet
-    waiting: frozenset[str] = frozenset()
+    # Names of the requirements that have rows only once a path has violated them: none has yet
+    on_demand: frozenset[str] = frozenset()
 
     @property
     def requirements(self) -> tuple[Requirement, ...]:
@@ -130,7 +130,7 @@ class PathProgram:
             max_terms_jacobian.append(term.max_terms_jacobian)
         rows = [
             None
-            if required.name in self.waiting
+            if required.name in self.on_demand
             else required.rows(self.problem, driven, sensitivity, self.margins[required.name])
             for required in self.requirements
         ]
@@ -157,7 +157,7 @@ class PathProgram:
         """Return what a controller makes of the points that a path's plan holds."""
         return followed_path(self.problem, at_x.motion.q, at_x.motion.v, at_x.acceleration)
 
-    def corrected(self, motion: Motion, driven: FollowedMotion) -> PathProgram:
+    def with_correction(self, motion: Motion, driven: FollowedMotion) -> PathProgram:
         """Return the program that knows what a controller makes of a path, and aims accordingly."""
         robot, target = self.problem.robot, self.problem.target
         aim = beside(self.aim or target, *miss(robot, driven.q[-1], target))
@@ -174,18 +174,18 @@ class PathProgram:
             required.name: required.slack(self.problem, motion) for required in self.requirements
         }
 
-    def broken(self, at_x: PathLinearisation) -> frozenset[str]:
-        """Return which of the requirements that still wait a path breaks."""
-        if not self.waiting:
-            return self.waiting
+    def violated_on_demand(self, at_x: PathLinearisation) -> frozenset[str]:
+        """Return the names of the requirements on demand that a path violates."""
+        if not self.on_demand:
+            return self.on_demand
         motion = self.followed(at_x)
         return frozenset(
             required.name
             for required in self.requirements
-            if required.name in self.waiting and required.slack(self.problem, motion) < 0.0
+            if required.name in self.on_demand and required.slack(self.problem, motion) < 0.0
         )
 
-    def easing(self, at_x: PathLinearisation, names: Sequence[str]) -> PathProgram:
+    def with_eased_margins(self, at_x: PathLinearisation, names: Sequence[str]) -> PathProgram:
         """Return the program whose margins a path keeps, or nearly so, where it keeps a part.
 
         A plan that begins beside an obstacle cannot be moved there. It is this one where the path
@@ -204,9 +204,9 @@ class PathProgram:
                     margins[required.name] = max(margin - _EASED * missing, 0.0)
         return self if margins == self.margins else replace(self, margins=margins)
 
-    def keeping(self, broken: frozenset[str]) -> PathProgram:
-        """Return the program that keeps what a path has broken, too."""
-        return replace(self, waiting=self.waiting - broken)
+    def with_requirements(self, violated: frozenset[str]) -> PathProgram:
+        """Return the program with the rows of requirements on demand that a path has violated."""
+        return replace(self, on_demand=self.on_demand - violated)
 
 
 def path_program(
@@ -226,7 +226,7 @@ def path_program(
         margins,
         points,
         smoothing=smoothing,
-        waiting=frozenset(required.name for required in every if required.is_on_demand),
+        on_demand=frozenset(required.name for required in every if required.is_on_demand),
     )
 
 

@@ -123,7 +123,7 @@ def plan_at_best_moment(
     elif problem.objective.duration > 0.0 and not (
         problem.objective.only_duration and moment is not None and moment.is_certain
     ):
-        best = _shortened(asked, best)
+        best = _shorten(asked, best)
     return replace(best, solver=effort.report(best.solver))
 
 
@@ -188,7 +188,7 @@ def _any(asked: _Asked) -> Plan:
     raise NoPlanFound(last.status, f"{why} {last.constraint}", last.attempt, last.failures)
 
 
-def _shortened(asked: _Asked, best: Plan) -> Plan:
+def _shorten(asked: _Asked, best: Plan) -> Plan:
     """Return a plan that is better because it is shorter, as long as there are such plans."""
     window = asked.problem.durations
     while duration_of(best) > window.minimum:

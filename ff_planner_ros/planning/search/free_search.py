@@ -145,9 +145,9 @@ class FreeSearch:
             if not solution.at_x.is_defined:
                 return None
             along = solution.x
-            broken = free.at(free.duration(along)).broken(solution.at_x)
-            program = program.keeping(broken)
-            stages = stages if broken else stages[1:]
+            violated = free.at(free.duration(along)).violated_on_demand(solution.at_x)
+            program = program.with_requirements(violated)
+            stages = stages if violated else stages[1:]
         return Moment(
             _chosen(self.problem.durations, free.duration(along)),
             Parametrisation(self.family.name),

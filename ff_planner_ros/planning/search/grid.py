@@ -82,7 +82,7 @@ class Grid:
         if program.points > program.problem.points:
             at_x = program.linearise(x)
             if at_x.is_defined:
-                program = program.corrected(at_x.motion, program.followed(at_x))
+                program = program.with_correction(at_x.motion, program.followed(at_x))
         return replace(self, program=program)
 
 

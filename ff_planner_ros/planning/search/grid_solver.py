@@ -136,16 +136,18 @@ class GridSolver:
             # Beside what is missing, half the margin that the search began with.
             margins = {
                 name: margin + (self._program.margins[name] / 2 - slacks[name])
-                if slacks[name] < 0.0 and name not in program.waiting
+                if slacks[name] < 0.0 and name not in program.on_demand
                 else margin
                 for name, margin in program.margins.items()
             }
-            broken = frozenset(name for name, slack in slacks.items() if slack < 0.0)
-            if broken and broken <= program.waiting:
+            violated = frozenset(name for name, slack in slacks.items() if slack < 0.0)
+            if violated and violated <= program.on_demand:
                 # If that turns out to be impossible, this path says best what stands in the way.
                 self._on_all_points.append(solution)
-            self._keep(broken)
-            program = program.corrected(solution.at_x.motion, motion).keeping(broken)
+            self._keep(violated)
+            program = program.with_correction(solution.at_x.motion, motion).with_requirements(
+                violated
+            )
             program = replace(program, margins=margins)
             if is_sound:  # a better aim is all that is missing, and no reason to optimise again
                 aimed = program.linearise(solution.x)
@@ -202,10 +204,12 @@ class GridSolver:
         plan = plan_of_path(problem, self._settings, family, path)
         return plan, failures(problem, plan, self._settings)
 
-    def _keep(self, broken: frozenset[str]) -> None:
-        """Keep what a path has broken on all grids from now on."""
-        self._program = self._program.keeping(broken)
-        self.grids = [replace(grid, program=grid.program.keeping(broken)) for grid in self.grids]
+    def _keep(self, violated: frozenset[str]) -> None:
+        """Keep what a path has violated, on all grids from now on."""
+        self._program = self._program.with_requirements(violated)
+        self.grids = [
+            replace(grid, program=grid.program.with_requirements(violated)) for grid in self.grids
+        ]
 
     def _is_at_goal(self, motion: FollowedMotion) -> bool:
         problem, settings = self._program.problem, self._settings

@@ -101,7 +101,7 @@ class GuidedSearch(AttitudeSearch):
         at_guess = self.evaluate(grid, guess)
         if not at_guess.is_defined:
             return
-        eased = grid.program.easing(at_guess, CLEARANCES)
+        eased = grid.program.with_eased_margins(at_guess, CLEARANCES)
         if eased is not grid.program:
             grid = replace(grid, program=eased)
             at_guess = self.evaluate(grid, guess)
