@@ -167,15 +167,16 @@ class GridSolver:
         """
         if solution.at_x.is_defined:
             self._watch.report(self._progress(CHECKING, solution.at_x))
-            plan, violated = self._measured(solution, followed)
+            plan, violated = self._attempt(solution, followed)
             if not any(violated):
                 yield plan
 
     def best_attempt(self) -> tuple[Plan | None, list[Failure], float]:
         """Return the plan along the best path so far, and what it violates.
 
-        None: there is no path yet, or all are singular; the last is the time at which the best one
-        is [s].
+        Returns:
+            The plan, None where there is no path yet or all are singular; its failures; and the
+            time at which the best path is singular [s].
         """
         attempts = self._on_all_points or self._solved
         if not attempts:
@@ -183,7 +184,7 @@ class GridSolver:
         best = min(attempts, key=rank)
         if best.at_x.motion.singular_at is not None:
             return None, [], best.at_x.motion.singular_at
-        plan, violated = self._measured(best, None)
+        plan, violated = self._attempt(best, None)
         return plan, list(violated), 0.0
 
     def report(self, solution: PathSolution) -> SolverReport:
@@ -196,9 +197,10 @@ class GridSolver:
             stop_reason=solution.stop_reason,
         )
 
-    def _measured(
+    def _attempt(
         self, solution: PathSolution, followed: FollowedMotion | None
     ) -> tuple[Plan, Iterator[Failure]]:
+        """Return the plan along a regular path, and what it violates."""
         problem, family = self._program.problem, self._program.family
         path = Candidate(solution.at_x, self.report(solution), followed)
         plan = plan_of_path(problem, self._settings, family, path)
