@@ -25,9 +25,8 @@ import numpy as np
 from reference_core import core_by_reference
 
 from ff_planner_ros.bench.direct import solve_directly
-from ff_planner_ros.bench.methods import OBJECTIVES
+from ff_planner_ros.bench.measurement import OBJECTIVES, Stopwatch
 from ff_planner_ros.bench.report import machine
-from ff_planner_ros.bench.success import Stopwatch
 from ff_planner_ros.common.share import share_directory
 from ff_planner_ros.common.text_table import print_table
 from ff_planner_ros.parameters import load_parameters

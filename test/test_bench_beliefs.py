@@ -1,13 +1,10 @@
 """What becomes of plans that misjudge the chaser, on a seeded subset of the benchmark."""
 
-import json
-
 import numpy as np
 import pytest
 
 from ff_planner_ros.bench import beliefs
 from ff_planner_ros.bench.beliefs import BELIEFS, belief_result
-from ff_planner_ros.bench.report import print_executions
 from ff_planner_ros.errors import NoPlanFound, Status
 from ff_planner_ros.parameters import load_parameters
 
@@ -38,7 +35,7 @@ def test_a_fixed_base_plan_misses_by_another_way_where_nothing_drifts():
     assert reacting.position_miss != drifting.position_miss
 
 
-def test_the_table_counts_collisions_among_plans_and_tells_the_worst_miss(monkeypatch, capsys):
+def test_the_table_counts_collisions_among_plans_and_tells_the_worst_miss(monkeypatch):
     def outcome(kind, robot, number, belief, _settings):
         if (robot, belief) == ("arm6", "fixed base"):
             return beliefs.BeliefResult(
@@ -50,33 +47,27 @@ def test_the_table_counts_collisions_among_plans_and_tells_the_worst_miss(monkey
         )
 
     monkeypatch.setattr(beliefs, "belief_result", outcome)
-    figures = print_executions(2, SETTINGS)
-    rows = {
-        line.split("  ")[0] + " " + belief: line.split()
-        for line in capsys.readouterr().out.splitlines()
-        for belief in BELIEFS
-        if f" {belief}  " in line
-    }
+    found = beliefs.measurement(2, SETTINGS)
+    rows = {row[:2]: row[2:] for row in found.tables[0].rows}
     assert len(rows) == 2 * len(BELIEFS)
-    assert rows["ordinary fixed base"][-7:] == [
-        "2", "1", "100%", "250.0", "250.0", "3.00", "3.00",
-    ]  # fmt: skip
-    assert rows["cluttered zero momentum"][-7:] == [
-        "2", "2", "50%", "375.0", "500.0", "3.00", "3.00",
-    ]  # fmt: skip
-    assert len(json.loads(json.dumps(figures, allow_nan=False))) == 2 * 2 * len(BELIEFS)
+    assert rows["ordinary", "fixed base"] == (
+        *("2", "1", "100%", "250.0", "250.0", "3.00", "3.00"),
+    )
+    assert rows["cluttered", "zero momentum"] == (
+        *("2", "2", "50%", "375.0", "500.0", "3.00", "3.00"),
+    )
+    assert len(found.results) == 2 * 2 * len(BELIEFS)
 
 
-def test_a_class_without_a_plan_has_no_miss_to_tell(monkeypatch, capsys):
+def test_a_class_without_a_plan_has_no_miss_to_tell(monkeypatch):
     def no_plan(*_):
         raise NoPlanFound(Status.SINGULAR, "the arm is stretched")
 
     monkeypatch.setattr(beliefs, "BELIEFS", dict.fromkeys(BELIEFS, no_plan))
-    figures = print_executions(1, SETTINGS)
-    assert {row["status"] for row in figures} == {"SINGULAR"}
-    assert {row["position_miss"] for row in figures} == {None}
-    rows = capsys.readouterr().out.splitlines()[3:]
-    assert [row.split()[-7:] for row in rows] == 2 * len(BELIEFS) * [["1", "0", *"-----"]]
+    found = beliefs.measurement(1, SETTINGS)
+    assert {each.status for each in found.results} == {Status.SINGULAR}
+    assert {each.position_miss for each in found.results} == {None}
+    assert [row[2:] for row in found.tables[0].rows] == 2 * len(BELIEFS) * [("1", "0", *"-----")]
 
 
 @pytest.mark.parametrize("kind", ["ordinary", "cluttered"])

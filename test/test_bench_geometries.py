@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ff_planner_ros.bench.geometries import (
-    HEADER,
+    _HEADER,
     GeometryAttempt,
     crowded_problems,
     crowds,
@@ -19,7 +19,8 @@ SETTINGS = load_parameters().planner
 
 def made(number: int, geometry: Geometry, seconds: float, *touches: str) -> GeometryAttempt:
     status = Status.SOLVED if seconds else Status.COLLISION
-    return GeometryAttempt("arm6", number, "min(L)", geometry, status, "", seconds, touches)
+    outcome = {"status": status, "message": "", "seconds": seconds}
+    return GeometryAttempt("arm6", number, "min(L)", geometry, touches, **outcome)
 
 
 def test_the_table_counts_what_is_solved_what_touches_and_how_long_it_takes() -> None:
@@ -28,7 +29,7 @@ def test_the_table_counts_what_is_solved_what_touches_and_how_long_it_takes() ->
     shapes = [made(0, Geometry.SHAPES, 1.5), made(1, Geometry.SHAPES, 2.0)]
     shapes += [made(2, Geometry.SHAPES, 0.0), made(3, Geometry.SHAPES, 9.0)]
     both, of_robot = geometry_rows([*lines, *shapes])
-    assert dict(zip(HEADER, both, strict=True)) == {
+    assert dict(zip(_HEADER, both, strict=True)) == {
         "objective": "min(L)",
         "robot": "all",
         "problems": "4",

@@ -6,10 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ff_planner_ros.bench import success
+from ff_planner_ros.bench import measurement, success
 from ff_planner_ros.bench.beliefs import BELIEFS
 from ff_planner_ros.bench.methods import _optimality
-from ff_planner_ros.bench.report import print_success
 from ff_planner_ros.cli import main
 from ff_planner_ros.common.text_table import print_table
 from ff_planner_ros.errors import NoPlanFound, Status
@@ -40,6 +39,8 @@ def test_the_quick_benchmark_prints_its_tables_and_writes_its_figures(tmp_path, 
     ):
         assert part in printed
     figures = json.loads((tmp_path / "b.json").read_text())
+    assert {table["of"] for table in figures["tables"]} == set(figures) - {"machine", "tables"}
+    assert {"date", "commit"} <= set(figures["machine"])
     assert {row["of"] for row in figures["scaling"]} == {"spheres", "points", "joints"}
     assert {row["kind"] for row in figures["scenarios"]} == {"ordinary", "cluttered"}
     solved = [row["kind"] for row in figures["families"] if row["status"] == "SOLVED"]
@@ -58,17 +59,16 @@ def test_the_quick_benchmark_prints_its_tables_and_writes_its_figures(tmp_path, 
     assert all(row["clearance"] > 0.0 and row["seconds"] > 0.0 for row in ours)
 
 
-def test_a_miss_is_counted_and_told_with_its_cause(settings, monkeypatch, capsys):
+def test_a_miss_is_counted_and_told_with_its_cause(settings, monkeypatch):
     def no_plan(*_):
         raise NoPlanFound(Status.SINGULAR, "the arm is stretched")
 
-    monkeypatch.setattr(success, "plan", no_plan)
-    figures = print_success(2, settings)
-    printed = capsys.readouterr().out
-    assert "missed: ordinary lemur 0, turned: SINGULAR: the arm is stretched" in printed
-    assert " 0.0% " in printed
-    assert "100.0%" not in printed
-    assert {row["status"] for row in figures} == {"SINGULAR"}
+    monkeypatch.setattr(measurement, "plan", no_plan)
+    found = success.measurement(2, settings)
+    remark = "missed: ordinary lemur 0, turned: SINGULAR: the arm is stretched"
+    assert remark in found.remarks
+    assert {row[3] for row in found.tables[0].rows} == {"0.0%", "-"}
+    assert {each.status for each in found.results} == {Status.SINGULAR}
 
 
 def test_numbers_stand_to_the_right_and_words_to_the_left(capsys):

@@ -1,8 +1,10 @@
 """The success rate, on a seeded subset of what `ff-planner bench` measures."""
 
+from dataclasses import replace
+
 import pytest
 
-from ff_planner_ros.bench import success
+from ff_planner_ros.bench import measurement, success
 from ff_planner_ros.bench.success import attempt, attempts
 from ff_planner_ros.errors import Status
 from ff_planner_ros.parameters import load_parameters
@@ -31,8 +33,8 @@ def test_half_of_the_scenarios_are_turned_and_each_robot_has_half(monkeypatch):
 def test_a_plan_that_the_planner_gave_but_the_check_refuses_is_a_miss(monkeypatch):
     """Whatever the planner says of its plan, the obstacles of the scenario decide."""
     drawn = scenario("ordinary", "lemur", 0, turned=False).problem
-    free = success.plan(success.replace(drawn, obstacles=()), SETTINGS)
-    monkeypatch.setattr(success, "plan", lambda *_: free)
+    free = measurement.plan(replace(drawn, obstacles=()), SETTINGS)
+    monkeypatch.setattr(measurement, "plan", lambda *_: free)
     tried = attempt("ordinary", "lemur", 0, False, SETTINGS)
     assert tried.status is Status.COLLISION
     assert not tried.solved

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from whole_bodies import WholeBodies, judge_of
 
-from ff_planner_ros.bench.geometries import OBJECTIVES
+from ff_planner_ros.bench.measurement import OBJECTIVES
 from ff_planner_ros.bench.touching import touching
 from ff_planner_ros.errors import NoPlanFound
 from ff_planner_ros.parameters import load_parameters

@@ -140,11 +140,11 @@ def judge_of(robot: str, directory: Path) -> WholeBodies:
 
 def main(plans: int, first: int = 0) -> int:
     """Plan problems of bench for three objectives, and count the plans that touch anything."""
-    from ff_planner_ros.bench import bodies
-    from ff_planner_ros.bench.geometries import OBJECTIVES
+    from ff_planner_ros.bench.measurement import OBJECTIVES
     from ff_planner_ros.errors import FfPlannerError
     from ff_planner_ros.parameters import load_parameters
     from ff_planner_ros.planning.task.task import PlanningTask, perform
+    from ff_planner_ros.problems import bodies
 
     settings, solved, tried, touching = load_parameters().planner, 0, 0, 0
     with tempfile.TemporaryDirectory() as directory:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+
+import numpy as np
 
 from ff_planner_ros.baselines.beliefs import (
     executed,
@@ -11,13 +13,20 @@ from ff_planner_ros.baselines.beliefs import (
     with_zero_momentum,
     zero_momentum,
 )
+from ff_planner_ros.bench.measurement import Measurement
+from ff_planner_ros.common.text_table import Table
 from ff_planner_ros.errors import FfPlannerError, Status
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.task.task import PlanningTask, attempted, in_frame_of_user, perform
 from ff_planner_ros.problems.robots import ROBOTS
-from ff_planner_ros.problems.scenarios import scenario
+from ff_planner_ros.problems.scenarios import KINDS, scenario
+
+_HEADER = (
+    *("class", "planned for", "scenarios", "plans", "collide", "miss, median [mm]"),
+    *("worst [mm]", "median [deg]", "worst [deg]"),
+)
 
 
 @dataclass(frozen=True)
@@ -30,9 +39,7 @@ class BeliefResult:
     belief: str  # how the planner thinks that the chaser moves; a key of `BELIEFS`
     status: Status  # of the planner; solved does not mean that the plan arrives
     position_miss: float | None = None  # of the end effector at the end [m]; None without a plan
-    orientation_miss: float | None = (
-        None  # of the end effector at the end [rad]; None without a plan
-    )
+    orientation_miss: float | None = None  # likewise [rad]
     collides: bool = False  # whether the arm is inside an obstacle at a point of the motion
 
 
@@ -51,6 +58,31 @@ BELIEFS: dict[str, Callable[[PlanningProblem, PlannerSettings], Plan]] = {
     "fixed base": fixed_base,
     "fixed base, no drift": _fixed_base_without_drift,
 }
+
+
+def measurement(count: int, settings: PlannerSettings) -> Measurement:
+    """Plan so many scenarios of each class under every belief, and execute the plans."""
+    done = [each for kind in KINDS for each in belief_results(kind, count, settings)]
+    rows = [
+        (kind, belief, *_misses([e for e in done if (e.kind, e.belief) == (kind, belief)]))
+        for kind in KINDS
+        for belief in BELIEFS
+    ]
+    title = "Plans executed on the true free-floating system"
+    return Measurement(done, [Table(title, _HEADER, rows)])
+
+
+def _misses(group: Sequence[BeliefResult]) -> Iterator[str]:
+    planned = [each for each in group if each.status is Status.SOLVED]
+    yield from (f"{len(group)}", f"{len(planned)}")
+    if not planned:
+        yield from "-----"
+        return
+    miss = np.array([each.position_miss for each in planned], float) * 1e3
+    turn = np.rad2deg(np.array([each.orientation_miss for each in planned], float))
+    yield f"{sum(each.collides for each in planned) / len(planned):.0%}"
+    yield from (f"{np.median(miss):.1f}", f"{miss.max():.1f}")
+    yield from (f"{np.median(turn):.2f}", f"{turn.max():.2f}")
 
 
 def belief_results(kind: str, count: int, settings: PlannerSettings) -> Iterator[BeliefResult]:

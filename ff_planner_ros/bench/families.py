@@ -2,55 +2,71 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
-import numpy as np
-
-from ff_planner_ros.bench.success import Stopwatch
-from ff_planner_ros.errors import FfPlannerError, Status
-from ff_planner_ros.planning.problem.problem import Objective, Parametrisation, PlanningProblem
+from ff_planner_ros.bench.measurement import (
+    OBJECTIVES,
+    Attempt,
+    Measurement,
+    median,
+    misses,
+    timed_plan,
+)
+from ff_planner_ros.common.text_table import Table
+from ff_planner_ros.planning.problem.problem import Parametrisation, PlanningProblem
 from ff_planner_ros.planning.problem.settings import PlannerSettings
-from ff_planner_ros.planning.task.task import PlanningTask, perform
+from ff_planner_ros.planning.task.task import PlanningTask
 from ff_planner_ros.problems import witnessed
 from ff_planner_ros.problems.robots import ROBOTS
 from ff_planner_ros.problems.scenarios import KINDS, scenario
 
 FAMILIES = (Parametrisation.END_EFFECTOR_POLYNOMIAL, Parametrisation.JOINT_SPLINE)
-OBJECTIVES = {"min(L)": Objective(1.0, 0.0), "min(Theta)": Objective(0.0, 1.0)}
 # Of each class this part is planned for the least attitude, too, which takes ten times as long.
 _STEADY = 1 / 8
+_HEADER = (
+    *("class", "objective", "problems", "paper's: solved", "splines: solved"),
+    *("paper's: median [s]", "splines: median [s]", "joint path, splines / paper's"),
+    "attitude, splines / paper's",
+)
 
 
 @dataclass(frozen=True)
-class FamilyAttempt:
+class FamilyAttempt(Attempt):
     """What became of one problem in one family."""
 
     kind: str
     objective: str  # key of `OBJECTIVES`
     number: int
     parametrisation: Parametrisation
-    status: Status
-    message: str  # cause of a miss; empty if solved
-    seconds: float  # that the planner took
     joint_path: float | None  # [rad]
     attitude: float | None  # [rad]
 
-    @property
-    def solved(self) -> bool:
-        """Whether there is a plan, and it is sound."""
-        return self.status is Status.SOLVED
+
+def measurement(count: int, settings: PlannerSettings) -> Measurement:
+    """Plan so many problems of each class in both families."""
+    tried = list(family_attempts(count, settings))
+    missed = [each for each in tried if each.parametrisation is Parametrisation.JOINT_SPLINE]
+    table = Table("Path families side by side", _HEADER, [*_rows(tried)])
+    return Measurement(tried, [table], misses(missed, "{0.kind} {0.number}, {0.objective}"))
 
 
 def family_attempts(count: int, settings: PlannerSettings) -> Iterator[FamilyAttempt]:
     """Plan so many problems of each class in both families."""
     for kind in (*KINDS, *witnessed.KINDS):
         for number in range(count):
-            for name, objective in OBJECTIVES.items():
+            for name in ("min(L)", "min(Theta)"):
                 if name == "min(L)" or (kind in KINDS and number < int(_STEADY * count)):
-                    problem = replace(_problem(kind, number), objective=objective)
+                    problem = replace(_problem(kind, number), objective=OBJECTIVES[name])
                     for family in FAMILIES:
-                        yield _attempt(kind, name, number, problem, family, settings)
+                        asked = replace(problem, parametrisation=family)
+                        made, outcome = timed_plan(PlanningTask(asked, settings))
+                        lengths = (
+                            (made.metrics.joint_path_length, made.metrics.max_chaser_euler)
+                            if made
+                            else (None, None)
+                        )
+                        yield FamilyAttempt(kind, name, number, family, *lengths, **outcome)
 
 
 def _problem(kind: str, number: int) -> PlanningProblem:
@@ -60,30 +76,8 @@ def _problem(kind: str, number: int) -> PlanningProblem:
     return scenario(kind, ROBOTS[robot], pair, turned=False).problem
 
 
-def _attempt(
-    kind: str,
-    objective: str,
-    number: int,
-    problem: PlanningProblem,
-    family: Parametrisation,
-    settings: PlannerSettings,
-) -> FamilyAttempt:
-    stopwatch = Stopwatch()
-    status, message, joint_path, attitude = Status.SOLVED, "", None, None
-    try:
-        task = PlanningTask(replace(problem, parametrisation=family), settings)
-        metrics = perform(task, method=stopwatch).metrics
-        joint_path, attitude = metrics.joint_path_length, metrics.max_chaser_euler
-    except FfPlannerError as error:
-        status, message = error.status, str(error)
-    seconds = stopwatch.seconds
-    return FamilyAttempt(
-        kind, objective, number, family, status, message, seconds, joint_path, attitude
-    )
-
-
-def side_by_side(tried: list[FamilyAttempt]) -> Iterator[tuple[str, ...]]:
-    """Yield a row for each class and objective: `HEADER`."""
+def _rows(tried: Sequence[FamilyAttempt]) -> Iterator[tuple[str, ...]]:
+    """Yield a row for each class and objective."""
     groups = dict.fromkeys((each.kind, each.objective) for each in tried)
     for kind, objective in groups:
         group = [each for each in tried if (each.kind, each.objective) == (kind, objective)]
@@ -96,17 +90,6 @@ def side_by_side(tried: list[FamilyAttempt]) -> Iterator[tuple[str, ...]]:
             objective,
             f"{len(papers)}",
             *(f"{sum(each.solved for each in one) / len(one):.1%}" for one in (papers, splines)),
-            *(_median([e.seconds for e in one if e.solved], 3) for one in (papers, splines)),
-            *(_median(ratios, 3) for ratios in (lengths, angles)),
+            *(median([e.seconds for e in one if e.solved], 3) for one in (papers, splines)),
+            *(median(ratios, 3) for ratios in (lengths, angles)),
         )
-
-
-HEADER = (
-    *("class", "objective", "problems", "paper's: solved", "splines: solved"),
-    *("paper's: median [s]", "splines: median [s]", "joint path, splines / paper's"),
-    "attitude, splines / paper's",
-)
-
-
-def _median(values: list[float], digits: int) -> str:
-    return f"{np.median(values):.{digits}f}" if values else "-"

@@ -2,18 +2,25 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ff_planner_ros.bench.measurement import (
+    OBJECTIVES,
+    Attempt,
+    Measurement,
+    median,
+    misses,
+    timed_plan,
+    timed_plans,
+)
 from ff_planner_ros.bench.touching import touching
 from ff_planner_ros.common.share import share_directory
-from ff_planner_ros.errors import FfPlannerError, Status
+from ff_planner_ros.common.text_table import Table
 from ff_planner_ros.planning.motion.motion import from_trajectory
-from ff_planner_ros.planning.motion.plan import Plan
-from ff_planner_ros.planning.problem.problem import Objective, PlanningProblem, Sphere
+from ff_planner_ros.planning.problem.problem import PlanningProblem, Sphere
 from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.scenario.scenario import load_scenario
 from ff_planner_ros.planning.task.task import PlanningTask, perform
@@ -23,33 +30,50 @@ from ff_planner_ros.problems.robots import bench_robot
 from ff_planner_ros.robot.bodies import Geometry
 from ff_planner_ros.robot.model import Robot
 
-OBJECTIVES = {
-    "min(L)": Objective(1.0, 0.0),
-    "min(Theta)": Objective(0.0, 1.0),
-    "L + Theta": Objective(1.0, 1.0),
-}
-
 # Added spheres keep so far from the bodies on their way [m].
 _APART = 0.05
+_NAME = "{0.robot} {0.number}, {0.objective}"  # of a problem
+_HEADER = (
+    *("objective", "robot", "problems", "lines: solved", "lines: touch", "shapes: solved"),
+    *("shapes: touch", "time, shapes / lines"),
+)
+_CROWD_HEADER = (
+    *("problem", "spheres", "lines [s]", "shapes [s]", "shapes / lines"),
+    *("lines: rollouts", "shapes: rollouts"),
+)
 
 
 @dataclass(frozen=True)
-class GeometryAttempt:
+class GeometryAttempt(Attempt):
     """What became of one problem with one geometry."""
 
     robot: str
     number: int
     objective: str  # key of `OBJECTIVES`
     geometry: Geometry  # that was planned with
-    status: Status
-    message: str  # cause of a miss; empty if solved
-    seconds: float  # of processor time
     touches: tuple[str, ...]  # pairs that touch along the plan, with shapes whatever it was made of
 
-    @property
-    def solved(self) -> bool:
-        """Whether there is a plan."""
-        return self.status is Status.SOLVED
+
+@dataclass(frozen=True)
+class Crowd:
+    """Time of one problem among so many spheres."""
+
+    problem: str
+    spheres: int
+    lines: float  # median processor time [s]
+    shapes: float  # likewise [s]
+    lines_rollouts: int  # that the search needed
+    shapes_rollouts: int  # likewise: the same task is another one with bodies, and often harder
+
+
+def measurement(count: int, settings: PlannerSettings) -> Measurement:
+    """Plan so many problems for every objective, with lines and with shapes."""
+    tried = list(geometry_attempts(count, settings))
+    title = "Lines and shapes side by side, contacts looked for 1000 times a second"
+    shapes = [each for each in tried if each.geometry is Geometry.SHAPES]
+    contacts = [f"touches: {_NAME.format(each)}: {each.touches}" for each in shapes if each.touches]
+    table = Table(title, _HEADER, [*geometry_rows(tried)])
+    return Measurement(tried, [table], [*misses(shapes, _NAME), *contacts])
 
 
 def geometry_attempts(count: int, settings: PlannerSettings) -> Iterator[GeometryAttempt]:
@@ -66,34 +90,14 @@ def geometry_attempt(
 ) -> GeometryAttempt:
     """Plan one problem."""
     whole = replace(bodies.problem(robot, number).problem, objective=OBJECTIVES[objective])
-    made, seconds = _planned(replace(whole, robot=bench_robot(robot, geometry)), settings)
-    if isinstance(made, FfPlannerError):
-        status, message, touches = made.status, str(made), tuple[str, ...]()
-    else:
-        status, message = Status.SOLVED, ""
-        touches = tuple(sorted(touching(whole.robot, made.trajectory, whole.obstacles)))
-    return GeometryAttempt(robot, number, objective, geometry, status, message, seconds, touches)
-
-
-def _planned(
-    problem: PlanningProblem, settings: PlannerSettings
-) -> tuple[Plan | FfPlannerError, float]:
-    begun = time.process_time()
-    try:
-        made: Plan | FfPlannerError = perform(PlanningTask(problem, settings))
-    except FfPlannerError as error:
-        made = error
-    return made, time.process_time() - begun
-
-
-HEADER = (
-    *("objective", "robot", "problems", "lines: solved", "lines: touch", "shapes: solved"),
-    *("shapes: touch", "time, shapes / lines"),
-)
+    asked = replace(whole, robot=bench_robot(robot, geometry))
+    made, outcome = timed_plan(PlanningTask(asked, settings))
+    found = touching(whole.robot, made.trajectory, whole.obstacles) if made else ()
+    return GeometryAttempt(robot, number, objective, geometry, tuple(sorted(found)), **outcome)
 
 
 def geometry_rows(tried: Sequence[GeometryAttempt]) -> Iterator[tuple[str, ...]]:
-    """Yield a row for each objective and robot, and for all robots: `HEADER`."""
+    """Yield a row for each objective and robot, and for all robots."""
     for objective in OBJECTIVES:
         for robot in ("all", *bodies.ROBOTS):
             group = [
@@ -117,20 +121,24 @@ def geometry_rows(tried: Sequence[GeometryAttempt]) -> Iterator[tuple[str, ...]]
                 for a, b in zip(lines, shapes, strict=True)
                 if a.solved and b.solved
             ]
-            cells.append(f"{np.median(ratios):.2f}" if ratios else "-")
+            cells.append(median(ratios, 2))
             yield (objective, robot, f"{len(lines)}", *cells)
 
 
-@dataclass(frozen=True)
-class Crowd:
-    """Time of one problem among so many spheres."""
-
-    problem: str
-    spheres: int
-    lines: float  # median processor time [s]
-    shapes: float  # likewise [s]
-    lines_rollouts: int  # that the search needed
-    shapes_rollouts: int  # likewise: the same task is another one with bodies, and often harder
+def crowd_measurement(settings: PlannerSettings, *, quick: bool) -> Measurement:
+    """Compare times of lines and shapes among few and many spheres."""
+    runs, sizes = (1, (3, 30)) if quick else (5, (3, 200))
+    found = list(crowds(crowded_problems(), settings, sizes, runs))
+    rows = [
+        (
+            *(each.problem, f"{each.spheres}", f"{each.lines:.3f}", f"{each.shapes:.3f}"),
+            *(f"{each.shapes / each.lines:.2f}", f"{each.lines_rollouts}"),
+            f"{each.shapes_rollouts}",
+        )
+        for each in found
+    ]
+    title = "Processor time with lines and with shapes, min(L)"
+    return Measurement(found, [Table(title, _CROWD_HEADER, rows)])
 
 
 def crowded_problems() -> dict[str, PlanningProblem]:
@@ -187,6 +195,5 @@ def _more_spheres(problem: PlanningProblem, way: Swept, count: int) -> tuple[Sph
 
 def _measured(problem: PlanningProblem, settings: PlannerSettings, runs: int) -> tuple[float, int]:
     """Return the median time of a plan [s] after one that does not count, and its rollouts."""
-    made = [_planned(problem, settings) for _ in range(runs + 1)]
-    rollouts = [plan.solver.rollouts for plan, _ in made if isinstance(plan, Plan)]
-    return float(np.median([seconds for _, seconds in made[1:]])), max(rollouts, default=0)
+    plans, seconds = timed_plans([problem] * (1 + runs), settings, warm_up=1)
+    return seconds, plans[0].solver.rollouts

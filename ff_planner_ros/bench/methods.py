@@ -11,24 +11,23 @@ import numpy as np
 from scipy.optimize import nnls
 
 from ff_planner_ros.bench.direct import solve_directly
-from ff_planner_ros.bench.exact import solve_by_slsqp
-from ff_planner_ros.bench.ipopt import solve_by_ipopt
-from ff_planner_ros.bench.success import timed_plans
+from ff_planner_ros.bench.exact import solve_by_ipopt, solve_by_slsqp
+from ff_planner_ros.bench.measurement import OBJECTIVES, Measurement, timed_plans
 from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.common.text_table import Table
 from ff_planner_ros.errors import NoPlanFound
 from ff_planner_ros.planning.motion.system_frame import in_own_frame
 from ff_planner_ros.planning.optimisation.program import PathProgram, path_program
 from ff_planner_ros.planning.paths.end_effector_polynomial import end_effector_paths
-from ff_planner_ros.planning.problem.problem import Objective, PlanningProblem
+from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.problems.paths import clearance_along, roll_out, weighted_objective
 
-OBJECTIVES = {
-    "min(L)": Objective(1.0, 0.0),
-    "min(Theta)": Objective(0.0, 1.0),
-    "L + Theta": Objective(1.0, 1.0),
-}
 OURS = "ff_planner"
+_HEADER = (
+    *("objective", "method", "time / ours", "time [s]", "rollouts", "value [rad]"),
+    *("optimality", "clearance [mm]", "why it stopped"),
+)
 
 # A constraint within this of its bound, or a peak within this of the highest, may carry a
 # multiplier [m or rad].
@@ -48,6 +47,34 @@ class Result:
     optimality: float | None  # largest entry of the Lagrangian's gradient, the best multipliers
     clearance: float | None  # certified between the points too [m]
     message: str  # why it stopped
+
+
+def measurement(problem: PlanningProblem, settings: PlannerSettings, *, quick: bool) -> Measurement:
+    """Compare the methods on a problem, and stop the others early if quick."""
+    runs, iterations = (1, 2) if quick else (7, 200)
+    results = list(method_results(problem, settings, runs, iterations))
+    ours = {each.objective: each.seconds for each in results if each.method == OURS}
+    rows = [
+        (
+            *(each.objective, each.method, f"{each.seconds / ours[each.objective]:.1f}"),
+            *(f"{each.seconds:.3f}", f"{each.rollouts}", *_path_cells(each), each.message),
+        )
+        for each in results
+    ]
+    with_ipopt = any(each.method.startswith("IPOPT") for each in results)
+    remark = "IPOPT is not installed (`pip install casadi` brings it along)"
+    table = Table("The paper's capture, 50 points", _HEADER, rows)
+    return Measurement(results, [table], [] if with_ipopt else [remark])
+
+
+def _path_cells(result: Result) -> Iterator[str]:
+    """Yield value, optimality and clearance [mm] of where a method ended."""
+    if result.value is None or result.optimality is None or result.clearance is None:
+        yield from ("singular", "-", "-")
+        return
+    yield f"{result.value:.4f}"
+    yield f"{result.optimality:.1e}"
+    yield f"{result.clearance * 1e3:.1f}"
 
 
 def method_results(

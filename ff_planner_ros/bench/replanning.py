@@ -8,11 +8,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ff_planner_ros.bench.measurement import OBJECTIVES, Measurement
+from ff_planner_ros.common.text_table import Table
 from ff_planner_ros.errors import FfPlannerError, Status
 from ff_planner_ros.planning.motion.forward import carried_forward
 from ff_planner_ros.planning.motion.joint_motion import JointMotion, joint_motion
 from ff_planner_ros.planning.problem.problem import (
-    Objective,
     Parametrisation,
     PlanningProblem,
     carried_spheres,
@@ -23,7 +24,7 @@ from ff_planner_ros.planning.task.task import PlanningTask, perform
 from ff_planner_ros.problems.robots import ROBOTS
 from ff_planner_ros.problems.scenarios import scenario
 
-HEADER = (
+_HEADER = (
     *("what is planned again", "asked", "solved", "near the rest", "iterations"),
     *("p50 [ms]", "p99 [ms]", "from nothing p50 [ms]", "times faster"),
 )
@@ -53,6 +54,12 @@ class Replanned:
     seconds_from_nothing: float  # of the same task without the running plan's remainder
 
 
+def measurement(problem: PlanningProblem, count: int, settings: PlannerSettings) -> Measurement:
+    """Compare the times with those of the same tasks planned from nothing."""
+    results = list(replanned(problem, count, settings))
+    return Measurement(results, [Table("Replanning in motion", _HEADER, [*_rows(results)])])
+
+
 def replanned(
     problem: PlanningProblem, count: int, settings: PlannerSettings
 ) -> Iterator[Replanned]:
@@ -62,30 +69,27 @@ def replanned(
         problem: Of the first row; the second are ordinary scenarios of all robots.
         count: Of these scenarios.
     """
-    shortest, splines = Objective(1.0, 0.0), Parametrisation.JOINT_SPLINE
-    cases = [
-        ("lemur_capture, min(L)", replace(problem, objective=shortest)),
-        (
-            "lemur_capture, min(L), joint splines",
-            replace(problem, objective=shortest, parametrisation=splines),
-        ),
-        ("lemur_capture, min(Theta)", replace(problem, objective=Objective(0.0, 1.0))),
-    ]
-    for kind, asked in cases:
-        yield from _of_plan(kind, "lemur", 0, asked, settings)
+    shortest = replace(problem, objective=OBJECTIVES["min(L)"])
+    cases = {
+        "min(L)": shortest,
+        "min(L), joint splines": replace(shortest, parametrisation=Parametrisation.JOINT_SPLINE),
+        "min(Theta)": replace(problem, objective=OBJECTIVES["min(Theta)"]),
+    }
+    for name, asked in cases.items():
+        yield from _of_plan(f"lemur_capture, {name}", "lemur", 0, asked, settings)
     for index in range(count):
         number, arm = divmod(index, len(ROBOTS))
         found = scenario("ordinary", ROBOTS[arm], number, turned=False)
         yield from _of_plan("ordinary, min(L)", ROBOTS[arm], number, found.problem, settings)
 
 
-def rows(results: Sequence[Replanned]) -> Iterator[tuple[str, ...]]:
+def _rows(results: Sequence[Replanned]) -> Iterator[tuple[str, ...]]:
     """Yield a row of the table for each kind."""
     for kind in dict.fromkeys(one.kind for one in results):
         mine = [one for one in results if one.kind == kind]
         solved = [one for one in mine if one.status is Status.SOLVED]
         if not solved:
-            yield (kind, str(len(mine)), "0", *["-"] * (len(HEADER) - 3))
+            yield (kind, str(len(mine)), "0", *["-"] * (len(_HEADER) - 3))
             continue
         seconds = np.array([one.seconds for one in solved])
         before = np.array([one.seconds_from_nothing for one in solved])

@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ff_planner_ros.bench.success import timed_plans
+from ff_planner_ros.bench.measurement import Measurement, timed_plans
+from ff_planner_ros.common.text_table import Table
 from ff_planner_ros.planning.distance.clearance import arm_points, clearances, segments
 from ff_planner_ros.planning.motion.motion import from_trajectory
 from ff_planner_ros.planning.problem.problem import PlanningProblem, Sphere
@@ -28,6 +29,39 @@ class Growth:
     size: int
     seconds: float  # median time of a plan
     rollouts: float  # median
+
+
+def measurement(problem: PlanningProblem, settings: PlannerSettings, *, quick: bool) -> Measurement:
+    """Measure the times of a problem and of arms; if quick, without the large sizes."""
+    runs, count = (1, 1) if quick else (5, 20)
+    spheres, points = ((3, 30), (50, 100)) if quick else ((3, 30, 100, 1000), (50, 100, 200, 500))
+    joints = (7, 6) if quick else (7, 6, 9)
+    growths = {
+        "spheres: the paper's capture, more that leave the plan as it is": [
+            *with_spheres(problem, settings, spheres, runs)
+        ],
+        "points: the paper's capture": [*with_points(problem, settings, points, runs)],
+        f"joints: arms on {count} ordinary scenarios, medians": [
+            *with_joints(settings, joints, count)
+        ],
+    }
+    tables = [
+        Table(
+            f"Time grows with {name}",
+            (growth[0].of, f"time / {growth[0].size}", "time [s]", "rollouts"),
+            [
+                (
+                    f"{g.size}",
+                    f"{g.seconds / growth[0].seconds:.2f}",
+                    f"{g.seconds:.3f}",
+                    f"{g.rollouts:g}",
+                )
+                for g in growth
+            ],
+        )
+        for name, growth in growths.items()
+    ]
+    return Measurement([each for growth in growths.values() for each in growth], tables)
 
 
 def with_spheres(

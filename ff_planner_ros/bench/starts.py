@@ -2,41 +2,62 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ff_planner_ros.errors import FfPlannerError, Status
+from ff_planner_ros.bench.measurement import (
+    OBJECTIVES,
+    Attempt,
+    Measurement,
+    misses,
+    timed_plan,
+)
+from ff_planner_ros.common.text_table import Table
 from ff_planner_ros.planning.motion.joint_motion import JointMotion, joint_motion
 from ff_planner_ros.planning.motion.plan import Plan
-from ff_planner_ros.planning.problem.problem import Objective
 from ff_planner_ros.planning.problem.settings import PlannerSettings
-from ff_planner_ros.planning.task.task import PlanningTask, perform
+from ff_planner_ros.planning.task.task import PlanningTask
 from ff_planner_ros.problems.robots import ROBOTS
 from ff_planner_ros.problems.scenarios import scenario
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.momentum import generalised_jacobian
 
-OBJECTIVES = {"min(L)": Objective(1.0, 0.0), "min(Theta)": Objective(0.0, 1.0)}
 # Null-space rates of the fastest joint [rad/s]; these arms' joints may turn at 0.5.
 NULL_SPACE_RATES = (0.1, 0.3)
 # Arms with a null space.
 _REDUNDANT = ("lemur", "arm7")
+_HEADER = ("start", "tried", "solved", "largest jump [rad/s]", "[rad/s2]")
 
 
 @dataclass(frozen=True)
-class StartAttempt:
+class StartAttempt(Attempt):
     """What became of one start."""
 
     kind: str  # what the start is
     robot: str
     number: int  # of the ordinary scenario
-    status: Status
-    message: str  # cause of a miss; empty if solved
-    # Largest difference between the plan's first joint motion and the start's; NaN for a miss.
-    rate_jump: float  # [rad/s]
-    acceleration_jump: float  # [rad/s2]; NaN, too, where the start's accelerations are not known
+    # Largest difference between the plan's first joint motion and the start's; None for a miss
+    rate_jump: float | None = None  # [rad/s]
+    acceleration_jump: float | None = None  # [rad/s2]; None, too, if the start's are not known
+
+
+def measurement(count: int, settings: PlannerSettings) -> Measurement:
+    """Plan so many starts of each kind."""
+    tried = [*joins(count, settings), *null_space_starts(count, settings)]
+    rows = []
+    for kind in dict.fromkeys(each.kind for each in tried):
+        group = [each for each in tried if each.kind == kind]
+        jumps = _largest(e.rate_jump for e in group), _largest(e.acceleration_jump for e in group)
+        rows.append((kind, f"{len(group)}", f"{sum(each.solved for each in group)}", *jumps))
+    table = Table("Starts in motion, ordinary scenarios", _HEADER, rows)
+    return Measurement(tried, [table], misses(tried, "{0.kind}, {0.robot} {0.number}"))
+
+
+def _largest(jumps: Iterable[float | None]) -> str:
+    known = [jump for jump in jumps if jump is not None]
+    return f"{max(known):.0e}" if known else "-"
 
 
 def joins(count: int, settings: PlannerSettings) -> Iterator[StartAttempt]:
@@ -46,14 +67,13 @@ def joins(count: int, settings: PlannerSettings) -> Iterator[StartAttempt]:
         robot = ROBOTS[arm]
         problem = scenario("ordinary", robot, number, turned=False).problem
         task = PlanningTask(problem, settings)
-        try:
-            running = joint_motion(perform(task).trajectory)
-        except FfPlannerError:
-            continue  # it is counted where the scenarios are
-        rng = np.random.default_rng(index)
-        task = replace(task, ahead=rng.uniform(0.0, problem.duration), running=running)
-        for name, objective in OBJECTIVES.items():
-            asked = replace(task, problem=replace(problem, objective=objective))
+        made, _ = timed_plan(task)
+        if made is None:
+            continue  # a miss of the scenarios' table
+        ahead = np.random.default_rng(index).uniform(0.0, problem.duration)
+        task = replace(task, ahead=ahead, running=joint_motion(made.trajectory))
+        for name in ("min(L)", "min(Theta)"):
+            asked = replace(task, problem=replace(problem, objective=OBJECTIVES[name]))
             yield _attempt(f"in the middle of a plan, {name}", robot, number, asked)
 
 
@@ -77,19 +97,18 @@ def null_space_starts(count: int, settings: PlannerSettings) -> Iterator[StartAt
 
 
 def _attempt(kind: str, robot: str, number: int, task: PlanningTask) -> StartAttempt:
-    try:
-        plan = perform(task)
-    except FfPlannerError as error:
-        return StartAttempt(kind, robot, number, error.status, str(error), np.nan, np.nan)
-    return StartAttempt(kind, robot, number, Status.SOLVED, "", *_jumps(task, plan))
+    made, outcome = timed_plan(task)
+    jumps = _jumps(task, made) if made else (None, None)
+    return StartAttempt(kind, robot, number, *jumps, **outcome)
 
 
-def _jumps(task: PlanningTask, plan: Plan) -> tuple[float, float]:
+def _jumps(task: PlanningTask, plan: Plan) -> tuple[float, float | None]:
     """Return the jumps of joint rates [rad/s] and accelerations [rad/s2] at the start."""
-    motion, rates = plan.trajectory, task.problem.start.joint_velocities
-    accelerations = np.full_like(rates, np.nan)
-    if isinstance(task.running, JointMotion):
-        _, (rates,), (accelerations,) = task.running.at(np.array([task.ahead]))
+    motion = plan.trajectory
+    if not isinstance(task.running, JointMotion):
+        rates = task.problem.start.joint_velocities
+        return float(np.abs(motion.joint_velocities[0] - rates).max()), None
+    _, rates, accelerations = task.running.at(np.array([task.ahead]))
     return (
         float(np.abs(motion.joint_velocities[0] - rates).max()),
         float(np.abs(motion.joint_accelerations[0] - accelerations).max()),

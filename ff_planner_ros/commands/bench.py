@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 
+from ff_planner_ros.bag.provenance import provenance
 from ff_planner_ros.bench.report import run_on_one_core
 from ff_planner_ros.errors import InvalidInput, Status
 
@@ -15,4 +16,5 @@ def run_benchmark(options: argparse.Namespace) -> int:
     if options.scenarios is not None and not 1 <= options.scenarios <= _MOST:
         allowed = f"it must be from 1 to {_MOST}"
         raise InvalidInput(Status.OUT_OF_RANGE, "--scenarios", options.scenarios, allowed)
-    return run_on_one_core(options.quick, options.scenarios, options.json)
+    commit = provenance().get("git", "")
+    return run_on_one_core(options.quick, options.scenarios, options.json, commit)

@@ -1,0 +1,123 @@
+"""One experiment of the benchmark: its results, and how the planner's time is taken."""
+
+from __future__ import annotations
+
+import statistics
+import time
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from ff_planner_ros.common.text_table import Table
+from ff_planner_ros.errors import FfPlannerError, NoPlanFound, Status
+from ff_planner_ros.planning.check.check import measure
+from ff_planner_ros.planning.motion.plan import Plan
+from ff_planner_ros.planning.motion.watch import Watch
+from ff_planner_ros.planning.problem.problem import Objective, PlanningProblem, lasting
+from ff_planner_ros.planning.problem.settings import PlannerSettings
+from ff_planner_ros.planning.search.planner import FirstGuess, plan
+from ff_planner_ros.planning.task.task import PlanningTask, perform
+
+OBJECTIVES = {
+    "min(L)": Objective(1.0, 0.0),
+    "min(Theta)": Objective(0.0, 1.0),
+    "L + Theta": Objective(1.0, 1.0),
+}
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """What an experiment found."""
+
+    results: Sequence[Any]  # dataclasses
+    tables: Sequence[Table]  # which sum the results up
+    remarks: Sequence[str] = ()  # a line each, such as a miss and its cause
+
+
+@dataclass(frozen=True, kw_only=True)
+class Attempt:
+    """How the planner did on one problem."""
+
+    status: Status
+    message: str  # cause of a miss; empty if solved
+    seconds: float  # processor time of the planner
+
+    @property
+    def solved(self) -> bool:
+        """Whether there is a plan, and it passes the check."""
+        return self.status is Status.SOLVED
+
+
+def misses(attempts: Iterable[Attempt], name: str) -> list[str]:
+    """Return a remark for each attempt that found no plan; `name` has the attempt's fields."""
+    return [
+        f"missed: {name.format(each)}: {each.status.name}: {each.message}"
+        for each in attempts
+        if not each.solved
+    ]
+
+
+@dataclass
+class Stopwatch:
+    """The planner as a method of `perform`, with the time that it takes."""
+
+    # Processor time of the last plan; what `perform` does before and after does not count
+    seconds: float = 0.0
+
+    def __call__(
+        self,
+        problem: PlanningProblem,
+        settings: PlannerSettings,
+        watch: Watch,
+        guess: FirstGuess | None,
+    ) -> Plan:
+        """Plan, and compute the metrics anew instead of trusting the planner's."""
+        begun = time.process_time()
+        try:
+            made = plan(problem, settings, watch, guess)
+        finally:
+            self.seconds = time.process_time() - begun
+        fixed = lasting(problem, made.duration)
+        return replace(made, metrics=measure(fixed, made.trajectory, settings))
+
+
+def timed_plan(task: PlanningTask) -> tuple[Plan | None, dict[str, Any]]:
+    """Return the plan of a task, None where there is none, and the fields of `Attempt`."""
+    stopwatch, made, status, message = Stopwatch(), None, Status.SOLVED, ""
+    try:
+        made = perform(task, method=stopwatch)
+    except FfPlannerError as error:
+        status, message = error.status, str(error)
+    return made, {"status": status, "message": message, "seconds": stopwatch.seconds}
+
+
+def timed_plans(
+    problems: Iterable[PlanningProblem], settings: PlannerSettings, warm_up: int = 0
+) -> tuple[list[Plan], float]:
+    """Return plans of all problems that are solved, and their median time [s] after the warm-up."""
+    plans, seconds, stopwatch = [], [], Stopwatch()
+    for problem in problems:
+        try:
+            plans.append(perform(PlanningTask(problem, settings), method=stopwatch))
+        except NoPlanFound:
+            continue
+        seconds.append(stopwatch.seconds)
+    return plans, statistics.median(seconds[warm_up:])
+
+
+def solved_and_times(attempts: Sequence[Attempt]) -> tuple[str, ...]:
+    """Return cells of a table: problems, part that is solved, median and 95 % of the times [s]."""
+    seconds = [each.seconds for each in attempts]
+    return (
+        f"{len(attempts)}",
+        f"{sum(each.solved for each in attempts) / len(attempts):.1%}",
+        f"{np.median(seconds):.3f}",
+        f"{np.quantile(seconds, 0.95):.3f}",
+    )
+
+
+def median(values: Sequence[float], digits: int) -> str:
+    """Return a median as a cell of a table, `-` of no values."""
+    return f"{np.median(values):.{digits}f}" if values else "-"
