@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from ff_planner_ros.common.text_table import Table
-from ff_planner_ros.errors import FfPlannerError, NoPlanFound, Status
+from ff_planner_ros.errors import FfPlannerError, Status
 from ff_planner_ros.planning.check.check import measure
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.motion.watch import Watch
@@ -97,14 +97,9 @@ def timed_plans(
     problems: Iterable[PlanningProblem], settings: PlannerSettings, warm_up: int = 0
 ) -> tuple[list[Plan], float]:
     """Return plans of all problems that are solved, and their median time [s] after the warm-up."""
-    plans, seconds, stopwatch = [], [], Stopwatch()
-    for problem in problems:
-        try:
-            plans.append(perform(PlanningTask(problem, settings), method=stopwatch))
-        except NoPlanFound:
-            continue
-        seconds.append(stopwatch.seconds)
-    return plans, statistics.median(seconds[warm_up:])
+    timed = [timed_plan(PlanningTask(problem, settings)) for problem in problems]
+    solved = [(made, outcome["seconds"]) for made, outcome in timed if made]
+    return [made for made, _ in solved], statistics.median(s for _, s in solved[warm_up:])
 
 
 def solved_and_times(attempts: Sequence[Attempt]) -> tuple[str, ...]:

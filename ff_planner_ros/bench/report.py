@@ -58,7 +58,7 @@ def run_on_one_core(quick: bool, scenarios: int | None, json_file: Path | None, 
     Args:
         quick: Whether to use smaller sizes and to stop the other methods early.
         scenarios: Of each class; None: 200, or 4 if quick.
-        commit: That is measured; empty if it is not known.
+        commit: Of the sources; empty: it is not known.
     """
     count = str(scenarios or (4 if quick else 200))
     arguments = [str(int(quick)), count, str(json_file or ""), commit]
