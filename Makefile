@@ -2,7 +2,7 @@
 SHELL := /bin/bash
 .SHELLFLAGS := -euo pipefail -c
 .DEFAULT_GOAL := demo
-.PHONY: env prerequisites demo test nightly mutants short-test without-ros sanitize lint build lock clean
+.PHONY: env prerequisites demo test nightly mutants short-test without-ros sanitize lint build figures lock clean
 
 PYTHON ?= python3
 VENV ?= .venv
@@ -186,6 +186,12 @@ MESSAGES_LOAD := import os, ff_planner_msgs.srv as srv; \
 	from rclpy.type_support import check_for_type_support; \
 	check_for_type_support(srv.PlanTrajectory); \
 	assert srv.__file__.startswith(os.getcwd()), srv.__file__
+
+# Measures the benchmark anew, and writes its tables and the sentences with its figures. It takes
+# half an hour, on a machine that does nothing else.
+figures: env $(VENV)/extras_everyday
+	$(BIN)/ff-planner bench --json docs/benchmark.json
+	$(BIN)/python test/doc_tables.py
 
 # Remakes constraints.txt with the newest versions that setup.py and all pyproject.toml allow. None
 # of our own is a package of an index.

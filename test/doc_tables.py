@@ -1,4 +1,7 @@
-"""The tables of docs/ that the code declares. Run as a script, it writes them into the pages."""
+"""What the code declares and the benchmark measured, as README.md and docs/ have it.
+
+Run as a script, it writes the tables and sentences into the pages, between their marks.
+"""
 
 from __future__ import annotations
 
@@ -6,6 +9,9 @@ import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
+
+import doc_figures
+from pages import PAGES
 
 import ff_planner_ros
 from ff_planner_ros.bag.older_messages import ANSWER_FIELDS, REQUEST_FIELDS
@@ -23,9 +29,10 @@ from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.ros.parameters import _AT_START, _PATHS, _WHILE_CONFIGURED
 
 SOURCE_TREE = Path(__file__).resolve().parents[1]
-DOCS = SOURCE_TREE / "docs"
 MESSAGES = SOURCE_TREE / "msg_defs" / "msg"
-BLOCK = re.compile(r"(<!-- (table|example): (\w+) -->\n)(.*?)(<!-- end -->)", re.DOTALL)
+BLOCK = re.compile(
+    r"(<!-- (table|example|figures|bench): ([\w, ]+) -->\n?)(.*?)(<!-- end -->)", re.DOTALL
+)
 
 
 def codes() -> Iterator[tuple[str, ...]]:
@@ -196,10 +203,15 @@ def markdown(rows: Iterator[tuple[str, ...]]) -> str:
 
 def expected(block: re.Match[str]) -> str:
     """Return a marked block as it must be."""
-    made = globals()[block[3]]()
+    if block[2] == "bench":
+        made = doc_figures.tables(block[3])
+    elif block[2] == "figures":
+        made = getattr(doc_figures, block[3])()
+    else:
+        made = globals()[block[3]]()
     return block[1] + (made if isinstance(made, str) else markdown(made)) + block[5]
 
 
 if __name__ == "__main__":
-    for page in DOCS.glob("*.md"):
+    for page in PAGES:
         page.write_text(BLOCK.sub(expected, page.read_text("utf-8")), "utf-8")

@@ -1,0 +1,160 @@
+"""What README.md and docs/ say of the benchmark: its tables, and sentences with its figures.
+
+All of it is from docs/benchmark.json, which `make figures` measures anew.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from textwrap import dedent
+
+from ff_planner_ros.common.text_table import table_lines
+
+FILE = Path(__file__).resolve().parents[1] / "docs" / "benchmark.json"
+FIGURES = json.loads(FILE.read_text(encoding="utf-8"))
+MACHINE = FIGURES["machine"]["machine"].partition(",")[0]
+
+
+def tables(names: str) -> str:
+    """Return the tables of measurements, and what they were measured on, as they are printed."""
+    blocks = []
+    for name in names.split(", "):
+        if name == "machine":
+            blocks.append("\n".join(f"{key:8}  {value}" for key, value in FIGURES[name].items()))
+        for table in FIGURES["tables"]:
+            if table["of"] == name:
+                lines = table_lines(table["title"], table["header"], table["rows"])
+                blocks.append("\n".join(lines))
+    text = "\n\n".join(blocks)
+    return f"```\n{text}\n```\n"
+
+
+def benchmark_in_short() -> str:
+    beliefs = ("zero momentum", "fixed base", "fixed base, no drift")
+    misled = [(kind, belief) for kind in ("ordinary", "cluttered") for belief in beliefs]
+    collide = [cell("executions", "collide", *row) for row in misled]
+    missed = [number(cell("executions", "miss, median [mm]", *row)) / 10.0 for row in misled]
+    inside = -number(papers("clearance [mm]", "min(Theta)"))
+    assert inside > 0.0, "the paper's way ends outside every obstacle: say so"
+    return dedent(
+        f"""\
+        On one core of an {MACHINE}, in processor time; [docs/benchmark.md](docs/benchmark.md) has
+        all figures.
+
+        - The shortest plan of the paper's capture takes {ours("time [s]", "min(L)")} s, the one
+          that turns the chaser least {ours("time [s]", "min(Theta)")} s.
+        - The paper's problem as it is written (finite differences, SciPy's SLSQP) takes
+          {papers("time / ours", "min(L)")} times as long for the first. For the second it ends at
+          {papers("value [rad]", "min(Theta)")} rad, where ours has
+          {ours("value [rad]", "min(Theta)")} rad, and {inside:.1f} mm inside an obstacle.
+        - {solved("scenarios", kind="ordinary")} ordinary and
+          {solved("scenarios", kind="cluttered")} cluttered scenarios drawn at random are solved, in
+          {cell("scenarios", "median [s]", "ordinary", "all")} s and
+          {cell("scenarios", "median [s]", "cluttered", "all")} s in the median; 95 % take at most
+          {cell("scenarios", "95 % [s]", "ordinary", "all")} s and
+          {cell("scenarios", "95 % [s]", "cluttered", "all")} s.
+        - {solved("captures")} [bodies that
+          tumble](docs/tumbling_targets.md#how-often-it-finds-a-plan) at up to 10 deg/s are
+          captured.
+        - A thousand spheres cost {cell("scaling", "time / 3", "1000")} times as much time as three,
+          500 points {cell("scaling", "time / 50", "500")} times as much as 50.
+        - Plans for a fixed base or for zero momentum, executed on the true system, collide in
+          {least(collide)} % to {most(collide)} % of the cases and miss their goal by
+          {min(missed):.0f} to {max(missed):.0f} cm (medians).
+        """
+    )
+
+
+def capture_times() -> str:
+    shortest, steadiest = (ours("time [s]", objective) for objective in ("min(L)", "min(Theta)"))
+    return (
+        f"{shortest} s of CPU for the shortest joint path and {steadiest} s for the least attitude"
+    )
+
+
+def attitude_rounds() -> str:
+    nearness = cell("steadiness", "attitude / best, median", "3")
+    return f"{above(nearness)} in the median and {above(cell('steadiness', 'worst', '3'))} at worst"
+
+
+def no_rounds() -> str:
+    none, _, three = map(number, cells("steadiness", "processor time, median [s]"))
+    nearness = cell("steadiness", "attitude / best, median", "0")
+    return f"{100.0 * none / three:.0f} % of the time and ends {above(nearness)} above the best"
+
+
+def bodies_in_capture() -> str:
+    lines, shapes, ratio = (
+        cell("crowds", column, "lemur_capture_bodies", "3")
+        for column in ("lines: rollouts", "shapes: rollouts", "shapes / lines")
+    )
+    return f"{shapes} rollouts instead of {lines} and {ratio} times the time"
+
+
+def captures_in_short() -> str:
+    far, turned, fast = (
+        most(cells("captures", column))
+        for column in ("apart in MuJoCo [mm]", "[deg]", "moving apart [mm/s]")
+    )
+    medians, slow = (cells("captures", column) for column in ("median [s]", "95 % [s]"))
+    return dedent(
+        f"""\
+        `ff-planner bench` captures {cell("captures", "problems", "tumbling")} bodies of each of
+        {len(medians)} [classes](benchmark.md#captures-of-bodies-that-tumble). It finds a plan for
+        {solved("captures")}, in {least(medians)} s to {most(medians)} s of processor time (medians
+        of the classes), and in {least(slow)} s to {most(slow)} s for 95 %, on one core of an
+        {MACHINE}. Executed in MuJoCo, end effector and grasp are at most {far} mm and {turned} deg
+        apart at the capture, and move apart at {fast} mm/s at most.
+        """
+    )
+
+
+def cells(of: str, column: str, *row: str) -> list[str]:
+    """Return the cells of a measurement's column, in the rows that begin with some cells."""
+    return [
+        cells[table["header"].index(column)]
+        for table in FIGURES["tables"]
+        if table["of"] == of and column in table["header"]
+        for cells in table["rows"]
+        if cells[: len(row)] == list(row)
+    ]
+
+
+def cell(of: str, column: str, *row: str) -> str:
+    """Return the cell of a column in the only row that begins with some cells."""
+    (found,) = cells(of, column, *row)
+    return found
+
+
+def ours(column: str, objective: str) -> str:
+    """Return a cell of the planner's row in the table of methods."""
+    return cell("methods", column, objective, "ff_planner")
+
+
+def papers(column: str, objective: str) -> str:
+    """Return a cell of the row of the paper's method."""
+    return cell("methods", column, objective, "direct (paper)")
+
+
+def solved(of: str, **where: str) -> str:
+    """Return how many attempts of a measurement found a plan."""
+    results = [one for one in FIGURES[of] if where.items() <= one.items()]
+    return f"{sum(one['status'] == 'SOLVED' for one in results)} of {len(results)}"
+
+
+def number(text: str) -> float:
+    return float(text.rstrip("%"))
+
+
+def least(values: list[str]) -> str:
+    return min(values, key=number).rstrip("%")
+
+
+def most(values: list[str]) -> str:
+    return max(values, key=number).rstrip("%")
+
+
+def above(ratio: str) -> str:
+    """Return by how much a ratio exceeds one."""
+    return f"{100.0 * number(ratio) - 100.0:.0f} %"
