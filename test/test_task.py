@@ -23,11 +23,11 @@ from ff_planner_ros.planning.motion.watch import Progress, Watch
 from ff_planner_ros.planning.problem.problem import Limits, Objective, PlanningProblem, Sphere
 from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.task.controller_rules import Controller
+from ff_planner_ros.planning.task.digest import canonical
 from ff_planner_ros.planning.task.tail import EndBehaviour
 from ff_planner_ros.planning.task.task import (
     PlanningTask,
     attempted,
-    canonical,
     perform,
     without_search,
 )

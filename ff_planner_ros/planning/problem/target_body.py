@@ -17,20 +17,19 @@ from typing import ClassVar
 import numpy as np
 import pinocchio as pin
 
-from ff_planner_ros.common.arrays import Array, finite_vector, frozen, zero_vector
+from ff_planner_ros.common.arrays import Array, zero_vector
 from ff_planner_ros.common.declared import check_declared, declare
 from ff_planner_ros.common.declared_parts import part
 from ff_planner_ros.common.forms import INERTIA, NAME, QUATERNION, a_number, a_vector, each
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.problem.target import Target
-from ff_planner_ros.planning.problem.torque_free import TorqueFreeMotion, Turning
+from ff_planner_ros.planning.problem.torque_free import (
+    TorqueFreeMotion,
+    Turning,
+    possible_inertia,
+)
 from ff_planner_ros.robot.rotation import cross
 
-# Of principal moments, relative to the largest: a smaller one is that of no body but a line, and
-# what rounding makes of a plate, whose largest moment is the sum of the others.
-_LEAST_MOMENT, _PLATE = 1e-6, 1e-6
-# An inertia is written with so many digits at least: its halves are alike to this, relative.
-_SYMMETRIC = 1e-6
 # After more turns [rad] than this nobody can tell where a grasp is: a rate that is known to one in
 # a thousand is off by one radian. At 10 deg/s it takes more than an hour and a half.
 _MOST_TURNS = 1000.0
@@ -156,7 +155,8 @@ class TargetBody:
     def __post_init__(self) -> None:
         """Check every value and replace it by a read-only copy."""
         check_declared(self, "target_body")
-        object.__setattr__(self, "inertia", _possible_inertia(self.inertia))
+        inertia = possible_inertia("target_body.inertia", self.inertia)
+        object.__setattr__(self, "inertia", inertia)
         object.__setattr__(self, "obstacles", tuple(self.obstacles))
         self._check_obstacles()
 
@@ -329,29 +329,3 @@ class TargetBody:
         # A ball turns steadily, and so does what is one but for rounding.
         way = float((squares[falling] / -along[falling]).min()) if falling.any() else 0.0
         return math.sqrt(float(squares.sum()) + abs(gain) * way)
-
-
-def _possible_inertia(inertia: Array) -> Array:
-    """Return an inertia, symmetric to the last bit.
-
-    Raises:
-        InvalidInput: No body has it.
-    """
-    name = "target_body.inertia"
-    found = frozen(finite_vector(name, np.ravel(inertia), 9).reshape(3, 3))
-    size = float(np.abs(found).max())
-    if np.abs(found - found.T).max() > _SYMMETRIC * size:
-        raise InvalidInput(Status.OUT_OF_RANGE, name, found.tolist(), "it must be symmetric")
-    found = frozen(found / 2.0 + found.T / 2.0)
-    least, middle, largest = np.linalg.eigvalsh(found).tolist()
-    told = f"{found.tolist()} with principal moments {least:.6g}, {middle:.6g}, {largest:.6g}"
-    if not least > _LEAST_MOMENT * largest:
-        allowed = (
-            f"each must be positive, and more than {_LEAST_MOMENT:g} of the largest: the body "
-            "turns about all of its axes"
-        )
-        raise InvalidInput(Status.OUT_OF_RANGE, name, told, allowed)
-    if least + middle < (1.0 - _PLATE) * largest:
-        allowed = "no moment may be larger than the sum of the others: no body has such an inertia"
-        raise InvalidInput(Status.OUT_OF_RANGE, name, told, allowed)
-    return found

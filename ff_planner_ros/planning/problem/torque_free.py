@@ -15,7 +15,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.common.arrays import Array, finite_vector, frozen
+from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.robot.rotation import cross, skew
 
 # Terms of a series, and what its last ones may be, relative: then it ends. With more terms the
@@ -23,6 +24,11 @@ from ff_planner_ros.robot.rotation import cross, skew
 _ORDER, _ROUNDING = 20, 1e-16
 # A body at rest stays where it is for so long [s].
 _LONGEST = 1e9
+# Of principal moments, relative to the largest: a smaller one is that of no body but a line, and
+# what rounding makes of a plate, whose largest moment is the sum of the others.
+_LEAST_MOMENT, _PLATE = 1e-6, 1e-6
+# An inertia is written with so many digits at least: its halves are alike to this, relative.
+_SYMMETRIC = 1e-6
 
 
 class Turning(NamedTuple):
@@ -146,3 +152,28 @@ def _rotations(quaternions_xyzw: Array) -> Array:
     square = (quaternions_xyzw**2).sum(axis=1)[:, None, None]
     rotations: Array = np.eye(3) + 2.0 * (scalar * cross + cross @ cross) / square
     return rotations
+
+
+def possible_inertia(field: str, inertia: Array) -> Array:
+    """Return an inertia, symmetric to the last bit.
+
+    Raises:
+        InvalidInput: No body has it.
+    """
+    found = frozen(finite_vector(field, np.ravel(inertia), 9).reshape(3, 3))
+    size = float(np.abs(found).max())
+    if np.abs(found - found.T).max() > _SYMMETRIC * size:
+        raise InvalidInput(Status.OUT_OF_RANGE, field, found.tolist(), "it must be symmetric")
+    found = frozen(found / 2.0 + found.T / 2.0)
+    least, middle, largest = np.linalg.eigvalsh(found).tolist()
+    told = f"{found.tolist()} with principal moments {least:.6g}, {middle:.6g}, {largest:.6g}"
+    if not least > _LEAST_MOMENT * largest:
+        allowed = (
+            f"each must be positive, and more than {_LEAST_MOMENT:g} of the largest: the body "
+            "turns about all of its axes"
+        )
+        raise InvalidInput(Status.OUT_OF_RANGE, field, told, allowed)
+    if least + middle < (1.0 - _PLATE) * largest:
+        allowed = "no moment may be larger than the sum of the others: no body has such an inertia"
+        raise InvalidInput(Status.OUT_OF_RANGE, field, told, allowed)
+    return found

@@ -30,7 +30,8 @@ from ff_planner_ros.common.arrays import Array, frozen
 from ff_planner_ros.errors import FfPlannerError
 from ff_planner_ros.planning.problem.problem import Orientation, PlanningProblem, lasting
 from ff_planner_ros.planning.search.families import path_families
-from ff_planner_ros.planning.task.task import PlanningTask, as_it_begins, canonical
+from ff_planner_ros.planning.task.digest import canonical
+from ff_planner_ros.planning.task.task import PlanningTask, as_it_begins
 from ff_planner_ros.robot.model import Robot
 
 _DIGITS = 16  # of a kind

@@ -1,0 +1,89 @@
+"""The digest of a task: a hash that is the same for equal tasks, whichever version made it."""
+
+from __future__ import annotations
+
+import hashlib
+import struct
+from collections.abc import Iterator, Sequence
+from dataclasses import fields, is_dataclass
+from typing import Any
+
+import numpy as np
+
+from ff_planner_ros.common.declared import declared_by_name
+from ff_planner_ros.planning.problem.problem import PlanningProblem, Sphere
+from ff_planner_ros.planning.problem.settings import PlannerSettings
+from ff_planner_ros.planning.requirements.requirement import Requirement
+from ff_planner_ros.planning.task.tail import EndBehaviour
+from ff_planner_ros.robot.bodies import Geometry, defining_numbers
+from ff_planner_ros.robot.model import Base, Robot
+
+_DIGITS = 16
+# What fields were called until version 0.3: the digest of a task stays what it was.
+_DIGESTED_AS = {"allowed_collisions": "allowed_at_goal", "half_angle": "cone"}
+
+
+def digest_of(value: Any) -> str:
+    """Return the hash of a dataclass, from its fields."""
+    return hashlib.sha256(b"".join(canonical(value))).hexdigest()[:_DIGITS]
+
+
+def canonical(value: Any) -> Iterator[bytes]:
+    """Yield bytes that are the same for equal values, on every machine and in every process."""
+    if isinstance(value, Robot):
+        yield from canonical(_parts_of_robot(value))
+    elif is_dataclass(value):
+        yield from _canonical_fields(value)
+    elif value is None or isinstance(value, bool):
+        yield repr(value).encode()
+    elif isinstance(value, str):
+        word = "as_planned" if value is EndBehaviour.NONE else str(value)
+        text = word.encode(errors="surrogatepass")
+        yield b"s%d:" % len(text) + text
+    elif isinstance(value, np.ndarray):
+        yield f"a{value.shape}".encode() + value.astype("<f8").tobytes()
+    elif isinstance(value, Sequence):
+        yield b"l%d:" % len(value)
+        for entry in value:
+            yield from canonical(entry)
+    else:
+        yield b"d" + struct.pack("<d", value)
+
+
+def _canonical_fields(value: Any) -> Iterator[bytes]:
+    if isinstance(value, Requirement):
+        yield from canonical(value.name)
+    for item in fields(value):
+        if not _is_absent(value, item.name):
+            yield from canonical(_DIGESTED_AS.get(item.name, item.name))
+            yield from canonical(getattr(value, item.name))
+
+
+def _parts_of_robot(robot: Robot) -> list[Any]:
+    """Return what a robot is to a plan; what older versions did not have is left out."""
+    parts: list[Any] = [robot.urdf, robot.base_link, robot.tip_link]
+    if robot.base is not Base.FREE_FLYER:
+        parts.append(robot.base)
+    if robot.geometry is not Geometry.LINES:
+        bodies = [(body.name, body.joint, *defining_numbers(body)) for body in robot.bodies]
+        parts += [robot.geometry, bodies, robot.pairs]
+    return parts
+
+
+def _is_absent(value: Any, name: str) -> bool:
+    """Tell whether a field follows from others, or says what older versions took for granted."""
+    kind: Any = type(value)
+    given = getattr(value, name)
+    if isinstance(value, Sphere) and value.body is not None:
+        return name not in ("id", "radius")
+    if isinstance(value, PlanningProblem):
+        if name in ("allowed_collisions", "contact_distance"):
+            return not value.allowed_collisions
+        if name == "target":
+            return value.target_body is not None
+    if isinstance(value, PlannerSettings) and name == "robust":
+        return not value.robust.sigmas
+    said = declared_by_name(kind).get(name)
+    if said is None:
+        return given is None
+    return said.late and bool(np.all(given == said.default))
