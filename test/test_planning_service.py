@@ -123,9 +123,9 @@ def test_a_goal_that_is_cancelled_before_rclpy_hands_it_over_is_not_planned(
 ) -> None:
     with service(lemur_capture, monkeypatch) as (answering, worker, _):
         goal = a_goal(lemur_capture)
-        assert answering._cancel(goal) is CancelResponse.ACCEPT
-        answering._accept(goal)
-        result = answering._execute(goal).answer
+        assert answering._action._cancel(goal) is CancelResponse.ACCEPT
+        answering._action._accept(goal)
+        result = answering._action._execute(goal).answer
     assert (result.status.code, result.plan_id) == (Status.CANCELLED, "run.1")
     goal.canceled.assert_called_once_with()
     worker.solve.assert_not_called()
@@ -139,7 +139,7 @@ def test_a_goal_that_is_cancelled_while_rclpy_begins_it_is_begun_all_the_same(
         goal = a_goal(lemur_capture)
         illegal = rclpy_implementation.RCLError("goal_handle attempted invalid transition")
         goal.execute.side_effect = [illegal, None]
-        answering._accept(goal)
+        answering._action._accept(goal)
     assert goal.execute.call_count == 2
 
 

@@ -1,10 +1,9 @@
-"""The service `plan_trajectory` and the action `plan_trajectory_action`: two doors, one path."""
+"""The service `plan_trajectory`, and how requests of service and action are answered."""
 
 from __future__ import annotations
 
 import math
 import secrets
-import threading
 import time
 import traceback
 from collections import deque
@@ -12,14 +11,10 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor, wait
 from itertools import count
 
-from ff_planner_msgs.action import PlanTrajectory as PlanTrajectoryAction
 from ff_planner_msgs.msg import Plan as PlanMessage
-from ff_planner_msgs.msg import PlanAnswer, PlanProgress, PlanRequest
+from ff_planner_msgs.msg import PlanAnswer, PlanRequest
 from ff_planner_msgs.srv import PlanTrajectory
-from rclpy.action import ActionServer, CancelResponse
-from rclpy.action.server import ServerGoalHandle
 from rclpy.callback_groups import ReentrantCallbackGroup
-from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.service_introspection import ServiceIntrospectionState
 from trajectory_msgs.msg import JointTrajectory
@@ -39,7 +34,7 @@ from ff_planner_ros.ros.inputs.scene_input import SceneInput
 from ff_planner_ros.ros.inputs.state_input import StateInput
 from ff_planner_ros.ros.messages.controller_message import controller_message
 from ff_planner_ros.ros.messages.from_messages import metrics_from_message
-from ff_planner_ros.ros.messages.interfaces import ACTION, SERVICE
+from ff_planner_ros.ros.messages.interfaces import SERVICE
 from ff_planner_ros.ros.messages.to_messages import (
     answer_of_error,
     answer_with_plan,
@@ -49,8 +44,8 @@ from ff_planner_ros.ros.outputs.diagnostics import LastRequest
 from ff_planner_ros.ros.outputs.plan_output import PlanOutput
 from ff_planner_ros.ros.parameters import LiveParameters
 from ff_planner_ros.ros.qos import EVENT_QOS
-from ff_planner_ros.ros.requests.action_events import ActionEvents
 from ff_planner_ros.ros.requests.jobs import Job, Jobs
+from ff_planner_ros.ros.requests.plan_action import PlanAction
 from ff_planner_ros.ros.requests.publication import Publication
 from ff_planner_ros.ros.requests.reading import (
     Knowledge,
@@ -63,10 +58,6 @@ from ff_planner_ros.ros.requests.waiting_plan import MadePlan
 from ff_planner_ros.ros.requests.worker import Worker
 from ff_planner_ros.time_budget import TimeBudget
 
-# Who asks for the result of an action later than this [s] gets none.
-_RESULT_TIMEOUT = 60
-# rclpy tells a goal of its cancellation right after the callback that accepts it [s].
-_CANCEL_PATIENCE, _CANCEL_POLL = 1.0, 0.001
 # A response that a client reads after it has heard that the service is gone is lost, and rclpy
 # cannot tell when a response has arrived. So the service stays so long after the last one [s].
 _DELIVERY = 1.0
@@ -74,8 +65,6 @@ _DELIVERY = 1.0
 # written to its end beside the next one.
 _POLL, _WRITERS = 0.02, 2
 _TOKEN_BYTES = 16  # of what opens ~/publish_plan: not to be guessed
-# By so much at most [m, rad or rad/s] does a path violate its constraints that is told as found.
-_NO_VIOLATION = 1e-6
 # Percentiles are those of so many plans.
 _SOLVE_TIMES = 200
 
@@ -107,8 +96,6 @@ class PlanningService:
         self._run_name, self._numbers = run_name, count(1)
         self._guesses = guesses
         self._jobs = Jobs(worker.interrupt)
-        self._goals: dict[bytes, Job] = {}
-        self._goals_lock = threading.Lock()
         self.last: LastRequest | None = None  # None before the first
         # From request to answer, of the last requests that were searched for [s].
         self.solve_times: deque[float] = deque(maxlen=_SOLVE_TIMES)
@@ -122,17 +109,7 @@ class PlanningService:
         self._service.configure_introspection(
             self._clock, EVENT_QOS, ServiceIntrospectionState.CONTENTS
         )
-        self._action = ActionServer(
-            node,
-            PlanTrajectoryAction,
-            ACTION,
-            self._execute,
-            callback_group=group,
-            handle_accepted_callback=self._accept,
-            cancel_callback=self._cancel,
-            result_timeout=_RESULT_TIMEOUT,
-        )
-        self._events = ActionEvents(node, ACTION, EVENT_QOS)
+        self._action = PlanAction(node, group, self._job, self._jobs.give_up, self._answer)
         self._publication = Publication(node, output, self._knowledge)
 
     def activate(self) -> None:
@@ -158,7 +135,6 @@ class PlanningService:
         self._action.destroy()
         self._node.destroy_service(self._service)
         self._publication.destroy()
-        self._events.destroy()
         self._writers.shutdown()
 
     def _serve(
@@ -167,63 +143,9 @@ class PlanningService:
         response.answer = self._answer(request.request, SERVICE, self._job(), lambda _: None)
         return response
 
-    def _accept(self, goal: ServerGoalHandle) -> None:
-        """Take every goal: what is wrong with it is its result, with code and words."""
-        self._job_of(goal)
-        self._events.goal_received(goal)
-        try:
-            goal.execute()
-        except rclpy_implementation.RCLError:
-            # Cancelled between rclpy's look at the goal's state and its change: the second look
-            # finds that, and the goal is executed to be told so.
-            goal.execute()
-
-    def _cancel(self, goal: ServerGoalHandle) -> CancelResponse:
-        cause = FfPlannerError(Status.CANCELLED, "the client of the action cancelled it")
-        if self._jobs.give_up(self._job_of(goal), cause):
-            return CancelResponse.ACCEPT
-        return CancelResponse.REJECT
-
-    def _execute(self, goal: ServerGoalHandle) -> PlanTrajectoryAction.Result:
-        begun, best = time.perf_counter(), math.inf
-
-        def tell(progress: Progress) -> None:
-            nonlocal best
-            if progress.violation <= _NO_VIOLATION:
-                best = min(best, progress.objective)
-            found = math.isfinite(best)
-            told = PlanProgress(
-                phase=progress.phase,
-                effort=progress.starts,
-                elapsed=time.perf_counter() - begun,
-                found=found,
-                best_objective=best if found else math.nan,
-            )
-            goal.publish_feedback(PlanTrajectoryAction.Feedback(progress=told))
-
-        answer = self._answer(goal.request.request, ACTION, self._job_of(goal), tell)
-        if answer.status.code == Status.SOLVED:
-            goal.succeed()
-        elif answer.status.code == Status.CANCELLED and _is_cancelling(goal):
-            goal.canceled()
-        else:
-            goal.abort()
-        del self._goals[bytes(goal.goal_id.uuid)]  # it cannot be cancelled any more
-        result = PlanTrajectoryAction.Result(answer=answer)
-        self._events.result_sent(goal, result)
-        return result
-
     def _job(self) -> Job:
         number = next(self._numbers)
         return Job(f"{self._run_name}.{number}", number)
-
-    def _job_of(self, goal: ServerGoalHandle) -> Job:
-        """Return the goal's job: a client may cancel before rclpy has handed the goal over."""
-        key = bytes(goal.goal_id.uuid)
-        with self._goals_lock:
-            if key not in self._goals:
-                self._goals[key] = self._job()
-            return self._goals[key]
 
     def _answer(
         self,
@@ -367,11 +289,3 @@ def _clearances(answer: PlanAnswer) -> dict[str, str]:
     metrics = metrics_from_message(answer.metrics[0])
     names = ("min_clearance", "min_self_clearance")
     return {METRIC_BY_NAME[name].label: metrics.told(name) for name in names}
-
-
-def _is_cancelling(goal: ServerGoalHandle) -> bool:
-    """Wait until rclpy has noted the cancellation that its callback accepted."""
-    give_up = time.monotonic() + _CANCEL_PATIENCE
-    while not goal.is_cancel_requested and time.monotonic() < give_up:
-        time.sleep(_CANCEL_POLL)
-    return bool(goal.is_cancel_requested)

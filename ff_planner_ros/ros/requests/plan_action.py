@@ -1,0 +1,133 @@
+"""The action `plan_trajectory_action`: goals, cancellation and feedback of planning requests."""
+
+from __future__ import annotations
+
+import math
+import threading
+import time
+from collections.abc import Callable
+from typing import TypeAlias
+
+from ff_planner_msgs.action import PlanTrajectory
+from ff_planner_msgs.msg import PlanAnswer, PlanProgress, PlanRequest
+from rclpy.action import ActionServer, CancelResponse
+from rclpy.action.server import ServerGoalHandle
+from rclpy.callback_groups import CallbackGroup
+from rclpy.impl.implementation_singleton import rclpy_implementation
+from rclpy.node import Node
+
+from ff_planner_ros.errors import FfPlannerError, Status
+from ff_planner_ros.planning.motion.watch import Progress
+from ff_planner_ros.ros.messages.interfaces import ACTION
+from ff_planner_ros.ros.qos import EVENT_QOS
+from ff_planner_ros.ros.requests.action_events import ActionEvents
+from ff_planner_ros.ros.requests.jobs import Job
+
+# Request, name of the interface that it came by, its job, and what is told of the progress.
+Answering: TypeAlias = Callable[[PlanRequest, str, Job, Callable[[Progress], None]], PlanAnswer]
+
+# Who asks for the result of an action later than this [s] gets none.
+_RESULT_TIMEOUT = 60
+# rclpy tells a goal of its cancellation right after the callback that accepts it [s].
+_CANCEL_PATIENCE, _CANCEL_POLL = 1.0, 0.001
+# By so much at most [m, rad or rad/s] does a path violate its constraints that is told as found.
+_NO_VIOLATION = 1e-6
+
+
+class PlanAction:
+    """The action server: a goal is a request, and its result is the answer."""
+
+    def __init__(
+        self,
+        node: Node,
+        group: CallbackGroup,
+        new_job: Callable[[], Job],
+        give_up: Callable[[Job, FfPlannerError], bool],
+        answer: Answering,
+    ) -> None:
+        """Open the action.
+
+        Args:
+            give_up: Answers a job with a cause instead of a plan; False if its answer stands.
+        """
+        self._new_job, self._give_up, self._answer = new_job, give_up, answer
+        self._goals: dict[bytes, Job] = {}
+        self._lock = threading.Lock()
+        self._server = ActionServer(
+            node,
+            PlanTrajectory,
+            ACTION,
+            self._execute,
+            callback_group=group,
+            handle_accepted_callback=self._accept,
+            cancel_callback=self._cancel,
+            result_timeout=_RESULT_TIMEOUT,
+        )
+        self._events = ActionEvents(node, ACTION, EVENT_QOS)
+
+    def destroy(self) -> None:
+        """Take the action off the node."""
+        self._server.destroy()
+        self._events.destroy()
+
+    def _accept(self, goal: ServerGoalHandle) -> None:
+        """Take every goal: what is wrong with it is its result, with code and words."""
+        self._job_of(goal)
+        self._events.goal_received(goal)
+        try:
+            goal.execute()
+        except rclpy_implementation.RCLError:
+            # Cancelled between rclpy's look at the goal's state and its change: the second look
+            # finds that, and the goal is executed to be told so.
+            goal.execute()
+
+    def _cancel(self, goal: ServerGoalHandle) -> CancelResponse:
+        cause = FfPlannerError(Status.CANCELLED, "the client of the action cancelled it")
+        if self._give_up(self._job_of(goal), cause):
+            return CancelResponse.ACCEPT
+        return CancelResponse.REJECT
+
+    def _execute(self, goal: ServerGoalHandle) -> PlanTrajectory.Result:
+        begun, best = time.perf_counter(), math.inf
+
+        def tell(progress: Progress) -> None:
+            nonlocal best
+            if progress.violation <= _NO_VIOLATION:
+                best = min(best, progress.objective)
+            found = math.isfinite(best)
+            told = PlanProgress(
+                phase=progress.phase,
+                effort=progress.starts,
+                elapsed=time.perf_counter() - begun,
+                found=found,
+                best_objective=best if found else math.nan,
+            )
+            goal.publish_feedback(PlanTrajectory.Feedback(progress=told))
+
+        answer = self._answer(goal.request.request, ACTION, self._job_of(goal), tell)
+        if answer.status.code == Status.SOLVED:
+            goal.succeed()
+        elif answer.status.code == Status.CANCELLED and _is_cancelling(goal):
+            goal.canceled()
+        else:
+            goal.abort()
+        del self._goals[bytes(goal.goal_id.uuid)]  # it cannot be cancelled any more
+        result = PlanTrajectory.Result(answer=answer)
+        self._events.result_sent(goal, result)
+        return result
+
+    def _job_of(self, goal: ServerGoalHandle) -> Job:
+        """Return the goal's job: a client may cancel before rclpy has handed the goal over."""
+        key = bytes(goal.goal_id.uuid)
+        with self._lock:
+            if key not in self._goals:
+                self._goals[key] = self._new_job()
+            return self._goals[key]
+
+
+def _is_cancelling(goal: ServerGoalHandle) -> bool:
+    """Wait until rclpy has noted the cancellation that its callback accepted."""
+    give_up = time.monotonic() + _CANCEL_PATIENCE
+    while not goal.is_cancel_requested and time.monotonic() < give_up:
+        time.sleep(_CANCEL_POLL)
+    return bool(goal.is_cancel_requested)
