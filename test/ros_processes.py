@@ -80,7 +80,7 @@ class PlannerProcess:
 
     @property
     def worker(self) -> int:
-        """Process number of the solver, which every plan is a fork of, in its process group."""
+        """Process number of the solver, which every plan is a fork of; the spare one is younger."""
         return self._child_of(self.process.pid)
 
     @property
@@ -89,7 +89,7 @@ class PlannerProcess:
         return self._child_of(self.worker)
 
     def _child_of(self, wanted: int) -> int:
-        for entry in Path("/proc").glob("[0-9]*"):
+        for entry in sorted(Path("/proc").glob("[0-9]*"), key=lambda entry: int(entry.name)):
             try:
                 parent = int((entry / "stat").read_text().rpartition(")")[2].split()[1])
                 command = (entry / "cmdline").read_bytes()

@@ -60,7 +60,16 @@ def solve(
 
 def server(worker: Worker) -> int:
     """Process number of the one that everything is loaded in."""
-    return worker._server._process.pid
+    return worker._servers[0]._process.pid
+
+
+def spare_of(worker: Worker) -> int:
+    """Process number of the one that takes its place, once it has loaded."""
+    give_up = time.monotonic() + DEADLINE
+    while not (worker.is_warm and len(worker._servers) == 2 and worker._servers[1].is_loaded):
+        assert time.monotonic() < give_up
+        time.sleep(0.1)
+    return worker._servers[1]._process.pid
 
 
 def child(worker: Worker) -> int:
@@ -199,15 +208,29 @@ def test_given_up_at_any_moment_again_and_again_the_server_stays_and_the_next_pl
     assert server(worker) == before
 
 
-def test_it_is_warm_once_it_has_loaded_and_again_after_a_death_while_idle(worker: Worker) -> None:
-    worker.wait_until_warm()
-    before = server(worker)
-    os.kill(before, signal.SIGKILL)
-    worker._server._process.wait()
-    assert not worker.is_warm  # which begins to load another
-    worker.wait_until_warm()
-    assert worker.is_warm
-    assert server(worker) != before
+def test_a_spare_is_kept_loaded_that_plans_at_once_after_a_death_while_idle(
+    worker: Worker, lemur_capture: PlanningProblem, settings: PlannerSettings
+) -> None:
+    """Somebody asks how the solver is before the next plan, or nobody does."""
+    for asked in (True, False):
+        before, spare = server(worker), spare_of(worker)
+        os.kill(before, signal.SIGKILL)
+        worker._servers[0]._process.wait()
+        if asked:
+            assert worker.is_warm
+        assert solve(worker, lemur_capture, settings).metrics.min_clearance >= 0.0
+        assert server(worker) == spare
+    assert spare_of(worker) not in (before, spare)
+
+
+def test_where_both_have_died_another_is_loaded(
+    worker: Worker, lemur_capture: PlanningProblem, settings: PlannerSettings
+) -> None:
+    both = {spare_of(worker), server(worker)}
+    for number in both:
+        os.kill(number, signal.SIGKILL)
+    assert solve(worker, lemur_capture, settings).metrics.min_clearance >= 0.0
+    assert server(worker) not in both
 
 
 @pytest.mark.ci

@@ -5,13 +5,17 @@ from __future__ import annotations
 import os
 import pickle
 import signal
-import socket
 import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable
-from contextlib import closing, suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from multiprocessing import Pipe
+from multiprocessing.connection import Connection
+from multiprocessing.reduction import send_handle
+from queue import Empty, SimpleQueue
+from typing import TypeAlias
 
 from ff_planner_ros.common.one_thread import ONE_THREAD
 from ff_planner_ros.errors import FfPlannerError, Interrupted, NoPlanFound, Status
@@ -19,31 +23,27 @@ from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.motion.watch import Progress
 from ff_planner_ros.planning.task.task import PlanningTask
 from ff_planner_ros.ros.requests import solver_process
-from ff_planner_ros.ros.requests.lines import POLL, Lines
-from ff_planner_ros.ros.requests.solver_process import (
-    BEGUN,
-    LOADED,
-    PLAN,
-    PROGRESS,
-)
+from ff_planner_ros.ros.requests.solver_process import Answer
 
+# What a plan's process sends; None: it has ended.
+_Message: TypeAlias = Progress | Answer | None
+
+# While a plan is made, whether it is still wanted is asked so often [s].
+_POLL = 0.02
 # Loading takes seconds; a server that needs so much longer [s] will not get there.
 _LOADING = 60.0
 # A fork takes milliseconds; a loaded server that has begun no plan after so much waiting [s]
 # hangs, however busy the machine is.
 _BEGINNING = 10.0
-# No packet is longer [bytes].
-_PACKET = 4096
 
 
 class Worker:
-    """One solver, replaced when it dies. One plan at a time."""
+    """A solver and a spare one, which takes its place when it dies. One plan at a time."""
 
     def __init__(self) -> None:
         """Start the process; it loads its libraries while the caller goes on."""
-        self._server = _Server()
-        self._solving, self._lock = threading.Lock(), threading.Lock()
-        self._lines: Lines | None = None
+        self._servers = [_Server()]  # the first plans
+        self._solving = threading.Lock()
         self._interrupted = self._closed = False
 
     @property
@@ -51,11 +51,10 @@ class Worker:
         """Whether the next plan can begin at once; a solver that died while idle is replaced."""
         if self._solving.acquire(blocking=False):
             try:
-                if self._server.has_died:
-                    self._replace_server()
+                self._replace_dead()
             finally:
                 self._solving.release()
-        return self._server.is_loaded
+        return self._servers[0].is_loaded
 
     def wait_until_warm(self) -> None:
         """Wait until the solver has loaded its libraries.
@@ -71,7 +70,7 @@ class Worker:
                     f"the solver process has not loaded its libraries within {_LOADING:g} s; what "
                     "it says itself is on the node's stderr",
                 )
-            time.sleep(POLL)
+            time.sleep(_POLL)
 
     def solve(
         self,
@@ -99,6 +98,8 @@ class Worker:
 
         def still_wanted() -> None:
             check()
+            if self._interrupted:
+                raise Interrupted
             if time.monotonic() > begun + budget:
                 raise NoPlanFound(
                     Status.TIMED_OUT,
@@ -107,17 +108,13 @@ class Worker:
                     "time",
                 )
 
-        with self._solving, closing(Lines(pickle.dumps((task, budget, begun)))) as lines:
-            with self._lock:
-                if self._closed:
-                    raise Interrupted
-                self._interrupted, self._lines = False, lines
-            try:
-                self._begin(lines, still_wanted)
-                answer = self._answer(lines, still_wanted, report)
-            finally:
-                with self._lock:
-                    self._lines = None
+        request = pickle.dumps((task, budget, begun))
+        with self._solving:
+            self._interrupted = False
+            if self._closed:  # looked at last: `close` sets it first
+                raise Interrupted
+            with self._begun(request, still_wanted) as process:
+                answer = process.answer(still_wanted, report)
         try:
             if isinstance(answer, FfPlannerError):
                 raise answer
@@ -131,65 +128,47 @@ class Worker:
 
     def interrupt(self) -> None:
         """End the plan that is being made, if there is one: its `solve` raises Interrupted."""
-        with self._lock:
-            if self._lines is not None:
-                self._interrupted = True
-                self._lines.hang_up()
+        self._interrupted = True
 
     def close(self) -> None:
         """End the plan that is being made and every process; there will be no other."""
-        with self._lock:
-            self._closed = True
+        self._closed = True
         self.interrupt()
         with self._solving:
-            self._server.end()
+            for server in self._servers:
+                server.end()
 
-    def _begin(self, lines: Lines, still_wanted: Callable[[], None]) -> None:
-        """Have the solver begin a plan; one that has died or hangs is replaced, once."""
-        replaced = False
+    @contextmanager
+    def _begun(self, request: bytes, still_wanted: Callable[[], None]) -> Iterator[_PlanProcess]:
+        """Have the solver begin a plan; each that has died or hangs is replaced, once."""
+        replaceable = len(self._servers)
         still_wanted()
-        self._server.begin(lines)
-        while not self._server.has_begun(lines):
-            still_wanted()
-            if self._server.is_lost:
-                code = self._replace_server()
-                if replaced:
-                    raise _death(str(code))
-                replaced = True
-                self._server.begin(lines)
-        lines.leave_theirs()
+        process = self._servers[0].fork(request)
+        try:
+            while not self._servers[0].has_begun(process):
+                still_wanted()
+                if self._servers[0].is_lost:
+                    code = self._servers[0].end()
+                    self._replace_dead()
+                    if not replaceable:
+                        raise _death(str(code))
+                    process.close()
+                    process, replaceable = self._servers[0].fork(request), replaceable - 1
+            yield process
+        finally:
+            process.close()
 
-    def _answer(
-        self, lines: Lines, still_wanted: Callable[[], None], report: Callable[[Progress], None]
-    ) -> Plan | FfPlannerError | str:
-        """Return what the solver process answers; who leaves before ends it by hanging up."""
-        code = ""
-        while True:
-            still_wanted()
-            if lines.exchange():
-                packet = lines.packets.recv(_PACKET)
-                if self._interrupted:
-                    raise Interrupted
-                if packet[:1] == PROGRESS:
-                    report(pickle.loads(packet[1:]))
-                elif packet[:1] != BEGUN:  # ENDED, or nobody is left to say so
-                    code = code or packet[1:].decode() or "unknown"
-            if not lines.is_complete:
-                continue
-            try:
-                answer: Plan | FfPlannerError | str = pickle.loads(lines.incoming)
-            except (EOFError, pickle.UnpicklingError):  # it ended within the answer, or before
-                if code:
-                    raise _death(code) from None
-            else:
-                return answer
-
-    def _replace_server(self) -> int:
-        """End a server, and begin to load another; return the exit code of the first."""
-        code = self._server.end()
-        if not self._closed:
-            self._server = _Server()
-        return code
+    def _replace_dead(self) -> None:
+        """Load a server in the place of one that has died, and a spare once the first is loaded."""
+        if self._closed:
+            return
+        servers = [server for server in self._servers if not server.has_died]
+        for server in self._servers:
+            if server not in servers:
+                server.end()
+        if not servers or (len(servers) == 1 and servers[0].is_loaded):
+            servers.append(_Server())
+        self._servers = servers
 
 
 def _death(code: str) -> FfPlannerError:
@@ -204,7 +183,7 @@ class _Server:
     """The process that `solver_process.serve` runs in, and its forks."""
 
     def __init__(self) -> None:
-        self._control, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        self._control, theirs = Pipe()
         with theirs:
             # A session of its own: Ctrl-C in a terminal is for the node; and a group to kill.
             self._process = subprocess.Popen(
@@ -214,17 +193,15 @@ class _Server:
                 env=os.environ | ONE_THREAD,
                 start_new_session=True,
             )
-        self._is_loaded = False
-        self._waited = 0.0  # for plans that it has not begun, since it began one [s]
+        self._started = time.monotonic()
+        self._waited = 0.0  # for plans that it has not begun, since it was loaded or began one [s]
 
     @property
     def is_loaded(self) -> bool:
-        """Whether it is ready for plans."""
-        if not self._is_loaded:
-            with suppress(OSError):  # nothing has come in yet
-                self._is_loaded = self._control.recv(_PACKET, socket.MSG_DONTWAIT) == LOADED
-                self._waited = 0.0  # so far it has loaded, which takes longer than to begin
-        return self._is_loaded and not self.has_died
+        """Whether it is ready for plans: it has said so, and nobody reads what it has said."""
+        with suppress(OSError):  # ended meanwhile
+            return not self.has_died and self._control.poll()
+        return False
 
     @property
     def has_died(self) -> bool:
@@ -234,24 +211,90 @@ class _Server:
     @property
     def is_lost(self) -> bool:
         """Whether it has died, or was waited for so long that it hangs."""
-        patience = _BEGINNING if self.is_loaded else _LOADING
-        return self._waited > patience or self.has_died
+        if self.is_loaded:
+            return self._waited > _BEGINNING
+        return self.has_died or time.monotonic() > self._started + _LOADING
 
-    def begin(self, lines: Lines) -> None:
-        """Begin a plan for whoever is at the other end of the lines."""
-        with suppress(OSError):  # it has died, which `is_lost` tells
-            socket.send_fds(self._control, [PLAN], lines.theirs, socket.MSG_DONTWAIT)
+    def fork(self, request: bytes) -> _PlanProcess:
+        """Have it begin a plan in a process of its own."""
+        tether, its_tether = Pipe()
+        connection, its_connection = Pipe()
+        with its_tether, its_connection, suppress(OSError):  # it has died, which `is_lost` tells
+            for one in (its_tether, its_connection):
+                send_handle(self._control, one.fileno(), self._process.pid)
+        return _PlanProcess(tether, connection, request)
 
-    def has_begun(self, lines: Lines) -> bool:
-        """Wait a moment until the first packet of a plan comes in; whether it has."""
-        before = time.monotonic()
-        begun = lines.exchange()
-        self._waited = 0.0 if begun else self._waited + time.monotonic() - before
+    def has_begun(self, process: _PlanProcess) -> bool:
+        """Wait a moment until a plan is begun; whether it is."""
+        before, is_loaded = time.monotonic(), self.is_loaded
+        begun = process.has_begun()
+        hangs = is_loaded and not begun
+        self._waited = self._waited + time.monotonic() - before if hangs else 0.0
         return begun
 
     def end(self) -> int:
         """End it, a plan that is being made included, and return its exit code."""
-        self._control.close()
-        with suppress(ProcessLookupError):
-            os.killpg(self._process.pid, signal.SIGKILL)
+        if not self._control.closed:
+            self._control.close()
+            with suppress(ProcessLookupError):
+                os.killpg(self._process.pid, signal.SIGKILL)
         return self._process.wait()
+
+
+class _PlanProcess:
+    """The process that makes a plan; it ends, at the latest, when it is closed."""
+
+    def __init__(self, tether: Connection, connection: Connection, request: bytes) -> None:
+        self._tether, self._received = tether, SimpleQueue[_Message]()
+        # A process may stop in the midst of a long message: a thread waits for it.
+        arguments = connection, request, self._received
+        threading.Thread(target=_converse, args=arguments, daemon=True).start()
+
+    def has_begun(self) -> bool:
+        """Wait a moment until the server tells that it is begun; whether it has."""
+        with suppress(EOFError, OSError):  # the server has died
+            return self._tether.poll(_POLL) and self._tether.recv() is None
+        return False
+
+    def answer(
+        self, still_wanted: Callable[[], None], report: Callable[[Progress], None]
+    ) -> Answer:
+        """Return what it answers.
+
+        Raises:
+            FfPlannerError: It died before (SOLVER_DIED).
+        """
+        while True:
+            still_wanted()
+            try:
+                message = self._received.get(timeout=_POLL)
+            except Empty:
+                continue
+            if message is None:
+                raise _death(self._exit_code(still_wanted))
+            if not isinstance(message, Progress):
+                return message
+            report(message)
+
+    def close(self) -> None:
+        """Let go of it: its server ends it."""
+        self._tether.close()
+
+    def _exit_code(self, still_wanted: Callable[[], None]) -> str:
+        while not self._tether.poll(_POLL):
+            still_wanted()
+        try:
+            return str(self._tether.recv())
+        except (EOFError, OSError):  # nobody is left to say it
+            return "unknown"
+
+
+def _converse(connection: Connection, request: bytes, received: SimpleQueue[_Message]) -> None:
+    """Send a request, and pass on what comes back until the other side ends."""
+    try:
+        with connection, suppress(EOFError, OSError):
+            connection.send_bytes(request)
+            while True:
+                received.put(connection.recv())
+    finally:
+        received.put(None)
