@@ -15,10 +15,11 @@ from pages import PAGES
 
 import ff_planner_ros
 from ff_planner_ros.bag.older_messages import ANSWER_FIELDS, REQUEST_FIELDS
-from ff_planner_ros.common.declared import declared
+from ff_planner_ros.common.declared import DeclaredField, declared
 from ff_planner_ros.common.declared_messages import places_in
 from ff_planner_ros.errors import Retry, Status, retry_after
-from ff_planner_ros.parameters import DECLARATIONS, FORMER_NAMES, Declaration, default_values
+from ff_planner_ros.parameters import DECLARATIONS, default_values
+from ff_planner_ros.parameters.values import FORMER_NAMES
 from ff_planner_ros.planning.problem.approach import Approach
 from ff_planner_ros.planning.problem.problem import DurationRange, PlanningProblem, Sphere
 from ff_planner_ros.planning.problem.target_body import AttachedSphere, TargetBody
@@ -118,8 +119,9 @@ def parameters() -> Iterator[tuple[str, ...]]:
     told: dict[str, str] = {}
     for name, one in DECLARATIONS.items():
         value = default_values()[name]
-        bounds = (("from", one.minimum), ("to", one.maximum))
-        meaning = one.description + (f" [{one.unit}]" if one.unit else "")
+        schema = one.form.schema()
+        bounds = (("from", schema.get("minimum")), ("to", schema.get("maximum")))
+        meaning = one.sentence + (f" [{one.unit}]" if one.unit else "")
         first = told.setdefault(meaning, f"`{name}`")
         yield (
             f"`{name}`{_when(name, one)}",
@@ -129,7 +131,7 @@ def parameters() -> Iterator[tuple[str, ...]]:
         )
 
 
-def _when(name: str, declared: Declaration) -> str:
+def _when(name: str, declared: DeclaredField) -> str:
     """Return the mark that says when a parameter may change."""
     if name in (*_AT_START, *_PATHS):
         return " **"

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import JointState
 
 from ff_planner_ros.errors import InvalidInput, Status
-from ff_planner_ros.parameters import OdometryParameters
+from ff_planner_ros.parameters.interfaces import OdometryParameters
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.ros.messages.from_odometry import (
     chaser_from_odometry,

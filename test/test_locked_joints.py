@@ -10,7 +10,7 @@ from robots import LEMUR_URDF, random_urdf
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import InvalidInput
-from ff_planner_ros.parameters import AUTO, RobotParameters, locked_joints_of
+from ff_planner_ros.parameters.robot import AUTO, RobotParameters, locked_joints_of
 from ff_planner_ros.robot.model import Base, Robot, robot_from_urdf_text
 from ff_planner_ros.robot.urdf.urdf import TURN_OF_CONTINUOUS, checked_urdf
 from ff_planner_ros.simulation.engine import Engine

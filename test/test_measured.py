@@ -21,7 +21,8 @@ from ff_planner_ros.bag.mcap.encoding import encode
 from ff_planner_ros.bag.reader import open_bag
 from ff_planner_ros.bag.writer import BagWriter
 from ff_planner_ros.common.times import NANOSECONDS
-from ff_planner_ros.parameters import NodeParameters, OdometryParameters, load_parameters
+from ff_planner_ros.parameters import NodeParameters, load_parameters
+from ff_planner_ros.parameters.interfaces import OdometryParameters
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.ros.messages.interfaces import type_name
 from ff_planner_ros.ros.messages.to_messages import state_message, time_message

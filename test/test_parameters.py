@@ -18,12 +18,8 @@ from ros_processes import private_domain
 
 from ff_planner_ros.common.share import share_directory
 from ff_planner_ros.errors import InvalidInput
-from ff_planner_ros.parameters import (
-    DECLARATIONS,
-    FORMER_NAMES,
-    NodeParameters,
-    default_values,
-)
+from ff_planner_ros.parameters import DECLARATIONS, NodeParameters, default_values
+from ff_planner_ros.parameters.values import FORMER_NAMES
 from ff_planner_ros.ros.parameters import (
     _AT_START,
     _WHILE_CONFIGURED,
@@ -345,7 +341,7 @@ def test_a_number_that_is_none_loosens_nothing(value: float) -> None:
     live = LiveParameters(node)
     live.configured = True
     for name in STRICT.keys() - {"limits.velocity"}:
-        if DECLARATIONS[name].kind is float and name not in (
+        if DECLARATIONS[name].form.schema()["type"] == "number" and name not in (
             "planner.clearance_margin",
             "planner.singular_value_threshold",
         ):

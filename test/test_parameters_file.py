@@ -13,16 +13,9 @@ from robots import CONFIG, LEMUR_SCENARIO
 
 from ff_planner_ros.cli import main
 from ff_planner_ros.errors import InvalidInput
-from ff_planner_ros.parameters import (
-    DECLARATIONS,
-    FORMER_NAMES,
-    LimitParameters,
-    checked,
-    default_values,
-    load_parameters,
-    replaced,
-    value_of,
-)
+from ff_planner_ros.parameters import DECLARATIONS, default_values, load_parameters
+from ff_planner_ros.parameters.robot import LimitParameters
+from ff_planner_ros.parameters.values import FORMER_NAMES, checked, replaced, value_of
 from ff_planner_ros.planning.problem.problem import Limits
 
 FILE = CONFIG / "planner.yaml"

@@ -19,7 +19,8 @@ from ff_planner_ros.bag.reader import open_bag
 from ff_planner_ros.cli import main
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import InvalidInput, NoPlanFound, Status
-from ff_planner_ros.parameters import load_parameters, replaced
+from ff_planner_ros.parameters import load_parameters
+from ff_planner_ros.parameters.values import replaced
 from ff_planner_ros.planning.check.check import failures
 from ff_planner_ros.planning.motion.joint_motion import joint_motion
 from ff_planner_ros.planning.motion.plan import Plan

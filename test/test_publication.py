@@ -17,7 +17,8 @@ from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.common.times import NANOSECONDS
 from ff_planner_ros.errors import FfPlannerError, Status
-from ff_planner_ros.parameters import NodeParameters, load_parameters, replaced
+from ff_planner_ros.parameters import NodeParameters, load_parameters
+from ff_planner_ros.parameters.values import replaced
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.problem.scene import scene_of

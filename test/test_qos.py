@@ -15,7 +15,7 @@ from rclpy.qos import (
 )
 
 from ff_planner_ros.errors import InvalidInput, Status
-from ff_planner_ros.parameters import PublisherQos, QosParameters, SubscriptionQos
+from ff_planner_ros.parameters.interfaces import PublisherQos, QosParameters, SubscriptionQos
 from ff_planner_ros.ros.qos import qos_profile
 
 EVERY_KIND = [

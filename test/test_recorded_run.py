@@ -22,7 +22,7 @@ from ff_planner_ros.bag.writer import BagWriter
 from ff_planner_ros.cli import main
 from ff_planner_ros.common.times import NANOSECONDS
 from ff_planner_ros.errors import BagError, FfPlannerError, InvalidInput, Status
-from ff_planner_ros.parameters import value_of
+from ff_planner_ros.parameters.values import value_of
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.ros.inputs.scene_input import SceneInput

@@ -15,7 +15,8 @@ from test_pairs import disabling
 from ff_planner_ros.analysis.plan_json import planned_motion
 from ff_planner_ros.bag.robot_plans import attached_robot
 from ff_planner_ros.errors import InvalidInput
-from ff_planner_ros.parameters import RobotParameters, load_parameters
+from ff_planner_ros.parameters import load_parameters
+from ff_planner_ros.parameters.robot import RobotParameters
 from ff_planner_ros.planning.motion.plan import Trajectory
 from ff_planner_ros.planning.problem.problem import Objective, Orientation, PlanningProblem, Target
 from ff_planner_ros.planning.scenario.scenario import Defaults, load_task

@@ -16,7 +16,8 @@ from ros_processes import FRAME, Scene
 from ff_planner_ros.common.declared_messages import value_at
 from ff_planner_ros.common.times import NANOSECONDS
 from ff_planner_ros.errors import InvalidInput, Status
-from ff_planner_ros.parameters import LimitParameters, load_parameters
+from ff_planner_ros.parameters import load_parameters
+from ff_planner_ros.parameters.robot import LimitParameters
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.problem.problem import Limits, PlanningProblem
 from ff_planner_ros.planning.task.tail import EndBehaviour

@@ -13,7 +13,8 @@ from nav_msgs.msg import Odometry
 from sensor_msgs.msg import JointState
 
 from ff_planner_ros.errors import InvalidInput, Status
-from ff_planner_ros.parameters import STATE_SOURCES, OdometryParameters
+from ff_planner_ros.parameters.interfaces import OdometryParameters
+from ff_planner_ros.parameters.node import STATE_SOURCES
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.ros.inputs.input_topics import INPUT_TOPICS, heard_with

@@ -22,7 +22,7 @@ from ff_planner_ros.bag.scenes import (
 from ff_planner_ros.common.declared_messages import value_at
 from ff_planner_ros.common.yaml_file import yaml_document
 from ff_planner_ros.errors import BagError, InvalidInput
-from ff_planner_ros.parameters import RobotParameters
+from ff_planner_ros.parameters.robot import RobotParameters
 from ff_planner_ros.planning.motion.plan import Trajectory
 from ff_planner_ros.planning.problem.problem import Limits
 from ff_planner_ros.planning.problem.scene import Scene

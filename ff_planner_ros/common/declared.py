@@ -14,7 +14,15 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from ff_planner_ros.common.forms import Form, Schema, a_number, a_whole_number
+from ff_planner_ros.common.forms import (
+    NAME,
+    NUMBERS,
+    TRUTH,
+    Form,
+    Schema,
+    a_number,
+    a_whole_number,
+)
 from ff_planner_ros.common.plain_values import dotted, mapping
 from ff_planner_ros.errors import Faults, InvalidInput
 
@@ -40,6 +48,7 @@ class DeclaredField:
     instead: tuple[str, Form, str] | None = None  # and its sentence
     # Another key, the value with which it may be left out, and what it is then
     unless: tuple[str, str, Any] | None = None
+    strictness: Any = None  # of a tunable: which values let fewer plans pass
     name: str = ""  # of the field
     default: Any = field(default_factory=lambda: MISSING)
 
@@ -81,7 +90,7 @@ def _declared(kind: Any) -> DeclaredFields:
     for item in fields(kind):
         one: DeclaredField | None = item.metadata.get("declared")
         if "description" in item.metadata:
-            one = _tunable(item.type == "int", item.metadata)
+            one = _tunable(item.type, item.metadata)
         if one is not None:
             default = item.default
             if item.default_factory is not MISSING:
@@ -98,10 +107,16 @@ def _declared(kind: Any) -> DeclaredFields:
     }
 
 
-def _tunable(whole: bool, metadata: Mapping[str, Any]) -> DeclaredField:
+def _tunable(kind: Any, metadata: Mapping[str, Any]) -> DeclaredField:
+    """Return what a tunable is as a declared field, by the name of its type."""
     low, high = metadata["minimum"], metadata["maximum"]
-    form = a_whole_number(low, high) if whole else a_number(at_least=low, at_most=high)
-    return DeclaredField(form, metadata["description"], unit=metadata["unit"], optional=True)
+    form = {"str": NAME, "bool": TRUTH}.get(kind, NUMBERS)
+    if kind == "int":
+        form = a_whole_number(low, high)
+    elif kind == "float":
+        form = a_number(at_least=low, at_most=high)
+    said = {name: metadata[name] for name in ("unit", "strictness")}
+    return DeclaredField(form, metadata["description"], optional=True, **said)
 
 
 @cache

@@ -88,16 +88,17 @@ def a_number(
     return Form(number, lambda: schema, checked, float)
 
 
-def a_whole_number(least: int, most: int) -> Form:
+def a_whole_number(least: int, most: int | None = None) -> Form:
     """Return the form of a whole number within bounds."""
 
     def checked(field: str, value: Any) -> int:
-        if not least <= integer(field, value) <= most:
-            allowed = f"it must be from {least} to {most}"
-            raise InvalidInput(Status.OUT_OF_RANGE, field, value, allowed)
+        if not least <= integer(field, value) <= (math.inf if most is None else most):
+            words = f"{least} or more" if most is None else f"from {least} to {most}"
+            raise InvalidInput(Status.OUT_OF_RANGE, field, value, f"it must be {words}")
         return int(value)
 
-    return Form(integer, lambda: {"type": "integer", "minimum": least, "maximum": most}, checked)
+    schema = {"type": "integer", "minimum": least} | ({} if most is None else {"maximum": most})
+    return Form(integer, lambda: schema, checked)
 
 
 def a_word(words: Iterable[str], formerly: Mapping[str, str] | None = None) -> Form:
@@ -317,6 +318,12 @@ INERTIA = Form(
     written=lambda value: dict(zip(_ELEMENTS, _as_list(value[np.triu_indices(3)]), strict=True)),
     slots=_ELEMENTS,
     from_message=_tensor,
+)
+NUMBERS = Form(  # kept as a tuple
+    lambda field, value: tuple(numbers(field, value).tolist()),
+    of_numbers,
+    lambda field, value: tuple(finite_vector(field, value, len(value)).tolist()),
+    list,
 )
 ROWS = Form(_rows, lambda: {"type": "array", "items": of_numbers()}, written=_as_list)
 # A positive number for all joints, or one for each; kept as a tuple

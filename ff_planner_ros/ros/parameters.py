@@ -6,6 +6,7 @@ nor have the process read or write where it was not told to.
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 from rcl_interfaces.msg import (
@@ -18,13 +19,12 @@ from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValu
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
+from ff_planner_ros.common.declared import DeclaredField
 from ff_planner_ros.errors import FfPlannerError, InvalidInput, Status
-from ff_planner_ros.parameters import (
-    DECLARATIONS,
+from ff_planner_ros.parameters import DECLARATIONS, NodeParameters, default_values
+from ff_planner_ros.parameters.values import (
     FORMER_NAMES,
-    Declaration,
-    NodeParameters,
-    default_values,
+    allowed_values,
     parameters_of,
     replaced,
     unknown_parameter,
@@ -134,7 +134,7 @@ def _declared(node: Node) -> NodeParameters:
             parameter = node.declare_parameter(name, default_values()[name], descriptor)
         except (InvalidParameterTypeException, InvalidParameterValueException):
             value = repr(overrides[name].value)
-            raise InvalidInput(Status.OUT_OF_RANGE, name, value, declaration.allowed) from None
+            raise InvalidInput(Status.OUT_OF_RANGE, name, value, allowed_values(name)) from None
         # An empty array is nothing to ROS.
         is_empty = parameter.value is None and type(default_values()[name]) is list
         values[name] = () if is_empty else _value(parameter)
@@ -155,8 +155,8 @@ def _value(parameter: Parameter) -> Any:
     return tuple(parameter.value) if is_array else parameter.value
 
 
-def _descriptor(name: str, declaration: Declaration) -> ParameterDescriptor:
-    kind, description, minimum, maximum, unit, strictness = declaration
+def _descriptor(name: str, declaration: DeclaredField) -> ParameterDescriptor:
+    schema, unit = declaration.form.schema(), declaration.unit
     when = "a change counts from the next request on"
     if name in _AT_START:
         when = "is set when the process starts"
@@ -166,27 +166,19 @@ def _descriptor(name: str, declaration: Declaration) -> ParameterDescriptor:
         )
     elif name.startswith(_WHILE_CONFIGURED):
         when = "may change only while the node is unconfigured"
-    elif strictness:
+    elif declaration.strictness:
         when += "; while the node is configured, the value may only become stricter"
     descriptor = ParameterDescriptor(
-        description=f"{description} [{unit}]" if unit else description,
+        description=f"{declaration.sentence} [{unit}]" if unit else declaration.sentence,
         read_only=name in _AT_START,
         additional_constraints=when,
     )
-    if kind is int:
-        descriptor.integer_range = [
-            IntegerRange(
-                from_value=-(2**63) if minimum is None else int(minimum),
-                to_value=2**63 - 1 if maximum is None else int(maximum),
-            )
-        ]
-    elif kind is float:
-        descriptor.floating_point_range = [
-            FloatingPointRange(
-                from_value=-float("inf") if minimum is None else float(minimum),
-                to_value=float("inf") if maximum is None else float(maximum),
-            )
-        ]
+    if schema["type"] == "integer":
+        low, high = schema["minimum"], schema.get("maximum", 2**63 - 1)
+        descriptor.integer_range = [IntegerRange(from_value=low, to_value=high)]
+    elif schema["type"] == "number":
+        low, high = schema.get("minimum", -math.inf), schema.get("maximum", math.inf)
+        descriptor.floating_point_range = [FloatingPointRange(from_value=low, to_value=high)]
     return descriptor
 
 

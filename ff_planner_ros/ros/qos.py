@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
-from ff_planner_ros.parameters import PublisherQos, SubscriptionQos
+from ff_planner_ros.parameters.interfaces import PublisherQos, SubscriptionQos
 
 # Whoever comes late still gets the last one.
 LATCHED_QOS = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)

@@ -11,7 +11,8 @@ from typing import TypeAlias
 from ff_planner_ros.bag.reader import Bag, Message
 from ff_planner_ros.common.times import NANOSECONDS
 from ff_planner_ros.errors import BagError, InvalidInput
-from ff_planner_ros.parameters import NodeParameters, OdometryParameters
+from ff_planner_ros.parameters import NodeParameters
+from ff_planner_ros.parameters.interfaces import OdometryParameters
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.ros.inputs.input_topics import (

@@ -12,15 +12,8 @@ from ff_planner_ros.bag.reader import Bag
 from ff_planner_ros.common.times import nanoseconds
 from ff_planner_ros.common.yaml_file import yaml_document
 from ff_planner_ros.errors import BagError, InvalidInput, Status
-from ff_planner_ros.parameters import (
-    DECLARATIONS,
-    NodeParameters,
-    default_values,
-    flattened,
-    parameters_of,
-    present_name,
-    replaced,
-)
+from ff_planner_ros.parameters import DECLARATIONS, NodeParameters, default_values
+from ff_planner_ros.parameters.values import flattened, parameters_of, present_name, replaced
 from ff_planner_ros.ros.messages.interfaces import type_name
 from ff_planner_ros.runs.installed import as_installed
 

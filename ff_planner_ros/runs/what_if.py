@@ -12,9 +12,11 @@ from typing import Any
 from ff_planner_msgs.msg import PlanAnswer
 
 from ff_planner_ros.bag.reader import open_bag
+from ff_planner_ros.common.forms import NAME
 from ff_planner_ros.common.text_table import print_table
 from ff_planner_ros.errors import BagError
-from ff_planner_ros.parameters import DECLARATIONS, checked, replaced
+from ff_planner_ros.parameters import DECLARATIONS
+from ff_planner_ros.parameters.values import checked, replaced
 from ff_planner_ros.planning.scenario.library_file import load_library
 from ff_planner_ros.ros.messages.request_values import (
     REQUEST_KEYS,
@@ -66,7 +68,7 @@ def parsed(setting: str) -> Change:
     value = yaml_or_text(key, written)
     if key in _OF_REQUEST:
         return Change(key, request_value(key, value, in_range=False))
-    return Change(key, checked(key, written if DECLARATIONS[key].kind is str else value))
+    return Change(key, checked(key, written if DECLARATIONS[key].form is NAME else value))
 
 
 def changed_request(recorded: RecordedRequest, changes: Sequence[Change]) -> RecordedRequest:

@@ -20,7 +20,7 @@ from sensor_msgs.msg import JointState
 
 from ff_planner_ros.common.times import NANOSECONDS
 from ff_planner_ros.errors import InvalidInput, Status
-from ff_planner_ros.parameters import OdometryParameters
+from ff_planner_ros.parameters.interfaces import OdometryParameters
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.ros.inputs.input_topics import (

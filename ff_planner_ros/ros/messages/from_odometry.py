@@ -8,7 +8,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.common.arrays import Array, finite_vector, unit_quaternion
-from ff_planner_ros.parameters import OdometryParameters
+from ff_planner_ros.parameters.interfaces import OdometryParameters
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.ros.messages.from_messages import joint_order, require_frame, xyz, xyzw
 

@@ -12,7 +12,7 @@ from ff_planner_ros.common.declared import DeclaredField
 from ff_planner_ros.common.declared_messages import places_in, write_value
 from ff_planner_ros.common.yaml_file import yaml_document
 from ff_planner_ros.errors import InvalidInput, Status
-from ff_planner_ros.parameters import present_name
+from ff_planner_ros.parameters.values import present_name
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.task.task import PlanningTask
 from ff_planner_ros.ros.messages.interfaces import entry_of

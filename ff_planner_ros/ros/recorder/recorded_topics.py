@@ -34,7 +34,8 @@ from visualization_msgs.msg import MarkerArray
 from ff_planner_ros.bag.exchanges import GOAL_EVENTS, RESULT_EVENTS, SERVICE_EVENTS
 from ff_planner_ros.bag.provenance import PROVENANCE, provenance
 from ff_planner_ros.bag.writer import BagWriter
-from ff_planner_ros.parameters import NodeParameters, document_of
+from ff_planner_ros.parameters import NodeParameters
+from ff_planner_ros.parameters.values import document_of
 from ff_planner_ros.robot.bodies import Geometry
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.ros.inputs.input_topics import heard_with

@@ -9,7 +9,7 @@ import numpy as np
 
 from ff_planner_ros.common.times import NANOSECONDS
 from ff_planner_ros.errors import InvalidInput, Status
-from ff_planner_ros.parameters import ReplanningParameters
+from ff_planner_ros.parameters.published_plans import ReplanningParameters
 from ff_planner_ros.planning.motion.joint_motion import JointMotion
 from ff_planner_ros.ros.inputs.state_input import Snapshot
 from ff_planner_ros.ros.outputs.plan_output import PublishedPlan

@@ -21,7 +21,8 @@ from trajectory_msgs.msg import JointTrajectory
 
 from ff_planner_ros.common.times import NANOSECONDS
 from ff_planner_ros.errors import FfPlannerError, Interrupted, NoPlanFound, Status
-from ff_planner_ros.parameters import PREEMPT, NodeParameters
+from ff_planner_ros.parameters import NodeParameters
+from ff_planner_ros.parameters.node import PREEMPT
 from ff_planner_ros.planning.motion.metrics import METRIC_BY_NAME
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.motion.watch import Progress

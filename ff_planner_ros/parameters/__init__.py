@@ -1,0 +1,6 @@
+"""The parameters of the node: what they are, and their values, from files and by full names."""
+
+from ff_planner_ros.parameters.node import NodeParameters
+from ff_planner_ros.parameters.values import DECLARATIONS, default_values, load_parameters
+
+__all__ = ["DECLARATIONS", "NodeParameters", "default_values", "load_parameters"]

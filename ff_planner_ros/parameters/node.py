@@ -1,0 +1,157 @@
+"""Every parameter of the planner, declared once; the values are in `config/planner.yaml`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+from ff_planner_ros.common.forms import a_word
+from ff_planner_ros.common.yaml_file import yaml_document
+from ff_planner_ros.parameters.interfaces import (
+    BagParameters,
+    OdometryParameters,
+    QosParameters,
+    RateParameters,
+)
+from ff_planner_ros.parameters.published_plans import (
+    PublicationParameters,
+    ReplanningParameters,
+    TrackingParameters,
+)
+from ff_planner_ros.parameters.robot import ControllerParameters, LimitParameters, RobotParameters
+from ff_planner_ros.planning.problem.problem import MAX_POINTS, MIN_POINTS
+from ff_planner_ros.planning.problem.settings import STRICT_IF_LOW, PlannerSettings, tunable
+from ff_planner_ros.planning.problem.user_requirements import requirements_read
+from ff_planner_ros.planning.requirements.requirement import Requirement
+from ff_planner_ros.planning.scenario.scenario import Defaults
+from ff_planner_ros.planning.task.tail import FORMER_END_BEHAVIOURS, EndBehaviour
+
+# What a request does that meets another one: parameter when_busy.
+REJECT, PREEMPT = "reject", "preempt"
+STATE_SOURCES = ("chaser_state", "odometry")
+
+
+@dataclass(frozen=True)
+class NodeParameters:
+    """Every parameter; the name of a group and a dot stand in front of the names of its fields.
+
+    Raises:
+        InvalidInput: A word that is not known.
+    """
+
+    robot: RobotParameters
+    limits: LimitParameters
+    bag: BagParameters
+    planner: PlannerSettings
+    odometry: OdometryParameters
+    qos: QosParameters
+    controller: ControllerParameters
+    tracking: TrackingParameters
+    publication: PublicationParameters
+    replanning: ReplanningParameters
+    rates: RateParameters
+    library: str = tunable(  # `planner.library`: scenarios know all else of that group
+        "Library of plans, a file or the directory that library.npz is in: the nearest plan is "
+        "tried first; empty: none"
+    )
+    plug_ins: str = tunable(  # `planner.plugins`, likewise
+        "Requirements of installed plug-ins (entry points ff_planner_ros.requirements) that every "
+        "plan must keep, as YAML: `keep_out_plane: {point: [0.0, 0.0, 1.0], normal: [0.0, 0.0, "
+        "-1.0], distance: 0.1}`; no other plug-in is loaded; empty: none"
+    )
+    autostart: bool = tunable("Configure and activate at start; else a lifecycle manager does")
+    allow_remote_paths: bool = tunable(
+        "Whether robot.urdf, robot.srdf and bag.directory may be set over ROS while the node is "
+        "unconfigured; else they are those that the process was started with"
+    )
+    inertial_frame: str = tunable("frame_id that states, obstacles and targets must carry")
+    state_source: str = tunable(
+        "Topics that bring the state: chaser_state, or odometry for odometry with joint_states"
+    )
+    points: int = tunable(
+        "Points of a trajectory where the request does not say", MIN_POINTS, MAX_POINTS
+    )
+    time_budget: float = tunable(
+        "Wall clock from taking a request up to its answer where the request does not say; the "
+        "plan's start time ends the search, too",
+        0.001,
+        86_400.0,
+        "s",
+    )
+    planning_lead_time: float = tunable(
+        "A plan starts so long after its request where the request does not say when; it must "
+        "cover planning, and what the controller needs to take the plan over",
+        minimum=0.0,
+        maximum=3600.0,
+        unit="s",
+    )
+    start_horizon: float = tunable(
+        "A start time further ahead of now is refused", 0.0, 86_400.0, "s", STRICT_IF_LOW
+    )
+    following_tolerance: float = tunable(
+        "Joints that are within this of the last plan follow it until the next one starts; others "
+        "keep their measured rates",
+        minimum=0.0,
+        maximum=10.0,
+        unit="rad",
+        strictness=STRICT_IF_LOW,
+    )
+    when_busy: str = tunable(
+        "What happens to a request that comes while another one is planned: reject answers it "
+        "with BUSY, preempt answers the other one with PREEMPTED"
+    )
+    end_behaviour: str = tunable(
+        "What the arm does after the goal where the request does not say: none, "
+        "hold_end_effector or stop_joints"
+    )
+    post_goal_duration: float = tunable(
+        "How long it does so; does not matter for none", 0.001, 3600.0, "s"
+    )
+    state_max_age: float = tunable(
+        "An older chaser state is refused", 0.0, 3600.0, "s", STRICT_IF_LOW
+    )
+    state_future_tolerance: float = tunable(
+        "A chaser state, or a target body, stamped further ahead of now is refused",
+        0.0,
+        3600.0,
+        "s",
+        STRICT_IF_LOW,
+    )
+    target_max_age: float = tunable(
+        "An older target body is refused; a younger one is carried forward",
+        0.0,
+        3600.0,
+        "s",
+        STRICT_IF_LOW,
+    )
+
+    def __post_init__(self) -> None:
+        """Check the words."""
+        a_word(STATE_SOURCES).read("state_source", self.state_source)
+        a_word((REJECT, PREEMPT)).read("when_busy", self.when_busy)
+        _ = self.requirements  # refused here, not with the first request
+        word = a_word(EndBehaviour, FORMER_END_BEHAVIOURS).read("end_behaviour", self.end_behaviour)
+        object.__setattr__(self, "end_behaviour", str(word))
+
+    @cached_property
+    def requirements(self) -> tuple[Requirement, ...]:
+        """Return what plans must keep beside the planner's own requirements.
+
+        Raises:
+            InvalidInput: The parameter is no YAML, or a plug-in is not installed or refuses it.
+        """
+        if not self.plug_ins.strip():
+            return ()
+        document = yaml_document(self.plug_ins, "planner.plugins", "no YAML")
+        return requirements_read("planner.plugins", document)
+
+    def of_scenarios(self) -> Defaults:
+        """Return what holds for a scenario that does not say."""
+        return Defaults(
+            settings=self.planner,
+            limits=self.limits.limits(),
+            end_behaviour=EndBehaviour(self.end_behaviour),
+            tail=self.post_goal_duration,
+            points=self.points,
+            controller=self.controller.of(()),
+        )

@@ -1,0 +1,93 @@
+"""Parameters of published plans: how far the system may be off, and when one takes over."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ff_planner_ros.planning.problem.settings import STRICT_IF_LOW, tunable
+
+
+@dataclass(frozen=True)
+class TrackingParameters:
+    """When diagnostics warn that the chaser leaves the plan."""
+
+    max_position: float = tunable(
+        "Distance of the measured chaser from the predicted one", 0.0, None, "m", STRICT_IF_LOW
+    )
+    max_angle: float = tunable(
+        "Angle between the measured and the predicted attitude of the chaser",
+        minimum=0.0,
+        unit="rad",
+        strictness=STRICT_IF_LOW,
+    )
+
+
+@dataclass(frozen=True)
+class PublicationParameters:
+    """How far from a plan's first point the system may be then, if the plan is published later."""
+
+    max_position: float = tunable(
+        "Of the chaser, carried forward from the latest state to the start of a plan that "
+        "~/publish_plan is to publish: distance from the plan's first point",
+        minimum=0.0,
+        unit="m",
+        strictness=STRICT_IF_LOW,
+    )
+    max_angle: float = tunable(
+        "Of the chaser likewise: angle between the attitudes", 0.0, None, "rad", STRICT_IF_LOW
+    )
+    max_velocity: float = tunable(
+        "Of the chaser likewise: difference of the velocities", 0.0, None, "m/s", STRICT_IF_LOW
+    )
+    max_angular_velocity: float = tunable(
+        "Of the chaser likewise: difference of the angular velocities",
+        minimum=0.0,
+        unit="rad/s",
+        strictness=STRICT_IF_LOW,
+    )
+    max_joint_position: float = tunable(
+        "Of each joint likewise: difference of the positions", 0.0, None, "rad", STRICT_IF_LOW
+    )
+    max_joint_velocity: float = tunable(
+        "Of each joint likewise: difference of the rates", 0.0, None, "rad/s", STRICT_IF_LOW
+    )
+
+
+@dataclass(frozen=True)
+class ReplanningParameters:
+    """How a plan takes over from the one that runs, where `replan_active` asks for that."""
+
+    lead_time: float = tunable(
+        "It takes over so long after its request where the request does not say when; it must "
+        "cover planning, and what the controller needs to take the plan over",
+        minimum=0.0,
+        maximum=3600.0,
+        unit="s",
+    )
+    handover: float = tunable(
+        "A plan that is not ready so long before the handover is refused: it must reach the "
+        "controller by then",
+        minimum=0.0,
+        maximum=3600.0,
+        unit="s",
+    )
+    min_remainder: float = tunable(
+        "A running plan that is at its goal sooner than this after the handover is left as it "
+        "is, and the request refused",
+        minimum=0.001,
+        maximum=3600.0,
+        unit="s",
+    )
+    max_position: float = tunable(
+        "Of the chaser as measured from where the running plan says: a request is refused where it "
+        "is further away",
+        minimum=0.0,
+        unit="m",
+        strictness=STRICT_IF_LOW,
+    )
+    max_angle: float = tunable(
+        "Of the chaser likewise: angle between the attitudes", 0.0, None, "rad", STRICT_IF_LOW
+    )
+    max_joint_position: float = tunable(
+        "Of each joint likewise: difference of the positions", 0.0, None, "rad", STRICT_IF_LOW
+    )

@@ -1,0 +1,174 @@
+"""Parameters of the robot, its limits and the controller of its arm."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+from ff_planner_ros.common.arrays import finite_number
+from ff_planner_ros.common.forms import FROM_URDF, a_word
+from ff_planner_ros.common.share import resolve_uri
+from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.planning.problem.problem import Limits
+from ff_planner_ros.planning.problem.settings import (
+    STRICT_IF_LOW_EACH,
+    STRICT_IF_LOW_NOT_ZERO,
+    strict_if,
+    tunable,
+)
+from ff_planner_ros.planning.task.controller_rules import Controller
+from ff_planner_ros.robot.bodies import Geometry
+from ff_planner_ros.robot.model import Base, Robot, read_urdf, robot_from_urdf_text
+
+# Parameter robot.geometry: what the URDF has.
+AUTO = "auto"
+
+
+@dataclass(frozen=True)
+class RobotParameters:
+    """Which robot to plan for.
+
+    Raises:
+        InvalidInput: A word that is not known, or a list of held joints that is none.
+    """
+
+    urdf: str = tunable("URDF file: a path or a package:// URI")
+    base_link: str = tunable("URDF link that carries the arm")
+    tip_link: str = tunable("URDF link whose frame is the end effector")
+    base: str = tunable("How the chaser can move: free_flyer, or planar on an air-bearing table")
+    locked_joints: str = tunable(
+        "Joints that are not planned and where they are [rad or m]: `rail: 0.2, hand: -1.0`"
+    )
+
+    geometry: str = tunable(
+        "What of the robot is kept clear: shapes, its bodies as the URDF's collision elements have "
+        "them; lines, the arm's centre lines; auto: shapes where the arm has any, else lines"
+    )
+    srdf: str = tunable(
+        "SRDF file of links that may touch beside neighbours: a path or a package:// URI; empty: "
+        "those that touch in nearly every posture may"
+    )
+
+    def __post_init__(self) -> None:
+        """Check the words and the list."""
+        a_word(Base).read("robot.base", self.base)
+        a_word((AUTO, *Geometry)).read("robot.geometry", self.geometry)
+        locked_joints_of(self.locked_joints)
+
+    def load(self, description: str, directory: Path | None = None) -> Robot:
+        """Return the robot of a URDF's text.
+
+        Args:
+            directory: Of the URDF; None: it was recorded, and neither meshes nor SRDF are read.
+
+        Raises:
+            InvalidInput: URDF or SRDF is refused.
+        """
+        srdf = None
+        if self.srdf and directory is not None:
+            field = "robot.srdf"
+            srdf = read_urdf(resolve_uri(self.srdf, relative_to=Path.cwd(), field=field), field)
+        return robot_from_urdf_text(
+            description,
+            self.base_link,
+            self.tip_link,
+            Base(self.base),
+            locked_joints_of(self.locked_joints),
+            None if self.geometry == AUTO else Geometry(self.geometry),
+            srdf,
+            directory,
+        )
+
+
+def locked_joints_of(text: str) -> dict[str, float]:
+    """Return where joints are held, from a text with commas.
+
+    Raises:
+        InvalidInput: It is no such text.
+    """
+    held_at: dict[str, float] = {}
+    for word in filter(None, map(str.strip, text.split(","))):
+        name, _, at = word.partition(":")
+        try:
+            held_at[name.strip()] = finite_number("robot.locked_joints", float(at))
+        except ValueError:
+            allowed = "it must be names and positions: `rail: 0.2, hand: -1.0`"
+            raise InvalidInput(Status.OUT_OF_RANGE, "robot.locked_joints", text, allowed) from None
+    return held_at
+
+
+@dataclass(frozen=True)
+class LimitParameters:
+    """Which limits to keep beside the joint positions'.
+
+    Raises:
+        InvalidInput: A word that is not known, or an acceleration that is none.
+    """
+
+    velocity: str = tunable(
+        "Joint rates: from_urdf keeps the URDF's limits, none keeps none",
+        strictness=strict_if("from_urdf"),
+    )
+    acceleration: tuple[float, ...] = tunable(
+        "Largest acceleration of each joint either way, or one for all; a request may ask for "
+        "less; [0.0]: any",
+        unit="rad/s2",
+        strictness=STRICT_IF_LOW_EACH,
+    )
+    effort: str = tunable(
+        "Joint torques: from_urdf keeps the URDF's effort limits, none keeps none",
+        strictness=strict_if("from_urdf"),
+    )
+    chaser_attitude: float = tunable(
+        "Largest Euler angle of the chaser; a request may ask for less; 0.0: any",
+        minimum=0.0,
+        unit="rad",
+        strictness=STRICT_IF_LOW_NOT_ZERO,
+    )
+    chaser_rotation: float = tunable(
+        "Largest angle of the chaser's rotation since the plan's first point; a request may ask "
+        "for less; 0.0: any",
+        minimum=0.0,
+        unit="rad",
+        strictness=STRICT_IF_LOW_NOT_ZERO,
+    )
+
+    def __post_init__(self) -> None:
+        """Check what no range of a parameter describes."""
+        self.limits()
+
+    @property
+    def accelerations(self) -> tuple[float, ...] | None:
+        """Limits of the joint accelerations [rad/s2]; None: any."""
+        return self.acceleration if any(self.acceleration) else None
+
+    def limits(self) -> Limits:
+        """Return the limits of a problem."""
+        return Limits(
+            joint_velocities=FROM_URDF.read("limits.velocity", self.velocity),
+            chaser_attitude=self.chaser_attitude or math.inf,
+            chaser_rotation=self.chaser_rotation or math.inf,
+            joint_accelerations=self.accelerations,
+            joint_torques=FROM_URDF.read("limits.effort", self.effort),
+        )
+
+
+@dataclass(frozen=True)
+class ControllerParameters:
+    """How the arm's joint_trajectory_controller is set up: it must take every plan."""
+
+    allow_nonzero_velocity_at_trajectory_end: bool = tunable(
+        "Its parameter of this name; if false, only plans whose end_behaviour is stop_joints are "
+        "published",
+        strictness=strict_if(False),
+    )
+    effort_interface: bool = tunable(
+        "Whether its command_interfaces hold effort; if false, joint_trajectory carries no "
+        "torques; responses always do"
+    )
+
+    def of(self, joints: tuple[str, ...]) -> Controller:
+        """Return the controller of an arm."""
+        allowed = self.allow_nonzero_velocity_at_trajectory_end
+        return Controller(joints, allowed, self.effort_interface)
