@@ -23,11 +23,7 @@ from ff_planner_ros.common.declared_parts import part
 from ff_planner_ros.common.forms import INERTIA, NAME, QUATERNION, a_number, a_vector, each
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.problem.target import Target
-from ff_planner_ros.planning.problem.torque_free import (
-    TorqueFreeMotion,
-    Turning,
-    possible_inertia,
-)
+from ff_planner_ros.planning.problem.torque_free import TorqueFreeMotion, Turning, possible_inertia
 from ff_planner_ros.robot.rotation import cross
 
 # After more turns [rad] than this nobody can tell where a grasp is: a rate that is known to one in
@@ -43,11 +39,7 @@ class AttachedSphere:
         InvalidInput: Wrong size, not finite, or a radius that is not positive.
     """
 
-    id: str = declare(
-        NAME,
-        "name in messages, unique among all obstacles",
-        message="id",
-    )
+    id: str = declare(NAME, "name in messages, unique among all obstacles", message="id")
     center: Array = declare(
         a_vector(),
         "from the body's centre of mass",
@@ -55,12 +47,7 @@ class AttachedSphere:
         frame="in the body's frame",
         message="center",
     )
-    radius: float = declare(
-        a_number(above=0.0),
-        "obstacle plus link",
-        unit="m",
-        message="radius",
-    )
+    radius: float = declare(a_number(above=0.0), "obstacle plus link", unit="m", message="radius")
 
     def __post_init__(self) -> None:
         """Check every value and replace it by a read-only copy."""
@@ -99,15 +86,10 @@ class TargetBody:
     )
 
     position: Array = declare(
-        a_vector(),
-        "of its centre of mass",
-        unit="m",
-        message="pose.position",
+        a_vector(), "of its centre of mass", unit="m", message="pose.position"
     )
     quaternion_xyzw: Array = declare(
-        QUATERNION,
-        "body axes to inertial axes",
-        message="pose.orientation",
+        QUATERNION, "body axes to inertial axes", message="pose.orientation"
     )
     inertia: Array = declare(  # shape (3, 3)
         INERTIA,
