@@ -9,8 +9,8 @@ from collections.abc import Callable, Mapping
 import lz4.frame
 import zstandard
 
-from ff_planner_ros.bag.exchanges import SERVICE_EVENT
 from ff_planner_ros.bag.mcap.definition import message_definition
+from ff_planner_ros.messages.service_events import SERVICE_EVENT
 
 MAGIC = b"\x89MCAP0\r\n"
 # Opcodes of MCAP: https://mcap.dev/spec

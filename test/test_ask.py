@@ -24,8 +24,8 @@ from ros_processes import (
     running_planner,
 )
 
-from ff_planner_ros.bag.exchanges import GOAL_EVENTS, RESULT_EVENTS
 from ff_planner_ros.errors import Status
+from ff_planner_ros.messages.service_events import GOAL_EVENTS, RESULT_EVENTS
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.ros.messages.interfaces import GET_RESULT, SEND_GOAL
 

@@ -16,12 +16,12 @@ from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 from mutants import bytes_mutated
 
-from ff_planner_ros.bag.exchanges import SERVICE_EVENT
 from ff_planner_ros.bag.export import export_csv
 from ff_planner_ros.bag.info import info
 from ff_planner_ros.bag.reader import open_bag
 from ff_planner_ros.bag.recover import recover
 from ff_planner_ros.errors import BagError
+from ff_planner_ros.messages.service_events import SERVICE_EVENT
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.problem.problem import PlanningProblem

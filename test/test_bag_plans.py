@@ -19,13 +19,13 @@ from rosbags.highlevel import AnyReader
 from trajectory_msgs.msg import JointTrajectoryPoint
 
 from ff_planner_ros.bag import read_plans
-from ff_planner_ros.bag.exchanges import GOAL_EVENT, RESULT_EVENT, SERVICE_EVENT
 from ff_planner_ros.bag.export import export_csv, export_npz
 from ff_planner_ros.bag.info import info
 from ff_planner_ros.bag.mcap.encoding import encode
 from ff_planner_ros.bag.writer import BagWriter
 from ff_planner_ros.cli import main
 from ff_planner_ros.errors import BagError, Status
+from ff_planner_ros.messages.service_events import GOAL_EVENT, RESULT_EVENT, SERVICE_EVENT
 from ff_planner_ros.ros.messages.interfaces import GET_RESULT, SEND_GOAL
 
 NODE = Path(__file__).parent / "golden_bags" / "node"

@@ -14,11 +14,12 @@ from ff_planner_msgs.msg import PlanAnswer, PlanRequest
 from ff_planner_msgs.srv import PlanTrajectory
 from service_msgs.msg import ServiceEventInfo
 
-from ff_planner_ros.bag.exchanges import SERVICE_EVENT, SERVICE_EVENTS, Exchange, exchanges
+from ff_planner_ros.bag.exchanges import Exchange, exchanges
 from ff_planner_ros.bag.mcap.encoding import encode
 from ff_planner_ros.bag.plans import planning_exchanges
 from ff_planner_ros.bag.reader import open_bag
 from ff_planner_ros.bag.writer import BagWriter
+from ff_planner_ros.messages.service_events import SERVICE_EVENT, SERVICE_EVENTS
 
 TOPIC = f"/plan_trajectory{SERVICE_EVENTS}"
 RECEIVED, SENT = ServiceEventInfo.REQUEST_RECEIVED, ServiceEventInfo.RESPONSE_SENT

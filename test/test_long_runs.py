@@ -16,11 +16,11 @@ from ff_planner_msgs.srv import PlanTrajectory
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import JointState
 
-from ff_planner_ros.bag.exchanges import SERVICE_EVENT
 from ff_planner_ros.bag.mcap.encoding import encode
 from ff_planner_ros.bag.mcap.rosbag2_metadata import ROSBAG2
 from ff_planner_ros.bag.reader import Bag, open_bag
 from ff_planner_ros.bag.writer import BagWriter
+from ff_planner_ros.messages.service_events import SERVICE_EVENT
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.problem.problem import PlanningProblem

@@ -30,9 +30,9 @@ from ros_processes import (
     running_planner,
 )
 
-from ff_planner_ros.bag.plans import trajectory_in
 from ff_planner_ros.common.times import NANOSECONDS, nanoseconds
 from ff_planner_ros.errors import Status
+from ff_planner_ros.messages.trajectories import trajectory_in
 from ff_planner_ros.planning.motion.forward import carried_forward
 from ff_planner_ros.planning.motion.joint_motion import joint_motion
 from ff_planner_ros.planning.problem.problem import PlanningProblem

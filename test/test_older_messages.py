@@ -12,7 +12,6 @@ from ff_planner_msgs.msg import Goal, PlanAnswer, PlanRequest
 from ff_planner_msgs.srv import PlanTrajectory
 from rosbags.highlevel import AnyReader
 
-from ff_planner_ros.bag.exchanges import SERVICE_EVENT
 from ff_planner_ros.bag.older_messages import (
     ANSWER_FIELDS,
     REQUEST_FIELDS,
@@ -22,6 +21,7 @@ from ff_planner_ros.bag.older_messages import (
 from ff_planner_ros.bag.reader import open_bag
 from ff_planner_ros.common.declared_messages import value_at
 from ff_planner_ros.errors import Status
+from ff_planner_ros.messages.service_events import SERVICE_EVENT
 from ff_planner_ros.ros.messages.interfaces import entry_of
 from ff_planner_ros.runs.installed import as_installed
 

@@ -42,7 +42,7 @@ FLOORS = (
     {"planning.search"},
     {"planning.task"},
     {"planning.scenario"},
-    {"parameters"},
+    {"parameters", "messages"},
     {"baselines", "simulation", "analysis"},
     {"problems"},
     {"bench"},

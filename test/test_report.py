@@ -28,12 +28,12 @@ from std_msgs.msg import Header
 
 from ff_planner_ros.analysis.drawing.tracking import Deviations
 from ff_planner_ros.analysis.plan_json import plan_dictionary, refusal_dictionary
-from ff_planner_ros.bag.exchanges import GOAL_EVENTS, RESULT_EVENTS
 from ff_planner_ros.bag.mcap.encoding import encode
 from ff_planner_ros.bag.provenance import PROVENANCE
 from ff_planner_ros.bag.writer import BagWriter
 from ff_planner_ros.cli import main
 from ff_planner_ros.errors import BagError, FfPlannerError, InvalidInput, NoPlanFound, Status
+from ff_planner_ros.messages.service_events import GOAL_EVENTS, RESULT_EVENTS
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.motion.plan import Plan, Trajectory
 from ff_planner_ros.planning.problem.problem import PlanningProblem

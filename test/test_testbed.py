@@ -32,7 +32,6 @@ from test_tumbling import body_of, moved
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from unique_identifier_msgs.msg import UUID
 
-from ff_planner_ros.bag.exchanges import GOAL_EVENTS, RESULT_EVENTS
 from ff_planner_ros.common.times import NANOSECONDS, nanoseconds
 from ff_planner_ros.demo.testbed import (
     CONTROLLER_TOPIC,
@@ -43,6 +42,7 @@ from ff_planner_ros.demo.testbed import (
     with_sensor_noise,
 )
 from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.messages.service_events import GOAL_EVENTS, RESULT_EVENTS
 from ff_planner_ros.planning.motion.forward import carried_forward
 from ff_planner_ros.planning.problem.problem import PlanningProblem, Sphere
 from ff_planner_ros.problems import tumbling

@@ -11,15 +11,16 @@ from ff_planner_ros.bag.older_messages import present_answer, present_request
 from ff_planner_ros.bag.reader import Bag, Message
 from ff_planner_ros.common.declared_messages import value_at
 from ff_planner_ros.common.times import nanoseconds
+from ff_planner_ros.messages.service_events import (
+    GOAL_EVENT,
+    GOAL_EVENTS,
+    RESULT_EVENT,
+    RESULT_EVENTS,
+    SERVICE_EVENT,
+    SERVICE_EVENTS,
+)
 
-SERVICE_EVENT = "ff_planner_msgs/srv/PlanTrajectory_Event"
-GOAL_EVENT = "ff_planner_msgs/action/PlanTrajectory_SendGoal_Event"
-RESULT_EVENT = "ff_planner_msgs/action/PlanTrajectory_GetResult_Event"
 SERVICE, ACTION = "service", "action"  # where a request comes in
-SERVICE_EVENTS = "/_service_event"  # topics, behind the name of the service or action
-GOAL_EVENTS = "/_action/send_goal/_service_event"
-RESULT_EVENTS = "/_action/get_result/_service_event"
-
 # Of service_msgs/ServiceEventInfo; clients send events of the other kinds.
 _REQUEST_RECEIVED, _RESPONSE_SENT = 1, 2
 

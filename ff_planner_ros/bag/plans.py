@@ -15,8 +15,9 @@ from ff_planner_ros.bag.exchanges import Exchange, exchanges
 from ff_planner_ros.bag.reader import Bag, Message, open_bag
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.common.declared_messages import value_at
-from ff_planner_ros.common.times import NANOSECONDS, nanoseconds
+from ff_planner_ros.common.times import nanoseconds
 from ff_planner_ros.errors import BagError, Status
+from ff_planner_ros.messages.trajectories import poses_in, trajectory_in, twists_in
 from ff_planner_ros.planning.motion.plan import Trajectory
 
 _AXES, _QUATERNION = ("x", "y", "z"), ("qx", "qy", "qz", "qw")
@@ -199,69 +200,16 @@ def _recorded_plan(message: Message, answer: Any) -> RecordedPlan:
     )
 
 
-def trajectory_in(plan: Any) -> Trajectory:
-    """Return the motion of a plan's message, as it is or decoded; what it lacks is NaN.
-
-    Raises:
-        ValueError: Its arrays do not fit each other.
-    """
-    joints = plan.joint_trajectory
-    points, count = joints.points, len(joints.joint_names)
-    chaser = _poses(plan.chaser_path, len(points))
-    chaser_twists = _twists(plan.chaser_twists, len(points))
-    ee = _poses(plan.end_effector_path, len(points))
-    ee_twists = _twists(plan.end_effector_twists, len(points))
-    return Trajectory(
-        time=np.array([nanoseconds(point.time_from_start) / NANOSECONDS for point in points]),
-        joint_positions=_table([point.positions for point in points], len(points), count),
-        joint_velocities=_table([point.velocities for point in points], len(points), count),
-        joint_accelerations=_table([point.accelerations for point in points], len(points), count),
-        joint_torques=_table([point.effort for point in points], len(points), count),
-        chaser_positions=chaser[:, :3],
-        chaser_quaternions_xyzw=chaser[:, 3:],
-        chaser_linear_velocities=chaser_twists[:, :3],
-        chaser_angular_velocities=chaser_twists[:, 3:],
-        ee_positions=ee[:, :3],
-        ee_quaternions_xyzw=ee[:, 3:],
-        ee_linear_velocities=ee_twists[:, :3],
-        ee_angular_velocities=ee_twists[:, 3:],
-    )
-
-
 def _target_body(plan: Any) -> dict[str, Array]:
     """Return the predicted motion of the body that is captured; empty: none is."""
     # Plans of earlier versions capture none.
     if not value_at(plan, "target_path.poses", ()):
         return {}
     points = len(plan.joint_trajectory.points)
-    poses = _poses(plan.target_path, points)
-    twists = _twists(plan.target_twists, points)
+    poses = poses_in(plan.target_path, points)
+    twists = twists_in(plan.target_twists, points)
     rows = (poses[:, :3], poses[:, 3:], twists[:, :3], twists[:, 3:])
     return dict(zip(_TARGET_BODY_COLUMNS, rows, strict=True))
-
-
-def _poses(path: Any, points: int) -> Array:
-    poses = [stamped.pose for stamped in path.poses]
-    rows = [[*_xyz(p.position), *_xyz(p.orientation), p.orientation.w] for p in poses]
-    return _table(rows, points, 7)
-
-
-def _twists(twists: Any, points: int) -> Array:
-    return _table([[*_xyz(twist.linear), *_xyz(twist.angular)] for twist in twists], points, 6)
-
-
-def _xyz(vector: Any) -> tuple[float, float, float]:
-    return vector.x, vector.y, vector.z
-
-
-def _table(rows: list[Any], points: int, width: int) -> Array:
-    """Return rows as an array of shape (points, width); NaN if the answer does not have them."""
-    if not any(len(row) for row in rows):
-        return np.full((points, width), np.nan)
-    table = np.array(rows, dtype=np.float64)
-    if table.shape != (points, width):
-        raise ValueError(f"an array of it is {table.shape}, and not {(points, width)}")
-    return table
 
 
 def _metrics(metrics: Any) -> dict[str, float | str | tuple[float, ...]]:

@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from ff_planner_ros.bag.reader import Bag
-from ff_planner_ros.bag.target_bodies import target_body_in
 from ff_planner_ros.common.declared_messages import value_at, values_in
 from ff_planner_ros.common.times import NANOSECONDS, nanoseconds
 from ff_planner_ros.errors import InvalidInput
+from ff_planner_ros.messages.target_bodies import target_body_in
 from ff_planner_ros.planning.problem.goal_words import GoalKind
 from ff_planner_ros.planning.problem.problem import (
     PlanningProblem,

@@ -7,9 +7,9 @@ from collections.abc import Callable
 from ff_planner_msgs.msg import PlanAnswer
 from rclpy.node import Node
 
-from ff_planner_ros.bag.exchanges import GOAL_EVENTS, RESULT_EVENTS
 from ff_planner_ros.common.times import nanoseconds
 from ff_planner_ros.errors import Status
+from ff_planner_ros.messages.service_events import GOAL_EVENTS, RESULT_EVENTS
 from ff_planner_ros.ros.messages.interfaces import ACTION, GET_RESULT, SEND_GOAL
 from ff_planner_ros.ros.qos import EVENT_QOS
 

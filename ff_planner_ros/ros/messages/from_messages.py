@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ff_planner_ros.bag.plans import trajectory_in
-from ff_planner_ros.bag.target_bodies import NAMED_AS, target_body_in
 from ff_planner_ros.common.arrays import Array, finite_number, finite_vector
 from ff_planner_ros.common.declared_messages import names_in, require_left_out, value_at, values_in
 from ff_planner_ros.common.shown import quoted
 from ff_planner_ros.common.times import NANOSECONDS, nanoseconds
 from ff_planner_ros.errors import InvalidInput, Status, fields_named
+from ff_planner_ros.messages.target_bodies import NAMED_AS, target_body_in
+from ff_planner_ros.messages.trajectories import trajectory_in
 from ff_planner_ros.parameters import NodeParameters
 from ff_planner_ros.planning.motion.metrics import Metrics
 from ff_planner_ros.planning.motion.plan import Plan, SolverReport

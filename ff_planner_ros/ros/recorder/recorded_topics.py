@@ -31,9 +31,9 @@ from std_msgs.msg import String
 from trajectory_msgs.msg import JointTrajectory
 from visualization_msgs.msg import MarkerArray
 
-from ff_planner_ros.bag.exchanges import GOAL_EVENTS, RESULT_EVENTS, SERVICE_EVENTS
 from ff_planner_ros.bag.provenance import PROVENANCE, provenance
 from ff_planner_ros.bag.writer import BagWriter
+from ff_planner_ros.messages.service_events import GOAL_EVENTS, RESULT_EVENTS, SERVICE_EVENTS
 from ff_planner_ros.parameters import NodeParameters
 from ff_planner_ros.parameters.values import document_of
 from ff_planner_ros.robot.bodies import Geometry

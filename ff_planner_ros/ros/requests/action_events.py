@@ -13,7 +13,7 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from service_msgs.msg import ServiceEventInfo
 
-from ff_planner_ros.bag.exchanges import GOAL_EVENTS, RESULT_EVENTS
+from ff_planner_ros.messages.service_events import GOAL_EVENTS, RESULT_EVENTS
 from ff_planner_ros.ros.messages.interfaces import GET_RESULT, SEND_GOAL
 
 

@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from ff_planner_msgs.msg import ChaserState, PlanAnswer, PlanInputs, PlanRequest
 
-from ff_planner_ros.bag.target_bodies import NAMED_AS
 from ff_planner_ros.common.arrays import finite_number
 from ff_planner_ros.common.times import NANOSECONDS, nanoseconds
 from ff_planner_ros.errors import InvalidInput, Status, fields_named
+from ff_planner_ros.messages.target_bodies import NAMED_AS
 from ff_planner_ros.parameters import NodeParameters
 from ff_planner_ros.planning.motion.joint_motion import JointMotion
 from ff_planner_ros.planning.problem.goal_words import GoalKind

@@ -1,0 +1,1 @@
+"""Messages, decoded without ROS: of a bag, or live."""

@@ -1,0 +1,66 @@
+"""The motion in the message of a plan, as it is or decoded, as plain arrays."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.common.times import NANOSECONDS, nanoseconds
+from ff_planner_ros.planning.motion.plan import Trajectory
+
+
+def trajectory_in(plan: Any) -> Trajectory:
+    """Return the motion of a plan's message, as it is or decoded; what it lacks is NaN.
+
+    Raises:
+        ValueError: Its arrays do not fit each other.
+    """
+    joints = plan.joint_trajectory
+    points, count = joints.points, len(joints.joint_names)
+    chaser = poses_in(plan.chaser_path, len(points))
+    chaser_twists = twists_in(plan.chaser_twists, len(points))
+    ee = poses_in(plan.end_effector_path, len(points))
+    ee_twists = twists_in(plan.end_effector_twists, len(points))
+    return Trajectory(
+        time=np.array([nanoseconds(point.time_from_start) / NANOSECONDS for point in points]),
+        joint_positions=_table([point.positions for point in points], len(points), count),
+        joint_velocities=_table([point.velocities for point in points], len(points), count),
+        joint_accelerations=_table([point.accelerations for point in points], len(points), count),
+        joint_torques=_table([point.effort for point in points], len(points), count),
+        chaser_positions=chaser[:, :3],
+        chaser_quaternions_xyzw=chaser[:, 3:],
+        chaser_linear_velocities=chaser_twists[:, :3],
+        chaser_angular_velocities=chaser_twists[:, 3:],
+        ee_positions=ee[:, :3],
+        ee_quaternions_xyzw=ee[:, 3:],
+        ee_linear_velocities=ee_twists[:, :3],
+        ee_angular_velocities=ee_twists[:, 3:],
+    )
+
+
+def poses_in(path: Any, points: int) -> Array:
+    """Return the poses of a path: positions and quaternions. Shape (points, 7) [m]; NaN: none."""
+    poses = [stamped.pose for stamped in path.poses]
+    rows = [[*_xyz(p.position), *_xyz(p.orientation), p.orientation.w] for p in poses]
+    return _table(rows, points, 7)
+
+
+def twists_in(twists: Any, points: int) -> Array:
+    """Return twists, linear first. Shape (points, 6) [m/s, rad/s]; NaN: none."""
+    return _table([[*_xyz(twist.linear), *_xyz(twist.angular)] for twist in twists], points, 6)
+
+
+def _xyz(vector: Any) -> tuple[float, float, float]:
+    return vector.x, vector.y, vector.z
+
+
+def _table(rows: list[Any], points: int, width: int) -> Array:
+    """Return rows as an array of shape (points, width); NaN if the answer does not have them."""
+    if not any(len(row) for row in rows):
+        return np.full((points, width), np.nan)
+    table = np.array(rows, dtype=np.float64)
+    if table.shape != (points, width):
+        raise ValueError(f"an array of it is {table.shape}, and not {(points, width)}")
+    return table
