@@ -149,7 +149,7 @@ setup(
     package_data={
         NAME: ["py.typed"],
         f"{NAME}.core": ["*.pyi", "*.cpp", "*.hpp"],
-        f"{NAME}.runs": ["*.css", "*.js"],
+        f"{NAME}.report": ["*.css", "*.js"],
     },
     ext_modules=[
         Extension(

@@ -26,7 +26,7 @@ MODULES = (
         "bag.info",
         "bag.recover",
     ),
-    *("bag.export", "runs.replay", "runs.what_if", "runs.report_page", "runs.report_of_bag"),
+    *("bag.export", "runs.replay", "runs.what_if", "report.run_page", "report.from_bag"),
     "runs.export_scenarios",
 )
 

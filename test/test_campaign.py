@@ -19,7 +19,7 @@ import pyarrow.parquet
 import pytest
 from campaigns import study, study_file
 
-from ff_planner_ros.campaign import cluster, page, run
+from ff_planner_ros.campaign import cluster, run
 from ff_planner_ros.campaign.cases import cases
 from ff_planner_ros.campaign.run import run_campaign
 from ff_planner_ros.campaign.table import (
@@ -36,6 +36,7 @@ from ff_planner_ros.commands import campaigns
 from ff_planner_ros.errors import InvalidInput
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.scenario.scenario import Defaults, load_task
+from ff_planner_ros.report import campaign_page
 
 ROWS = 2 * 3 * 2  # of the small study
 
@@ -288,7 +289,7 @@ def test_where_the_system_names_no_file_a_full_disk_is_still_told_clearly(
     def full(*_: Any) -> None:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-    monkeypatch.setattr(page, "save_campaign_page", full)
+    monkeypatch.setattr(campaign_page, "save_campaign_page", full)
     assert main(["campaign", "report", str(on_two)]) == 2
     said = capsys.readouterr().err
     assert f"the report could not be written; the plans in {on_two} are kept" in said

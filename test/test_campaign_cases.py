@@ -21,7 +21,6 @@ from scipy.stats import binomtest
 from ff_planner_ros.campaign.cases import Case, cases, require_sound
 from ff_planner_ros.campaign.changes import Change, changed
 from ff_planner_ros.campaign.sources import Generated, content, task_of, written
-from ff_planner_ros.campaign.statistics import Rate, bins
 from ff_planner_ros.campaign.study import MethodOfStudy, load_study
 from ff_planner_ros.campaign.work import run_case, run_cases
 from ff_planner_ros.errors import FfPlannerError, InvalidInput
@@ -29,6 +28,7 @@ from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.scenario.scenario import Defaults, load_task
 from ff_planner_ros.planning.task.task import PlanningTask, perform
 from ff_planner_ros.problems.scenarios import scenario
+from ff_planner_ros.report.statistics import Rate, bins
 from ff_planner_ros.robot.model import load_robot, robot_from_urdf_text
 
 OURS = MethodOfStudy("ours", "optimal", ())

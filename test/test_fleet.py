@@ -14,10 +14,10 @@ import pytest
 from scipy.stats import binom
 
 from ff_planner_ros.bag.plans import read_plans
-from ff_planner_ros.campaign import fleet_page
-from ff_planner_ros.campaign.fleet import MEASURED, PERCENTILES, bags_below, read_fleet
 from ff_planner_ros.cli import main
 from ff_planner_ros.errors import BagError
+from ff_planner_ros.report import fleet_page
+from ff_planner_ros.report.fleet import MEASURED, PERCENTILES, bags_below, read_fleet
 
 GOLDEN = Path(__file__).parent / "golden_bags"
 # Copies of each bag, and one more below.

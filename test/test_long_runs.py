@@ -25,14 +25,14 @@ from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.task.task import PlanningTask
+from ff_planner_ros.report.from_bag import report_of_bag
+from ff_planner_ros.report.run_page import save_page
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.ros.messages.to_messages import time_message
 from ff_planner_ros.runs import measured
 from ff_planner_ros.runs.installed import as_installed
 from ff_planner_ros.runs.measured import Window, fill_windows
 from ff_planner_ros.runs.offline_bag import record_answer
-from ff_planner_ros.runs.report_of_bag import report_of_bag
-from ff_planner_ros.runs.report_page import save_page
 
 T0, SECOND, RATE = 1_760_000_000_000_000_000, 1_000_000_000, 100
 PLANS = 3

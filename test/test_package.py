@@ -59,16 +59,15 @@ FLOORS = (
     {"ros.node"},
     {"runs"},
     {"campaign"},
+    {"report"},
     {"demo"},
     {"commands"},
     {"cli"},
 )
 FLOOR_OF = {room: floor for floor, rooms in enumerate(FLOORS) for room in rooms}
 SHARED_FLOOR, HIGHEST_FLOOR_WITHOUT_ROS = 0, FLOOR_OF["bench"]
-# They talk to ROS; the other rooms run where no ROS is installed.
-ROOMS_WITH_ROS = ("ros", "runs", "demo")
-# But these modules of runs do not: they make pages, of campaigns, too.
-WITHOUT_ROS = {"ff_planner_ros.runs.report_file", "ff_planner_ros.runs.report_html"}
+# Rooms and modules that talk to ROS; the others run where no ROS is installed.
+WITH_ROS = ("ros", "runs", "report.from_bag", "report.from_changes", "demo")
 ROS_IN_BAG = "rosidl_parser"  # reads the definitions that a bag carries
 ROOM_WITH_CLOCKS = "bench"
 # Import name to name for pip, where the two differ.
@@ -148,6 +147,10 @@ def top_level_imports(paths):
     return {name.split(".")[0] for path in paths for name in imports_at_run_time(tree_of(path))}
 
 
+def talks_to_ros(module):
+    return any(f"{module}.".startswith(f"ff_planner_ros.{name}.") for name in WITH_ROS)
+
+
 def ros_packages(names):
     indexes = [
         prefix / "share/ament_index/resource_index/packages" for prefix in installation_prefixes()
@@ -196,13 +199,12 @@ def test_rooms_below_bag_know_nothing_of_ros_mcap_or_clocks():
 def test_without_ros_everything_loads_but_what_talks_to_it():
     violations = []
     for module, path in PATH_OF.items():
-        if room_of(module).split(".")[0] in ROOMS_WITH_ROS and module not in WITHOUT_ROS:
+        if talks_to_ros(module):
             continue
         names = imports_when_loaded(tree_of(path))
         foreign = ros_packages({name.split(".")[0] for name in names}) - {"ff_planner_ros"}
         foreign -= {ROS_IN_BAG} if room_of(module) == "bag" else set()
-        talking = {m for m in own_modules(names) if room_of(m).split(".")[0] in ROOMS_WITH_ROS}
-        talking -= WITHOUT_ROS | {"ff_planner_ros.runs"}  # the latter is an empty room
+        talking = set(filter(talks_to_ros, own_modules(names)))
         violations += [f"{module} imports {name}" for name in foreign | talking]
     assert violations == []
 
@@ -219,13 +221,13 @@ def test_only_campaigns_import_the_cluster_that_need_not_be_installed():
     importing = {
         room_of(module_name(path)) for path in MODULES if optional & top_level_imports([path])
     }
-    assert importing == {"campaign", "commands"}
+    assert importing == {"campaign", "report", "commands"}
     at_once = {
         room_of(module_name(path))
         for path in MODULES
         if optional & {name.split(".")[0] for name in imports_when_loaded(tree_of(path))}
     }
-    assert at_once == {"campaign"}
+    assert at_once == {"campaign", "report"}
 
 
 def test_all_packages_have_the_version_that_the_changelog_describes():
@@ -275,8 +277,7 @@ def test_the_benchmark_declares_exactly_the_packages_that_it_imports_and_none_of
     foreign = top_level_imports(OF_BENCHMARK) - sys.stdlib_module_names - {"ff_planner_benchmark"}
     assert {PIP_NAMES.get(name, name) for name in foreign} == declared
     names = {name for path in OF_BENCHMARK for name in imports_at_run_time(tree_of(path))}
-    rooms = {room_of(module) for module in own_modules(names) if module in PATH_OF}
-    assert not {room.partition(".")[0] for room in rooms} & set(ROOMS_WITH_ROS)
+    assert not set(filter(talks_to_ros, own_modules(names)))
 
 
 def test_status_codes_are_those_of_the_message():

@@ -39,6 +39,10 @@ from ff_planner_ros.planning.motion.plan import Plan, Trajectory
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.search.planner import plan
 from ff_planner_ros.planning.task.task import PlanningTask
+from ff_planner_ros.report.from_bag import report_of_bag, reported_request
+from ff_planner_ros.report.plan_plots import shown_rows
+from ff_planner_ros.report.run_page import save_page
+from ff_planner_ros.report.run_report import Report, report_of_answer
 from ff_planner_ros.robot.model import robot_from_urdf_text
 from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.ros.messages.interfaces import GET_RESULT, SEND_GOAL, type_name
@@ -50,10 +54,6 @@ from ff_planner_ros.ros.messages.to_messages import (
     state_message,
     time_message,
 )
-from ff_planner_ros.runs.report import Report, report_of_answer
-from ff_planner_ros.runs.report_of_bag import report_of_bag, reported_request
-from ff_planner_ros.runs.report_page import save_page
-from ff_planner_ros.runs.report_plots import shown_rows
 
 SECOND, T0 = 10**9, 1_795_000_000 * 10**9
 EVIL = "<script>alert(1)</script><img src=x onerror='alert(2)'>\" & </td>"

@@ -18,6 +18,8 @@ from ff_planner_ros.common.times import NANOSECONDS
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.problem.problem import PlanningProblem, Sphere
 from ff_planner_ros.problems import tumbling
+from ff_planner_ros.report import from_bag
+from ff_planner_ros.report.plan_words import obstacle_table
 from ff_planner_ros.ros.messages.to_messages import (
     obstacles_message,
     request_message,
@@ -25,9 +27,7 @@ from ff_planner_ros.ros.messages.to_messages import (
     target_body_message,
     time_message,
 )
-from ff_planner_ros.runs import report_of_bag
 from ff_planner_ros.runs.recorded_inputs import Moment, heard
-from ff_planner_ros.runs.report_words import obstacle_table
 
 START = 1_000 * NANOSECONDS
 VELOCITY = np.array([0.1, -0.2, 0.4])
@@ -52,9 +52,9 @@ def test_all_is_drawn_where_it_is_at_the_first_point_and_the_goal_at_the_time_ch
     answer = answer_of(lemur_plan, start_ns=START)
     answer.plans[0].duration = 7.5
     answer.inputs.obstacles_stamp = answer.inputs.target_body_stamp = time_message(seen_ns)
-    monkeypatch.setattr(report_of_bag, "reported_plan", lambda *told: told)
+    monkeypatch.setattr(from_bag, "reported_plan", lambda *told: told)
     exchange: Any = SimpleNamespace(request=request, response=answer)
-    drawn: Any = report_of_bag._plan(exchange, lemur_capture.robot, None, None)
+    drawn: Any = from_bag._plan(exchange, lemur_capture.robot, None, None)
     _, _, (moved, *attached), scene = drawn
     np.testing.assert_allclose(moved.center, rock.center + later * VELOCITY, atol=1e-9)
     assert [one.id for one in attached] == [one.id for one in body.obstacles]

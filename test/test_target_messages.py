@@ -40,6 +40,7 @@ from ff_planner_ros.planning.problem.scene import scene_of
 from ff_planner_ros.planning.task.tail import EndBehaviour
 from ff_planner_ros.planning.task.task import PlanningTask, perform
 from ff_planner_ros.problems import tumbling
+from ff_planner_ros.report.from_bag import report_of_bag
 from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.ros.inputs.input_topics import TARGET_BODY
 from ff_planner_ros.ros.inputs.scene_input import SceneInput
@@ -59,7 +60,6 @@ from ff_planner_ros.ros.requests.reading import Knowledge, ReadRequest, read_req
 from ff_planner_ros.runs.offline_bag import record_answer
 from ff_planner_ros.runs.recorded_run import recorded_run
 from ff_planner_ros.runs.replay import Verdict, replay
-from ff_planner_ros.runs.report_of_bag import report_of_bag
 from ff_planner_ros.simulation.verification import verify
 
 FRAME = "inertial"

@@ -7,18 +7,18 @@ import json
 from collections.abc import Sequence
 from pathlib import Path
 
-from ff_planner_ros.campaign.fleet import (
+from ff_planner_ros.commands import SOLVED
+from ff_planner_ros.commands.campaigns import require_packages
+from ff_planner_ros.commands.printed import print_notes
+from ff_planner_ros.common.arrays import finite_number
+from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.report.fleet import (
     bags_below,
     fleet_document,
     fleet_lines,
     read_fleet,
     success_words,
 )
-from ff_planner_ros.commands import SOLVED
-from ff_planner_ros.commands.campaigns import require_packages
-from ff_planner_ros.commands.printed import print_notes
-from ff_planner_ros.common.arrays import finite_number
-from ff_planner_ros.errors import InvalidInput, Status
 
 
 def replay_bag(options: argparse.Namespace) -> int:
@@ -41,7 +41,14 @@ def replay_bag(options: argparse.Namespace) -> int:
     if options.changes:
         from ff_planner_ros.runs.what_if import print_what_if
 
-        return print_what_if(options.bag, options.changes, options.report)
+        found = print_what_if(options.bag, options.changes)
+        if options.report is not None:
+            from ff_planner_ros.report.from_changes import report_of_changes
+            from ff_planner_ros.report.run_page import save_page
+
+            save_page(report_of_changes(found), options.report)
+            print(f"{options.report}  {options.report.stat().st_size / 1e6:.1f} MB")
+        return SOLVED
     if options.report is not None:
         allowed = "it goes with --set: `ff-planner report` shows a bag as it is"
         raise InvalidInput(Status.OUT_OF_RANGE, "--report", options.report, allowed)
@@ -52,8 +59,8 @@ def replay_bag(options: argparse.Namespace) -> int:
 
 def report_run(options: argparse.Namespace) -> int:
     """Write one HTML file on a run or a plan."""
-    from ff_planner_ros.runs.report import report_of_answer
-    from ff_planner_ros.runs.report_page import save_page
+    from ff_planner_ros.report.run_page import save_page
+    from ff_planner_ros.report.run_report import report_of_answer
 
     if options.plans < 0:
         allowed = "it must not be negative; 0 draws none"
@@ -64,7 +71,7 @@ def report_run(options: argparse.Namespace) -> int:
     if source.suffix == ".json":
         report = report_of_answer(source)
     else:
-        from ff_planner_ros.runs.report_of_bag import report_of_bag
+        from ff_planner_ros.report.from_bag import report_of_bag
 
         report = report_of_bag(source, options.plans)
     output = options.output or Path(f"{source.resolve().stem}_report.html")
@@ -75,7 +82,7 @@ def report_run(options: argparse.Namespace) -> int:
 
 
 def _report_fleet(directory: Path, options: argparse.Namespace) -> int:
-    from ff_planner_ros.campaign.fleet_page import save_fleet_page
+    from ff_planner_ros.report.fleet_page import save_fleet_page
 
     output = options.output or Path(f"{directory.resolve().name}_report.html")
     fleet = read_fleet(directory)
@@ -108,7 +115,7 @@ def export_plans(options: argparse.Namespace) -> int:
 def _export_parquet(options: argparse.Namespace) -> int:
     """Write the answers in one bag or in many as one table."""
     require_packages("a table in Parquet")
-    from ff_planner_ros.campaign.fleet_table import save_fleet_table
+    from ff_planner_ros.report.fleet_table import save_fleet_table
 
     fleet = read_fleet(options.bag)
     save_fleet_table(fleet, options.parquet)

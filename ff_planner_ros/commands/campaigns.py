@@ -80,7 +80,7 @@ def _run(options: argparse.Namespace) -> int:
 
 def _report(options: argparse.Namespace) -> int:
     require_packages("a campaign")
-    from ff_planner_ros.campaign.page import save_campaign_page
+    from ff_planner_ros.report.campaign_page import save_campaign_page
 
     print(save_campaign_page(options.directory, options.output))
     return SOLVED

@@ -18,6 +18,7 @@ from ff_planner_ros.errors import BagError
 from ff_planner_ros.parameters import DECLARATIONS
 from ff_planner_ros.parameters.values import checked, replaced
 from ff_planner_ros.planning.scenario.library_file import load_library
+from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.ros.messages.request_values import (
     REQUEST_KEYS,
     request_value,
@@ -27,8 +28,6 @@ from ff_planner_ros.ros.messages.request_values import (
 )
 from ff_planner_ros.runs.recorded_run import RecordedRequest, recorded_run
 from ff_planner_ros.runs.replay import answer_again, one_by_one, status_name
-from ff_planner_ros.runs.report_of_changes import Answered, report_of_changes
-from ff_planner_ros.runs.report_page import save_page
 
 # What may be changed in a request. The goal stays what it is.
 _OF_REQUEST = tuple(key for key in REQUEST_KEYS if not key.startswith("target."))
@@ -94,43 +93,55 @@ def changed_request(recorded: RecordedRequest, changes: Sequence[Change]) -> Rec
     return replace(recorded, request=request, inputs=inputs)
 
 
-def print_what_if(bag: Path, settings: Sequence[str], report: Path | None = None) -> int:
-    """Plan requests with changes, each a `key=value`, print both answers, and return exit code 0.
+@dataclass(frozen=True, eq=False)
+class ChangedAnswer:
+    """A request that was planned with something changed."""
 
-    Args:
-        report: File for a page that lays what comes of the changes over what was recorded.
+    recorded: RecordedRequest
+    changed: RecordedRequest
+    answer: PlanAnswer  # to the changed one
+
+
+@dataclass(frozen=True, eq=False)
+class WhatIf:
+    """What the planner answers to the requests of a bag, with something changed."""
+
+    bag: Path
+    robot: Robot
+    changes: str  # in words
+    answers: tuple[ChangedAnswer, ...]
+    notes: tuple[str, ...]  # on the bag, and on requests that are left out
+
+
+def print_what_if(bag: Path, settings: Sequence[str]) -> WhatIf:
+    """Plan the requests of a bag with changes, each a `key=value`, and print both answers.
 
     Raises:
         BagError: The bag cannot be read, or holds no request.
         InvalidInput: A setting is refused, or the URDF in the bag.
-        OSError: The page cannot be written.
     """
     changes = [parsed(setting) for setting in settings]
     with open_bag(bag) as opened:
         run = recorded_run(opened)
-    rows, left_out, answered = [], list[str](), list[Answered]()
+    rows, left_out, answers = [], list[str](), list[ChangedAnswer]()
     for recorded in one_by_one(run.requests):
         try:
             changed = changed_request(recorded, changes)
         except BagError as error:
-            left_out.append(f"note: {recorded.name} is left out: {error}")
+            left_out.append(f"{recorded.name} is left out: {error}")
             continue
         answer, _ = answer_again(changed)
         rows.append((recorded.name, *_compared(recorded.response, answer)))
-        answered.append(Answered(recorded, changed, answer))
+        answers.append(ChangedAnswer(recorded, changed, answer))
     words = ", ".join(f"{change.key}={change.value}" for change in changes)
     header = (
         *("request", "status", "joint path [rad]", "Euler angle [deg]", "rotation [deg]"),
         *("clearance [mm]", "time [s]"),
     )
     print_table(f"{bag} as recorded > with {words}", header, rows)
-    for line in [*left_out, *(f"note: {note}" for note in run.notes)]:
-        print(line)
-    if report is not None:
-        notes = (*run.notes, *(line.removeprefix("note: ") for line in left_out))
-        save_page(report_of_changes(bag, run.robot, words, answered, notes), report)
-        print(f"{report}  {report.stat().st_size / 1e6:.1f} MB")
-    return 0
+    for note in [*left_out, *run.notes]:
+        print(f"note: {note}")
+    return WhatIf(bag, run.robot, words, tuple(answers), (*run.notes, *left_out))
 
 
 def _compared(before: PlanAnswer | None, now: PlanAnswer) -> tuple[str, ...]:

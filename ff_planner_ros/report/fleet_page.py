@@ -9,7 +9,8 @@ from urllib.parse import quote
 from xml.etree.ElementTree import Element
 
 from ff_planner_ros.bag.progress_bar import progress_bar
-from ff_planner_ros.campaign.fleet import (
+from ff_planner_ros.errors import FfPlannerError
+from ff_planner_ros.report.fleet import (
     FIGURES,
     MEASURED,
     PERCENTILES,
@@ -17,13 +18,10 @@ from ff_planner_ros.campaign.fleet import (
     on_all_cores,
     success_words,
 )
-from ff_planner_ros.campaign.page_plots import time_plot
-from ff_planner_ros.campaign.statistics import Group
-from ff_planner_ros.errors import FfPlannerError
-from ff_planner_ros.runs.report_file import save_file
-from ff_planner_ros.runs.report_html import bullets, element, pairs, plot, row, table
+from ff_planner_ros.report.html import NOTHING, bullets, element, pairs, plot, row, save_html, table
+from ff_planner_ros.report.statistics import Group
+from ff_planner_ros.report.statistics_plots import time_plot
 
-_NOTHING = "-"
 # Runs that get a page of their own: each is some megabytes.
 PAGES = 10
 # Pages from which on a process a core draws them: it takes as long to start as a page to draw.
@@ -69,16 +67,15 @@ def save_fleet_page(fleet: Fleet, file: Path, most_plans: int) -> list[str]:
                 else:
                     pages[run.name] = page.relative_to(file.parent)
                 advance(1)
-    figures: list[Element] = []
     title = fleet.directory.resolve().name
-    save_file(title, _sections(title, fleet, pages, figures), figures, file)
+    save_html(title, _sections(title, fleet, pages), file)
     return notes
 
 
 def _save_page_of(bag: Path, page: Path, most_plans: int) -> str:
     """Write the page of a bag; return why there is none."""
-    from ff_planner_ros.runs.report_of_bag import report_of_bag
-    from ff_planner_ros.runs.report_page import save_page
+    from ff_planner_ros.report.from_bag import report_of_bag
+    from ff_planner_ros.report.run_page import save_page
 
     try:
         save_page(report_of_bag(bag, most_plans), page)
@@ -87,9 +84,7 @@ def _save_page_of(bag: Path, page: Path, most_plans: int) -> str:
     return ""
 
 
-def _sections(
-    title: str, fleet: Fleet, pages: dict[str, Path], figures: list[Element]
-) -> Iterator[Element]:
+def _sections(title: str, fleet: Fleet, pages: dict[str, Path]) -> Iterator[Element]:
     yield element("h1", f"Runs: {title}")
     yield pairs(
         [
@@ -110,7 +105,7 @@ def _sections(
     timed = [{**one, "solve_time": one.get("solve_time_s")} for one in fleet.rows]
     if any(one["solve_time"] is not None for one in timed):
         caption = "Share of the requests that are answered, solved or refused, within a time."
-        yield plot("times", time_plot([Group("all", timed)]), caption, figures)
+        yield plot("times", time_plot([Group("all", timed)]), caption)
     yield element("h2", "Runs, the worst first")
     words = (
         "First those with refusals, by their share; then those whose end effector was furthest "
@@ -128,7 +123,7 @@ def _percentiles(fleet: Fleet) -> Element:
     for words, column, factor in FIGURES:
         found = fleet.percentiles(column)
         cells = (
-            [_NOTHING] * len(PERCENTILES)
+            [NOTHING] * len(PERCENTILES)
             if found is None
             else [f"{factor * value:.4g}" for value in found]
         )
@@ -141,7 +136,7 @@ def _cells(run: Group, pages: dict[str, Path]) -> Iterator[Element | str]:
     yield run.name if page is None else element("a", run.name, href=quote(page.as_posix()))
     yield str(run.solved.total)
     yield str(run.solved.count)
-    yield ", ".join(f"{count} {status}" for status, count in run.causes.most_common()) or _NOTHING
+    yield ", ".join(f"{count} {status}" for status, count in run.causes.most_common()) or NOTHING
     for column, factor, worst in _OF_RUNS:
         values = run.values(column, solved_only=column != "solve_time_s")
-        yield f"{factor * float(worst(values)):.4g}" if len(values) else _NOTHING
+        yield f"{factor * float(worst(values)):.4g}" if len(values) else NOTHING

@@ -1,19 +1,24 @@
-"""The figures of a campaign's report."""
+"""The plots of many plans: success rates, and times."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import plotly.graph_objects as go
 
-from ff_planner_ros.campaign.statistics import Group, Rate, bins
+from ff_planner_ros.analysis.methods import PLANNED
+from ff_planner_ros.common.arrays import Indices
+from ff_planner_ros.report.statistics import Group, Rate, bins
 
 # Okabe and Ito's, which colour-blind readers tell apart; with dashes for grey print.
 _COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000")
 _DASHES = ("solid", "dash", "dot", "dashdot")
 _MOST_BINS = 12
-_MOST_POINTS = 400  # of a curve; more than a screen has columns for
+# More points of a curve than a screen has columns for make the file large and show nothing; the
+# numbers in the tables are of all.
+_MOST_POINTS = 400
+_TICKS = 10  # of the axis that counts answers, at whole numbers
 
 
 def rate_plot(groups: Sequence[Group]) -> go.Figure:
@@ -34,7 +39,7 @@ def time_plot(groups: Sequence[Group]) -> go.Figure:
     for place, group in enumerate(groups):
         times = np.sort(group.values("solve_time", solved_only=False))
         if len(times):
-            shown = np.unique(np.linspace(0, len(times) - 1, _MOST_POINTS).round().astype(int))
+            shown = evenly_spaced(len(times))
             figure.add_scatter(
                 x=times[shown],
                 y=100.0 * (shown + 1) / len(times),
@@ -44,6 +49,14 @@ def time_plot(groups: Sequence[Group]) -> go.Figure:
             )
     made = _laid_out(figure, "time [s]", "answered [%]", {"range": [0.0, 105.0]})
     return made.update_xaxes(type="log")
+
+
+def solve_time_plot(times: Sequence[float]) -> go.Figure:
+    """Draw how often which solve time [s] was needed."""
+    figure = go.Figure(go.Histogram(x=np.array(times), marker={"color": PLANNED.colour}))
+    ticks = {"dtick": -(-len(times) // _TICKS)}
+    made = _laid_out(figure, "solve time [s]", "answers", ticks, height=260)
+    return made.update_layout(xaxis={"rangemode": "tozero"}, bargap=0.05)
 
 
 def varied_plot(name: str, column: str, groups: Sequence[Group]) -> go.Figure:
@@ -60,6 +73,11 @@ def varied_plot(name: str, column: str, groups: Sequence[Group]) -> go.Figure:
             line=_line(place),
         )
     return _laid_out(figure, name, "solved [%]", {"range": [-5.0, 105.0]})
+
+
+def evenly_spaced(count: int) -> Indices:
+    """Return which rows of many are drawn, the first and the last among them."""
+    return np.linspace(0, count - 1, min(count, _MOST_POINTS)).round().astype(int)
 
 
 def _line(place: int) -> dict[str, str]:
@@ -79,9 +97,11 @@ def _interval(rates: Sequence[Rate]) -> dict[str, object]:
     }
 
 
-def _laid_out(figure: go.Figure, across: str, up: str, up_more: dict[str, object]) -> go.Figure:
+def _laid_out(
+    figure: go.Figure, across: str, up: str, up_more: Mapping[str, object], height: int = 300
+) -> go.Figure:
     return figure.update_layout(
-        height=300,
+        height=height,
         margin={"l": 60, "r": 20, "t": 20, "b": 50},
         xaxis={"title": {"text": across}},
         yaxis={"title": {"text": up}, **up_more},

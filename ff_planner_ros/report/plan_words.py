@@ -19,10 +19,10 @@ from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.motion.metrics import Metrics
 from ff_planner_ros.planning.motion.plan import Trajectory
 from ff_planner_ros.planning.problem.problem import Orientation, Sphere, Target
+from ff_planner_ros.report.html import element, row, table, when
+from ff_planner_ros.report.run_report import ReportedPlan
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.rotation import euler_from_rotation
-from ff_planner_ros.runs.report import ReportedPlan
-from ff_planner_ros.runs.report_html import element, row, table, when
 
 # More obstacles than this are no list that anybody reads.
 _MOST_LISTED = 20
@@ -33,7 +33,7 @@ _NEAREST_COLUMNS = ("least distance [mm]", "at", "from")
 _JOINT_COLUMNS = ("joint", "start", "end", "margin to limits", "largest rate", "largest torque")
 
 
-def asked(plan: ReportedPlan) -> Iterator[tuple[str, str]]:
+def task_words(plan: ReportedPlan) -> Iterator[tuple[str, str]]:
     """Yield start, target and obstacles."""
     motion, goal = plan.motion, plan.goal
     yield "start, chaser", _pose(motion.chaser_positions[0], motion.chaser_quaternions_xyzw[0])
@@ -72,22 +72,22 @@ def worst(
         certain = ""
         if metrics is not None and np.isfinite(metrics.min_clearance):
             certain = f"; for certain never less than {1e3 * metrics.min_clearance:.1f} mm"
-        yield "least clearance", _said(words, least.time, certain)
+        yield "least clearance", _with_time(words, least.time, certain)
     if metrics is not None and metrics.min_self_clearance_pair:
         words = f"{1e3 * metrics.min_self_clearance:.1f} mm for certain, "
         words += f"{metrics.min_self_clearance_pair} at "
-        yield "least self-clearance", _said(words, metrics.min_self_clearance_time)
+        yield "least self-clearance", _with_time(words, metrics.min_self_clearance_time)
     near = min(found, key=lambda joint: joint.margin)
     words = f"{near.name}, {np.rad2deg(near.margin):.1f} deg from its limit, at "
     if np.isfinite(near.margin):
-        yield "nearest to a joint limit", _said(words, near.margin_time)
+        yield "nearest to a joint limit", _with_time(words, near.margin_time)
     fast = max(found, key=lambda joint: joint.rate / joint.rate_limit)
-    yield "fastest beside its limit", _said(f"{fast.name}, {_rate(fast)}, at ", fast.rate_time)
+    yield "fastest beside its limit", _with_time(f"{fast.name}, {_rate(fast)}, at ", fast.rate_time)
     known = [joint for joint in found if np.isfinite(joint.torque)]
     if known:
         strong = max(known, key=lambda joint: (joint.torque / joint.torque_limit, joint.torque))
         words = f"{strong.name}, {_torque(strong)}, at "
-        yield "most torque beside its limit", _said(words, strong.torque_time)
+        yield "most torque beside its limit", _with_time(words, strong.torque_time)
 
 
 def joint_table(robot: Robot, motion: Trajectory, metrics: Metrics | None) -> Element:
@@ -101,9 +101,13 @@ def joint_table(robot: Robot, motion: Trajectory, metrics: Metrics | None) -> El
                     joint.name,
                     f"{np.rad2deg(joint.start):.2f} deg",
                     f"{np.rad2deg(joint.end):.2f} deg",
-                    _said(margin, joint.margin_time) if np.isfinite(joint.margin) else "no limits",
-                    _said(f"{_rate(joint)}, at ", joint.rate_time),
-                    _said(f"{_torque(joint)}, at ", joint.torque_time) if known else "not known",
+                    _with_time(margin, joint.margin_time)
+                    if np.isfinite(joint.margin)
+                    else "no limits",
+                    _with_time(f"{_rate(joint)}, at ", joint.rate_time),
+                    _with_time(f"{_torque(joint)}, at ", joint.torque_time)
+                    if known
+                    else "not known",
                 )
             )
         )
@@ -152,7 +156,7 @@ def _obstacles(obstacles: Sequence[Sphere] | None) -> str:
     return f"{len(obstacles)}: {names}{more}"
 
 
-def _said(words: str, time: float, after: str = "") -> Element:
+def _with_time(words: str, time: float, after: str = "") -> Element:
     return element("span", words, when(time), after)
 
 

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
-from pathlib import Path
+from collections.abc import Iterator
+from dataclasses import replace
 
 from ff_planner_msgs.msg import PlanAnswer
 
@@ -15,54 +14,38 @@ from ff_planner_ros.planning.motion.plan import Trajectory
 from ff_planner_ros.planning.motion.sound_samples import require_sound_samples
 from ff_planner_ros.planning.problem.problem import PlanningProblem, lasting
 from ff_planner_ros.planning.problem.scene import scene_of
+from ff_planner_ros.report.from_bag import reported_request
+from ff_planner_ros.report.run_report import Report, ReportedPlan, reported_plan, robot_facts
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.ros.messages.from_messages import plan_from_answer
-from ff_planner_ros.runs.recorded_run import RecordedRequest
-from ff_planner_ros.runs.report import Report, ReportedPlan, reported_plan, robot_facts
-from ff_planner_ros.runs.report_of_bag import reported_request
+from ff_planner_ros.runs.what_if import ChangedAnswer, WhatIf
 
 # A page of more plans is slow to open.
 _MOST_PLANS = 20
 
 
-@dataclass(frozen=True, eq=False)
-class Answered:
-    """A request that was planned with something changed."""
-
-    recorded: RecordedRequest
-    changed: RecordedRequest
-    answer: PlanAnswer  # to the changed one
-
-
-def report_of_changes(
-    bag: Path, robot: Robot, changes: str, answered: Sequence[Answered], notes: Sequence[str]
-) -> Report:
-    """Return the report, the last plans drawn.
-
-    Args:
-        changes: In words.
-        notes: What a reader must know of the bag.
-    """
-    requests, said = [], list(notes)
-    for number, one in enumerate(answered):
+def report_of_changes(found: WhatIf) -> Report:
+    """Return the report, the last plans drawn."""
+    requests, notes, robot = [], list(found.notes), found.robot
+    for number, one in enumerate(found.answers):
         name, door = one.recorded.name, one.recorded.door
         before = reported_request(door, one.recorded.request, one.recorded.response)
         now = reported_request(door, one.changed.request, one.answer)
         before = replace(before, plan_id=f"{name}, recorded")
         now = replace(now, plan_id=f"{name}, changed", before=before)
-        if number >= len(answered) - _MOST_PLANS:
+        if number >= len(found.answers) - _MOST_PLANS:
             try:
                 now = replace(now, plan=_plan(robot, one))
             except (FfPlannerError, LookupError, ValueError) as error:
-                said.append(f"{name} is not drawn: {error}")
+                notes.append(f"{name} is not drawn: {error}")
         requests.append(now)
-    if len(answered) > _MOST_PLANS:
-        said.append(f"of {len(answered)} requests the plans of the last {_MOST_PLANS} are drawn")
-    facts = (("bag", str(bag)), ("changed", changes), *robot_facts(robot))
-    return Report(f"{bag.name}, changed", facts, tuple(said), tuple(requests))
+    if (count := len(found.answers)) > _MOST_PLANS:
+        notes.append(f"of {count} requests the plans of the last {_MOST_PLANS} are drawn")
+    facts = (("bag", str(found.bag)), ("changed", found.changes), *robot_facts(robot))
+    return Report(f"{found.bag.name}, changed", facts, tuple(notes), tuple(requests))
 
 
-def _plan(robot: Robot, one: Answered) -> ReportedPlan | None:
+def _plan(robot: Robot, one: ChangedAnswer) -> ReportedPlan | None:
     """Return what is drawn of a request, as recorded, as changed or both; None: no plan is."""
     answers = {RECORDED: one.recorded.response, CHANGED: one.answer}
     motions = {
@@ -82,7 +65,7 @@ def _motion(robot: Robot, answer: PlanAnswer) -> Trajectory:
     return motion
 
 
-def _problems(one: Answered) -> Iterator[PlanningProblem]:
+def _problems(one: ChangedAnswer) -> Iterator[PlanningProblem]:
     """Yield what was planned, of the requests that can be read; both have one goal and scene."""
     refused: FfPlannerError | None = None
     for request, answer in ((one.changed, one.answer), (one.recorded, one.recorded.response)):

@@ -1,8 +1,8 @@
-"""The plots of a report: one plan as planned and as measured, and the solve times of a run."""
+"""The plots of one plan, as planned and as measured."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import fields
 
 import numpy as np
@@ -22,15 +22,10 @@ from ff_planner_ros.analysis.drawing.plots import (
 from ff_planner_ros.analysis.drawing.scene import scene_figure
 from ff_planner_ros.analysis.drawing.surroundings import drawn_constraints
 from ff_planner_ros.analysis.drawing.tracking import Deviations, deviation_panels, in_shown_units
-from ff_planner_ros.analysis.methods import MEASURED, PLANNED
+from ff_planner_ros.analysis.methods import MEASURED
 from ff_planner_ros.planning.motion.plan import Trajectory
-from ff_planner_ros.runs.report import ReportedPlan
-
-# More points of a curve than a screen has columns for make the file large and show nothing; the
-# numbers in the tables are of all states.
-_MOST_POINTS = 400
-# Of the axis that counts answers, at whole numbers.
-_TICKS = 10
+from ff_planner_ros.report.run_report import ReportedPlan
+from ff_planner_ros.report.statistics_plots import evenly_spaced
 
 
 def plan_plots(plan: ReportedPlan) -> Iterator[tuple[str, str, go.Figure]]:
@@ -70,26 +65,10 @@ def plan_plots(plan: ReportedPlan) -> Iterator[tuple[str, str, go.Figure]]:
         yield "deviations", "How far the measured states are from the plan.", plot
 
 
-def solve_time_plot(times: Sequence[float]) -> go.Figure:
-    """Draw how often which solve time [s] was needed."""
-    figure = go.Figure(go.Histogram(x=np.array(times), marker={"color": PLANNED.colour}))
-    figure.update_layout(
-        height=260,
-        margin={"l": 60, "r": 20, "t": 20, "b": 50},
-        xaxis={"title": {"text": "solve time [s]"}, "rangemode": "tozero"},
-        yaxis={"title": {"text": "answers"}, "dtick": -(-len(times) // _TICKS)},
-        bargap=0.05,
-        template="none",
-    )
-    return figure
-
-
 def shown_rows(found: Deviations) -> np.ndarray:
     """Return which states are drawn: evenly many of them, and the worst of each kind."""
-    count = len(found.time)
-    even = np.linspace(0, count - 1, min(count, _MOST_POINTS)).round().astype(int)
     worst = [int(values.argmax()) for _, values in in_shown_units(found)]
-    return np.unique([*even, *worst])
+    return np.unique([*evenly_spaced(len(found.time)), *worst])
 
 
 def _rows_of(motion: Trajectory, rows: np.ndarray) -> Trajectory:

@@ -20,8 +20,8 @@ from ff_planner_ros.bag.mcap.mcap_records import printable
 from ff_planner_ros.bag.plans import planning_exchanges, plans_of
 from ff_planner_ros.bag.progress_bar import progress_bar
 from ff_planner_ros.bag.reader import open_bag
-from ff_planner_ros.campaign.statistics import Group, Rate, Row, grouped
 from ff_planner_ros.errors import BagError, FfPlannerError
+from ff_planner_ros.report.statistics import Group, Rate, Row, grouped
 
 T = TypeVar("T")
 
@@ -196,7 +196,7 @@ def _measured(path: Path, name: str, notes: list[str]) -> dict[str, tuple[float,
         if note not in notes:
             notes.append(note)
         return {}
-    from ff_planner_ros.runs.report_of_bag import report_of_bag
+    from ff_planner_ros.report.from_bag import report_of_bag
 
     try:
         report = report_of_bag(path, _ALL)

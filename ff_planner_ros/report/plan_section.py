@@ -8,26 +8,18 @@ from xml.etree.ElementTree import Element
 from ff_planner_ros.analysis.drawing.tracking import Deviations, in_shown_units
 from ff_planner_ros.analysis.methods import RECORDED, Method
 from ff_planner_ros.planning.motion.metrics import METRICS, Metrics
-from ff_planner_ros.runs.report import ReportedPlan, ReportedRequest, clock_time
-from ff_planner_ros.runs.report_html import bullets, element, pairs, plot, row, table
-from ff_planner_ros.runs.report_plots import plan_plots
-from ff_planner_ros.runs.report_words import (
-    asked,
-    joint_table,
-    obstacle_table,
-    worst,
-)
+from ff_planner_ros.report.html import bullets, element, pairs, plot, row, table
+from ff_planner_ros.report.plan_plots import plan_plots
+from ff_planner_ros.report.plan_words import joint_table, obstacle_table, task_words, worst
+from ff_planner_ros.report.run_report import ReportedPlan, ReportedRequest, clock_time
 
 
-def plan_part(
-    number: int, request: ReportedRequest, plan: ReportedPlan, opened: bool, figures: list[Element]
-) -> Element:
+def plan_part(number: int, request: ReportedRequest, plan: ReportedPlan, opened: bool) -> Element:
     """Return a plan's part.
 
     Args:
         number: Of the request; the links to this part name it.
         opened: Whether it is open from the start.
-        figures: Gets the data of the plots.
     """
     attributes = {"id": f"plan-{number}"} | ({"open": "open"} if opened else {})
     answers = _answers(request, plan)
@@ -38,7 +30,7 @@ def plan_part(
         element("div", *_in_words(plan, answers), {"class": "beside"}),
         _clock(max(float(motion.time[-1]) for motion in plan.motions.values())),
         *(
-            plot(f"plan-{number}-{name}", figure, caption, figures)
+            plot(f"plan-{number}-{name}", figure, caption)
             for name, caption, figure in plan_plots(plan)
         ),
         element("div", *_in_numbers(plan, answers), {"class": "beside"}),
@@ -54,7 +46,7 @@ def _answers(request: ReportedRequest, plan: ReportedPlan) -> dict[Method, Repor
 
 
 def _in_words(plan: ReportedPlan, answers: dict[Method, ReportedRequest]) -> Iterator[Element]:
-    yield element("div", element("h3", "Asked"), pairs(asked(plan)))
+    yield element("div", element("h3", "Asked"), pairs(task_words(plan)))
     for method, motion in plan.all_motions.items():
         heading = element("h3", f"At its worst, as {method.label}")
         metrics = _metrics_of(method, answers)

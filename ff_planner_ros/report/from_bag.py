@@ -30,6 +30,14 @@ from ff_planner_ros.planning.problem.problem import (
     with_attached_spheres,
 )
 from ff_planner_ros.planning.problem.scene import Scene
+from ff_planner_ros.report.run_report import (
+    Report,
+    ReportedPlan,
+    ReportedRequest,
+    clock_time,
+    reported_plan,
+    robot_facts,
+)
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.ros.inputs.input_topics import OBSTACLES, TARGET_BODY, InputTopic
 from ff_planner_ros.ros.messages.from_messages import (
@@ -49,14 +57,6 @@ from ff_planner_ros.runs.installed import (
 from ff_planner_ros.runs.measured import Window, fill_windows
 from ff_planner_ros.runs.recorded_inputs import Moment, heard, input_topic
 from ff_planner_ros.runs.recorded_parameters import RecordedParameters
-from ff_planner_ros.runs.report import (
-    Report,
-    ReportedPlan,
-    ReportedRequest,
-    clock_time,
-    reported_plan,
-    robot_facts,
-)
 
 _UNPUBLISHED = "It was asked for with plan_only, and never published: nobody executed it."
 

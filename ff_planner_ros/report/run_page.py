@@ -10,13 +10,11 @@ from ff_planner_ros.bag.progress_bar import progress_bar
 from ff_planner_ros.common.times import NANOSECONDS
 from ff_planner_ros.errors import Status
 from ff_planner_ros.planning.motion.metrics import METRIC_BY_NAME
-from ff_planner_ros.runs.report import Report, ReportedRequest, clock_time
-from ff_planner_ros.runs.report_file import save_file
-from ff_planner_ros.runs.report_html import bullets, element, pairs, plot, row, table
-from ff_planner_ros.runs.report_plan import plan_part
-from ff_planner_ros.runs.report_plots import solve_time_plot
+from ff_planner_ros.report.html import NOTHING, bullets, element, pairs, plot, row, save_html, table
+from ff_planner_ros.report.plan_section import plan_part
+from ff_planner_ros.report.run_report import Report, ReportedRequest, clock_time
+from ff_planner_ros.report.statistics_plots import solve_time_plot
 
-_NOTHING = "-"
 _COLUMNS = (
     *("plan id", "door", "asked [UTC]", "status", "weights L, Θ, T", "duration [s]", "points"),
     *("joint path [rad]", "Euler angle [deg]", "rotation [deg]", "clearance [mm]"),
@@ -33,11 +31,10 @@ def save_page(report: Report, file: Path) -> None:
     Raises:
         OSError: It cannot be written.
     """
-    figures: list[Element] = []
-    save_file(report.title, _sections(report, figures), figures, file)
+    save_html(report.title, _sections(report), file)
 
 
-def _sections(report: Report, figures: list[Element]) -> Iterator[Element]:
+def _sections(report: Report) -> Iterator[Element]:
     yield element("h1", f"Report: {report.title}")
     yield pairs(report.facts)
     if report.notes:
@@ -47,13 +44,13 @@ def _sections(report: Report, figures: list[Element]) -> Iterator[Element]:
     explained = " Where there is a *, of the best attempt, which is no plan." if attempts else ""
     yield element("p", f"{report.counts}.{explained}")
     yield _requests(report.requests)
-    yield from _timing(report.requests, figures)
+    yield from _timing(report.requests)
     drawn = [(k, r, r.plan) for k, r in enumerate(report.requests) if r.plan is not None]
     if drawn:
         yield element("h2", "Plans")
     with progress_bar("drawing", len(drawn), unit="plans", per_unit=1) as advance:
         for place, (number, request, plan) in enumerate(drawn):
-            yield plan_part(number, request, plan, place == 0, figures)
+            yield plan_part(number, request, plan, place == 0)
             advance(1)
 
 
@@ -72,27 +69,27 @@ def _cells(number: int, request: ReportedRequest) -> Iterator[Element | str]:
     name = request.plan_id or "(no id)"
     yield name if request.plan is None else element("a", name, href=f"#plan-{number}")
     yield request.door
-    yield _NOTHING if request.asked_ns is None else clock_time(request.asked_ns, with_date=False)
+    yield NOTHING if request.asked_ns is None else clock_time(request.asked_ns, with_date=False)
     kind = "solved" if request.code == Status.SOLVED else "refused"
     yield element("span", _status(request), {"class": kind})
     weights = None if request.weights is None else ", ".join(map("{:g}".format, request.weights))
-    yield weights or _NOTHING
+    yield weights or NOTHING
     yield _duration(request)
-    yield _NOTHING if request.points is None else str(request.points)
+    yield NOTHING if request.points is None else str(request.points)
     metrics, solver = request.metrics, request.solver
     # Without a plan these are the values of the best attempt, and marked.
     of_attempt = "" if request.code == Status.SOLVED else " *"
     for name in ("joint_path_length", "max_chaser_euler", "max_chaser_rotation", "min_clearance"):
         if metrics is None:
-            yield _NOTHING
+            yield NOTHING
         else:
             yield METRIC_BY_NAME[name].shown(getattr(metrics, name)) + of_attempt
-    yield _NOTHING if request.solve_time is None else f"{request.solve_time:.3f}"
-    yield _NOTHING if solver is None else str(solver.iterations)
+    yield NOTHING if request.solve_time is None else f"{request.solve_time:.3f}"
+    yield NOTHING if solver is None else str(solver.iterations)
 
 
 def _duration(request: ReportedRequest) -> str:
-    given = _NOTHING if request.duration is None else f"{request.duration:g}"
+    given = NOTHING if request.duration is None else f"{request.duration:g}"
     if request.durations is None:
         return given
     window = "{:g} to {:g}".format(*request.durations)
@@ -108,7 +105,7 @@ def _status(request: ReportedRequest) -> str:
         return f"{request.code} (unknown to this version)"
 
 
-def _timing(requests: Sequence[ReportedRequest], figures: list[Element]) -> Iterator[Element]:
+def _timing(requests: Sequence[ReportedRequest]) -> Iterator[Element]:
     timed = [request for request in requests if request.asked_ns is not None]
     times = [request.solve_time for request in requests if request.solve_time is not None]
     if not timed and len(times) < 2:
@@ -118,7 +115,7 @@ def _timing(requests: Sequence[ReportedRequest], figures: list[Element]) -> Iter
         yield element("p", "By the node's clock, from the request on.")
         yield table(_TIMING_COLUMNS, [row(_times(request)) for request in timed])
     if len(times) > 1:
-        yield plot("solve-times", solve_time_plot(times), "Solve times of all answers.", figures)
+        yield plot("solve-times", solve_time_plot(times), "Solve times of all answers.")
 
 
 def _times(request: ReportedRequest) -> Iterator[str]:
@@ -126,4 +123,4 @@ def _times(request: ReportedRequest) -> Iterator[str]:
     yield request.plan_id or "(no id)"
     yield clock_time(asked_ns, with_date=False)
     for time_ns in (request.received_ns, request.answered_ns, request.start_ns):
-        yield _NOTHING if time_ns is None else f"{(time_ns - asked_ns) / NANOSECONDS:.3f}"
+        yield NOTHING if time_ns is None else f"{(time_ns - asked_ns) / NANOSECONDS:.3f}"

@@ -11,16 +11,14 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from ff_planner_ros.campaign.again import command_again
-from ff_planner_ros.campaign.page_plots import rate_plot, time_plot, varied_plot
 from ff_planner_ros.campaign.run import VERSIONS
-from ff_planner_ros.campaign.statistics import Group, Rate, Row, grouped, worst
 from ff_planner_ros.campaign.table import digest_of, read_plans
 from ff_planner_ros.errors import FfPlannerError, Status
 from ff_planner_ros.planning.motion.metrics import METRIC_BY_NAME
-from ff_planner_ros.runs.report_file import save_file
-from ff_planner_ros.runs.report_html import bullets, element, pairs, plot, row, table
+from ff_planner_ros.report.html import NOTHING, bullets, element, pairs, plot, row, save_html, table
+from ff_planner_ros.report.statistics import Group, Rate, Row, grouped, worst
+from ff_planner_ros.report.statistics_plots import rate_plot, time_plot, varied_plot
 
-_NOTHING = "-"
 # Rows of a table of sources: more of them are counted together, and those with the most refusals
 # are shown. Rows of each kind among the worst. Columns of what was varied that are drawn.
 _MOST_SOURCES, _MOST_WORST, _MOST_VARIED = 40, 5, 20
@@ -44,16 +42,13 @@ def save_campaign_page(directory: Path, file: Path | None = None) -> Path:
     plans = read_plans(directory)
     rows = plans.sort_by("number").to_pylist()
     file = directory / "report.html" if file is None else file
-    figures: list[Element] = []
     title = directory.resolve().name
-    sections = _sections(title, directory, rows, digest_of(plans), figures)
-    save_file(title, sections, figures, file)
+    sections = _sections(title, directory, rows, digest_of(plans))
+    save_html(title, sections, file)
     return file
 
 
-def _sections(
-    title: str, directory: Path, rows: Sequence[Row], digest: str, figures: list[Element]
-) -> Iterator[Element]:
+def _sections(title: str, directory: Path, rows: Sequence[Row], digest: str) -> Iterator[Element]:
     methods = grouped(rows, "method")
     yield element("h1", f"Campaign: {title}")
     yield pairs(_facts(directory, rows, methods, digest))
@@ -69,13 +64,13 @@ def _sections(
     yield element("p", words)
     yield _table("method", methods)
     caption = "Share of cases that are solved, by method, with the exact 95 % confidence interval."
-    yield plot("rates", rate_plot(methods), caption, figures)
+    yield plot("rates", rate_plot(methods), caption)
     yield from _by_source(rows)
     yield from _refusals(methods)
     yield element("h2", "Times")
     caption = "Share of all cases that are answered, solved or refused, within a time."
-    yield plot("times", time_plot(methods), caption, figures)
-    yield from _varied(rows, methods, figures)
+    yield plot("times", time_plot(methods), caption)
+    yield from _varied(rows, methods)
     yield from _worst(directory, methods)
 
 
@@ -110,12 +105,12 @@ def _cells(group: Group) -> Iterator[str]:
     yield f"{low:.1%} to {high:.1%}"
     times = group.values("solve_time", solved_only=False)
     for share in (0.5, 0.95):
-        yield f"{np.quantile(times, share):.3f}" if len(times) else _NOTHING
+        yield f"{np.quantile(times, share):.3f}" if len(times) else NOTHING
     for name in ("joint_path_length", "max_chaser_euler"):
         values = group.values(name)
-        yield METRIC_BY_NAME[name].shown(float(np.median(values))) if len(values) else _NOTHING
+        yield METRIC_BY_NAME[name].shown(float(np.median(values))) if len(values) else NOTHING
     values = group.values("min_clearance")
-    yield f"{1e3 * values.min():.2g}" if len(values) else _NOTHING  # positive, however small
+    yield f"{1e3 * values.min():.2g}" if len(values) else NOTHING  # positive, however small
 
 
 def _by_source(rows: Sequence[Row]) -> Iterator[Element]:
@@ -161,9 +156,7 @@ def _class(cause: str) -> str:
     return "no plan was found" if _number(cause) < _DEFECT else "a defect of the planner"
 
 
-def _varied(
-    rows: Sequence[Row], methods: Sequence[Group], figures: list[Element]
-) -> Iterator[Element]:
+def _varied(rows: Sequence[Row], methods: Sequence[Group]) -> Iterator[Element]:
     columns = [name for name in rows[0] if name.startswith("change.")]
     numeric = [n for n in columns if any(isinstance(one[n], int | float) for one in rows)]
     if not numeric:
@@ -174,7 +167,7 @@ def _varied(
     for place, column in enumerate(numeric[:_MOST_VARIED]):
         name = column.removeprefix("change.")
         caption = f"Share of cases that are solved by {name}; bars are 95 % confidence intervals."
-        yield plot(f"varied-{place}", varied_plot(name, column, groups), caption, figures)
+        yield plot(f"varied-{place}", varied_plot(name, column, groups), caption)
 
 
 def _worst(directory: Path, methods: Sequence[Group]) -> Iterator[Element]:

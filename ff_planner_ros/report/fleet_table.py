@@ -7,8 +7,8 @@ from pathlib import Path
 import pyarrow
 import pyarrow.parquet
 
-from ff_planner_ros.campaign.fleet import Fleet
 from ff_planner_ros.errors import BagError
+from ff_planner_ros.report.fleet import Fleet
 
 
 def save_fleet_table(fleet: Fleet, file: Path) -> None:

@@ -1,0 +1,1 @@
+"""Pages and tables on recorded runs, plans and campaigns."""
