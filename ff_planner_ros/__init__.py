@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from ff_planner_ros.planning.task.tail import EndBehaviour as EndBehaviour
     from ff_planner_ros.planning.task.task import PlanningTask as PlanningTask
     from ff_planner_ros.planning.task.task import perform as perform
-    from ff_planner_ros.robot.bodies import Geometry as Geometry
+    from ff_planner_ros.robot.collision.geometry import Geometry as Geometry
     from ff_planner_ros.robot.model import Robot as Robot
     from ff_planner_ros.robot.model import load_robot as load_robot
     from ff_planner_ros.robot.state import SystemState as SystemState
@@ -55,7 +55,7 @@ _MODULES = {
     "planning.problem.camera": ("Camera",),
     "planning.problem.target_body": ("TargetBody", "AttachedSphere"),
     "robot.model": ("Robot", "load_robot"),
-    "robot.bodies": ("Geometry",),
+    "robot.collision.geometry": ("Geometry",),
     "robot.state": ("SystemState",),
     "planning.problem.settings": ("PlannerSettings",),
     "planning.task.tail": ("EndBehaviour",),

@@ -17,7 +17,8 @@ from scipy.spatial.transform import Rotation
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.problem.problem import Sphere, attached_spheres
 from ff_planner_ros.planning.problem.target_body import AttachedSphere, TargetBody
-from ff_planner_ros.robot.bodies import Body, Geometry
+from ff_planner_ros.robot.collision.bodies import Body
+from ff_planner_ros.robot.collision.geometry import Geometry
 from ff_planner_ros.robot.model import Robot, load_robot, robot_from_urdf_text
 
 

@@ -10,7 +10,7 @@ from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.scenario.scenario import load_scenario
 from ff_planner_ros.planning.search.planner import plan
-from ff_planner_ros.robot.bodies import Geometry
+from ff_planner_ros.robot.collision.geometry import Geometry
 from ff_planner_ros.robot.model import Robot, load_robot, robot_from_urdf_text
 
 

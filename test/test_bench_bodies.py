@@ -12,7 +12,7 @@ from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.problems import bodies
 from ff_planner_ros.problems.bodies import ROBOTS, BodiesProblem
 from ff_planner_ros.problems.paths import roll_out
-from ff_planner_ros.robot.bodies import Geometry
+from ff_planner_ros.robot.collision.geometry import Geometry
 from ff_planner_ros.robot.momentum import smallest_singular_values
 
 FINE = 250

@@ -12,7 +12,7 @@ from ff_planner_ros.bench.geometries import (
 )
 from ff_planner_ros.errors import Status
 from ff_planner_ros.parameters import load_parameters
-from ff_planner_ros.robot.bodies import Geometry
+from ff_planner_ros.robot.collision.geometry import Geometry
 
 SETTINGS = load_parameters().planner
 

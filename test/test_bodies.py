@@ -9,7 +9,7 @@ import pytest
 from robots import random_urdf
 
 from ff_planner_ros.errors import InvalidInput
-from ff_planner_ros.robot.bodies import Geometry
+from ff_planner_ros.robot.collision.geometry import Geometry
 from ff_planner_ros.robot.model import robot_from_urdf_text
 
 ENDS = ("bus", "tool")

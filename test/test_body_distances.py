@@ -31,7 +31,7 @@ from ff_planner_ros.planning.distance.body_distances import (
 )
 from ff_planner_ros.planning.distance.clearance import attached_to_bodies, centers_at, sphere_arrays
 from ff_planner_ros.planning.distance.compiled_bodies import compiled_bodies
-from ff_planner_ros.robot.bodies import Body
+from ff_planner_ros.robot.collision.bodies import Body
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import Robot
 

@@ -17,7 +17,7 @@ from test_planar_base import TESTBED_URDF
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import Failure, Status
 from ff_planner_ros.planning.problem.problem import Parametrisation
-from ff_planner_ros.robot.bodies import Geometry
+from ff_planner_ros.robot.collision.geometry import Geometry
 from ff_planner_ros.robot.model import Base, load_robot, robot_from_urdf_text
 
 both_ways = pytest.mark.parametrize("sign", [1.0, -1.0])

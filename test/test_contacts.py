@@ -18,7 +18,7 @@ from ff_planner_ros.planning.problem.scene import Scene
 from ff_planner_ros.planning.search.planner import plan
 from ff_planner_ros.problems import bodies
 from ff_planner_ros.problems.robots import bench_robot
-from ff_planner_ros.robot.bodies import Geometry
+from ff_planner_ros.robot.collision.geometry import Geometry
 from ff_planner_ros.robot.model import Robot, robot_from_urdf_text
 from ff_planner_ros.simulation.contacts import Contact, Touch
 from ff_planner_ros.simulation.verification import verify

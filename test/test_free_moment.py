@@ -46,7 +46,7 @@ from ff_planner_ros.planning.task import task as task_module
 from ff_planner_ros.planning.task.task import PlanningTask, perform
 from ff_planner_ros.problems import tumbling
 from ff_planner_ros.problems.robots import ROBOTS, bench_robot
-from ff_planner_ros.robot.bodies import Geometry
+from ff_planner_ros.robot.collision.geometry import Geometry
 
 SETTINGS = load_parameters().planner
 # What takes long is tried with fewer first guesses, here and there.

@@ -19,7 +19,7 @@ from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import NoPlanFound, Status
 from ff_planner_ros.planning.check.preconditions import require_plannable
 from ff_planner_ros.planning.problem.problem import Orientation, PlanningProblem, Sphere, Target
-from ff_planner_ros.robot.bodies import Geometry
+from ff_planner_ros.robot.collision.geometry import Geometry
 from ff_planner_ros.robot.model import Robot, robot_from_urdf_text
 
 FAR = Sphere("moon", PLACE + 30.0, 1.0)

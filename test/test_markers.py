@@ -18,7 +18,7 @@ from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.problem.problem import Sphere
 from ff_planner_ros.planning.problem.scene import Scene
 from ff_planner_ros.problems.robots import bench_robot
-from ff_planner_ros.robot.bodies import Geometry
+from ff_planner_ros.robot.collision.geometry import Geometry
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.ros.outputs.markers import SNAPSHOTS, plan_markers
 

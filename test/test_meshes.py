@@ -15,7 +15,8 @@ from robots import random_urdf
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import InvalidInput
-from ff_planner_ros.robot.bodies import Body, Geometry
+from ff_planner_ros.robot.collision.bodies import Body
+from ff_planner_ros.robot.collision.geometry import Geometry
 from ff_planner_ros.robot.model import Robot, load_robot, robot_from_urdf_text
 from ff_planner_ros.robot.urdf.convex_hull import MAX_VERTICES
 

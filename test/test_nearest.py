@@ -16,7 +16,7 @@ from ff_planner_ros.planning.motion.motion import from_trajectory
 from ff_planner_ros.planning.motion.plan import Trajectory
 from ff_planner_ros.planning.problem.problem import Sphere
 from ff_planner_ros.problems.robots import bench_robot
-from ff_planner_ros.robot.bodies import Geometry
+from ff_planner_ros.robot.collision.geometry import Geometry
 from ff_planner_ros.robot.model import Robot
 
 ARM = bench_robot("arm6", Geometry.SHAPES)

@@ -14,9 +14,9 @@ from test_wild_robots import ARMS, file_of, on_a_chaser
 
 from ff_planner_ros import cli
 from ff_planner_ros.errors import InvalidInput
-from ff_planner_ros.robot.bodies import Geometry
+from ff_planner_ros.robot.collision.geometry import Geometry
+from ff_planner_ros.robot.collision.pairs import touching_share
 from ff_planner_ros.robot.model import Robot, load_robot, robot_from_urdf_text
-from ff_planner_ros.robot.pairs import touching_share
 
 ENDS = ("bus", "tool")
 # https://github.com/ros-industrial/universal_robot, ur5_moveit_config: what it writes for UR5.

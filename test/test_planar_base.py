@@ -25,7 +25,7 @@ from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.motion.forward import carried_forward, driven
 from ff_planner_ros.planning.motion.joint_motion import JointMotion
 from ff_planner_ros.planning.motion.motion import to_trajectory
-from ff_planner_ros.robot.bodies import Geometry
+from ff_planner_ros.robot.collision.geometry import Geometry
 from ff_planner_ros.robot.configuration import configuration, system_state
 from ff_planner_ros.robot.dynamics import base_acceleration, inverse_dynamics
 from ff_planner_ros.robot.model import Base, load_robot, robot_from_urdf_text

@@ -22,7 +22,7 @@ from ff_planner_ros.planning.problem.problem import Objective, Orientation, Plan
 from ff_planner_ros.planning.scenario.scenario import Defaults, load_task
 from ff_planner_ros.planning.scenario.scenario_writer import write_scenario
 from ff_planner_ros.planning.task.task import PlanningTask
-from ff_planner_ros.robot.bodies import Geometry
+from ff_planner_ros.robot.collision.geometry import Geometry
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.state import SystemState
 

@@ -25,7 +25,7 @@ from ff_planner_ros.analysis.drawing.solids import (
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.motion.motion import from_trajectory
 from ff_planner_ros.problems.robots import bench_robot
-from ff_planner_ros.robot.bodies import Geometry
+from ff_planner_ros.robot.collision.geometry import Geometry
 from ff_planner_ros.robot.model import Robot, robot_from_urdf_text
 from ff_planner_ros.robot.shapes import link_shapes
 

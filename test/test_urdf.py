@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import InvalidInput, Status
-from ff_planner_ros.robot.bodies import Geometry
+from ff_planner_ros.robot.collision.geometry import Geometry
 from ff_planner_ros.robot.model import Robot, robot_from_urdf_text
 from ff_planner_ros.robot.urdf.urdf import checked_urdf
 

@@ -16,7 +16,7 @@ from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.problem.scene import Scene
 from ff_planner_ros.planning.task.task import PlanningTask, perform
 from ff_planner_ros.problems.bodies import BodiesProblem, drawn_problem
-from ff_planner_ros.robot.bodies import Geometry
+from ff_planner_ros.robot.collision.geometry import Geometry
 from ff_planner_ros.robot.model import Robot, load_robot
 from ff_planner_ros.simulation.verification import verify
 

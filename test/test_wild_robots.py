@@ -18,7 +18,7 @@ from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.problem.problem import Limits, Objective, PlanningProblem, Target
 from ff_planner_ros.planning.search.planner import plan
-from ff_planner_ros.robot.bodies import Geometry
+from ff_planner_ros.robot.collision.geometry import Geometry
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import Robot, robot_from_urdf_text
 from ff_planner_ros.robot.momentum import generalised_jacobian

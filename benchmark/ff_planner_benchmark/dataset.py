@@ -27,7 +27,7 @@ from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.scenario.scenario_writer import described_problem
 from ff_planner_ros.problems import bodies, scenarios, tumbling
-from ff_planner_ros.robot.bodies import Geometry
+from ff_planner_ros.robot.collision.geometry import Geometry
 from ff_planner_ros.robot.model import Base, Robot
 
 # Digits behind the decimal point: 1 um, 1 urad. The witnesses keep 10 mm from everything.

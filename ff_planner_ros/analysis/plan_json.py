@@ -32,7 +32,7 @@ from ff_planner_ros.planning.problem.scene import OF_PROBLEM, Scene
 from ff_planner_ros.planning.problem.uncertainty import Uncertainty, uncertainty_from
 from ff_planner_ros.planning.problem.user_requirements import requirements_written
 from ff_planner_ros.planning.task.task import PlanningTask
-from ff_planner_ros.robot.bodies import Geometry
+from ff_planner_ros.robot.collision.geometry import Geometry
 from ff_planner_ros.robot.model import Base, Robot, robot_from_urdf_text
 from ff_planner_ros.robot.quaternion import quaternion_from_rotation
 

@@ -10,7 +10,8 @@ from ff_planner_ros.errors import Status
 from ff_planner_ros.planning.motion.metrics import METRIC_BY_NAME
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.problem.problem import Limits
-from ff_planner_ros.robot.bodies import Geometry, defining_numbers
+from ff_planner_ros.robot.collision.bodies import defining_numbers
+from ff_planner_ros.robot.collision.geometry import Geometry
 from ff_planner_ros.robot.model import Robot
 
 # Of the metrics, what a user wants to know first.

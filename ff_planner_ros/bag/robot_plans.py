@@ -27,7 +27,7 @@ from ff_planner_ros.planning.motion.plan import Trajectory
 from ff_planner_ros.planning.problem.problem import Limits
 from ff_planner_ros.planning.problem.scene import Scene
 from ff_planner_ros.planning.problem.uncertainty import Uncertainty, uncertainty_from
-from ff_planner_ros.robot.bodies import Geometry
+from ff_planner_ros.robot.collision.geometry import Geometry
 from ff_planner_ros.robot.model import Base, Robot
 
 _ANGLES = ("chaser_attitude", "chaser_rotation")  # of the chaser, that have limits

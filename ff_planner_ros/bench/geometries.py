@@ -27,7 +27,7 @@ from ff_planner_ros.planning.task.task import PlanningTask, perform
 from ff_planner_ros.problems import bodies
 from ff_planner_ros.problems.bodies import Swept, sphere_gap
 from ff_planner_ros.problems.robots import bench_robot
-from ff_planner_ros.robot.bodies import Geometry
+from ff_planner_ros.robot.collision.geometry import Geometry
 from ff_planner_ros.robot.model import Robot
 
 # Added spheres keep so far from the bodies on their way [m].

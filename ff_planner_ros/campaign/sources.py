@@ -18,7 +18,7 @@ from ff_planner_ros.planning.scenario.scenario_writer import write_scenario
 from ff_planner_ros.planning.task.task import PlanningTask
 from ff_planner_ros.problems import bodies, scenarios
 from ff_planner_ros.problems.robots import bench_robot
-from ff_planner_ros.robot.bodies import Geometry
+from ff_planner_ros.robot.collision.geometry import Geometry
 
 BODIES = "bodies"
 KINDS = (*scenarios.KINDS, BODIES)

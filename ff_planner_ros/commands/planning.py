@@ -44,7 +44,7 @@ from ff_planner_ros.planning.scenario.scenario import (
 from ff_planner_ros.planning.search.planner import plan
 from ff_planner_ros.planning.task.library import Library
 from ff_planner_ros.planning.task.task import Method, PlanningTask, perform, without_search
-from ff_planner_ros.robot.bodies import Geometry
+from ff_planner_ros.robot.collision.geometry import Geometry
 from ff_planner_ros.robot.model import Robot, read_urdf, robot_from_urdf_text
 from ff_planner_ros.time_budget import TimeBudget
 
@@ -300,7 +300,7 @@ def show_robot(options: argparse.Namespace) -> int:
 
 def _write_srdf(file: Path, robot: Robot) -> None:
     """Write which links may touch, as MoveIt's assistant does."""
-    from ff_planner_ros.robot.pairs import moveit_pairs
+    from ff_planner_ros.robot.collision.pairs import moveit_pairs
     from ff_planner_ros.robot.urdf.srdf import srdf_text
 
     if robot.geometry is Geometry.LINES:

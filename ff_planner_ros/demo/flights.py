@@ -20,7 +20,7 @@ from ff_planner_ros.demo.following import ARM_HEAVIER, OPEN_LOOP, RATE_BIAS, REP
 from ff_planner_ros.errors import FfPlannerError, Status
 from ff_planner_ros.planning.problem.problem import DurationRange, Objective, PlanningProblem
 from ff_planner_ros.planning.task.task import PlanningTask, perform
-from ff_planner_ros.robot.bodies import Geometry
+from ff_planner_ros.robot.collision.geometry import Geometry
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.ros.background import StopRequest
 

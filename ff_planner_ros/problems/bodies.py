@@ -28,7 +28,7 @@ from ff_planner_ros.problems.scenarios import (
     draw_near,
     stretched_length,
 )
-from ff_planner_ros.robot.bodies import Geometry
+from ff_planner_ros.robot.collision.geometry import Geometry
 from ff_planner_ros.robot.model import Robot
 
 ROBOTS = ("lemur", "arm6", "canadarm2")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import cache
 
 from ff_planner_ros.common.share import share_directory
-from ff_planner_ros.robot.bodies import Geometry
+from ff_planner_ros.robot.collision.geometry import Geometry
 from ff_planner_ros.robot.model import Base, Robot, load_robot, robot_from_urdf_text
 
 # Robots of the scenarios. The second has no joint to spare and couples more strongly to its

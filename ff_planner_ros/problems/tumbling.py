@@ -35,7 +35,7 @@ from ff_planner_ros.problems.tumbling_witness import (
     witness_to_grip,
 )
 from ff_planner_ros.problems.witnessed import spheres_beside
-from ff_planner_ros.robot.bodies import Geometry
+from ff_planner_ros.robot.collision.geometry import Geometry
 from ff_planner_ros.robot.model import Base, Robot
 from ff_planner_ros.robot.state import SystemState
 

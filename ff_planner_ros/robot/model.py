@@ -15,11 +15,12 @@ import pinocchio as pin
 
 from ff_planner_ros.common.arrays import Array, frozen
 from ff_planner_ros.errors import InvalidInput, Status
-from ff_planner_ros.robot.bodies import Body, Geometry
+from ff_planner_ros.robot.collision.bodies import Body
+from ff_planner_ros.robot.collision.geometry import Geometry
+from ff_planner_ros.robot.collision.whole_body import whole_body
 from ff_planner_ros.robot.urdf.srdf import MayTouch
 from ff_planner_ros.robot.urdf.urdf import NOTHING_HELD, checked_urdf
 from ff_planner_ros.robot.urdf.urdf_xml import MAX_CHARACTERS
-from ff_planner_ros.robot.whole_body import whole_body
 
 
 class Base(enum.StrEnum):

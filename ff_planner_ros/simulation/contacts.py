@@ -18,7 +18,7 @@ import pinocchio as pin
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.distance.clearance import centers_at
 from ff_planner_ros.planning.problem.scene import Scene
-from ff_planner_ros.robot.bodies import Body
+from ff_planner_ros.robot.collision.bodies import Body
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.simulation.engine import compiled, mujoco, specification
 

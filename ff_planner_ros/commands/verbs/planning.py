@@ -8,7 +8,7 @@ from pathlib import Path
 from ff_planner_ros.commands import METHODS, OPTIMAL
 from ff_planner_ros.commands.verbs import Add, add_renamed
 from ff_planner_ros.planning.problem.parametrisation import Parametrisation
-from ff_planner_ros.robot.geometry import Geometry
+from ff_planner_ros.robot.collision.geometry import Geometry
 
 
 def add_plan(add: Add) -> None:

@@ -35,7 +35,7 @@ from ff_planner_ros.planning.requirements.requirement import (
     Rows,
     Samples,
 )
-from ff_planner_ros.robot.bodies import Geometry
+from ff_planner_ros.robot.collision.geometry import Geometry
 from ff_planner_ros.robot.model import Robot
 
 # Of a motion at more times, every second is enough to begin with: between two of them it is looked

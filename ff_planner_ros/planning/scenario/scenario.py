@@ -37,7 +37,7 @@ from ff_planner_ros.planning.problem.target import require_enough_joints
 from ff_planner_ros.planning.task.controller_rules import Controller
 from ff_planner_ros.planning.task.tail import EndBehaviour
 from ff_planner_ros.planning.task.task import PlanningTask
-from ff_planner_ros.robot.bodies import Geometry
+from ff_planner_ros.robot.collision.geometry import Geometry
 from ff_planner_ros.robot.ee_at_rest import joint_rates_with_ee_at_rest
 from ff_planner_ros.robot.model import Base, Robot, load_robot
 from ff_planner_ros.robot.state import SystemState

@@ -13,7 +13,7 @@ from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.scenario.scenario import KEYS, Defaults, RobotFile, load_task
 from ff_planner_ros.planning.task.task import PlanningTask
-from ff_planner_ros.robot.bodies import Geometry
+from ff_planner_ros.robot.collision.geometry import Geometry
 from ff_planner_ros.robot.state import SystemState
 
 

@@ -11,7 +11,7 @@ from ff_planner_ros.planning.motion.watch import Watch
 from ff_planner_ros.planning.optimisation.program import PathProgram
 from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.search.grid_solver import GridSolver, PathSolution, rank
-from ff_planner_ros.robot.bodies import Geometry
+from ff_planner_ros.robot.collision.geometry import Geometry
 
 # More points need not meet an obstacle that few points run into by less [m].
 PROMISING_VIOLATION = 5e-3

@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from ff_planner_ros.common.arrays import Array
-from ff_planner_ros.robot.bodies import Body
+from ff_planner_ros.robot.collision.bodies import Body
 from ff_planner_ros.robot.urdf.srdf import ADJACENT, ALWAYS, NEVER, Links, MayTouch
 from ff_planner_ros.robot.urdf.urdf_tree import link_of
 

@@ -11,8 +11,9 @@ from xml.etree.ElementTree import Element
 import pinocchio as pin
 
 from ff_planner_ros.errors import InvalidInput, Status
-from ff_planner_ros.robot.bodies import Body, Geometry, bodies_of
-from ff_planner_ros.robot.pairs import Pairs, always_touching, neighbours, pairs_of
+from ff_planner_ros.robot.collision.bodies import Body, bodies_of
+from ff_planner_ros.robot.collision.geometry import Geometry
+from ff_planner_ros.robot.collision.pairs import Pairs, always_touching, neighbours, pairs_of
 from ff_planner_ros.robot.shapes import with_shapes
 from ff_planner_ros.robot.urdf.meshes import Meshes
 from ff_planner_ros.robot.urdf.srdf import ALWAYS, Links, MayTouch, read_srdf, write_pairs

@@ -11,7 +11,6 @@ import numpy as np
 import pinocchio as pin
 
 from ff_planner_ros.common.arrays import Array, frozen
-from ff_planner_ros.robot.geometry import Geometry as Geometry
 from ff_planner_ros.robot.urdf.convex_hull import LARGEST_SIZE, SMALLEST_SIZE
 from ff_planner_ros.robot.urdf.meshes import Meshes
 from ff_planner_ros.robot.urdf.urdf_bodies import placement
