@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from ff_planner_ros.bench.touching import touching
+from ff_planner_ros.analysis.touching import touching
 from ff_planner_ros.commands.verify import print_verdict
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.motion.plan import Trajectory

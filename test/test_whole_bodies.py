@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from whole_bodies import WholeBodies, judge_of
 
+from ff_planner_ros.analysis.touching import touching
 from ff_planner_ros.bench.measurement import OBJECTIVES
-from ff_planner_ros.bench.touching import touching
 from ff_planner_ros.errors import NoPlanFound
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.distance.clearance import arm_points, clearances, segments

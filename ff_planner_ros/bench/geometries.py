@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ff_planner_ros.analysis.touching import touching
 from ff_planner_ros.bench.measurement import (
     OBJECTIVES,
     Attempt,
@@ -16,7 +17,6 @@ from ff_planner_ros.bench.measurement import (
     timed_plan,
     timed_plans,
 )
-from ff_planner_ros.bench.touching import touching
 from ff_planner_ros.common.share import share_directory
 from ff_planner_ros.common.text_table import Table
 from ff_planner_ros.planning.motion.motion import from_trajectory

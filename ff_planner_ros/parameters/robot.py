@@ -18,7 +18,7 @@ from ff_planner_ros.planning.problem.settings import (
     tunable,
 )
 from ff_planner_ros.planning.task.controller_rules import Controller
-from ff_planner_ros.robot.collision.bodies import Geometry
+from ff_planner_ros.robot.collision.geometry import Geometry
 from ff_planner_ros.robot.model import Base, Robot, read_urdf, robot_from_urdf_text
 
 # Parameter robot.geometry: what the URDF has.

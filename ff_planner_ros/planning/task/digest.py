@@ -15,7 +15,8 @@ from ff_planner_ros.planning.problem.problem import PlanningProblem, Sphere
 from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.requirements.requirement import Requirement
 from ff_planner_ros.planning.task.tail import EndBehaviour
-from ff_planner_ros.robot.collision.bodies import Geometry, defining_numbers
+from ff_planner_ros.robot.collision.bodies import defining_numbers
+from ff_planner_ros.robot.collision.geometry import Geometry
 from ff_planner_ros.robot.model import Base, Robot
 
 _DIGITS = 16

@@ -36,7 +36,7 @@ from ff_planner_ros.bag.writer import BagWriter
 from ff_planner_ros.messages.service_events import GOAL_EVENTS, RESULT_EVENTS, SERVICE_EVENTS
 from ff_planner_ros.parameters import NodeParameters
 from ff_planner_ros.parameters.values import document_of
-from ff_planner_ros.robot.collision.bodies import Geometry
+from ff_planner_ros.robot.collision.geometry import Geometry
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.ros.inputs.input_topics import heard_with
 from ff_planner_ros.ros.messages.interfaces import (
