@@ -10,7 +10,6 @@ from pathlib import Path
 from ff_planner_ros.commands import SOLVED
 from ff_planner_ros.commands.campaigns import require_packages
 from ff_planner_ros.commands.printed import print_notes
-from ff_planner_ros.common.arrays import finite_number
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.report.fleet import (
     bags_below,
@@ -22,22 +21,7 @@ from ff_planner_ros.report.fleet import (
 
 
 def replay_bag(options: argparse.Namespace) -> int:
-    """Plan the requests of a bag again, or with changes, or play the bag into ROS."""
-    only_published = {"--rate": options.rate, "--topics": options.topics, "--clock": options.clock}
-    if options.publish:
-        if options.report is not None:
-            allowed = "it goes with --set, and not with --publish"
-            raise InvalidInput(Status.OUT_OF_RANGE, "--report", options.report, allowed)
-        if options.changes:
-            allowed = "a bag is published as it is: leave out --set or --publish"
-            raise InvalidInput(Status.OUT_OF_RANGE, "--set", options.changes[0], allowed)
-        from ff_planner_ros.runs.publish import publish_bag
-
-        rate = 1.0 if options.rate is None else finite_number("--rate", options.rate, above=0.0)
-        return publish_bag(options.bag, rate, options.topics or (), options.clock)
-    for name, value in only_published.items():
-        if value:
-            raise InvalidInput(Status.OUT_OF_RANGE, name, value, "it goes with --publish")
+    """Plan the requests of a bag again, or with changes."""
     if options.changes:
         from ff_planner_ros.runs.what_if import print_what_if
 

@@ -1,1 +1,1 @@
-"""Recorded runs: read, replayed, asked what if, played back."""
+"""Recorded runs: read, replayed, asked what if."""

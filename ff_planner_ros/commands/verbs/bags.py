@@ -16,7 +16,7 @@ def add_replay(add: Add) -> None:
         "plan the requests of a bag again and compare",
         parents=[_bag()],
         description="Plan every request of a bag again: the recorded state, obstacles, parameters "
-        "and robot, the same code, no ROS graph. Or ask what if, or play the bag into ROS.",
+        "and robot, the same code, no ROS graph. Or ask what if.",
         epilog="Exit code: 0 every answer came again, to the last bit or within tolerance, or is "
         "no function of its problem (BUSY, CANCELLED, ...); 3 one did not, or its problem is not "
         "all in the bag; 2 bad bag.",
@@ -37,16 +37,6 @@ def add_replay(add: Add) -> None:
         metavar="FILE",
         help="with --set: write a page that lays the changed plans over the recorded ones",
     )
-    replay.add_argument(
-        "--publish", action="store_true", help="play the recorded messages into ROS instead"
-    )
-    replay.add_argument(
-        "--rate", type=float, metavar="R", help="with --publish: so many times as fast (default: 1)"
-    )
-    topics_help = "with --publish: these, or `all` (default: the planner's inputs)"
-    replay.add_argument("--topics", nargs="+", metavar="TOPIC", help=topics_help)
-    clock_help = "with --publish: also /clock, the time of recording, for nodes with use_sim_time"
-    replay.add_argument("--clock", action="store_true", help=clock_help)
 
 
 def add_report(add: Add) -> None:
