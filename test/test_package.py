@@ -7,6 +7,7 @@ import importlib.metadata
 import re
 import sys
 import tomllib
+from collections import Counter
 from itertools import chain
 from pathlib import Path
 from xml.etree import ElementTree
@@ -70,6 +71,16 @@ SHARED_FLOOR, HIGHEST_FLOOR_WITHOUT_ROS = 0, FLOOR_OF["bench"]
 WITH_ROS = ("ros", "runs", "report.from_bag", "report.from_changes", "demo")
 ROS_IN_BAG = "rosidl_parser"  # reads the definitions that a bag carries
 ROOM_WITH_CLOCKS = "bench"
+# Files of a room, without __init__.py, and lines of a file.
+MOST_FILES, MOST_LINES = 15, 350
+CROWDED = {"core": 38}
+LONG = {
+    "parameters.py": 776,
+    "bench/report.py": 392,
+    "planning/task/task.py": 388,
+    "ros/requests/planning_service.py": 377,
+    "planning/problem/target_body.py": 357,
+}
 # Import name to name for pip, where the two differ.
 PIP_NAMES = {
     "coal": "pin",  # which is built on it and brings it
@@ -156,6 +167,18 @@ def ros_packages(names):
         prefix / "share/ament_index/resource_index/packages" for prefix in installation_prefixes()
     ]
     return {name for name in names if any((index / name).is_file() for index in indexes)}
+
+
+def test_no_room_has_more_files_and_no_file_more_lines_than_one_finds_a_way_in():
+    sources = [
+        path.relative_to(PACKAGE)
+        for path in PACKAGE.rglob("*")
+        if path.suffix in {".py", ".hpp", ".cpp"} and path.name != "__init__.py"
+    ]
+    rooms = Counter(str(path.parent) for path in sources)
+    lines = {str(path): (PACKAGE / path).read_text("utf-8").count("\n") for path in sources}
+    assert {r: n for r, n in rooms.items() if n > CROWDED.get(r, MOST_FILES)} == {}
+    assert {f: n for f, n in lines.items() if n > LONG.get(f, MOST_LINES)} == {}
 
 
 def test_imports_run_one_way():
