@@ -11,7 +11,7 @@ from pathlib import Path
 from traceback import extract_tb
 
 from ff_planner_ros.commands import BAD_INPUT, NO_PLAN
-from ff_planner_ros.commands.parser import command_parser, run
+from ff_planner_ros.commands.parser import command_parser
 from ff_planner_ros.common.shown import shortened
 from ff_planner_ros.errors import LONGEST_MESSAGE, FfPlannerError, InvalidInput, NoPlanFound
 
@@ -42,7 +42,7 @@ def main(
         parser.error(f"unrecognized arguments: {' '.join(rest)}")
     options.rest = rest
     try:
-        return run(options)
+        return int(options.function(options))
     except NoPlanFound as error:
         return _fail(parser.prog, error, NO_PLAN)
     except (FfPlannerError, OSError) as error:

@@ -19,8 +19,7 @@ SECONDS, MEGABYTES, KILLED_AFTER = 5.0, 500, 30
 ADDRESSES = 8 << 30  # [bytes] so that a mistake does not take the machine along
 MODULES = (
     *(
-        "commands.planning",
-        "commands.bags",
+        "commands.tasks",
         "commands.verify",
         "commands.compare",
         "bag.info",

@@ -382,10 +382,10 @@ def test_a_defect_is_told_in_one_line_with_its_place(monkeypatch, capsys):
     def load(_path):
         raise ZeroDivisionError("long\x1b[31m" * 1000)
 
-    monkeypatch.setattr("ff_planner_ros.commands.planning.load_parameters", load)
+    monkeypatch.setattr("ff_planner_ros.commands.tasks.load_parameters", load)
     assert main(["plan", str(CAPTURE)]) == 2
     (line,) = capsys.readouterr().err.splitlines()
-    assert "this is a defect of ff-planner, please report it: ZeroDivisionError at planning" in line
+    assert "this is a defect of ff-planner, please report it: ZeroDivisionError at tasks" in line
     assert "long?[31m" in line
     assert len(line) <= 1000
 

@@ -4,14 +4,10 @@ from __future__ import annotations
 
 import subprocess
 import sys
-from argparse import ArgumentParser
-from importlib import import_module
 from pathlib import Path
-from typing import Any
 
 import pytest
 
-from ff_planner_ros.commands.parser import ADDERS
 from ff_planner_ros.common.share import share_directory
 
 CAPTURE = str(share_directory() / "config" / "scenarios" / "lemur_capture.yaml")
@@ -59,18 +55,3 @@ def test_a_command_loads_nothing_that_it_does_not_use(
     if ANSWER in arguments:
         loaded_by("plan", CAPTURE, "--json", ANSWER, cwd=tmp_path)
     assert not loaded_by(*arguments, cwd=tmp_path) & unused
-
-
-def test_every_verb_names_a_function_of_a_module() -> None:
-    named: list[str] = []
-
-    def add(_verb: str, function: str, *_more: Any, **_options: Any) -> ArgumentParser:
-        named.append(function)
-        return ArgumentParser()
-
-    for adder in ADDERS:
-        adder(add)
-    assert len(named) == len(ADDERS)
-    for name in named:
-        module, _, function = name.partition(":")
-        assert callable(getattr(import_module(module), function, None)), name

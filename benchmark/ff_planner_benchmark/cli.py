@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from argparse import ArgumentParser
+from argparse import ArgumentParser, Namespace
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -16,7 +16,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def command_parser() -> ArgumentParser:
-    """Return the parser; what it reads holds `verb`, and as `function` the name of what runs it."""
+    """Return the parser; the options that it reads hold `verb`, and the `function` that runs it."""
     parser = ArgumentParser(
         prog="ff-planner-benchmark",
         description="Methods compared on a data set of scenarios for free-floating manipulators.",
@@ -26,7 +26,7 @@ def command_parser() -> ArgumentParser:
 
     def add(verb: str, summary: str) -> ArgumentParser:
         command = verbs.add_parser(verb, help=summary)
-        command.set_defaults(function=f"ff_planner_benchmark.commands:{verb}")
+        command.set_defaults(function=_run)
         return command
 
     contest = add(
@@ -62,6 +62,12 @@ def command_parser() -> ArgumentParser:
         workers_help = "processes at a time (default: %(default)s)"
         command.add_argument("--workers", type=int, default=2, metavar="N", help=workers_help)
     return parser
+
+
+def _run(options: Namespace) -> int:
+    from ff_planner_benchmark import commands
+
+    return int(getattr(commands, options.verb)(options))
 
 
 if __name__ == "__main__":

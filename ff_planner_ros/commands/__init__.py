@@ -1,4 +1,4 @@
-"""What each command of `ff-planner` does; `verbs` adds their options, and loads none of it."""
+"""Each command of `ff-planner`: its options, and what it does, which loads what it needs itself."""
 
 import os
 

@@ -2,25 +2,50 @@
 
 from __future__ import annotations
 
-import argparse
 import json
+from argparse import ArgumentParser, Namespace
 from collections.abc import Sequence
 from pathlib import Path
 
 from ff_planner_ros.commands import SOLVED
 from ff_planner_ros.commands.campaigns import require_packages
+from ff_planner_ros.commands.options import Add, add_renamed
 from ff_planner_ros.commands.printed import print_notes
 from ff_planner_ros.errors import InvalidInput, Status
-from ff_planner_ros.report.fleet import (
-    bags_below,
-    fleet_document,
-    fleet_lines,
-    read_fleet,
-    success_words,
-)
 
 
-def replay_bag(options: argparse.Namespace) -> int:
+def add_replay(add: Add) -> None:
+    """Add `replay`."""
+    replay = add(
+        "replay",
+        replay_bag,
+        "plan the requests of a bag again and compare",
+        parents=[_bag()],
+        description="Plan every request of a bag again: the recorded state, obstacles, parameters "
+        "and robot, the same code, no ROS graph. Or ask what if.",
+        epilog="Exit code: 0 every answer came again, to the last bit or within tolerance, or is "
+        "no function of its problem (BUSY, CANCELLED, ...); 3 one did not, or its problem is not "
+        "all in the bag; 2 bad bag.",
+    )
+    changes = replay.add_argument(
+        "--set",
+        action="append",
+        dest="changes",
+        metavar="KEY=VALUE",
+        help="what if: plan with this changed and print both answers; may be given several times "
+        "(objective.chaser_attitude=1, planner.starts=5, limits.velocity=none, ...; an unknown "
+        "key gets the list)",
+    )
+    add_renamed(replay, "--with", changes)
+    replay.add_argument(
+        "--report",
+        type=Path,
+        metavar="FILE",
+        help="with --set: write a page that lays the changed plans over the recorded ones",
+    )
+
+
+def replay_bag(options: Namespace) -> int:
     """Plan the requests of a bag again, or with changes."""
     if options.changes:
         from ff_planner_ros.runs.what_if import print_what_if
@@ -41,8 +66,28 @@ def replay_bag(options: argparse.Namespace) -> int:
     return print_replay(options.bag)
 
 
-def report_run(options: argparse.Namespace) -> int:
+def add_report(add: Add) -> None:
+    """Add `report`."""
+    report = add(
+        "report",
+        report_run,
+        "tell of a run in one HTML file",
+        description="One HTML file that needs nothing else: every request with its answer, and of "
+        "the plans figures over time, a 3-D view that plays, and what was measured against what "
+        "was planned.",
+    )
+    source_help = "a bag (a directory or .mcap file) or an answer of `plan --json`"
+    report.add_argument("source", type=Path, metavar="BAG|JSON", help=source_help)
+    report.add_argument(
+        "--output", type=Path, metavar="FILE.html", help="default: NAME_report.html, here"
+    )
+    plans_help = "draw the last N plans, up to 1 MB each (default: 20); the tables tell of all"
+    report.add_argument("--plans", type=int, default=20, metavar="N", help=plans_help)
+
+
+def report_run(options: Namespace) -> int:
     """Write one HTML file on a run or a plan."""
+    from ff_planner_ros.report.fleet import bags_below
     from ff_planner_ros.report.run_page import save_page
     from ff_planner_ros.report.run_report import report_of_answer
 
@@ -65,7 +110,8 @@ def report_run(options: argparse.Namespace) -> int:
     return SOLVED
 
 
-def _report_fleet(directory: Path, options: argparse.Namespace) -> int:
+def _report_fleet(directory: Path, options: Namespace) -> int:
+    from ff_planner_ros.report.fleet import read_fleet, success_words
     from ff_planner_ros.report.fleet_page import save_fleet_page
 
     output = options.output or Path(f"{directory.resolve().name}_report.html")
@@ -76,7 +122,21 @@ def _report_fleet(directory: Path, options: argparse.Namespace) -> int:
     return SOLVED
 
 
-def export_plans(options: argparse.Namespace) -> int:
+def add_export(add: Add) -> None:
+    """Add `export`."""
+    summary = "write the plans or the requests of a bag for other tools"
+    export = add("export", export_plans, summary, parents=[_bag()])
+    form = export.add_mutually_exclusive_group(required=True)
+    form.add_argument("--csv", type=Path, metavar="DIR", help="new directory, a table per plan")
+    form.add_argument("--npz", type=Path, metavar="FILE", help="new file of numpy")
+    parquet_help = "new file, a row per answer of a bag, or of all bags in a directory"
+    form.add_argument("--parquet", type=Path, metavar="FILE", help=parquet_help)
+    form.add_argument(
+        "--scenarios", type=Path, metavar="DIR", help="new directory, a scenario file per request"
+    )
+
+
+def export_plans(options: Namespace) -> int:
     """Write the plans of a bag, or its requests as scenario files."""
     notes: Sequence[str]
     if options.parquet is not None:
@@ -96,9 +156,10 @@ def export_plans(options: argparse.Namespace) -> int:
     return SOLVED
 
 
-def _export_parquet(options: argparse.Namespace) -> int:
+def _export_parquet(options: Namespace) -> int:
     """Write the answers in one bag or in many as one table."""
     require_packages("a table in Parquet")
+    from ff_planner_ros.report.fleet import read_fleet
     from ff_planner_ros.report.fleet_table import save_fleet_table
 
     fleet = read_fleet(options.bag)
@@ -108,8 +169,16 @@ def _export_parquet(options: argparse.Namespace) -> int:
     return SOLVED
 
 
-def show_bag(options: argparse.Namespace) -> int:
+def add_info(add: Add) -> None:
+    """Add `info`."""
+    info = add("info", show_bag, "show what is in a bag", parents=[_bag()])
+    info.add_argument("--json", action="store_true", help="as JSON, with every answer")
+
+
+def show_bag(options: Namespace) -> int:
     """Show what is in a bag, or come to in a directory of bags, to people or to programs."""
+    from ff_planner_ros.report.fleet import bags_below, fleet_document, fleet_lines, read_fleet
+
     if bags_below(options.bag):
         fleet = read_fleet(options.bag)
         if options.json:
@@ -127,8 +196,30 @@ def show_bag(options: argparse.Namespace) -> int:
     return SOLVED
 
 
-def recover_bag(options: argparse.Namespace) -> int:
+def add_recover(add: Add) -> None:
+    """Add `recover`."""
+    recover = add(
+        "recover",
+        recover_bag,
+        "save what a damaged bag still holds",
+        parents=[_bag()],
+        description="Write everything that can be read of a truncated, killed or damaged bag into "
+        "a new one; the old one stays as it is.",
+        epilog="Exit code: 0 everything in it was saved, 3 a part of it, 1 nothing, 2 bad input.",
+    )
+    recover.add_argument(
+        "--output", type=Path, metavar="DIR", help="the new bag (default: BAG_recovered beside it)"
+    )
+
+
+def recover_bag(options: Namespace) -> int:
     """Save what a damaged bag still holds."""
     from ff_planner_ros.bag.recover import print_recovery
 
     return print_recovery(options.bag, options.output)
+
+
+def _bag() -> ArgumentParser:
+    bag = ArgumentParser(add_help=False)
+    bag.add_argument("bag", type=Path, metavar="BAG", help="a directory or .mcap file")
+    return bag

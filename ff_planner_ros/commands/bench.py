@@ -2,17 +2,45 @@
 
 from __future__ import annotations
 
-import argparse
+from argparse import SUPPRESS, Action, ArgumentParser, Namespace
+from pathlib import Path
+from typing import Any
 
-from ff_planner_ros.bag.provenance import provenance
-from ff_planner_ros.bench.report import run_on_one_core
+from ff_planner_ros.commands import BAD_INPUT
+from ff_planner_ros.commands.options import Add
 from ff_planner_ros.errors import InvalidInput, Status
 
 _MOST = 10_000  # scenarios of a class
 
 
-def run_benchmark(options: argparse.Namespace) -> int:
+def add_bench(add: Add) -> None:
+    """Add `bench`."""
+    bench = add(
+        "bench",
+        run_benchmark,
+        "measure speed and success rate",
+    )
+    bench.add_argument("--quick", action="store_true", help="seconds instead of minutes")
+    bench.add_argument(
+        "--scenarios", type=int, metavar="N", help="of each class (default: 200; quick: 4)"
+    )
+    bench.add_argument("--json", type=Path, metavar="FILE", help="write all figures")
+    bench.add_argument("--dataset", "--score", action=_Moved, nargs="*", help=SUPPRESS)
+
+
+class _Moved(Action):
+    """An option that is a command of another program now, and says so for another version."""
+
+    def __call__(self, parser: ArgumentParser, *given: Any) -> None:
+        where = "ff-planner-benchmark: see docs/dataset.md"
+        parser.exit(BAD_INPUT, f"ff-planner: {given[2]} is now a command of {where}\n")
+
+
+def run_benchmark(options: Namespace) -> int:
     """Measure speed and success rate."""
+    from ff_planner_ros.bag.provenance import provenance
+    from ff_planner_ros.bench.report import run_on_one_core
+
     if options.scenarios is not None and not 1 <= options.scenarios <= _MOST:
         allowed = f"it must be from 1 to {_MOST}"
         raise InvalidInput(Status.OUT_OF_RANGE, "--scenarios", options.scenarios, allowed)

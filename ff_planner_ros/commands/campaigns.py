@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-import argparse
 import sys
+from argparse import Namespace
 from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib.util import find_spec
 from pathlib import Path
 
 from ff_planner_ros.commands import NO_PLAN, SOLVED
+from ff_planner_ros.commands.options import Add
 from ff_planner_ros.commands.printed import print_notes
 from ff_planner_ros.errors import FfPlannerError, InvalidInput, Status
 
@@ -17,7 +18,35 @@ REPORT = "report"
 MOST_WORKERS = 10_000  # more than a scheduler of Dask's has been seen to bear
 
 
-def run_campaign(options: argparse.Namespace) -> int:
+def add_campaign(add: Add) -> None:
+    """Add `campaign`."""
+    campaign = add(
+        "campaign",
+        run_campaign,
+        "plan the thousands of cases of a study, on one machine or a Dask cluster",
+        usage="%(prog)s [-h] STUDY.yaml --out DIR [--scheduler ADDRESS] [--workers N]\n"
+        "       %(prog)s [-h] report DIR [--output FILE.html]",
+        description="Plan every case of a study that the directory has no row of yet, into tables "
+        "in Parquet; or tell of them on one page.",
+        epilog="Exit code: 0 every case has its row, solved or refused; 2 bad input; 3 stopped, or "
+        "some cases have none.",
+    )
+    campaign.add_argument("study", type=Path, metavar="STUDY.yaml|report", help="docs/campaigns.md")
+    campaign.add_argument("directory", type=Path, nargs="?", metavar="DIR", help="of a campaign")
+    campaign.add_argument("--out", type=Path, metavar="DIR", help="new, or one to go on with")
+    library_help = "make a library of the plans: first guesses for `plan --library DIR`"
+    campaign.add_argument("--library", type=Path, metavar="DIR", help=library_help)
+    scheduler_help = "of a Dask cluster, tcp://HOST:8786 (default: a cluster of this machine)"
+    campaign.add_argument("--scheduler", metavar="ADDRESS", help=scheduler_help)
+    workers_help = "processes (default: one a core); with --scheduler: begin when so many are there"
+    campaign.add_argument("--workers", type=int, metavar="N", help=workers_help)
+    dashboard_help = "offer Dask's, at port 8787 of this machine (needs bokeh)"
+    campaign.add_argument("--dashboard", action="store_true", help=dashboard_help)
+    page_help = "of the report (default: DIR/report.html)"
+    campaign.add_argument("--output", type=Path, metavar="FILE.html", help=page_help)
+
+
+def run_campaign(options: Namespace) -> int:
     """Plan the cases of a study, or tell of those that are planned."""
     if options.study == Path(REPORT) and options.directory is not None:
         with _nothing_lost("the report", options.directory):
@@ -49,7 +78,7 @@ def _nothing_lost(what: str, directory: Path) -> Iterator[None]:
         raise OSError(error.errno, words) from None
 
 
-def _run(options: argparse.Namespace) -> int:
+def _run(options: Namespace) -> int:
     require_packages("a campaign")
     if options.dashboard and find_spec("bokeh") is None:
         allowed = "it needs bokeh: pip install bokeh"
@@ -78,7 +107,7 @@ def _run(options: argparse.Namespace) -> int:
     return NO_PLAN
 
 
-def _report(options: argparse.Namespace) -> int:
+def _report(options: Namespace) -> int:
     require_packages("a campaign")
     from ff_planner_ros.report.campaign_page import save_campaign_page
 

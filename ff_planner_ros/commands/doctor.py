@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import argparse
 import hashlib
-import importlib.metadata
 import json
 import os
 import platform
 import re
 import time
+from argparse import Namespace
 from collections.abc import Iterator
 from dataclasses import replace
 from importlib.util import find_spec
@@ -17,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from ff_planner_ros.commands import BAD_INPUT, SOLVED
+from ff_planner_ros.commands.options import Add
 from ff_planner_ros.commands.printed import print_table
 from ff_planner_ros.common.share import PACKAGE, share_directory
 
@@ -32,7 +32,20 @@ _ROS_VARIABLES = {
 }
 
 
-def examine(options: argparse.Namespace) -> int:
+def add_doctor(add: Add) -> None:
+    """Add `doctor`."""
+    doctor = add(
+        "doctor",
+        examine,
+        "say what is installed, what is missing, and how fast it plans",
+        description="One screen for a report of a defect: versions, extras and the commands that "
+        "bring them, the core, ROS, and one timed plan.",
+        epilog="Exit code: 0 a plan can be made, 2 none can.",
+    )
+    doctor.add_argument("--json", type=Path, metavar="FILE", help="write it all")
+
+
+def examine(options: Namespace) -> int:
     """Print what is installed and whether it plans, and write it down."""
     facts = findings()
     print_table(list(_rows(facts)))
@@ -78,6 +91,8 @@ def core() -> str:
 
 def _requirements() -> dict[str, dict[str, str | None]]:
     """Return versions by extra and name, as far as they are installed; extra "": always needed."""
+    import importlib.metadata
+
     found: dict[str, dict[str, str | None]] = {}
     try:
         declared = importlib.metadata.requires(PACKAGE) or []
@@ -90,6 +105,8 @@ def _requirements() -> dict[str, dict[str, str | None]]:
 
 
 def _version(distribution: str) -> str | None:
+    import importlib.metadata
+
     try:
         return importlib.metadata.version(distribution)
     except importlib.metadata.PackageNotFoundError:

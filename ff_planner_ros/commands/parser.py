@@ -3,27 +3,27 @@
 from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
-from importlib import import_module
+from collections.abc import Callable
 from typing import Any
 
-from ff_planner_ros.commands.verbs import bags, files, planning, studies
+from ff_planner_ros.commands import bags, bench, campaigns, doctor, files, planning, robot, ros
 
 ADDERS = (
-    planning.add_ask,
-    studies.add_bench,
-    studies.add_campaign,
+    ros.add_ask,
+    bench.add_bench,
+    campaigns.add_campaign,
     files.add_check,
     planning.add_compare,
-    planning.add_demo,
-    studies.add_doctor,
+    ros.add_demo,
+    doctor.add_doctor,
     bags.add_export,
     bags.add_info,
     bags.add_recover,
-    planning.add_node,
+    ros.add_node,
     planning.add_plan,
     bags.add_replay,
     bags.add_report,
-    planning.add_robot,
+    robot.add_robot,
     files.add_schema,
     planning.add_verify,
 )
@@ -38,7 +38,9 @@ def command_parser() -> ArgumentParser:
     )
     commands = parser.add_subparsers(metavar="COMMAND", dest="verb", required=True)
 
-    def add(verb: str, function: str, summary: str, **more: Any) -> ArgumentParser:
+    def add(
+        verb: str, function: Callable[[Namespace], int], summary: str, **more: Any
+    ) -> ArgumentParser:
         command = commands.add_parser(verb, help=summary, **more)
         command.set_defaults(function=function)
         return command
@@ -46,9 +48,3 @@ def command_parser() -> ArgumentParser:
     for adder in ADDERS:
         adder(add)
     return parser
-
-
-def run(options: Namespace) -> int:
-    """Run what was read and return its exit code; only now the verb's module is imported."""
-    module, _, function = options.function.partition(":")
-    return int(getattr(import_module(module), function)(options))

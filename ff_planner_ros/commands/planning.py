@@ -1,81 +1,74 @@
-"""The commands that make or test plans: plan, verify, compare, robot, demo, node."""
+"""The commands that plan a scenario: plan, verify, compare."""
 
 from __future__ import annotations
 
-import argparse
-import json
-import sys
 import time
-import xml.etree.ElementTree as ElementTree
-from collections.abc import Iterator
-from dataclasses import replace
-from functools import partial
+from argparse import ArgumentParser, Namespace
 from pathlib import Path
-from typing import Any, NamedTuple
 
-from ff_planner_ros.analysis.json_file import read_json
-from ff_planner_ros.analysis.plan_json import (
-    plan_dictionary,
-    planned_motion,
-    planned_scene,
-    refusal_dictionary,
-    uncertainty_in,
-)
-from ff_planner_ros.analysis.summary import plan_rows, robot_rows
-from ff_planner_ros.commands import NO_PLAN, OPTIMAL, SOLVED
-from ff_planner_ros.commands.printed import print_notes, print_table
-from ff_planner_ros.common.arrays import finite_number
-from ff_planner_ros.common.share import share_directory
+from ff_planner_ros.commands import METHODS, NO_PLAN, OPTIMAL, SOLVED
+from ff_planner_ros.commands.options import Add, add_renamed
+from ff_planner_ros.commands.printed import print_table, write_json
 from ff_planner_ros.errors import FfPlannerError, InvalidInput, Status
-from ff_planner_ros.parameters import load_parameters
-from ff_planner_ros.planning.motion.plan import Plan, Trajectory
-from ff_planner_ros.planning.motion.watch import Watch
-from ff_planner_ros.planning.problem.problem import Limits, Objective, Parametrisation, lasting
-from ff_planner_ros.planning.problem.scene import Scene, scene_of
-from ff_planner_ros.planning.problem.uncertainty import Uncertainty
-from ff_planner_ros.planning.robust.robust import withstood
-from ff_planner_ros.planning.scenario.library_file import load_library
-from ff_planner_ros.planning.scenario.scenario import (
-    Defaults,
-    limits_from,
-    load_scenario,
-    load_task,
-)
-from ff_planner_ros.planning.search.planner import plan
-from ff_planner_ros.planning.task.library import Library
-from ff_planner_ros.planning.task.task import Method, PlanningTask, perform, without_search
-from ff_planner_ros.robot.collision.geometry import Geometry
-from ff_planner_ros.robot.model import Robot, read_urdf, robot_from_urdf_text
-from ff_planner_ros.time_budget import TimeBudget
-
-OBJECTIVES = {"length": Objective(1.0, 0.0), "attitude": Objective(0.0, 1.0)}
+from ff_planner_ros.planning.problem.parametrisation import Parametrisation
 
 
-def plan_scenario(options: argparse.Namespace) -> int:
+def add_plan(add: Add) -> None:
+    """Add `plan`."""
+    summary = "plan a scenario file, without ROS"
+    plan = add(
+        "plan",
+        plan_scenario,
+        summary,
+        parents=[_how_to_plan(), _scenario()],
+    )
+    plan.add_argument("--json", type=Path, metavar="FILE", help="write the answer")
+    plan.add_argument(
+        "--bag", type=Path, metavar="DIR", help="write task and answer as a new bag (needs ROS)"
+    )
+    pareto = plan.add_argument(
+        "--pareto",
+        action="store_true",
+        help="plan with several weights, from least joint path to least chaser attitude; print "
+        "and draw what they trade",
+    )
+    add_renamed(plan, "--front", pareto)
+    plan.add_argument(
+        "--output", type=Path, default="pareto", metavar="DIR", help="of the picture of --pareto"
+    )
+
+
+def plan_scenario(options: Namespace) -> int:
     """Plan a scenario file, print what came of it, and write it down."""
+    from ff_planner_ros.analysis.plan_json import plan_dictionary, refusal_dictionary
+    from ff_planner_ros.analysis.summary import plan_rows
+    from ff_planner_ros.commands.tasks import method_named, task_of
+    from ff_planner_ros.planning.motion.plan import Plan
+    from ff_planner_ros.planning.task.task import perform
+
     if options.pareto:
         return _plan_pareto_front(options)
     try:
-        task, watch = _task(options.scenario, options)
+        task, watch = task_of(options.scenario, options)
         if options.bag is not None:
             from ff_planner_ros.runs.offline_bag import record_answer, require_recordable
 
             require_recordable(task)
     except FfPlannerError as error:
-        _write_json(options.json, refusal_dictionary(error, solve_time=0.0))
+        write_json(options.json, refusal_dictionary(error, solve_time=0.0))
         raise
     answer: Plan | FfPlannerError
     begun = time.perf_counter()
     try:
-        answer = perform(task, watch, _method(options.method))
+        answer = perform(task, watch, method_named(options.method))
     except FfPlannerError as error:
         answer = error
     solve_time = time.perf_counter() - begun
 
     if isinstance(answer, Plan):
-        _write_json(options.json, plan_dictionary(answer, task, solve_time))
+        write_json(options.json, plan_dictionary(answer, task, solve_time))
     else:
-        _write_json(options.json, refusal_dictionary(answer, solve_time, task.digest))
+        write_json(options.json, refusal_dictionary(answer, solve_time, task.digest))
     if options.bag is not None:
         record_answer(options.bag, task, answer, solve_time, options.scenario, options.method)
     if isinstance(answer, FfPlannerError):
@@ -85,9 +78,11 @@ def plan_scenario(options: argparse.Namespace) -> int:
     return SOLVED
 
 
-def _plan_pareto_front(options: argparse.Namespace) -> int:
+def _plan_pareto_front(options: Namespace) -> int:
     """Plan a scenario with one pair of weights after the other, and show what they trade."""
     from ff_planner_ros.analysis import pareto_front
+    from ff_planner_ros.analysis.plan_json import refusal_dictionary
+    from ff_planner_ros.commands.tasks import task_of
     from ff_planner_ros.common.text_table import print_table as print_columns
 
     for name, default in (("objective", None), ("method", OPTIMAL), ("bag", None)):
@@ -97,11 +92,11 @@ def _plan_pareto_front(options: argparse.Namespace) -> int:
             raise InvalidInput(Status.UNSUPPORTED, f"--{name}", value, allowed)
     begun = time.perf_counter()
     try:
-        points = pareto_front.pareto_front(*_task(options.scenario, options), time.perf_counter)
+        points = pareto_front.pareto_front(*task_of(options.scenario, options), time.perf_counter)
     except FfPlannerError as error:
-        _write_json(options.json, refusal_dictionary(error, time.perf_counter() - begun))
+        write_json(options.json, refusal_dictionary(error, time.perf_counter() - begun))
         raise
-    _write_json(options.json, pareto_front.front_dictionary(points))
+    write_json(options.json, pareto_front.front_dictionary(points))
     title = "Joint path against chaser attitude"
     print_columns(title, pareto_front.COLUMNS, pareto_front.front_rows(points))
     print()
@@ -109,161 +104,80 @@ def _plan_pareto_front(options: argparse.Namespace) -> int:
     return SOLVED
 
 
-def _write_json(file: Path | None, answer: dict[str, Any]) -> None:
-    if file is not None:
-        file.write_text(json.dumps(answer) + "\n")
+def add_verify(add: Add) -> None:
+    """Add `verify`."""
+    verify = add(
+        "verify",
+        verify_plans,
+        "execute plans open loop in an independent physics engine",
+        parents=[_how_to_plan()],
+        description="Execute plans open loop in MuJoCo: joint torques only, nothing fed back. "
+        "Options of planning count for a scenario only.",
+        epilog="Exit code: 0 every plan came true, 2 bad input, 3 one did not, or none was found.",
+    )
+    verify.add_argument(
+        "source",
+        type=Path,
+        metavar="SCENARIO|JSON|BAG",
+        help="a scenario (.yaml) to plan first, an answer of `plan --json` (.json), or a bag with "
+        "plans (a directory or .mcap)",
+    )
+    sensitivity_help = "execute them with wrong masses, start velocities and friction, too"
+    verify.add_argument("--sensitivity", action="store_true", help=sensitivity_help)
+    verify.add_argument(
+        "--monte-carlo",
+        type=int,
+        metavar="N",
+        help="execute them N times, too, by systems with other masses, inertias and start rates, "
+        "beside a linear prediction",
+    )
+    verify.add_argument(
+        "--uncertainty",
+        metavar="NAME=VALUE,...",
+        help="standard deviations of mass, inertia, friction [share], center_of_mass [m], "
+        "linear_velocity [m/s], angular_velocity, joint_velocity [rad/s]; the others are 0; "
+        "default: those of the scenario's planner.robust, else mass and inertia 0.01 and "
+        "angular_velocity 0.01 deg/s",
+    )
+    verify.add_argument(
+        "--execution",
+        choices=("tracked", "torques"),
+        default="tracked",
+        help="of the N runs: a controller keeps the joints on the plan, or torques alone are given "
+        "(by MuJoCo; for few runs)",
+    )
+    verify.add_argument("--seed", type=int, default=0, metavar="N", help="of the runs")
+    verify.add_argument("--json", type=Path, metavar="FILE", help="write all numbers to a file")
 
 
-def _task(scenario: Path, options: argparse.Namespace) -> tuple[PlanningTask, Watch]:
-    """Return what to plan, and who watches the time."""
-    parameters = load_parameters(options.parameters)
-    defaults, budget = Defaults(parameters.planner), options.time_budget
-    if budget is not None:
-        budget = finite_number("--time-budget", budget, above=0.0)
-    if options.parameters is not None:
-        defaults = parameters.of_scenarios()
-        budget = budget or parameters.time_budget
-    task = load_task(scenario, defaults)
-    print_notes(task.problem.robot.notes)
-    if options.objective is not None:
-        problem = replace(task.problem, objective=_weights(options.objective))
-        task = replace(task, problem=problem)
-    if options.parametrisation is not None:
-        named = Parametrisation(options.parametrisation)
-        task = replace(task, problem=replace(task.problem, parametrisation=named))
-    if options.library is not None:
-        task = _with_guess(task, load_library(options.library, "--library"))
-    elif parameters.library:
-        task = _with_guess(task, load_library(Path(parameters.library), "planner.library"))
-    return task, Watch() if budget is None else TimeBudget(budget)
-
-
-def _with_guess(task: PlanningTask, library: Library) -> PlanningTask:
-    """Return a task with the nearest plan of a library as its first guess, if it has none."""
-    if task.first_guess is not None:
-        print_notes(["the scenario has a first guess: the library is not asked for one"])
-        return task
-    guess = library.first_guess(task)
-    if guess is None:
-        print_notes([f"of the {len(library.plans)} plans in the library none is near"])
-    return replace(task, first_guess=guess)
-
-
-def _weights(text: str) -> Objective:
-    """Return the weights that `--objective` names or gives."""
-    if text in OBJECTIVES:
-        return OBJECTIVES[text]
-    try:
-        length, attitude, *duration = map(float, text.split(","))
-        return Objective(length, attitude, *duration)
-    except (ValueError, TypeError):
-        names = ", ".join(OBJECTIVES)
-        allowed = f"it must be one of {names}, or two weights such as 1,10 and that of the duration"
-        raise InvalidInput(Status.UNSUPPORTED, "--objective", text, allowed) from None
-
-
-def _method(name: str) -> Method:
-    if name == OPTIMAL:
-        return plan
-    if name == "straight":
-        from ff_planner_ros.baselines.straight_line import straight_line
-
-        return without_search(straight_line)
-    from ff_planner_ros.baselines.artificial_potential_field import artificial_potential_field
-    from ff_planner_ros.baselines.potential_field import load_parameters as load_potential_field
-
-    field = load_potential_field(share_directory() / "config" / "baselines.yaml")
-    return without_search(partial(artificial_potential_field, parameters=field))
-
-
-def verify_plans(options: argparse.Namespace) -> int:
+def verify_plans(options: Namespace) -> int:
     """Execute plans in an independent physics engine."""
-    from ff_planner_ros.commands.verify import Draw, print_monte_carlo, print_verdict
+    from ff_planner_ros.commands.verify import print_verdicts
 
-    total, asked = _runs_asked_for(options)
-    verdicts, answers = list[bool](), list[dict[str, Any]]()
-    for one in _motions(options.source, options):
-        motion = one.name, one.robot, one.trajectory
-        verdicts.append(print_verdict(*motion, options.sensitivity, one.scene))
-        answers.append({"name": one.name, "passed": verdicts[-1]})
-        if total is not None:
-            draw = Draw(total, options.seed, options.execution, asked or one.uncertainty)
-            found = print_monte_carlo(*motion, one.scene, one.limits, draw)
-            answers[-1]["monte_carlo"] = found
-    _write_json(options.json, {"plans": answers})
-    return SOLVED if all(verdicts) else NO_PLAN
+    return print_verdicts(options)
 
 
-def _runs_asked_for(options: argparse.Namespace) -> tuple[int | None, Uncertainty | None]:
-    """Return how many runs to make, and of what systems; None: none, and of the usual ones."""
-    from ff_planner_ros.commands.verify import uncertainty_of
-    from ff_planner_ros.simulation.monte_carlo import require_runs
-
-    if options.monte_carlo is None:
-        for name, default in (("seed", 0), ("execution", "tracked"), ("uncertainty", None)):
-            value = getattr(options, name)
-            if value != default:
-                allowed = "it counts beside --monte-carlo alone"
-                raise InvalidInput(Status.UNSUPPORTED, f"--{name}", value, allowed)
-        return None, None
-    require_runs(options.monte_carlo, options.seed)
-    told = options.uncertainty
-    return options.monte_carlo, None if told is None else uncertainty_of(told)
+def add_compare(add: Add) -> None:
+    """Add `compare`."""
+    summary = "let every method plan a scenario: tables, figures, 3-D view"
+    compare = add(
+        "compare",
+        compare_methods,
+        summary,
+        parents=[_scenario()],
+    )
+    compare.add_argument(
+        "--output", type=Path, default="comparison", metavar="DIR", help="of the pictures"
+    )
 
 
-class _Motion(NamedTuple):
-    """A plan to execute."""
-
-    name: str
-    robot: Robot
-    trajectory: Trajectory
-    scene: Scene | None  # None: it is not known
-    limits: Limits = Limits()
-    uncertainty: Uncertainty = Uncertainty()  # that it was planned for, or else the usual one
-
-
-def _motions(source: Path, options: argparse.Namespace) -> Iterator[_Motion]:
-    """Yield each plan that a file or bag holds or asks for."""
-    if source.suffix in (".yaml", ".yml"):
-        task, watch = _task(source, options)
-        planned = perform(task, watch, _method(options.method))
-        problem = lasting(task.problem, planned.duration)
-        usual = withstood(task.settings.robust)
-        motion = planned.trajectory
-        scene = scene_of(problem)
-        yield _Motion(source.name, problem.robot, motion, scene, problem.limits, usual)
-    elif source.suffix == ".json":
-        yield _motion_in_json(source)
-    elif source.is_dir() or source.suffix == ".mcap":
-        from ff_planner_ros.bag.robot_plans import robot_plans
-
-        recorded = robot_plans(source)
-        print_notes(recorded.notes)
-        for plan_id, motion in recorded.motions.items():
-            seen, limits = recorded.scenes.get(plan_id), recorded.limits[plan_id]
-            yield _Motion(plan_id, recorded.robot, motion, seen, limits, recorded.uncertainty)
-    else:
-        allowed = "it must be a scenario (.yaml), an answer (.json) or a bag (directory or .mcap)"
-        raise InvalidInput(Status.UNSUPPORTED, "what to verify", source, allowed)
-
-
-def _motion_in_json(source: Path) -> _Motion:
-    answer = read_json(source)
-    try:
-        robot, motion = planned_motion(answer)
-        scene = planned_scene(answer)
-        limits = limits_from(answer.get("limits", {}), Limits())
-        told = uncertainty_in(answer)
-        return _Motion(source.name, robot, motion, scene, limits, told)
-    except InvalidInput as error:
-        field = f"{source}: {error.field}"
-        raise InvalidInput(error.status, field, error.value, error.allowed) from None
-
-
-def compare_methods(options: argparse.Namespace) -> int:
+def compare_methods(options: Namespace) -> int:
     """Let every method plan a scenario, and show the plans side by side."""
     from ff_planner_ros.baselines.potential_field import load_parameters as load_potential_field
     from ff_planner_ros.commands.compare import compare
+    from ff_planner_ros.common.share import share_directory
+    from ff_planner_ros.parameters import load_parameters
+    from ff_planner_ros.planning.scenario.scenario import load_scenario
 
     config = share_directory() / "config"
     papers_scenario = config / "scenarios" / "lemur_capture.yaml"
@@ -277,55 +191,40 @@ def compare_methods(options: argparse.Namespace) -> int:
     return SOLVED if any_motion else NO_PLAN
 
 
-def show_robot(options: argparse.Namespace) -> int:
-    """Show what the planner makes of a URDF."""
-    robot = robot_from_urdf_text(
-        read_urdf(options.urdf),
-        options.base_link,
-        options.tip_link,
-        geometry=None if options.geometry is None else Geometry(options.geometry),
-        directory=options.urdf.resolve().parent,
+def _scenario() -> ArgumentParser:
+    scenario = ArgumentParser(add_help=False)
+    scenario.add_argument("scenario", type=Path, metavar="SCENARIO")
+    return scenario
+
+
+def _how_to_plan() -> ArgumentParser:
+    """Return the options of all that plans."""
+    options = ArgumentParser(add_help=False)
+    options.add_argument(
+        "--objective",
+        metavar="{length,attitude,WEIGHTS}",
+        help="instead of the scenario's weights: one of the two names, or a pair such as 1,10: "
+        "weights of joint path length and chaser attitude, and of the duration if there is a third",
     )
-    print_notes(robot.notes)
-    print_table(robot_rows(robot))
-    if options.draw is not None:
-        from ff_planner_ros.analysis.drawing.robot_view import save_robot
-
-        save_robot(robot, options.draw)
-        print(f"\n{options.draw}  {options.draw.stat().st_size / 1e6:.1f} MB")
-    if options.srdf is not None:
-        _write_srdf(options.srdf, robot)
-    return SOLVED
-
-
-def _write_srdf(file: Path, robot: Robot) -> None:
-    """Write which links may touch, as MoveIt's assistant does."""
-    from ff_planner_ros.robot.collision.pairs import moveit_pairs
-    from ff_planner_ros.robot.urdf.srdf import srdf_text
-
-    if robot.geometry is Geometry.LINES:
-        allowed = "only links with a <collision> can touch, and this robot is planned with lines"
-        raise InvalidInput(Status.UNSUPPORTED, "--srdf", file, allowed)
-    if file.exists():
-        allowed = "it is there: an SRDF may hold more, and is not replaced"
-        raise InvalidInput(Status.UNSUPPORTED, "--srdf", file, allowed)
-    tree = ElementTree.fromstring(robot.urdf)
-    pairs = moveit_pairs(tree, robot.model, robot.bodies)
-    file.write_text(srdf_text(tree.get("name", ""), pairs), encoding="utf-8")
-    print(f"\n{file}: {len(pairs)} pairs of links that may touch")
-
-
-def show_demo(options: argparse.Namespace) -> int:
-    """Plan the paper's capture over ROS."""
-    import rclpy  # noqa: F401 (the processes of the demo need it: said before they start)
-
-    from ff_planner_ros.demo.run import run_demo
-
-    return run_demo(options.output, testbed=options.testbed)
-
-
-def run_node(options: argparse.Namespace) -> int:
-    """Run the planner node."""
-    from ff_planner_ros.ros.node import main as node_main
-
-    return node_main([sys.argv[0], *options.rest])
+    options.add_argument(
+        "--method",
+        choices=METHODS,
+        default=OPTIMAL,
+        help="optimal, or a baseline to compare with: the straight path or an artificial potential "
+        "field (config/baselines.yaml)",
+    )
+    options.add_argument(
+        "--parametrisation",
+        choices=[one.value for one in Parametrisation],
+        help="instead of the scenario's: the paths that the plan is looked for among; auto takes "
+        "the paper's, and joint splines where these do not apply or hold no plan",
+    )
+    library_help = "of plans made before (`campaign --library`): the nearest is the first guess"
+    options.add_argument("--library", type=Path, metavar="DIR", help=library_help)
+    parameters_help = (
+        "the node's parameters, all or some: they count where the scenario does not say"
+    )
+    options.add_argument("--parameters", type=Path, metavar="FILE", help=parameters_help)
+    budget_help = "give up after this time (default: take what it takes)"
+    options.add_argument("--time-budget", type=float, metavar="SECONDS", help=budget_help)
+    return options

@@ -1,9 +1,12 @@
-"""What commands print: notes beside a result, names and values."""
+"""What commands print and write: notes beside a result, names and values, JSON."""
 
 from __future__ import annotations
 
+import json
 import sys
 from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
 
 
 def print_notes(notes: Sequence[str]) -> None:
@@ -17,3 +20,9 @@ def print_table(rows: Sequence[tuple[str, str]]) -> None:
     width = max(len(name) for name, _ in rows)
     for name, value in rows:
         print(f"{name:{width}}  {value}")
+
+
+def write_json(file: Path | None, answer: dict[str, Any]) -> None:
+    """Write an answer for programs, where a file is named."""
+    if file is not None:
+        file.write_text(json.dumps(answer) + "\n", encoding="utf-8")

@@ -1,29 +1,35 @@
-"""Execute a plan in the independent engine, and print how far the motion is from the plan.
-
-Or execute it many times by systems that differ from the model, and print how often it holds.
-"""
+"""Execute a plan in the independent engine, and print how far the motion is from the plan."""
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, fields
-from typing import Any
+from argparse import Namespace
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from ff_planner_ros.common.arrays import finite_number
+from ff_planner_ros.analysis.json_file import read_json
+from ff_planner_ros.analysis.plan_json import planned_motion, planned_scene, uncertainty_in
+from ff_planner_ros.commands import NO_PLAN, SOLVED
+from ff_planner_ros.commands.monte_carlo import Draw, print_monte_carlo, uncertainty_of
+from ff_planner_ros.commands.printed import print_notes, write_json
+from ff_planner_ros.commands.tasks import method_named, task_of
 from ff_planner_ros.common.text_table import print_table
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.motion.plan import Trajectory
-from ff_planner_ros.planning.problem.problem import Limits
-from ff_planner_ros.planning.problem.scene import Scene
+from ff_planner_ros.planning.problem.problem import Limits, lasting
+from ff_planner_ros.planning.problem.scene import Scene, scene_of
 from ff_planner_ros.planning.problem.uncertainty import Uncertainty
+from ff_planner_ros.planning.robust.robust import withstood
+from ff_planner_ros.planning.scenario.scenario import limits_from
+from ff_planner_ros.planning.task.task import perform
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.simulation.capture import ALLOWED_AT_CAPTURE, Capture, is_soft
 from ff_planner_ros.simulation.corridor import Corridor
 from ff_planner_ros.simulation.engine import ENGINE
 from ff_planner_ros.simulation.model_errors import model_errors
-from ff_planner_ros.simulation.monte_carlo import TORQUES, Distribution, MonteCarlo, monte_carlo
-from ff_planner_ros.simulation.torque_runs import torque_monte_carlo
+from ff_planner_ros.simulation.monte_carlo import require_runs
 from ff_planner_ros.simulation.verification import (
     ALLOWED,
     MOMENTUM_TOLERANCE,
@@ -35,149 +41,83 @@ from ff_planner_ros.simulation.verification import (
 _COLUMNS = ("end effector [mm]", "[deg]", "chaser [mm]", "[deg]")
 
 
-@dataclass(frozen=True)
-class Draw:
-    """How often, and by which systems, a plan is executed."""
-
-    total: int
-    seed: int
-    execution: str  # of `EXECUTIONS`
-    uncertainty: Uncertainty
-
-
-def uncertainty_of(text: str) -> Uncertainty:
-    """Return what a text such as `mass=0.01,angular_velocity=0.0002` says; the rest is zero.
-
-    Raises:
-        InvalidInput: A name that is not known or told twice, or no number.
-    """
-    names = [item.name for item in fields(Uncertainty)]
-    told = dict.fromkeys(names, 0.0)
-    seen = set[str]()
-    for part in text.split(","):
-        name, _, value = part.partition("=")
-        if name not in names or name in seen:
-            allowed = f"it must be one or several of {', '.join(names)}, each once: mass=0.01,..."
-            raise InvalidInput(Status.OUT_OF_RANGE, "--uncertainty", part, allowed)
-        seen.add(name)
-        try:
-            told[name] = finite_number(f"--uncertainty {name}", float(value))
-        except ValueError:
-            allowed = "it must be a number"
-            field = f"--uncertainty {name}"
-            raise InvalidInput(Status.OUT_OF_RANGE, field, value, allowed) from None
-    return Uncertainty(**told)
+def print_verdicts(options: Namespace) -> int:
+    """Execute plans in an independent physics engine."""
+    total, asked = _runs_asked_for(options)
+    verdicts, answers = list[bool](), list[dict[str, Any]]()
+    for one in _motions(options.source, options):
+        motion = one.name, one.robot, one.trajectory
+        verdicts.append(print_verdict(*motion, options.sensitivity, one.scene))
+        answers.append({"name": one.name, "passed": verdicts[-1]})
+        if total is not None:
+            draw = Draw(total, options.seed, options.execution, asked or one.uncertainty)
+            found = print_monte_carlo(*motion, one.scene, one.limits, draw)
+            answers[-1]["monte_carlo"] = found
+    write_json(options.json, {"plans": answers})
+    return SOLVED if all(verdicts) else NO_PLAN
 
 
-def print_monte_carlo(
-    name: str,
-    robot: Robot,
-    trajectory: Trajectory,
-    scene: Scene | None,
-    limits: Limits,
-    draw: Draw,
-) -> dict[str, Any]:
-    """Execute a plan by many systems, print what became of it and return it for JSON.
+def _runs_asked_for(options: Namespace) -> tuple[int | None, Uncertainty | None]:
+    """Return how many runs to make, and of what systems; None: none, and of the usual ones."""
+    if options.monte_carlo is None:
+        for name, default in (("seed", 0), ("execution", "tracked"), ("uncertainty", None)):
+            value = getattr(options, name)
+            if value != default:
+                allowed = "it counts beside --monte-carlo alone"
+                raise InvalidInput(Status.UNSUPPORTED, f"--{name}", value, allowed)
+        return None, None
+    require_runs(options.monte_carlo, options.seed)
+    told = options.uncertainty
+    return options.monte_carlo, None if told is None else uncertainty_of(told)
 
-    Args:
-        scene: None: it is not known.
 
-    Raises:
-        InvalidInput: The plan cannot be executed, or the runs are none.
-    """
-    seen, asked = scene or Scene(), (draw.uncertainty, draw.total, draw.seed)
-    if draw.execution == TORQUES:
-        found = torque_monte_carlo(robot, trajectory, seen, *asked)
+class _Motion(NamedTuple):
+    """A plan to execute."""
+
+    name: str
+    robot: Robot
+    trajectory: Trajectory
+    scene: Scene | None  # None: it is not known
+    limits: Limits = Limits()
+    uncertainty: Uncertainty = Uncertainty()  # that it was planned for, or else the usual one
+
+
+def _motions(source: Path, options: Namespace) -> Iterator[_Motion]:
+    """Yield each plan that a file or bag holds or asks for."""
+    if source.suffix in (".yaml", ".yml"):
+        task, watch = task_of(source, options)
+        planned = perform(task, watch, method_named(options.method))
+        problem = lasting(task.problem, planned.duration)
+        usual = withstood(task.settings.robust)
+        motion = planned.trajectory
+        scene = scene_of(problem)
+        yield _Motion(source.name, problem.robot, motion, scene, problem.limits, usual)
+    elif source.suffix == ".json":
+        yield _motion_in_json(source)
+    elif source.is_dir() or source.suffix == ".mcap":
+        from ff_planner_ros.bag.robot_plans import robot_plans
+
+        recorded = robot_plans(source)
+        print_notes(recorded.notes)
+        for plan_id, motion in recorded.motions.items():
+            seen, limits = recorded.scenes.get(plan_id), recorded.limits[plan_id]
+            yield _Motion(plan_id, recorded.robot, motion, seen, limits, recorded.uncertainty)
     else:
-        found = monte_carlo(robot, trajectory, seen, *asked, limits)
-    drawn = [f"{key} {value:.3g}" for key, value in asdict(found.uncertainty).items() if value]
-    how = {TORQUES: "torques alone"}.get(found.execution, "joints controlled")
-    rows = []
-    for one in found.numbers:
-        scale, unit = _SHOWN[one.unit]
-        rows.append((f"{one.name} [{unit}]", *_scaled(one.runs, scale)))
-        if one.linear is not None:
-            rows.append(("  linear prediction", *_scaled(one.linear, scale)))
-    print_table(
-        f"{name}, {found.total} runs, {how}, seed {found.seed}; deviations: "
-        f"{', '.join(drawn) or 'none'}",
-        ("", *_COLUMNS_OF_RUNS.values()),
-        rows,
-    )
-    print_table(
-        "violations",
-        ("kind", "runs", "share", "95 % interval", "linear prediction"),
-        [
-            (
-                one.kind,
-                str(one.count),
-                f"{one.share:.2%}",
-                "{:.2%} to {:.2%}".format(*one.interval),
-                "" if one.linear is None else str(one.linear),
-            )
-            for one in found.violations
-        ],
-    )
-    return _as_dictionary(found)
+        allowed = "it must be a scenario (.yaml), an answer (.json) or a bag (directory or .mcap)"
+        raise InvalidInput(Status.UNSUPPORTED, "what to verify", source, allowed)
 
 
-# Scale and name of a unit in tables.
-_SHOWN = {
-    "m": (1e3, "mm"),
-    "rad": (float(np.rad2deg(1.0)), "deg"),
-    "N m": (1.0, "N m"),
-}
-
-
-# Of a distribution, and what a table calls it.
-_COLUMNS_OF_RUNS = {
-    "rms": "rms",
-    "std": "deviation",
-    "least": "least",
-    "percentile_1": "1 %",
-    "median": "median",
-    "percentile_99": "99 %",
-    "largest": "largest",
-}
-
-
-def _scaled(values: Distribution, scale: float) -> list[str]:
-    return [f"{scale * getattr(values, name):.4f}" for name in _COLUMNS_OF_RUNS]
-
-
-def _as_dictionary(found: MonteCarlo) -> dict[str, Any]:
-    """Return the runs as JSON has them: SI units, radians; what has no number is null."""
-    told = found.foretold_end_error
-    return {
-        "execution": found.execution,
-        "runs": found.total,
-        "seed": found.seed,
-        "uncertainty": asdict(found.uncertainty),
-        "numbers": {
-            one.name: {
-                "unit": one.unit,
-                "runs": _finite(one.runs._asdict()),
-                "linear": None if one.linear is None else _finite(one.linear._asdict()),
-            }
-            for one in found.numbers
-        },
-        "foretold_rms_end_error": None
-        if told is None
-        else {"position": told[0], "orientation": told[1]},
-        "violations": {
-            one.kind: {
-                "runs": one.count,
-                "share": one.share,
-                "interval_95": list(one.interval),
-                "linear": one.linear,
-            }
-            for one in found.violations
-        },
-    }
-
-
-def _finite(numbers: dict[str, float]) -> dict[str, float | None]:
-    return {name: value if np.isfinite(value) else None for name, value in numbers.items()}
+def _motion_in_json(source: Path) -> _Motion:
+    answer = read_json(source)
+    try:
+        robot, motion = planned_motion(answer)
+        scene = planned_scene(answer)
+        limits = limits_from(answer.get("limits", {}), Limits())
+        told = uncertainty_in(answer)
+        return _Motion(source.name, robot, motion, scene, limits, told)
+    except InvalidInput as error:
+        field = f"{source}: {error.field}"
+        raise InvalidInput(error.status, field, error.value, error.allowed) from None
 
 
 def print_verdict(

@@ -1,4 +1,4 @@
-"""The options of each verb of `ff-planner`, and the name of the function that runs it."""
+"""What the options of several commands have in common."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from argparse import SUPPRESS, Action, ArgumentParser, Namespace
 from collections.abc import Callable
 from typing import Any, TypeAlias
 
-# Given verb, function as "module:name", summary and what else argparse takes, adds a verb and
-# returns its parser.
+# Given verb, function that runs it, summary and what else argparse takes, adds a verb and returns
+# its parser.
 Add: TypeAlias = Callable[..., ArgumentParser]
 
 

@@ -1,0 +1,88 @@
+"""The task that options of planning ask for, and the method that plans it."""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+from ff_planner_ros.commands import OPTIMAL
+from ff_planner_ros.commands.printed import print_notes
+from ff_planner_ros.common.arrays import finite_number
+from ff_planner_ros.common.share import share_directory
+from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.parameters import load_parameters
+from ff_planner_ros.planning.motion.watch import Watch
+from ff_planner_ros.planning.problem.problem import Objective, Parametrisation
+from ff_planner_ros.planning.scenario.library_file import load_library
+from ff_planner_ros.planning.scenario.scenario import Defaults, load_task
+from ff_planner_ros.planning.search.planner import plan
+from ff_planner_ros.planning.task.library import Library
+from ff_planner_ros.planning.task.task import Method, PlanningTask, without_search
+from ff_planner_ros.time_budget import TimeBudget
+
+OBJECTIVES = {"length": Objective(1.0, 0.0), "attitude": Objective(0.0, 1.0)}
+
+
+def task_of(scenario: Path, options: argparse.Namespace) -> tuple[PlanningTask, Watch]:
+    """Return what to plan, and who watches the time."""
+    parameters = load_parameters(options.parameters)
+    defaults, budget = Defaults(parameters.planner), options.time_budget
+    if budget is not None:
+        budget = finite_number("--time-budget", budget, above=0.0)
+    if options.parameters is not None:
+        defaults = parameters.of_scenarios()
+        budget = budget or parameters.time_budget
+    task = load_task(scenario, defaults)
+    print_notes(task.problem.robot.notes)
+    if options.objective is not None:
+        problem = replace(task.problem, objective=_weights(options.objective))
+        task = replace(task, problem=problem)
+    if options.parametrisation is not None:
+        named = Parametrisation(options.parametrisation)
+        task = replace(task, problem=replace(task.problem, parametrisation=named))
+    if options.library is not None:
+        task = _with_guess(task, load_library(options.library, "--library"))
+    elif parameters.library:
+        task = _with_guess(task, load_library(Path(parameters.library), "planner.library"))
+    return task, Watch() if budget is None else TimeBudget(budget)
+
+
+def _with_guess(task: PlanningTask, library: Library) -> PlanningTask:
+    """Return a task with the nearest plan of a library as its first guess, if it has none."""
+    if task.first_guess is not None:
+        print_notes(["the scenario has a first guess: the library is not asked for one"])
+        return task
+    guess = library.first_guess(task)
+    if guess is None:
+        print_notes([f"of the {len(library.plans)} plans in the library none is near"])
+    return replace(task, first_guess=guess)
+
+
+def _weights(text: str) -> Objective:
+    """Return the weights that `--objective` names or gives."""
+    if text in OBJECTIVES:
+        return OBJECTIVES[text]
+    try:
+        length, attitude, *duration = map(float, text.split(","))
+        return Objective(length, attitude, *duration)
+    except (ValueError, TypeError):
+        names = ", ".join(OBJECTIVES)
+        allowed = f"it must be one of {names}, or two weights such as 1,10 and that of the duration"
+        raise InvalidInput(Status.UNSUPPORTED, "--objective", text, allowed) from None
+
+
+def method_named(name: str) -> Method:
+    """Return the planner, or a baseline."""
+    if name == OPTIMAL:
+        return plan
+    if name == "straight":
+        from ff_planner_ros.baselines.straight_line import straight_line
+
+        return without_search(straight_line)
+    from ff_planner_ros.baselines.artificial_potential_field import artificial_potential_field
+    from ff_planner_ros.baselines.potential_field import load_parameters as load_potential_field
+
+    field = load_potential_field(share_directory() / "config" / "baselines.yaml")
+    return without_search(partial(artificial_potential_field, parameters=field))
