@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import os
-import platform
 import re
 import time
 from argparse import Namespace
@@ -56,6 +54,8 @@ def examine(options: Namespace) -> int:
 
 def findings() -> dict[str, Any]:
     """Return what is installed, what is missing, and how a plan went; for JSON."""
+    import platform
+
     requirements = _requirements()
     return {
         "version": _version(PACKAGE),
@@ -72,6 +72,8 @@ def findings() -> dict[str, Any]:
 
 def core() -> str:
     """Return whether the core is built, and of the sources beside it, in words."""
+    import hashlib
+
     try:
         from ff_planner_ros.core import compiled
     except ImportError:

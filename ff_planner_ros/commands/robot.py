@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import xml.etree.ElementTree as ElementTree
 from argparse import Namespace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -70,6 +69,8 @@ def show_robot(options: Namespace) -> int:
 
 def _write_srdf(file: Path, robot: Robot) -> None:
     """Write which links may touch, as MoveIt's assistant does."""
+    from xml.etree import ElementTree
+
     from ff_planner_ros.robot.collision.pairs import moveit_pairs
     from ff_planner_ros.robot.urdf.srdf import srdf_text
 
