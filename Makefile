@@ -58,7 +58,9 @@ $(VENV)/complete: setup.py pyproject.toml package.xml constraints.txt $(shell fi
 	@touch $(VENV)/core $@
 
 # A change of the core's sources builds it anew in its place.
-$(VENV)/core: $(wildcard ff_planner_ros/core/*.[ch]pp) | $(VENV)/complete
+CORE := $(shell find ff_planner_ros/core -name '*.[ch]pp')
+
+$(VENV)/core: $(CORE) | $(VENV)/complete
 	@echo 'Compiling the core: usually 1 to 2 minutes.'
 	@$(BIN)/python setup.py --quiet build_ext --inplace
 	@touch $@
@@ -168,6 +170,7 @@ IS_SANITIZED := from ff_planner_ros.core import compiled; \
 
 lint: env $(VENV)/extras_everyday
 	$(BIN)/ruff format --check
+	$(BIN)/clang-format --dry-run --Werror $(CORE)
 	$(BIN)/ruff check
 	$(BIN)/mypy
 

@@ -193,6 +193,7 @@ setup(
             *ROS,
             *SIMULATION,
             *CAMPAIGN,
+            "clang-format>=23,<24",
             "cyclonedds>=11,<12",
             "jsonschema>=4.23,<5",
             "mcap-ros2-support>=0.6,<0.7",

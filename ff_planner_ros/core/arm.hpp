@@ -16,7 +16,9 @@ struct Arm {
   Matrix3 base_to_inertial;
 
   Arm(const Chain& chain, const Configuration& q)
-      : points(3, chain.joints() + 1), axes(3, chain.joints()), base(q.position),
+      : points(3, chain.joints() + 1),
+        axes(3, chain.joints()),
+        base(q.position),
         base_to_inertial(q.attitude.toRotationMatrix()) {
     Pose at{base, base_to_inertial};
     for (int k = 0; k < chain.joints(); ++k) {

@@ -143,7 +143,8 @@ struct TurnDerivatives {
       const Columns6 by_3 = by_joints_at(i + 1, v3), by_4 = by_joints_at(i + 2, v4);
       Columns3 first_rates(3, variables), middle(3, variables), next(3, variables);
       for (int x = 0; x < variables; ++x) {
-        const auto of_rate = [&](int half_step, const Columns6& by, int stage, const Vector3& turn) {
+        const auto of_rate = [&](int half_step, const Columns6& by, int stage,
+                                 const Vector3& turn) {
           return change(at[half_step], by, now.momenta[stage], turn, rows, half_step, x);
         };
         const Vector3 turn = turns.back().col(x);
@@ -159,8 +160,8 @@ struct TurnDerivatives {
         Vector3 du3 = h * d3;
         if (longer) du3 += u3 / duration;
         const Vector3 d4 = of_rate(i + 2, by_4, 3, to_4(turn, du3));
-        Vector3 of_whole = h / 6 * (d1 + 2 * d2 + 2 * d3 + d4) +
-                           h * h / 12 * (v1.cross(d4) - v4.cross(d1));
+        Vector3 of_whole =
+            h / 6 * (d1 + 2 * d2 + 2 * d3 + d4) + h * h / 12 * (v1.cross(d4) - v4.cross(d1));
         if (longer) of_whole += (whole + h * h / 12 * v1.cross(v4)) / duration;
         first_rates.col(x) = d1;
         middle.col(x) = to_middle(turn, (du1 + du2) / 2);
@@ -173,8 +174,8 @@ struct TurnDerivatives {
     by_joints.push_back(by_joints_at(last, base.rate));
     rates.emplace_back(3, variables);
     for (int x = 0; x < variables; ++x)
-      rates.back().col(x) = change(at[last], by_joints.back(), base.momentum, turns.back().col(x),
-                                   rows, last, x);
+      rates.back().col(x) =
+          change(at[last], by_joints.back(), base.momentum, turns.back().col(x), rows, last, x);
   }
 
  private:
@@ -182,10 +183,9 @@ struct TurnDerivatives {
   static Vector3 change(const SystemMomentum& at, const Columns6& by_joints,
                         const Vector3& momentum, const Vector3& turn, const JointRows& rows,
                         int half_step, int variable) {
-    return at.to_rate *
-           (momentum.cross(turn) -
-            rows.along_angles(by_joints.bottomRows<3>(), half_step, variable) -
-            rows.along_rates(at.coupling, half_step, variable));
+    return at.to_rate * (momentum.cross(turn) -
+                         rows.along_angles(by_joints.bottomRows<3>(), half_step, variable) -
+                         rows.along_rates(at.coupling, half_step, variable));
   }
 };
 

@@ -38,7 +38,9 @@ inline Bodies bodies(const Numbers& carriers, const Array& rotations, const Arra
     for (long long k = 0; k < own; ++k) solid.vertices.push_back(vector3(vertex + 3 * used++));
     made.bodies.push_back({static_cast<int>(carrier[i]),
                            {vector3(position + 3 * i), matrix3(rotation + 9 * i)},
-                           vector3(center + 3 * i), radius[i], solid});
+                           vector3(center + 3 * i),
+                           radius[i],
+                           solid});
   }
   for (py::ssize_t i = 0; i < pairs.shape(0); ++i) {
     const long long a = pair[2 * i], b = pair[2 * i + 1];
@@ -134,7 +136,10 @@ struct Asked {
     for (py::ssize_t i = 0; i < points; ++i)
       at.push_back(Configuration::read(of_q + i * (7 + n), static_cast<int>(n)));
     const double* of_cubics = checked(cubics, "cubics", {points - 1, three, 6 + n});
-    return {chain, at, {of_cubics, 3 * (points - 1), 6 + n}, {checked(times, "times", {points}), points}};
+    return {chain,
+            at,
+            {of_cubics, 3 * (points - 1), 6 + n},
+            {checked(times, "times", {points}), points}};
   }
 };
 
@@ -176,8 +181,8 @@ inline void bind_bodies(py::module_& m) {
         py::arg("last"), py::arg("gap"), py::arg("part"));
   m.def("certified_sphere_distance", &certified_spheres, py::arg("chain"), py::arg("bodies"),
         py::arg("q"), py::arg("cubics"), py::arg("ways"), py::arg("times"), py::arg("centers"),
-        py::arg("velocities"), py::arg("radii"), py::arg("chosen"), py::arg("last"),
-        py::arg("gap"), py::arg("part"), py::arg("attached") = std::vector<Attached>());
+        py::arg("velocities"), py::arg("radii"), py::arg("chosen"), py::arg("last"), py::arg("gap"),
+        py::arg("part"), py::arg("attached") = std::vector<Attached>());
 }
 
 }  // namespace ff

@@ -109,8 +109,8 @@ inline py::tuple clearances(const Chain& chain, const Array& q, const Array& dq,
   if (quarter_way) arm.add_quarter_way();
   const Shape shape{static_cast<py::ssize_t>(arm.points.size())};
   const ClearanceRows rows =
-      clearance_rows(arm, checked(times, "times", shape),
-                     with_last(times_by_last, shape, columns), all, checked(interest, "interest"));
+      clearance_rows(arm, checked(times, "times", shape), with_last(times_by_last, shape, columns),
+                     all, checked(interest, "interest"));
   const py::ssize_t found = static_cast<py::ssize_t>(rows.distances.size());
   Array distances(found), jacobian({found, columns});
   std::copy(rows.distances.begin(), rows.distances.end(), distances.mutable_data());

@@ -88,17 +88,18 @@ inline py::tuple sensitivity(const DrivenMotion& motion, const Array& angle_rows
   Array q({points, size, variables}), v({points, size, variables});
   Array q_half_way({points - 1, size, variables}), acceleration({points, size});
   Array goal_error({conditions, variables});
-  motion.sensitivity(of_joints, of_acceleration, target,
-                     accelerations_by_duration, of_target,
+  motion.sensitivity(of_joints, of_acceleration, target, accelerations_by_duration, of_target,
                      {q.mutable_data(), v.mutable_data(), q_half_way.mutable_data(),
                       acceleration.mutable_data(), goal_error.mutable_data()});
-  return py::make_tuple(result(q, "dq/dx"), result(v, "dv/dx"), result(q_half_way, "dq/dx half-way"),
+  return py::make_tuple(result(q, "dq/dx"), result(v, "dv/dx"),
+                        result(q_half_way, "dq/dx half-way"),
                         result(goal_error, "d(goal error)/dx"), result(acceleration, "dv/dt"));
 }
 
 inline void bind_driven_motion(py::module_& m) {
-  py::class_<Start>(m, "Start").def(py::init(&start), py::arg("position"), py::arg("rotation"),
-                                    py::arg("center"), py::arg("momentum"), py::arg("planar"));
+  py::class_<Start>(m, "Start")
+      .def(py::init(&start), py::arg("position"), py::arg("rotation"), py::arg("center"),
+           py::arg("momentum"), py::arg("planar"));
   py::class_<Target>(m, "Target")
       .def(py::init(&target), py::arg("position"), py::arg("rotation"), py::arg("twist"),
            py::arg("acceleration"), py::arg("orientation"), py::arg("free_axis"),
@@ -110,12 +111,13 @@ inline void bind_driven_motion(py::module_& m) {
       .def_property_readonly("v", [](const DrivenMotion& m) { return result(m.v, "v"); })
       .def_property_readonly(
           "q_half_way", [](const DrivenMotion& m) { return result(m.q_half_way, "q_half_way"); })
-      .def("goal_error",
-           [](const DrivenMotion& m, const Target& target) {
-             const std::vector<double> error = m.goal_error(target);
-             return result(Array(error.size(), error.data()), "goal error");
-           },
-           py::arg("target"))
+      .def(
+          "goal_error",
+          [](const DrivenMotion& m, const Target& target) {
+            const std::vector<double> error = m.goal_error(target);
+            return result(Array(error.size(), error.data()), "goal error");
+          },
+          py::arg("target"))
       .def("sensitivity", &sensitivity, py::arg("angle_rows"), py::arg("rate_rows"),
            py::arg("acceleration_row"), py::arg("target"), py::arg("by_duration") = Array(0),
            py::arg("target_by_duration") = Array(0));

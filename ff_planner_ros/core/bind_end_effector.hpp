@@ -81,7 +81,7 @@ inline py::tuple end_effector_twist(double duration, const Array& quintic,
     Eigen::Map<Vector6>{twist.mutable_data() + 6 * i} = polynomial.twist(of_x, times[i]);
     Eigen::Map<Vector6>{acceleration.mutable_data() + 6 * i} =
         polynomial.acceleration(of_x, times[i]);
-    Eigen::Map<Twists<kParameters>>{by_x.mutable_data() + 6 * kParameters * i} =
+    Eigen::Map<Twists<kParameters>>{by_x.mutable_data() + 6 * kParameters* i} =
         polynomial.twist_derivative(of_x, times[i]);
   }
   return py::make_tuple(result(twist, "twist"), result(acceleration, "acceleration"),

@@ -19,7 +19,8 @@ inline py::tuple joint_path(const Array& v, const Array& dv, double step, double
   const JointPath path(Eigen::Map<const RowMajor>(of_v, points, size), of_dv,
                        static_cast<int>(variables), checked(step, "step"), checked(slow, "slow"),
                        checked(smoothing, "smoothing"));
-  return py::make_tuple(result(path.value, "value"), result(Array(variables, path.gradient.data()), "gradient"),
+  return py::make_tuple(result(path.value, "value"),
+                        result(Array(variables, path.gradient.data()), "gradient"),
                         result(path.hessian, "hessian"));
 }
 
@@ -31,12 +32,11 @@ inline py::tuple chaser_euler(const Array& q, const Array& dq, const Array& chas
     throw std::invalid_argument("q has the shape " + written({points, size}));
   const double* of_dq = checked(dq, "by_x", {points, size - 1, kAny});
   const py::ssize_t variables = dq.shape(2);
-  const ChaserEuler found(Eigen::Map<const RowMajor>(of_q, points, size), of_dq,
-                          static_cast<int>(variables),
-                          matrix3(checked(chaser_to_base, "rotation_chaser_to_base", {three, three})));
-  return py::make_tuple(
-      result(found.angles, "angles"),
-      result(Array({points, three, variables}, found.jacobian.data()), "by_x"));
+  const ChaserEuler found(
+      Eigen::Map<const RowMajor>(of_q, points, size), of_dq, static_cast<int>(variables),
+      matrix3(checked(chaser_to_base, "rotation_chaser_to_base", {three, three})));
+  return py::make_tuple(result(found.angles, "angles"),
+                        result(Array({points, three, variables}, found.jacobian.data()), "by_x"));
 }
 
 inline double certified(const Chain& chain, const Array& q, const Array& cubics, const Array& ways,

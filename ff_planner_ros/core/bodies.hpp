@@ -1,5 +1,5 @@
-// Distances of a robot's bodies from each other and from spheres, with their derivatives: those that
-// are near enough to be of interest. All of it as the chaser sees it.
+// Distances of a robot's bodies from each other and from spheres, with their derivatives: those
+// that are near enough to be of interest. All of it as the chaser sees it.
 #pragma once
 #include <array>
 #include <utility>
@@ -118,7 +118,8 @@ inline BodyRows sphere_rows(const Chain& chain, const Bodies& of, const double* 
   for (size_t sphere = 0; sphere < spheres.size(); ++sphere) {
     const Eigen::AlignedBox3d way = spheres[sphere].way(times, count);
     for (int body = 0; body < bodies; ++body)
-      if (ways[body].exteriorDistance(way) < of.bodies[body].radius + spheres[sphere].radius + interest) {
+      if (ways[body].exteriorDistance(way) <
+          of.bodies[body].radius + spheres[sphere].radius + interest) {
         near[body].push_back(static_cast<int>(sphere));
         is_near[sphere] = true;
       }
@@ -129,7 +130,8 @@ inline BodyRows sphere_rows(const Chain& chain, const Bodies& of, const double* 
     const Eigen::Map<const RowMajor> by_x(dq + static_cast<long>(i) * (6 + joints) * columns,
                                           6 + joints, columns);
     for (size_t sphere = 0; sphere < spheres.size(); ++sphere)
-      if (is_near[sphere]) centers[sphere] = to_base * (spheres[sphere].center_at(times[i]) - at[i].position);
+      if (is_near[sphere])
+        centers[sphere] = to_base * (spheres[sphere].center_at(times[i]) - at[i].position);
     for (int body = 0; body < bodies; ++body)
       for (const int sphere : near[body]) {
         const Body& solid = of.bodies[body];
@@ -138,7 +140,8 @@ inline BodyRows sphere_rows(const Chain& chain, const Bodies& of, const double* 
         if ((placed[i].centers[body] - center).squaredNorm() >= around * around) continue;
         const Gap found = gap(solid.solid, placed[i].solids[body], center);
         const long long name =
-            (static_cast<long long>(i) * bodies + body) * static_cast<long long>(spheres.size()) + sphere;
+            (static_cast<long long>(i) * bodies + body) * static_cast<long long>(spheres.size()) +
+            sphere;
         if (!found.is_known) rows.unknown.push_back(name);
         const double distance = found.distance - spheres[sphere].radius;
         if (std::isnan(distance)) throw std::domain_error("a distance is not a number");
@@ -150,8 +153,8 @@ inline BodyRows sphere_rows(const Chain& chain, const Bodies& of, const double* 
         row += by_turn.transpose() * by_x.middleRows<3>(3);
         for (int k = 0; k < solid.carriers; ++k) row -= placed[i].along(found, k) * by_x.row(6 + k);
         if (times_by_last)
-          row[columns - 1] += times_by_last[i] *
-                              found.normal.dot(to_base * spheres[sphere].velocity_at(times[i]));
+          row[columns - 1] +=
+              times_by_last[i] * found.normal.dot(to_base * spheres[sphere].velocity_at(times[i]));
       }
   }
   return rows;

@@ -18,9 +18,7 @@ class BodiesOnTheWay {
     Matrix3 to_base;
     double time;
     // As the chaser sees it.
-    Vector3 center(const Sphere& sphere) const {
-      return to_base * (sphere.center_at(time) - base);
-    }
+    Vector3 center(const Sphere& sphere) const { return to_base * (sphere.center_at(time) - base); }
   };
 
   BodiesOnTheWay(const CubicMotion& motion, const Bodies& of)
@@ -38,7 +36,8 @@ class BodiesOnTheWay {
   }
   double time(double step) const {
     const int point = before(step);
-    return motion_.times[point] + (step - point) * (motion_.times[point + 1] - motion_.times[point]);
+    return motion_.times[point] +
+           (step - point) * (motion_.times[point + 1] - motion_.times[point]);
   }
   // What has grown since the first point, in every interval by a row.
   double grown(const RowMajor& sums, double step, int column) const {
@@ -159,7 +158,7 @@ class Halving {
  private:
   static constexpr int kLooks = 8;
   static constexpr double kRounding = 1e-14;  // of the whole way: nobody can tell more closely
-  static constexpr int kMost = 1 << 14;        // halvings: ways that need more are no robot's
+  static constexpr int kMost = 1 << 14;       // halvings: ways that need more are no robot's
   struct End {
     double distance;  // or a lower bound of it
     bool is_exact;

@@ -6,8 +6,8 @@
 namespace ff {
 
 // Distance of the arm from a sphere, negative inside.
-inline double nearest(const ArmPoints& points, const std::vector<int>& starts,
-                      const Sphere& sphere, double time) {
+inline double nearest(const ArmPoints& points, const std::vector<int>& starts, const Sphere& sphere,
+                      double time) {
   double least = std::numeric_limits<double>::infinity();
   const Vector3 center = sphere.center_at(time);
   for (const int k : starts) {

@@ -23,19 +23,19 @@ using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::Ro
 
 // Pinocchio's model of the robot as arrays. Bodies are numbered from the base, which is 0.
 struct Chain {
-  std::vector<Pose> placements;     // of each joint, in the frame of the joint before
-  std::vector<Vector3> axes;        // of each joint, unit length, in its own frame
-  std::vector<double> masses;       // of each body
-  std::vector<Vector3> centers;     // of mass of each body, in the frame of its joint
-  std::vector<Matrix3> inertias;    // of each body about its centre of mass
-  Pose tip;                         // of the end effector, in the frame of the last joint
+  std::vector<Pose> placements;   // of each joint, in the frame of the joint before
+  std::vector<Vector3> axes;      // of each joint, unit length, in its own frame
+  std::vector<double> masses;     // of each body
+  std::vector<Vector3> centers;   // of mass of each body, in the frame of its joint
+  std::vector<Matrix3> inertias;  // of each body about its centre of mass
+  Pose tip;                       // of the end effector, in the frame of the last joint
 
   int joints() const { return static_cast<int>(axes.size()); }
 };
 
 struct Configuration {
-  Vector3 position;              // of the base
-  Eigen::Quaterniond attitude;   // base to inertial
+  Vector3 position;             // of the base
+  Eigen::Quaterniond attitude;  // base to inertial
   Joints joints;
 
   // Reads it as Pinocchio writes it: position, quaternion xyzw, joints.
@@ -58,7 +58,7 @@ struct Configuration {
 
 // The chain at some joint angles, in the frame of the base.
 struct Posture {
-  Matrix6J screws;                              // S_k: motion of what is beyond joint k, per rate
+  Matrix6J screws;  // S_k: motion of what is beyond joint k, per rate
   std::array<Inertia, kMaxJoints + 1> body;
   std::array<Inertia, kMaxJoints + 1> composite;  // I^c_k: of body k and all beyond
   Pose tip;
@@ -72,9 +72,9 @@ struct Posture {
       const Vector3 axis = at.rotation * chain.axes[k];
       screws.col(k) = stack(at.position.cross(axis), axis);
       at.rotation = at.rotation * rotation_about(chain.axes[k], joints[k]);
-      body[k + 1] = Inertia::of_body(chain.masses[k + 1],
-                                     at.position + at.rotation * chain.centers[k + 1],
-                                     at.rotation * chain.inertias[k + 1] * at.rotation.transpose());
+      body[k + 1] =
+          Inertia::of_body(chain.masses[k + 1], at.position + at.rotation * chain.centers[k + 1],
+                           at.rotation * chain.inertias[k + 1] * at.rotation.transpose());
     }
     tip = at * chain.tip;
     composite[n] = body[n];

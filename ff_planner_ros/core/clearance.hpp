@@ -46,7 +46,8 @@ class ArmMotion {
     if (i < count) return of_configuration(i);
     const Parabola at = between_[i - count];
     return (3 * of_configuration(at.near) + 6 * of_configuration(at.middle) -
-            of_configuration(at.far)) / 8;
+            of_configuration(at.far)) /
+           8;
   }
 
   std::vector<ArmPoints> points;
@@ -108,8 +109,8 @@ struct ClearanceRows {
 // times_by_last: how the times change with the last variable, and with them the places of the
 // spheres; null: not at all.
 inline ClearanceRows clearance_rows(ArmMotion& arm, const double* times,
-                                    const double* times_by_last,
-                                    const std::vector<Sphere>& spheres, double interest) {
+                                    const double* times_by_last, const std::vector<Sphere>& spheres,
+                                    double interest) {
   ClearanceRows rows;
   const std::vector<int> near = near_box(arm.points, times, spheres, interest);
   const std::vector<int> starts = segments(arm.points[0]);

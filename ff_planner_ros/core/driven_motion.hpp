@@ -52,15 +52,15 @@ class DrivenMotion {
     return conditions(target, end_effector(), StateChange::none(n), TargetChange()).values;
   }
 
-  // Derivatives by the variables. Python's arrays, a block of rows a point, take those of q, v and q
-  // half-way in the tangent space, and `acceleration` dv/dt itself, a row a point.
+  // Derivatives by the variables. Python's arrays, a block of rows a point, take those of q, v and
+  // q half-way in the tangent space, and `acceleration` dv/dt itself, a row a point.
   struct Sensitivity {
     double *q, *v, *q_half_way, *acceleration, *goal_error;
   };
 
   // acceleration_row: of any joint's acceleration at the end, by the variables of that joint.
-  // accelerations_by_duration, of_target: of all joints there, and of the target, where the duration
-  // is one more variable.
+  // accelerations_by_duration, of_target: of all joints there, and of the target, where the
+  // duration is one more variable.
   void sensitivity(const JointRows& rows, const double* acceleration_row, const Target& target,
                    const Joints& accelerations_by_duration, const TargetChange& of_target,
                    const Sensitivity& to) const {
@@ -77,7 +77,8 @@ class DrivenMotion {
     }
     const EndEffectorMotion tip = end_effector();
     const int last = (points - 1) * size * variables;
-    const Eigen::Map<const RowMajor> dq(to.q + last, size, variables), dv(to.v + last, size, variables);
+    const Eigen::Map<const RowMajor> dq(to.q + last, size, variables),
+        dv(to.v + last, size, variables);
     for (int x = 0; x < variables; ++x) {
       Joints accelerated = accelerations_by_duration;
       if (!rows.is_duration(x)) {
@@ -126,7 +127,8 @@ class DrivenMotion {
   Joints joint_rates(int half_step) const { return rates_.row(half_step); }
   Vector3 drift_at(int point) const { return rotation_at(point).transpose() * drift_; }
 
-  // Position and quaternion of the base: the centre of mass moves uniformly, whatever the joints do.
+  // Position and quaternion of the base: the centre of mass moves uniformly, whatever the joints
+  // do.
   Eigen::Matrix<double, 1, 7> place(int half_step, const Matrix3& rotation) const {
     Vector3 position = start_.center + half_step * step_ / 2 * drift_;
     position -= rotation * momenta_[half_step].center;

@@ -17,8 +17,8 @@ struct Target {
   Directions across;  // its axes across that one
 };
 
-// How a target changes with a variable: its place and attitude as a twist, what is wanted there, and
-// the duration.
+// How a target changes with a variable: its place and attitude as a twist, what is wanted there,
+// and the duration.
 struct TargetChange {
   Vector6 way = Vector6::Zero(), twist = Vector6::Zero(), acceleration = Vector6::Zero();
   double duration = 0;
@@ -59,12 +59,12 @@ inline Changing axis_error(const Target& target, const Matrix3& rotation, const 
   return {part * sines, part * axis.cross(there_by) + slope * axis.dot(there_by) * sines};
 }
 
-// Pose first, then twist and acceleration: lengths [m] and angles [rad], those of the last two being
-// the way that they make in a quarter of the duration. `by` and `of_target`: the direction of the
-// derivatives.
+// Pose first, then twist and acceleration: lengths [m] and angles [rad], those of the last two
+// being the way that they make in a quarter of the duration. `by` and `of_target`: the direction of
+// the derivatives.
 inline Conditions end_conditions(const Target& target, const EndEffectorMotion& tip,
-                                 const EndEffectorMotion::Change& by,
-                                 const TargetChange& of_target, double duration, bool planar) {
+                                 const EndEffectorMotion::Change& by, const TargetChange& of_target,
+                                 double duration, bool planar) {
   const Vector3 x = Vector3::UnitX(), y = Vector3::UnitY(), z = Vector3::UnitZ();
   const Directions all{x, y, z}, linear = planar ? Directions{x, y} : all;
   const Directions angular = planar ? Directions{z} : all;
@@ -92,16 +92,16 @@ inline Conditions end_conditions(const Target& target, const EndEffectorMotion& 
               missed(in_ee.head<3>(), change.head<3>(), wanted.head<3>(), wanted_change.head<3>()),
               unit_change);
     if (target.orientation == Orientation::kFixed) {
-      found.add(angular, unit,
-                missed(in_ee.tail<3>(), change.tail<3>(), wanted.tail<3>(),
-                       wanted_change.tail<3>()),
-                unit_change);
+      found.add(
+          angular, unit,
+          missed(in_ee.tail<3>(), change.tail<3>(), wanted.tail<3>(), wanted_change.tail<3>()),
+          unit_change);
     } else if (target.orientation == Orientation::kAboutAxis) {
       // What is wanted turns against the end effector's axes.
       const Vector3 goal = R.transpose() * wanted.tail<3>();
       const Vector3 goal_change = goal.cross(turn) + R.transpose() * wanted_change.tail<3>();
-      found.add(target.across, unit,
-                {in_ee.tail<3>() - goal, change.tail<3>() - goal_change}, unit_change);
+      found.add(target.across, unit, {in_ee.tail<3>() - goal, change.tail<3>() - goal_change},
+                unit_change);
     }
   };
   const double quarter = duration / 4, longer = of_target.duration / 4;

@@ -2,9 +2,9 @@
 // 18 coefficients: the velocity map at each stage of a Runge-Kutta step, Eqs. (27) and (31).
 //
 // Where the duration T is one more variable, its column goes through the same stages. The times of
-// the stages are fixed parts s of T, where the twist changes as the polynomial says, and the bias as
-// the start's accelerations do; and every step h is a part of T, so that a tangent step of order h^k
-// grows by k / T of itself.
+// the stages are fixed parts s of T, where the twist changes as the polynomial says, and the bias
+// as the start's accelerations do; and every step h is a part of T, so that a tangent step of order
+// h^k grows by k / T of itself.
 #pragma once
 #include "polynomial.hpp"
 #include "runge_kutta.hpp"
@@ -15,7 +15,7 @@ namespace ff {
 struct RolloutArrays {
   double *q, *v, *q_half_way;  // (points, 7 + joints), (points, 6 + joints), one row fewer
   double *dq, *dv, *dq_half_way;
-  double* acceleration;        // dv/dt itself; (points, 6 + joints)
+  double* acceleration;  // dv/dt itself; (points, 6 + joints)
 };
 
 // The motion's half-step at which it meets a singularity, if it meets none.
@@ -31,8 +31,13 @@ class EndEffectorRollout {
   EndEffectorRollout(const Chain& chain, const Vector6& momentum,
                      const EndEffectorPolynomial& polynomial, const NullSpaceFade& null_space,
                      const Coefficients& coefficients, int points, double damping)
-      : chain_(chain), momentum_(momentum), polynomial_(polynomial), null_space_(null_space),
-        coefficients_(coefficients), points_(points), damping_(damping) {}
+      : chain_(chain),
+        momentum_(momentum),
+        polynomial_(polynomial),
+        null_space_(null_space),
+        coefficients_(coefficients),
+        points_(points),
+        damping_(damping) {}
 
   // Returns the half-step at which the motion meets a dynamic singularity, or kRegular.
   int run(Configuration q, const RolloutArrays& to) const {

@@ -45,8 +45,8 @@ inline Matrix6 exponential_derivative(const Vector6& step) {
   Matrix6 derivative = Matrix6::Zero();
   derivative.topLeftCorner<3, 3>() = derivative.bottomRightCorner<3, 3>() =
       Matrix3::Identity() - of.b * W + of.c * W2;
-  derivative.topRightCorner<3, 3>() = -of.b * V + of.c * (WV + WV.transpose()) +
-                                      w.dot(v) * (of.c_rate * W2 - of.b_rate * W);
+  derivative.topRightCorner<3, 3>() =
+      -of.b * V + of.c * (WV + WV.transpose()) + w.dot(v) * (of.c_rate * W2 - of.b_rate * W);
   return derivative;
 }
 

@@ -19,8 +19,7 @@ inline void add_bracket(Velocity& step, double weight, const Velocity& a, const 
 
 template <int columns>
 void add_bracket_derivative(Along<columns>& d_step, double weight, const Velocity& a,
-                            const Along<columns>& da, const Velocity& b,
-                            const Along<columns>& db) {
+                            const Along<columns>& da, const Velocity& b, const Along<columns>& db) {
   const Matrix6 ad_a = weight * cross_motion_matrix(a.head<6>());
   const Matrix6 ad_b = weight * cross_motion_matrix(b.head<6>());
   add_product(d_step.template topRows<6>(), ad_a, db.template topRows<6>());

@@ -9,8 +9,8 @@ namespace ff {
 class Simplex {
  public:
   int size = 0;
-  Vector3 difference[4];               // of points of both solids
-  Vector3 on_first[4], on_second[4];   // these points, each in the frame of its solid
+  Vector3 difference[4];              // of points of both solids
+  Vector3 on_first[4], on_second[4];  // these points, each in the frame of its solid
   double weight[4];
 
   void add(const Vector3& a, const Vector3& b, const Pose& first, const Pose& second) {

@@ -59,7 +59,8 @@ struct Gap {
 
 // The distance of a point from a box around the origin, and its gradient; both without signs.
 template <int N>
-Gap beyond_corner(const Eigen::Matrix<double, N, 1>& point, const Eigen::Matrix<double, N, 1>& corner,
+Gap beyond_corner(const Eigen::Matrix<double, N, 1>& point,
+                  const Eigen::Matrix<double, N, 1>& corner,
                   Eigen::Matrix<double, N, 1>& gradient) {
   const Eigen::Matrix<double, N, 1> beyond = point - corner;
   gradient = beyond.cwiseMax(0);
@@ -75,9 +76,9 @@ Gap beyond_corner(const Eigen::Matrix<double, N, 1>& point, const Eigen::Matrix<
   return {depth, {}, {}};
 }
 
-// Gilbert, Johnson and Keerthi: the nearest points of two solids. `known` is where the search begins
-// and ends: empty, or that of the same solids elsewhere. Solids that are surely further apart than
-// `enough` need not be measured: the distance is a lower bound then, and greater.
+// Gilbert, Johnson and Keerthi: the nearest points of two solids. `known` is where the search
+// begins and ends: empty, or that of the same solids elsewhere. Solids that are surely further
+// apart than `enough` need not be measured: the distance is a lower bound then, and greater.
 inline Gap gap(const Solid& first, const Pose& at, const Solid& second, const Pose& there,
                Simplex& known, double enough = std::numeric_limits<double>::infinity()) {
   constexpr int kMost = 100;
@@ -134,7 +135,8 @@ inline Gap gap(const Solid& solid, const Pose& at, const Vector3& point) {
     case Solid::kCylinder: {
       const double across = std::hypot(seen.x(), seen.y());
       Eigen::Vector2d gradient;
-      distance = beyond_corner<2>({across, std::abs(seen.z())}, solid.sizes.head<2>(), gradient).distance;
+      distance =
+          beyond_corner<2>({across, std::abs(seen.z())}, solid.sizes.head<2>(), gradient).distance;
       const Eigen::Vector2d radial =
           across > kNoDirection ? Eigen::Vector2d(seen.head<2>() / across) : Eigen::Vector2d(1, 0);
       out << gradient[0] * radial, gradient[1] * sign(seen.z());

@@ -40,9 +40,9 @@ struct TumblingBody {
     }
     const Vector3 axis = q.head<3>().transpose(), by = rate.head<3>().transpose();
     const Vector3 across = axis.cross(point), across_by = by.cross(point);
-    return velocity + 2 / q.squaredNorm() *
-                          (rate[3] * across + q[3] * across_by + by.cross(across) +
-                           axis.cross(across_by));
+    return velocity +
+           2 / q.squaredNorm() *
+               (rate[3] * across + q[3] * across_by + by.cross(across) + axis.cross(across_by));
   }
 
  private:
