@@ -47,7 +47,7 @@ class BuildCore(build_ext):
                 f"the headers of Python ({headers}) are needed (Debian: g++ python3-dev)"
             )
         for extension in self.extensions:
-            extension.include_dirs += [pybind11_headers(), eigen_headers()]
+            extension.include_dirs += [CORE, pybind11_headers(), eigen_headers()]
             # By which `ff-planner doctor` knows whether the core is built of these sources.
             digest = digest_of(*extension.sources, *extension.depends)
             extension.define_macros.append(("CORE_SOURCES_DIGEST", f'"{digest}"'))
@@ -148,14 +148,14 @@ setup(
     packages=find_packages(include=[NAME, f"{NAME}.*"]),
     package_data={
         NAME: ["py.typed"],
-        f"{NAME}.core": ["*.pyi", "*.cpp", "*.hpp"],
+        f"{NAME}.core": ["*.pyi", "*/*.cpp", "*/*.hpp"],
         f"{NAME}.report": ["*.css", "*.js"],
     },
     ext_modules=[
         Extension(
             f"{NAME}.core.compiled",
-            [str(path) for path in sorted(Path(CORE).glob("*.cpp"))],
-            depends=[str(path) for path in sorted(Path(CORE).glob("*.hpp"))],
+            [str(path) for path in sorted(Path(CORE).rglob("*.cpp"))],
+            depends=[str(path) for path in sorted(Path(CORE).rglob("*.hpp"))],
             language="c++",
             extra_compile_args=FLAGS,
         )

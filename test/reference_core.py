@@ -50,6 +50,7 @@ from ff_planner_ros.planning.paths.end_effector_polynomial import EndEffectorPat
 from ff_planner_ros.planning.paths.joint_spline import JointSplines
 from ff_planner_ros.planning.paths.path_family import JointHull, Motion, Sensitivity
 from ff_planner_ros.planning.paths.polynomial import EndEffectorPolynomial
+from ff_planner_ros.planning.problem.obstacles import sphere_arrays
 from ff_planner_ros.planning.problem.problem import PlanningProblem, Sphere
 from ff_planner_ros.planning.requirements import body_rows, singular_values
 from ff_planner_ros.robot.model import Robot
@@ -93,7 +94,7 @@ def core_by_reference() -> Iterator[None]:
         # Those that take the robot as the core has it: they are given the robot itself.
         for module in (body_rows, singular_values):
             stack.enter_context(patch.object(module, "chain_of", _itself))
-        for name in ("compiled_bodies", "attached_to_bodies"):
+        for name in ("bodies_of", "spheres_of"):
             stack.enter_context(patch.object(body_rows, name, _itself))
         kept = {
             "pair_rows": _pair_rows,
@@ -222,18 +223,16 @@ def _sphere_rows(
     q: Array,
     q_sensitivity: Array,
     times: Array,
-    *,
-    radii: Array,
+    spheres: Sequence[Sphere],
     interest: float,
-    attached: Sequence[Sphere],
     times_by_last: Array,
-    **__: Array,
 ) -> _FoundRows:
     assert not times_by_last.size
     placed, centers = (
         placed_bodies(robot, q[:, 7:]),
-        centers_in_base(q, centers_at(times, attached)),
+        centers_in_base(q, centers_at(times, spheres)),
     )
+    radii = sphere_arrays(spheres)[2]
     bounds = sphere_bounds(robot, placed, centers, radii)
     rows = np.nonzero(bounds < interest)
     measured = sphere_distances(robot, placed, centers, radii, rows)

@@ -19,7 +19,7 @@ from robots import random_state
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.core import compiled
-from ff_planner_ros.core.chain import chain_of
+from ff_planner_ros.core.conversions import bodies_of, chain_of, spheres_of
 from ff_planner_ros.planning.distance.bodies import placed_bodies
 from ff_planner_ros.planning.distance.body_certificate import centers_in_base
 from ff_planner_ros.planning.distance.body_distances import (
@@ -29,8 +29,8 @@ from ff_planner_ros.planning.distance.body_distances import (
     sphere_distances,
     sphere_gradients,
 )
-from ff_planner_ros.planning.distance.clearance import attached_to_bodies, centers_at, sphere_arrays
-from ff_planner_ros.planning.distance.compiled_bodies import compiled_bodies
+from ff_planner_ros.planning.distance.clearance import centers_at
+from ff_planner_ros.planning.problem.obstacles import sphere_arrays
 from ff_planner_ros.robot.collision.bodies import Body
 from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.model import Robot
@@ -250,7 +250,7 @@ def test_the_core_finds_the_same_distances_and_derivatives(seed: int) -> None:
     centers, radius = spheres_around(robot, q[:1], 9, rng)
     velocities, times = rng.normal(scale=0.05, size=(9, 3)), np.linspace(0.0, 3.0, 12)
     sensitivity = rng.normal(size=(12, robot.model.nv, 5))
-    core, chain, interest = compiled_bodies(robot), chain_of(robot), 0.3
+    core, chain, interest = bodies_of(robot), chain_of(robot), 0.3
     placed = placed_bodies(robot, q[:, 7:])
     rows = every_row(12, len(robot.pairs))
     truth = pair_distances(robot, placed, rows)
@@ -268,7 +268,13 @@ def test_the_core_finds_the_same_distances_and_derivatives(seed: int) -> None:
     gradients = sphere_gradients(robot, placed, truth, rows)
     require_rows(
         compiled.sphere_rows(
-            chain, core, q, sensitivity, times, centers[0], velocities, radius, interest
+            chain,
+            core,
+            q,
+            sensitivity,
+            times,
+            compiled.Spheres(centers[0], velocities, radius),
+            interest,
         ),
         truth.distance,
         dense_rows(gradients, sensitivity, rows[0]),
@@ -296,22 +302,19 @@ def test_the_core_knows_where_spheres_are_that_are_fixed_to_a_tumbling_body(seed
     spheres = tumbling_spheres(rng, q[0, :3], 9)
     sensitivity = rng.normal(size=(12, robot.model.nv, 5))
     rows = every_row(12, len(robot.bodies), 9)
-    placed, (centers, velocities, radius) = placed_bodies(robot, q[:, 7:]), sphere_arrays(spheres)
+    placed, (_, _, radius) = placed_bodies(robot, q[:, 7:]), sphere_arrays(spheres)
     seen = centers_in_base(q, centers_at(times, spheres))
     truth = sphere_distances(robot, placed, seen, radius, rows)
     gradients = sphere_gradients(robot, placed, truth, rows)
     require_rows(
         compiled.sphere_rows(
             chain_of(robot),
-            compiled_bodies(robot),
+            bodies_of(robot),
             q,
             sensitivity,
             times,
-            centers,
-            velocities,
-            radius,
+            spheres_of(spheres, 3.0),
             0.6,
-            attached_to_bodies(spheres, 3.0),
         ),
         truth.distance,
         dense_rows(gradients, sensitivity, rows[0]),

@@ -15,7 +15,7 @@ from robots import random_path, random_state, random_urdf
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.core import compiled
-from ff_planner_ros.core.chain import chain_of
+from ff_planner_ros.core.conversions import chain_of
 from ff_planner_ros.errors import InvalidInput
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.check.check import failures, measure

@@ -14,9 +14,9 @@ from test_body_distances import all_pairs, configurations, every_row, spheres_ar
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.core import compiled
-from ff_planner_ros.core.chain import chain_of
+from ff_planner_ros.core.conversions import bodies_of, chain_of
 from ff_planner_ros.planning.distance import search_certificate
-from ff_planner_ros.planning.distance.bodies import Kind, kinds_and_sizes, placed_bodies
+from ff_planner_ros.planning.distance.bodies import kinds_and_sizes, placed_bodies
 from ff_planner_ros.planning.distance.body_certificate import (
     EXACT_PART,
     least_pair_distance,
@@ -25,8 +25,8 @@ from ff_planner_ros.planning.distance.body_certificate import (
 from ff_planner_ros.planning.distance.body_distances import pair_distances
 from ff_planner_ros.planning.distance.body_reaches import base_reaches, body_reaches, pair_reaches
 from ff_planner_ros.planning.distance.certificate import CERTIFICATE_GAP
-from ff_planner_ros.planning.distance.compiled_bodies import compiled_bodies
 from ff_planner_ros.planning.problem.problem import Sphere
+from ff_planner_ros.robot.collision.bodies import Kind
 from ff_planner_ros.robot.model import Robot
 
 
@@ -137,10 +137,7 @@ def test_no_point_of_a_body_comes_further_from_joints_and_base_than_is_said(seed
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        ({"q": np.zeros((1, 13))}, "q must hold two configurations or more"),
-        ({"cubics": np.zeros((1, 2, 12))}, "cubics has the shape (1, 2, 12, ), not (1, 3, 12, )"),
         ({"ways": np.zeros((1, 2))}, "ways has the shape (1, 2, ), not"),
-        ({"times": np.full(2, np.nan)}, "times is not finite"),
         ({"chosen": np.array([-1])}, "number -1 is chosen"),
         ({"chosen": np.array([10**6])}, "number 1000000 is chosen"),
         ({"last": 2}, "last is no point"),
@@ -155,11 +152,8 @@ def test_a_certificate_of_wrong_sizes_or_of_nan_is_refused_by_name(
     q = np.zeros((2, 13))
     q[:, 6] = 1.0
     of_both = {
-        "chain": chain_of(robot),
-        "bodies": compiled_bodies(robot),
-        "q": q,
-        "cubics": np.zeros((1, 3, 12)),
-        "times": np.arange(2.0),
+        "motion": compiled.CubicMotion(chain_of(robot), q, np.zeros((1, 3, 12)), np.arange(2.0)),
+        "bodies": bodies_of(robot),
         "chosen": np.arange(1),
         "last": 1,
         "gap": 1e-3,
@@ -168,9 +162,7 @@ def test_a_certificate_of_wrong_sizes_or_of_nan_is_refused_by_name(
     of_pairs = of_both | {"ways": np.zeros((1, len(robot.pairs)))}
     of_spheres = of_both | {
         "ways": np.zeros((1, len(robot.bodies))),
-        "centers": np.full((1, 3), 9.0),
-        "velocities": np.zeros((1, 3)),
-        "radii": np.ones(1),
+        "spheres": compiled.Spheres(np.full((1, 3), 9.0), np.zeros((1, 3)), np.ones(1)),
     }
     for ask, arguments in (
         (compiled.certified_pair_distance, of_pairs),

@@ -12,8 +12,7 @@ import pytest
 from bodied_robots import random_robot
 
 from ff_planner_ros.core import compiled
-from ff_planner_ros.core.chain import chain_of
-from ff_planner_ros.planning.distance.compiled_bodies import compiled_bodies
+from ff_planner_ros.core.conversions import bodies_of, chain_of
 
 Arguments = dict[str, Any]
 
@@ -30,8 +29,8 @@ def sound() -> dict[str, tuple[Callable[..., Any], Arguments]]:
     q[:, 7:] = RNG.normal(scale=0.3, size=(POINTS, JOINTS))
     by_q = RNG.normal(size=(POINTS, SIZE, COLUMNS))
     place = [[9.0, 0.0, 1.0], [0.4, 0.1, 2.0]]
-    spheres = {"centers": np.array(place), "velocities": np.full((2, 3), 1e-3)}
-    spheres |= {"radii": np.array([0.5, 0.1])}
+    two = {"centers": np.array(place), "velocities": np.full((2, 3), 1e-3)}
+    two |= {"radii": np.array([0.5, 0.1])}
     attached = {
         "spheres": [1],
         "places": np.array([[0.2, 0.0, 0.1]]),
@@ -41,11 +40,21 @@ def sound() -> dict[str, tuple[Callable[..., Any], Arguments]]:
         "series": np.array([[[0.0, 0.0, 0.0, 1.0], [0.0, 0.0, 0.05, 0.0]]]),
         "fastest_turn": 0.2,
     }
-    fixed = {"attached": [compiled.Attached(**attached)]}
+    two |= {"attached": [compiled.Attached(**attached)]}
+    spheres = {"spheres": compiled.Spheres(**two)}
     chain = {"chain": chain_of(ROBOT)}
-    of_bodies = chain | {"bodies": compiled_bodies(ROBOT)}
-    way = {"q": q, "cubics": np.full((POINTS - 1, 3, SIZE), 1e-3), "times": np.arange(POINTS * 1.0)}
-    asked = {"chosen": np.arange(2), "last": POINTS - 1, "gap": 1e-3, "part": 0.02}
+    of_bodies = chain | {"bodies": bodies_of(ROBOT)}
+    way = chain | {
+        "q": q,
+        "cubics": np.full((POINTS - 1, 3, SIZE), 1e-3),
+        "times": np.arange(POINTS * 1.0),
+    }
+    certified = {"motion": compiled.CubicMotion(**way)}
+    asked = (
+        certified
+        | {"bodies": bodies_of(ROBOT)}
+        | {"chosen": np.arange(2), "last": POINTS - 1, "gap": 1e-3, "part": 0.02}
+    )
     start = {
         "position": np.zeros(3),
         "rotation": np.eye(3),
@@ -72,17 +81,15 @@ def sound() -> dict[str, tuple[Callable[..., Any], Arguments]]:
     }
     motion, goal = compiled.DrivenMotion(**driven), compiled.Target(**target)
     rows = RNG.normal(size=(half, 2))
-    box = {
-        "carriers": np.array([0, 1]),
-        "rotations": np.tile(np.eye(3), (2, 1, 1)),
-        "positions": np.zeros((2, 3)),
-        "centers": np.zeros((2, 3)),
-        "radii": np.ones(2),
-        "kinds": np.array([1, 3]),
-        "sizes": np.full((2, 3), 0.2),
+    hull = {
+        "carriers": 1,
+        "rotation": np.eye(3),
+        "position": np.zeros(3),
+        "center": np.zeros(3),
+        "radius": 1.0,
+        "kind": 3,
+        "sizes": np.zeros(3),
         "vertices": RNG.normal(size=(4, 3)),
-        "vertex_counts": np.array([0, 4]),
-        "pairs": np.array([[0, 1]]),
     }
     links = {
         "translations": np.full((3, 3), 0.4),
@@ -93,7 +100,9 @@ def sound() -> dict[str, tuple[Callable[..., Any], Arguments]]:
         "inertias": np.tile(np.eye(3), (3, 1, 1)),
     }
     polynomial = {"duration": 4.0, "quintic": 0.01 * RNG.normal(size=(6, 6))}
-    polynomial |= {"rotation_outer": np.eye(3), "x": np.full(18, 0.01)}
+    polynomial |= {"rotation_outer": np.eye(3), "quintic_by_duration": np.full((6, 6), 1e-3)}
+    path = {"path": compiled.EndEffectorPolynomial(**polynomial), "x": np.full(18, 0.01)}
+    fade = {name: np.full(JOINTS, 0.01) for name in ("rates", "accelerations")} | {"seconds": 1.0}
     return {
         "Chain": (compiled.Chain, links),
         "velocity": (
@@ -110,18 +119,18 @@ def sound() -> dict[str, tuple[Callable[..., Any], Arguments]]:
         "end_effector_motion": (
             compiled.end_effector_motion,
             chain
-            | polynomial
+            | path
             | {
                 "q_start": q[0],
                 "momentum": np.full(6, 0.3),
-                "null_space": np.full((2, JOINTS), 0.01),
-                "fading": 1.0,
+                "null_space": compiled.NullSpaceFade(**fade),
                 "points": POINTS,
                 "damping": 0.3,
-                "quintic_by_duration": np.full((6, 6), 1e-3),
             },
         ),
-        "end_effector_twist": (compiled.end_effector_twist, polynomial | {"s": np.arange(2) / 2}),
+        "EndEffectorPolynomial": (compiled.EndEffectorPolynomial, polynomial),
+        "NullSpaceFade": (compiled.NullSpaceFade, fade),
+        "end_effector_twist": (compiled.end_effector_twist, path | {"s": np.arange(2) / 2}),
         "arm_points_with_derivatives": (
             compiled.arm_points_with_derivatives,
             chain | {"q": q, "q_sensitivity": by_q},
@@ -131,7 +140,6 @@ def sound() -> dict[str, tuple[Callable[..., Any], Arguments]]:
             compiled.clearances,
             chain
             | spheres
-            | fixed
             | {"q": q, "q_sensitivity": by_q, "times": np.arange(POINTS * 1.0)}
             | {"interest": 3.0, "quarter_way": False, "times_by_last": np.ones(POINTS)},
         ),
@@ -149,7 +157,7 @@ def sound() -> dict[str, tuple[Callable[..., Any], Arguments]]:
         ),
         "certified_clearance": (
             compiled.certified_clearance,
-            chain | way | spheres | fixed | {"ways": np.full(POINTS - 1, 0.1), "gap": 1e-3},
+            certified | spheres | {"ways": np.full(POINTS - 1, 0.1), "gap": 1e-3},
         ),
         "Start": (compiled.Start, start),
         "Target": (compiled.Target, target),
@@ -166,7 +174,13 @@ def sound() -> dict[str, tuple[Callable[..., Any], Arguments]]:
                 "target_by_duration": np.zeros((3, 6)),
             },
         ),
-        "Bodies": (compiled.Bodies, box),
+        "Spheres": (compiled.Spheres, two),
+        "CubicMotion": (compiled.CubicMotion, way),
+        "Body": (compiled.Body, hull),
+        "Bodies": (
+            compiled.Bodies,
+            {"bodies": [compiled.Body(**hull)] * 2, "pairs": np.array([[0, 1]])},
+        ),
         "pair_rows": (
             compiled.pair_rows,
             of_bodies | {"q": q, "q_sensitivity": by_q, "interest": 3.0},
@@ -175,22 +189,16 @@ def sound() -> dict[str, tuple[Callable[..., Any], Arguments]]:
             compiled.sphere_rows,
             of_bodies
             | spheres
-            | fixed
             | {"q": q, "q_sensitivity": by_q, "times": np.arange(POINTS * 1.0)}
             | {"interest": 3.0, "times_by_last": np.ones(POINTS)},
         ),
         "certified_pair_distance": (
             compiled.certified_pair_distance,
-            of_bodies | way | asked | {"ways": np.full((POINTS - 1, PAIRS), 0.1)},
+            asked | {"ways": np.full((POINTS - 1, PAIRS), 0.1)},
         ),
         "certified_sphere_distance": (
             compiled.certified_sphere_distance,
-            of_bodies
-            | way
-            | asked
-            | spheres
-            | fixed
-            | {"ways": np.full((POINTS - 1, BODIES), 0.1)},
+            asked | spheres | {"ways": np.full((POINTS - 1, BODIES), 0.1)},
         ),
     }
 
@@ -324,13 +332,15 @@ def numbers_or_refusal(name: str, changed: Arguments) -> None:
         assert not np.isnan(part).any(), f"{name} of {changed}"
 
 
-@pytest.mark.parametrize("argument", ["spheres", "rows", "chosen", "last", "points"])
+@pytest.mark.parametrize(
+    "argument", ["spheres", "rows", "chosen", "last", "points", "carriers", "kind"]
+)
 def test_numbers_of_what_there_is_not_are_refused(argument: str) -> None:
     for name, (_, arguments) in SOUND.items():
-        if argument not in arguments:
+        if not isinstance(arguments.get(argument), int | list | np.ndarray):
             continue
         for wrong in (-1, 2**31 - 1, 2**31, 2**32, 2**70):
-            value = wrong if argument in ("last", "points") else [wrong]
+            value = wrong if isinstance(arguments[argument], int) else [wrong]
             if name == "Attached" and wrong == 2**31 - 1:
                 continue  # it is told how many spheres there are only where it is used
             if argument == "points" and wrong == 2**31 - 1:
@@ -338,6 +348,5 @@ def test_numbers_of_what_there_is_not_are_refused(argument: str) -> None:
             with pytest.raises((ValueError, TypeError)):
                 answer(name, {argument: value})
     attached = compiled.Attached(**(SOUND["Attached"][1] | {"spheres": [2]}))
-    for name in ("clearances", "sphere_rows", "certified_clearance", "certified_sphere_distance"):
-        with pytest.raises(ValueError, match="attached has sphere 2, and there are 2"):
-            answer(name, {"attached": [attached]})
+    with pytest.raises(ValueError, match="attached has sphere 2, and there are 2"):
+        answer("Spheres", {"attached": [attached]})

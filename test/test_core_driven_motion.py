@@ -15,7 +15,7 @@ from test_core import FREE, PLANAR, agree, chain_robot
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.core import compiled
-from ff_planner_ros.core.chain import chain_of
+from ff_planner_ros.core.conversions import chain_of
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.motion.followed import followed
 from ff_planner_ros.planning.motion.followed_path import followed_path

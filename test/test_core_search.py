@@ -15,7 +15,7 @@ from robots import random_state
 from test_core import FREE, PLANAR, agree, chain_robot
 
 from ff_planner_ros.core import compiled
-from ff_planner_ros.core.chain import chain_of
+from ff_planner_ros.core.conversions import chain_of
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.check.check import failures, measure
 from ff_planner_ros.planning.distance.certificate import CERTIFICATE_GAP, certified_clearance
@@ -151,19 +151,24 @@ def test_a_certificate_of_wrong_sizes_or_of_nan_is_refused_by_name(
     chain = chain_of(chain_robot("free6"))
     q = np.zeros((2, 13))
     q[:, 6] = 1.0
-    arguments = {
-        "q": q,
-        "cubics": np.zeros((1, 3, 12)),
-        "ways": np.zeros(1),
-        "times": np.arange(2.0),
-        "centers": np.full((1, 3), 9.0),
-        "velocities": np.zeros((1, 3)),
-        "radii": np.ones(1),
-        "gap": 1e-3,
-    }
-    assert 0.0 < compiled.certified_clearance(chain, **arguments) < 20.0
+    motion = {"q": q, "cubics": np.zeros((1, 3, 12)), "times": np.arange(2.0)}
+    spheres = {"centers": np.full((1, 3), 9.0), "velocities": np.zeros((1, 3)), "radii": np.ones(1)}
+    rest = {"ways": np.zeros(1), "gap": 1e-3}
+
+    def certified(**change: Any) -> float:
+        of_motion, of_spheres, others = (
+            {name: change.get(name, value) for name, value in part.items()}
+            for part in (motion, spheres, rest)
+        )
+        return compiled.certified_clearance(
+            compiled.CubicMotion(chain, **of_motion),
+            spheres=compiled.Spheres(**of_spheres),
+            **others,
+        )
+
+    assert 0.0 < certified() < 20.0
     with pytest.raises(ValueError, match=re.escape(said)):
-        compiled.certified_clearance(chain, **(arguments | change))
+        certified(**change)
 
 
 def test_a_joint_path_of_wrong_sizes_or_of_nan_is_refused_by_name() -> None:

@@ -14,15 +14,12 @@ from test_core import chain_robot
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.core import compiled
-from ff_planner_ros.core.chain import chain_of
+from ff_planner_ros.core.conversions import bodies_of, chain_of, spheres_of
 from ff_planner_ros.planning.distance.clearance import (
     arm_points,
-    attached_to_bodies,
     clearance_rows,
     segments,
-    sphere_arrays,
 )
-from ff_planner_ros.planning.distance.compiled_bodies import compiled_bodies
 from ff_planner_ros.planning.problem.problem import Sphere
 
 STEP, POINTS, FAR = 1e-5, 8, 1e3
@@ -85,13 +82,12 @@ def test_distances_of_bodies_change_with_their_times_as_their_differences(seed: 
     spheres = spheres_near(q[0, :3], seed)
     none, of_robot = (
         np.zeros((POINTS, robot.model.nv, 2)),
-        (chain_of(robot), compiled_bodies(robot)),
+        (chain_of(robot), bodies_of(robot)),
     )
-    attached = attached_to_bodies(spheres, 10.0)
 
     def rows(times: Array, later: Array) -> tuple[dict[int, float], dict[int, Array]]:
         found = compiled.sphere_rows(
-            *of_robot, q, none, times, *sphere_arrays(spheres), FAR, attached, later
+            *of_robot, q, none, times, spheres_of(spheres, 10.0), FAR, later
         )
         names = found[2].tolist()
         return dict(zip(names, found[0].tolist(), strict=True)), dict(

@@ -71,9 +71,11 @@ def test_a_core_of_other_sources_than_those_beside_it_is_told(
     here = Path(compiled.__file__).parent
     monkeypatch.setattr(compiled, "__file__", str(tmp_path / "compiled.so"))
     assert doctor.core() == "built, installed without its sources"
-    for source in here.glob("*.[ch]pp"):
-        shutil.copyfile(source, tmp_path / source.name)  # which makes them newer
+    for source in here.rglob("*.[ch]pp"):
+        copy = tmp_path / source.relative_to(here)
+        copy.parent.mkdir(exist_ok=True)
+        shutil.copyfile(source, copy)  # which makes them newer
     assert doctor.core() == "built of the sources beside it"
-    with (tmp_path / "arm.hpp").open("a", encoding="utf-8") as header:
+    with (tmp_path / "kinematics" / "arm.hpp").open("a", encoding="utf-8") as header:
         header.write("// Changed.\n")
     assert doctor.core().startswith("built of other sources: ")

@@ -30,9 +30,9 @@ TESTS = sorted((SOURCE_TREE / "test").glob("*.py"))
 FLOORS = (
     {"", "common", "errors"},  # "" is __init__.py
     {"robot"},
-    {"core"},
     {"planning"},  # planning/__init__.py
     {"planning.problem"},
+    {"core"},
     {"planning.motion"},
     {"planning.distance"},
     {"planning.paths"},

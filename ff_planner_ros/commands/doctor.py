@@ -79,7 +79,7 @@ def core() -> str:
     except ImportError:
         return "missing: `pip install .` in the sources builds it"
     # As setup.py takes their digest.
-    sources = sorted(Path(compiled.__file__).parent.glob("*.[ch]pp"))
+    sources = sorted(Path(compiled.__file__).parent.rglob("*.[ch]pp"))
     digest = hashlib.sha256(b"".join(path.read_bytes() for path in sources)).hexdigest()
     if not sources:
         return "built, installed without its sources"

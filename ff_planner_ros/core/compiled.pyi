@@ -1,11 +1,11 @@
-"""What compiled.cpp offers. Arrays of a wrong shape or that hold NaN are refused by ValueError."""
+"""What bindings/ offers. Arrays of a wrong shape or that hold NaN are refused by ValueError."""
 
 from collections.abc import Sequence
 
 from ff_planner_ros.common.arrays import Array, Indices
 
 MAX_JOINTS: int
-SOURCES_DIGEST: str  # SHA-256 of the *.cpp and *.hpp that it was built from, in the order of names
+SOURCES_DIGEST: str  # SHA-256 of the *.cpp and *.hpp that it was built from, in the order of paths
 
 class Chain:
     """A chaser with one arm of 1 to `MAX_JOINTS` joints that turn."""
@@ -32,32 +32,43 @@ def velocity(
 ) -> tuple[Array, Array, Array, Array] | None:
     """Return what `core.velocity_map.Velocity` holds; None in a dynamic singularity."""
 
+class EndEffectorPolynomial:
+    """A path of the end effector but for its free terms, as `planning.paths.polynomial` has it."""
+
+    def __init__(
+        self,
+        duration: float,
+        quintic: Array,  # shape (6, 6)
+        rotation_outer: Array,  # shape (3, 3)
+        quintic_by_duration: Array = ...,  # makes the duration a variable; shape (6, 6), or empty
+    ) -> None: ...
+
+class NullSpaceFade:
+    """Joint motion of the start that fades, as `planning.paths.start_motion` has it."""
+
+    def __init__(
+        self,
+        rates: Array,  # shape (joints,)
+        accelerations: Array,  # shape (joints,)
+        seconds: float,  # until they have faded
+    ) -> None: ...
+
 def end_effector_motion(
     chain: Chain,
     q_start: Array,
     momentum: Array,
-    duration: float,
-    quintic: Array,
-    rotation_outer: Array,
-    null_space: Array,
-    fading: float,
+    path: EndEffectorPolynomial,
+    null_space: NullSpaceFade,
     x: Array,
     points: int,
     damping: float,
-    quintic_by_duration: Array = ...,
 ) -> float | tuple[Array, Array, Array, Array, Array, Array, Array]:
     """Integrate the motion that follows from a polynomial path of the end effector.
 
     Args:
         q_start: Configuration at the first point. Shape (7 + joints,).
         momentum: Constant total P and L about the inertial origin. Shape (6,).
-        duration: Of the motion [s].
-        quintic: As in `EndEffectorPolynomial`, like the next. Shape (6, 6).
-        rotation_outer: Shape (3, 3).
-        null_space: Rates and accelerations of `NullSpaceFade`. Shape (2, joints).
-        fading: Until they have faded [s].
         x: Coefficients of the free terms, flattened. Shape (18,).
-        quintic_by_duration: Makes the duration one more variable. Shape (6, 6), or empty.
 
     Returns:
         The time of a dynamic singularity [s], or q, v and q half-way; their derivatives, with a
@@ -66,7 +77,7 @@ def end_effector_motion(
     """
 
 def end_effector_twist(
-    duration: float, quintic: Array, rotation_outer: Array, x: Array, s: Array
+    path: EndEffectorPolynomial, x: Array, s: Array
 ) -> tuple[Array, Array, Array]:
     """Return twists, accelerations and d twist / dx of the path at normalised times s.
 
@@ -93,26 +104,39 @@ class Attached:
         fastest_turn: float,  # [rad/s]
     ) -> None: ...
 
+class Spheres:
+    """Spheres that rest, move uniformly, or are fixed to bodies."""
+
+    def __init__(
+        self,
+        centers: Array,  # when the plan begins; shape (spheres, 3) [m]
+        velocities: Array,  # shape (spheres, 3) [m/s]
+        radii: Array,  # shape (spheres,) [m]
+        attached: Sequence[Attached] = ...,
+    ) -> None: ...
+
+class CubicMotion:
+    """A motion from point to point, by cubics in its tangent space."""
+
+    def __init__(
+        self,
+        chain: Chain,
+        q: Array,  # configurations; shape (points, 7 + joints)
+        cubics: Array,  # of `cubics_between`; shape (points - 1, 3, 6 + joints)
+        times: Array,  # shape (points,) [s]
+    ) -> None: ...
+
 def clearances(
     chain: Chain,
     q: Array,
     q_sensitivity: Array,
     times: Array,
-    centers: Array,
-    velocities: Array,
-    radii: Array,
+    spheres: Spheres,
     interest: float,
     quarter_way: bool,
-    attached: Sequence[Attached] = (),
     times_by_last: Array = ...,
 ) -> tuple[Array, Array, Indices]:
-    """Return what `planning.clearance.clearance_rows` does.
-
-    Args:
-        centers: Of the spheres when the plan begins. Shape (spheres, 3).
-        velocities: Shape (spheres, 3).
-        radii: Shape (spheres,).
-    """
+    """Return what `planning.distance.clearance.clearance_rows` does."""
 
 def smallest_singular_values(
     chain: Chain, joints: Array, rows: Sequence[int]
@@ -135,22 +159,10 @@ def joint_path(
 def chaser_euler(q: Array, by_x: Array, rotation_chaser_to_base: Array) -> tuple[Array, Array]:
     """Return what `planning.objectives.chaser_euler_with_derivative` does."""
 
-def certified_clearance(
-    chain: Chain,
-    q: Array,
-    cubics: Array,
-    ways: Array,
-    times: Array,
-    centers: Array,
-    velocities: Array,
-    radii: Array,
-    gap: float,
-    attached: Sequence[Attached] = (),
-) -> float:
-    """Return what `planning.certificate.certified_clearance` does.
+def certified_clearance(motion: CubicMotion, ways: Array, spheres: Spheres, gap: float) -> float:
+    """Return what `planning.distance.certificate.certified_clearance` does.
 
     Args:
-        cubics: Of `cubics_between`. Shape (points - 1, 3, 6 + joints).
         ways: Of `way_bounds`. Shape (points - 1,) [m].
         gap: How far it may be below the truth [m].
     """
@@ -221,20 +233,27 @@ class DrivenMotion:
             target_by_duration: Likewise of the target's place, twist and acceleration. (3, 6).
         """
 
+class Body:
+    """A solid that is fixed to a link."""
+
+    def __init__(
+        self,
+        carriers: int,  # how many joints of the arm carry it
+        rotation: Array,  # in the frame of the last of these joints; shape (3, 3)
+        position: Array,  # likewise; shape (3,) [m]
+        center: Array,  # likewise, of a sphere around it; shape (3,) [m]
+        radius: float,  # of that sphere [m]
+        kind: int,  # `robot.bodies.Kind`
+        sizes: Array,  # half edges, or radius and half length; shape (3,) [m]
+        vertices: Array,  # of a hull; shape (vertices, 3) [m]
+    ) -> None: ...
+
 class Bodies:
     """The solids of a robot, and which of them must not touch."""
 
     def __init__(
         self,
-        carriers: Indices,  # how many joints of the arm carry each; shape (bodies,)
-        rotations: Array,  # of the solids, in the last of these joints; shape (bodies, 3, 3)
-        positions: Array,  # likewise; shape (bodies, 3)
-        centers: Array,  # likewise, of spheres around the solids; shape (bodies, 3)
-        radii: Array,  # of these spheres; shape (bodies,)
-        kinds: Indices,  # as in solids.hpp; shape (bodies,)
-        sizes: Array,  # half edges, or radius and half length; shape (bodies, 3)
-        vertices: Array,  # of all hulls; shape (vertices, 3)
-        vertex_counts: Indices,  # of each body; shape (bodies,)
+        bodies: Sequence[Body],
         pairs: Indices,  # shape (pairs, 2)
     ) -> None: ...
 
@@ -258,31 +277,24 @@ def sphere_rows(
     q: Array,
     q_sensitivity: Array,
     times: Array,
-    centers: Array,
-    velocities: Array,
-    radii: Array,
+    spheres: Spheres,
     interest: float,
-    attached: Sequence[Attached] = (),
     times_by_last: Array = ...,
 ) -> tuple[Array, Array, Indices, Indices]:
     """Return likewise those of bodies from spheres; names: configuration, body, then sphere."""
 
 def certified_pair_distance(
-    chain: Chain,
+    motion: CubicMotion,
     bodies: Bodies,
-    q: Array,
-    cubics: Array,
     ways: Array,
-    times: Array,
     chosen: Indices,
     last: int,
     gap: float,
     part: float,
 ) -> float:
-    """Return what `planning.body_certificate.least_pair_distance` certifies.
+    """Return what `planning.distance.body_certificate.least_pair_distance` certifies.
 
     Args:
-        cubics: Of `cubics_between`. Shape (points - 1, 3, 6 + joints).
         ways: Of pairs against each other. Shape (points - 1, pairs) [m].
         gap: How far it may be below the truth [m], or
         part: by which part of it.
@@ -292,19 +304,13 @@ def certified_pair_distance(
     """
 
 def certified_sphere_distance(
-    chain: Chain,
+    motion: CubicMotion,
     bodies: Bodies,
-    q: Array,
-    cubics: Array,
     ways: Array,
-    times: Array,
-    centers: Array,
-    velocities: Array,
-    radii: Array,
+    spheres: Spheres,
     chosen: Indices,
     last: int,
     gap: float,
     part: float,
-    attached: Sequence[Attached] = (),
 ) -> float:
     """Return likewise what `least_sphere_distance` certifies; ways: shape (points - 1, bodies)."""

@@ -8,7 +8,7 @@ import numpy as np
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.core import compiled
-from ff_planner_ros.core.chain import chain_of
+from ff_planner_ros.core.conversions import chain_of
 from ff_planner_ros.robot.model import Robot
 
 

@@ -6,15 +6,13 @@ alone decide where the bodies are in it.
 
 from __future__ import annotations
 
-import enum
-from collections.abc import Sequence
 from functools import lru_cache
 from typing import NamedTuple
 
-import coal
 import numpy as np
 
 from ff_planner_ros.common.arrays import Array, Indices
+from ff_planner_ros.robot.collision.bodies import kind_and_sizes
 from ff_planner_ros.robot.kinematics import joint_rotations
 from ff_planner_ros.robot.model import Robot
 
@@ -79,28 +77,6 @@ def pairs(robot: Robot) -> tuple[Indices, Indices]:
     """Return the first and the second body of every pair."""
     first, second = np.array(robot.pairs, np.intp).reshape(-1, 2).T
     return first, second
-
-
-class Kind(enum.IntEnum):
-    """Of what kind a solid is: which formula measures it. The core has the same numbers."""
-
-    ROUND = 0  # what is within a radius of a piece of the z axis: spheres and capsules
-    BOX = 1
-    CYLINDER = 2
-    HULL = 3  # there is none: Coal measures it
-
-
-def kind_and_sizes(solid: coal.CollisionGeometry) -> tuple[Kind, Sequence[float]]:
-    """Return a solid's kind, and its half edges, or radius and half length."""
-    if isinstance(solid, coal.Sphere):
-        return Kind.ROUND, (solid.radius, 0.0, 0.0)
-    if isinstance(solid, coal.Capsule):
-        return Kind.ROUND, (solid.radius, solid.halfLength, 0.0)
-    if isinstance(solid, coal.Box):
-        return Kind.BOX, tuple(solid.halfSide)
-    if isinstance(solid, coal.Cylinder):
-        return Kind.CYLINDER, (solid.radius, solid.halfLength, 0.0)
-    return Kind.HULL, (0.0, 0.0, 0.0)
 
 
 @lru_cache(maxsize=8)

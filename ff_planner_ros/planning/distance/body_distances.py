@@ -15,15 +15,13 @@ import numpy as np
 
 from ff_planner_ros.common.arrays import Array, Indices
 from ff_planner_ros.planning.distance.bodies import (
-    Kind,
     Placed,
     carriers,
-    kind_and_sizes,
     kinds_and_sizes,
     pairs,
     radii,
 )
-from ff_planner_ros.robot.collision.bodies import Body
+from ff_planner_ros.robot.collision.bodies import Body, Kind, kind_and_sizes
 from ff_planner_ros.robot.model import Robot
 
 # Distances are exact to this [m], and depths nearly so: asked for better ones, Coal sometimes fails

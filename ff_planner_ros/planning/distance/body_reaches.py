@@ -8,7 +8,8 @@ from itertools import product
 import numpy as np
 
 from ff_planner_ros.common.arrays import Array
-from ff_planner_ros.planning.distance.bodies import Kind, carriers, kinds_and_sizes, pairs
+from ff_planner_ros.planning.distance.bodies import carriers, kinds_and_sizes, pairs
+from ff_planner_ros.robot.collision.bodies import Kind
 from ff_planner_ros.robot.model import Robot
 
 # A cylinder is in the prism around it; one of so many sides is hardly thicker.

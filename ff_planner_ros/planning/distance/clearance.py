@@ -12,13 +12,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 
-from ff_planner_ros.common.arrays import Array, Indices, frozen
+from ff_planner_ros.common.arrays import Array, Indices
 from ff_planner_ros.core import compiled
-from ff_planner_ros.core.chain import chain_of
+from ff_planner_ros.core.conversions import chain_of, spheres_of
+from ff_planner_ros.planning.problem.obstacles import sphere_arrays
 from ff_planner_ros.planning.problem.problem import Sphere
 from ff_planner_ros.robot.kinematics import joint_frames
 from ff_planner_ros.robot.model import Robot
@@ -63,21 +63,6 @@ def segments(positions: Array) -> Indices:
     """Return the indices of the points that start a segment of some length."""
     length = np.linalg.norm(np.diff(positions[0], axis=0), axis=1)
     return np.flatnonzero(length > _SAME_POINT)
-
-
-def sphere_arrays(spheres: Sequence[Sphere]) -> tuple[Array, Array, Array]:
-    """Return centres and velocities, shape (spheres, 3) [m, m/s], and radii, (spheres,) [m].
-
-    They are read-only: a search asks for them again and again.
-    """
-    return _sphere_arrays(tuple(spheres))
-
-
-@lru_cache(maxsize=8)
-def _sphere_arrays(spheres: tuple[Sphere, ...]) -> tuple[Array, Array, Array]:
-    centers = np.array([sphere.center for sphere in spheres]).reshape(-1, 3)
-    velocities = np.array([sphere.velocity for sphere in spheres]).reshape(-1, 3)
-    return frozen(centers), frozen(velocities), frozen([sphere.radius for sphere in spheres])
 
 
 def centers_at(times: Array, spheres: Sequence[Sphere]) -> Array:
@@ -177,41 +162,16 @@ def clearance_rows(
     Returns:
         Shapes (rows,), (rows, columns) and (rows,): the last says which point, segment and sphere.
     """
-    centers, velocities, radii = sphere_arrays(spheres)
     return compiled.clearances(
         chain=chain_of(robot),
         q=q,
         q_sensitivity=q_sensitivity,
         times=times,
-        centers=centers,
-        velocities=velocities,
-        radii=radii,
+        spheres=spheres_of(spheres, float(times.max())),
         interest=interest,
         quarter_way=quarter_way,
-        attached=attached_to_bodies(spheres, float(times.max())),
         times_by_last=times[:0] if times_by_last is None else times_by_last,
     )
-
-
-def attached_to_bodies(spheres: Sequence[Sphere], until: float) -> list[compiled.Attached]:
-    """Return for the core which spheres are fixed to bodies, whose motion is known so far [s]."""
-    found = []
-    for body in {id(sphere.body): sphere.body for sphere in spheres if sphere.body}.values():
-        fixed = [k for k, sphere in enumerate(spheres) if sphere.body is body]
-        begins, series = body.attitude_series(until)
-        places = np.array([spheres[k].place_in_body for k in fixed], np.float64)
-        found.append(
-            compiled.Attached(
-                fixed,
-                places,
-                body.position,
-                body.linear_velocity,
-                begins,
-                series,
-                body.fastest_turn,
-            )
-        )
-    return found
 
 
 def penalty(distance: Array, gain: float, exponent: float) -> float:

@@ -8,7 +8,7 @@ import numpy as np
 
 from ff_planner_ros.common.arrays import Array, Indices
 from ff_planner_ros.core import compiled
-from ff_planner_ros.core.chain import chain_of
+from ff_planner_ros.core.conversions import bodies_of, chain_of, spheres_of
 from ff_planner_ros.planning.distance.body_certificate import (
     body_ways,
     cubics_of,
@@ -17,8 +17,7 @@ from ff_planner_ros.planning.distance.body_certificate import (
     pair_ways,
 )
 from ff_planner_ros.planning.distance.certificate import CERTIFICATE_GAP, cubics_between, way_bounds
-from ff_planner_ros.planning.distance.clearance import arm_points, attached_to_bodies, sphere_arrays
-from ff_planner_ros.planning.distance.compiled_bodies import compiled_bodies
+from ff_planner_ros.planning.distance.clearance import arm_points
 from ff_planner_ros.planning.motion.followed import FollowedMotion
 from ff_planner_ros.planning.problem.problem import Sphere
 from ff_planner_ros.robot.model import Robot
@@ -36,14 +35,10 @@ def search_certificate(
         return np.inf
     cubics = cubics_between(robot, q, v, np.diff(times))
     return compiled.certified_clearance(
-        chain_of(robot),
-        q,
-        cubics,
+        compiled.CubicMotion(chain_of(robot), q, cubics, times),
         way_bounds(arm_points(robot, q[:1])[0], q[0], cubics),
-        times,
-        *sphere_arrays(spheres),
+        spheres_of(spheres, float(times[-1])),
         CERTIFICATE_GAP,
-        attached_to_bodies(spheres, float(times[-1])),
     )
 
 
@@ -54,12 +49,9 @@ def search_pair_distance(
     if not len(chosen) or last < 0:
         return np.inf
     found = compiled.certified_pair_distance(
-        chain_of(robot),
-        compiled_bodies(robot),
-        motion.q,
-        cubics_of(robot, motion),
+        _cubic_motion(robot, motion),
+        bodies_of(robot),
         pair_ways(robot, motion),
-        motion.time,
         chosen,
         last,
         CERTIFICATE_GAP,
@@ -82,19 +74,19 @@ def search_sphere_distance(
     if not len(chosen) or last < 0:
         return np.inf
     found = compiled.certified_sphere_distance(
-        chain_of(robot),
-        compiled_bodies(robot),
-        motion.q,
-        cubics_of(robot, motion),
+        _cubic_motion(robot, motion),
+        bodies_of(robot),
         body_ways(robot, motion),
-        motion.time,
-        *sphere_arrays(spheres),
+        spheres_of(spheres, float(motion.time[-1])),
         chosen,
         last,
         CERTIFICATE_GAP,
         part,
-        attached_to_bodies(spheres, float(motion.time[-1])),
     )
     if np.isfinite(found):
         return found
     return least_sphere_distance(robot, motion, spheres, chosen, last, part).certified
+
+
+def _cubic_motion(robot: Robot, motion: FollowedMotion) -> compiled.CubicMotion:
+    return compiled.CubicMotion(chain_of(robot), motion.q, cubics_of(robot, motion), motion.time)

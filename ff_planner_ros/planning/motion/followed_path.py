@@ -6,8 +6,7 @@ import numpy as np
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.core import compiled
-from ff_planner_ros.core.chain import chain_of
-from ff_planner_ros.core.start import start_of
+from ff_planner_ros.core.conversions import chain_of, start_of
 from ff_planner_ros.planning.motion.followed import FollowedMotion, steps_of
 from ff_planner_ros.planning.motion.joint_motion import JointMotion
 from ff_planner_ros.planning.problem.problem import PlanningProblem

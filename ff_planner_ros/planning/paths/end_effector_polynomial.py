@@ -16,7 +16,7 @@ import pinocchio as pin
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.core import compiled
-from ff_planner_ros.core.chain import chain_of
+from ff_planner_ros.core.conversions import chain_of
 from ff_planner_ros.planning.distance.grasp_seen import GraspSeen
 from ff_planner_ros.planning.paths.detours import detours, scattered
 from ff_planner_ros.planning.paths.path_family import GoalMotion, Motion, Sensitivity
@@ -137,15 +137,18 @@ class EndEffectorPaths:
             chain=chain_of(self.robot),
             q_start=self.q_start,
             momentum=self.momentum,
-            duration=self.polynomial.duration,
-            quintic=self.polynomial.quintic,
-            rotation_outer=self.polynomial.rotation_outer,
-            null_space=np.array([null_space.rates, null_space.accelerations]),
-            fading=null_space.seconds,
+            path=compiled.EndEffectorPolynomial(
+                self.polynomial.duration,
+                self.polynomial.quintic,
+                self.polynomial.rotation_outer,
+                self.quintic_by_duration,
+            ),
+            null_space=compiled.NullSpaceFade(
+                null_space.rates, null_space.accelerations, null_space.seconds
+            ),
             x=x,
             points=points,
             damping=damping,
-            quintic_by_duration=self.quintic_by_duration,
         )
         if isinstance(found, float):
             return Motion(

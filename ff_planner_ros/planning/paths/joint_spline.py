@@ -17,9 +17,7 @@ import numpy as np
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.core import compiled
-from ff_planner_ros.core.chain import chain_of
-from ff_planner_ros.core.start import start_of
-from ff_planner_ros.planning.paths.end_conditions import compiled_target
+from ff_planner_ros.core.conversions import chain_of, start_of, target_of
 from ff_planner_ros.planning.paths.path_family import GoalMotion, JointHull, Motion, Sensitivity
 from ff_planner_ros.planning.paths.spline_basis import FIXED, SplineBasis
 from ff_planner_ros.planning.paths.spline_guesses import spline_guesses
@@ -164,7 +162,7 @@ class JointSplines:
 
     @cached_property
     def _goal(self) -> compiled.Target:
-        return compiled_target(self.problem.target)
+        return target_of(self.problem.target)
 
 
 def joint_splines(problem: PlanningProblem, settings: PlannerSettings) -> JointSplines:

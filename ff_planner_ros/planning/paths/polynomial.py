@@ -111,9 +111,8 @@ class EndEffectorPolynomial:
         return self._twist(coefficients, s)[2]
 
     def _twist(self, coefficients: Array, s: Array) -> tuple[Array, Array, Array]:
-        return compiled.end_effector_twist(
-            self.duration, self.quintic, self.rotation_outer, coefficients.ravel(), s
-        )
+        path = compiled.EndEffectorPolynomial(self.duration, self.quintic, self.rotation_outer)
+        return compiled.end_effector_twist(path, coefficients.ravel(), s)
 
     def near(self, positions: Array, rotations_ee_to_inertial: Array) -> Array:
         """Return the coefficients, flattened, of the path that is shaped most like a motion.

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 
-from ff_planner_ros.common.arrays import Array, zero_vector
+from ff_planner_ros.common.arrays import Array, frozen, zero_vector
 from ff_planner_ros.common.declared import check_declared, declare
 from ff_planner_ros.common.forms import NAME, a_number, a_vector
 from ff_planner_ros.errors import InvalidInput, Status
@@ -90,6 +91,21 @@ class Sphere:
             return uniform
         there = self.body.places(self.place_in_body[None], np.array([time]))
         return np.asarray(there[0, 0] - self.center, np.float64)
+
+
+def sphere_arrays(spheres: Sequence[Sphere]) -> tuple[Array, Array, Array]:
+    """Return centres and velocities, shape (spheres, 3) [m, m/s], and radii, (spheres,) [m].
+
+    They are read-only: a search asks for them again and again.
+    """
+    return _sphere_arrays(tuple(spheres))
+
+
+@lru_cache(maxsize=8)
+def _sphere_arrays(spheres: tuple[Sphere, ...]) -> tuple[Array, Array, Array]:
+    centers = np.array([sphere.center for sphere in spheres]).reshape(-1, 3)
+    velocities = np.array([sphere.velocity for sphere in spheres]).reshape(-1, 3)
+    return frozen(centers), frozen(velocities), frozen([sphere.radius for sphere in spheres])
 
 
 def carried_spheres(spheres: tuple[Sphere, ...], time: float) -> tuple[Sphere, ...]:

@@ -13,7 +13,7 @@ import numpy as np
 
 from ff_planner_ros.common.arrays import Array, Indices
 from ff_planner_ros.core import compiled
-from ff_planner_ros.core.chain import chain_of
+from ff_planner_ros.core.conversions import bodies_of, chain_of, spheres_of
 from ff_planner_ros.planning.distance.allowed_contact import (
     before_contact,
     split_pairs,
@@ -27,14 +27,9 @@ from ff_planner_ros.planning.distance.body_distances import (
     sphere_distances,
     sphere_gradients,
 )
-from ff_planner_ros.planning.distance.clearance import (
-    attached_to_bodies,
-    centers_at,
-    sphere_arrays,
-    velocities_at,
-)
-from ff_planner_ros.planning.distance.compiled_bodies import compiled_bodies
+from ff_planner_ros.planning.distance.clearance import centers_at, velocities_at
 from ff_planner_ros.planning.paths.path_family import Motion, Sensitivity
+from ff_planner_ros.planning.problem.obstacles import sphere_arrays
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.requirements.requirement import Rows
 from ff_planner_ros.robot.configuration import configuration
@@ -66,7 +61,7 @@ def pair_rows(
     """Return the distances of pairs of bodies that are of interest, less the margin."""
     robot, at = problem.robot, _looked_at(problem, motion, sensitivity)
     distances, jacobian, names, deep = compiled.pair_rows(
-        chain_of(robot), compiled_bodies(robot), at.q, at.sensitivity, OF_INTEREST
+        chain_of(robot), bodies_of(robot), at.q, at.sensitivity, OF_INTEREST
     )
     shape = len(at.q), len(robot.pairs)
     if deep.size:  # Coal knows how deep they are in each other
@@ -91,18 +86,14 @@ def sphere_rows(
 ) -> Rows:
     """Return the distances of bodies from spheres that are of interest, less the margin."""
     robot, at = problem.robot, _looked_at(problem, motion, sensitivity)
-    centers, velocities, radius = _spheres(problem)
     distances, jacobian, names, deep = compiled.sphere_rows(
         chain_of(robot),
-        compiled_bodies(robot),
+        bodies_of(robot),
         at.q,
         at.sensitivity,
         at.times,
-        centers=centers,
-        velocities=velocities,
-        radii=radius,
+        spheres=spheres_of(problem.obstacles, float(at.times[-1])),
         interest=OF_INTEREST,
-        attached=attached_to_bodies(problem.obstacles, float(at.times[-1])),
         times_by_last=at.times_by_last,
     )
     shape = len(at.q), len(robot.bodies), len(problem.obstacles)
@@ -110,6 +101,7 @@ def sphere_rows(
         rows = np.unravel_index(deep, shape)
         placed = placed_bodies(robot, at.q[:, 7:])
         seen = centers_in_base(at.q, centers_at(at.times, problem.obstacles))
+        _, _, radius = sphere_arrays(problem.obstacles)
         found = sphere_distances(robot, placed, seen, radius, rows)
         gradients = sphere_gradients(robot, placed, found, rows)
         distances, names = np.append(distances, found.distance), np.append(names, deep)
@@ -149,19 +141,13 @@ def _room_of_pairs(problem: PlanningProblem) -> Array:
 def _room_of_spheres(problem: PlanningProblem) -> Array:
     """Return likewise half the distance of bodies from spheres. Shape (bodies, spheres) [m]."""
     robot, q = problem.robot, configuration(problem.robot, problem.start)[0]
-    centers, _, radius = _spheres(problem)
+    centers, _, radius = sphere_arrays(problem.obstacles)
     shape = len(robot.bodies), len(radius)
     bodies, spheres = (number.ravel() for number in np.indices(shape))
     rows = np.zeros(len(bodies), np.intp), bodies, spheres
     placed, seen = placed_bodies(robot, q[None, 7:]), centers_in_base(q[None], centers[None])
     distance = sphere_distances(robot, placed, seen, radius, rows).distance
     return np.maximum(distance, 0.0).reshape(shape) / 2
-
-
-@lru_cache(maxsize=4)
-def _spheres(problem: PlanningProblem) -> tuple[Array, Array, Array]:
-    """Return centres at the first point, velocities and radii of the spheres."""
-    return sphere_arrays(problem.obstacles)
 
 
 @lru_cache(maxsize=2)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import enum
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from xml.etree.ElementTree import Element
 
@@ -38,6 +40,28 @@ class Body:
     placement_in_joint: pin.SE3  # never changed
     center_in_joint: Array  # of a sphere around it; shape (3,) [m]
     radius: float  # of that sphere [m]
+
+
+class Kind(enum.IntEnum):
+    """Of what kind a solid is: which formula measures it. The core has the same numbers."""
+
+    ROUND = 0  # what is within a radius of a piece of the z axis: spheres and capsules
+    BOX = 1
+    CYLINDER = 2
+    HULL = 3  # there is none: Coal measures it
+
+
+def kind_and_sizes(solid: coal.CollisionGeometry) -> tuple[Kind, Sequence[float]]:
+    """Return a solid's kind, and its half edges, or radius and half length."""
+    if isinstance(solid, coal.Sphere):
+        return Kind.ROUND, (solid.radius, 0.0, 0.0)
+    if isinstance(solid, coal.Capsule):
+        return Kind.ROUND, (solid.radius, solid.halfLength, 0.0)
+    if isinstance(solid, coal.Box):
+        return Kind.BOX, tuple(solid.halfSide)
+    if isinstance(solid, coal.Cylinder):
+        return Kind.CYLINDER, (solid.radius, solid.halfLength, 0.0)
+    return Kind.HULL, (0.0, 0.0, 0.0)
 
 
 def bodies_of(robot: Element, model: pin.Model, meshes: Meshes, faults: Faults) -> tuple[Body, ...]:

@@ -1,0 +1,13 @@
+// The module `ff_planner_ros.core.compiled`; its types for Python are in compiled.pyi.
+#include "bindings/bindings.hpp"
+
+PYBIND11_MODULE(compiled, m) {
+  m.doc() = "Numerics of the search, compiled.";
+  m.attr("SOURCES_DIGEST") = CORE_SOURCES_DIGEST;
+  ff::bind_kinematics(m);
+  ff::bind_clearance(m);
+  ff::bind_bodies(m);
+  ff::bind_driven_motion(m);
+  ff::bind_end_effector(m);
+  ff::bind_objectives(m);
+}

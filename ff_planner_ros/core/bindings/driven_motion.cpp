@@ -1,0 +1,107 @@
+// Python's way to the motion of a system whose joints are driven.
+#include "motion/driven_motion.hpp"
+
+#include "bindings/arrays.hpp"
+#include "bindings/bindings.hpp"
+
+namespace ff {
+namespace {
+
+Start start(const Array& position, const Array& rotation, const Array& center,
+            const Array& momentum, bool planar) {
+  const Vector6 conserved = vector6(momentum, "momentum");
+  return {vector3(position, "position"), matrix3(rotation, "rotation"), vector3(center, "center"),
+          conserved.head<3>(),           conserved.tail<3>(),           planar};
+}
+
+Orientation orientation_named(const std::string& name) {
+  if (name == "fixed") return Orientation::kFixed;
+  if (name == "about_axis") return Orientation::kAboutAxis;
+  if (name == "free") return Orientation::kFree;
+  throw std::invalid_argument("orientation is " + name + ", not fixed, about_axis or free");
+}
+
+Target target(const Array& position, const Array& rotation, const Array& twist,
+              const Array& acceleration, const std::string& orientation, const Array& free_axis,
+              const Array& across) {
+  const Rows axes = rows(across, "across", {2, 3});
+  return {vector3(position, "position"),  matrix3(rotation, "rotation"),
+          vector6(twist, "twist"),        vector6(acceleration, "acceleration"),
+          orientation_named(orientation), vector3(free_axis, "free_axis"),
+          {axes.row(0), axes.row(1)}};
+}
+
+DrivenMotion driven_motion(const Chain& chain, const Start& start, const Array& angles,
+                           const Array& rates, const Array& accelerations, double duration) {
+  const py::ssize_t half_steps = angles.ndim() > 0 ? angles.shape(0) : 0, n = chain.joints();
+  if (half_steps < 3 || half_steps % 2 == 0)
+    throw std::invalid_argument("angles has " + std::to_string(half_steps) +
+                                " rows, not an odd number of three or more");
+  return DrivenMotion(
+      chain, start, rows(angles, "angles", {half_steps, n}), rows(rates, "rates", {half_steps, n}),
+      rows(accelerations, "accelerations", {half_steps, n}), checked(duration, "duration"));
+}
+
+// by_duration: of angles and rates at half steps, and of the accelerations at the end, a row each.
+// target_by_duration: place, twist and acceleration. Both are empty where the duration is given.
+py::tuple sensitivity(const DrivenMotion& motion, const Array& angle_rows, const Array& rate_rows,
+                      const Array& acceleration_row, const Target& target, const Array& by_duration,
+                      const Array& target_by_duration) {
+  const py::ssize_t points = motion.q.rows(), size = motion.v.cols(), joints = size - 6;
+  const py::ssize_t half_steps = 2 * points - 1;
+  const Rows last = rows(acceleration_row, "acceleration_row", {kAny});
+  const Shape shape{half_steps, last.cols()};
+  JointRows of_joints{rows(angle_rows, "angle_rows", shape), rows(rate_rows, "rate_rows", shape),
+                      last, static_cast<int>(joints)};
+  TargetChange of_target;
+  if (by_duration.size() > 0) {
+    const Rows all = rows(by_duration, "by_duration", {2 * half_steps + 1, joints});
+    of_joints.angles_by_duration = all.topRows(half_steps);
+    of_joints.rates_by_duration = all.middleRows(half_steps, half_steps);
+    of_joints.last_acceleration_by_duration = all.bottomRows(1);
+    const Rows moved = rows(target_by_duration, "target_by_duration", {3, 6});
+    of_target = {moved.row(0), moved.row(1), moved.row(2), 1};
+  }
+  const py::ssize_t variables = of_joints.variables();
+  const auto conditions = static_cast<py::ssize_t>(motion.goal_error(target).size());
+  Array q({points, size, variables}), v({points, size, variables});
+  Array q_half_way({points - 1, size, variables}), acceleration({points, size});
+  Array goal_error({conditions, variables});
+  motion.sensitivity(of_joints, target, of_target,
+                     {rows_to_fill(q), rows_to_fill(v), rows_to_fill(q_half_way),
+                      rows_to_fill(goal_error), rows_to_fill(acceleration)});
+  return py::make_tuple(result(q, "dq/dx"), result(v, "dv/dx"),
+                        result(q_half_way, "dq/dx half-way"),
+                        result(goal_error, "d(goal error)/dx"), result(acceleration, "dv/dt"));
+}
+
+}  // namespace
+
+void bind_driven_motion(py::module_& m) {
+  py::class_<Start>(m, "Start")
+      .def(py::init(&start), py::arg("position"), py::arg("rotation"), py::arg("center"),
+           py::arg("momentum"), py::arg("planar"));
+  py::class_<Target>(m, "Target")
+      .def(py::init(&target), py::arg("position"), py::arg("rotation"), py::arg("twist"),
+           py::arg("acceleration"), py::arg("orientation"), py::arg("free_axis"),
+           py::arg("across"));
+  py::class_<DrivenMotion>(m, "DrivenMotion")
+      .def(py::init(&driven_motion), py::arg("chain"), py::arg("start"), py::arg("angles"),
+           py::arg("rates"), py::arg("accelerations"), py::arg("duration"))
+      .def_property_readonly("q", [](const DrivenMotion& m) { return result(m.q, "q"); })
+      .def_property_readonly("v", [](const DrivenMotion& m) { return result(m.v, "v"); })
+      .def_property_readonly(
+          "q_half_way", [](const DrivenMotion& m) { return result(m.q_half_way, "q_half_way"); })
+      .def(
+          "goal_error",
+          [](const DrivenMotion& m, const Target& target) {
+            const std::vector<double> error = m.goal_error(target);
+            return result(Array(error.size(), error.data()), "goal error");
+          },
+          py::arg("target"))
+      .def("sensitivity", &sensitivity, py::arg("angle_rows"), py::arg("rate_rows"),
+           py::arg("acceleration_row"), py::arg("target"), py::arg("by_duration") = Array(0),
+           py::arg("target_by_duration") = Array(0));
+}
+
+}  // namespace ff

@@ -1,0 +1,95 @@
+// Python's way to the chain, to the velocity map and to singular values.
+#include <pybind11/stl.h>
+
+#include "bindings/arrays.hpp"
+#include "bindings/bindings.hpp"
+#include "kinematics/singular_values.hpp"
+#include "kinematics/velocity_map.hpp"
+
+namespace ff {
+namespace {
+
+Chain chain(const Array& translations, const Array& rotations, const Array& axes,
+            const Array& masses, const Array& centers, const Array& inertias) {
+  const Rows axis = rows(axes, "axes", {kAny, 3});
+  const py::ssize_t n = axis.rows();
+  if (n < 1 || n > kMaxJoints)
+    throw std::invalid_argument("a chain has 1 to " + std::to_string(kMaxJoints) + " joints, not " +
+                                std::to_string(n));
+  const Rows translation = rows(translations, "translations", {n + 1, 3});
+  const Rows rotation = rows(rotations, "rotations", {n + 1, 3, 3});
+  const Values mass = values(masses, "masses", {n + 1});
+  const Rows center = rows(centers, "centers", {n + 1, 3});
+  const Rows inertia = rows(inertias, "inertias", {n + 1, 3, 3});
+  const auto placement = [&](py::ssize_t k) {
+    return Pose{translation.row(k), rotation.middleRows<3>(3 * k)};
+  };
+  Chain chain;
+  for (py::ssize_t k = 0; k < n; ++k) {
+    chain.placements.push_back(placement(k));
+    chain.axes.push_back(axis.row(k));
+  }
+  for (py::ssize_t k = 0; k <= n; ++k) {
+    chain.masses.push_back(mass[k]);
+    chain.centers.push_back(center.row(k));
+    chain.inertias.push_back(inertia.middleRows<3>(3 * k));
+  }
+  chain.tip = placement(n);
+  return chain;
+}
+
+// Returns v and its derivatives by q, by the twist and by the bias; None in a dynamic singularity.
+py::object velocity(const Chain& chain, const Array& q, const Array& momentum, const Array& twist,
+                    const Array& bias, double damping) {
+  const int n = chain.joints(), size = 6 + n;
+  const VelocityMap map(chain, Configuration::read(values(q, "q", {7 + n})),
+                        vector6(momentum, "momentum"), vector6(twist, "twist_ee_in_inertial"),
+                        values(bias, "bias", {n}), checked(damping, "damping"));
+  if (!map.regular) return py::none();
+  const VelocityDerivative derivative(map);
+  const Along<Eigen::Dynamic> steps = Along<Eigen::Dynamic>::Identity(size, size + 6);
+  Twists<Eigen::Dynamic> twists = Twists<Eigen::Dynamic>::Zero(6, size + 6);
+  twists.rightCols<6>().setIdentity();
+  const Along<Eigen::Dynamic> by_q_and_twist = derivative.along(steps, twists);
+  Eigen::MatrixXd by_bias(size, n);
+  for (int k = 0; k < n; ++k) by_bias.col(k) = derivative.along_bias(Joints::Unit(n, k));
+  return py::make_tuple(
+      result(Array(size, map.v.data()), "v"), result(by_q_and_twist.leftCols(size), "dv/dq"),
+      result(by_q_and_twist.rightCols<6>(), "dv/dtwist"), result(by_bias, "dv/dz"));
+}
+
+// Returns the smallest singular values at some joint positions, and their derivatives by these.
+py::tuple smallest_singular_values(const Chain& chain, const Array& joints,
+                                   const std::vector<int>& movable_rows) {
+  const py::ssize_t n = chain.joints();
+  const Rows at = rows(joints, "joints", {kAny, n});
+  Vector6 movable = Vector6::Zero();
+  for (const int row : movable_rows) {
+    if (row < 0 || row > 5) throw std::invalid_argument("rows are numbers from 0 to 5");
+    movable[row] = 1;
+  }
+  std::vector<double> values;
+  RowMajor by_joints(at.rows(), n);
+  for (py::ssize_t i = 0; i < at.rows(); ++i) {
+    const SingularValue found = smallest_singular_value(chain, at.row(i), movable);
+    values.push_back(found.value);
+    by_joints.row(i) = found.by_joints;
+  }
+  return py::make_tuple(result(values, {at.rows()}, "values"), result(by_joints, "by_joints"));
+}
+
+}  // namespace
+
+void bind_kinematics(py::module_& m) {
+  m.attr("MAX_JOINTS") = kMaxJoints;
+  py::class_<Chain>(m, "Chain")
+      .def(py::init(&chain), py::arg("translations"), py::arg("rotations"), py::arg("axes"),
+           py::arg("masses"), py::arg("centers"), py::arg("inertias"))
+      .def_property_readonly("joints", &Chain::joints);
+  m.def("velocity", &velocity, py::arg("chain"), py::arg("q"), py::arg("momentum"),
+        py::arg("twist_ee_in_inertial"), py::arg("bias"), py::arg("damping"));
+  m.def("smallest_singular_values", &smallest_singular_values, py::arg("chain"), py::arg("joints"),
+        py::arg("rows"));
+}
+
+}  // namespace ff

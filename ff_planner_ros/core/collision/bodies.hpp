@@ -1,0 +1,159 @@
+// Distances of a robot's bodies from each other and from spheres, with their derivatives: those
+// that are near enough to be of interest. All of it as the chaser sees it.
+#pragma once
+#include <array>
+#include <utility>
+#include <vector>
+
+#include "collision/clearance.hpp"
+#include "collision/solids.hpp"
+
+namespace ff {
+
+struct Body {
+  int carriers;    // so many of the arm's joints carry it
+  Pose placement;  // in the frame of the last of them
+  Vector3 center;  // likewise, of a sphere around it
+  double radius;   // of that sphere
+  Solid solid;
+};
+
+struct Bodies {
+  std::vector<Body> bodies;
+  std::vector<std::pair<int, int>> pairs;  // that must not touch
+};
+
+// Where joints and bodies are at some joint angles.
+struct PlacedBodies {
+  Matrix3J origins, axes;  // of the joints
+  std::vector<Pose> solids;
+  std::vector<Vector3> centers;
+
+  PlacedBodies(const Chain& chain, const Bodies& of, const Joints& joints)
+      : origins(3, chain.joints()), axes(3, chain.joints()) {
+    std::array<Pose, kMaxJoints + 1> links;
+    links[0] = {Vector3::Zero(), Matrix3::Identity()};
+    for (int k = 0; k < chain.joints(); ++k) {
+      links[k + 1] = links[k] * chain.placements[k];
+      origins.col(k) = links[k + 1].position;
+      axes.col(k) = links[k + 1].rotation * chain.axes[k];
+      links[k + 1].rotation = links[k + 1].rotation * rotation_about(chain.axes[k], joints[k]);
+    }
+    for (const Body& body : of.bodies) {
+      const Pose& link = links[body.carriers];
+      solids.push_back(link * body.placement);
+      centers.push_back(link.position + link.rotation * body.center);
+    }
+  }
+
+  // How fast joint k moves what it carries along the normal.
+  double along(const Gap& found, int k) const {
+    return found.normal.dot(axes.col(k).cross(found.point - origins.col(k)));
+  }
+};
+
+struct BodyRows {
+  std::vector<double> distances, jacobian;  // negative inside; a row a distance
+  std::vector<long long> names;             // configuration, then pair, or body and sphere
+  std::vector<long long> unknown;           // names of those that are in each other
+
+  // Adds a distance; returns its derivatives, which are zero so far.
+  Eigen::Map<Eigen::RowVectorXd> add(double distance, long long name, Eigen::Index columns) {
+    distances.push_back(distance);
+    names.push_back(name);
+    jacobian.resize(jacobian.size() + columns, 0.);
+    return {jacobian.data() + jacobian.size() - columns, columns};
+  }
+};
+
+// Only the joints between two bodies move one against the other.
+inline BodyRows pair_rows(const Chain& chain, const Bodies& of, const Path& path, double interest) {
+  BodyRows rows;
+  const int pairs = static_cast<int>(of.pairs.size());
+  std::vector<Simplex> known(of.pairs.size());
+  for (Eigen::Index i = 0; i < path.q.rows(); ++i) {
+    const PlacedBodies placed(chain, of, Configuration::read(path.q.row(i)).joints);
+    const auto by_x = path.derivatives(i);
+    for (int number = 0; number < pairs; ++number) {
+      const auto [a, b] = of.pairs[number];
+      const Body &first = of.bodies[a], &second = of.bodies[b];
+      const double around = first.radius + second.radius + interest;
+      if ((placed.centers[a] - placed.centers[b]).squaredNorm() >= around * around) continue;
+      const Gap found = gap(first.solid, placed.solids[a], second.solid, placed.solids[b],
+                            known[number], interest);
+      const long long name = static_cast<long long>(i) * pairs + number;
+      if (!found.is_known) rows.unknown.push_back(name);
+      if (std::isnan(found.distance)) throw std::domain_error("a distance is not a number");
+      if (!found.is_known || !(found.distance < interest)) continue;
+      auto row = rows.add(found.distance, name, by_x.cols());
+      const double sign = first.carriers < second.carriers ? 1 : -1;
+      for (int k = std::min(first.carriers, second.carriers);
+           k < std::max(first.carriers, second.carriers); ++k)
+        row += sign * placed.along(found, k) * by_x.row(6 + k);
+    }
+  }
+  return rows;
+}
+
+inline BodyRows sphere_rows(const Chain& chain, const Bodies& of, const Path& path,
+                            const Times& times, const std::vector<Sphere>& spheres,
+                            double interest) {
+  BodyRows rows;
+  const int bodies = static_cast<int>(of.bodies.size());
+  std::vector<Configuration> at;
+  std::vector<PlacedBodies> placed;
+  std::vector<Eigen::AlignedBox3d> ways(bodies);  // of the bodies' centres, in the inertial frame
+  for (Eigen::Index i = 0; i < path.q.rows(); ++i) {
+    at.push_back(Configuration::read(path.q.row(i)));
+    placed.emplace_back(chain, of, at[i].joints);
+    for (int body = 0; body < bodies; ++body)
+      ways[body].extend(at[i].position + at[i].attitude * placed[i].centers[body]);
+  }
+  std::vector<std::vector<int>> near(bodies);
+  std::vector<bool> is_near(spheres.size(), false);  // any of the bodies
+  for (size_t sphere = 0; sphere < spheres.size(); ++sphere) {
+    const Eigen::AlignedBox3d way = spheres[sphere].way(times.at);
+    for (int body = 0; body < bodies; ++body)
+      if (ways[body].exteriorDistance(way) <
+          of.bodies[body].radius + spheres[sphere].radius + interest) {
+        near[body].push_back(static_cast<int>(sphere));
+        is_near[sphere] = true;
+      }
+  }
+  std::vector<Vector3> centers(spheres.size());
+  for (Eigen::Index i = 0; i < path.q.rows(); ++i) {
+    const Matrix3 to_base = at[i].attitude.toRotationMatrix().transpose();
+    const auto by_x = path.derivatives(i);
+    for (size_t sphere = 0; sphere < spheres.size(); ++sphere)
+      if (is_near[sphere])
+        centers[sphere] = to_base * (spheres[sphere].center_at(times.at[i]) - at[i].position);
+    for (int body = 0; body < bodies; ++body)
+      for (const int sphere : near[body]) {
+        const Body& solid = of.bodies[body];
+        const Vector3& center = centers[sphere];
+        const double around = solid.radius + spheres[sphere].radius + interest;
+        if ((placed[i].centers[body] - center).squaredNorm() >= around * around) continue;
+        const Gap found = gap(solid.solid, placed[i].solids[body], center);
+        const long long name =
+            (static_cast<long long>(i) * bodies + body) * static_cast<long long>(spheres.size()) +
+            sphere;
+        if (!found.is_known) rows.unknown.push_back(name);
+        const double distance = found.distance - spheres[sphere].radius;
+        if (std::isnan(distance)) throw std::domain_error("a distance is not a number");
+        if (!found.is_known || !(distance < interest)) continue;
+        auto row = rows.add(distance, name, by_x.cols());
+        // Seen from a chaser that moves, a centre moves the other way.
+        const Vector3 by_turn = -center.cross(found.normal);
+        row -= found.normal.transpose() * by_x.topRows<3>();
+        row += by_turn.transpose() * by_x.middleRows<3>(3);
+        for (int k = 0; k < solid.carriers; ++k) row -= placed[i].along(found, k) * by_x.row(6 + k);
+        if (times.by_last.size() > 0)
+          row[row.size() - 1] +=
+              times.by_last[i] *
+              found.normal.dot(to_base * spheres[sphere].velocity_at(times.at[i]));
+      }
+  }
+  return rows;
+}
+
+}  // namespace ff

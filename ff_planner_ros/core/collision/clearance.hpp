@@ -1,0 +1,156 @@
+// Distances of the arm's segments from spheres that may move, with their derivatives: those that
+// are near enough to be of interest.
+#pragma once
+#include <algorithm>
+#include <limits>
+#include <stdexcept>
+#include <vector>
+
+#include "collision/sphere.hpp"
+#include "kinematics/arm.hpp"
+
+namespace ff {
+
+// Joint origins nearer than this are the same point; drawings are not more exact [m].
+constexpr double kSamePoint = 1e-6;
+
+// Configurations with their derivatives.
+struct Path {
+  Rows q, dq;  // a row, and a block of 6 + joints rows, a configuration
+
+  auto derivatives(Eigen::Index i) const {
+    const Eigen::Index size = q.cols() - 1;
+    return dq.middleRows(i * size, size);
+  }
+};
+
+// When a robot is where a path leads.
+struct Times {
+  Values at, by_last;  // [s]; derivatives by the last variable: none where they do not depend on it
+};
+
+// Where the arm is at some times, with derivatives made of it where they are asked for.
+class ArmMotion {
+ public:
+  ArmMotion(const Chain& chain, const Path& path) : path_(path), known_(path.q.rows()) {
+    for (Eigen::Index i = 0; i < path.q.rows(); ++i) {
+      arms_.emplace_back(chain, Configuration::read(path.q.row(i)));
+      points.push_back(arms_.back().points);
+    }
+  }
+
+  // Adds points a quarter of the way between those at points and three quarters, by parabolas
+  // through both and the one half-way. The configurations are those at all points but the first,
+  // then those half-way in every interval; the first interval is left out.
+  void add_quarter_way() {
+    const int gaps = static_cast<int>(arms_.size()) / 2;
+    for (const bool late : {false, true})
+      for (int i = 0; i + 1 < gaps; ++i) {
+        const Parabola at{late ? i + 1 : i, gaps + i + 1, late ? i : i + 1};
+        points.push_back((3 * points[at.near] + 6 * points[at.middle] - points[at.far]) / 8);
+        between_.push_back(at);
+      }
+  }
+
+  // Of all points, three rows each.
+  RowMajor derivatives(int i) {
+    const int count = static_cast<int>(arms_.size());
+    if (i < count) return of_configuration(i);
+    const Parabola at = between_[i - count];
+    return (3 * of_configuration(at.near) + 6 * of_configuration(at.middle) -
+            of_configuration(at.far)) /
+           8;
+  }
+
+  std::vector<ArmPoints> points;
+
+ private:
+  struct Parabola {
+    int near, middle, far;
+  };
+
+  const RowMajor& of_configuration(int i) {
+    RowMajor& known = known_[i];
+    if (known.size() == 0) {
+      known.resize(3 * arms_[i].points.cols(), path_.dq.cols());
+      arms_[i].derivatives(path_.derivatives(i), known);
+    }
+    return known;
+  }
+
+  Path path_;
+  std::vector<Arm> arms_;
+  std::vector<Parabola> between_;
+  std::vector<RowMajor> known_;
+};
+
+// Indices of the points that start a segment of some length.
+inline std::vector<int> segments(const ArmPoints& points) {
+  std::vector<int> starts;
+  for (int k = 0; k + 1 < points.cols(); ++k)
+    if ((points.col(k + 1) - points.col(k)).norm() > kSamePoint) starts.push_back(k);
+  return starts;
+}
+
+// Indices of the spheres within a distance from the box around all points: the broad phase. A
+// sphere that moves is nearer than the box around its centre's way.
+inline std::vector<int> near_box(const std::vector<ArmPoints>& points, const Values& times,
+                                 const std::vector<Sphere>& spheres, double distance) {
+  Eigen::AlignedBox3d box;
+  for (const ArmPoints& arm : points)
+    for (int k = 0; k < arm.cols(); ++k) box.extend(arm.col(k));
+  std::vector<int> near;
+  for (size_t sphere = 0; sphere < spheres.size(); ++sphere) {
+    const Eigen::AlignedBox3d way = spheres[sphere].way(times);
+    if (box.exteriorDistance(way) <= spheres[sphere].radius + distance)
+      near.push_back(static_cast<int>(sphere));
+  }
+  return near;
+}
+
+struct ClearanceRows {
+  std::vector<double> distances, jacobian;  // negative inside the sphere; a row a distance
+  std::vector<long long> names;             // by point, segment and sphere
+};
+
+// The distances below `interest`. The nearest point of a segment moves with the segment; its
+// sliding along it does not change the distance to first order.
+inline ClearanceRows clearance_rows(ArmMotion& arm, const Times& times,
+                                    const std::vector<Sphere>& spheres, double interest) {
+  ClearanceRows rows;
+  const std::vector<int> near = near_box(arm.points, times.at, spheres, interest);
+  const std::vector<int> starts = segments(arm.points[0]);
+  std::vector<Vector3> centers(spheres.size());
+  for (size_t i = 0; i < arm.points.size() && !near.empty(); ++i) {
+    RowMajor derivatives;
+    for (const int sphere : near) centers[sphere] = spheres[sphere].center_at(times.at[i]);
+    for (size_t segment = 0; segment < starts.size(); ++segment)
+      for (const int sphere : near) {
+        const int k = starts[segment];
+        const Vector3& center = centers[sphere];
+        const Vector3 start = arm.points[i].col(k), along = arm.points[i].col(k + 1) - start;
+        const double fraction =
+            std::clamp((center - start).dot(along) / along.squaredNorm(), 0.0, 1.0);
+        const Vector3 offset = start + fraction * along - center;
+        const double to_center = offset.norm(), distance = to_center - spheres[sphere].radius;
+        if (std::isnan(distance)) throw std::domain_error("a distance is not a number");
+        if (!(distance < interest)) continue;
+        if (derivatives.size() == 0) derivatives = arm.derivatives(static_cast<int>(i));
+        const Vector3 direction = offset / std::max(to_center, kSamePoint);
+        Eigen::RowVectorXd gradient =
+            direction.transpose() * ((1 - fraction) * derivatives.middleRows<3>(3 * k) +
+                                     fraction * derivatives.middleRows<3>(3 * k + 3));
+        if (times.by_last.size() > 0)
+          gradient[gradient.size() - 1] -=
+              times.by_last[i] * direction.dot(spheres[sphere].velocity_at(times.at[i]));
+        rows.distances.push_back(distance);
+        rows.jacobian.insert(rows.jacobian.end(), gradient.data(),
+                             gradient.data() + gradient.size());
+        const size_t name = (i * starts.size() + segment) * spheres.size() + sphere;
+        rows.names.push_back(static_cast<long long>(name));
+      }
+  }
+  return rows;
+}
+
+}  // namespace ff

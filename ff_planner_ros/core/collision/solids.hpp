@@ -1,0 +1,159 @@
+// Convex solids: how far a point is from one, and how far two are apart (GJK).
+#pragma once
+#include <algorithm>
+#include <limits>
+#include <vector>
+
+#include "collision/simplex.hpp"
+
+namespace ff {
+
+// What two solids say that come so near, their radii left out, is in the noise [m].
+constexpr double kTouching = 1e-6;
+// A shorter direction is none [m].
+constexpr double kNoDirection = 1e-12;
+
+struct Solid {
+  // kRound is what is within a radius of a piece of the z axis: spheres and capsules.
+  enum Kind { kRound, kBox, kCylinder, kHull };
+
+  Kind kind;
+  Vector3 sizes;                  // half edges; or radius, half length
+  std::vector<Vector3> vertices;  // of a hull
+
+  // The solid is what is within this distance of its core.
+  double radius() const { return kind == kRound ? sizes[0] : 0; }
+
+  // The point of the core that is furthest in a direction.
+  Vector3 support(const Vector3& direction) const {
+    const auto signed_as = [](double size, double sign) { return sign < 0 ? -size : size; };
+    switch (kind) {
+      case kRound:
+        return {0, 0, signed_as(sizes[1], direction.z())};
+      case kBox:
+        return {signed_as(sizes[0], direction.x()), signed_as(sizes[1], direction.y()),
+                signed_as(sizes[2], direction.z())};
+      case kCylinder: {
+        const double across = std::hypot(direction.x(), direction.y());
+        const double scale = across > kNoDirection ? sizes[0] / across : 0;
+        return {scale * direction.x(), scale * direction.y(), signed_as(sizes[1], direction.z())};
+      }
+      default: {
+        const Vector3* furthest = &vertices[0];
+        double most = furthest->dot(direction);
+        for (const Vector3& vertex : vertices) {
+          const double along = vertex.dot(direction);
+          if (along > most) {
+            most = along;
+            furthest = &vertex;
+          }
+        }
+        return *furthest;
+      }
+    }
+  }
+};
+
+struct Gap {
+  double distance;
+  Vector3 point, normal;  // on the line through both nearest points; from the first to the second
+  bool is_known = true;   // not where the cores touch or are in each other
+};
+
+// The distance of a point from a box around the origin, and its gradient; both without signs.
+template <int N>
+Gap beyond_corner(const Eigen::Matrix<double, N, 1>& point,
+                  const Eigen::Matrix<double, N, 1>& corner,
+                  Eigen::Matrix<double, N, 1>& gradient) {
+  const Eigen::Matrix<double, N, 1> beyond = point - corner;
+  gradient = beyond.cwiseMax(0);
+  const double length = gradient.norm();
+  if (length > kNoDirection) {
+    gradient /= length;
+    return {length, {}, {}};
+  }
+  int nearest;
+  const double depth = beyond.maxCoeff(&nearest);
+  gradient.setZero();
+  gradient[nearest] = 1;
+  return {depth, {}, {}};
+}
+
+// Gilbert, Johnson and Keerthi: the nearest points of two solids. `known` is where the search
+// begins and ends: empty, or that of the same solids elsewhere. Solids that are surely further
+// apart than `enough` need not be measured: the distance is a lower bound then, and greater.
+inline Gap gap(const Solid& first, const Pose& at, const Solid& second, const Pose& there,
+               Simplex& known, double enough = std::numeric_limits<double>::infinity()) {
+  constexpr int kMost = 100;
+  constexpr double kExact = 1e-10;  // of the distance [m]
+  const double radii = first.radius() + second.radius();
+  const auto support = [&](Simplex& simplex, const Vector3& direction) {
+    simplex.add(first.support(at.rotation.transpose() * direction),
+                second.support(there.rotation.transpose() * -direction), at, there);
+  };
+  if (known.size == 0)
+    support(known, there.position - at.position);
+  else
+    known.move(at, there);
+  known.reduce();
+  Vector3 v = known.closest();
+  double length = v.norm();
+  Simplex simplex = known;
+  for (int i = 0; i < kMost; ++i) {
+    if (!(length > kTouching)) return {0, {}, {}, false};
+    support(simplex, -v);
+    const double least = v.dot(simplex.newest()) / length;
+    if (least - radii > enough) return {least - radii, at * known.on_first_solid(), -v / length};
+    if (length - least <= kExact) break;
+    if (!simplex.reduce()) return {0, {}, {}, false};
+    const Vector3 closer = simplex.closest();
+    if (!(closer.squaredNorm() < length * length)) break;
+    v = closer;
+    length = v.norm();
+    known = simplex;
+  }
+  if (!(length > kTouching)) return {0, {}, {}, false};
+  return {length - radii, at * known.on_first_solid(), -v / length};
+}
+
+// How far a point is from a solid; the normal leads out of it.
+inline Gap gap(const Solid& solid, const Pose& at, const Vector3& point) {
+  const Vector3 seen = at.rotation.transpose() * (point - at.position);
+  Vector3 out;
+  double distance;
+  const auto sign = [](double of) { return of < 0 ? -1. : 1.; };
+  switch (solid.kind) {
+    case Solid::kRound: {
+      out = seen - Vector3(0, 0, std::clamp(seen.z(), -solid.sizes[1], solid.sizes[1]));
+      const double length = out.norm();
+      distance = length - solid.sizes[0];
+      out = length > kNoDirection ? Vector3(out / length) : Vector3::UnitX();
+      break;
+    }
+    case Solid::kBox: {
+      distance = beyond_corner<3>(seen.cwiseAbs(), solid.sizes, out).distance;
+      for (int i = 0; i < 3; ++i) out[i] *= sign(seen[i]);
+      break;
+    }
+    case Solid::kCylinder: {
+      const double across = std::hypot(seen.x(), seen.y());
+      Eigen::Vector2d gradient;
+      distance =
+          beyond_corner<2>({across, std::abs(seen.z())}, solid.sizes.head<2>(), gradient).distance;
+      const Eigen::Vector2d radial =
+          across > kNoDirection ? Eigen::Vector2d(seen.head<2>() / across) : Eigen::Vector2d(1, 0);
+      out << gradient[0] * radial, gradient[1] * sign(seen.z());
+      break;
+    }
+    default: {
+      static const Solid origin{Solid::kRound, Vector3::Zero(), {}};
+      Simplex nothing;
+      Gap found = gap(solid, at, origin, {point, Matrix3::Identity()}, nothing);
+      found.point = point;
+      return found;
+    }
+  }
+  return {distance, point, at.rotation * out};
+}
+
+}  // namespace ff

@@ -1,0 +1,118 @@
+"""Robots, starts, targets and spheres as the compiled core holds them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import lru_cache
+
+import numpy as np
+import pinocchio as pin
+
+from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.core import compiled
+from ff_planner_ros.errors import InvalidInput, Status
+from ff_planner_ros.planning.problem.obstacles import Sphere, sphere_arrays
+from ff_planner_ros.planning.problem.target import Target
+from ff_planner_ros.robot.collision.bodies import Body, Kind, kind_and_sizes
+from ff_planner_ros.robot.model import Base, Robot
+from ff_planner_ros.robot.momentum import total_momentum
+
+
+@lru_cache(maxsize=8)
+def chain_of(robot: Robot) -> compiled.Chain:
+    """Return a robot's placements, axes and inertias, all of them from its Pinocchio model.
+
+    Raises:
+        InvalidInput: Its arm has more joints than the core has room for.
+    """
+    if robot.joints > compiled.MAX_JOINTS:
+        raise InvalidInput(
+            Status.BAD_ROBOT,
+            "robot.urdf",
+            f"an arm of {robot.joints} joints",
+            f"an arm has {compiled.MAX_JOINTS} joints at most; robot.locked_joints holds some",
+        )
+    model = robot.model
+    # The first two joints are Pinocchio's: the universe and the free-flyer, whose body is the base.
+    placements = [*model.jointPlacements[2:], model.frames[robot.tip_frame_id].placement]
+    bodies = model.inertias[1:]
+    return compiled.Chain(
+        translations=np.array([placement.translation for placement in placements]),
+        rotations=np.array([placement.rotation for placement in placements]),
+        axes=robot.joint_axes,
+        masses=np.array([body.mass for body in bodies]),
+        centers=np.array([body.lever for body in bodies]),
+        inertias=np.array([body.inertia for body in bodies]),
+    )
+
+
+@lru_cache(maxsize=8)
+def bodies_of(robot: Robot) -> compiled.Bodies:
+    """Return a robot's solids, and the pairs of them that must not touch."""
+    return compiled.Bodies(
+        [_body_of(body) for body in robot.bodies], np.array(robot.pairs, np.intp).reshape(-1, 2)
+    )
+
+
+def _body_of(body: Body) -> compiled.Body:
+    kind, sizes = kind_and_sizes(body.solid)
+    return compiled.Body(
+        carriers=body.joint - 1,
+        rotation=body.placement_in_joint.rotation,
+        position=body.placement_in_joint.translation,
+        center=body.center_in_joint,
+        radius=body.radius,
+        kind=kind,
+        sizes=np.array(sizes),
+        vertices=np.asarray(body.solid.points()) if kind == Kind.HULL else np.empty((0, 3)),
+    )
+
+
+def start_of(robot: Robot, q: Array, v: Array) -> compiled.Start:
+    """Return where a system begins, and its momentum.
+
+    Args:
+        q: Configuration. Shape (7 + joints,).
+        v: Tangent velocity. Shape (6 + joints,).
+    """
+    data = robot.model.createData()
+    momentum = total_momentum(robot, data, q, v)
+    center = np.array(pin.centerOfMass(robot.model, data, q))
+    momentum[3:] -= np.cross(center, momentum[:3])
+    rotation = pin.Quaternion(q[3:7]).toRotationMatrix()
+    return compiled.Start(q[:3], rotation, center, momentum, robot.base is Base.PLANAR)
+
+
+def target_of(target: Target) -> compiled.Target:
+    """Return a target with two axes of the end effector across its free axis."""
+    axis = np.zeros(3) if target.free_axis_in_ee is None else target.free_axis_in_ee
+    _, _, axes = np.linalg.svd(axis[None])
+    return compiled.Target(
+        target.position,
+        pin.Quaternion(target.quaternion_xyzw).toRotationMatrix(),
+        np.append(target.linear_velocity, target.angular_velocity),
+        np.append(target.linear_acceleration, target.angular_acceleration),
+        target.orientation,
+        axis,
+        axes[1:],
+    )
+
+
+def spheres_of(spheres: Sequence[Sphere], until: float) -> compiled.Spheres:
+    """Return spheres whose motion is known until a time [s] after the plan's first point."""
+    attached = []
+    for body in {id(sphere.body): sphere.body for sphere in spheres if sphere.body}.values():
+        fixed = [k for k, sphere in enumerate(spheres) if sphere.body is body]
+        begins, series = body.attitude_series(until)
+        attached.append(
+            compiled.Attached(
+                fixed,
+                np.array([spheres[k].place_in_body for k in fixed], np.float64),
+                body.position,
+                body.linear_velocity,
+                begins,
+                series,
+                body.fastest_turn,
+            )
+        )
+    return compiled.Spheres(*sphere_arrays(spheres), attached)

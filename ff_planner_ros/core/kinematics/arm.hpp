@@ -1,0 +1,55 @@
+// The arm as the chain of line segments between its joints, Sec. 3.3 of the paper.
+#pragma once
+#include "kinematics/chain.hpp"
+
+namespace ff {
+
+using ArmPoints = Eigen::Matrix<double, 3, Eigen::Dynamic, 0, 3, kMaxJoints + 1>;
+// Derivatives of a vector, a column a variable.
+using Matrix3X = Eigen::Matrix<double, 3, Eigen::Dynamic, Eigen::RowMajor>;
+
+// Joint origins, then the end effector, and the axes of the joints; inertial frame.
+struct Arm {
+  ArmPoints points;
+  Matrix3J axes;
+  Vector3 base;
+  Matrix3 base_to_inertial;
+
+  Arm(const Chain& chain, const Configuration& q)
+      : points(3, chain.joints() + 1),
+        axes(3, chain.joints()),
+        base(q.position),
+        base_to_inertial(q.attitude.toRotationMatrix()) {
+    Pose at{base, base_to_inertial};
+    for (int k = 0; k < chain.joints(); ++k) {
+      at = at * chain.placements[k];
+      points.col(k) = at.position;
+      axes.col(k) = at.rotation * chain.axes[k];
+      at.rotation = at.rotation * rotation_about(chain.axes[k], q.joints[k]);
+    }
+    points.col(chain.joints()) = (at * chain.tip).position;
+  }
+
+  // Writes d points along steps dq, a column each: rows 3 k to 3 k + 2 are of point k.
+  void derivatives(const Eigen::Ref<const RowMajor>& dq, Eigen::Ref<RowMajor> d_points) const {
+    Matrix3X turn = base_to_inertial * dq.middleRows<3>(3);  // of the body that carries the point
+    Matrix3X moved = base_to_inertial * dq.topRows<3>();
+    Vector3 from = base;
+    for (int k = 0; k < points.cols(); ++k) {
+      add_cross(moved, turn, points.col(k) - from);
+      d_points.middleRows<3>(3 * k) = moved;
+      from = points.col(k);
+      if (k < axes.cols()) turn.noalias() += axes.col(k) * dq.row(6 + k);
+    }
+  }
+
+ private:
+  // Adds turn x lever, column by column.
+  static void add_cross(Matrix3X& to, const Matrix3X& turn, const Vector3& lever) {
+    to.row(0) += turn.row(1) * lever.z() - turn.row(2) * lever.y();
+    to.row(1) += turn.row(2) * lever.x() - turn.row(0) * lever.z();
+    to.row(2) += turn.row(0) * lever.y() - turn.row(1) * lever.x();
+  }
+};
+
+}  // namespace ff

@@ -1,0 +1,87 @@
+// A chaser with one arm of joints that turn: its model, its configurations, and how it looks from
+// the base at some joint angles.
+#pragma once
+#include <array>
+#include <vector>
+
+#include "kinematics/rigid_motion.hpp"
+
+namespace ff {
+
+// Matrices with a row or a column a joint have room for so many, and need no memory of the heap.
+constexpr int kMaxJoints = 64;
+constexpr int kMaxVelocities = 6 + kMaxJoints;
+
+using Joints = Eigen::Matrix<double, Eigen::Dynamic, 1, 0, kMaxJoints, 1>;
+using Velocity = Eigen::Matrix<double, Eigen::Dynamic, 1, 0, kMaxVelocities, 1>;
+using Matrix3J = Eigen::Matrix<double, 3, Eigen::Dynamic, 0, 3, kMaxJoints>;
+using Matrix6J = Eigen::Matrix<double, 6, Eigen::Dynamic, 0, 6, kMaxJoints>;
+using MatrixJJ = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, 0, kMaxJoints, kMaxJoints>;
+
+using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+// Arrays that Python owns: a row, or a block of rows, a point.
+using Rows = Eigen::Map<const RowMajor>;
+using RowsToFill = Eigen::Map<RowMajor>;
+using Values = Eigen::Map<const Eigen::VectorXd>;
+
+// Pinocchio's model of the robot as arrays. Bodies are numbered from the base, which is 0.
+struct Chain {
+  std::vector<Pose> placements;   // of each joint, in the frame of the joint before
+  std::vector<Vector3> axes;      // of each joint, unit length, in its own frame
+  std::vector<double> masses;     // of each body
+  std::vector<Vector3> centers;   // of mass of each body, in the frame of its joint
+  std::vector<Matrix3> inertias;  // of each body about its centre of mass
+  Pose tip;                       // of the end effector, in the frame of the last joint
+
+  int joints() const { return static_cast<int>(axes.size()); }
+};
+
+struct Configuration {
+  Vector3 position;             // of the base
+  Eigen::Quaterniond attitude;  // base to inertial
+  Joints joints;
+
+  // Reads a row as Pinocchio writes it: position, quaternion xyzw, joints.
+  template <typename Row>
+  static Configuration read(const Row& q) {
+    return {q.template head<3>(), Eigen::Quaterniond(q[6], q[3], q[4], q[5]), q.tail(q.size() - 7)};
+  }
+  template <typename Row>
+  void write(Row q) const {
+    q << position.transpose(), attitude.coeffs().transpose(), joints.transpose();
+  }
+  // Where the tangent step `by` leads.
+  Configuration step(const Velocity& by) const {
+    const Vector6 of_base = by.head<6>();
+    return {position + attitude * exponential(of_base).position,
+            (attitude * turn(of_base)).normalized(), joints + by.tail(joints.size())};
+  }
+};
+
+// The chain at some joint angles, in the frame of the base.
+struct Posture {
+  Matrix6J screws;  // S_k: motion of what is beyond joint k, per rate
+  std::array<Inertia, kMaxJoints + 1> body;
+  std::array<Inertia, kMaxJoints + 1> composite;  // I^c_k: of body k and all beyond
+  Pose tip;
+
+  Posture(const Chain& chain, const Joints& joints) : screws(6, chain.joints()) {
+    const int n = chain.joints();
+    Pose at{Vector3::Zero(), Matrix3::Identity()};
+    body[0] = Inertia::of_body(chain.masses[0], chain.centers[0], chain.inertias[0]);
+    for (int k = 0; k < n; ++k) {
+      at = at * chain.placements[k];
+      const Vector3 axis = at.rotation * chain.axes[k];
+      screws.col(k) = stack(at.position.cross(axis), axis);
+      at.rotation = at.rotation * rotation_about(chain.axes[k], joints[k]);
+      body[k + 1] =
+          Inertia::of_body(chain.masses[k + 1], at.position + at.rotation * chain.centers[k + 1],
+                           at.rotation * chain.inertias[k + 1] * at.rotation.transpose());
+    }
+    tip = at * chain.tip;
+    composite[n] = body[n];
+    for (int k = n - 1; k >= 0; --k) composite[k] = composite[k + 1] + body[k];
+  }
+};
+
+}  // namespace ff

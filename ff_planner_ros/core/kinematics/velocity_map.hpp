@@ -1,0 +1,177 @@
+// The momentum-constrained velocity map of Eqs. (27)-(32) and its exact derivatives.
+//
+// Given configuration, total momentum and wanted end-effector twist, joint rates and base twist are
+// together the solution of
+//
+//     minimise 1/2 |theta_dot - z|^2   subject to   A v = b,   A = [H; J],   b = [h; w]
+//
+// with H the momentum map, J the end-effector Jacobian, h the momentum in the frame of the base and
+// w the wanted twist in that of the end effector. The bias z is zero in the paper.
+#pragma once
+#include "kinematics/chain.hpp"
+
+namespace ff {
+
+// Derivatives along some directions, a column each.
+template <int columns>
+constexpr int kOrder = columns == 1 ? Eigen::ColMajor : Eigen::RowMajor;
+template <int columns>
+using Along =
+    Eigen::Matrix<double, Eigen::Dynamic, columns, kOrder<columns>, kMaxVelocities, columns>;
+template <int columns>
+using Twists = Eigen::Matrix<double, 6, columns, kOrder<columns>>;
+
+// Adds A B to `to`, a row at a time: where A is stored by columns and B by rows, Eigen would go
+// entry by entry.
+template <typename To, typename A, typename B>
+void add_product(To&& to, const A& a, const B& b) {
+  for (Eigen::Index row = 0; row < a.rows(); ++row) {
+    Eigen::Matrix<double, 1, B::ColsAtCompileTime> sum = to.row(row);
+    for (Eigen::Index k = 0; k < a.cols(); ++k) sum += a.coeff(row, k) * b.row(k);
+    to.row(row) = sum;
+  }
+}
+
+// Faster than this no arm in space moves, by an order of magnitude; the velocity map says so only
+// next to a dynamic singularity [rad/s].
+constexpr double kSingularJointRate = 10.0;
+
+struct VelocityMap {
+  Velocity v;    // base twist in the base frame, joint rates
+  bool regular;  // whether the arm can follow; else nothing else has a meaning
+
+  Posture posture;
+  Vector6 h, w, mu;  // the last: multipliers of the twist
+  Matrix3 inertial_to_ee;
+  Matrix6 to_tip, base_inertia_inverse;     // X: J = X [1 S], H = [I^c_0, I^c_k S_k]
+  Matrix6 square_inverse;                   // of J_D J_D^T, damped
+  Matrix6J momenta, coupling, generalised;  // I^c_k S_k; base twist per rate, negative; J_D
+
+  // momentum: total P and L about the inertial origin; twist: linear and angular, inertial axes;
+  // bias: z; damping: singular values of J_D that are not much greater are damped.
+  VelocityMap(const Chain& chain, const Configuration& q, const Vector6& momentum,
+              const Vector6& twist, const Joints& bias, double damping)
+      : v(6 + chain.joints()), posture(chain, q.joints), momenta(6, chain.joints()) {
+    const int n = chain.joints();
+    const Matrix3 inertial_to_base = q.attitude.toRotationMatrix().transpose();
+    const Vector3 linear = momentum.head<3>();
+    h = stack(inertial_to_base * linear,
+              inertial_to_base * (momentum.tail<3>() - q.position.cross(linear)));
+    inertial_to_ee = posture.tip.rotation.transpose() * inertial_to_base;
+    w = stack(inertial_to_ee * twist.head<3>(), inertial_to_ee * twist.tail<3>());
+    to_tip = posture.tip.motion_to_inner();
+
+    base_inertia_inverse = posture.composite[0].inverse();
+    for (int k = 0; k < n; ++k) momenta.col(k) = posture.composite[k + 1] * posture.screws.col(k);
+    coupling = base_inertia_inverse.lazyProduct(momenta);
+    const Vector6 drift = base_inertia_inverse * h;
+    generalised = to_tip.lazyProduct(posture.screws - coupling);  // J_D, Eq. (32)
+    Matrix6 square = damping * damping * Matrix6::Identity();
+    for (int k = 0; k < n; ++k) square += generalised.col(k) * generalised.col(k).transpose();
+    const Eigen::LLT<Matrix6> factors(square);
+    for (int k = 0; k < 6; ++k) square_inverse.col(k) = factors.solve(Vector6::Unit(k));
+    mu = square_inverse * Vector6(w - to_tip * drift - generalised * bias);
+    v.tail(n) = bias + generalised.transpose() * mu;  // Eq. (31)
+    v.head<6>() = drift - coupling * v.tail(n);       // Eq. (27)
+    // Written so that it is false, too, where there is no number.
+    regular = factors.info() == Eigen::Success &&
+              v.tail(n).squaredNorm() < kSingularJointRate * kSingularJointRate;
+  }
+};
+
+// How the three parts of the linear system that determines the velocity change with each joint.
+// With V_k the twist of body k and G_k the momentum of all from k on,
+//     d(H v) / dtheta_k = S_k x* G_k - I^c_k (S_k x V_k),
+//     d(J v) / dtheta_k = -X (S_k x V_k),
+// and the derivative of A^T lambda, lambda the multipliers, has the form of the first.
+class VelocityDerivative {
+ public:
+  explicit VelocityDerivative(const VelocityMap& map)
+      : at_(map), of_momentum_(6, map.momenta.cols()), of_twist_(6, map.momenta.cols()) {
+    const Velocity& v = map.v;
+    const int n = static_cast<int>(v.size()) - 6;
+    const Matrix6J& S = at_.posture.screws;
+    const Vector6 pull = at_.to_tip.transpose() * at_.mu;  // of the twist's multiplier, at the base
+    const Vector6 a = at_.base_inertia_inverse * pull;     // the momentum's multiplier
+    std::array<Vector6, kMaxJoints + 1> V;
+    V[0] = v.head<6>();
+    for (int k = 0; k < n; ++k) V[k + 1] = V[k] + S.col(k) * v[6 + k];
+
+    Matrix6J of_base_force(6, n), carried(6, n);
+    Vector6 G = Vector6::Zero();
+    for (int k = n - 1; k >= 0; --k) {
+      const Inertia& beyond = at_.posture.composite[k + 1];
+      const Vector6 s = S.col(k), swept = cross_motion(s, V[k + 1]);
+      G += at_.posture.body[k + 1] * V[k + 1];
+      of_momentum_.col(k) = cross_force(s, G) - beyond * swept;
+      of_twist_.col(k) = -(at_.to_tip * swept);
+      carried.col(k) = cross_motion(s, a);
+      of_base_force.col(k) = cross_force(s, beyond * a - pull) - beyond * carried.col(k);
+    }
+    MatrixJJ of_joint_force = S.transpose().lazyProduct(of_base_force);
+    for (int k = 0; k < n; ++k)  // what is beyond joint i does not move with it
+      for (int i = k + 1; i < n; ++i)
+        of_joint_force(i, k) = -at_.momenta.col(i).dot(carried.col(k));
+    of_force_ = of_joint_force - at_.coupling.transpose().lazyProduct(of_base_force);
+    turning_ = at_.to_tip.block<3, 3>(3, 3).lazyProduct(S.bottomRows<3>());
+  }
+
+  // Derivatives of v along steps dq of the configuration in its tangent space, and of the twist and
+  // the bias with them. Each of dtwist and dbias has as many columns as dq.
+  template <int columns>
+  Along<columns> along(const Along<columns>& dq, const Twists<columns>& dtwist) const {
+    const auto moving = dq.template topRows<3>(), turning = dq.template middleRows<3>(3);
+    const auto joints = dq.bottomRows(at_.v.size() - 6);
+    const Matrix3 force = skew(at_.h.head<3>()), to_tip = at_.to_tip.block<3, 3>(3, 3);
+    Twists<columns> momentum = Twists<columns>::Zero(6, dq.cols());  // dh - d(H) v
+    add_product(momentum.template topRows<3>(), force, turning);
+    add_product(momentum.template bottomRows<3>(), force, moving);
+    add_product(momentum.template bottomRows<3>(), skew(at_.h.tail<3>()), turning);
+    add_product(momentum, -of_momentum_, joints);
+    Twists<columns> twist = Twists<columns>::Zero(6, dq.cols());  // dw - d(J) v
+    add_product(twist.template topRows<3>(), at_.inertial_to_ee, dtwist.template topRows<3>());
+    add_product(twist.template bottomRows<3>(), at_.inertial_to_ee,
+                dtwist.template bottomRows<3>());
+    Eigen::Matrix<double, 3, columns, kOrder<columns>> turn = to_tip * turning;
+    add_product(turn, turning_, joints);
+    add_product(twist.template topRows<3>(), skew(at_.w.head<3>()), turn);
+    add_product(twist.template bottomRows<3>(), skew(at_.w.tail<3>()), turn);
+    add_product(twist, -of_twist_, joints);
+    Along<columns> rates = Along<columns>::Zero(joints.rows(), dq.cols());
+    add_product(rates, -of_force_, joints);
+    return solved<columns>(momentum, twist, rates);
+  }
+
+  // Derivative of v along a step of the bias.
+  Velocity along_bias(const Joints& dbias) const {
+    return solved<1>(Vector6::Zero(), Vector6::Zero(), Along<1>(dbias));
+  }
+
+ private:
+  // Solves the linear system for v, the base eliminated first; force: on the joints.
+  template <int columns>
+  Along<columns> solved(const Twists<columns>& momentum, const Twists<columns>& twist,
+                        const Along<columns>& force) const {
+    Twists<columns> drift = Twists<columns>::Zero(6, twist.cols());
+    Twists<columns> slack = twist, multipliers = drift;
+    add_product(drift, at_.base_inertia_inverse, momentum);
+    add_product(slack, -at_.to_tip, drift);
+    add_product(slack, -at_.generalised, force);
+    add_product(multipliers, at_.square_inverse, slack);
+    Along<columns> dv(at_.v.size(), drift.cols());
+    auto base = dv.template topRows<6>();
+    auto rates = dv.bottomRows(at_.v.size() - 6);
+    rates = force;
+    add_product(rates, at_.generalised.transpose(), multipliers);
+    base = drift;
+    add_product(base, -at_.coupling, rates);
+    return dv;
+  }
+
+  const VelocityMap& at_;
+  Matrix6J of_momentum_, of_twist_;
+  MatrixJJ of_force_;
+  Matrix3J turning_;
+};
+
+}  // namespace ff
