@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
+from typing import Any
+
 import coal
 import numpy as np
 from numpy.typing import NDArray
 
-from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.common.arrays import Array, Indices
 
 # A solid that is smaller is a slip of the pen, and one that is larger no robot [m].
 SMALLEST_SIZE, LARGEST_SIZE = 1e-6, 1e4
@@ -17,7 +20,7 @@ MAX_VERTICES = 1000
 # Directions in which a hull of more is kept as large as it is: twice as many vertices at most.
 _DIRECTIONS = 300
 # Of more points, first those are left out that lie well inside; if they are still more, their hull
-# is not even tried: it takes a second, and more than a second for more.
+# is not even tried: Qhull's time grows with the square of the corners of a face.
 _MANY = 10_000
 
 
@@ -25,11 +28,11 @@ class NoSolid(ValueError):
     """Why points have no convex hull."""
 
 
-def few_corners(points: Array, scale: Array) -> tuple[Array, float]:
-    """Return the corners of a convex solid that holds points, in an order of their own.
+def convex_solid(points: Array, scale: Array) -> tuple[Array, coal.Convex, float]:
+    """Return the corners of a convex solid that holds points, and the solid after `scale`.
 
     It is the hull, or, where that has very many corners, one that is larger by the share of its
-    width that is returned, too. The corners of corners are they themselves.
+    width that is returned, too. The corners of corners are they themselves, in their order.
 
     Args:
         points: Before they are scaled; shape (points, 3).
@@ -42,12 +45,20 @@ def few_corners(points: Array, scale: Array) -> tuple[Array, float]:
     for _ in range(2):
         _require_solid(points * scale)
         corners = _corners(points, scale)
-        if corners is not None and len(corners) <= MAX_VERTICES:
-            return corners, growth
+        if corners is not None:
+            with suppress(RuntimeError):  # an edge fan of more than 255 at one corner
+                return corners, _convex(corners * scale), growth
         simple = _once((_around(points * scale) / scale).astype(np.float32).astype(float))
         growth = _growth(points * scale, simple * scale)
         points = simple
     raise NoSolid("its convex hull cannot be simplified")
+
+
+def _convex(corners: Array) -> coal.Convex:
+    """Return the hull of corners as Coal holds it."""
+    rows = coal.StdVec_Vec3s()
+    rows.extend(list(corners))
+    return coal.Convex.convexHull(rows, True, "Qt")
 
 
 def _once(points: Array) -> Array:
@@ -74,46 +85,45 @@ def _axes(points: Array) -> Array:
 
 
 def _corners(points: Array, scale: Array) -> Array | None:
-    """Return the points at the corners of the hull after `scale`; None: too many for Coal.
+    """Return the points at the corners of the hull after `scale`; None: more than `MAX_VERTICES`.
 
     The hull of what is returned has all of it as its corners.
     """
     if len(points) > _MANY:
         points = points[_outer(points * scale)]
-    while len(points) <= _MANY:
-        placed = points * scale + 0.0
-        try:
-            corners = {row.tobytes() for row in convex_hull(placed).points()}
-        except RuntimeError:  # an edge fan of more than 255 at one corner
-            return None
+    if len(points) > _MANY:
+        return None
+    outermost = _outermost(points * scale, 4 * MAX_VERTICES)
+    if len(np.unique(outermost)) > MAX_VERTICES:
+        return None
+    while True:
+        corners = np.sort(_hull(points * scale).vertices)
         if len(corners) == len(points):
-            return points
-        points = points[[row.tobytes() in corners for row in placed]]
-    return None
+            return points if len(points) <= MAX_VERTICES else None
+        points = points[corners]
+
+
+def _hull(points: Array) -> Any:
+    """Return Qhull's hull of points, as SciPy holds it."""
+    from scipy.spatial import ConvexHull  # a tenth of a second, for meshes alone
+
+    return ConvexHull(points)
 
 
 def _outer(points: Array) -> NDArray[np.bool_]:
     """Tell which points are not inside the hull of the outermost ones in some directions."""
-    outermost = _once(_outermost(points))
+    outermost = points[np.unique(_outermost(points, _DIRECTIONS))]
     _require_solid(outermost)
-    inner = convex_hull(outermost)
     outside = np.zeros(len(points), bool)
-    for normal, offset in zip(inner.normals(), inner.offsets(), strict=True):
-        outside |= points @ normal + offset > -_THINNEST
+    for plane in _hull(outermost).equations:
+        outside |= points @ plane[:3] + plane[3] > -_THINNEST
     return outside
 
 
-def _outermost(points: Array) -> Array:
-    """Return the point that is furthest, for each of some directions."""
-    # One after the other: all at once would need gigabytes.
-    return np.array([points[np.argmax(points @ way)] for way in _ways(_DIRECTIONS)])
-
-
-def convex_hull(points: Array) -> coal.Convex:
-    """Return Coal's hull of points that are a solid."""
-    rows = coal.StdVec_Vec3s()
-    rows.extend(list(points))
-    return coal.Convex.convexHull(rows, True, "Qt")
+def _outermost(points: Array, directions: int) -> Indices:
+    """Return which point is the furthest, for each of some directions: all are corners."""
+    # One direction after the other: all at once would need gigabytes.
+    return np.array([np.argmax(points @ way) for way in _ways(directions)])
 
 
 def _around(points: Array) -> Array:
@@ -126,9 +136,9 @@ def _around(points: Array) -> Array:
     ways, axes = _ways(_DIRECTIONS), _axes(points)
     widths = np.ptp(points @ axes, axis=0)
     points = points @ axes / widths
-    center = _outermost(points).mean(axis=0)
+    center = points[_outermost(points, _DIRECTIONS)].mean(axis=0)
     reach = np.array([((points - center) @ way).max() for way in ways])
-    dual = convex_hull(ways / reach[:, None])
+    dual = _convex(ways / reach[:, None])
     corners = dual.points()
     faces = [dual.polygons(i) for i in range(dual.num_polygons)]
     planes = np.array([[corners[face[k]] for k in range(3)] for face in faces])

@@ -16,7 +16,7 @@ import numpy as np
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.common.share import PACKAGE_SCHEME, package_directory
-from ff_planner_ros.robot.urdf.convex_hull import LARGEST_SIZE, NoSolid, convex_hull, few_corners
+from ff_planner_ros.robot.urdf.convex_hull import LARGEST_SIZE, NoSolid, convex_solid
 from ff_planner_ros.robot.urdf.urdf_faults import Faults, shortened
 
 # A binary STL of a million triangles: it is read in two seconds. And all files of a robot [bytes].
@@ -46,8 +46,7 @@ class Meshes:
         try:
             scale = _scale(mesh.get("scale"))
             given = _decoded(name) if name.startswith(_EMBEDDED) else self._points(name)
-            points, growth = few_corners(given, scale)
-            hull = convex_hull(points * scale)
+            points, hull, growth = convex_solid(given, scale)
         except (RuntimeError, ValueError, OSError) as fault:
             value = "embedded" if name.startswith("data:") else name or "without a filename"
             # Else of Coal, or of a path that no file can have.
