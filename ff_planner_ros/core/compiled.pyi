@@ -196,10 +196,6 @@ class Target:
 class DrivenMotion:
     """The motion of a system whose joints are driven and that nothing pushes."""
 
-    q: Array  # configurations; shape (points, 7 + joints)
-    v: Array  # tangent velocities; shape (points, 6 + joints)
-    q_half_way: Array  # configurations half-way between the points; shape (points - 1, 7 + joints)
-
     def __init__(
         self,
         chain: Chain,
@@ -209,6 +205,12 @@ class DrivenMotion:
         accelerations: Array,  # likewise
         duration: float,
     ) -> None: ...
+    @property
+    def q(self) -> Array: ...  # configurations; shape (points, 7 + joints)
+    @property
+    def v(self) -> Array: ...  # tangent velocities; shape (points, 6 + joints)
+    @property
+    def q_half_way(self) -> Array: ...  # half-way between; shape (points - 1, 7 + joints)
     def goal_error(self, target: Target) -> Array:
         """Return what the motion misses of a goal. Shape (rows,)."""
 
