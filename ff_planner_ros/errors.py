@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from enum import IntEnum
+from enum import IntEnum, StrEnum
 from typing import Any
 
 from ff_planner_ros.common.shown import shortened, shown
@@ -200,24 +200,38 @@ class NoPlanFound(FfPlannerError):
         constraint: str,
         attempt: object | None = None,
         failures: Sequence[Failure] = (),
+        effort: int = 0,
     ) -> None:
         """Name the violated constraint and keep the best attempt for investigation."""
         super().__init__(status, constraint)
         self.constraint = constraint  # what is violated, where, by how much, and what to try
         self.attempt = attempt  # the best, a `Plan` that is not to be executed; None: none
         self.failures = tuple(failures)  # of the best attempt; empty where they are not known
+        self.effort = effort  # the step of the search that was ended; zero: it came to its end
 
-    def __reduce__(self) -> tuple[type, tuple[Status, str, object | None, tuple[Failure, ...]]]:
+    def __reduce__(self) -> tuple[type, tuple[Any, ...]]:
         """Pickle by constructor arguments, so that the error crosses processes."""
-        return type(self), (self.status, self.constraint, self.attempt, self.failures)
+        arguments = self.status, self.constraint, self.attempt, self.failures, self.effort
+        return type(self), arguments
+
+
+class EndedBy(StrEnum):
+    """What ended a search."""
+
+    CONVERGED = "converged"  # the best plan is at an optimum
+    EXHAUSTED = "exhausted"  # everything was tried that is to be tried
+    DEADLINE = "deadline"
+    EFFORT = "effort"  # the step that was asked for as the last
+    CANCEL = "cancel"
 
 
 class OutOfTime(FfPlannerError):
-    """The time for a search is over; `perform` turns it into a NoPlanFound."""
+    """A search is ended before its end; `perform` turns it into a NoPlanFound."""
 
-    def __init__(self, message: str) -> None:
+    def __init__(self, message: str, ended_by: EndedBy = EndedBy.DEADLINE) -> None:
         """Only one status fits."""
         super().__init__(Status.TIMED_OUT, message)
+        self.ended_by = ended_by
         self.refusal: NoPlanFound | None = None  # with how far the search came, where it knows
 
 

@@ -1,26 +1,37 @@
-"""The wall clock's only say in planning: whether there is a plan, never which."""
+"""The wall clock, which says when a search ends."""
 
 from __future__ import annotations
 
 import time
+from collections import defaultdict, deque
 
 from ff_planner_ros.errors import OutOfTime
-from ff_planner_ros.planning.motion.watch import Watch
+from ff_planner_ros.planning.motion.watch import SEARCHING, Watch
+
+# A step is taken to last as long as the longest of so many before it of the same phase.
+_REMEMBERED = 5
 
 
 class TimeBudget(Watch):
-    """A watch that ends a search once its time is used up."""
+    """A watch that ends a search before a step for which the time will not do."""
 
     def __init__(self, seconds: float, begun: float | None = None) -> None:
         """Count from `begun`, a `time.monotonic()` of any process of this host, or from now on."""
         self._seconds = seconds
         self._deadline = (time.monotonic() if begun is None else begun) + seconds
+        self._last: tuple[str, float] | None = None  # phase and begin of the last step
+        self._lasted = defaultdict[str, deque[float]](lambda: deque(maxlen=_REMEMBERED))
 
-    def require_time(self) -> None:
-        """Raise OutOfTime once the budget is used up.
+    def require_time(self, phase: str = SEARCHING) -> None:
+        """Raise OutOfTime once the budget is used up, or nearly so.
 
         Raises:
             OutOfTime: It is.
         """
-        if time.monotonic() > self._deadline:
+        now = time.monotonic()
+        if self._last is not None:
+            before, begun = self._last
+            self._lasted[before].append(now - begun)
+        self._last = phase, now
+        if now + max(self._lasted[phase], default=0.0) > self._deadline:
             raise OutOfTime(f"the time budget of {self._seconds:g} s is used up")

@@ -81,14 +81,5 @@ def out_of_time(
     return NoPlanFound(Status.TIMED_OUT, message, plan, found)
 
 
-def out_of_time_beside(end: OutOfTime, shortest: Plan) -> NoPlanFound:
-    """Return the error of a search that was ended after it had found a plan of least joint path."""
-    message = (
-        f"{end}; a plan of least joint path was found, but the search for a better attitude was "
-        "not finished: give it more time or fewer points, or fewer planner.attitude_rounds"
-    )
-    return NoPlanFound(Status.TIMED_OUT, message, shortest)
-
-
 def _findings(found: Sequence[Failure]) -> str:
     return "; ".join(failure.finding for failure in found)

@@ -47,6 +47,7 @@ class SolverReport:
     rollouts: int  # over all starts, each with derivatives
     optimality: float  # first-order, see `solver`; infinite where nothing was optimised
     stop_reason: str  # why it stopped, a sentence
+    ended_by: str = ""  # what ended the search, of `EndedBy`; empty: not known
 
 
 @dataclass(frozen=True)
@@ -92,6 +93,9 @@ class Plan:
     coefficients: Array = field(default_factory=lambda: np.empty(0))
     duration: float | None = None  # from the first point to the goal [s]; None: as was asked for
     robust: RobustReport | None = None  # None: it was not asked for
+    # The step at which the search was ended: with it, a task gives this plan again; zero: the
+    # search came to its end
+    effort: int = 0
 
     @property
     def message(self) -> str:

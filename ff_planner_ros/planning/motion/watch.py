@@ -3,6 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from ff_planner_ros.errors import EndedBy, OutOfTime
+
+if TYPE_CHECKING:
+    from ff_planner_ros.planning.motion.plan import Plan
 
 SEARCHING, REFINING, CHECKING = "searching", "refining", "checking"
 
@@ -21,8 +27,58 @@ class Progress:
 class Watch:
     """Is told of the progress of a search, and may end it. This one does neither."""
 
-    def require_time(self) -> None:
-        """Called before every iteration of a search; raises OutOfTime to end it."""
+    def require_time(self, phase: str = SEARCHING) -> None:
+        """Called before every step of a search; raises OutOfTime to end it."""
 
     def report(self, progress: Progress) -> None:
         """Called after every iteration, and before a path is checked."""
+
+    def offer(self, plan: Plan) -> None:
+        """Called with every plan that passed the check."""
+
+
+class PassingOn(Watch):
+    """Passes on to another watch whatever it does not do itself."""
+
+    def __init__(self, watch: Watch) -> None:
+        """Watch together with another one."""
+        self._watch = watch
+
+    def require_time(self, phase: str = SEARCHING) -> None:
+        """Pass it on."""
+        self._watch.require_time(phase)
+
+    def report(self, progress: Progress) -> None:
+        """Pass it on."""
+        self._watch.report(progress)
+
+    def offer(self, plan: Plan) -> None:
+        """Pass it on."""
+        self._watch.offer(plan)
+
+
+class Steps(PassingOn):
+    """Counts the steps of a search, which do not depend on the clock, and ends it at a step."""
+
+    def __init__(self, watch: Watch, last: int = 0) -> None:
+        """Begin to count; last: the step at which the search ends; zero: none."""
+        super().__init__(watch)
+        self._last, self._step = last, 1
+        self.ended_at = 0  # the step at which the search was ended; zero: it was not
+
+    def require_time(self, phase: str = SEARCHING) -> None:
+        """Count a step.
+
+        Raises:
+            OutOfTime: It is the last one, or the other watch ends the search. From then on every
+                step is the last one.
+        """
+        if self._step == self._last:
+            self.ended_at = self._last
+            raise OutOfTime(f"the search ends at step {self._last}", EndedBy.EFFORT)
+        try:
+            self._watch.require_time(phase)
+        except OutOfTime:
+            self.ended_at = self._last = self._step
+            raise
+        self._step += 1

@@ -16,6 +16,7 @@ from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.core import compiled
 from ff_planner_ros.planning.motion.measures import chaser_euler_with_derivative
 from ff_planner_ros.planning.motion.metrics import Metrics
+from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.paths.path_family import Motion, Sensitivity
 from ff_planner_ros.planning.problem.problem import Objective
 from ff_planner_ros.planning.problem.settings import PlannerSettings
@@ -85,6 +86,16 @@ def weighted_sum(objective: Objective, metrics: Metrics) -> float:
     """Return what a plan with these metrics is worth, less is better [rad]."""
     length = objective.joint_path_length * metrics.joint_path_length
     return length + objective.chaser_attitude * metrics.max_chaser_euler
+
+
+def duration_of(plan: Plan) -> float:
+    """Return the time to the goal of a plan that ends there [s]."""
+    return float(plan.trajectory.time[-1]) if plan.duration is None else plan.duration
+
+
+def plan_cost(objective: Objective, plan: Plan) -> float:
+    """Return the objective of a plan, the weight of its duration included [rad]."""
+    return weighted_sum(objective, plan.metrics) + objective.duration * duration_of(plan)
 
 
 def joint_path(

@@ -10,15 +10,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import TypeAlias
 
 from ff_planner_ros.common.arrays import Array
-from ff_planner_ros.errors import NoPlanFound, OutOfTime, Status
-from ff_planner_ros.planning.check.check import out_of_time
+from ff_planner_ros.errors import NoPlanFound
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.motion.watch import Watch
-from ff_planner_ros.planning.optimisation.objectives import weighted_sum
+from ff_planner_ros.planning.optimisation.objectives import duration_of, plan_cost
 from ff_planner_ros.planning.problem.problem import Parametrisation, PlanningProblem, lasting
 from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.search.free_moment import SOONER, moments, moments_to_begin_at
@@ -44,7 +43,6 @@ class _Asked:
     watch: Watch
     plan: Planner
     effort: Effort
-    made: list[Plan] = field(default_factory=list)  # until now, of any duration
 
     def at(
         self, duration: float, family: Parametrisation, guess: Array | None, starts: int
@@ -52,7 +50,7 @@ class _Asked:
         """Return the plan of one duration [s], or why there is none.
 
         Raises:
-            OutOfTime: By the watch; with the best plan that was made before.
+            OutOfTime: By the watch.
         """
         fixed = replace(lasting(self.problem, duration), parametrisation=family)
         settings = replace(self.settings, starts=starts)
@@ -61,40 +59,14 @@ class _Asked:
             settings = replace(settings, max_iterations=min(_ENOUGH, settings.max_iterations))
         try:
             found = self.plan(fixed, settings, self.watch, guess)
-        except OutOfTime as end:
-            if self.made:
-                end.refusal = self._unfinished(duration, end.refusal or out_of_time(end))
-            raise
         except NoPlanFound as refused:
             return refused
         self.effort.add(found.solver)
-        self.made.append(found)
         return found
 
     def worth(self, plan: Plan) -> float:
         """Return what a plan is worth, less is better [rad]."""
-        objective = self.problem.objective
-        return weighted_sum(objective, plan.metrics) + objective.duration * duration_of(plan)
-
-    def _unfinished(self, duration: float, refused: NoPlanFound) -> NoPlanFound:
-        """Return the error of a search that was ended after it had made plans.
-
-        None of them is the answer: the clock would decide which.
-        """
-        best = min(self.made, key=self.worth)
-        message = (
-            f"a plan of {duration_of(best):.4g} s was found, but the search for a better moment "
-            "was not finished: ask for this duration, or give it more time. At "
-            f"{duration:.4g} s, {refused.constraint}"
-        )
-        return NoPlanFound(
-            Status.TIMED_OUT, message, replace(best, solver=self.effort.report(best.solver))
-        )
-
-
-def duration_of(plan: Plan) -> float:
-    """Return the time to the goal of a plan that ends there [s]."""
-    return float(plan.trajectory.time[-1]) if plan.duration is None else plan.duration
+        return plan_cost(self.problem.objective, plan)
 
 
 def plan_at_best_moment(

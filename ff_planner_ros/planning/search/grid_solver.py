@@ -166,9 +166,11 @@ class GridSolver:
             followed: What comes of the path; None: not worked out yet.
         """
         if solution.at_x.is_defined:
+            self._watch.require_time(CHECKING)
             self._watch.report(self._progress(CHECKING, solution.at_x))
             plan, violated = self._attempt(solution, followed)
             if not any(violated):
+                self._watch.offer(plan)
                 yield plan
 
     def best_attempt(self) -> tuple[Plan | None, list[Failure], float]:
@@ -232,7 +234,7 @@ class GridSolver:
         phase = REFINING if grid.stage is self.grids[-1].stage else SEARCHING
 
         def linearise(along: Array) -> PathLinearisation:
-            self._watch.require_time()
+            self._watch.require_time(phase)
             at_x = grid.linearise(along)
             if at_x.is_defined:
                 self._looks += 1

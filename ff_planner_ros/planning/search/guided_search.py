@@ -12,7 +12,7 @@ from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import OutOfTime
 from ff_planner_ros.planning.motion.measures import joint_path_length
 from ff_planner_ros.planning.motion.plan import Plan
-from ff_planner_ros.planning.motion.watch import Progress, Watch
+from ff_planner_ros.planning.motion.watch import CHECKING, SEARCHING, PassingOn, Watch
 from ff_planner_ros.planning.optimisation.program import PathLinearisation
 from ff_planner_ros.planning.search.attitude_search import AttitudeSearch
 from ff_planner_ros.planning.search.grid import CLEARANCES, Grid
@@ -35,7 +35,7 @@ _NEAREST = "good enough: the nearest to what remains of the running plan that ke
 _LOOKS, _LOOKS_WITH_DURATION = 120, 480
 
 
-class Allowance(Watch):
+class Allowance(PassingOn):
     """What a guess may take of a search: so many looks, so that others keep their time.
 
     They are counted, not timed: whether a guess is given up must not depend on the clock.
@@ -43,7 +43,7 @@ class Allowance(Watch):
 
     def __init__(self, watch: Watch, has_range: bool) -> None:
         """Hand on to the watch of the search."""
-        self._watch = watch
+        super().__init__(watch)
         self._left = _LOOKS_WITH_DURATION if has_range else _LOOKS
 
     @property
@@ -51,16 +51,12 @@ class Allowance(Watch):
         """Whether that ended the search, rather than the watch."""
         return self._left < 0
 
-    def require_time(self) -> None:
+    def require_time(self, phase: str = SEARCHING) -> None:
         """Count a look; raises OutOfTime after the last."""
-        self._watch.require_time()
-        self._left -= 1
+        self._watch.require_time(phase)
+        self._left -= phase != CHECKING
         if self.used_up:
             raise OutOfTime("the first guess has had all the looks that it may have")
-
-    def report(self, progress: Progress) -> None:
-        """Hand it on."""
-        self._watch.report(progress)
 
 
 class GuidedSearch(AttitudeSearch):

@@ -8,16 +8,21 @@ from dataclasses import replace
 from typing import TypeAlias
 
 from ff_planner_ros.common.arrays import Array, finite_vector
-from ff_planner_ros.errors import NoPlanFound, OutOfTime, Status
-from ff_planner_ros.planning.check.check import out_of_time, out_of_time_beside, refusal
+from ff_planner_ros.errors import EndedBy, NoPlanFound, OutOfTime, Status
+from ff_planner_ros.planning.check.check import out_of_time, refusal
 from ff_planner_ros.planning.check.preconditions import require_plannable
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.motion.steered import steered
-from ff_planner_ros.planning.motion.watch import Watch
-from ff_planner_ros.planning.optimisation.objectives import weighted_sum
+from ff_planner_ros.planning.motion.watch import PassingOn, Watch
+from ff_planner_ros.planning.optimisation.objectives import plan_cost, weighted_sum
 from ff_planner_ros.planning.optimisation.program import path_program
 from ff_planner_ros.planning.paths.path_family import PathFamily, singular_refusal
-from ff_planner_ros.planning.problem.problem import Parametrisation, PlanningProblem, lasting
+from ff_planner_ros.planning.problem.problem import (
+    Objective,
+    Parametrisation,
+    PlanningProblem,
+    lasting,
+)
 from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.problem.target import conditions_of, too_many_conditions
 from ff_planner_ros.planning.search.attitude_search import AttitudeSearch
@@ -57,8 +62,8 @@ def plan(
     Where the parametrisation is left to the planner, the paper's paths come first, if they apply,
     and joint splines if there is no plan among those.
 
-    The same problem, settings and first guess give the same plan. The time that a search may take
-    decides only whether there is a plan, never which one.
+    The same problem, settings and first guess give the same plan. Where the watch ends the search,
+    the best plan until then is the answer.
 
     Args:
         watch: May end the search, and is told how far it has come.
@@ -71,8 +76,46 @@ def plan(
             there is no plan and the arm cannot meet all conditions of the goal at once.
         NoPlanFound: The goal is out of reach, the search found no feasible path, or the check
             refused the path that it found.
-        OutOfTime: By the watch; it holds the refusal that says how far the search came.
+        OutOfTime: By the watch, before there was a plan; it holds the refusal that says how far
+            the search came.
     """
+    best = _Best(watch, problem.objective)
+    try:
+        found = _plan(problem, settings, best, first_guess)
+    except OutOfTime as end:
+        if best.plan is None:
+            raise
+        why = f"{end}: the best plan until then"
+        report = replace(best.plan.solver, stop_reason=why, ended_by=end.ended_by)
+        return replace(best.plan, solver=report)
+    is_optimal = found.solver.stop_reason.startswith(("converged", "good enough"))
+    ended_by = EndedBy.CONVERGED if is_optimal else EndedBy.EXHAUSTED
+    return replace(found, solver=replace(found.solver, ended_by=ended_by))
+
+
+class _Best(PassingOn):
+    """Keeps the best plan that is offered."""
+
+    def __init__(self, watch: Watch, objective: Objective) -> None:
+        super().__init__(watch)
+        self._objective = objective
+        self.plan: Plan | None = None
+
+    def offer(self, plan: Plan) -> None:
+        """Keep a better plan, and pass it on."""
+        cost, best = plan_cost(self._objective, plan), self.plan
+        if best is None or cost < plan_cost(self._objective, best):
+            self.plan = plan
+            super().offer(plan)
+
+
+def _plan(
+    problem: PlanningProblem,
+    settings: PlannerSettings,
+    watch: Watch,
+    first_guess: FirstGuess | None,
+) -> Plan:
+    """Return a plan whose search came to its end; `plan` says the rest."""
     window = problem.duration_range
     if window is not None and window.minimum == window.maximum:
         problem, window = lasting(problem, window.minimum), None
@@ -105,7 +148,7 @@ def _plan_beside_guess(
     except OutOfTime:
         if not allowance.used_up:
             raise
-    found = plan(problem, settings, watch)
+    found = _plan(problem, settings, watch, None)
     return replace(found, solver=replace(found.solver, starts=found.solver.starts + 1))
 
 
@@ -186,11 +229,8 @@ def _plan_in_family(
             shortest = found
             return search.best_plan(asked, shortest)
         except OutOfTime as end:
-            end.refusal = (
-                out_of_time(end, *search.best_attempt()[:2])
-                if shortest is None
-                else out_of_time_beside(end, shortest)
-            )
+            if shortest is None:
+                end.refusal = out_of_time(end, *search.best_attempt()[:2])
             raise
     attempt, violated, singular_at = search.best_attempt()
     if attempt is None:

@@ -13,7 +13,7 @@ import numpy as np
 from ff_planner_ros.common.arrays import Array, finite_number, frozen
 from ff_planner_ros.common.declared import check_declared, declare
 from ff_planner_ros.common.declared_parts import changes
-from ff_planner_ros.common.forms import a_number, a_vector, a_word, or_none
+from ff_planner_ros.common.forms import a_number, a_vector, a_whole_number, a_word, or_none
 from ff_planner_ros.errors import (
     Failure,
     FfPlannerError,
@@ -27,7 +27,7 @@ from ff_planner_ros.planning.motion.forward import carried_forward
 from ff_planner_ros.planning.motion.joint_motion import JointMotion
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.motion.system_frame import SystemFrame, system_frame
-from ff_planner_ros.planning.motion.watch import Watch
+from ff_planner_ros.planning.motion.watch import Steps, Watch
 from ff_planner_ros.planning.problem.problem import PlanningProblem, lasting
 from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.robust.robust import robust_plan
@@ -45,6 +45,8 @@ _NANOSECONDS = 1e9
 # Durations that are tried where the tail of the one that was chosen cannot be driven: as far apart
 # as an eighth of the range.
 _OTHER_MOMENTS = 9
+# More steps than any search takes; messages count them in a uint64.
+MOST_STEPS = 2**53
 # A goal is at its motion's last point, but for this [s].
 _ROUNDING = 1e-6
 
@@ -117,6 +119,16 @@ class PlanningTask:
         since="0.3",
         default=None,
     )
+    effort: int = declare(
+        a_whole_number(0, MOST_STEPS),
+        "step at which the search ends, as an answer tells it; default: it goes to its end",
+        key="search.effort",
+        since="0.3",
+        brief=True,
+        default=0,
+        message="search.effort",
+        late=True,
+    )
 
     def __post_init__(self) -> None:
         """Check the times, and keep read-only copies of the arrays."""
@@ -173,9 +185,10 @@ def in_frame_of_user(
 def perform(task: PlanningTask, watch: Watch = NOBODY, method: Method = plan) -> Plan:
     """Plan from where the system will be to the end of the tail, and judge the plan.
 
-    The same task gives the same plan. It is made and judged in the frame of the system's centre of
-    mass (`system_frame`), where it does not depend on the frame of the task; the plan, and the
-    attempt of a refusal, are in the frame of the task.
+    The same task gives the same plan. Where the watch ends the search, the same task with the
+    effort that the plan, or the refusal, tells gives the same again. The plan is made and judged in
+    the frame of the system's centre of mass (`system_frame`), where it does not depend on the frame
+    of the task; the plan, and the attempt of a refusal, are in the frame of the task.
 
     Raises:
         InvalidInput: The start violates what the plan must keep, or the tail is too long.
@@ -191,12 +204,15 @@ def perform(task: PlanningTask, watch: Watch = NOBODY, method: Method = plan) ->
         rest = replace(running, time=running.time - task.ahead)
         guess = Remainder(rest, task.running_goal - task.ahead)
         frame, problem = _seen_from_system(problem, start)
+    steps = Steps(watch, task.effort)
     try:
-        return frame.plan_seen_by_user(_performed(task, problem, watch, method, guess))
+        found = _performed(task, problem, steps, method, guess)
+        return frame.plan_seen_by_user(replace(found, effort=steps.ended_at))
     except OutOfTime as end:
         refused = end.refusal or out_of_time(end)
     except NoPlanFound as found_none:
         refused = found_none
+    refused.effort = steps.ended_at
     if isinstance(refused.attempt, Plan):
         refused.attempt = frame.plan_seen_by_user(refused.attempt)
     raise refused
