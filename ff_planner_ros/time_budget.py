@@ -22,7 +22,7 @@ class TimeBudget(Watch):
         self._last: tuple[str, float] | None = None  # phase and begin of the last step
         self._lasted = defaultdict[str, deque[float]](lambda: deque(maxlen=_REMEMBERED))
 
-    def require_time(self, phase: str = SEARCHING) -> None:
+    def require_time(self, phase: str = SEARCHING, /) -> None:
         """Raise OutOfTime once the budget is used up, or nearly so.
 
         Raises:

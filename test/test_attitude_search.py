@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 from robots import CANADARM2_SCENARIO, LEMUR_SCENARIO
 
-from ff_planner_ros.errors import NoPlanFound, OutOfTime, Status
+from ff_planner_ros.errors import EndedBy, NoPlanFound, OutOfTime
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.check.check import failures
 from ff_planner_ros.planning.motion.watch import Watch
@@ -134,21 +134,19 @@ class Patience(Watch):
     def __init__(self, looks):
         self.looks = looks
 
-    def require_time(self):
+    def require_time(self, *_):
         if self.looks == 0:
             raise OutOfTime("the patience is over")
         self.looks -= 1
 
 
-def test_a_search_that_is_ended_tells_that_there_is_a_shortest_plan():
+def test_a_search_that_is_ended_answers_with_the_shortest_plan():
     problem = replace(load_scenario(LEMUR_SCENARIO), objective=ATTITUDE)
     needed = plan(replace(problem, objective=LENGTH), SETTINGS).solver.rollouts
-    with pytest.raises(OutOfTime) as end:
-        plan(problem, SETTINGS, Patience(needed + 20))
-    refused = end.value.refusal
-    assert refused.status is Status.TIMED_OUT
-    assert "a plan of least joint path was found" in refused.constraint
-    assert refused.attempt.metrics.joint_path_length < 1.2
+    found = plan(problem, SETTINGS, Patience(needed + 20))
+    assert found.solver.ended_by == EndedBy.DEADLINE
+    assert found.solver.stop_reason == "the patience is over: the best plan until then"
+    assert found.metrics.joint_path_length < 1.2
     with pytest.raises(OutOfTime) as end:
         plan(problem, SETTINGS, Patience(needed - 5))
     assert "whether there is a plan is not known" in end.value.refusal.constraint

@@ -247,7 +247,7 @@ def test_a_search_that_is_ended_tells_how_far_it_came(capture, settings, allowed
     calls = count(1)
 
     class Impatient(Watch):
-        def require_time(self):
+        def require_time(self, *_):
             if next(calls) > allowed:
                 raise OutOfTime("the patience of this test is at its end")
 
@@ -267,7 +267,7 @@ def test_who_could_have_ended_a_search_does_not_change_its_answer(capture, setti
     calls = count()
 
     class Counting(Watch):
-        def require_time(self):
+        def require_time(self, *_):
             next(calls)
 
     answer = plan(replace(capture, objective=LENGTH), settings, Counting())

@@ -111,7 +111,7 @@ def test_progress_is_told_and_the_search_ends_when_it_is_told_to(
     told: list[Progress] = []
 
     class Impatient(Watch):
-        def require_time(self) -> None:
+        def require_time(self, *_: str) -> None:
             if len(told) >= 3:
                 raise OutOfTime("enough")
 

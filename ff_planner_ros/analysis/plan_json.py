@@ -120,6 +120,7 @@ def _of_plan(plan: Plan, solve_time: float) -> dict[str, Any]:
         "joint_names": list(plan.joint_names),
         **{item.name: getattr(motion, item.name).tolist() for item in fields(motion)},
         "parametrisation": plan.family,
+        "effort": plan.effort,
         "xi": plan.xi.tolist(),
         "orientation_reading": plan.orientation_reading,
         **_how_good(plan, solve_time),
@@ -153,6 +154,8 @@ def refusal_dictionary(
     refusal: dict[str, Any] = {"status": error.status.name.lower(), "message": str(error)}
     if digest is not None:
         refusal["digest"] = digest
+    if isinstance(error, NoPlanFound) and error.effort:
+        refusal["effort"] = error.effort
     if isinstance(error, NoPlanFound) and isinstance(error.attempt, Plan):
         refusal |= _how_good(error.attempt, solve_time)
     return refusal
@@ -227,7 +230,11 @@ def plan_document(answer: Any) -> PlanDocument:
         name: str(value) if name.endswith("_pair") else _number(f"metrics.{name}", value)
         for name, value in found.items()
     }
-    told = {item.name: _entry(solver, item.name, "solver.") for item in fields(SolverReport)}
+    told = {
+        item.name: _entry(solver, item.name, "solver.")
+        for item in fields(SolverReport)
+        if item.default is MISSING or item.name in solver
+    }
     for name in ("starts", "iterations", "rollouts"):
         told[name] = int(finite_number(f"solver.{name}", told[name]))
     told["optimality"] = _number("solver.optimality", told["optimality"])
@@ -241,6 +248,7 @@ def plan_document(answer: Any) -> PlanDocument:
         metrics=Metrics(peak_joint_torques=tuple(peaks.tolist()), **values),
         solver=SolverReport(**told),
         duration=asked.get("duration"),
+        effort=int(finite_number("effort", answer.get("effort", 0))),
     )
     solve_time = _number("solver.solve_time", _entry(solver, "solve_time", "solver."))
     return PlanDocument(

@@ -72,6 +72,7 @@ def record_answer(
     # As they are at the plan's first point, and so is the target body.
     obstacles = obstacles_message(problem.obstacles, start_ns, SCENARIO_FRAME)
     request = request_message(problem, SCENARIO_FRAME)
+    request.search.effort = task.effort
     request.start_state = [state]
     request.scene = [scene_message(problem.obstacles, start_ns, SCENARIO_FRAME)]
     body = problem.target_body
@@ -91,7 +92,7 @@ def record_answer(
         obstacles_stamp_ns=start_ns,
         obstacles_source="scene",
         target_body_stamp_ns=0 if body is None else start_ns,
-        task_digest=task.digest,
+        task_digest=task.ended_at(response.effort).digest,
         first_guess=() if task.first_guess is None else tuple(task.first_guess.tolist()),
         geometry=problem.robot.geometry.value,
     ).tell(response)

@@ -105,11 +105,12 @@ def replay(recorded: RecordedRequest) -> Replayed:
         why = _NO_FUNCTIONS_OF_THE_PROBLEM[then]
         return Replayed(recorded, Verdict.NOT_REPLAYABLE, None, why, (), 0.0)
     try:
-        answer, planning_time = answer_again(recorded)
+        effort = 0 if recorded.response is None else recorded.response.effort
+        answer, planning_time = answer_again(recorded, effort)
     except BagError as error:
         return Replayed(recorded, Verdict.NOT_REBUILT, None, str(error), (), 0.0)
     before, found = recorded.response, list[Difference]()
-    if then in _FOR_LACK_OF_TIME:
+    if then in _FOR_LACK_OF_TIME and not (before and before.effort):
         verdict, words = Verdict.WITHOUT_CLOCK, _result(answer)
     elif before is None or answer.status.code != before.status.code:
         verdict, words = Verdict.DIFFERENT, f"{answer.status.message}{_doubt(recorded)}"
@@ -125,8 +126,11 @@ def replay(recorded: RecordedRequest) -> Replayed:
     return Replayed(recorded, verdict, answer, words, tuple(found), planning_time)
 
 
-def answer_again(recorded: RecordedRequest) -> tuple[PlanAnswer, float]:
+def answer_again(recorded: RecordedRequest, effort: int = 0) -> tuple[PlanAnswer, float]:
     """Answer a request as the node does, and tell the wall clock of the planning alone [s].
+
+    Args:
+        effort: Step at which the search ended, because its time was over; zero: at its end.
 
     Raises:
         BagError: The request cannot be rebuilt.
@@ -138,10 +142,10 @@ def answer_again(recorded: RecordedRequest) -> tuple[PlanAnswer, float]:
     begun, took = time.perf_counter(), 0.0
     try:
         asked = recorded.read_request()
-        digest, begun = asked.task.digest, time.perf_counter()
-        origin = asked.provenance
+        task, origin = asked.task.ended_at(effort), asked.provenance
+        digest, begun = task.digest, time.perf_counter()
         try:
-            plan = perform(asked.task)
+            plan = perform(task)
         finally:
             took = time.perf_counter() - begun
         body = asked.task.problem.target_body

@@ -27,7 +27,7 @@ class Progress:
 class Watch:
     """Is told of the progress of a search, and may end it. This one does neither."""
 
-    def require_time(self, phase: str = SEARCHING) -> None:
+    def require_time(self, phase: str = SEARCHING, /) -> None:
         """Called before every step of a search; raises OutOfTime to end it."""
 
     def report(self, progress: Progress) -> None:
@@ -44,7 +44,7 @@ class PassingOn(Watch):
         """Watch together with another one."""
         self._watch = watch
 
-    def require_time(self, phase: str = SEARCHING) -> None:
+    def require_time(self, phase: str = SEARCHING, /) -> None:
         """Pass it on."""
         self._watch.require_time(phase)
 
@@ -66,7 +66,7 @@ class Steps(PassingOn):
         self._last, self._step = last, 1
         self.ended_at = 0  # the step at which the search was ended; zero: it was not
 
-    def require_time(self, phase: str = SEARCHING) -> None:
+    def require_time(self, phase: str = SEARCHING, /) -> None:
         """Count a step.
 
         Raises:

@@ -51,7 +51,7 @@ class Allowance(PassingOn):
         """Whether that ended the search, rather than the watch."""
         return self._left < 0
 
-    def require_time(self, phase: str = SEARCHING) -> None:
+    def require_time(self, phase: str = SEARCHING, /) -> None:
         """Count a look; raises OutOfTime after the last."""
         self._watch.require_time(phase)
         self._left -= phase != CHECKING

@@ -155,6 +155,10 @@ class PlanningTask:
             )
             raise InvalidInput(Status.OUT_OF_RANGE, "running_goal", goal, allowed)
 
+    def ended_at(self, effort: int) -> PlanningTask:
+        """Return the task whose search ends at a step, as an answer tells it; zero: at its end."""
+        return replace(self, effort=effort) if effort else self
+
     @cached_property
     def digest(self) -> str:
         """A hash of everything that the plan depends on: equal tasks have equal digests."""

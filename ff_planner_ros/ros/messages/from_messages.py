@@ -54,7 +54,7 @@ MAX_MESSAGE_SECONDS = 2**31 - 1
 _JOINTS = ("joint_positions", "joint_velocities", "joint_accelerations")
 # Fields of a request that this version refuses unless they are empty.
 _NOT_YET = (
-    *("payload", "then", "search.effort", "search.depth", "scene[0].bodies"),
+    *("payload", "then", "search.depth", "scene[0].bodies"),
     *("limits.grasp_force", "limits.grasp_torque", "limits.capture_impulse"),
 )
 # Of joints at fault: more than any arm has would bury the message.
@@ -252,6 +252,7 @@ def plan_from_answer(answer: PlanAnswer) -> Plan:
         metrics=metrics_from_message(answer.metrics[0]),
         solver=solver_report_from_message(answer.solver),
         duration=message.duration or None,
+        effort=answer.effort,
     )
 
 
@@ -264,7 +265,9 @@ def metrics_from_message(message: PlanMetrics) -> Metrics:
 
 def solver_report_from_message(message: SolverReportMessage) -> SolverReport:
     """Read how the search went."""
-    return SolverReport(**{one.name: value_at(message, one.name) for one in fields(SolverReport)})
+    # A message decoded from a bag of an earlier version lacks what has a default.
+    told = {one.name: value_at(message, one.name, one.default) for one in fields(SolverReport)}
+    return SolverReport(**told)
 
 
 def require_frame(field: str, frame_id: str, allowed: str) -> None:

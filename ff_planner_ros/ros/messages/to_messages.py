@@ -150,6 +150,7 @@ def answer_with_plan(
     return PlanAnswer(
         status=PlanStatus(code=int(Status.SOLVED), message=plan.message),
         plan_id=plan_id,
+        effort=plan.effort,
         plans=[written],
         metrics=[PlanMetrics(**asdict(plan.metrics))],
         solver=SolverReport(solve_time=solve_time, **asdict(plan.solver)),
@@ -162,6 +163,8 @@ def answer_of_error(error: FfPlannerError, plan_id: str, solve_time: float) -> P
     The best attempt's metrics go with it, so that one sees what was missing; its motion does not.
     """
     answer = PlanAnswer(status=status_message(error), plan_id=plan_id)
+    if isinstance(error, NoPlanFound):
+        answer.effort = error.effort
     if isinstance(error, NoPlanFound) and isinstance(error.attempt, Plan):
         answer.metrics = [PlanMetrics(**asdict(error.attempt.metrics))]
         answer.solver = SolverReport(solve_time=solve_time, **asdict(error.attempt.solver))

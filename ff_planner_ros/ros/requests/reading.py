@@ -191,6 +191,7 @@ def read_request(request: PlanRequest, knowledge: Knowledge) -> ReadRequest:
             end_behaviour=end_behaviour,
             tail=tail,
             controller=parameters.controller.of(knowledge.robot.joint_names),
+            effort=request.search.effort,
         )
     except InvalidInput as error:
         raise RequestRefused(error, provenance) from None

@@ -1,0 +1,240 @@
+"""A search that is ended answers with the best plan until then, and its effort gives that again."""
+
+from __future__ import annotations
+
+import json
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from dense_motion import truth
+from robots import LEMUR_SCENARIO
+
+from ff_planner_ros.analysis.plan_json import plan_dictionary, plan_document, refusal_dictionary
+from ff_planner_ros.bag.reader import open_bag
+from ff_planner_ros.cli import main
+from ff_planner_ros.errors import EndedBy, InvalidInput, NoPlanFound, OutOfTime, Status
+from ff_planner_ros.parameters import load_parameters
+from ff_planner_ros.planning.check.check import failures
+from ff_planner_ros.planning.motion.plan import Plan
+from ff_planner_ros.planning.motion.watch import CHECKING, Steps, Watch
+from ff_planner_ros.planning.optimisation.objectives import plan_cost
+from ff_planner_ros.planning.problem.problem import (
+    DurationRange,
+    Objective,
+    PlanningProblem,
+    lasting,
+)
+from ff_planner_ros.planning.scenario.scenario import Defaults, load_scenario, load_task
+from ff_planner_ros.planning.scenario.scenario_writer import write_scenario
+from ff_planner_ros.planning.task.task import PlanningTask, perform
+from ff_planner_ros.runs.offline_bag import record_answer
+from ff_planner_ros.runs.recorded_run import recorded_run
+from ff_planner_ros.runs.replay import Verdict, replay
+from ff_planner_ros.time_budget import TimeBudget
+
+SETTINGS = load_parameters().planner
+LEAST_ATTITUDE = Objective(0.0, 1.0)
+
+
+class EndingAt(Watch):
+    """Ends a search at a step, as a clock would."""
+
+    def __init__(self, step: int) -> None:
+        self.left = step
+        self.offered: list[Plan] = []
+
+    def require_time(self, *_: str) -> None:
+        self.left -= 1
+        if self.left <= 0:
+            raise OutOfTime("the clock of this test")
+
+    def offer(self, plan: Plan) -> None:
+        self.offered.append(plan)
+
+
+def answered(task: PlanningTask, watch: Watch) -> tuple[Plan | None, NoPlanFound | None]:
+    try:
+        return perform(task, watch), None
+    except NoPlanFound as refused:
+        return None, refused
+
+
+def same(one: Plan, other: Plan) -> bool:
+    """Whether two plans are equal to the last bit."""
+    return all(
+        np.array_equal(getattr(one.trajectory, name), getattr(other.trajectory, name))
+        for name in vars(one.trajectory)
+    ) and np.array_equal(one.coefficients, other.coefficients)
+
+
+def problems() -> dict[str, PlanningProblem]:
+    """Least attitude, a moment to be chosen, and bodies."""
+    capture = load_scenario(LEMUR_SCENARIO)
+    tumbling = load_scenario(LEMUR_SCENARIO.with_name("lemur_tumbling.yaml"))
+    assert tumbling.target_body is not None
+    free = replace(
+        tumbling,
+        duration=14.0,
+        duration_range=DurationRange(6.0, 14.0),
+        target=tumbling.target_body.target(14.0),
+        objective=Objective(1.0, 1.0, 0.3),
+    )
+    return {"attitude": replace(capture, objective=LEAST_ATTITUDE), "moment": free}
+
+
+PROBLEMS = problems()
+
+
+@pytest.mark.parametrize("name", list(PROBLEMS))
+def test_wherever_a_search_is_ended_its_effort_gives_the_same_answer_again(name: str) -> None:
+    """And a later end never gives a worse plan."""
+    problem, costs = PROBLEMS[name], list[float]()
+    task = PlanningTask(problem, replace(SETTINGS, attitude_rounds=1))
+    for step in (1, 2, 7, 20, 45, 100, 250):
+        watch = EndingAt(step)
+        found, refused = answered(task, watch)
+        again_found, refused_again = answered(task.ended_at(step), Watch())
+        if found is None:
+            assert not costs, "there was a plan before"
+            for one in (refused, refused_again):
+                assert one is not None
+                assert (one.status, one.effort) == (Status.TIMED_OUT, step)
+            assert str(refused).partition(";")[2] == str(refused_again).partition(";")[2]
+            continue
+        costs.append(plan_cost(problem.objective, found))
+        if not found.effort:  # it needs fewer steps
+            break
+        assert (found.effort, found.solver.ended_by) == (step, EndedBy.DEADLINE)
+        assert not list(failures(lasting(problem, found.duration), found, SETTINGS))
+        assert again_found is not None
+        assert same(again_found, found)
+        assert (again_found.effort, again_found.solver.ended_by) == (step, EndedBy.EFFORT)
+        assert len(watch.offered) == len({plan_cost(problem.objective, p) for p in watch.offered})
+    assert len(costs) >= 2
+    assert costs == sorted(costs, reverse=True)
+
+
+def test_what_is_handed_out_early_keeps_everything_by_the_truth() -> None:
+    problem = PROBLEMS["attitude"]
+    found = perform(PlanningTask(problem, SETTINGS), EndingAt(60))
+    assert found.solver.ended_by == EndedBy.DEADLINE
+    true = truth(problem, found.trajectory)
+    assert true.clearance >= 0.0
+    assert true.position_miss <= SETTINGS.position_tolerance
+    assert true.beyond_positions <= 1e-4
+
+
+def test_a_search_that_comes_to_its_end_has_no_effort_and_says_how_it_ended() -> None:
+    shortest = PlanningTask(replace(PROBLEMS["attitude"], objective=Objective(1.0, 0.0)), SETTINGS)
+    found = perform(shortest, EndingAt(10**6))
+    assert (found.effort, found.solver.ended_by) == (0, EndedBy.CONVERGED)
+    assert same(found, perform(shortest))
+    # An effort that the search does not need changes nothing but the task.
+    assert perform(shortest.ended_at(10**6)).effort == 0
+    assert shortest.ended_at(10**6).digest != shortest.digest
+    assert shortest.ended_at(0).digest == shortest.digest
+
+
+def test_a_robust_plan_that_is_not_finished_is_not_handed_out() -> None:
+    settings = replace(SETTINGS, robust=replace(SETTINGS.robust, sigmas=3.0))
+    task = PlanningTask(replace(PROBLEMS["attitude"], objective=Objective(1.0, 0.0)), settings)
+    whole = perform(task)
+    assert whole.robust is not None
+    assert whole.robust.rounds
+    for step in (10, 25, 40, 60):
+        found, refused = answered(task, EndingAt(step))
+        if found is None:
+            assert refused is not None
+            assert (refused.status, refused.effort) == (Status.TIMED_OUT, step)
+        else:
+            assert found.robust is not None
+            assert found.robust.least_sigmas >= 3.0 * (1.0 - 1e-3)
+
+
+def test_steps_are_counted_however_the_search_is_ended() -> None:
+    steps = Steps(EndingAt(3))
+    steps.require_time()
+    steps.require_time(CHECKING)
+    assert steps.ended_at == 0
+    for _ in range(2):  # from then on every step is the last one
+        with pytest.raises(OutOfTime) as end:
+            steps.require_time()
+        assert steps.ended_at == 3
+    assert end.value.ended_by is EndedBy.EFFORT
+
+
+def test_a_budget_ends_before_a_step_that_would_exceed_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As the last steps of the same phase took; those of another phase say nothing of it."""
+    now = [100.0]
+    monkeypatch.setattr(time, "monotonic", lambda: now[0])
+    watch = TimeBudget(1.0)
+    watch.require_time(CHECKING)
+    now[0] += 0.4
+    for _ in range(4):
+        watch.require_time()
+        now[0] += 0.1
+    watch.require_time()  # at 0.8 s: 0.1 s are left after a step as the last ones
+    now[0] += 0.1
+    with pytest.raises(OutOfTime):  # at 0.9 s: a check took 0.4 s
+        watch.require_time(CHECKING)
+
+
+def test_the_budget_of_a_command_gives_the_best_until_then(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Recorded, it replays identically although the clock decided; as JSON and scenario, too."""
+    answer, bag = tmp_path / "answer.json", tmp_path / "bag"
+    budget = ["--objective", "attitude", "--time-budget", "0.4"]
+    plan = ["plan", str(LEMUR_SCENARIO), *budget, "--json", str(answer), "--bag", str(bag)]
+    if main(plan):  # on a machine that needs longer for the first plan
+        pytest.skip("no plan in 0.4 s here")
+    assert (
+        "the time budget of 0.4 s is used up: the best plan until then" in capsys.readouterr().out
+    )
+    told = json.loads(answer.read_text())
+    assert told["effort"] > 0
+    assert told["solver"]["ended_by"] == "deadline"
+    document = plan_document(told)
+    assert document.plan.effort == told["effort"]
+    with open_bag(bag) as opened:
+        (recorded,) = recorded_run(opened).requests
+    assert recorded.response is not None
+    assert recorded.response.effort == told["effort"]
+    again = replay(recorded)
+    assert again.verdict is Verdict.IDENTICAL
+    assert again.answer is not None
+    assert again.answer.task_digest == recorded.response.task_digest
+
+
+def test_a_refusal_for_lack_of_time_is_replayed_to_the_step(tmp_path: Path) -> None:
+    task = PlanningTask(PROBLEMS["attitude"], SETTINGS)
+    with pytest.raises(NoPlanFound) as refused:
+        perform(task, EndingAt(9))
+    record_answer(tmp_path / "bag", task, refused.value, 0.1)
+    assert refusal_dictionary(refused.value, 0.1)["effort"] == 9
+    with open_bag(tmp_path / "bag") as opened:
+        (recorded,) = recorded_run(opened).requests
+    assert replay(recorded).verdict is Verdict.IDENTICAL
+
+
+def test_a_scenario_holds_the_effort(tmp_path: Path) -> None:
+    task = PlanningTask(PROBLEMS["attitude"], SETTINGS).ended_at(60)
+    path = tmp_path / "scenario.yaml"
+    write_scenario(task, path)
+    assert "effort: 60" in path.read_text()
+    again = load_task(path, Defaults(SETTINGS))
+    assert again.digest == task.digest
+    found = perform(again)
+    assert found.effort == 60
+    assert plan_dictionary(found, again, 0.1)["effort"] == 60
+
+
+@pytest.mark.parametrize("effort", [-1, 1.5, 2**64, True])
+def test_an_impossible_effort_is_refused(effort: Any) -> None:
+    with pytest.raises(InvalidInput) as refused:
+        PlanningTask(PROBLEMS["attitude"], SETTINGS, effort=effort)
+    assert refused.value.field == "search.effort"
