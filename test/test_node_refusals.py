@@ -12,7 +12,6 @@ from typing import Any
 import pytest
 from builtin_interfaces.msg import Time
 from ff_planner_msgs.msg import (
-    Camera,
     ChaserState,
     Goal,
     Obstacle,
@@ -143,15 +142,12 @@ def _too_fast(request: PlanRequest) -> None:
 NOT_YET: dict[str, Any] = {
     "goal.kind": Goal.JOINTS,
     "payload": [Payload()],
-    "camera": [Camera()],
     "then": [Phase()],
-    "search.effort": 1,
     "search.depth": "quick",
     "scene.0.bodies": [Obstacle()],
     "limits.grasp_force": [1.0],
     "limits.grasp_torque": [1.0],
     "limits.capture_impulse": [1.0],
-    "on_cancel": "best",
 }
 CASES = {
     "state of an hour ago": Case(

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from ff_planner_ros.errors import EndedBy, OutOfTime
 
 if TYPE_CHECKING:
+    from ff_planner_ros.planning.motion.metrics import Metrics
     from ff_planner_ros.planning.motion.plan import Plan
 
 SEARCHING, REFINING, CHECKING = "searching", "refining", "checking"
@@ -22,6 +23,8 @@ class Progress:
     iterations: int  # paths looked at with their derivatives, over all starts
     objective: float  # of the path last looked at
     violation: float  # by how much it violates its worst constraint [m, rad or rad/s]
+    step: int = 0  # of the search, as `Steps` counts them
+    best: Metrics | None = None  # of the best plan until then; None: there is none yet
 
 
 class Watch:
@@ -82,3 +85,7 @@ class Steps(PassingOn):
             self.ended_at = self._last = self._step
             raise
         self._step += 1
+
+    def report(self, progress: Progress) -> None:
+        """Tell the step, too."""
+        super().report(replace(progress, step=self._step))

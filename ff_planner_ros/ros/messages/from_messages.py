@@ -6,13 +6,14 @@ import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import fields, replace
+from enum import StrEnum
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ff_planner_ros.common.arrays import Array, finite_number, finite_vector
 from ff_planner_ros.common.declared_messages import names_in, require_left_out, value_at, values_in
-from ff_planner_ros.common.shown import quoted
+from ff_planner_ros.common.forms import a_word
 from ff_planner_ros.common.times import NANOSECONDS, nanoseconds
 from ff_planner_ros.errors import InvalidInput, Status, fields_named
 from ff_planner_ros.messages.target_bodies import NAMED_AS, target_body_in
@@ -61,6 +62,13 @@ _NOT_YET = (
 _NAMES_SHOWN = 20
 
 
+class OnCancel(StrEnum):
+    """What becomes of a goal of the action that is cancelled."""
+
+    DISCARD = "discard"
+    BEST = "best"  # the best plan until then is the answer
+
+
 def require_supported(request: PlanRequest) -> None:
     """Refuse a request for what no plan can have yet.
 
@@ -73,9 +81,7 @@ def require_supported(request: PlanRequest) -> None:
         allowed = f"it must be POSE ({GoalKind.POSE:d}) or CAPTURE ({GoalKind.CAPTURE:d})"
         status = Status.UNSUPPORTED if kind in iter(GoalKind) else Status.OUT_OF_RANGE
         raise InvalidInput(status, "goal.kind", kind, allowed)
-    if request.on_cancel not in ("", "discard"):
-        status = Status.UNSUPPORTED if request.on_cancel == "best" else Status.OUT_OF_RANGE
-        raise InvalidInput(status, "on_cancel", quoted(request.on_cancel), "it must be discard")
+    a_word(OnCancel).read("on_cancel", request.on_cancel or OnCancel.DISCARD)
 
 
 def problem_from_request(

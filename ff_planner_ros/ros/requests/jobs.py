@@ -18,6 +18,8 @@ class Job:
         self._lock = threading.Lock()
         self._cause: FfPlannerError | None = None
         self._sealed = False
+        # Whether the best plan until now shall be its answer
+        self.ends_early = False
 
     @property
     def cause(self) -> FfPlannerError | None:
@@ -32,6 +34,12 @@ class Job:
                 return False
             self._cause = self._cause or cause
             return True
+
+    def end_early(self) -> bool:
+        """Answer it with the best plan until now; False if its answer stands already."""
+        with self._lock:
+            self.ends_early = not self._sealed
+            return self.ends_early
 
     def check(self) -> None:
         """Raise the cause for which it was given up, if it was.

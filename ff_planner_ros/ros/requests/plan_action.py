@@ -6,10 +6,11 @@ import math
 import threading
 import time
 from collections.abc import Callable
+from dataclasses import asdict
 from typing import TypeAlias
 
 from ff_planner_msgs.action import PlanTrajectory
-from ff_planner_msgs.msg import PlanAnswer, PlanProgress, PlanRequest
+from ff_planner_msgs.msg import PlanAnswer, PlanMetrics, PlanProgress, PlanRequest
 from rclpy.action import ActionServer, CancelResponse
 from rclpy.action.server import ServerGoalHandle
 from rclpy.callback_groups import CallbackGroup
@@ -18,6 +19,7 @@ from rclpy.node import Node
 
 from ff_planner_ros.errors import FfPlannerError, Status
 from ff_planner_ros.planning.motion.watch import Progress
+from ff_planner_ros.ros.messages.from_messages import OnCancel
 from ff_planner_ros.ros.messages.interfaces import ACTION
 from ff_planner_ros.ros.qos import EVENT_QOS
 from ff_planner_ros.ros.requests.action_events import ActionEvents
@@ -82,10 +84,13 @@ class PlanAction:
             goal.execute()
 
     def _cancel(self, goal: ServerGoalHandle) -> CancelResponse:
-        cause = FfPlannerError(Status.CANCELLED, "the client of the action cancelled it")
-        if self._give_up(self._job_of(goal), cause):
-            return CancelResponse.ACCEPT
-        return CancelResponse.REJECT
+        job = self._job_of(goal)
+        if goal.request.request.on_cancel == OnCancel.BEST:
+            accepted = job.end_early()
+        else:
+            cause = FfPlannerError(Status.CANCELLED, "the client of the action cancelled it")
+            accepted = self._give_up(job, cause)
+        return CancelResponse.ACCEPT if accepted else CancelResponse.REJECT
 
     def _execute(self, goal: ServerGoalHandle) -> PlanTrajectory.Result:
         begun, best = time.perf_counter(), math.inf
@@ -97,10 +102,11 @@ class PlanAction:
             found = math.isfinite(best)
             told = PlanProgress(
                 phase=progress.phase,
-                effort=progress.starts,
+                effort=progress.step,
                 elapsed=time.perf_counter() - begun,
                 found=found,
                 best_objective=best if found else math.nan,
+                best=[] if progress.best is None else [PlanMetrics(**asdict(progress.best))],
             )
             goal.publish_feedback(PlanTrajectory.Feedback(progress=told))
 

@@ -30,6 +30,7 @@ from ff_planner_ros.planning.problem.problem import lasting
 from ff_planner_ros.planning.problem.scene import scene_of
 from ff_planner_ros.planning.task.controller_rules import require_in_time
 from ff_planner_ros.planning.task.library import Guesses
+from ff_planner_ros.planning.task.task import PlanningTask
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.ros.inputs.scene_input import SceneInput
 from ff_planner_ros.ros.inputs.state_input import StateInput
@@ -57,7 +58,6 @@ from ff_planner_ros.ros.requests.reading import (
 )
 from ff_planner_ros.ros.requests.waiting_plan import MadePlan
 from ff_planner_ros.ros.requests.worker import Worker
-from ff_planner_ros.time_budget import TimeBudget
 
 # A response that a client reads after it has heard that the service is gone is lost, and rclpy
 # cannot tell when a response has arrived. So the service stays so long after the last one [s].
@@ -156,13 +156,14 @@ class PlanningService:
         tell: Callable[[Progress], None],
     ) -> PlanAnswer:
         begun, provenance = time.perf_counter(), Provenance()
+        task: PlanningTask | None = None
         try:
             with self._jobs.taken_up(job, preempt=self._parameters.current.when_busy == PREEMPT):
                 taken_up = time.monotonic()
                 knowledge = self._knowledge()
                 provenance = Provenance(received_stamp_ns=knowledge.now_ns)
                 asked = read_request(request, knowledge)
-                provenance = asked.provenance
+                provenance, task = asked.provenance, asked.task
                 answer = self._planned(
                     asked, knowledge.parameters, door, job, tell, begun, taken_up
                 )
@@ -176,6 +177,8 @@ class PlanningService:
             cause = FfPlannerError(Status.INTERNAL_ERROR, unforeseen)
             answer = answer_of_error(cause, job.plan_id, time.perf_counter() - begun)
         provenance.tell(answer)
+        if task is not None and answer.effort:
+            answer.task_digest = task.ended_at(answer.effort).digest
         status = Status(answer.status.code)
         clearances = _clearances(answer) if status is Status.SOLVED else {}
         self.last = LastRequest(job.plan_id, status, answer.status.message, clearances)
@@ -209,7 +212,6 @@ class PlanningService:
         begun: float,
         taken_up: float,
     ) -> PlanAnswer:
-        budget = TimeBudget(asked.budget, taken_up)
         latest_ns = asked.start_ns
         if asked.task.running_goal is not None:
             latest_ns -= round(parameters.replanning.handover * NANOSECONDS)
@@ -219,7 +221,14 @@ class PlanningService:
             self._require_in_time(latest_ns)
 
         try:
-            plan = self._worker.solve(asked.task, asked.budget, taken_up, check, tell)
+            plan = self._worker.solve(
+                asked.task, asked.budget, taken_up, check, tell, lambda: job.ends_early
+            )
+        except NoPlanFound as refused:
+            if job.ends_early and refused.status is Status.TIMED_OUT:
+                words = f"the client of the action cancelled it: {refused}"
+                raise NoPlanFound(Status.CANCELLED, words, effort=refused.effort) from None
+            raise
         except Interrupted:
             job.check()
             raise FfPlannerError(Status.SHUT_DOWN, "the planner was shut down") from None
@@ -237,10 +246,8 @@ class PlanningService:
         writing = self._writers.submit(write)
         while not wait([writing], _POLL).done:
             check()
-            budget.require_time()
         written, for_controller = writing.result()
         answer = answer_with_plan(plan, written, job.plan_id, time.perf_counter() - begun)
-        budget.require_time()
         require_in_time(latest_ns, self._clock.now().nanoseconds)
         made = MadePlan(
             job.plan_id,

@@ -14,13 +14,15 @@ import sys
 import time
 import traceback
 from contextlib import suppress
+from dataclasses import replace
 from multiprocessing.connection import Connection, wait
 from multiprocessing.reduction import recv_handle
 from typing import TypeAlias
 
-from ff_planner_ros.errors import FfPlannerError
+from ff_planner_ros.errors import EndedBy, FfPlannerError, OutOfTime
+from ff_planner_ros.planning.motion.metrics import Metrics
 from ff_planner_ros.planning.motion.plan import Plan
-from ff_planner_ros.planning.motion.watch import Progress
+from ff_planner_ros.planning.motion.watch import SEARCHING, Progress
 from ff_planner_ros.planning.task.task import PlanningTask, perform
 from ff_planner_ros.time_budget import TimeBudget
 
@@ -41,7 +43,7 @@ def serve(control: Connection) -> None:
         control: A message goes out once everything is loaded; then two handles come in for each
             plan: a tether, on which None goes out when the plan is begun and the exit code of its
             process when that has ended, and which the planner closes to end it; and a connection
-            for request, progress and answer.
+            for request, progress and answer, on which whatever follows the request ends the search.
     """
     # What only some searches load: a fork that needed it would load it again, plan after plan.
     import scipy.interpolate
@@ -90,16 +92,26 @@ def _make_plan(connection: Connection) -> None:
 
 
 class _Teller(TimeBudget):
-    """Ends a search when its time is used up, and tells its progress to whoever waits."""
+    """Ends a search when its time is used up or is told to; tells its progress to who waits."""
 
     def __init__(self, connection: Connection, budget: float, begun: float) -> None:
         super().__init__(budget, begun - min(_RESERVED * budget, _MOST_RESERVED))
         self._connection, self._reported = connection, begun
+        self._best: Metrics | None = None
+
+    def require_time(self, phase: str = SEARCHING, /) -> None:
+        super().require_time(phase)
+        if self._connection.poll():
+            raise OutOfTime("the request was cancelled", EndedBy.CANCEL)
+
+    def offer(self, plan: Plan) -> None:
+        self._best = plan.metrics
 
     def report(self, progress: Progress) -> None:
         now = time.monotonic()
         if now - self._reported >= _REPORT_INTERVAL:
             self._reported = now
+            progress = replace(progress, best=self._best)
             self._connection.send(progress)  # a reader that is gone ends the plan
 
 

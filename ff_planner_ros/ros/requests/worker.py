@@ -32,6 +32,8 @@ _Message: TypeAlias = Progress | Answer | None
 _POLL = 0.02
 # Loading takes seconds; a server that needs so much longer [s] will not get there.
 _LOADING = 60.0
+# A search that ends in time needs a moment more for its answer, on a machine that is busy [s].
+_GRACE = 0.25
 # A fork takes milliseconds; a loaded server that has begun no plan after so much waiting [s]
 # hangs, however busy the machine is.
 _BEGINNING = 10.0
@@ -79,6 +81,7 @@ class Worker:
         begun: float,
         check: Callable[[], None],
         report: Callable[[Progress], None],
+        ends_early: Callable[[], bool] = lambda: False,
     ) -> Plan:
         """Plan in another process and wait for the answer.
 
@@ -88,6 +91,7 @@ class Worker:
             check: Called before it begins and many times a second until it answers; what it raises
                 ends the plan.
             report: Told now and then how far the search has come; what it raises ends the plan.
+            ends_early: Asked many times a second whether the best plan until then is the answer.
 
         Raises:
             Interrupted: By `interrupt`, which is heard from before `check` on, or `close`.
@@ -100,7 +104,7 @@ class Worker:
             check()
             if self._interrupted:
                 raise Interrupted
-            if time.monotonic() > begun + budget:
+            if time.monotonic() > begun + budget + _GRACE:
                 raise NoPlanFound(
                     Status.TIMED_OUT,
                     f"the time budget of {budget:g} s is used up within a single iteration; "
@@ -114,7 +118,7 @@ class Worker:
             if self._closed:  # looked at last: `close` sets it first
                 raise Interrupted
             with self._begun(request, still_wanted) as process:
-                answer = process.answer(still_wanted, report)
+                answer = process.answer(still_wanted, report, ends_early)
         try:
             if isinstance(answer, FfPlannerError):
                 raise answer
@@ -245,7 +249,8 @@ class _PlanProcess:
     """The process that makes a plan; it ends, at the latest, when it is closed."""
 
     def __init__(self, tether: Connection, connection: Connection, request: bytes) -> None:
-        self._tether, self._received = tether, SimpleQueue[_Message]()
+        self._tether, self._connection = tether, connection
+        self._received = SimpleQueue[_Message]()
         # A process may stop in the midst of a long message: a thread waits for it.
         arguments = connection, request, self._received
         threading.Thread(target=_converse, args=arguments, daemon=True).start()
@@ -257,15 +262,23 @@ class _PlanProcess:
         return False
 
     def answer(
-        self, still_wanted: Callable[[], None], report: Callable[[Progress], None]
+        self,
+        still_wanted: Callable[[], None],
+        report: Callable[[Progress], None],
+        ends_early: Callable[[], bool],
     ) -> Answer:
         """Return what it answers.
 
         Raises:
             FfPlannerError: It died before (SOLVER_DIED).
         """
+        is_told = False
         while True:
             still_wanted()
+            if not is_told and ends_early():
+                is_told = True
+                with suppress(OSError):  # it has ended
+                    self._connection.send(None)
             try:
                 message = self._received.get(timeout=_POLL)
             except Empty:
