@@ -64,13 +64,13 @@ def test_of_many_planes_those_count_that_are_in_the_way(monkeypatch):
     normals = np.random.default_rng(5).normal(size=(1000, 4))
     normals /= np.linalg.norm(normals, axis=1)[:, None]
     looked_at = []
-    solve = qp._solve_subset
+    solve = qp._QuadraticProgram.solve
 
-    def watched(at_x, working_set, *rest):
+    def watched(program, at_x, working_set):
         looked_at.append(len(working_set))
-        return solve(at_x, working_set, *rest)
+        return solve(program, at_x, working_set)
 
-    monkeypatch.setattr(qp, "_solve_subset", watched)
+    monkeypatch.setattr(qp._QuadraticProgram, "solve", watched)
     for target in np.random.default_rng(6).normal(size=(5, 4)) * 3.0:
 
         def linearise(x, target=target):

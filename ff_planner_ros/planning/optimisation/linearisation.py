@@ -6,6 +6,7 @@ The program is: minimise f(x) + max_j p_j(x)  subject to  g(x) >= 0, h(x) = 0.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
@@ -34,12 +35,12 @@ class Linearisation:
     names: Indices = field(default_factory=lambda: np.empty(0, np.intp))
     is_defined: bool = True  # whether the functions are defined at x; if not, only x has a meaning
 
-    @property
+    @cached_property
     def objective(self) -> float:
         """Sum of f and the largest max term."""
         return self.value + (float(self.max_terms.max()) if self.max_terms.size else 0.0)
 
-    @property
+    @cached_property
     def violation(self) -> float:
         """Largest violation of a constraint; infinite where the functions are not defined."""
         return violation(self.constraints, self.equalities) if self.is_defined else np.inf

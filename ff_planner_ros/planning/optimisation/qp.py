@@ -11,7 +11,7 @@ to be trusted then.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import piqp
@@ -81,27 +81,32 @@ def _solve_by_working_set(at_x: Linearisation, radius: float, penalty: float) ->
     """
     jacobian, missing = at_x.constraints_jacobian, _INSIDE - at_x.constraints
     working = missing > -_WITHIN_REACH * radius * np.abs(jacobian).sum(axis=1)
+    program = _QuadraticProgram.of(at_x, radius, penalty)
     while True:
         (working_set,) = np.nonzero(working)
-        found = _solve_subset(at_x, working_set, radius, penalty)
-        if found is None:
+        result = program.solve(at_x, working_set)
+        if result is None:
             return None
-        step, slack = found
-        violated = ~working & (jacobian @ step.dx + slack < missing)
+        solution = result.x
+        dx, slack = solution[: program.variables], float(solution[-1])
+        change = jacobian @ dx
+        violated = ~working & (change + slack < missing)
         if not violated.any():
-            return step
+            return _step(at_x, working_set, dx, at_x.constraints + change, result)
         working |= violated
 
 
-def _solve_subset(
-    at_x: Linearisation, working_set: Indices, radius: float, penalty: float
-) -> tuple[Step, float] | None:
-    """Return the solution with the constraints of the working set alone, and its slack."""
-    result = _interior_point(at_x, working_set, radius, penalty)
-    if result is None:
-        return None
-    n, constraints = len(at_x.gradient), len(working_set)
-    dx, multipliers = result.x[:n], np.maximum(result.z_u, 0.0)
+def _step(
+    at_x: Linearisation, working_set: Indices, dx: Array, linearised: Array, result: Any
+) -> Step:
+    """Return a solution as a step.
+
+    Args:
+        working_set: Constraints that it was solved with.
+        linearised: All constraints at its end, linearised.
+        result: PIQP's.
+    """
+    constraints, multipliers = len(working_set), np.maximum(result.z_u, 0.0)
     on_constraints, on_max_terms = np.zeros(len(at_x.constraints)), multipliers[constraints:]
     on_constraints[working_set] = multipliers[:constraints]
     equal_jacobian = _equalities_jacobian(at_x)
@@ -118,60 +123,79 @@ def _solve_subset(
     model = at_x.value + float(at_x.gradient @ dx + 0.5 * dx @ at_x.hessian @ dx)
     if at_x.max_terms.size:
         model += float((at_x.max_terms + at_x.max_terms_jacobian @ dx).max())
-    step = Step(
+    return Step(
         dx=dx,
         objective=model,
-        violation=violation(
-            at_x.constraints + at_x.constraints_jacobian @ dx,
-            at_x.equalities + equal_jacobian @ dx,
-        ),
+        violation=violation(linearised, at_x.equalities + equal_jacobian @ dx),
         constraint_multipliers=on_constraints,
         equality_multipliers=result.y,
         max_term_multipliers=on_max_terms,
         optimality=float(max(np.abs(lagrangian).max(), complementarity.max(initial=0.0))),
     )
-    return step, float(result.x[n + 1])
 
 
-def _interior_point(
-    at_x: Linearisation, working_set: Indices, radius: float, penalty: float
-) -> Any | None:
-    """Return PIQP's result over (d, t, s); None: the equalities have no solution."""
-    n, max_terms, constraints = len(at_x.gradient), len(at_x.max_terms), len(working_set)
-    hessian = np.zeros((n + 2, n + 2))
-    hessian[:n, :n] = at_x.hessian
-    hessian.flat[:: n + 3] += _REGULARISATION  # the diagonal
-    hessian[n:, n:] *= _LINEAR
-    gradient = np.concatenate([at_x.gradient, [1.0 if max_terms else 0.0, penalty]])
-    rows = np.zeros((constraints + max_terms, n + 2))
-    rows[:constraints, :n] = -at_x.constraints_jacobian[working_set]
-    rows[:constraints, n + 1] = -1.0
-    rows[constraints:, :n] = at_x.max_terms_jacobian
-    rows[constraints:, n] = -1.0
-    # Max terms are measured from the present largest, so that t stays small.
-    largest = _largest(at_x)
-    upper = np.concatenate([at_x.constraints[working_set] - _INSIDE, largest - at_x.max_terms])
-    lowest_t = -max(abs(largest), 1.0) if max_terms else 0.0
-    equal = at_x.equalities
-    equal_rows = np.zeros((len(equal), n + 2))
-    equal_rows[:, :n] = _equalities_jacobian(at_x)
-    bound = np.full(n, radius)
+class _QuadraticProgram(NamedTuple):
+    """The program over (d, t, s) without its constraints, which a working set chooses."""
 
-    solver = piqp.DenseSolver()
-    solver.settings.verbose = False
-    solver.setup(
-        hessian,
-        gradient,
-        equal_rows if equal.size else None,
-        -equal if equal.size else None,
-        rows,
-        None,
-        upper,
-        np.concatenate([-bound, [lowest_t, 0.0]]),
-        np.concatenate([bound, [np.inf if max_terms else 0.0, np.inf]]),
-    )
-    status = solver.solve()
-    return None if equal.size and status != piqp.PIQP_SOLVED else solver.result
+    hessian: Array
+    gradient: Array
+    max_rows: Array  # of the max terms, to stay below `max_upper`
+    max_upper: Array
+    equal_rows: Array
+    lower: Array
+    upper: Array
+
+    @staticmethod
+    def of(at_x: Linearisation, radius: float, penalty: float) -> _QuadraticProgram:
+        """Return the program of a model in the trust region."""
+        n, max_terms = len(at_x.gradient), len(at_x.max_terms)
+        hessian = np.zeros((n + 2, n + 2))
+        hessian[:n, :n] = at_x.hessian
+        hessian.flat[:: n + 3] += _REGULARISATION  # the diagonal
+        hessian[n:, n:] *= _LINEAR
+        gradient = np.concatenate([at_x.gradient, [1.0 if max_terms else 0.0, penalty]])
+        max_rows = np.zeros((max_terms, n + 2))
+        max_rows[:, :n] = at_x.max_terms_jacobian
+        max_rows[:, n] = -1.0
+        equal_rows = np.zeros((len(at_x.equalities), n + 2))
+        equal_rows[:, :n] = _equalities_jacobian(at_x)
+        # Max terms are measured from the present largest, so that t stays small.
+        largest = _largest(at_x)
+        lower, upper = np.full(n + 2, -radius), np.full(n + 2, radius)
+        lower[n:] = -max(abs(largest), 1.0) if max_terms else 0.0, 0.0
+        upper[n:] = np.inf if max_terms else 0.0, np.inf
+        max_upper = largest - at_x.max_terms
+        return _QuadraticProgram(hessian, gradient, max_rows, max_upper, equal_rows, lower, upper)
+
+    @property
+    def variables(self) -> int:
+        """Number of entries of d."""
+        return len(self.gradient) - 2
+
+    def solve(self, at_x: Linearisation, working_set: Indices) -> Any | None:
+        """Return PIQP's result; None: the equalities have no solution."""
+        n, constraints = self.variables, len(working_set)
+        rows = np.empty((constraints + len(self.max_rows), n + 2))
+        np.negative(at_x.constraints_jacobian[working_set], out=rows[:constraints, :n])
+        rows[:constraints, n], rows[:constraints, n + 1] = 0.0, -1.0
+        rows[constraints:] = self.max_rows
+        upper = np.concatenate([at_x.constraints[working_set] - _INSIDE, self.max_upper])
+        equal = at_x.equalities
+        solver = piqp.DenseSolver()
+        solver.settings.verbose = False
+        solver.setup(
+            self.hessian,
+            self.gradient,
+            self.equal_rows if equal.size else None,
+            -equal if equal.size else None,
+            rows,
+            None,
+            upper,
+            self.lower,
+            self.upper,
+        )
+        status = solver.solve()
+        return None if equal.size and status != piqp.PIQP_SOLVED else solver.result
 
 
 def _largest(at_x: Linearisation) -> float:

@@ -177,9 +177,11 @@ def within(
         interest: Shape (values,), or one number for all.
     """
     margins = np.stack([upper - values, values - lower])
-    rows = np.nonzero(margins < interest)
-    names = np.ravel_multi_index(rows, margins.shape)
-    return Rows(margins[rows], np.stack([-jacobian, jacobian])[rows], names)
+    side, point, value = rows = np.nonzero(margins < interest)
+    by_x = jacobian[point, value]
+    to_upper = by_x[: np.count_nonzero(side == 0)]  # these rows come first
+    np.negative(to_upper, out=to_upper)
+    return Rows(margins[rows], by_x, np.ravel_multi_index(rows, margins.shape))
 
 
 def too_large(
