@@ -11,11 +11,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property, partial
 from typing import Generic, TypeVar
 
 import numpy as np
 
-from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.common.arrays import Array, Indices
 from ff_planner_ros.planning.optimisation.linearisation import FEASIBILITY_TOLERANCE, Linearisation
 from ff_planner_ros.planning.optimisation.qp import Step, elastic_mode, solve_qp
 
@@ -56,8 +57,7 @@ class Solution(Generic[AtX]):
 
     x: Array  # shape (variables,)
     at_x: AtX  # functions and derivatives there
-    # Largest entry of the Lagrangian's gradient, or of a constraint times its multiplier
-    optimality: float
+    optimality_at_x: Callable[[], float]  # what `optimality` takes the time to work out
     # No constraint is violated, and the objective is known to six good digits
     converged: bool
     iterations: int  # quadratic programs solved
@@ -66,6 +66,11 @@ class Solution(Generic[AtX]):
     # (variables, variables), None if unknown
     curvature: Array | None = None
     radius: float = FIRST_RADIUS  # of the trust region, to go on with
+
+    @cached_property
+    def optimality(self) -> float:
+        """Largest entry of the Lagrangian's gradient, or of a constraint times its multiplier."""
+        return self.optimality_at_x()
 
     @property
     def feasible(self) -> bool:
@@ -101,7 +106,8 @@ def minimise(
     if curvature is None:
         curvature = np.zeros((len(x), len(x)))
     if not at_x.is_defined:
-        return Solution(x, at_x, np.inf, False, 0, "the functions are not defined at the start")
+        reason = "the functions are not defined at the start"
+        return Solution(x, at_x, lambda: np.inf, False, 0, reason)
     penalty, optimality = _FIRST_PENALTY, np.inf
     violations = [at_x.violation]
     converged, reason = False, f"stopped after {max_iterations} iterations, before convergence"
@@ -126,9 +132,8 @@ def minimise(
         if failure is not None:
             reason = failure
             break
-    if not np.isfinite(optimality):  # that of x is not known yet
-        optimality = _step_and_penalty(at_x, FIRST_RADIUS, penalty)[0].optimality
-    return Solution(x, at_x, optimality, converged, iterations, reason, curvature, radius)
+    optimality_at_x = partial(_optimality, at_x, penalty, optimality)
+    return Solution(x, at_x, optimality_at_x, converged, iterations, reason, curvature, radius)
 
 
 def nearest_feasible(
@@ -158,9 +163,16 @@ def nearest_feasible(
             x, at_x = x + dx, at_trial
         else:
             radius = _SHRINK * float(np.abs(dx).max())
-    optimality = _step_and_penalty(at_x, FIRST_RADIUS, _FIRST_PENALTY)[0].optimality
     reason = "good enough: the nearest that keeps the constraints to where the solver came"
-    return Solution(x, at_x, optimality, False, iterations, reason)
+    optimality_at_x = partial(_optimality, at_x, _FIRST_PENALTY, np.nan)
+    return Solution(x, at_x, optimality_at_x, False, iterations, reason)
+
+
+def _optimality(at_x: Linearisation, penalty: float, known: float) -> float:
+    """Return the first-order optimality at x, if not known by the multipliers of a bold step."""
+    if np.isfinite(known):
+        return known
+    return _step_and_penalty(at_x, FIRST_RADIUS, penalty)[0].optimality
 
 
 def _convex_model(at_x: AtX, curvature: Array) -> AtX:
@@ -301,7 +313,7 @@ def _sr1_update(
     multipliers = step.constraint_multipliers[: len(at_x.constraints)]
     (active,) = np.nonzero(multipliers > _INACTIVE)
     if len(at_x.names):
-        _, before, after = np.intersect1d(at_x.names[active], at_trial.names, return_indices=True)
+        before, after = _same_names(at_x.names[active], at_trial.names)
         before = active[before]
         change = at_trial.constraints_jacobian[after] - at_x.constraints_jacobian[before]
         y -= change.T @ multipliers[before]
@@ -311,6 +323,16 @@ def _sr1_update(
         return curvature
     updated: Array = curvature + np.outer(residual, residual) / along
     return updated
+
+
+def _same_names(few: Indices, many: Indices) -> tuple[Indices, Indices]:
+    """Return where names that are in both arrays first are in either, in the names' order."""
+    order_of_few, order = few.argsort(kind="stable"), many.argsort(kind="stable")
+    few, many = few[order_of_few], many[order]
+    place = many.searchsorted(few)
+    in_both = place < many.searchsorted(few, side="right")
+    in_both[1:] &= few[1:] != few[:-1]
+    return order_of_few[in_both], order[place[in_both]]
 
 
 def _counts_for_stagnation(at_x: AtX, trial: _Trial[AtX]) -> bool:

@@ -8,11 +8,12 @@ outside every sphere at every point.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 
-from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.common.arrays import Array, frozen
 from ff_planner_ros.errors import Failure, InvalidInput, Status
 from ff_planner_ros.planning.distance.certificate import certified_clearance
 from ff_planner_ros.planning.distance.clearance import (
@@ -77,10 +78,8 @@ class Clearance(Requirement):
         """Return the distances of interest, less the margin, at points and half-way between."""
         if problem.robot.geometry is Geometry.SHAPES:
             return None
-        times = np.linspace(0.0, problem.duration, len(motion.q))
-        times = np.concatenate([times[1:], (times[:-1] + times[1:]) / 2])
         few = len(motion.q) < FEW_POINTS
-        looked_at = np.concatenate([times, quarter_way(times)]) if few else times
+        looked_at = _times(problem.duration, len(motion.q), few)
         distances, jacobian, names = clearance_rows(
             problem.robot,
             np.concatenate([motion.q[1:], motion.q_half_way]),
@@ -150,6 +149,14 @@ class Clearance(Requirement):
                 *([margin] if depth < samples.settings.clearance_margin else []),
             ),
         )
+
+
+@lru_cache(maxsize=32)
+def _times(duration: float, points: int, few: bool) -> Array:
+    """Return the times of all points but the first, half-way, and of few a quarter-way, too [s]."""
+    times = np.linspace(0.0, duration, points)
+    times = np.concatenate([times[1:], (times[:-1] + times[1:]) / 2])
+    return frozen(np.concatenate([times, quarter_way(times)]) if few else times)
 
 
 class _Nearest(NamedTuple):
