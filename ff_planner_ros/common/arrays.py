@@ -53,9 +53,9 @@ def finite_vector(field: str, values: ArrayLike, size: int) -> Array:
         raise InvalidInput(
             Status.WRONG_SIZE, field, values, f"it must have {size} entries, not {vector.size}"
         )
-    if not np.isfinite(vector).all():
-        raise InvalidInput(Status.NOT_FINITE, field, values, "every entry must be finite")
-    if np.abs(vector).max(initial=0.0) > _LARGEST:
+    if not np.abs(vector).max(initial=0.0) <= _LARGEST:
+        if not np.isfinite(vector).all():
+            raise InvalidInput(Status.NOT_FINITE, field, values, "every entry must be finite")
         allowed = f"no entry may be larger than {_LARGEST:g}"
         raise InvalidInput(Status.OUT_OF_RANGE, field, values, allowed)
     return vector

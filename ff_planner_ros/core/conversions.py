@@ -100,6 +100,11 @@ def target_of(target: Target) -> compiled.Target:
 
 def spheres_of(spheres: Sequence[Sphere], until: float) -> compiled.Spheres:
     """Return spheres whose motion is known until a time [s] after the plan's first point."""
+    return _spheres_of(tuple(spheres), until)
+
+
+@lru_cache(maxsize=8)
+def _spheres_of(spheres: tuple[Sphere, ...], until: float) -> compiled.Spheres:
     attached = []
     for body in {id(sphere.body): sphere.body for sphere in spheres if sphere.body}.values():
         fixed = [k for k, sphere in enumerate(spheres) if sphere.body is body]

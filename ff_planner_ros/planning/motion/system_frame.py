@@ -15,11 +15,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import pinocchio as pin
 
-from ff_planner_ros.common.arrays import Array
+from ff_planner_ros.common.arrays import Array, frozen
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.problem.problem import PlanningProblem, with_capture_target
 from ff_planner_ros.robot.configuration import configuration
@@ -46,10 +47,10 @@ class SystemFrame:
     quaternion_xyzw: Array  # its axes to the user's; shape (4,)
     start: SystemState  # of the system at time zero, in this frame
 
-    @property
+    @cached_property
     def rotation(self) -> Array:
         """Its axes to the user's. Shape (3, 3)."""
-        return rotation_from_quaternion(self.quaternion_xyzw)
+        return frozen(rotation_from_quaternion(self.quaternion_xyzw))
 
     def problem(self, problem: PlanningProblem) -> PlanningProblem:
         """Return a problem of the user's frame, whose first point is at time zero, in this one."""
