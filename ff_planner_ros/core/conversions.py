@@ -16,6 +16,7 @@ from ff_planner_ros.planning.problem.target import Target
 from ff_planner_ros.robot.collision.bodies import Body, Kind, kind_and_sizes
 from ff_planner_ros.robot.model import Base, Robot
 from ff_planner_ros.robot.momentum import total_momentum
+from ff_planner_ros.robot.rotation import cross
 
 
 @lru_cache(maxsize=8)
@@ -78,7 +79,7 @@ def start_of(robot: Robot, q: Array, v: Array) -> compiled.Start:
     data = robot.model.createData()
     momentum = total_momentum(robot, data, q, v)
     center = np.array(pin.centerOfMass(robot.model, data, q))
-    momentum[3:] -= np.cross(center, momentum[:3])
+    momentum[3:] -= cross(center, momentum[:3])
     rotation = pin.Quaternion(q[3:7]).toRotationMatrix()
     return compiled.Start(q[:3], rotation, center, momentum, robot.base is Base.PLANAR)
 

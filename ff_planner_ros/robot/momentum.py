@@ -13,6 +13,7 @@ import pinocchio as pin
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.robot.model import Robot
+from ff_planner_ros.robot.rotation import cross
 
 
 def total_momentum(robot: Robot, data: pin.Data, q: Array, v: Array) -> Array:
@@ -27,7 +28,7 @@ def total_momenta(robot: Robot, data: pin.Data, q: Array, v: Array) -> Array:
     for k, at in enumerate(zip(q, v, strict=True)):
         total[k] = pin.computeCentroidalMomentum(model, data, *at)
         centers[k] = data.com[0]
-    total[:, 3:] += np.cross(centers, total[:, :3])
+    total[:, 3:] += cross(centers, total[:, :3])
     return total
 
 

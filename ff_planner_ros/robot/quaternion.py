@@ -16,13 +16,16 @@ _SMALL = 1e-3  # [rad]: below, sines are replaced by their series, which are exa
 
 def rotation_from_quaternion(quaternions: Array) -> Array:
     """Return the rotation matrices of quaternions of any length but zero."""
-    x, y, z, w = np.moveaxis(unit_quaternion(quaternions), -1, 0)
+    unit = unit_quaternion(quaternions)
+    x, y, z, w = (unit[..., k] for k in range(4))
+    xx, yy, zz, ww = x * x, y * y, z * z, w * w
+    xy, xz, yz, xw, yw, zw = x * y, x * z, y * z, x * w, y * w, z * w
     rows = [
-        [x * x - y * y - z * z + w * w, 2.0 * (x * y - z * w), 2.0 * (x * z + y * w)],
-        [2.0 * (x * y + z * w), -x * x + y * y - z * z + w * w, 2.0 * (y * z - x * w)],
-        [2.0 * (x * z - y * w), 2.0 * (y * z + x * w), -x * x - y * y + z * z + w * w],
+        [xx - yy - zz + ww, 2.0 * (xy - zw), 2.0 * (xz + yw)],
+        [2.0 * (xy + zw), -xx + yy - zz + ww, 2.0 * (yz - xw)],
+        [2.0 * (xz - yw), 2.0 * (yz + xw), -xx - yy + zz + ww],
     ]
-    return np.moveaxis(np.array(rows), (0, 1), (-2, -1))
+    return np.array(rows).transpose(*range(2, unit.ndim + 1), 0, 1)
 
 
 def quaternion_from_rotation(rotations: Array) -> Array:

@@ -13,6 +13,7 @@ from ff_planner_ros.robot.dynamics import inverse_dynamics
 from ff_planner_ros.robot.kinematics import rotation_base_to_inertial
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.quaternion import quaternion_from_rotation, rotation_from_quaternion
+from ff_planner_ros.robot.rotation import cross
 from ff_planner_ros.robot.state import SystemState
 
 
@@ -73,7 +74,7 @@ def _chaser(robot: Robot, q: Array, v: Array) -> dict[str, Array]:
     return {
         "chaser_positions": q[:, :3] + chaser_from_base,
         "chaser_quaternions_xyzw": np.array([pin.Quaternion(R).coeffs() for R in attitudes]),
-        "chaser_linear_velocities": velocity_base + np.cross(omega, chaser_from_base),
+        "chaser_linear_velocities": velocity_base + cross(omega, chaser_from_base),
         "chaser_angular_velocities": omega,
     }
 
@@ -85,7 +86,7 @@ def from_trajectory(robot: Robot, trajectory: Trajectory) -> tuple[Array, Array]
     base_to_inertial = attitudes @ robot.rotation_chaser_to_base.T
     base_from_chaser = -base_to_inertial @ robot.position_chaser_in_base
     omega = motion.chaser_angular_velocities
-    velocity_base = motion.chaser_linear_velocities + np.cross(omega, base_from_chaser)
+    velocity_base = motion.chaser_linear_velocities + cross(omega, base_from_chaser)
     q = np.hstack(
         [
             motion.chaser_positions + base_from_chaser,

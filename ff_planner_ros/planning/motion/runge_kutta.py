@@ -16,6 +16,7 @@ import pinocchio as pin
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.robot.quaternion import quaternion_from_rotation_vector, unit_quaternion
+from ff_planner_ros.robot.rotation import cross
 
 
 def increment(step: float, velocities: Sequence[Array]) -> Array:
@@ -77,11 +78,11 @@ def turned_by_momentum(
     """
     step, seen = steps[:, None], np.empty_like(of_rates)
     seen[::2] = _momentum_seen(momentum @ rotation, of_momentum, of_rates, steps)
-    rates = np.cross(seen[::2], _omega(seen[::2], of_momentum[::2], of_rates[::2]))
+    rates = cross(seen[::2], _omega(seen[::2], of_momentum[::2], of_rates[::2]))
     seen[1::2] = (seen[:-1:2] + seen[2::2]) / 2 + step / 8 * (rates[:-1] - rates[1:])
     omega = _omega(seen, of_momentum, of_rates)
     begin, middle, end = omega[:-1:2], omega[1::2], omega[2::2]
-    whole = step / 6 * (begin + 4 * middle + end) + step**2 / 12 * np.cross(begin, end)
+    whole = step / 6 * (begin + 4 * middle + end) + step**2 / 12 * cross(begin, end)
     turns = quaternion_from_rotation_vector(np.vstack([np.zeros(3), whole]))
     turns[0] = pin.Quaternion(rotation).coeffs()
     return unit_quaternion(np.array(list(accumulate(turns.tolist(), _product))))

@@ -20,6 +20,7 @@ from ff_planner_ros.robot.configuration import configuration
 from ff_planner_ros.robot.kinematics import rotation_base_to_inertial
 from ff_planner_ros.robot.model import Robot
 from ff_planner_ros.robot.momentum import total_momenta, total_momentum
+from ff_planner_ros.robot.rotation import cross
 
 _REPORT = "a report to the maintainers, for this is a fault of the planner"
 
@@ -63,5 +64,5 @@ def _chaser_momentum(robot: Robot, q: Array, v: Array) -> float:
     linear, about_base = (
         np.einsum("pij,pj->pi", base_to_inertial, part) for part in (in_base[:, :3], in_base[:, 3:])
     )
-    angular = about_base + np.cross(q[:, :3], linear)
+    angular = about_base + cross(q[:, :3], linear)
     return float(np.linalg.norm(np.hstack([linear, angular]), axis=1).max())
