@@ -173,6 +173,22 @@ def test_smallest_singular_values_are_those_of_pinocchio(name: str) -> None:
     np.testing.assert_allclose(2.0 * found[:, None] * by_joints, expected, rtol=0.0, atol=1e-8)
 
 
+@pytest.mark.parametrize("name", FREE + PLANAR)
+def test_singular_values_within_the_interest_do_not_depend_on_it(name: str) -> None:
+    robot = chain_robot(name)
+    joints = np.random.default_rng(robot.joints).uniform(-3.0, 3.0, (5, robot.joints))
+    asked = chain_of(robot), joints, robot.base.rows
+    found, by_joints = compiled.smallest_singular_values(*asked)
+    for interest in np.outer([1.0, 1.0005, 1.01], found).ravel():
+        near, of_near = compiled.smallest_singular_values(*asked, interest)
+        known = near != interest
+        assert known[found < interest].all()
+        assert (near[known] == found[known]).all()
+        assert (of_near[known] == by_joints[known]).all()
+    far, _ = compiled.smallest_singular_values(*asked, found.min() / 2)
+    assert (far == found.min() / 2).all()
+
+
 def test_the_check_of_a_plan_uses_nothing_of_the_core(
     lemur_capture: PlanningProblem, lemur_plan: Plan, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -139,13 +139,14 @@ def clearances(
     """Return what `planning.distance.clearance.clearance_rows` does."""
 
 def smallest_singular_values(
-    chain: Chain, joints: Array, rows: Sequence[int]
+    chain: Chain, joints: Array, rows: Sequence[int], interest: float = ...
 ) -> tuple[Array, Array]:
     """Return those of the generalised Jacobian, Eq. (32), and their derivatives by the joints.
 
     Args:
         joints: Positions. Shape (points, joints).
         rows: `Base.rows`.
+        interest: Of a larger singular value this may be returned, without derivatives.
 
     Returns:
         Shapes (points,) and (points, joints).

@@ -1,6 +1,8 @@
 // Python's way to the chain, to the velocity map and to singular values.
 #include <pybind11/stl.h>
 
+#include <limits>
+
 #include "bindings/arrays.hpp"
 #include "bindings/bindings.hpp"
 #include "kinematics/singular_values.hpp"
@@ -60,7 +62,7 @@ py::object velocity(const Chain& chain, const Array& q, const Array& momentum, c
 
 // Returns the smallest singular values at some joint positions, and their derivatives by these.
 py::tuple smallest_singular_values(const Chain& chain, const Array& joints,
-                                   const std::vector<int>& movable_rows) {
+                                   const std::vector<int>& movable_rows, double interest) {
   const py::ssize_t n = chain.joints();
   const Rows at = rows(joints, "joints", {kAny, n});
   Vector6 movable = Vector6::Zero();
@@ -71,7 +73,7 @@ py::tuple smallest_singular_values(const Chain& chain, const Array& joints,
   std::vector<double> values;
   RowMajor by_joints(at.rows(), n);
   for (py::ssize_t i = 0; i < at.rows(); ++i) {
-    const SingularValue found = smallest_singular_value(chain, at.row(i), movable);
+    const SingularValue found = smallest_singular_value(chain, at.row(i), movable, interest);
     values.push_back(found.value);
     by_joints.row(i) = found.by_joints;
   }
@@ -89,7 +91,7 @@ void bind_kinematics(py::module_& m) {
   m.def("velocity", &velocity, py::arg("chain"), py::arg("q"), py::arg("momentum"),
         py::arg("twist_ee_in_inertial"), py::arg("bias"), py::arg("damping"));
   m.def("smallest_singular_values", &smallest_singular_values, py::arg("chain"), py::arg("joints"),
-        py::arg("rows"));
+        py::arg("rows"), py::arg("interest") = std::numeric_limits<double>::infinity());
 }
 
 }  // namespace ff

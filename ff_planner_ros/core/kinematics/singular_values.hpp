@@ -34,15 +34,24 @@ inline Vector6 smallest_eigenvector(Matrix6 matrix) {
   return vectors.col(smallest);
 }
 
+// Whether all eigenvalues of a symmetric matrix are above a bound, beyond doubt: that takes a tenth
+// of the time of the eigenvalues.
+inline bool is_surely_above(const Matrix6& matrix, double bound) {
+  const double beyond_rounding = 1.001 * bound + 1e-12 * matrix.trace();
+  const Matrix6 rest = matrix - beyond_rounding * Matrix6::Identity();
+  return Eigen::LLT<Matrix6>(rest).info() == Eigen::Success;
+}
+
 // J_D = X (S - C) with C = H_b^-1 H_m, in the axes of the base: X leads from the base to the end
 // effector, S are the joints' screws, H_b and H_m the columns of the momentum map.
 //
 // With u and r its singular vectors, d sigma / dtheta_k = u^T (dJ_D / dtheta_k) r. That is how the
 // twist of the end effector changes at joint rates r, which let the base move by -C r.
 //
+// interest: returned for a singular value that surely is larger, without derivatives.
 // movable: 1 where the base can move, 0 where a table bears it: of such rows nothing is left.
 inline SingularValue smallest_singular_value(const Chain& chain, const Joints& joints,
-                                             const Vector6& movable) {
+                                             const Vector6& movable, double interest) {
   const Posture at(chain, joints);
   const int n = chain.joints();
   const Matrix6J& S = at.screws;
@@ -63,12 +72,14 @@ inline SingularValue smallest_singular_value(const Chain& chain, const Joints& j
   Joints r(n);
   if (n >= movable.sum()) {
     square += generalised * generalised.transpose();
+    if (is_surely_above(square, interest * interest)) return {interest, Joints::Zero(n)};
     u = smallest_eigenvector(square);
     r = generalised.transpose() * u;
     r.normalize();
   } else {
     square = beyond * Matrix6::Identity();
     square.topLeftCorner(n, n) = generalised.transpose() * generalised;
+    if (is_surely_above(square, interest * interest)) return {interest, Joints::Zero(n)};
     r = smallest_eigenvector(square).head(n);
     u = generalised * r;
     u.normalize();

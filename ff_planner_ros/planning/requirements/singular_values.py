@@ -64,7 +64,7 @@ class SingularValues(Requirement):
             return None
         robot = problem.robot
         values, by_joints = compiled.smallest_singular_values(
-            chain_of(robot), motion.q[:, 7:], robot.base.rows
+            chain_of(robot), motion.q[:, 7:], robot.base.rows, _OF_INTEREST * margin
         )
         margin = min(margin, values[0])
         (near,) = np.nonzero(values[1:] < _OF_INTEREST * margin)
