@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 import os
 import random
 import signal
@@ -84,6 +85,16 @@ class Loud:
 
     def __reduce__(self) -> tuple[Any, ...]:
         return print, ("a line that is no answer",)
+
+
+class Heavy:
+    """A task whose request is more than a connection takes at once."""
+
+    def __init__(self, task: PlanningTask) -> None:
+        self._task = task
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return operator.getitem, ((bytes(2**26), self._task), 1)
 
 
 class Unlucky(Exception):
@@ -174,6 +185,14 @@ def test_a_plan_that_is_no_longer_wanted_is_left_though_its_process_says_no_more
         solve(worker, lemur_capture, settings, check=late, report=freeze)
     assert solve(worker, lemur_capture, settings).metrics.min_clearance >= 0.0
     assert server(worker) == before, "only the plan's own process had to go"
+
+
+def test_a_search_is_ended_early_while_its_request_is_still_on_the_way(
+    worker: Worker, lemur_capture: PlanningProblem, settings: PlannerSettings
+) -> None:
+    heavy: Any = Heavy(PlanningTask(lemur_capture, settings))
+    with pytest.raises(NoPlanFound, match="cancelled"):
+        worker.solve(heavy, LONG, time.monotonic(), nothing, nothing, lambda: True)
 
 
 def test_the_budget_runs_from_when_it_is_told_to_have_begun(

@@ -36,14 +36,15 @@ _REPORT_INTERVAL = 0.02  # [s]
 _RESERVED, _MOST_RESERVED = 0.05, 0.5
 
 
-def serve(control: Connection) -> None:
+def serve(requests: Connection) -> None:
     """Make a plan whenever one is asked for, until the planner is gone.
 
     Args:
-        control: A message goes out once everything is loaded; then two handles come in for each
-            plan: a tether, on which None goes out when the plan is begun and the exit code of its
-            process when that has ended, and which the planner closes to end it; and a connection
-            for request, progress and answer, on which whatever follows the request ends the search.
+        requests: A message goes out once everything is loaded; then two handles come in for each
+            plan. On its control connection None goes out when it is begun, and the exit code of
+            its process when that has ended; the planner closes it to end the plan. Its data
+            connection is for request, progress and answer; whatever follows the request ends the
+            search.
     """
     # What only some searches load: a fork that needed it would load it again, plan after plan.
     import scipy.interpolate
@@ -51,57 +52,55 @@ def serve(control: Connection) -> None:
 
     gc.collect()
     gc.freeze()  # or else the first collection in a fork would copy all of the memory
-    plans: dict[Connection, multiprocessing.context.ForkProcess] = {}  # by their tethers
-    control.send("loaded")
+    plans: dict[Connection, multiprocessing.context.ForkProcess] = {}  # by control connection
+    requests.send("loaded")
     with suppress(EOFError):  # the planner is gone
         while True:
-            ready = wait([control, *plans, *(process.sentinel for process in plans.values())])
-            for tether, process in list(plans.items()):
-                if tether in ready:
+            ready = wait([requests, *plans, *(process.sentinel for process in plans.values())])
+            for control, process in list(plans.items()):
+                if control in ready:
                     process.kill()
-                if tether in ready or process.sentinel in ready:
+                if control in ready or process.sentinel in ready:
                     process.join()
-                    with tether, suppress(OSError):  # nobody listens
-                        tether.send(process.exitcode)
+                    with control, suppress(OSError):  # nobody listens
+                        control.send(process.exitcode)
                     process.close()
-                    del plans[tether]
-            if control in ready:
-                tether, connection = (
-                    Connection(recv_handle(control)),
-                    Connection(recv_handle(control)),
-                )
-                with connection, suppress(OSError):
-                    plans[tether] = _forked(connection)
-                    tether.send(None)
+                    del plans[control]
+            if requests in ready:
+                control = Connection(recv_handle(requests))
+                with Connection(recv_handle(requests)) as data:
+                    plans[control] = _forked(data)
+                with suppress(OSError):  # nobody wants it any more
+                    control.send(None)
     for process in plans.values():
         process.kill()
 
 
-def _forked(connection: Connection) -> multiprocessing.context.ForkProcess:
+def _forked(data: Connection) -> multiprocessing.context.ForkProcess:
     context = multiprocessing.get_context("fork")
-    process = context.Process(target=_make_plan, args=(connection,), daemon=True)
+    process = context.Process(target=_make_plan, args=(data,), daemon=True)
     process.start()
     return process
 
 
-def _make_plan(connection: Connection) -> None:
+def _make_plan(data: Connection) -> None:
     """Read a request, tell of the progress, and write the answer."""
     with suppress(EOFError, ConnectionError):  # nobody wants the plan any more
-        task, budget, begun = connection.recv()
-        connection.send(_answer(connection, task, budget, begun))
+        task, budget, begun = data.recv()
+        data.send(_answer(data, task, budget, begun))
 
 
 class _Teller(TimeBudget):
     """Ends a search when its time is used up or is told to; tells its progress to who waits."""
 
-    def __init__(self, connection: Connection, budget: float, begun: float) -> None:
+    def __init__(self, data: Connection, budget: float, begun: float) -> None:
         super().__init__(budget, begun - min(_RESERVED * budget, _MOST_RESERVED))
-        self._connection, self._reported = connection, begun
+        self._data, self._reported = data, begun
         self._best: Metrics | None = None
 
     def require_time(self, phase: str = SEARCHING, /) -> None:
         super().require_time(phase)
-        if self._connection.poll():
+        if self._data.poll():
             raise OutOfTime("the request was cancelled", EndedBy.CANCEL)
 
     def offer(self, plan: Plan) -> None:
@@ -112,13 +111,13 @@ class _Teller(TimeBudget):
         if now - self._reported >= _REPORT_INTERVAL:
             self._reported = now
             progress = replace(progress, best=self._best)
-            self._connection.send(progress)  # a reader that is gone ends the plan
+            self._data.send(progress)  # a reader that is gone ends the plan
 
 
-def _answer(connection: Connection, task: PlanningTask, budget: float, begun: float) -> Answer:
+def _answer(data: Connection, task: PlanningTask, budget: float, begun: float) -> Answer:
     """Plan; a refusal is an answer too, and an error that nobody foresaw is told in words."""
     try:
-        return perform(task, _Teller(connection, budget, begun))
+        return perform(task, _Teller(data, budget, begun))
     except FfPlannerError as error:
         return error
     except ConnectionError:  # nobody wants the plan any more

@@ -187,7 +187,7 @@ class _Server:
     """The process that `solver_process.serve` runs in, and its forks."""
 
     def __init__(self) -> None:
-        self._control, theirs = Pipe()
+        self._requests, theirs = Pipe()
         with theirs:
             # A session of its own: Ctrl-C in a terminal is for the node; and a group to kill.
             self._process = subprocess.Popen(
@@ -204,7 +204,7 @@ class _Server:
     def is_loaded(self) -> bool:
         """Whether it is ready for plans: it has said so, and nobody reads what it has said."""
         with suppress(OSError):  # ended meanwhile
-            return not self.has_died and self._control.poll()
+            return not self.has_died and self._requests.poll()
         return False
 
     @property
@@ -221,12 +221,12 @@ class _Server:
 
     def fork(self, request: bytes) -> _PlanProcess:
         """Have it begin a plan in a process of its own."""
-        tether, its_tether = Pipe()
-        connection, its_connection = Pipe()
-        with its_tether, its_connection, suppress(OSError):  # it has died, which `is_lost` tells
-            for one in (its_tether, its_connection):
-                send_handle(self._control, one.fileno(), self._process.pid)
-        return _PlanProcess(tether, connection, request)
+        control, its_control = Pipe()
+        data, its_data = Pipe()
+        with its_control, its_data, suppress(OSError):  # it has died, which `is_lost` tells
+            for one in (its_control, its_data):
+                send_handle(self._requests, one.fileno(), self._process.pid)
+        return _PlanProcess(control, data, request)
 
     def has_begun(self, process: _PlanProcess) -> bool:
         """Wait a moment until a plan is begun; whether it is."""
@@ -238,8 +238,8 @@ class _Server:
 
     def end(self) -> int:
         """End it, a plan that is being made included, and return its exit code."""
-        if not self._control.closed:
-            self._control.close()
+        if not self._requests.closed:
+            self._requests.close()
             with suppress(ProcessLookupError):
                 os.killpg(self._process.pid, signal.SIGKILL)
         return self._process.wait()
@@ -248,17 +248,17 @@ class _Server:
 class _PlanProcess:
     """The process that makes a plan; it ends, at the latest, when it is closed."""
 
-    def __init__(self, tether: Connection, connection: Connection, request: bytes) -> None:
-        self._tether, self._connection = tether, connection
-        self._received = SimpleQueue[_Message]()
+    def __init__(self, control: Connection, data: Connection, request: bytes) -> None:
+        self._control, self._data = control, data
+        self._sent, self._received = threading.Event(), SimpleQueue[_Message]()
         # A process may stop in the midst of a long message: a thread waits for it.
-        arguments = connection, request, self._received
+        arguments = data, request, self._sent, self._received
         threading.Thread(target=_converse, args=arguments, daemon=True).start()
 
     def has_begun(self) -> bool:
         """Wait a moment until the server tells that it is begun; whether it has."""
         with suppress(EOFError, OSError):  # the server has died
-            return self._tether.poll(_POLL) and self._tether.recv() is None
+            return self._control.poll(_POLL) and self._control.recv() is None
         return False
 
     def answer(
@@ -275,10 +275,10 @@ class _PlanProcess:
         is_told = False
         while True:
             still_wanted()
-            if not is_told and ends_early():
+            if not is_told and self._sent.is_set() and ends_early():
                 is_told = True
                 with suppress(OSError):  # it has ended
-                    self._connection.send(None)
+                    self._data.send(None)
             try:
                 message = self._received.get(timeout=_POLL)
             except Empty:
@@ -291,23 +291,26 @@ class _PlanProcess:
 
     def close(self) -> None:
         """Let go of it: its server ends it."""
-        self._tether.close()
+        self._control.close()
 
     def _exit_code(self, still_wanted: Callable[[], None]) -> str:
-        while not self._tether.poll(_POLL):
+        while not self._control.poll(_POLL):
             still_wanted()
         try:
-            return str(self._tether.recv())
+            return str(self._control.recv())
         except (EOFError, OSError):  # nobody is left to say it
             return "unknown"
 
 
-def _converse(connection: Connection, request: bytes, received: SimpleQueue[_Message]) -> None:
+def _converse(
+    data: Connection, request: bytes, sent: threading.Event, received: SimpleQueue[_Message]
+) -> None:
     """Send a request, and pass on what comes back until the other side ends."""
     try:
-        with connection, suppress(EOFError, OSError):
-            connection.send_bytes(request)
+        with data, suppress(EOFError, OSError):
+            data.send_bytes(request)
+            sent.set()  # from now on others may send
             while True:
-                received.put(connection.recv())
+                received.put(data.recv())
     finally:
         received.put(None)
