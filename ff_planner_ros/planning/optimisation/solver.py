@@ -16,9 +16,10 @@ from typing import Generic, TypeVar
 
 import numpy as np
 
-from ff_planner_ros.common.arrays import Array, Indices
+from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.optimisation.linearisation import FEASIBILITY_TOLERANCE, Linearisation
 from ff_planner_ros.planning.optimisation.qp import Step, elastic_mode, solve_qp
+from ff_planner_ros.planning.optimisation.quasi_newton import sr1_update
 
 # Trust region, infinity norm, in units of x. The end effector path's coefficients are metres and
 # radians: half a unit is a bold first step, four are more than any arm's workspace has room for.
@@ -40,10 +41,6 @@ _LEAST_REDUCTION = 1e-12
 # The objective is known to six good digits where no step predicts a tenth of the sixth: what the
 # steps after it would bring, too, is not ten times as much.
 _SIX_DIGITS = 1e-7
-# A smaller multiplier is the interior-point method's way of writing zero.
-_INACTIVE = 1e-9
-# An SR1 update by a step that is so nearly orthogonal to it is rounding.
-_ORTHOGONAL = 1e-8
 # Feasibility restoration: its first trust region, and a penalty that buys feasibility at any
 # length of step.
 _RESTORATION_RADIUS, _RESTORATION_PENALTY = 0.2, 1e3
@@ -122,7 +119,7 @@ def minimise(
             break
         trial = _trial(linearise, x, at_x, step, radius, penalty, tolerated)
         if trial.at_x.is_defined:
-            curvature = _sr1_update(curvature, at_x, trial.at_x, trial.step)
+            curvature = sr1_update(curvature, at_x, trial.at_x, trial.step)
         if trial.gain_ratio > _ACCEPT:
             x, at_x, optimality = x + trial.step.dx, trial.at_x, np.nan
         radius = _next_radius(radius, trial)
@@ -297,42 +294,6 @@ def _next_radius(radius: float, trial: _Trial[AtX]) -> float:
     if trial.gain_ratio > _GROW and length > _AT_BOUND * radius:
         return min(2.0 * radius, _LARGEST_RADIUS)
     return radius
-
-
-def _sr1_update(
-    curvature: Array, at_x: Linearisation, at_trial: Linearisation, step: Step
-) -> Array:
-    """Return the curvature of max terms and constraints, updated by one step (SR1).
-
-    It is that of their sum as the step's multipliers weigh them. A sum f alone has a Gauss-Newton
-    approximation that is better than the update.
-    """
-    if not at_x.max_terms.size:
-        return curvature
-    y = (at_trial.max_terms_jacobian - at_x.max_terms_jacobian).T @ step.max_term_multipliers
-    multipliers = step.constraint_multipliers[: len(at_x.constraints)]
-    (active,) = np.nonzero(multipliers > _INACTIVE)
-    if len(at_x.names):
-        before, after = _same_names(at_x.names[active], at_trial.names)
-        before = active[before]
-        change = at_trial.constraints_jacobian[after] - at_x.constraints_jacobian[before]
-        y -= change.T @ multipliers[before]
-    residual = y - curvature @ step.dx
-    along = float(residual @ step.dx)
-    if abs(along) <= _ORTHOGONAL * np.linalg.norm(residual) * np.linalg.norm(step.dx):
-        return curvature
-    updated: Array = curvature + np.outer(residual, residual) / along
-    return updated
-
-
-def _same_names(few: Indices, many: Indices) -> tuple[Indices, Indices]:
-    """Return where names that are in both arrays first are in either, in the names' order."""
-    order_of_few, order = few.argsort(kind="stable"), many.argsort(kind="stable")
-    few, many = few[order_of_few], many[order]
-    place = many.searchsorted(few)
-    in_both = place < many.searchsorted(few, side="right")
-    in_both[1:] &= few[1:] != few[:-1]
-    return order_of_few[in_both], order[place[in_both]]
 
 
 def _counts_for_stagnation(at_x: AtX, trial: _Trial[AtX]) -> bool:
