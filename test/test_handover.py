@@ -42,7 +42,7 @@ class Clock:
 def solving(clock: Clock, plan: Plan, seconds: float, *, asks: bool) -> Callable[..., Plan]:
     """Return what takes so long for a plan, and asks then whether it is still wanted, or not."""
 
-    def solve(_: Any, __: float, ___: float, check: Callable[[], None], ____: Any) -> Plan:
+    def solve(_: Any, __: float, ___: float, check: Callable[[], None], *____: Any) -> Plan:
         clock.after(seconds)
         if asks:
             check()
