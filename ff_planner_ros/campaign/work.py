@@ -104,6 +104,7 @@ def _solved(plan: Plan) -> dict[str, Any]:
     metrics = {name: _finite(value) for name, value in asdict(plan.metrics).items()}
     report = asdict(plan.solver)
     message = report.pop("stop_reason")
+    del report["ended_by"]  # a campaign searches to the end
     return {
         "status": Status.SOLVED.name.lower(),
         "solved": True,
