@@ -44,7 +44,7 @@ DURATION = 5.0
 class NeverSearches(Watch):
     """Fails where a search begins."""
 
-    def require_time(self) -> None:
+    def require_time(self, *_: str) -> None:
         raise AssertionError("a search was begun")
 
 
