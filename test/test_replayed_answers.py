@@ -49,7 +49,7 @@ def again(monkeypatch: pytest.MonkeyPatch) -> Any:
     """Sets what the planner answers now."""
 
     def answers(answer: PlanAnswer | BagError) -> None:
-        def answer_again(_: RecordedRequest) -> tuple[PlanAnswer, float]:
+        def answer_again(_: RecordedRequest, __: int) -> tuple[PlanAnswer, float]:
             if isinstance(answer, BagError):
                 raise answer
             return answer, 0.25
