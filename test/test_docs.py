@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 import yaml
+from doc_figures import FIGURES
 from doc_tables import BLOCK, MESSAGES, expected
 from ff_planner_msgs import msg
 from ff_planner_msgs.action import PlanTrajectory
@@ -49,6 +50,14 @@ def test_a_figure_in_a_sentence_is_of_the_benchmarks_file(page: Path) -> None:
 
 def test_every_figure_that_is_no_measurement_is_on_a_page() -> None:
     assert set(NO_MEASUREMENT) <= {*figures_by_hand(text_of(README) + text_of(BENCHMARK))}
+
+
+def test_the_figures_are_of_a_run_that_was_not_quick_and_of_committed_sources() -> None:
+    assert not re.search("dirty|unknown", FIGURES["machine"]["commit"]), "run make figures"
+    measured = [f"{one['size']}" for one in FIGURES["scaling"] if one["of"] == "spheres"]
+    (shown,) = (table["rows"] for table in FIGURES["tables"] if table["header"][0] == "spheres")
+    assert "1000" in measured
+    assert [row[0] for row in shown] == measured
 
 
 @pytest.mark.parametrize("figure", ["0.05 s", "20 ms", "50x", "40.8\ntimes", "2 %", "100%"])
