@@ -104,10 +104,7 @@ class ApproachCorridor(Requirement):
         problem = samples.problem
         if problem.approach is None:
             return
-        motion = samples.followed
-        to_goal = slice(motion.pieces * samples.goal + 1)
-        way = motion.time[to_goal], motion.q[to_goal], motion.v[to_goal]
-        least = _least(problem, problem.approach, *way)
+        least = _least(problem, problem.approach, *samples.followed_to_goal)
         if least.certified >= -LIMIT_TOLERANCE:
             return
         when, words = samples.at(least.time), _words(problem.approach, least.place)

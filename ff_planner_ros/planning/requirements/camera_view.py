@@ -119,7 +119,7 @@ class CameraView(Requirement):
         problem, camera = samples.problem, samples.problem.camera
         if camera is None:
             return {}
-        times, *motion = _to_goal(samples)
+        times, *motion = samples.followed_to_goal
         places = places_between(times, *_goal_seen(problem, camera, times, *motion), _BETWEEN)
         far = camera.nearness(places) < 0.0
         return {"max_view_angle": float(camera.angles(places)[far].max(initial=0.0))}
@@ -129,7 +129,7 @@ class CameraView(Requirement):
         problem, camera = samples.problem, samples.problem.camera
         if camera is None:
             return
-        least = _least(problem, camera, *_to_goal(samples))
+        least = _least(problem, camera, *samples.followed_to_goal)
         if least.certified >= -LIMIT_TOLERANCE:
             return
         when, words = samples.at(least.time), _words(camera, least.place)
@@ -219,13 +219,6 @@ def _goal_seen(
         velocities[k] = link.rotation.T @ grasp.velocities[k] - twist.linear
         velocities[k] -= np.cross(twist.angular, in_link)
     return places, velocities
-
-
-def _to_goal(samples: Samples) -> tuple[Array, Array, Array]:
-    """Return times, configurations and tangent velocities of a motion, to the goal."""
-    motion = samples.followed
-    to_goal = slice(motion.pieces * samples.goal + 1)
-    return motion.time[to_goal], motion.q[to_goal], motion.v[to_goal]
 
 
 def _words(camera: Camera, place: Array) -> str:

@@ -93,6 +93,13 @@ class Samples:
         """Index of the point at the goal; those after it are the tail."""
         return int(np.abs(self.trajectory.time - self.problem.duration).argmin())
 
+    @property
+    def followed_to_goal(self) -> tuple[Array, Array, Array]:
+        """Times, configurations and tangent velocities of the motion that follows, to the goal."""
+        motion = self.followed
+        to_goal = slice(motion.pieces * self.goal + 1)
+        return motion.time[to_goal], motion.q[to_goal], motion.v[to_goal]
+
     def when(self, point: np.intp) -> str:
         """Return words for the time of a point."""
         return self.at(float(self.trajectory.time[point]))
