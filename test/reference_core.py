@@ -249,8 +249,13 @@ def _of_interest(
     return Distances(*(part[near] for part in found)), tuple(row[near] for row in rows)
 
 
-def _singular_values(robot: Robot, joints: Array, _: Sequence[int]) -> tuple[Array, Array]:
-    """Return them by Pinocchio; they depend on the joints alone."""
+def _singular_values(
+    robot: Robot, joints: Array, _: Sequence[int], __: float
+) -> tuple[Array, Array]:
+    """Return them by Pinocchio; they depend on the joints alone.
+
+    The core leaves out derivatives of those above its last argument; here all are found.
+    """
     q = np.zeros((len(joints), 7 + robot.joints))
     q[:, 6], q[:, 7:] = 1.0, joints
     nudges = np.zeros((2, robot.joints, q.shape[1]))
