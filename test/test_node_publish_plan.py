@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
@@ -34,13 +35,18 @@ from ff_planner_ros.runs.recorded_run import recorded_run
 from ff_planner_ros.runs.replay import Verdict, replay
 
 # Plans start, and states are stamped, so far ahead that no machine is too slow [ns].
-LEAD = 300_000_000_000
+# Each request's plan begins a minute before that of the last, so that it finds the arm at rest
+# however long a slow machine takes from one to the next [ns].
+LEADS = itertools.count(3_500_000_000_000, -60_000_000_000)
 SCENE = Scene(resting_capture())
 
 
 @pytest.fixture(scope="module")
 def planner(tmp_path_factory: pytest.TempPathFactory) -> Iterator[PlannerProcess]:
-    arguments = ("-p", "state_future_tolerance:=3600.0", "-p", "end_behaviour:=stop_joints")
+    tolerated = (f"{name}:=3600.0" for name in ("state_future_tolerance", "start_horizon"))
+    arguments = [
+        word for value in (*tolerated, "end_behaviour:=stop_joints") for word in ("-p", value)
+    ]
     directory = tmp_path_factory.mktemp("publish_plan")
     with private_domain(), running_planner(directory, *arguments) as planner:
         yield planner
@@ -55,7 +61,9 @@ def client(planner: PlannerProcess) -> Iterator[Client]:  # noqa: ARG001 (it mus
 
 def request(client: Client, **fields: Any) -> PlanRequest:
     found = SCENE.complete_request()
-    found.start_time = found.start_state[0].header.stamp = time_message(client.now_ns() + LEAD)
+    found.start_time = found.start_state[0].header.stamp = time_message(
+        client.now_ns() + next(LEADS)
+    )
     for name, value in fields.items():
         setattr(found, name, value)
     return found
@@ -99,8 +107,8 @@ def test_a_plan_that_is_only_asked_for_goes_out_by_its_id(client: Client) -> Non
 
 
 def test_neither_an_id_nor_a_token_is_told_to_whoever_has_not_both(client: Client) -> None:
-    made, other = (client.plan(request(client, plan_only=True)) for _ in range(2))
     at_once = client.plan(request(client))
+    made, other = (client.plan(request(client, plan_only=True)) for _ in range(2))
     assert {one.status.code for one in (made, other, at_once)} == {Status.SOLVED}
     assert at_once.publish_token == ""
     assert len({made.publish_token, other.publish_token, ""}) == 3
@@ -116,9 +124,8 @@ def test_neither_an_id_nor_a_token_is_told_to_whoever_has_not_both(client: Clien
         assert (refused.field, refused.retry) == (field, PlanStatus.CHANGED)
         said = (refused.message, refused.value, refused.allowed)
         assert not [one for one in secrets for text in said if one in text], refused
-    # None of it hurt the plans that wait. The later one goes first: at its start, which a slow
-    # machine puts seconds later, the arm would move along the other one.
-    for answer in (other, made):
+    # None of it hurt the plans that wait.
+    for answer in (made, other):
         state = request(client).start_state
         state[0].header.stamp = answer.plans[0].joint_trajectory.header.stamp
         status = client.publish_plan(answer, start_state=state)
