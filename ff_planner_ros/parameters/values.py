@@ -40,6 +40,7 @@ FORMER_NAMES: Mapping[str, str] = {
     "tail_duration": "post_goal_duration",
     "robot.held_joints": "robot.locked_joints",
     "replanning.allowance": "replanning.lead_time",
+    "planner.attitude_rounds": "planner.search",
 }
 
 

@@ -43,11 +43,13 @@ def terms(
     sensitivity: Sensitivity,
     step: float,
     smoothing: float = 0.0,
+    attitude_norm: float = np.inf,
 ) -> list[Term]:
     """Return the terms of all objectives that have a weight.
 
     Args:
         smoothing: Weight of evenly run joints, where the joint path's is one; see `joint_path`.
+        attitude_norm: p of the p-norm of the Euler angles that stands for the largest of them.
     """
     found = []
     variables = sensitivity.variables
@@ -67,9 +69,38 @@ def terms(
         # The Euler angles whose largest modulus is J_Theta.
         euler, jacobian = chaser_euler_with_derivative(robot, motion.q, sensitivity.q)
         euler, jacobian = weight * euler.ravel(), (weight * jacobian).reshape(-1, variables)
+        if np.isfinite(attitude_norm):
+            value, gradient, hessian = power_mean(euler, jacobian, attitude_norm)
+            return [*found, Term(value, gradient, hessian, nothing[0, :0], nothing[:0])]
         max_terms, jacobian = np.append(euler, -euler), np.concatenate([jacobian, -jacobian])
         found.append(Term(0.0, nothing[0], nothing, max_terms, jacobian))
     return found
+
+
+def power_mean(values: Array, jacobian: Array, p: float) -> tuple[float, Array, Array]:
+    """Return (mean |values|^p)^(1/p), its gradient and its Gauss-Newton Hessian.
+
+    It is smooth where the largest modulus, its limit for large p, has kinks. The Hessian is exact
+    where the values are linear in x; it is positive semidefinite, for a norm is convex.
+
+    Args:
+        values: Shape (values,).
+        jacobian: Shape (values, variables).
+        p: Two or more.
+    """
+    largest = float(np.abs(values).max())
+    if largest == 0.0:
+        nothing = np.zeros(jacobian.shape[1])
+        return 0.0, nothing, np.outer(nothing, nothing)
+    parts = values / largest
+    mean = float(np.mean(np.abs(parts) ** p)) ** (1.0 / p)
+    shares = parts / mean
+    slopes = np.sign(shares) * np.abs(shares) ** (p - 1.0) / len(values)
+    gradient = jacobian.T @ slopes
+    curved = jacobian * (np.abs(shares) ** (p - 2.0) / len(values))[:, None]
+    value = largest * mean
+    hessian = (p - 1.0) / value * (curved.T @ jacobian - np.outer(gradient, gradient))
+    return value, gradient, hessian
 
 
 def with_tie_break(objective: Objective, settings: PlannerSettings) -> Objective:

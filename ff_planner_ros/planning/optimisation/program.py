@@ -103,6 +103,7 @@ class PathProgram:
     correction: Correction | None = None
     aim: Target | None = None  # of the family, beside the problem's target; None: that itself
     smoothing: float = 0.0  # weight of evenly run joints, beside that of the joint path
+    attitude_norm: float = np.inf  # p of the p-norm that stands for the largest Euler angle
     # Names of the requirements that have rows only once a path has violated them: none has yet
     on_demand: frozenset[str] = frozenset()
 
@@ -123,7 +124,8 @@ class PathProgram:
         value, gradient = 0.0, np.zeros(variables)
         hessian = np.zeros((variables, variables))
         max_terms, max_terms_jacobian = [np.empty(0)], [np.empty((0, variables))]
-        for term in terms(self.objective, robot, motion, sensitivity, step, self.smoothing):
+        how = self.smoothing, self.attitude_norm
+        for term in terms(self.objective, robot, motion, sensitivity, step, *how):
             value, gradient = value + term.value, gradient + term.gradient
             hessian = hessian + term.hessian
             max_terms.append(term.max_terms)

@@ -28,8 +28,8 @@ _INSIDE = 5.0 * FEASIBILITY_TOLERANCE
 # Makes the quadratic programs strictly convex; the objective's own curvature is of order 1. The
 # epigraph variable and the slack are linear, and have this part of it.
 _REGULARISATION, _LINEAR = 1e-4, 1e-4
-# The working set begins with the constraints that a step reaches by this part of what it might, if
-# it went to every bound.
+# The working set begins with the constraints and max terms that a step reaches by this part of what
+# it might, if it went to every bound.
 _WITHIN_REACH = 0.03
 
 
@@ -74,41 +74,53 @@ def elastic_mode(at_x: Linearisation) -> Linearisation:
 
 
 def _solve_by_working_set(at_x: Linearisation, radius: float, penalty: float) -> Step | None:
-    """Return the solution with all constraints; None: the equalities have none.
+    """Return the solution with all constraints and max terms; None: the equalities have none.
 
-    A constraint that a step hardly reaches joins the working set only where the solution without
-    it violates it.
+    What a step hardly reaches joins the working set only where the solution without it violates it,
+    or is exceeded by it.
     """
     jacobian, missing = at_x.constraints_jacobian, _INSIDE - at_x.constraints
+    of_max, below_largest = at_x.max_terms_jacobian, _largest(at_x) - at_x.max_terms
     working = missing > -_WITHIN_REACH * radius * np.abs(jacobian).sum(axis=1)
+    leading = below_largest <= _WITHIN_REACH * radius * np.abs(of_max).sum(axis=1)
     program = _QuadraticProgram.of(at_x, radius, penalty)
     while True:
-        (working_set,) = np.nonzero(working)
-        result = program.solve(at_x, working_set)
+        (working_set,), (leading_set,) = np.nonzero(working), np.nonzero(leading)
+        result = program.solve(at_x, working_set, leading_set)
         if result is None:
             return None
         solution = result.x
-        dx, slack = solution[: program.variables], float(solution[-1])
+        dx, t, slack = solution[: program.variables], float(solution[-2]), float(solution[-1])
         change = jacobian @ dx
         violated = ~working & (change + slack < missing)
-        if not violated.any():
-            return _step(at_x, working_set, dx, at_x.constraints + change, result)
+        exceeding = ~leading & (of_max @ dx > t + below_largest)
+        if not (violated.any() or exceeding.any()):
+            sets = working_set, leading_set
+            return _step(at_x, *sets, dx, at_x.constraints + change, result)
         working |= violated
+        leading |= exceeding
 
 
 def _step(
-    at_x: Linearisation, working_set: Indices, dx: Array, linearised: Array, result: Any
+    at_x: Linearisation,
+    working_set: Indices,
+    leading_set: Indices,
+    dx: Array,
+    linearised: Array,
+    result: Any,
 ) -> Step:
     """Return a solution as a step.
 
     Args:
         working_set: Constraints that it was solved with.
+        leading_set: Max terms that it was solved with.
         linearised: All constraints at its end, linearised.
         result: PIQP's.
     """
     constraints, multipliers = len(working_set), np.maximum(result.z_u, 0.0)
-    on_constraints, on_max_terms = np.zeros(len(at_x.constraints)), multipliers[constraints:]
+    on_constraints, on_max_terms = np.zeros(len(at_x.constraints)), np.zeros(len(at_x.max_terms))
     on_constraints[working_set] = multipliers[:constraints]
+    on_max_terms[leading_set] = multipliers[constraints:]
     equal_jacobian = _equalities_jacobian(at_x)
     lagrangian = (
         at_x.gradient
@@ -135,12 +147,10 @@ def _step(
 
 
 class _QuadraticProgram(NamedTuple):
-    """The program over (d, t, s) without its constraints, which a working set chooses."""
+    """The program over (d, t, s) without constraints and max terms, which working sets choose."""
 
     hessian: Array
     gradient: Array
-    max_rows: Array  # of the max terms, to stay below `max_upper`
-    max_upper: Array
     equal_rows: Array
     lower: Array
     upper: Array
@@ -154,32 +164,30 @@ class _QuadraticProgram(NamedTuple):
         hessian.flat[:: n + 3] += _REGULARISATION  # the diagonal
         hessian[n:, n:] *= _LINEAR
         gradient = np.concatenate([at_x.gradient, [1.0 if max_terms else 0.0, penalty]])
-        max_rows = np.zeros((max_terms, n + 2))
-        max_rows[:, :n] = at_x.max_terms_jacobian
-        max_rows[:, n] = -1.0
         equal_rows = np.zeros((len(at_x.equalities), n + 2))
         equal_rows[:, :n] = _equalities_jacobian(at_x)
-        # Max terms are measured from the present largest, so that t stays small.
         largest = _largest(at_x)
         lower, upper = np.full(n + 2, -radius), np.full(n + 2, radius)
         lower[n:] = -max(abs(largest), 1.0) if max_terms else 0.0, 0.0
         upper[n:] = np.inf if max_terms else 0.0, np.inf
-        max_upper = largest - at_x.max_terms
-        return _QuadraticProgram(hessian, gradient, max_rows, max_upper, equal_rows, lower, upper)
+        return _QuadraticProgram(hessian, gradient, equal_rows, lower, upper)
 
     @property
     def variables(self) -> int:
         """Number of entries of d."""
         return len(self.gradient) - 2
 
-    def solve(self, at_x: Linearisation, working_set: Indices) -> Any | None:
+    def solve(self, at_x: Linearisation, working_set: Indices, leading_set: Indices) -> Any | None:
         """Return PIQP's result; None: the equalities have no solution."""
         n, constraints = self.variables, len(working_set)
-        rows = np.empty((constraints + len(self.max_rows), n + 2))
+        rows = np.empty((constraints + len(leading_set), n + 2))
         np.negative(at_x.constraints_jacobian[working_set], out=rows[:constraints, :n])
         rows[:constraints, n], rows[:constraints, n + 1] = 0.0, -1.0
-        rows[constraints:] = self.max_rows
-        upper = np.concatenate([at_x.constraints[working_set] - _INSIDE, self.max_upper])
+        rows[constraints:, :n] = at_x.max_terms_jacobian[leading_set]
+        rows[constraints:, n], rows[constraints:, n + 1] = -1.0, 0.0
+        # Max terms are measured from the present largest, so that t stays small.
+        below_largest = _largest(at_x) - at_x.max_terms[leading_set]
+        upper = np.concatenate([at_x.constraints[working_set] - _INSIDE, below_largest])
         equal = at_x.equalities
         solver = piqp.DenseSolver()
         solver.settings.verbose = False

@@ -11,6 +11,7 @@ import numpy as np
 
 from ff_planner_ros.common.declared import check_declared, declare
 from ff_planner_ros.common.declared_parts import changes
+from ff_planner_ros.planning.problem.search_depth import SearchDepth, a_search_depth
 
 
 class Strictness(NamedTuple):
@@ -153,13 +154,13 @@ class PlannerSettings:
         minimum=1,
         maximum=1_000,
     )
-    attitude_rounds: int = tunable(
-        "Rounds of search for a better attitude where it has a weight: each tries more first "
-        "guesses and keeps the best; more of them never give a worse plan. 0: only the optimum "
-        "that is nearest to the plan of least joint path, at a tenth of the price; so it is where "
-        "the attitude is a minor part of a weighted sum and no other guess looks better",
-        minimum=0,
-        maximum=1_000,
+    search: SearchDepth = declare(
+        a_search_depth(),
+        "How far to look for a better attitude where it has a weight: quick, normal or thorough; "
+        "more never gives a worse plan. Where the attitude is a minor part of a weighted sum and "
+        "no other guess looks better, the optimum nearest to the plan of least joint path is kept",
+        optional=True,
+        formerly="attitude_rounds",
     )
     joint_spline_spans: int = tunable(
         "Spans of each joint's spline: more of them follow more winding ways around obstacles, at "

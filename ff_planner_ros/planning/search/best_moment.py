@@ -20,8 +20,9 @@ from ff_planner_ros.planning.motion.watch import Watch
 from ff_planner_ros.planning.optimisation.objectives import duration_of, plan_cost
 from ff_planner_ros.planning.problem.problem import Parametrisation, PlanningProblem, lasting
 from ff_planner_ros.planning.problem.settings import PlannerSettings
+from ff_planner_ros.planning.search.effort import Effort
 from ff_planner_ros.planning.search.free_moment import SOONER, moments, moments_to_begin_at
-from ff_planner_ros.planning.search.free_search import Effort, Moment
+from ff_planner_ros.planning.search.free_search import Moment
 
 # Plans a problem whose duration is given.
 Planner: TypeAlias = Callable[[PlanningProblem, PlannerSettings, Watch, Array | None], Plan]

@@ -25,7 +25,7 @@ from ff_planner_ros.robot.momentum import base_twist, total_momentum
 from ff_planner_ros.robot.state import SystemState
 
 # What remains of a plan is looked at at so many times: a path of either family follows them.
-_SAMPLES = 17
+SAMPLES = 17
 # A path whose joints are never further from the remainder's is one that runs as that does [rad].
 NEAR = 0.02
 
@@ -56,10 +56,10 @@ class Remainder:
         """
         robot = problem.robot
         start = start_of(robot, *configuration(robot, problem.start))
-        half_steps = self.joints.at(np.linspace(0.0, self.goal, 2 * _SAMPLES - 1))
+        half_steps = self.joints.at(np.linspace(0.0, self.goal, 2 * SAMPLES - 1))
         q = compiled.DrivenMotion(chain_of(robot), start, *half_steps, self.goal).q
         x = family.near(q)
-        path = family.motion(x, _SAMPLES)
+        path = family.motion(x, SAMPLES)
         if path.singular_at is not None:
             return PathNear(family, x, np.inf)
         return PathNear(family, x, float(np.abs(path.q[:, 7:] - q[:, 7:]).max()))

@@ -23,9 +23,10 @@ from ff_planner_ros.planning.motion.watch import Watch
 from ff_planner_ros.planning.paths.path_family import PathFamily
 from ff_planner_ros.planning.problem.problem import DurationRange, PlanningProblem, lasting
 from ff_planner_ros.planning.problem.settings import PlannerSettings
+from ff_planner_ros.planning.search.effort import Effort
 from ff_planner_ros.planning.search.families import path_families
-from ff_planner_ros.planning.search.free_search import Effort, FreeSearch, Moment
-from ff_planner_ros.planning.search.search import PROMISING_VIOLATION
+from ff_planner_ros.planning.search.free_search import FreeSearch, Moment
+from ff_planner_ros.planning.search.multi_start import PROMISING_VIOLATION
 
 # Moments of the range that the search begins at, as parts of it: the shortest first.
 _PARTS = (0.0, 0.25, 0.5, 0.75, 1.0)

@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ff_planner_ros.common.arrays import Array
-from ff_planner_ros.planning.motion.plan import SolverReport
 from ff_planner_ros.planning.motion.watch import SEARCHING, Progress, Watch
 from ff_planner_ros.planning.optimisation.free_program import FreeProgram
 from ff_planner_ros.planning.optimisation.program import (
@@ -23,8 +22,9 @@ from ff_planner_ros.planning.optimisation.solver import FIRST_RADIUS, minimise, 
 from ff_planner_ros.planning.paths.path_family import PathFamily
 from ff_planner_ros.planning.problem.problem import DurationRange, Parametrisation, PlanningProblem
 from ff_planner_ros.planning.problem.settings import PlannerSettings
+from ff_planner_ros.planning.search.effort import Effort
 from ff_planner_ros.planning.search.grid import COARSE, Stage
-from ff_planner_ros.planning.search.search import PROMISING_VIOLATION
+from ff_planner_ros.planning.search.multi_start import PROMISING_VIOLATION
 
 # A bold first step changes the duration by this part of the range.
 _STRIDE = 0.1
@@ -56,27 +56,6 @@ class Moment:
         """Tell whether there is no need to try it beside another, so near in duration."""
         near = abs(self.duration - other.duration) < part * other.duration
         return near and self.family is other.family and self.is_certain
-
-
-@dataclass
-class Effort:
-    """How much was tried until now."""
-
-    starts: int = 0
-    iterations: int = 0
-    rollouts: int = 0
-
-    def add(self, report: SolverReport) -> None:
-        """Count what led to a plan of a given duration."""
-        self.starts += report.starts
-        self.iterations += report.iterations
-        self.rollouts += report.rollouts
-
-    def report(self, of_plan: SolverReport) -> SolverReport:
-        """Return the report of the plan that was chosen, with all the effort."""
-        return replace(
-            of_plan, starts=self.starts, iterations=self.iterations, rollouts=self.rollouts
-        )
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,9 +17,11 @@ from ff_planner_ros.planning.motion.watch import CHECKING, REFINING, SEARCHING, 
 from ff_planner_ros.planning.optimisation.linearisation import FEASIBILITY_TOLERANCE
 from ff_planner_ros.planning.optimisation.program import PathLinearisation, PathProgram
 from ff_planner_ros.planning.optimisation.solver import Solution, minimise, nearest_feasible
+from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.requirements.goal import miss
 from ff_planner_ros.planning.search.candidate import Candidate, plan_of_path
+from ff_planner_ros.planning.search.effort import Effort
 from ff_planner_ros.planning.search.grid import Grid, grids_of
 
 PathSolution: TypeAlias = Solution[PathLinearisation]
@@ -36,20 +38,34 @@ SMALL_VIOLATION, _RESTORATION_ITERATIONS = 3e-2, 6
 class GridSolver:
     """Solves a program on its grids."""
 
-    def __init__(self, program: PathProgram, settings: PlannerSettings, watch: Watch) -> None:
-        """Prepare to solve a program on all points, and on coarser grids."""
-        self._program, self._settings, self._watch = program, settings, watch
+    def __init__(
+        self,
+        program: PathProgram,
+        settings: PlannerSettings,
+        watch: Watch,
+        effort: Effort | None = None,
+    ) -> None:
+        """Prepare to solve a program on all points, and on coarser grids.
+
+        Args:
+            effort: Is told what is tried. None: nothing was until now.
+        """
+        self.program, self.settings, self._watch = program, settings, watch
         self.grids = grids_of(program, settings)
-        self.starts = 0  # initial guesses tried until now
-        self._looks = 0
+        self.effort = Effort() if effort is None else effort
         self._solved: list[PathSolution] = []
         self._on_all_points: list[PathSolution] = []
         self._best_visited: PathLinearisation | None = None
 
+    @property
+    def problem(self) -> PlanningProblem:
+        """What is to be planned."""
+        return self.program.problem
+
     def initial_guesses(self) -> Iterator[Array]:
         """Yield the family's own initial guesses without end."""
-        stage, obstacles = self.grids[0].stage, self._program.problem.obstacles
-        return self._program.family.first_guesses(obstacles, stage.points, stage.damping)
+        stage, obstacles = self.grids[0].stage, self.problem.obstacles
+        return self.program.family.first_guesses(obstacles, stage.points, stage.damping)
 
     def evaluate(self, grid: Grid, x: Array) -> PathLinearisation:
         """Return objective and constraints of a path, with their derivatives by the directions."""
@@ -135,7 +151,7 @@ class GridSolver:
                 return solution, motion
             # Beside what is missing, half the margin that the search began with.
             margins = {
-                name: margin + (self._program.margins[name] / 2 - slacks[name])
+                name: margin + (self.program.margins[name] / 2 - slacks[name])
                 if slacks[name] < 0.0 and name not in program.on_demand
                 else margin
                 for name, margin in program.margins.items()
@@ -173,6 +189,11 @@ class GridSolver:
                 self._watch.offer(plan)
                 yield plan
 
+    def keep_attempt(self, found: PathSolution) -> None:
+        """Keep a path on all points that is not a plan: a refusal tells of the best of them."""
+        if found.at_x.is_defined:
+            self._on_all_points.append(found)
+
     def best_attempt(self) -> tuple[Plan | None, list[Failure], float]:
         """Return the plan along the best path so far, and what it violates.
 
@@ -191,32 +212,27 @@ class GridSolver:
 
     def report(self, solution: PathSolution) -> SolverReport:
         """Return how a solution was found, with the effort of all until now."""
-        return SolverReport(
-            starts=self.starts,
-            iterations=sum(solved.iterations for solved in self._solved),
-            rollouts=self._looks,
-            optimality=solution.optimality,
-            stop_reason=solution.stop_reason,
-        )
+        found = SolverReport(0, 0, 0, solution.optimality, solution.stop_reason)
+        return self.effort.report(found)
 
     def _attempt(
         self, solution: PathSolution, followed: FollowedMotion | None
     ) -> tuple[Plan, Iterator[Failure]]:
         """Return the plan along a regular path, and what it violates."""
-        problem, family = self._program.problem, self._program.family
+        problem, family = self.program.problem, self.program.family
         path = Candidate(solution.at_x, self.report(solution), followed)
-        plan = plan_of_path(problem, self._settings, family, path)
-        return plan, failures(problem, plan, self._settings)
+        plan = plan_of_path(problem, self.settings, family, path)
+        return plan, failures(problem, plan, self.settings)
 
     def _keep(self, violated: frozenset[str]) -> None:
         """Keep what a path has violated, on all grids from now on."""
-        self._program = self._program.with_requirements(violated)
+        self.program = self.program.with_requirements(violated)
         self.grids = [
             replace(grid, program=grid.program.with_requirements(violated)) for grid in self.grids
         ]
 
     def _is_at_goal(self, motion: FollowedMotion) -> bool:
-        problem, settings = self._program.problem, self._settings
+        problem, settings = self.program.problem, self.settings
         position, turn = np.linalg.norm(miss(problem.robot, motion.q[-1], problem.target), axis=1)
         return bool(
             position <= _MISS * settings.position_tolerance
@@ -227,6 +243,7 @@ class GridSolver:
         """Return a solution in terms of the decision variables, and keep it."""
         solution = replace(solution, x=solution.at_x.motion.x)
         self._solved.append(solution)
+        self.effort.iterations += solution.iterations
         return solution
 
     def _watched(self, grid: Grid) -> Callable[[Array], PathLinearisation]:
@@ -237,7 +254,7 @@ class GridSolver:
             self._watch.require_time(phase)
             at_x = grid.linearise(along)
             if at_x.is_defined:
-                self._looks += 1
+                self.effort.rollouts += 1
                 progress = self._progress(phase, at_x)
                 self._watch.report(progress)
                 best = self._best_visited
@@ -250,7 +267,8 @@ class GridSolver:
         return linearise
 
     def _progress(self, phase: str, at_x: PathLinearisation) -> Progress:
-        return Progress(phase, self.starts, self._looks, at_x.objective, at_x.violation)
+        effort = self.effort
+        return Progress(phase, effort.starts, effort.rollouts, at_x.objective, at_x.violation)
 
 
 def rank(solution: PathSolution, tolerated: float = FEASIBILITY_TOLERANCE) -> tuple[bool, float]:

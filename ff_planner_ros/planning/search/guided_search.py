@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
-from functools import cached_property
+from functools import partial
 
 import numpy as np
 
@@ -14,10 +14,9 @@ from ff_planner_ros.planning.motion.measures import joint_path_length
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.motion.watch import CHECKING, SEARCHING, PassingOn, Watch
 from ff_planner_ros.planning.optimisation.program import PathLinearisation
-from ff_planner_ros.planning.search.attitude_search import AttitudeSearch
 from ff_planner_ros.planning.search.grid import CLEARANCES, Grid
-from ff_planner_ros.planning.search.grid_solver import PathSolution
-from ff_planner_ros.planning.search.search import is_promising
+from ff_planner_ros.planning.search.grid_solver import GridSolver, PathSolution
+from ff_planner_ros.planning.search.multi_start import is_promising
 
 # Near a guess: the part of the objective that another step must predict, the first trust region,
 # and steps to the nearest path that keeps all.
@@ -59,100 +58,101 @@ class Allowance(PassingOn):
             raise OutOfTime("the first guess has had all the looks that it may have")
 
 
-class GuidedSearch(AttitudeSearch):
-    """Looks for the path that a guess leads to."""
+def plans_from(solver: GridSolver, guess: Array) -> Iterator[Plan]:
+    """Yield the sound plan to which a guess leads, where it leads to an optimum.
 
-    def plans_from(self, guess: Array) -> Iterator[Plan]:
-        """Yield the sound plan to which a guess leads, where it leads to an optimum.
+    On the coarsest grid the path goes all the way to its optimum: one that is only mended
+    around the obstacles would stay as long as it is. Where it is long, the path that the
+    family's own initial guess leads to is looked at, too, and the better one is taken.
 
-        On the coarsest grid the path goes all the way to its optimum: one that is only mended
-        around the obstacles would stay as long as it is. Where it is long, the path that the
-        family's own initial guess leads to is looked at, too, and the better one is taken.
+    Raises:
+        OutOfTime: By the watch.
+    """
+    coarse = _coarse_optimum(solver, guess)
+    if coarse is None:
+        return
+    grid = _near(solver.grids[-1].with_correction(coarse.x), _FINE_ITERATIONS)
+    solution = solver.restore(grid, solver.solve(grid, coarse.x), _RESTORATION_ITERATIONS)
+    found, followed = solver.tighten(grid, solution, solver.solve_and_restore)
+    if found.feasible and not found.converged:
+        found = replace(found, stop_reason=_ENOUGH)
+    yield from solver.sound_plans(found, followed)
 
-        Raises:
-            OutOfTime: By the watch.
-        """
-        coarse = self._coarse_optimum(guess)
-        if coarse is None:
-            return
-        grid = _near(self.grids[-1].with_correction(coarse.x), _FINE_ITERATIONS)
-        solution = self.restore(grid, self.solve(grid, coarse.x), _RESTORATION_ITERATIONS)
-        found, followed = self.tighten(grid, solution, self.solve_and_restore)
-        if found.feasible and not found.converged:
-            found = replace(found, stop_reason=_ENOUGH)
-        yield from self.sound_plans(found, followed)
 
-    def plans_near(self, guess: Array) -> Iterator[Plan]:
-        """Yield sound plans to which a guess leads in a few steps.
+def plans_near(solver: GridSolver, guess: Array) -> Iterator[Plan]:
+    """Yield sound plans to which a guess leads in a few steps.
 
-        The first is the nearest that keeps all, the second is better by the objective. A joint
-        path is as long however late it is run: an objective that were improved again and again on
-        the way would put the motion off to the end.
+    The first is the nearest that keeps all, the second is better by the objective. A joint
+    path is as long however late it is run: an objective that were improved again and again on
+    the way would put the motion off to the end.
 
-        Raises:
-            OutOfTime: By the watch.
-        """
-        self.starts += 1
-        grid = _near(self.grids[-1].with_correction(guess), _ITERATIONS_NEAR_REMAINDER)
-        at_guess = self.evaluate(grid, guess)
-        if not at_guess.is_defined:
-            return
-        eased = grid.program.with_eased_margins(at_guess, CLEARANCES)
-        if eased is not grid.program:
-            grid = replace(grid, program=eased)
-            at_guess = self.evaluate(grid, guess)
-        nearest = self.nearest(grid, guess, at_guess, _RESTORATION_ITERATIONS)
-        found, followed = self.tighten(grid, nearest, self._restoration)
-        if found.feasible:
-            yield from self.sound_plans(replace(found, stop_reason=_NEAREST), followed)
-        solution = self.solve(grid, guess, at_start=at_guess)
-        better = self.restore(grid, solution, _RESTORATION_ITERATIONS)
-        found, followed = self.tighten(grid, better, self._restoration)
-        if found.feasible:
-            yield from self.sound_plans(found, followed)
+    Raises:
+        OutOfTime: By the watch.
+    """
+    solver.effort.starts += 1
+    grid = _near(solver.grids[-1].with_correction(guess), _ITERATIONS_NEAR_REMAINDER)
+    at_guess = solver.evaluate(grid, guess)
+    if not at_guess.is_defined:
+        return
+    eased = grid.program.with_eased_margins(at_guess, CLEARANCES)
+    if eased is not grid.program:
+        grid = replace(grid, program=eased)
+        at_guess = solver.evaluate(grid, guess)
+    nearest = solver.nearest(grid, guess, at_guess, _RESTORATION_ITERATIONS)
+    found, followed = solver.tighten(grid, nearest, partial(_restoration, solver))
+    if found.feasible:
+        yield from solver.sound_plans(replace(found, stop_reason=_NEAREST), followed)
+    solution = solver.solve(grid, guess, at_start=at_guess)
+    better = solver.restore(grid, solution, _RESTORATION_ITERATIONS)
+    found, followed = solver.tighten(grid, better, partial(_restoration, solver))
+    if found.feasible:
+        yield from solver.sound_plans(found, followed)
 
-    def _restoration(self, grid: Grid, start: Array) -> PathSolution:
-        """Return the nearest path to a start that keeps what the grid's program demands."""
-        at_start = self.evaluate(grid, start)
-        if not at_start.is_defined:
-            return self.solve(grid, start, at_start=at_start)
-        return self.nearest(grid, start, at_start, _RESTORATION_ITERATIONS)
 
-    def _is_long(self, at_x: PathLinearisation) -> bool:
-        """Tell whether a path may be a long way round."""
-        ends = at_x.motion.q[[0, -1], 7:]
-        length = at_x.objective / self._program.objective.joint_path_length
-        if length <= _DIRECT * float(np.linalg.norm(ends[1] - ends[0])):
-            return False
-        stage = self.grids[0].stage
-        own = self._program.family.motion(self._own, stage.points, stage.damping)
-        if own.singular_at is not None:
-            return False
-        step = self._program.problem.duration / (stage.points - 1)
-        return length > _LONG * joint_path_length(own.v[:, 6:], step)
+def _restoration(solver: GridSolver, grid: Grid, start: Array) -> PathSolution:
+    """Return the nearest path to a start that keeps what the grid's program demands."""
+    at_start = solver.evaluate(grid, start)
+    if not at_start.is_defined:
+        return solver.solve(grid, start, at_start=at_start)
+    return solver.nearest(grid, start, at_start, _RESTORATION_ITERATIONS)
 
-    @cached_property
-    def _own(self) -> Array:
-        """What the family would begin with."""
-        return next(self.initial_guesses())
 
-    def _coarse_optimum(self, guess: Array) -> PathSolution | None:
-        """Return the better one of the paths that the guess and the family's own lead to."""
-        self.starts += 1
-        coarse, geometry = self.grids[0], self._program.problem.robot.geometry
-        at_guess = self.evaluate(coarse, guess)
-        grid = _near(coarse, _COARSE_ITERATIONS)
-        if at_guess.equalities.size:  # the first step must have room to get to the goal
-            grid = grid.with_stage(radius=coarse.stage.radius)
-        found = self.solve(grid, guess, at_start=at_guess)
-        if not is_promising(found, geometry):
-            return None
-        if not self._is_long(found.at_x):
-            return found
-        self.starts += 1
-        other = self.solve(coarse, self._own)
-        is_better = other.at_x.objective < found.at_x.objective
-        return other if is_better and is_promising(other, geometry) else found
+def _is_long(solver: GridSolver, at_x: PathLinearisation) -> bool:
+    """Tell whether a path may be a long way round."""
+    ends = at_x.motion.q[[0, -1], 7:]
+    length = at_x.objective / solver.program.objective.joint_path_length
+    if length <= _DIRECT * float(np.linalg.norm(ends[1] - ends[0])):
+        return False
+    stage = solver.grids[0].stage
+    own = solver.program.family.motion(_own(solver), stage.points, stage.damping)
+    if own.singular_at is not None:
+        return False
+    step = solver.problem.duration / (stage.points - 1)
+    return length > _LONG * joint_path_length(own.v[:, 6:], step)
+
+
+def _own(solver: GridSolver) -> Array:
+    """Return what the family would begin with."""
+    return next(solver.initial_guesses())
+
+
+def _coarse_optimum(solver: GridSolver, guess: Array) -> PathSolution | None:
+    """Return the better one of the paths that the guess and the family's own lead to."""
+    solver.effort.starts += 1
+    coarse, geometry = solver.grids[0], solver.problem.robot.geometry
+    at_guess = solver.evaluate(coarse, guess)
+    grid = _near(coarse, _COARSE_ITERATIONS)
+    if at_guess.equalities.size:  # the first step must have room to get to the goal
+        grid = grid.with_stage(radius=coarse.stage.radius)
+    found = solver.solve(grid, guess, at_start=at_guess)
+    if not is_promising(found, geometry):
+        return None
+    if not _is_long(solver, found.at_x):
+        return found
+    solver.effort.starts += 1
+    other = solver.solve(coarse, _own(solver))
+    is_better = other.at_x.objective < found.at_x.objective
+    return other if is_better and is_promising(other, geometry) else found
 
 
 def _near(grid: Grid, iterations: int) -> Grid:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
-from typing import TypeAlias
+from typing import NamedTuple, TypeAlias
 
 from ff_planner_ros.common.arrays import Array, finite_vector
 from ff_planner_ros.errors import EndedBy, NoPlanFound, OutOfTime, Status
@@ -27,9 +27,12 @@ from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.problem.target import conditions_of, too_many_conditions
 from ff_planner_ros.planning.search.attitude_search import AttitudeSearch
 from ff_planner_ros.planning.search.best_moment import plan_at_best_moment
-from ff_planner_ros.planning.search.continuing import Remainder
+from ff_planner_ros.planning.search.continuing import SAMPLES, Remainder
+from ff_planner_ros.planning.search.effort import Effort
 from ff_planner_ros.planning.search.families import path_families
+from ff_planner_ros.planning.search.grid_solver import GridSolver
 from ff_planner_ros.planning.search.guided_search import Allowance
+from ff_planner_ros.planning.search.multi_start import plans
 from ff_planner_ros.planning.search.warm_start import (
     SHORTEST,
     plan_near_guess,
@@ -173,10 +176,15 @@ def _plan_in_time(
     refusals: list[NoPlanFound] = []
     for ways in groups:
         fits = first_guess is not None and len(first_guess) == ways[0].variables
+        guess = first_guess if fits else None
         try:
-            return _best_plan(problem, settings, ways, watch, first_guess if fits else None)
+            found = _ways_round(problem, settings, ways, watch, guess)
         except NoPlanFound as refused:
             refusals.append(refused)
+            continue
+        if problem.objective.chaser_attitude > 0.0:
+            return _least_attitude(problem, settings, groups[-1], watch, guess, found)
+        return min(found, key=lambda one: weighted_sum(problem.objective, one.plan.metrics)).plan
     if too_many:
         why = f"and as its axes lie the arm meets no more than {met} of them at once"
         raise too_many_conditions(problem.target, conditions, why, met)
@@ -185,54 +193,86 @@ def _plan_in_time(
     raise (others or refusals)[0]
 
 
-def _best_plan(
+class _Found(NamedTuple):
+    """A plan, and the family of its path."""
+
+    family: PathFamily
+    plan: Plan
+
+
+def _ways_round(
     problem: PlanningProblem,
     settings: PlannerSettings,
     ways: Sequence[PathFamily],
     watch: Watch,
     first_guess: Array | None,
-) -> Plan:
-    """Return the better plan of several ways round; `plan` says the rest."""
+) -> list[_Found]:
+    """Return the plan of each way round that has one.
+
+    Where the attitude has a weight, it is that of least joint path, or any where there is none.
+
+    Raises:
+        NoPlanFound: There is none.
+        OutOfTime: By the watch.
+    """
     problem = replace(problem, parametrisation=Parametrisation(ways[0].name))
-    plans: list[Plan] = []
-    refusals: list[NoPlanFound] = []
-    for family in ways:
-        try:
-            plans.append(_plan_in_family(problem, settings, family, watch, first_guess))
-        except NoPlanFound as refused:
-            refusals.append(refused)
-    if not plans:
-        raise refusals[0]
-    return min(plans, key=lambda found: weighted_sum(problem.objective, found.metrics))
+    asked = problem.objective
+    for objective in (asked,) if asked.chaser_attitude == 0.0 else (SHORTEST, asked):
+        found, refusals = list[_Found](), list[NoPlanFound]()
+        for family in ways:
+            try:
+                program = path_program(replace(problem, objective=objective), family, settings)
+                solver = GridSolver(program, settings, watch)
+                found.append(_Found(family, _first_plan(solver, first_guess)))
+            except NoPlanFound as refused:
+                refusals.append(refused)
+        if found:
+            return found
+    raise refusals[0]
 
 
-def _plan_in_family(
+def _first_plan(solver: GridSolver, first_guess: Array | None) -> Plan:
+    """Return the first plan that multi-start finds; `_ways_round` says the rest."""
+    if first_guess is not None:
+        first_guess = finite_vector("first_guess", first_guess, solver.program.family.variables)
+    try:
+        found = next(plans(solver, first_guess), None)
+    except OutOfTime as end:
+        end.refusal = out_of_time(end, *solver.best_attempt()[:2])
+        raise
+    if found is not None:
+        return found
+    attempt, violated, singular_at = solver.best_attempt()
+    if attempt is None:
+        raise singular_refusal(singular_at, solver.problem.duration)
+    raise refusal(attempt, violated)
+
+
+def _least_attitude(
     problem: PlanningProblem,
     settings: PlannerSettings,
-    family: PathFamily,
+    ways: Sequence[PathFamily],
     watch: Watch,
     first_guess: Array | None,
+    found: Sequence[_Found],
 ) -> Plan:
-    """Return a plan from the paths of one family; `plan` says the rest."""
-    if first_guess is not None:
-        first_guess = finite_vector("first_guess", first_guess, family.variables)
-    asked, shortest = problem.objective, None
-    for objective in (asked,) if asked.chaser_attitude == 0.0 else (SHORTEST, asked):
-        program = path_program(replace(problem, objective=objective), family, settings)
-        search = AttitudeSearch(program, settings, watch, first_guess)
-        try:
-            found = next(search.plans(), None)
-            if found is None:
-                continue
-            if objective is asked:
-                return found
-            shortest = found
-            return search.best_plan(asked, shortest)
-        except OutOfTime as end:
-            if shortest is None:
-                end.refusal = out_of_time(end, *search.best_attempt()[:2])
-            raise
-    attempt, violated, singular_at = search.best_attempt()
-    if attempt is None:
-        raise singular_refusal(singular_at, problem.duration)
-    raise refusal(attempt, violated)
+    """Return the best plan that weighs the attitude: of these, or of those looked for from them.
+
+    Args:
+        ways: The last of the families that the problem allows, which can do the most.
+        found: Plans of least joint path.
+    """
+    first = min(found, key=lambda one: weighted_sum(problem.objective, one.plan.metrics))
+    family = next((way for way in ways if way is first.family), ways[0])
+    problem = replace(problem, parametrisation=Parametrisation(family.name))
+    effort = Effort()
+    for one in found:
+        effort.add(one.plan.solver)
+    solver = GridSolver(path_program(problem, family, settings), settings, watch, effort)
+    seeds = [first.plan.coefficients]
+    if family is not first.family:
+        seeds = [family.near(one.family.motion(one.plan.coefficients, SAMPLES).q) for one in found]
+    search = AttitudeSearch(solver, problem.objective, first.plan, seeds)
+    if first_guess is not None and len(first_guess) == family.variables:
+        search.better_at(first_guess)
+    return search.best_plan()

@@ -17,9 +17,11 @@ from ff_planner_ros.planning.optimisation.program import path_program
 from ff_planner_ros.planning.paths.path_family import PathFamily
 from ff_planner_ros.planning.problem.problem import Objective, Parametrisation, PlanningProblem
 from ff_planner_ros.planning.problem.settings import PlannerSettings
+from ff_planner_ros.planning.search.attitude_search import AttitudeSearch
 from ff_planner_ros.planning.search.continuing import NEAR, PathNear, Remainder
 from ff_planner_ros.planning.search.families import path_families
-from ff_planner_ros.planning.search.guided_search import GuidedSearch
+from ff_planner_ros.planning.search.grid_solver import GridSolver
+from ff_planner_ros.planning.search.guided_search import plans_from, plans_near
 
 # Weights of the plan at which a search for a better attitude begins.
 SHORTEST = Objective(1.0, 0.0)
@@ -70,11 +72,11 @@ def _plan_in_family(
     asked = problem.objective
     turns_count = asked.chaser_attitude > 0.0
     first = replace(problem, objective=SHORTEST if turns_count else asked)
-    search = GuidedSearch(path_program(first, family, settings), settings, watch, guess)
-    found = next(search.plans_from(guess), None)
+    solver = GridSolver(path_program(first, family, settings), settings, watch)
+    found = next(plans_from(solver, guess), None)
     if found is None or not turns_count:
         return found
-    better = search.better_at_guess(asked, found)
+    better = AttitudeSearch(solver, asked, found).better_at(guess)
     return None if better is found else better
 
 
@@ -100,5 +102,5 @@ def plan_near_remainder(
     nearest = min(paths, key=lambda path: path.off)
     family, guess = nearest.family, nearest.x
     problem = replace(problem, parametrisation=Parametrisation(family.name))
-    search = GuidedSearch(path_program(problem, family, settings), settings, watch, None)
-    return next(search.plans_near(guess), None), guess
+    solver = GridSolver(path_program(problem, family, settings), settings, watch)
+    return next(plans_near(solver, guess), None), guess

@@ -12,6 +12,7 @@ import numpy as np
 
 from ff_planner_ros.common.declared import declared_by_name
 from ff_planner_ros.planning.problem.problem import PlanningProblem, Sphere
+from ff_planner_ros.planning.problem.search_depth import FORMER_ROUNDS, SearchDepth
 from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.requirements.requirement import Requirement
 from ff_planner_ros.planning.task.tail import EndBehaviour
@@ -21,7 +22,11 @@ from ff_planner_ros.robot.model import Base, Robot
 
 _DIGITS = 16
 # What fields were called until version 0.3: the digest of a task stays what it was.
-_DIGESTED_AS = {"allowed_collisions": "allowed_at_goal", "half_angle": "cone"}
+_DIGESTED_AS = {
+    "allowed_collisions": "allowed_at_goal",
+    "half_angle": "cone",
+    "search": "attitude_rounds",
+}
 
 
 def digest_of(value: Any) -> str:
@@ -37,6 +42,8 @@ def canonical(value: Any) -> Iterator[bytes]:
         yield from _canonical_fields(value)
     elif value is None or isinstance(value, bool):
         yield repr(value).encode()
+    elif isinstance(value, SearchDepth):
+        yield from canonical(FORMER_ROUNDS[value])
     elif isinstance(value, str):
         word = "as_planned" if value is EndBehaviour.NONE else str(value)
         text = word.encode(errors="surrogatepass")
