@@ -36,6 +36,7 @@ from ff_planner_ros.planning.optimisation.objectives import weighted_sum
 from ff_planner_ros.planning.optimisation.program import path_program
 from ff_planner_ros.planning.paths.end_effector_polynomial import end_effector_paths
 from ff_planner_ros.planning.problem.problem import PlanningProblem
+from ff_planner_ros.planning.problem.search_depth import SearchDepth
 from ff_planner_ros.planning.scenario.scenario import load_scenario
 from ff_planner_ros.planning.task.task import PlanningTask, perform
 from ff_planner_ros.problems import bodies, tumbling, witnessed
@@ -82,8 +83,8 @@ def tasks(each: int) -> Iterator[tuple[str, PlanningTask]]:
     for name, problem in captures().items():
         yield f"lemur_capture, {name}", PlanningTask(problem, SETTINGS)
         if problem.objective.chaser_attitude > 0.0:
-            quick = replace(SETTINGS, attitude_rounds=0)
-            yield f"lemur_capture, {name}, no rounds", PlanningTask(problem, quick)
+            quick = replace(SETTINGS, search=SearchDepth.QUICK)
+            yield f"lemur_capture, {name}, quick", PlanningTask(problem, quick)
     for kind, problem in problems(each):
         yield kind, PlanningTask(problem, SETTINGS)
 

@@ -73,15 +73,24 @@ def capture_times() -> str:
     )
 
 
-def attitude_rounds() -> str:
-    nearness = cell("steadiness", "attitude / best, median", "3")
-    return f"{above(nearness)} in the median and {above(cell('steadiness', 'worst', '3'))} at worst"
+def quick_search() -> str:
+    return _search("quick")
 
 
-def no_rounds() -> str:
-    none, _, three = map(number, cells("steadiness", "processor time, median [s]"))
-    nearness = cell("steadiness", "attitude / best, median", "0")
-    return f"{100.0 * none / three:.0f} % of the time and ends {above(nearness)} above the best"
+def normal_search() -> str:
+    return _search("normal")
+
+
+def thorough_search() -> str:
+    return _search("thorough")
+
+
+def _search(depth: str) -> str:
+    seconds, nearness, worst = (
+        cell("steadiness", column, depth)
+        for column in ("processor time, median [s]", "attitude / best, median", "worst")
+    )
+    return f"{seconds} s | {nearness} and {worst}"
 
 
 def bodies_in_capture() -> str:

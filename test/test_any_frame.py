@@ -26,6 +26,7 @@ from ff_planner_ros.planning.problem.problem import (
     Sphere,
     Target,
 )
+from ff_planner_ros.planning.problem.search_depth import SearchDepth
 from ff_planner_ros.planning.scenario.scenario import load_scenario
 from ff_planner_ros.planning.task.tail import EndBehaviour
 from ff_planner_ros.planning.task.task import PlanningTask, perform
@@ -38,7 +39,7 @@ from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.simulation.verification import verify
 
 # What is tested here does not depend on how long the least attitude is looked for.
-SETTINGS = replace(load_parameters().planner, attitude_rounds=1)
+SETTINGS = replace(load_parameters().planner, search=SearchDepth.QUICK)
 LENGTH, ATTITUDE, WEIGHTED = Objective(1.0, 0.0), Objective(0.0, 1.0), Objective(1.0, 5.0)
 
 

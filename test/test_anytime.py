@@ -28,6 +28,7 @@ from ff_planner_ros.planning.problem.problem import (
     PlanningProblem,
     lasting,
 )
+from ff_planner_ros.planning.problem.search_depth import SearchDepth
 from ff_planner_ros.planning.scenario.scenario import Defaults, load_scenario, load_task
 from ff_planner_ros.planning.scenario.scenario_writer import write_scenario
 from ff_planner_ros.planning.task.task import PlanningTask, perform
@@ -93,7 +94,7 @@ PROBLEMS = problems()
 def test_wherever_a_search_is_ended_its_effort_gives_the_same_answer_again(name: str) -> None:
     """And a later end never gives a worse plan."""
     problem, costs = PROBLEMS[name], list[float]()
-    task = PlanningTask(problem, replace(SETTINGS, attitude_rounds=1))
+    task = PlanningTask(problem, replace(SETTINGS, search=SearchDepth.QUICK))
     for step in (1, 2, 7, 20, 45, 100, 168, 172, 250):
         watch = EndingAt(step)
         found, refused = answered(task, watch)

@@ -25,8 +25,8 @@ from ff_planner_ros.planning.search import best_moment, free_moment
 from ff_planner_ros.planning.search.best_moment import plan_at_best_moment
 from ff_planner_ros.planning.search.free_moment import SOONER, moments_to_begin_at
 from ff_planner_ros.planning.search.free_search import Moment
+from ff_planner_ros.planning.search.multi_start import PROMISING_VIOLATION
 from ff_planner_ros.planning.search.planner import NOBODY
-from ff_planner_ros.planning.search.search import PROMISING_VIOLATION
 
 SETTINGS = load_parameters().planner
 SPLINE = Parametrisation.JOINT_SPLINE

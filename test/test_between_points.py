@@ -22,6 +22,7 @@ from ff_planner_ros.planning.distance.clearance import arm_points
 from ff_planner_ros.planning.motion.motion import from_trajectory
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.problem.problem import Limits, Objective, PlanningProblem
+from ff_planner_ros.planning.problem.search_depth import SearchDepth
 from ff_planner_ros.planning.scenario.scenario import load_scenario
 from ff_planner_ros.planning.search.planner import plan
 from ff_planner_ros.planning.task.tail import EndBehaviour, with_tail
@@ -31,7 +32,7 @@ from ff_planner_ros.robot.model import robot_from_urdf_text
 from ff_planner_ros.simulation.verification import verify
 
 # What is tested here does not depend on how long the least attitude is looked for.
-SETTINGS = replace(load_parameters().planner, attitude_rounds=1)
+SETTINGS = replace(load_parameters().planner, search=SearchDepth.QUICK)
 LENGTH = Objective(1.0, 0.0)
 # What is allowed beyond a limit: [rad], and in parts of a rate limit.
 EXCESS = 1e-4

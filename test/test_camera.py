@@ -40,6 +40,7 @@ from ff_planner_ros.planning.problem.problem import (
     lasting,
 )
 from ff_planner_ros.planning.problem.scene import scene_of
+from ff_planner_ros.planning.problem.search_depth import SearchDepth
 from ff_planner_ros.planning.requirements.camera_view import CameraView, _goal_seen
 from ff_planner_ros.planning.requirements.requirement import Rows
 from ff_planner_ros.planning.scenario.scenario import Defaults, load_scenario, load_task
@@ -215,7 +216,7 @@ def test_the_goal_stays_in_view_between_the_points_too(
 
 def test_least_attitude_and_a_free_duration_keep_the_view() -> None:
     least = replace(looking(RESTING, "end_effector", 0.2, 0.1), objective=Objective(0.0, 1.0))
-    require_seen(least, perform(PlanningTask(least, replace(SETTINGS, attitude_rounds=0))))
+    require_seen(least, perform(PlanningTask(least, replace(SETTINGS, search=SearchDepth.QUICK))))
     free = looking(TUMBLING, "end_effector", 0.3, 0.2)
     assert free.target_body is not None
     free = replace(

@@ -16,13 +16,14 @@ from ff_planner_ros.errors import InvalidInput, NoPlanFound
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.problem.problem import Objective, PlanningProblem
+from ff_planner_ros.planning.problem.search_depth import SearchDepth
 from ff_planner_ros.planning.scenario.library_file import LIBRARY, load_library, save_library
 from ff_planner_ros.planning.scenario.scenario import load_scenario
 from ff_planner_ros.planning.task.library import Library, StoredPlan, kind_and_place
 from ff_planner_ros.planning.task.task import PlanningTask, perform
 from ff_planner_ros.problems.scenarios import scenario
 
-SETTINGS = replace(load_parameters().planner, attitude_rounds=1)
+SETTINGS = replace(load_parameters().planner, search=SearchDepth.QUICK)
 CAPTURE = load_scenario(LEMUR_SCENARIO)
 
 

@@ -14,7 +14,7 @@ from ff_planner_ros.planning.motion.measures import (
     chaser_euler_with_derivative,
     joint_path_length,
 )
-from ff_planner_ros.planning.optimisation.objectives import joint_path
+from ff_planner_ros.planning.optimisation.objectives import joint_path, power_mean
 from ff_planner_ros.planning.paths.end_effector_polynomial import EndEffectorPaths
 from ff_planner_ros.planning.paths.polynomial import EndEffectorMotion, end_effector_polynomial
 from ff_planner_ros.planning.problem.problem import PlanningProblem
@@ -173,3 +173,38 @@ def test_the_chaser_s_euler_derivatives_are_those_of_differences(robot: Robot) -
         expected = (chaser_euler(robot, ahead) - chaser_euler(robot, behind)) / (2 * step)
         error = np.abs(found[:, :, k] - expected).max() / np.abs(expected).max()
         assert error < 1e-6, f"column {k}: relative error {error:.1e}"
+
+
+@pytest.mark.parametrize("p", [2.0, 3.0, 8.0])
+def test_a_power_mean_and_its_derivatives_are_those_of_the_formula(p: float) -> None:
+    """Of values that are linear in x, the Hessian is exact, too."""
+    rng = np.random.default_rng(7)
+    values, jacobian, x = rng.normal(size=39), rng.normal(size=(39, 5)), rng.normal(size=5)
+
+    def formula(at: Array) -> float:
+        return float(np.mean(np.abs(values + jacobian @ at) ** p) ** (1.0 / p))
+
+    found, gradient, hessian = power_mean(values + jacobian @ x, jacobian, p)
+    assert found == pytest.approx(formula(x), rel=1e-14)
+    step, axes = 1e-4, np.eye(5)
+    for i, one in enumerate(step * axes):
+        slope = (formula(x + one) - formula(x - one)) / (2 * step)
+        assert gradient[i] == pytest.approx(slope, rel=1e-6, abs=1e-8)
+        for j, other in enumerate(step * axes):
+            corners = (
+                formula(x + one + other)
+                - formula(x + one - other)
+                - formula(x - one + other)
+                + formula(x - one - other)
+            )
+            assert hessian[i, j] == pytest.approx(corners / (4 * step**2), rel=1e-4, abs=1e-5)
+    assert np.linalg.eigvalsh(hessian).min() > -1e-12
+
+
+def test_a_power_mean_comes_near_the_largest_modulus_and_is_zero_where_all_are() -> None:
+    values, jacobian = np.array([0.1, -0.4, 0.2]), np.eye(3)
+    assert power_mean(values, jacobian, 200.0)[0] == pytest.approx(0.4, rel=1e-2)
+    value, gradient, hessian = power_mean(0.0 * values, jacobian, 8.0)
+    assert value == 0.0
+    assert not gradient.any()
+    assert not hessian.any()

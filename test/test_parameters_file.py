@@ -6,6 +6,7 @@ import json
 import math
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 import yaml
@@ -106,7 +107,8 @@ def test_a_name_of_version_0_2_is_read_and_the_present_one_told(
     tmp_path: Path, former: str, present: str
 ) -> None:
     path, value = tmp_path / "planner.yaml", default_values()[present]
-    value = "wrist: 0.25" if isinstance(value, str) else 1.5 * value
+    word = "thorough" if present == "planner.search" else "wrist: 0.25"
+    value = word if isinstance(value, str) else 1.5 * value
 
     def saved(*names: str) -> Path:
         path.write_text(yaml.safe_dump({"/**": {"ros__parameters": dict.fromkeys(names, value)}}))
@@ -118,6 +120,25 @@ def test_a_name_of_version_0_2_is_read_and_the_present_one_told(
     assert found == load_parameters(saved(present))
     with pytest.raises(InvalidInput, match=f"^{former} is given twice: give {present} alone"):
         load_parameters(saved(former, present))
+
+
+@pytest.mark.parametrize(
+    ("rounds", "depth"),
+    [(0, "quick"), (1, "normal"), (3, "normal"), (4, "thorough"), (1_000, "thorough")],
+)
+def test_a_number_of_rounds_is_read_as_the_depth_that_goes_as_far(
+    tmp_path: Path, rounds: int, depth: str
+) -> None:
+    path = tmp_path / "planner.yaml"
+    path.write_text(f"/**: {{ros__parameters: {{planner: {{attitude_rounds: {rounds}}}}}}}")
+    with pytest.warns(FutureWarning, match="attitude_rounds is deprecated: say planner.search"):
+        assert load_parameters(path).planner.search == depth
+
+
+@pytest.mark.parametrize("value", ["deep", "", -1, 1.5, True])
+def test_a_depth_that_is_none_is_refused(value: Any) -> None:
+    with pytest.raises(InvalidInput, match=r"planner\.search is .* one of quick, normal, thorough"):
+        checked("planner.search", value)
 
 
 def test_a_value_is_returned_as_declared() -> None:

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.optimize import nnls
+from scipy.optimize import linprog, nnls
 
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.optimisation import qp
@@ -66,9 +66,9 @@ def test_of_many_planes_those_count_that_are_in_the_way(monkeypatch):
     looked_at = []
     solve = qp._QuadraticProgram.solve
 
-    def watched(program, at_x, working_set):
+    def watched(program, at_x, working_set, leading_set):
         looked_at.append(len(working_set))
-        return solve(program, at_x, working_set)
+        return solve(program, at_x, working_set, leading_set)
 
     monkeypatch.setattr(qp._QuadraticProgram, "solve", watched)
     for target in np.random.default_rng(6).normal(size=(5, 4)) * 3.0:
@@ -371,3 +371,30 @@ def test_the_nearest_feasible_point_of_equalities_is_found():
     solution = nearest_feasible(on_circle, start, on_circle(start), 12)
     assert solution.feasible
     assert solution.x == pytest.approx(start / np.linalg.norm(start), abs=1e-3)
+
+
+def test_a_step_is_that_of_all_max_terms_however_few_are_within_reach_at_first():
+    """The largest of many terms, most of them far below it: the linear program is the truth."""
+    rng = np.random.default_rng(11)
+    for _ in range(20):
+        terms, by_x = rng.uniform(-3.0, 0.0, 40), rng.normal(size=(40, 3)) * 10.0
+        terms[0], radius = 0.5, 0.3
+        at_x = Linearisation(
+            0.0,
+            np.zeros(3),
+            np.zeros((3, 3)),
+            terms,
+            by_x,
+            np.empty(0),
+            np.empty((0, 3)),
+        )
+        step = qp.solve_qp(at_x, radius, 10.0)
+        truth = linprog(
+            [0.0, 0.0, 0.0, 1.0],
+            A_ub=np.column_stack([by_x, -np.ones(40)]),
+            b_ub=-terms,
+            bounds=[(-radius, radius)] * 3 + [(None, None)],
+        )
+        reached = float((terms + by_x @ step.dx).max())
+        assert reached == pytest.approx(truth.fun, abs=2e-3)
+        assert step.objective == pytest.approx(reached, abs=1e-9)

@@ -20,6 +20,7 @@ from ff_planner_ros.planning.motion.watch import Watch
 from ff_planner_ros.planning.paths.end_effector_polynomial import EndEffectorPaths, Rollout
 from ff_planner_ros.planning.paths.start_motion import NullSpaceFade, start_motion
 from ff_planner_ros.planning.problem.problem import Limits, Objective, PlanningProblem
+from ff_planner_ros.planning.problem.search_depth import SearchDepth
 from ff_planner_ros.planning.requirements.joints.joint_positions import JointPositions
 from ff_planner_ros.planning.requirements.joints.joint_rates import JointRates
 from ff_planner_ros.planning.scenario.scenario import load_scenario
@@ -34,7 +35,7 @@ from ff_planner_ros.robot.state import SystemState
 from ff_planner_ros.simulation.verification import verify
 
 # What is tested here does not depend on how long the least attitude is looked for.
-SETTINGS = replace(load_parameters().planner, attitude_rounds=1)
+SETTINGS = replace(load_parameters().planner, search=SearchDepth.QUICK)
 LENGTH, ATTITUDE = Objective(1.0, 0.0), Objective(0.0, 1.0)
 RATE_JUMP, ACCELERATION_JUMP = 1e-9, 1e-6  # allowed [rad/s, rad/s2]
 REDUNDANT = [name for name in ROBOTS if name != "six joints"]

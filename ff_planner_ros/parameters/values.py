@@ -6,6 +6,7 @@ import warnings
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass, replace
 from difflib import get_close_matches
+from enum import StrEnum
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar, get_type_hints
@@ -153,7 +154,7 @@ def allowed_values(name: str) -> str:
     """Return what a parameter may be, in words."""
     declared = DECLARATIONS[name]
     schema = declared.form.schema()
-    words = _KINDS[schema["type"]]
+    words = f"one of {', '.join(schema['enum'])}" if "enum" in schema else _KINDS[schema["type"]]
     for word, bound in (("least", "minimum"), ("most", "maximum")):
         words += f", at {word} {schema[bound]:g}" if bound in schema else ""
     unit = f"[{declared.unit}] " if declared.unit else ""
@@ -211,5 +212,6 @@ def document_of(parameters: NodeParameters) -> dict[str, Any]:
         for group in groups:
             block = block.setdefault(group, {})
         value = value_of(parameters, name)
-        block[last] = list(value) if isinstance(value, tuple) else value
+        plain = str(value) if isinstance(value, StrEnum) else value
+        block[last] = list(plain) if isinstance(plain, tuple) else plain
     return document

@@ -25,6 +25,7 @@ from ff_planner_ros.parameters import DECLARATIONS, NodeParameters, default_valu
 from ff_planner_ros.parameters.values import (
     FORMER_NAMES,
     allowed_values,
+    checked,
     parameters_of,
     replaced,
     unknown_parameter,
@@ -126,7 +127,11 @@ def _declared(node: Node) -> NodeParameters:
     for former in FORMER_NAMES.keys() & overrides.keys():
         given, name = overrides.pop(former), FORMER_NAMES[former]
         node.get_logger().warning(f"{former} is deprecated: say {name}")
-        overrides.setdefault(name, Parameter(name, given.type_, given.value))
+        # A number where a word is read today keeps its meaning.
+        is_word = "enum" in DECLARATIONS[name].form.schema()
+        value = str(checked(name, given.value)) if is_word else given.value
+        present = Parameter(name, value=value) if is_word else Parameter(name, given.type_, value)
+        overrides.setdefault(name, present)
     values: dict[str, Any] = {}
     for name, declaration in DECLARATIONS.items():
         descriptor = _descriptor(name, declaration)

@@ -186,6 +186,7 @@ def _used(task: PlanningTask) -> dict[str, Any]:
             "effort_interface": controller is not None and controller.effort_interface,
         },
         "planner": asdict(task.settings)
+        | {"search": str(task.settings.search)}
         | {"plugins": yaml.safe_dump(required) if required else ""},
     }
 

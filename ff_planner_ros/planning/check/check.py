@@ -41,10 +41,19 @@ def measure(problem: PlanningProblem, trajectory: Trajectory, settings: PlannerS
 
 def failures(problem: PlanningProblem, plan: Plan, settings: PlannerSettings) -> Iterator[Failure]:
     """Yield every requirement that a measured plan does not meet, the most harmful first."""
+    for _, failure in named_failures(problem, plan, settings):
+        yield failure
+
+
+def named_failures(
+    problem: PlanningProblem, plan: Plan, settings: PlannerSettings
+) -> Iterator[tuple[str, Failure]]:
+    """Yield `failures` with the names of their requirements."""
     samples = _samples(problem, settings, plan.trajectory)
     for required in requirements_of(problem):
         if plan.family != Parametrisation.JOINT_SPLINE or required.name != SingularValues.name:
-            yield from required.failures(samples, plan.metrics)
+            for failure in required.failures(samples, plan.metrics):
+                yield required.name, failure
 
 
 @lru_cache(maxsize=2)

@@ -11,7 +11,10 @@ import pinocchio as pin
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.planning.motion.followed import FollowedMotion
 from ff_planner_ros.planning.motion.followed_path import followed_path
-from ff_planner_ros.planning.optimisation.linearisation import Linearisation
+from ff_planner_ros.planning.optimisation.linearisation import (
+    FEASIBILITY_TOLERANCE,
+    Linearisation,
+)
 from ff_planner_ros.planning.optimisation.objectives import terms, with_tie_break
 from ff_planner_ros.planning.paths.joint_spline import JointSplines
 from ff_planner_ros.planning.paths.path_family import Motion, PathFamily
@@ -205,6 +208,15 @@ class PathProgram:
                 if missing < margin:
                     margins[required.name] = max(margin - _EASED * missing, 0.0)
         return self if margins == self.margins else replace(self, margins=margins)
+
+    def met(self, at_x: PathLinearisation) -> frozenset[str]:
+        """Return the names of the requirements that a regular path keeps, margins included."""
+        violated = at_x.names[at_x.constraints < -FEASIBILITY_TOLERANCE] // _NAMES
+        return frozenset(
+            required.name
+            for number, required in enumerate(self.requirements)
+            if number not in violated
+        )
 
     def with_requirements(self, violated: frozenset[str]) -> PathProgram:
         """Return the program with the rows of requirements on demand that a path has violated."""

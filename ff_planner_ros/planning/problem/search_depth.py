@@ -30,4 +30,5 @@ def a_search_depth() -> Form:
             return next(enough, SearchDepth.THOROUGH)
         return SearchDepth(word.read(field, value))
 
-    return replace(word, read=read, checked=read, from_message=read)
+    schema = {"type": "string", "enum": [str(depth) for depth in SearchDepth]}
+    return replace(word, read=read, schema=lambda: schema, checked=read, from_message=read)

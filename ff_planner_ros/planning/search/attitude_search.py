@@ -120,7 +120,7 @@ class AttitudeSearch:
         rounds = ROUNDS[self.solver.settings.search]
         if self._attitude_share <= _NEGLIGIBLE:
             return (NEAREST,)
-        return (NEAREST, *rounds) if self._is_minor else rounds
+        return (NEAREST, *rounds[1:]) if self._is_minor else rounds
 
     def _race(self, guesses: Sequence[Array]) -> None:
         """Find optima: of the paths that begin at initial guesses those that lead go on."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import TypeAlias
@@ -10,7 +11,7 @@ import numpy as np
 
 from ff_planner_ros.common.arrays import Array
 from ff_planner_ros.errors import Failure
-from ff_planner_ros.planning.check.check import failures
+from ff_planner_ros.planning.check.check import failures, named_failures
 from ff_planner_ros.planning.motion.followed import FollowedMotion
 from ff_planner_ros.planning.motion.plan import Plan, SolverReport
 from ff_planner_ros.planning.motion.watch import CHECKING, REFINING, SEARCHING, Progress, Watch
@@ -55,6 +56,7 @@ class GridSolver:
         self.effort = Effort() if effort is None else effort
         self._solved: list[PathSolution] = []
         self._on_all_points: list[PathSolution] = []
+        self._met = Counter[str]()  # how many paths that a solve began at met each requirement
         self._best_visited: PathLinearisation | None = None
 
     @property
@@ -184,8 +186,8 @@ class GridSolver:
         if solution.at_x.is_defined:
             self._watch.require_time(CHECKING)
             self._watch.report(self._progress(CHECKING, solution.at_x))
-            plan, violated = self._attempt(solution, followed)
-            if not any(violated):
+            plan = self._plan_along(solution, followed)
+            if not any(failures(self.problem, plan, self.settings)):
                 self._watch.offer(plan)
                 yield plan
 
@@ -198,8 +200,8 @@ class GridSolver:
         """Return the plan along the best path so far, and what it violates.
 
         Returns:
-            The plan, None where there is no path yet or all are singular; its failures; and the
-            time at which the best path is singular [s].
+            The plan, None where there is no path yet or all are singular; its failures, first what
+            the fewest initial paths met; and the time at which the best path is singular [s].
         """
         attempts = self._on_all_points or self._solved
         if not attempts:
@@ -207,22 +209,19 @@ class GridSolver:
         best = min(attempts, key=rank)
         if best.at_x.motion.singular_at is not None:
             return None, [], best.at_x.motion.singular_at
-        plan, violated = self._attempt(best, None)
-        return plan, list(violated), 0.0
+        plan = self._plan_along(best, None)
+        named = named_failures(self.problem, plan, self.settings)
+        hardest_first = sorted(named, key=lambda one: self._met[one[0]])
+        return plan, [failure for _, failure in hardest_first], 0.0
 
     def report(self, solution: PathSolution) -> SolverReport:
         """Return how a solution was found, with the effort of all until now."""
         found = SolverReport(0, 0, 0, solution.optimality, solution.stop_reason)
         return self.effort.report(found)
 
-    def _attempt(
-        self, solution: PathSolution, followed: FollowedMotion | None
-    ) -> tuple[Plan, Iterator[Failure]]:
-        """Return the plan along a regular path, and what it violates."""
-        problem, family = self.program.problem, self.program.family
+    def _plan_along(self, solution: PathSolution, followed: FollowedMotion | None) -> Plan:
         path = Candidate(solution.at_x, self.report(solution), followed)
-        plan = plan_of_path(problem, self.settings, family, path)
-        return plan, failures(problem, plan, self.settings)
+        return plan_of_path(self.problem, self.settings, self.program.family, path)
 
     def _keep(self, violated: frozenset[str]) -> None:
         """Keep what a path has violated, on all grids from now on."""
@@ -249,11 +248,16 @@ class GridSolver:
     def _watched(self, grid: Grid) -> Callable[[Array], PathLinearisation]:
         """Return what linearises a path of the grid's program while the watch looks on."""
         phase = REFINING if grid.stage is self.grids[-1].stage else SEARCHING
+        is_initial = True
 
         def linearise(along: Array) -> PathLinearisation:
+            nonlocal is_initial
             self._watch.require_time(phase)
             at_x = grid.linearise(along)
             if at_x.is_defined:
+                if is_initial:
+                    self._met.update(grid.program.met(at_x))
+                    is_initial = False
                 self.effort.rollouts += 1
                 progress = self._progress(phase, at_x)
                 self._watch.report(progress)

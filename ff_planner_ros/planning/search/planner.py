@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from typing import NamedTuple, TypeAlias
+
+import numpy as np
 
 from ff_planner_ros.common.arrays import Array, finite_vector
 from ff_planner_ros.errors import EndedBy, NoPlanFound, OutOfTime, Status
@@ -31,7 +33,7 @@ from ff_planner_ros.planning.search.continuing import SAMPLES, Remainder
 from ff_planner_ros.planning.search.effort import Effort
 from ff_planner_ros.planning.search.families import path_families
 from ff_planner_ros.planning.search.grid_solver import GridSolver
-from ff_planner_ros.planning.search.guided_search import Allowance
+from ff_planner_ros.planning.search.guided_search import Allowance, plans_from
 from ff_planner_ros.planning.search.multi_start import plans
 from ff_planner_ros.planning.search.warm_start import (
     SHORTEST,
@@ -184,6 +186,8 @@ def _plan_in_time(
             continue
         if problem.objective.chaser_attitude > 0.0:
             return _least_attitude(problem, settings, groups[-1], watch, guess, found)
+        if _limits_turns(problem) and len(groups) > 1:
+            found = [*found, *_in_family_of_more(problem, settings, groups[-1][0], watch, found)]
         return min(found, key=lambda one: weighted_sum(problem.objective, one.plan.metrics)).plan
     if too_many:
         why = f"and as its axes lie the arm meets no more than {met} of them at once"
@@ -248,6 +252,38 @@ def _first_plan(solver: GridSolver, first_guess: Array | None) -> Plan:
     raise refusal(attempt, violated)
 
 
+def _limits_turns(problem: PlanningProblem) -> bool:
+    """Tell whether the chaser may only turn so far."""
+    return min(problem.limits.chaser_attitude, problem.limits.chaser_rotation) < np.inf
+
+
+def _in_family_of_more(
+    problem: PlanningProblem,
+    settings: PlannerSettings,
+    family: PathFamily,
+    watch: Watch,
+    found: Sequence[_Found],
+) -> Iterator[_Found]:
+    """Yield plans of another family to which plans lead that are found.
+
+    Where the chaser may only turn so far, the paths of a family that can do more are much shorter.
+    """
+    problem = replace(problem, parametrisation=Parametrisation(family.name))
+    for one in found:
+        effort = Effort()
+        effort.add(one.plan.solver)
+        solver = GridSolver(path_program(problem, family, settings), settings, watch, effort)
+        for plan in plans_from(solver, _seed(family, one)):
+            yield _Found(family, plan)
+
+
+def _seed(family: PathFamily, found: _Found) -> Array:
+    """Return the path of a family that is most like a plan."""
+    if family is found.family:
+        return found.plan.coefficients
+    return family.near(found.family.motion(found.plan.coefficients, SAMPLES).q)
+
+
 def _least_attitude(
     problem: PlanningProblem,
     settings: PlannerSettings,
@@ -269,9 +305,7 @@ def _least_attitude(
     for one in found:
         effort.add(one.plan.solver)
     solver = GridSolver(path_program(problem, family, settings), settings, watch, effort)
-    seeds = [first.plan.coefficients]
-    if family is not first.family:
-        seeds = [family.near(one.family.motion(one.plan.coefficients, SAMPLES).q) for one in found]
+    seeds = [_seed(family, one) for one in (found if family is not first.family else [first])]
     search = AttitudeSearch(solver, problem.objective, first.plan, seeds)
     if first_guess is not None and len(first_guess) == family.variables:
         search.better_at(first_guess)

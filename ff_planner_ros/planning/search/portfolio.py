@@ -23,8 +23,8 @@ ROUNDS = {
     SearchDepth.NORMAL: (_QUICK, _MORE),
     SearchDepth.THOROUGH: (_QUICK, _MORE, _MOST),
 }
-# Where the attitude is so small a part of the cost that another path cannot gain: the optimum
-# nearest to the plan of least joint path.
+# Where the attitude is but a minor part of the cost, the first round is the optimum nearest to the
+# plan of least joint path.
 NEAREST = Round(1, 0)
 
 

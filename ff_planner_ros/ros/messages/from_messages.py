@@ -55,7 +55,7 @@ MAX_MESSAGE_SECONDS = 2**31 - 1
 _JOINTS = ("joint_positions", "joint_velocities", "joint_accelerations")
 # Fields of a request that this version refuses unless they are empty.
 _NOT_YET = (
-    *("payload", "then", "search.depth", "scene[0].bodies"),
+    *("payload", "then", "scene[0].bodies"),
     *("limits.grasp_force", "limits.grasp_torque", "limits.capture_impulse"),
 )
 # Of joints at fault: more than any arm has would bury the message.

@@ -8,12 +8,13 @@ from typing import Any
 from ff_planner_msgs.msg import PlanRequest
 
 from ff_planner_ros.common.arrays import finite_vector
-from ff_planner_ros.common.declared import DeclaredField
+from ff_planner_ros.common.declared import DeclaredField, declared
 from ff_planner_ros.common.declared_messages import places_in, write_value
 from ff_planner_ros.common.yaml_file import yaml_document
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.parameters.values import present_name
 from ff_planner_ros.planning.problem.problem import PlanningProblem
+from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.task.task import PlanningTask
 from ff_planner_ros.ros.messages.interfaces import entry_of
 
@@ -24,6 +25,7 @@ REQUEST_KEYS: dict[str, tuple[str, DeclaredField]] = {
     for key, place, declaration in places_in(kind)
 }
 REQUEST_KEYS["duration.max"] = ("duration_max", REQUEST_KEYS["duration"][1])
+REQUEST_KEYS["search.depth"] = ("search.depth", declared(PlannerSettings)["search"])
 
 
 def split_setting(setting: str, known: Collection[str]) -> tuple[str, str]:

@@ -16,6 +16,8 @@ from ff_planner_ros.parameters import NodeParameters
 from ff_planner_ros.planning.motion.joint_motion import JointMotion
 from ff_planner_ros.planning.problem.goal_words import GoalKind
 from ff_planner_ros.planning.problem.problem import TargetBody, carried_spheres
+from ff_planner_ros.planning.problem.search_depth import a_search_depth
+from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.task.library import Guesses
 from ff_planner_ros.planning.task.tail import EndBehaviour
 from ff_planner_ros.planning.task.task import PlanningTask
@@ -184,7 +186,7 @@ def read_request(request: PlanRequest, knowledge: Knowledge) -> ReadRequest:
             provenance = replace(provenance, previous_plan_id=knowledge.published.plan_id)
         task = PlanningTask(
             problem=problem,
-            settings=parameters.planner,
+            settings=_settings(request, parameters),
             ahead=ahead,
             running=running,
             running_goal=None if continued is None else ahead + continued.remaining,
@@ -268,6 +270,14 @@ def _require_after_state(start_ns: int, stamp_ns: int) -> None:
             f"{(stamp_ns - start_ns) / NANOSECONDS:.3f} s before the start state",
             "a plan starts from the state or later",
         )
+
+
+def _settings(request: PlanRequest, parameters: NodeParameters) -> PlannerSettings:
+    asked = request.search.depth
+    if not asked:
+        return parameters.planner
+    depth = a_search_depth().checked("search.depth", asked)
+    return replace(parameters.planner, search=depth)
 
 
 def _time_budget(request: PlanRequest, parameters: NodeParameters) -> float:
