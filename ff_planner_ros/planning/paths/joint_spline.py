@@ -47,11 +47,7 @@ class JointSplines:
     name: ClassVar[str] = "joint_spline"
     reading: ClassVar[str] = ""
     stride: ClassVar[float] = 0.4  # 0.2 rad is a bold first step
-
-    @property
-    def directions(self) -> Array:
-        """Each control point by itself."""
-        return np.eye(self.variables)
+    directions: ClassVar[None] = None
 
     @property
     def robot(self) -> Robot:

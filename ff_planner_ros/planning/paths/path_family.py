@@ -88,10 +88,10 @@ class PathFamily(Protocol):
         """How long a step along one variable is bold, the paper's coefficients being 1 [m, rad]."""
 
     @property
-    def directions(self) -> Array:
+    def directions(self) -> Array | None:
         """Changes of x that move the path about equally far, each in a way of its own.
 
-        A column each. Shape (variables, variables).
+        A column each. Shape (variables, variables). None: each variable does.
         """
 
     @property

@@ -138,9 +138,10 @@ class AttitudeSearch:
     def _hop(self, random: np.random.Generator, spread: float) -> None:
         """Look around the best optimum."""
         grid, best = self._coarsest(), self._leading(1)[0].path
-        directions = grid.program.family.directions
         self.solver.effort.starts += 1
-        aside = directions @ random.normal(scale=spread, size=len(best.x))
+        aside = random.normal(scale=spread, size=len(best.x))
+        if grid.directions is not None:
+            aside = grid.directions @ aside
         begin = best.x + aside, best.curvature
         path = self.solver.solve(grid.with_stage(iterations=_AFTER_HOP), *begin)
         if not _lead(path)[0] and path.at_x.objective < _NEARLY * best.at_x.objective:
@@ -286,7 +287,9 @@ class AttitudeSearch:
         for grid in self.solver.grids:
             margins = {**grid.program.margins, SingularValues.name: away}
             program = replace(grid.program, objective=objective, damping=0.0, margins=margins)
-            found.append(replace(grid, program=program, directions=program.family.directions))
+            # Directions are as long as a bold step by themselves.
+            directions = program.family.directions
+            found.append(replace(grid, program=program, stride=1.0, directions=directions))
         return found
 
 

@@ -48,14 +48,14 @@ class Grid:
 
     stage: Stage
     program: PathProgram
+    stride: float  # how long a step of the solver along one of its variables is bold
     # In which the solver steps, a column each; None: it changes one decision variable each
     directions: Array | None = None
 
     @property
     def radius(self) -> float:
-        """First trust region; directions are as long as a bold step by themselves."""
-        stride = self.program.family.stride if self.directions is None else 1.0
-        return self.stage.radius * stride
+        """First trust region."""
+        return self.stage.radius * self.stride
 
     def along(self, x: Array) -> Array:
         """Return how far a path is along each direction."""
@@ -92,7 +92,7 @@ def grids_of(program: PathProgram, settings: PlannerSettings) -> list[Grid]:
         program.points, settings.optimality_tolerance, _FINE_PROGRESS, settings.max_iterations
     )
     stages = [stage for stage in COARSE if stage.points < program.points] + [fine]
-    return [Grid(stage, _on_stage(program, stage)) for stage in stages]
+    return [Grid(stage, _on_stage(program, stage), program.family.stride) for stage in stages]
 
 
 def _on_stage(program: PathProgram, stage: Stage) -> PathProgram:
