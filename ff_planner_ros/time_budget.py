@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import time
 from collections import defaultdict, deque
+from typing import TYPE_CHECKING
 
 from ff_planner_ros.errors import OutOfTime
-from ff_planner_ros.planning.motion.watch import SEARCHING, Watch
+from ff_planner_ros.planning.motion.watch import SEARCHING, Budget, Watch
+
+if TYPE_CHECKING:
+    from ff_planner_ros.planning.motion.plan import Plan
 
 # A step is taken to last as long as the longest of so many before it of the same phase.
 _REMEMBERED = 5
@@ -15,10 +19,10 @@ _REMEMBERED = 5
 class TimeBudget(Watch):
     """A watch that ends a search before a step for which the time will not do."""
 
-    def __init__(self, seconds: float, begun: float | None = None) -> None:
+    def __init__(self, budget: Budget, begun: float | None = None) -> None:
         """Count from `begun`, a `time.monotonic()` of any process of this host, or from now on."""
-        self._seconds = seconds
-        self._deadline = (time.monotonic() if begun is None else begun) + seconds
+        self._begun = time.monotonic() if begun is None else begun
+        self._budget, self._seconds = budget, budget.seconds
         self._last: tuple[str, float] | None = None  # phase and begin of the last step
         self._lasted = defaultdict[str, deque[float]](lambda: deque(maxlen=_REMEMBERED))
 
@@ -33,5 +37,9 @@ class TimeBudget(Watch):
             before, begun = self._last
             self._lasted[before].append(now - begun)
         self._last = phase, now
-        if now + max(self._lasted[phase], default=0.0) > self._deadline:
+        if now + max(self._lasted[phase], default=0.0) > self._begun + self._seconds:
             raise OutOfTime(f"the time budget of {self._seconds:g} s is used up")
+
+    def offer(self, plan: Plan) -> None:  # noqa: ARG002 (that there is one is enough)
+        """Allow no more than what counts once there is a plan."""
+        self._seconds = min(self._budget)

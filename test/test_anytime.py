@@ -20,7 +20,7 @@ from ff_planner_ros.errors import EndedBy, InvalidInput, NoPlanFound, OutOfTime,
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.check.check import failures
 from ff_planner_ros.planning.motion.plan import Plan
-from ff_planner_ros.planning.motion.watch import CHECKING, Steps, Watch
+from ff_planner_ros.planning.motion.watch import CHECKING, Budget, Steps, Watch
 from ff_planner_ros.planning.optimisation.objectives import plan_cost
 from ff_planner_ros.planning.problem.problem import (
     DurationRange,
@@ -172,7 +172,7 @@ def test_a_budget_ends_before_a_step_that_would_exceed_it(monkeypatch: pytest.Mo
     """As the last steps of the same phase took; those of another phase say nothing of it."""
     now = [100.0]
     monkeypatch.setattr(time, "monotonic", lambda: now[0])
-    watch = TimeBudget(1.0)
+    watch = TimeBudget(Budget(1.0))
     watch.require_time(CHECKING)
     now[0] += 0.4
     for _ in range(4):

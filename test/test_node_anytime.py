@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
+import pytest
 from action_msgs.msg import GoalStatus
 from ff_planner_msgs.msg import PlanRequest
 from robots import LEMUR_SCENARIO
@@ -89,6 +90,17 @@ def cancelled_for_the_best(client: Client) -> None:
     assert (again.effort, again.solver.ended_by) == (result.effort, EndedBy.EFFORT)
     assert again.task_digest == result.task_digest
     assert again.plans[0].joint_trajectory == result.plans[0].joint_trajectory
+
+
+@pytest.mark.ci
+def test_the_attitude_is_looked_for_no_longer_than_its_own_budget(tmp_path: Path) -> None:
+    """And not less: the first plan comes however short that budget is."""
+    options = ("-p", "state_future_tolerance:=3600.0", "-p", "attitude_time_budget:=0.001")
+    with private_domain(), running_planner(tmp_path, *options), connected_client() as client:
+        client.wait_for_planner()
+        answer = client.plan(least_attitude(client))
+        assert (answer.status.code, answer.solver.ended_by) == (Status.SOLVED, EndedBy.DEADLINE)
+        assert "the time budget of 0.001 s is used up" in answer.status.message
 
 
 def test_what_the_clock_or_a_client_ends_replays_identically(

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 from unittest.mock import Mock
 
+import numpy as np
 import pytest
 import rclpy
 from ff_planner_msgs.action import PlanTrajectory as PlanTrajectoryAction
@@ -22,6 +23,7 @@ from ros_processes import Scene, private_domain
 from unique_identifier_msgs.msg import UUID
 
 from ff_planner_ros.errors import FfPlannerError, NoPlanFound, Status
+from ff_planner_ros.planning.motion.watch import Budget
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.ros.inputs.scene_input import SceneInput
 from ff_planner_ros.ros.inputs.state_input import StateInput
@@ -93,8 +95,21 @@ def test_the_budget_is_the_requests_or_else_the_parameters(
         request.search.time_budget = asked
         assert answer(answering, request).status.code == Status.TIMED_OUT
         task, budget, *_ = worker.solve.call_args.args
-    assert budget == granted
+    assert budget == Budget(granted)
     assert task.problem.duration == request.duration
+
+
+@pytest.mark.parametrize("asked", [0.0, 2.5])
+def test_the_attitude_has_a_budget_of_its_own_unless_the_request_says(
+    lemur_capture: PlanningProblem, monkeypatch: pytest.MonkeyPatch, asked: float
+) -> None:
+    with service(lemur_capture, monkeypatch, attitude_time_budget=1.5) as (answering, worker, _):
+        worker.solve.side_effect = NoPlanFound(Status.TIMED_OUT, "too slow")
+        request = Scene(lemur_capture).complete_request()
+        request.objective.chaser_attitude, request.search.time_budget = 0.5, asked
+        answer(answering, request)
+        _, budget, *_ = worker.solve.call_args.args
+    assert budget.with_plan == (np.inf if asked else 1.5)
 
 
 @pytest.mark.parametrize(

@@ -42,6 +42,7 @@ PARAMETERS = {
     "inertial_frame": FRAME,
     "points": 50,
     "time_budget": 30.0,
+    "attitude_time_budget": 3.0,
     "planning_lead_time": 2.0,
     "start_horizon": 600.0,
     "following_tolerance": 0.02,

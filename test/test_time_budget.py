@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from unittest.mock import Mock
+
 import pytest
 
 from ff_planner_ros import time_budget as module
 from ff_planner_ros.errors import OutOfTime, Status
+from ff_planner_ros.planning.motion.watch import Budget
 from ff_planner_ros.time_budget import TimeBudget
 
 
@@ -18,7 +21,7 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> list[float]:
 
 
 def test_a_budget_lasts_until_it_is_used_up(clock: list[float]) -> None:
-    watch = TimeBudget(2.5)
+    watch = TimeBudget(Budget(2.5))
     for clock[0] in (1000.0, 1001.0, 1001.5):  # a step takes no longer than the last ones
         watch.require_time()
     clock[0] = 1001.6
@@ -28,9 +31,23 @@ def test_a_budget_lasts_until_it_is_used_up(clock: list[float]) -> None:
 
 
 def test_time_that_went_by_before_counts(clock: list[float]) -> None:
-    watch = TimeBudget(2.5, begun=999.0)
+    watch = TimeBudget(Budget(2.5), begun=999.0)
     clock[0] = 1001.4
     watch.require_time()
     clock[0] = 1001.6
     with pytest.raises(OutOfTime):
         watch.require_time()
+
+
+def test_once_there_is_a_plan_less_time_will_do(clock: list[float]) -> None:
+    watch = TimeBudget(Budget(2.5, with_plan=1.5))
+    clock[0] = 1001.6
+    watch.require_time()  # there is none yet
+    watch.offer(Mock())
+    with pytest.raises(OutOfTime, match=r"the time budget of 1\.5 s is used up"):
+        watch.require_time()
+    never_more = TimeBudget(Budget(2.5, with_plan=9.0))
+    never_more.offer(Mock())
+    clock[0] += 2.6
+    with pytest.raises(OutOfTime, match=r"the time budget of 2\.5 s is used up"):
+        never_more.require_time()

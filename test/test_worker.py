@@ -21,7 +21,7 @@ from ros_processes import DEADLINE
 from ff_planner_ros.errors import FfPlannerError, Interrupted, InvalidInput, NoPlanFound, Status
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.motion.plan import Plan
-from ff_planner_ros.planning.motion.watch import Progress
+from ff_planner_ros.planning.motion.watch import Budget, Progress
 from ff_planner_ros.planning.problem.problem import Objective, PlanningProblem, Target
 from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.task.task import PlanningTask, perform
@@ -56,7 +56,9 @@ def solve(
     check: Callable[[], None] = nothing,
     report: Callable[[Progress], None] = nothing,
 ) -> Plan:
-    return worker.solve(PlanningTask(problem, settings), budget, time.monotonic(), check, report)
+    return worker.solve(
+        PlanningTask(problem, settings), Budget(budget), time.monotonic(), check, report
+    )
 
 
 def server(worker: Worker) -> int:
@@ -192,7 +194,7 @@ def test_a_search_is_ended_early_while_its_request_is_still_on_the_way(
 ) -> None:
     heavy: Any = Heavy(PlanningTask(lemur_capture, settings))
     with pytest.raises(NoPlanFound, match="cancelled"):
-        worker.solve(heavy, LONG, time.monotonic(), nothing, nothing, lambda: True)
+        worker.solve(heavy, Budget(LONG), time.monotonic(), nothing, nothing, lambda: True)
 
 
 def test_the_budget_runs_from_when_it_is_told_to_have_begun(
@@ -200,7 +202,7 @@ def test_the_budget_runs_from_when_it_is_told_to_have_begun(
 ) -> None:
     task, over = PlanningTask(lemur_capture, settings), time.monotonic() - 2 * LONG
     with pytest.raises(NoPlanFound) as end:
-        worker.solve(task, LONG, over, nothing, nothing)
+        worker.solve(task, Budget(LONG), over, nothing, nothing)
     assert end.value.status is Status.TIMED_OUT
 
 
@@ -363,7 +365,7 @@ def test_an_error_that_nobody_foresaw_is_internal_and_ends_nothing(
 
 def test_what_a_library_prints_does_not_garble_the_answers(worker: Worker) -> None:
     with pytest.raises(FfPlannerError, match="the planner failed"):
-        worker.solve(Loud(), LONG, time.monotonic(), nothing, nothing)  # type: ignore[arg-type]
+        worker.solve(Loud(), Budget(LONG), time.monotonic(), nothing, nothing)  # type: ignore[arg-type]
 
 
 def test_a_closed_worker_says_so(lemur_capture: PlanningProblem, settings: PlannerSettings) -> None:

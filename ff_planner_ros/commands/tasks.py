@@ -13,7 +13,7 @@ from ff_planner_ros.common.arrays import finite_number
 from ff_planner_ros.common.share import share_directory
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.parameters import load_parameters
-from ff_planner_ros.planning.motion.watch import Watch
+from ff_planner_ros.planning.motion.watch import Budget, Watch
 from ff_planner_ros.planning.problem.problem import Objective, Parametrisation
 from ff_planner_ros.planning.scenario.library_file import load_library
 from ff_planner_ros.planning.scenario.scenario import Defaults, load_task
@@ -28,12 +28,11 @@ OBJECTIVES = {"length": Objective(1.0, 0.0), "attitude": Objective(0.0, 1.0)}
 def task_of(scenario: Path, options: argparse.Namespace) -> tuple[PlanningTask, Watch]:
     """Return what to plan, and who watches the time."""
     parameters = load_parameters(options.parameters)
-    defaults, budget = Defaults(parameters.planner), options.time_budget
-    if budget is not None:
-        budget = finite_number("--time-budget", budget, above=0.0)
+    defaults, seconds = Defaults(parameters.planner), options.time_budget
+    if seconds is not None:
+        finite_number("--time-budget", seconds, above=0.0)
     if options.parameters is not None:
         defaults = parameters.of_scenarios()
-        budget = budget or parameters.time_budget
     task = load_task(scenario, defaults)
     print_notes(task.problem.robot.notes)
     if options.objective is not None:
@@ -46,7 +45,11 @@ def task_of(scenario: Path, options: argparse.Namespace) -> tuple[PlanningTask, 
         task = _with_guess(task, load_library(options.library, "--library"))
     elif parameters.library:
         task = _with_guess(task, load_library(Path(parameters.library), "planner.library"))
-    return task, Watch() if budget is None else TimeBudget(budget)
+    if seconds is not None:
+        return task, TimeBudget(Budget(seconds))
+    if options.parameters is None:
+        return task, Watch()
+    return task, TimeBudget(parameters.budget(task.problem.objective.chaser_attitude > 0.0))
 
 
 def _with_guess(task: PlanningTask, library: Library) -> PlanningTask:

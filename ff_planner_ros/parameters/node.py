@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -19,6 +20,7 @@ from ff_planner_ros.parameters.published_plans import (
     TrackingParameters,
 )
 from ff_planner_ros.parameters.robot import ControllerParameters, LimitParameters, RobotParameters
+from ff_planner_ros.planning.motion.watch import Budget
 from ff_planner_ros.planning.problem.problem import MAX_POINTS, MIN_POINTS
 from ff_planner_ros.planning.problem.settings import STRICT_IF_LOW, PlannerSettings, tunable
 from ff_planner_ros.planning.problem.user_requirements import requirements_read
@@ -74,6 +76,13 @@ class NodeParameters:
     time_budget: float = tunable(
         "Wall clock from taking a request up to its answer where the request does not say; the "
         "plan's start time ends the search, too",
+        0.001,
+        86_400.0,
+        "s",
+    )
+    attitude_time_budget: float = tunable(
+        "Likewise where the chaser's attitude has a weight, once there is a plan: the best until "
+        "then is the answer",
         0.001,
         86_400.0,
         "s",
@@ -144,6 +153,10 @@ class NodeParameters:
             return ()
         document = yaml_document(self.plug_ins, "planner.plugins", "no YAML")
         return requirements_read("planner.plugins", document)
+
+    def budget(self, attitude_counts: bool) -> Budget:
+        """Return the wall clock of a search for which nobody gives another."""
+        return Budget(self.time_budget, self.attitude_time_budget if attitude_counts else math.inf)
 
     def of_scenarios(self) -> Defaults:
         """Return what holds for a scenario that does not say."""

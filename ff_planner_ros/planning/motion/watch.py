@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from ff_planner_ros.errors import EndedBy, OutOfTime
 
@@ -12,6 +13,13 @@ if TYPE_CHECKING:
     from ff_planner_ros.planning.motion.plan import Plan
 
 SEARCHING, REFINING, CHECKING = "searching", "refining", "checking"
+
+
+class Budget(NamedTuple):
+    """Time that a search may take."""
+
+    seconds: float
+    with_plan: float = math.inf  # once there is a plan: no more than so long in all [s]
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,7 @@ from ff_planner_ros.errors import InvalidInput, Status, fields_named
 from ff_planner_ros.messages.target_bodies import NAMED_AS
 from ff_planner_ros.parameters import NodeParameters
 from ff_planner_ros.planning.motion.joint_motion import JointMotion
+from ff_planner_ros.planning.motion.watch import Budget
 from ff_planner_ros.planning.problem.goal_words import GoalKind
 from ff_planner_ros.planning.problem.problem import TargetBody, carried_spheres
 from ff_planner_ros.planning.problem.search_depth import a_search_depth
@@ -99,7 +100,7 @@ class ReadRequest:
     """What a request asks at the moment when it is taken up."""
 
     task: PlanningTask
-    budget: float  # wall clock for the task [s]
+    budget: Budget  # wall clock for the task
     start_ns: int  # time of the plan's first point [ns]
     provenance: Provenance  # what the task is made from
     plan_only: bool  # whether the plan waits for `~/publish_plan`
@@ -280,7 +281,7 @@ def _settings(request: PlanRequest, parameters: NodeParameters) -> PlannerSettin
     return replace(parameters.planner, search=depth)
 
 
-def _time_budget(request: PlanRequest, parameters: NodeParameters) -> float:
+def _time_budget(request: PlanRequest, parameters: NodeParameters) -> Budget:
     asked = request.search.time_budget
     if asked < 0.0:
         raise InvalidInput(
@@ -290,7 +291,9 @@ def _time_budget(request: PlanRequest, parameters: NodeParameters) -> float:
             "it must not be negative; 0 stands for the parameter time_budget, "
             f"{parameters.time_budget:g} s",
         )
-    return finite_number("search.time_budget", asked) or parameters.time_budget
+    if finite_number("search.time_budget", asked):
+        return Budget(asked)
+    return parameters.budget(request.objective.chaser_attitude > 0.0)
 
 
 def _start_time(

@@ -22,7 +22,7 @@ from typing import TypeAlias
 from ff_planner_ros.errors import EndedBy, FfPlannerError, OutOfTime
 from ff_planner_ros.planning.motion.metrics import Metrics
 from ff_planner_ros.planning.motion.plan import Plan
-from ff_planner_ros.planning.motion.watch import SEARCHING, Progress
+from ff_planner_ros.planning.motion.watch import SEARCHING, Budget, Progress
 from ff_planner_ros.planning.task.task import PlanningTask, perform
 from ff_planner_ros.time_budget import TimeBudget
 
@@ -93,8 +93,8 @@ def _make_plan(data: Connection) -> None:
 class _Teller(TimeBudget):
     """Ends a search when its time is used up or is told to; tells its progress to who waits."""
 
-    def __init__(self, data: Connection, budget: float, begun: float) -> None:
-        super().__init__(budget, begun - min(_RESERVED * budget, _MOST_RESERVED))
+    def __init__(self, data: Connection, budget: Budget, begun: float) -> None:
+        super().__init__(budget, begun - min(_RESERVED * min(budget), _MOST_RESERVED))
         self._data, self._reported = data, begun
         self._best: Metrics | None = None
 
@@ -104,6 +104,7 @@ class _Teller(TimeBudget):
             raise OutOfTime("the request was cancelled", EndedBy.CANCEL)
 
     def offer(self, plan: Plan) -> None:
+        super().offer(plan)
         self._best = plan.metrics
 
     def report(self, progress: Progress) -> None:
@@ -114,7 +115,7 @@ class _Teller(TimeBudget):
             self._data.send(progress)  # a reader that is gone ends the plan
 
 
-def _answer(data: Connection, task: PlanningTask, budget: float, begun: float) -> Answer:
+def _answer(data: Connection, task: PlanningTask, budget: Budget, begun: float) -> Answer:
     """Plan; a refusal is an answer too, and an error that nobody foresaw is told in words."""
     try:
         return perform(task, _Teller(data, budget, begun))

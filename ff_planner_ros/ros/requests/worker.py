@@ -20,7 +20,7 @@ from typing import TypeAlias
 from ff_planner_ros.common.one_thread import ONE_THREAD
 from ff_planner_ros.errors import FfPlannerError, Interrupted, NoPlanFound, Status
 from ff_planner_ros.planning.motion.plan import Plan
-from ff_planner_ros.planning.motion.watch import Progress
+from ff_planner_ros.planning.motion.watch import Budget, Progress
 from ff_planner_ros.planning.task.task import PlanningTask
 from ff_planner_ros.ros.requests import solver_process
 from ff_planner_ros.ros.requests.solver_process import Answer
@@ -77,7 +77,7 @@ class Worker:
     def solve(
         self,
         task: PlanningTask,
-        budget: float,
+        budget: Budget,
         begun: float,
         check: Callable[[], None],
         report: Callable[[Progress], None],
@@ -86,7 +86,7 @@ class Worker:
         """Plan in another process and wait for the answer.
 
         Args:
-            budget: Wall clock that it may take [s].
+            budget: Wall clock that it may take.
             begun: When the budget began to run, of the monotonic clock [s].
             check: Called before it begins and many times a second until it answers; what it raises
                 ends the plan.
@@ -104,12 +104,12 @@ class Worker:
             check()
             if self._interrupted:
                 raise Interrupted
-            if time.monotonic() > begun + budget + _GRACE:
+            if time.monotonic() > begun + budget.seconds + _GRACE:
                 raise NoPlanFound(
                     Status.TIMED_OUT,
-                    f"the time budget of {budget:g} s is used up within a single iteration; "
-                    "whether there is a plan is not known: ask for fewer points or give it more "
-                    "time",
+                    f"the time budget of {budget.seconds:g} s is used up within a single "
+                    "iteration; whether there is a plan is not known: ask for fewer points or "
+                    "give it more time",
                 )
 
         request = pickle.dumps((task, budget, begun))
