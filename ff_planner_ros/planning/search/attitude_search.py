@@ -27,7 +27,13 @@ from ff_planner_ros.planning.search.grid_solver import (
     PathSolution,
     rank,
 )
-from ff_planner_ros.planning.search.portfolio import NEAREST, RACE, ROUNDS, Round
+from ff_planner_ros.planning.search.portfolio import (
+    HOPS_OF_PAPERS_PATHS,
+    NEAREST,
+    RACE,
+    ROUNDS,
+    Round,
+)
 
 # Weights of the attitude, where the joint path's is one, that are tried below the one asked for.
 # Each about three times the last; below the first the joint path alone decides.
@@ -93,12 +99,13 @@ class AttitudeSearch:
             OutOfTime: By the watch.
         """
         guesses = chain(self.seeds, self.solver.initial_guesses())
-        random = np.random.default_rng(0)
+        random, is_papers = np.random.default_rng(0), self._grids()[0].directions is not None
         for number, one in enumerate(self._rounds()):
             if number == 1 and self._is_minor and not self._is_more_in_sight():
                 break
             self._race(list(islice(guesses, one.guesses)))
-            for _, spread in zip(range(one.hops), cycle(_SPREADS), strict=False):
+            hops = one.hops * (HOPS_OF_PAPERS_PATHS if is_papers else 1)
+            for _, spread in zip(range(hops), cycle(_SPREADS), strict=False):
                 if self._optima:
                     self._hop(random, spread)
             self._refine()

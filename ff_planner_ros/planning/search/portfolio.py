@@ -23,6 +23,9 @@ ROUNDS = {
     SearchDepth.NORMAL: (_QUICK, _MORE),
     SearchDepth.THOROUGH: (_QUICK, _MORE, _MOST),
 }
+# The paper's paths have fewer variables than joint splines: a hop among them costs half as much and
+# finds less.
+HOPS_OF_PAPERS_PATHS = 3
 # Where the attitude is but a minor part of the cost, the first round is the optimum nearest to the
 # plan of least joint path.
 NEAREST = Round(1, 0)
