@@ -217,7 +217,8 @@ def _how_to_plan() -> ArgumentParser:
         "--parametrisation",
         choices=[one.value for one in Parametrisation],
         help="instead of the scenario's: the paths that the plan is looked for among; auto takes "
-        "the paper's, and joint splines where these do not apply or hold no plan",
+        "the paper's, and joint splines where these do not apply or hold no plan, or where the "
+        "chaser's attitude counts",
     )
     library_help = "of plans made before (`campaign --library`): the nearest is the first guess"
     options.add_argument("--library", type=Path, metavar="DIR", help=library_help)

@@ -65,7 +65,8 @@ def plan(
     plan keeps that plan's moment, or the nearest of the range, as long as there is a plan then.
 
     Where the parametrisation is left to the planner, the paper's paths come first, if they apply,
-    and joint splines if there is no plan among those.
+    and joint splines if there is no plan among those, or from them on where the chaser's attitude
+    has a weight or a limit.
 
     The same problem, settings and first guess give the same plan. Where the watch ends the search,
     the best plan until then is the answer.
