@@ -36,7 +36,7 @@ from ff_planner_ros.planning.optimisation.objectives import weighted_sum
 from ff_planner_ros.planning.optimisation.program import path_program
 from ff_planner_ros.planning.paths.end_effector_polynomial import end_effector_paths
 from ff_planner_ros.planning.problem.problem import PlanningProblem
-from ff_planner_ros.planning.problem.search_depth import SearchDepth
+from ff_planner_ros.planning.problem.settings import SearchDepth
 from ff_planner_ros.planning.scenario.scenario import load_scenario
 from ff_planner_ros.planning.task.task import PlanningTask, perform
 from ff_planner_ros.problems import bodies, tumbling, witnessed

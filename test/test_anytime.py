@@ -28,7 +28,7 @@ from ff_planner_ros.planning.problem.problem import (
     PlanningProblem,
     lasting,
 )
-from ff_planner_ros.planning.problem.search_depth import SearchDepth
+from ff_planner_ros.planning.problem.settings import SearchDepth
 from ff_planner_ros.planning.scenario.scenario import Defaults, load_scenario, load_task
 from ff_planner_ros.planning.scenario.scenario_writer import write_scenario
 from ff_planner_ros.planning.task.task import PlanningTask, perform

@@ -22,7 +22,7 @@ from ff_planner_ros.planning.distance.clearance import arm_points
 from ff_planner_ros.planning.motion.motion import from_trajectory
 from ff_planner_ros.planning.motion.plan import Plan
 from ff_planner_ros.planning.problem.problem import Limits, Objective, PlanningProblem
-from ff_planner_ros.planning.problem.search_depth import SearchDepth
+from ff_planner_ros.planning.problem.settings import SearchDepth
 from ff_planner_ros.planning.scenario.scenario import load_scenario
 from ff_planner_ros.planning.search.planner import plan
 from ff_planner_ros.planning.task.tail import EndBehaviour, with_tail

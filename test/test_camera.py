@@ -40,7 +40,7 @@ from ff_planner_ros.planning.problem.problem import (
     lasting,
 )
 from ff_planner_ros.planning.problem.scene import scene_of
-from ff_planner_ros.planning.problem.search_depth import SearchDepth
+from ff_planner_ros.planning.problem.settings import SearchDepth
 from ff_planner_ros.planning.requirements.camera_view import CameraView, _goal_seen
 from ff_planner_ros.planning.requirements.requirement import Rows
 from ff_planner_ros.planning.scenario.scenario import Defaults, load_scenario, load_task

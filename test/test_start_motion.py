@@ -20,7 +20,7 @@ from ff_planner_ros.planning.motion.watch import Watch
 from ff_planner_ros.planning.paths.end_effector_polynomial import EndEffectorPaths, Rollout
 from ff_planner_ros.planning.paths.start_motion import NullSpaceFade, start_motion
 from ff_planner_ros.planning.problem.problem import Limits, Objective, PlanningProblem
-from ff_planner_ros.planning.problem.search_depth import SearchDepth
+from ff_planner_ros.planning.problem.settings import SearchDepth
 from ff_planner_ros.planning.requirements.joints.joint_positions import JointPositions
 from ff_planner_ros.planning.requirements.joints.joint_rates import JointRates
 from ff_planner_ros.planning.scenario.scenario import load_scenario

@@ -11,8 +11,7 @@ import numpy as np
 from ff_planner_ros.bench.measurement import OBJECTIVES, Measurement, timed_plan
 from ff_planner_ros.common.text_table import Table
 from ff_planner_ros.planning.problem.problem import PlanningProblem
-from ff_planner_ros.planning.problem.search_depth import SearchDepth
-from ff_planner_ros.planning.problem.settings import PlannerSettings
+from ff_planner_ros.planning.problem.settings import PlannerSettings, SearchDepth
 from ff_planner_ros.planning.task.task import PlanningTask
 from ff_planner_ros.problems.scenarios import scenario
 

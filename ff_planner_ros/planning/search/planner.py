@@ -27,6 +27,8 @@ from ff_planner_ros.planning.problem.problem import (
 )
 from ff_planner_ros.planning.problem.settings import PlannerSettings
 from ff_planner_ros.planning.problem.target import conditions_of, too_many_conditions
+from ff_planner_ros.planning.requirements.chaser_attitude import ChaserAttitude
+from ff_planner_ros.planning.requirements.chaser_rotation import ChaserRotation
 from ff_planner_ros.planning.search.attitude_search import AttitudeSearch
 from ff_planner_ros.planning.search.best_moment import plan_at_best_moment
 from ff_planner_ros.planning.search.continuing import SAMPLES, Remainder
@@ -46,6 +48,8 @@ FirstGuess: TypeAlias = Array | Remainder
 
 NOBODY = Watch()
 
+# A plan is held back by a limit from which it is no further away than so many times the margin.
+_AT_LIMIT = 2.0
 # Initial guesses towards a goal with more conditions than the arm can meet at once.
 _STARTS_OF_A_POOR_ARM = 3
 
@@ -187,7 +191,7 @@ def _plan_in_time(
             continue
         if problem.objective.chaser_attitude > 0.0:
             return _least_attitude(problem, settings, groups[-1], watch, guess, found)
-        if _limits_turns(problem) and len(groups) > 1:
+        if len(groups) > 1 and any(_is_held(problem, settings, one.plan) for one in found):
             found = [*found, *_in_family_of_more(problem, settings, groups[-1][0], watch, found)]
         return min(found, key=lambda one: weighted_sum(problem.objective, one.plan.metrics)).plan
     if too_many:
@@ -253,9 +257,17 @@ def _first_plan(solver: GridSolver, first_guess: Array | None) -> Plan:
     raise refusal(attempt, violated)
 
 
-def _limits_turns(problem: PlanningProblem) -> bool:
-    """Tell whether the chaser may only turn so far."""
-    return min(problem.limits.chaser_attitude, problem.limits.chaser_rotation) < np.inf
+def _is_held(problem: PlanningProblem, settings: PlannerSettings, plan: Plan) -> bool:
+    """Tell whether a plan would turn the chaser further if it might."""
+    limits, metrics = problem.limits, plan.metrics
+    return any(
+        limit - reached <= _AT_LIMIT * required.margin(problem, settings)
+        for required, limit, reached in (
+            (ChaserAttitude(), limits.chaser_attitude, metrics.max_chaser_euler),
+            (ChaserRotation(), limits.chaser_rotation, metrics.max_chaser_rotation),
+        )
+        if limit < np.inf
+    )
 
 
 def _in_family_of_more(
@@ -267,7 +279,7 @@ def _in_family_of_more(
 ) -> Iterator[_Found]:
     """Yield plans of another family to which plans lead that are found.
 
-    Where the chaser may only turn so far, the paths of a family that can do more are much shorter.
+    Where a limit holds the chaser back, the paths of a family that can do more are much shorter.
     """
     problem = replace(problem, parametrisation=Parametrisation(family.name))
     for one in found:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from ff_planner_ros.planning.problem.search_depth import SearchDepth
+from ff_planner_ros.planning.problem.settings import SearchDepth
 
 
 class Round(NamedTuple):

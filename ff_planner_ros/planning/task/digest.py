@@ -12,8 +12,7 @@ import numpy as np
 
 from ff_planner_ros.common.declared import declared_by_name
 from ff_planner_ros.planning.problem.problem import PlanningProblem, Sphere
-from ff_planner_ros.planning.problem.search_depth import FORMER_ROUNDS, SearchDepth
-from ff_planner_ros.planning.problem.settings import PlannerSettings
+from ff_planner_ros.planning.problem.settings import FORMER_ROUNDS, PlannerSettings, SearchDepth
 from ff_planner_ros.planning.requirements.requirement import Requirement
 from ff_planner_ros.planning.task.tail import EndBehaviour
 from ff_planner_ros.robot.collision.bodies import defining_numbers

@@ -17,8 +17,7 @@ from ff_planner_ros.planning.motion.joint_motion import JointMotion
 from ff_planner_ros.planning.motion.watch import Budget
 from ff_planner_ros.planning.problem.goal_words import GoalKind
 from ff_planner_ros.planning.problem.problem import TargetBody, carried_spheres
-from ff_planner_ros.planning.problem.search_depth import a_search_depth
-from ff_planner_ros.planning.problem.settings import PlannerSettings
+from ff_planner_ros.planning.problem.settings import PlannerSettings, a_search_depth
 from ff_planner_ros.planning.task.library import Guesses
 from ff_planner_ros.planning.task.tail import EndBehaviour
 from ff_planner_ros.planning.task.task import PlanningTask
