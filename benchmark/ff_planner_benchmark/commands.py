@@ -93,11 +93,13 @@ def contest(options: argparse.Namespace) -> int:
 
 def score(options: argparse.Namespace) -> int:
     """Judge one answer; exit code 3 if it does not solve the scenario."""
+    answer = read_json(options.answer)
     try:
-        judged = scorer.score(options.scenario, read_json(options.answer))
-    except (OSError, LookupError, TypeError, ValueError) as error:
+        loaded = scorer.load(options.scenario)
+    except (OSError, LookupError, TypeError, ValueError, AttributeError) as error:
         allowed = f"it must be a scenario of the data set: {type(error).__name__}: {error}"
         raise InvalidInput(Status.UNSUPPORTED, "SCENARIO", options.scenario, allowed) from None
+    judged = scorer.judged(*loaded, answer)
     print(json.dumps(asdict(judged), indent=1))
     return 0 if judged.solved else 3
 

@@ -23,6 +23,7 @@ from typing import Any
 import yaml
 
 from ff_planner_benchmark import still_goals
+from ff_planner_ros.common.text_file import read_text
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.problem.problem import PlanningProblem
 from ff_planner_ros.planning.scenario.scenario_writer import described_problem
@@ -42,6 +43,7 @@ PUBLISHED = {
     "hidden": "34b75011325d102c4e056d93acf14b3bf0549045de114872fb8ac680db2d8c0c",
 }
 SUMS = "SHA256SUMS"
+_MOST_BYTES = 10_000_000  # of a text that is read back; our hashes are 100 kB
 _OF_THREE = ("lemur", "arm6", "arm7")
 
 
@@ -158,10 +160,12 @@ def write_sums(directory: Path) -> str:
 def sums(directory: Path) -> str:
     """Return a line for each file, as `sha256sum` writes it, by path."""
     files = sorted(file for part in ("robots", "scenarios") for file in _files(directory / part))
-    return "".join(
-        f"{hashlib.sha256(file.read_bytes()).hexdigest()}  {file.relative_to(directory)}\n"
-        for file in files
-    )
+    return "".join(f"{_hash(file)}  {file.relative_to(directory)}\n" for file in files)
+
+
+def _hash(file: Path) -> str:
+    with file.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
 def checked(directory: Path) -> str:
@@ -173,7 +177,7 @@ def checked(directory: Path) -> str:
     if not (directory / SUMS).is_file():
         allowed = f"it has no {SUMS}: `ff-planner-benchmark dataset {directory}` writes a data set"
         raise InvalidInput(Status.UNSUPPORTED, "DIR", directory, allowed)
-    text, now = (directory / SUMS).read_text(encoding="ascii", errors="replace"), sums(directory)
+    text, now = read_text(directory / SUMS, _MOST_BYTES), sums(directory)
     if text != now:
         lines = sorted(set(text.splitlines()) ^ set(now.splitlines()))
         name = lines[0].partition("  ")[2] if lines else SUMS
@@ -186,7 +190,9 @@ def is_of(directory: Path, seed: int) -> bool:
     """Tell whether a data set was written from a seed, by its first scenario."""
     kind, index = next(names())
     file = directory / "scenarios" / kind / f"{index:04d}.yaml"
-    return file.read_text() == scenario_text(CLASSES[kind].problem(seed * _APART + index))
+    return read_text(file, _MOST_BYTES) == scenario_text(
+        CLASSES[kind].problem(seed * _APART + index)
+    )
 
 
 def is_whole(directory: Path) -> bool:

@@ -15,6 +15,7 @@ from ff_planner_ros.campaign.sources import SCENARIO, URDF, content, generated_b
 from ff_planner_ros.common.yaml_file import read_yaml
 from ff_planner_ros.parameters import load_parameters
 from ff_planner_ros.planning.scenario.scenario import Defaults
+from ff_planner_ros.robot.model import read_urdf
 
 
 def command_again(row: Mapping[str, Any], directory: Path) -> str:
@@ -30,7 +31,7 @@ def command_again(row: Mapping[str, Any], directory: Path) -> str:
         defaults = load_parameters(parameters).of_scenarios()
     kept = scenario_directory(directory, row["source"])
     if (kept / SCENARIO).is_file():
-        document, urdf = read_yaml(kept / SCENARIO), (kept / URDF).read_text(encoding="utf-8")
+        document, urdf = read_yaml(kept / SCENARIO), read_urdf(kept / URDF)
     else:
         document, urdf = content(generated_by_name(row["source"]), defaults)
     values = json.loads(row["changes"]) | json.loads(row["settings"])

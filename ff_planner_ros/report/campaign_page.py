@@ -12,7 +12,7 @@ import numpy as np
 
 from ff_planner_ros.campaign.again import command_again
 from ff_planner_ros.campaign.run import VERSIONS
-from ff_planner_ros.campaign.table import digest_of, read_plans
+from ff_planner_ros.campaign.table import digest_of, read_plans, read_versions
 from ff_planner_ros.errors import FfPlannerError, Status
 from ff_planner_ros.planning.motion.metrics import METRIC_BY_NAME
 from ff_planner_ros.report.html import NOTHING, bullets, element, pairs, plot, row, save_html, table
@@ -85,11 +85,8 @@ def _facts(
     yield "results", f"{digest}, a hash of every number but the times"
     times = [row["solve_time"] for row in rows if row["solve_time"] is not None]
     yield "planned for", f"{sum(times) / 3600:.2f} hours of one core"
-    try:
-        versions = json.loads((directory / VERSIONS).read_text(encoding="utf-8"))
-        yield "made by", ", ".join(f"{name} {version}" for name, version in versions.items())
-    except (OSError, ValueError, AttributeError):
-        yield "made by", "not known"
+    versions = read_versions(directory / VERSIONS)
+    yield "made by", ", ".join(f"{k} {v}" for k, v in versions.items()) or "not known"
 
 
 def _table(what: str, groups: Sequence[Group]) -> Element:
