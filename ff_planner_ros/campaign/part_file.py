@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields
 from pathlib import Path
+from typing import Any
 
 import pyarrow
 import pyarrow.compute
 import pyarrow.parquet
 
-from ff_planner_ros.common.shown import LONGEST_VALUE, shortened
+from ff_planner_ros.campaign.methods import METHODS
+from ff_planner_ros.common.shown import LONGEST_VALUE, printable, quoted
 from ff_planner_ros.common.text_file import read_bytes
 from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.motion.metrics import Metrics
 
+_ID = re.compile(r"[0-9a-f]{16}")  # as `Case.id` makes it
 TEXT, NUMBER, WHOLE = pyarrow.string(), pyarrow.float64(), pyarrow.int64()
 NUMBERS = pyarrow.list_(NUMBER)
 CHANGE = "change."  # begins the columns of what is varied
@@ -176,14 +180,24 @@ def _require_values(table: pyarrow.Table) -> None:
             continue
         if pyarrow.compute.all(pyarrow.compute.is_finite(numbers)).as_py() is False:
             raise ValueError(f"its column {name} holds what is no finite number")
+    if "id" in table.column_names:
+        _require_each(table.column("id"), _ID.fullmatch, "a hash of a case")
+    if "planned_by" in table.column_names:
+        _require_each(table.column("planned_by"), METHODS.__contains__, "a method")
     if "status" in table.column_names:
         statuses = {one.name.lower() for one in Status}
         if unknown := set(table.column("status").to_pylist()) - statuses:
             raise ValueError(f"its status {min(unknown)!r} is not known")
 
 
+def _require_each(column: pyarrow.ChunkedArray, is_one: Callable[[str], Any], what: str) -> None:
+    for text in set(column.to_pylist()):
+        if not is_one(text):
+            raise ValueError(f"{quoted(text)} is not {what}")
+
+
 def _damaged(path: Path, error: Exception) -> InvalidInput:
     words = (str(error) or type(error).__name__).partition("\n")[0]
-    reason = shortened(words, LONGEST_VALUE)
+    reason = printable(words, LONGEST_VALUE)
     allowed = f"it is damaged ({reason}): without it, its cases are planned again"
     return InvalidInput(Status.OUT_OF_RANGE, "file", path, allowed)

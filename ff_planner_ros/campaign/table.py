@@ -35,7 +35,7 @@ from ff_planner_ros.errors import InvalidInput, Status
 from ff_planner_ros.planning.motion.plan import Trajectory
 
 PLANS, TRAJECTORIES = "plans", "trajectories"  # directories of the two tables
-_LOCK = "lock"
+_LOCK, _LOCK_MODE = "lock", 0o666
 _UNFINISHED = ".unfinished"  # of a file that is being written
 # The clock decides it, and so it is the one column that is not the same each time.
 CLOCK_COLUMNS = ("solve_time",)
@@ -152,13 +152,21 @@ def locked(directory: Path) -> Iterator[None]:
     Raises:
         InvalidInput: One does.
     """
-    with (directory / _LOCK).open("w") as file:
+    path = directory / _LOCK
+    if path.is_symlink() or (path.exists() and not path.is_file()):
+        allowed = "it must be a file: links are not followed here"
+        raise InvalidInput(Status.UNSUPPORTED, _LOCK, path, allowed)
+    with open(path, "ab", opener=_no_link) as file:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             allowed = "another campaign is writing to it"
             raise InvalidInput(Status.UNSUPPORTED, "--out", directory, allowed) from None
         yield
+
+
+def _no_link(path: str, flags: int) -> int:
+    return os.open(path, flags | os.O_NOFOLLOW, _LOCK_MODE)
 
 
 def part_files(directory: Path, table: str = PLANS) -> list[Path]:
