@@ -11,6 +11,7 @@ import json
 import math
 import multiprocessing
 import os
+import secrets
 import shutil
 import threading
 from collections.abc import Callable, Iterator
@@ -33,14 +34,19 @@ from ff_planner_ros.robot.model import Base, Robot
 
 # Digits behind the decimal point: 1 um, 1 urad. The witnesses keep 10 mm from everything.
 DECIMALS = 6
-# The names of seeds that have a published hash; every other number is somebody's own set.
-SEEDS = {"public": 0, "hidden": 1}
+# The names of seeds that have a published hash; every other number is somebody's own set. `HIDDEN`
+# is a number that nobody has seen before the set is written: witnesses follow from seeds.
+SEEDS, HIDDEN = {"second": 1, "public": 0}, "hidden"
+_MOST_DIGITS = 12  # of a seed
 # So far are the problems of two sets apart in the numbering of a class.
 _APART = 1_000_000
-# Hashes over `SHA256SUMS`, which has the hash of every file.
+# Hashes over `SHA256SUMS`, which has the hash of every file. A published set stays as it is. Where
+# the generators change what they draw, there is a new version, and docs/dataset.md keeps the old
+# hashes with the commits that make them.
+VERSION = 1
 PUBLISHED = {
     "public": "90dbf5d6037a6dee9f20634e77aeffd578aea32d4fd7e2c318995d3ff20d551a",
-    "hidden": "34b75011325d102c4e056d93acf14b3bf0549045de114872fb8ac680db2d8c0c",
+    "second": "34b75011325d102c4e056d93acf14b3bf0549045de114872fb8ac680db2d8c0c",
 }
 SUMS = "SHA256SUMS"
 _MOST_BYTES = 10_000_000  # of a text that is read back; our hashes are 100 kB
@@ -80,16 +86,19 @@ CLASSES = {
 
 
 def seed_of(word: str) -> int:
-    """Return the seed that a name or a number stands for.
+    """Return the seed that a name or a number stands for; that of a hidden set is drawn.
 
     Raises:
         InvalidInput: It is neither.
     """
+    if word == HIDDEN:
+        return secrets.randbelow(10**_MOST_DIGITS)
     if word in SEEDS:
         return SEEDS[word]
-    if word.isascii() and word.isdigit() and len(word) <= 12:
+    if word.isascii() and word.isdigit() and len(word) <= _MOST_DIGITS:
         return int(word)
-    allowed = f"it must be {', '.join(SEEDS)} or a whole number of 12 digits at most"
+    names = ", ".join((*SEEDS, HIDDEN))
+    allowed = f"it must be {names} or a whole number of {_MOST_DIGITS} digits at most"
     raise InvalidInput(Status.OUT_OF_RANGE, "--seeds", word, allowed)
 
 

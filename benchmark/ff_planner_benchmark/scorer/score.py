@@ -30,6 +30,8 @@ POSITION, RATE, TORQUE = 1e-4, 1e-3, 0.02
 # Between the moments the joints may be elsewhere than a smooth motion through them, in sum [rad],
 # and have other rates than it, each [rad/s].
 UNSEEN, UNSEEN_RATE = 1e-4, 0.02
+# Points of an answer: to judge ten times as many takes as many seconds as a method has.
+MOST_POINTS = 10_000
 # Between two points of an answer its motion is looked at so often.
 _LOOKS = 5
 _LONGEST = 1e4  # [s] that a motion lasts; those of the data set last 15 s at most
@@ -137,6 +139,8 @@ def _ill_formed(chain: Chain, scenario: dict[str, Any], answer: dict[str, Any]) 
     if answer.get("joint_names", chain.joint_names) != chain.joint_names:
         return f"joint_names: {answer['joint_names']}, not {chain.joint_names}"
     try:
+        if len(answer["time"]) > MOST_POINTS:
+            return f"time: {len(answer['time'])} points, more than {MOST_POINTS}"
         time = np.asarray(answer["time"], float)
         for name in ("joint_positions", "joint_velocities", "joint_accelerations"):
             if name == "joint_accelerations" and name not in answer:
